@@ -10,9 +10,9 @@
 #include "src/core/memory.c"     /* errors, memory */
 #include "src/core/text.c"       /* growing text, paths */
 #include "src/core/log.c"        /* log lines */
-#include "src/core/os_posix.c"   /* the operating system: files, folders, clock, memory use */
+#include "src/core/os_posix.c"   /* the operating system: files, folders, clock, memory */
 #include "src/core/os_windows.c" /* the same on Windows */
-#include "src/core/os.c"         /* on top of them: atomic writes, reading, locks, errors */
+#include "src/core/os.c"         /* on top of them: atomic writes, reading, errors */
 #include "src/core/checksum.c"   /* checksums of working files */
 #include "src/core/context.c"    /* options, threads, interruption */
 #include "src/core/number.c"     /* fast, exact, locale-independent number parsing */
@@ -21,23 +21,19 @@
 #include "src/core/options.c" /* the table of options, parsing and printing */
 
 /* the survey in memory */
-#include "src/core/json.c"           /* JSON reader */
-#include "src/survey/colmap_order.c" /* rows sorted by id */
 #include "src/survey/camera.c"       /* camera models, undistortion */
 #include "src/survey/image.c"        /* decode, undistort, reduce, mask */
 #include "src/survey/image_header.c" /* size, bits, EXIF orientation */
 #include "src/survey/image_write.c"  /* PNG and JPEG */
-#include "src/survey/survey_files.c" /* paths of a survey's files */
 #include "src/survey/tracks.c"       /* walks over the observations of points */
 #include "src/survey/robust_stats.c" /* robust statistics: bounds, radius of the cameras, depths */
 #include "src/survey/image_cache.c"  /* decoded images in memory */
 #include "src/survey/image_file.c"   /* decoded images in files */
 #include "src/survey/scene.c"        /* views, points, depths and rays of a scene */
-#include "src/survey/scene_alpha.c"  /* transparent pixels: composited or masked */
+#include "src/survey/scene_alpha.c"  /* the colour behind a scene */
 #include "src/survey/scene_start.c"  /* points to start from where there are none */
 #include "src/survey/scene_images.c" /* its images and masks */
-#include "src/survey/scene_views.c"  /* views of a survey */
-#include "src/survey/scene_load.c"   /* a scene from files or arrays: origin, points, extent */
+#include "src/survey/scene_make.c"   /* a scene from arrays; what is derived from views and points */
 #include "src/survey/imaging.c"      /* imaging.txt: exposure gains and medium of a model */
 #include "src/survey/depth_bands.c"  /* depth band of each pixel, from the points */
 #include "src/survey/contrast.c"     /* fall of image contrast with depth */
@@ -47,11 +43,13 @@
 #include "src/model/model.c" /* planes of Gaussians: create, grow, initialise from points */
 
 /* readers and writers of files */
+#include "src/formats/colmap_order.c"     /* rows sorted by id */
 #include "src/formats/colmap.h"           /* shared by the COLMAP readers */
 #include "src/formats/colmap_text.c"      /* lines and fields of text files, and their errors */
 #include "src/formats/colmap_binary.c"    /* binary files */
 #include "src/formats/colmap_points.c"    /* points3D.txt, multi-threaded */
 #include "src/formats/colmap.c"           /* cameras.txt, images.txt, and the whole model */
+#include "src/formats/json.c"             /* JSON reader */
 #include "src/formats/json_survey.c"      /* surveys in JSON, converted to COLMAP rows */
 #include "src/formats/ply.c"              /* PLY reader */
 #include "src/formats/ply_points.c"       /* points of a PLY file */
@@ -59,8 +57,14 @@
 #include "src/formats/nerfstudio.c"       /* transforms.json */
 #include "src/formats/opensfm.c"          /* reconstruction.json */
 #include "src/formats/survey_find.c"      /* the formats of surveys, a row each; which sub-model */
+#include "src/formats/survey_files.c"     /* paths of a survey's files */
+#include "src/formats/ideal_camera.c"     /* the pinhole camera of undistorted images */
+#include "src/formats/survey_alpha.c"     /* transparent pixels: composited or masked */
+#include "src/formats/scene_views.c"      /* views of a survey */
+#include "src/formats/scene_build.c"      /* a scene from the rows of files: origin, points, masks */
 #include "src/formats/survey_load.c"      /* a scene from a survey's folder */
 #include "src/formats/imaging_file.c"     /* imaging.txt beside a model */
+#include "src/formats/model_text.c"       /* comments and values that the formats of models share */
 #include "src/formats/spz.c"              /* models as SPZ */
 #include "src/formats/gltf.c"             /* models as binary glTF */
 #include "src/formats/splat_file.c"       /* models as .splat */
@@ -107,7 +111,7 @@
 
 /* training */
 #include "src/train/part.h"            /* the hooks of a part of training */
-#include "src/train/checkpoint.c"      /* training state in a file, for resuming */
+#include "src/train/archive.c"         /* the state of a run as bytes */
 #include "src/train/density.c"         /* which Gaussians are split or removed, opacity reset */
 #include "src/train/scalar_adam.c"     /* Adam for single numbers, of medium and lamp */
 #include "src/train/nonfinite.c"       /* handles and counts values that are not finite */
@@ -161,8 +165,13 @@
 #include "src/large/cost.c"                 /* predicted Gaussians, memory and time of training */
 #include "src/large/budget.c"               /* --ram: limits that fit a memory budget */
 #include "src/large/large_model.c"          /* draw a model that stays in its file */
+#include "src/large/os_job_posix.c"         /* the operating system: locks, links, peak memory */
+#include "src/large/os_job_windows.c"       /* the same on Windows */
+#include "src/large/os_job.c"               /* on top of them: links refused, locks */
 #include "src/large/lock.c"                 /* one process at a time writes to a folder */
 #include "src/large/scene_file.c"           /* a survey in one file that is mapped */
+#include "src/large/nonfinite_record.c"     /* counts of values that are not finite, as JSON */
+#include "src/large/checkpoint.c"           /* a run's state in a file, for resuming */
 #include "src/large/block.c"                /* training of one block in its folder */
 #include "src/large/job_state.h"            /* shared by the files of a job */
 #include "src/large/job_state.c"            /* names in OUT, the survey, progress, the blocks' models */
@@ -181,5 +190,6 @@
 #include "src/job/render_files.c"      /* renders as files */
 #include "src/job/training_views.c"    /* training views with much larger error than their neighbours */
 #include "src/job/unseen.c"            /* removes Gaussians that no training view shows */
+#include "src/job/metrics_json.c"      /* metrics as JSON */
 #include "src/job/job_result.c"        /* the model in its files, metrics.json, run.json, renders */
 #include "src/job/job_run.c"           /* the whole job: survey folder in, output folder out */

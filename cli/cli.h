@@ -1,12 +1,12 @@
 /* cli.h - the parts of the command line beyond parsing, calling and printing. They use the public headers and
- * json.h, eigen.h, random.h, svg.h of src/core, and are not in the library. One section for each file of
+ * json.h of src/formats, eigen.h, random.h, svg.h of src/core, and are not in the library. One section for each file of
  * cli/; synth_options is here because arguments holds it.
  */
 #ifndef CLI_H
 #define CLI_H
 
 #include "../oceanxl_job.h"
-#include "../src/core/json.h"
+#include "../src/formats/json.h"
 
 #include <stdio.h>
 

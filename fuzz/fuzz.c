@@ -17,7 +17,7 @@ static void fuzz_write_seed(const char *path)
     oxl_context *ctx;
     struct os_file_map map;
     struct text log, notes;
-    struct train_task place = {.folder = fuzz_folder(), .key = "key", .log = &log, .notes = &notes};
+    struct train_task place = {.store = checkpoint_in(fuzz_folder(), "key"), .log = &log, .notes = &notes};
     struct train t = {.options = &options, .task = place};
     const size_t head = 27;
     fuzz_promise(oxl_context_create(NULL, &ctx) == OXL_OK, "a context");

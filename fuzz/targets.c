@@ -304,7 +304,7 @@ static void fuzz_write_checkpoint(const uint8_t *data, size_t size)
     fuzz_promise(bytes != NULL, "memory for the input");
     memcpy(bytes, head, sizeof head);
     if (size) memcpy(bytes + sizeof head, data, size);
-    sum = checkpoint_hash(CHECKPOINT_SEED, bytes, sizeof head + size);
+    sum = archive_hash(ARCHIVE_SEED, bytes, sizeof head + size);
     for (int i = 0; i < 8; i++) bytes[sizeof head + size + (size_t)i] = (unsigned char)(sum >> 8 * i);
     fuzz_write("checkpoint.oxl", bytes, sizeof head + size + 8);
     free(bytes);
@@ -315,7 +315,8 @@ static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
 {
     const oxl_train_options options = fuzz_train_options();
     struct text log = {.ctx = ctx}, notes = {.ctx = ctx};
-    const struct train_task place = {.folder = fuzz_folder(), .key = "key", .log = &log, .notes = &notes};
+    const struct train_task place = {
+        .store = checkpoint_in(fuzz_folder(), "key"), .log = &log, .notes = &notes};
     struct train t = {
         .ctx = ctx, .scene = fuzz_scene(ctx), .options = &options, .task = place, .decisions = {.ctx = ctx}};
     oxl_result rc;

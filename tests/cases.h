@@ -150,8 +150,6 @@ void photometry_end(oxl_context *ctx, struct photometry_work *w);
 /* src/survey/robust_stats.c */
 int stats_compare(const void *a, const void *b);
 int stats_is_in_image(const oxl_camera *c, const double p[3]);
-/* src/train/checkpoint.c */
-uint64_t checkpoint_hash(uint64_t sum, const unsigned char *bytes, size_t size);
 /* src/train/density.c */
 struct renderer_sums density_sums(const struct density *d, size_t count);
 /* src/train/step.c */

@@ -7,7 +7,7 @@
 #include "../src/core/bytes.h"
 #include "../src/core/codec.h"
 #include "../src/core/eigen.h"
-#include "../src/core/json.h"
+#include "../src/formats/json.h"
 #include "../src/core/os.h"
 #include "../src/core/simd.h"
 #include "../src/core/vecmath.h"
@@ -17,6 +17,7 @@
 #include "../src/evaluate/evaluate.h"
 #include "../src/formats/formats.h"
 #include "../src/large/large.h"
+#include "../src/large/os_job.h"
 #include "../src/job/job.h"
 #include "../src/large/job_state.h"
 #include "../src/model/model.h"
@@ -38,5 +39,6 @@
 #include "../src/train/train_tools.h"
 #include "../src/train/parts_calls.h"
 #include "../src/train/train_state.h"
+#include "../src/formats/survey_read.h"
 
 #endif

@@ -1,7 +1,7 @@
 /* test_json_survey.c - nerfstudio's and OpenSfM's files give the scene that COLMAP's export of the same
  * survey gives. */
 #include "test.h"
-#include "../src/core/json.h"
+#include "../src/formats/json.h"
 
 static const char jsurvey_images[] =
     "1 0.9 0.1 -0.3 0.2 0.5 -1.5 2 1 a.png\n\n2 0.8 0.6 0.05 -0.1 1 2 3 1 b.png\n\n3 0.1 0.2 0.9 0.3 0 0 1 1 c.png\n\n";

@@ -173,7 +173,8 @@ TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
 {
     for (int fault = 0; fault < 8; fault++) {
         struct text log = {.ctx = test_ctx}, notes = {.ctx = test_ctx};
-        struct train_task place = {.folder = test_folder(), .key = "key", .log = &log, .notes = &notes};
+        struct train_task place = {
+            .store = checkpoint_in(test_folder(), "key"), .log = &log, .notes = &notes};
         struct nonfinite_test_case c, again;
         int found = 0;
         nonfinite_test_begin(&c, 2);
@@ -185,14 +186,14 @@ TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
         if (fault == 5) c.t.trained.model.plane[OXL_SH][3] = NAN;
         if (fault == 6) c.t.view[3] = -1;
         if (fault == 7) c.t.trained.square.plane[OXL_MEAN][0] = -1e-9f; /* of a square */
-        CHECK_OK(checkpoint_write(test_ctx, place.folder, place.key, train_archive, &c.t));
+        CHECK_OK(checkpoint_write(test_ctx, place.store.folder, place.store.key, train_archive, &c.t));
         nonfinite_test_begin(&again, 0);
         again.t.task = place;
-        CHECK(checkpoint_read(test_ctx, place.folder, place.key, train_archive, &again.t, &found) ==
-              (fault ? OXL_ERR_INPUT : OXL_OK));
+        CHECK(checkpoint_read(test_ctx, place.store.folder, place.store.key, train_archive, &again.t,
+                              &found) == (fault ? OXL_ERR_INPUT : OXL_OK));
         CHECK(found == (fault == 0));
         if (fault) CHECK_TEXT(oxl_error_text(test_ctx), "holds invalid numbers");
-        checkpoint_remove(place.folder, 0);
+        checkpoint_remove(place.store.folder, 0);
         nonfinite_test_free(&c);
         nonfinite_test_free(&again);
         text_free(&log);

@@ -43,8 +43,10 @@ void checkpoint_case_free(struct checkpoint_case *c)
 /* Runs from where the folder's state is to step `until`. */
 oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int until, oxl_model *out)
 {
-    struct train_task place = {
-        .folder = test_folder(), .key = key, .log = &c->log, .notes = &c->notes, .decisions = &c->decisions};
+    struct train_task place = {.store = checkpoint_in(test_folder(), key),
+                               .log = &c->log,
+                               .notes = &c->notes,
+                               .decisions = &c->decisions};
     struct checkpoint_watch watch = {until, 0};
     const oxl_callback stop = {checkpoint_stop, &watch};
     const oxl_result rc = train_run(test_ctx, c->scene, &c->options, &stop, &place, out);

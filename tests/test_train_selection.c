@@ -55,8 +55,10 @@ static oxl_scene *selection_test_grey(oxl_scene *scene)
 static struct selection_test_case selection_test_case(oxl_scene *scene, int sh_degree, oxl_dog dog)
 {
     struct selection_test_case c = {scene, train_options(300), {.ctx = test_ctx}, {.ctx = test_ctx}, {0}};
-    struct train_task place = {
-        .folder = test_folder(), .key = "key", .log = &c.log, .notes = &c.log, .decisions = &c.decisions};
+    struct train_task place = {.store = checkpoint_in(test_folder(), "key"),
+                               .log = &c.log,
+                               .notes = &c.log,
+                               .decisions = &c.decisions};
     c.options.sh_degree = sh_degree;
     c.options.dog = dog;
     /* bands take the usual steps: a grey world is rendered to 70 dB by whatever learns fast */

@@ -3101,13 +3101,14 @@ static oxl_result vulkan_saved_run(oxl_context *ctx, const oxl_callback *callbac
                                    uint64_t *sum)
 {
     struct text log = {.ctx = ctx}, notes = {.ctx = ctx};
-    struct train_task place = {.folder = test_path("saved"), .key = "saved", .log = &log, .notes = &notes};
+    struct train_task place = {
+        .store = checkpoint_in(test_path("saved"), "saved"), .log = &log, .notes = &notes};
     oxl_scene *scene = vulkan_survey(ctx, 0);
     oxl_train_options options = train_options(60);
     struct os_file_map map = {0};
     const oxl_result rc = train_run(ctx, scene, &options, callback, &place, out);
     if (sum) CHECK_OK(os_read_file(ctx, test_path("saved/checkpoint.oxl"), &map));
-    if (sum) *sum = checkpoint_hash(CHECKPOINT_SEED, (const unsigned char *)map.data, map.size);
+    if (sum) *sum = archive_hash(ARCHIVE_SEED, (const unsigned char *)map.data, map.size);
     os_release_file(ctx, &map);
     text_free(&log);
     text_free(&notes);
@@ -3322,7 +3323,7 @@ static void vulkan_train_exposed(oxl_context *ctx, int how, oxl_model *out, doub
     const oxl_callback callback = {how == VULKAN_STOPPED ? vulkan_stops : NULL, &last};
     struct text log = {.ctx = ctx}, notes = {.ctx = ctx};
     struct train_task place = {
-        .folder = test_path("exposed"), .key = "exposed", .log = &log, .notes = &notes};
+        .store = checkpoint_in(test_path("exposed"), "exposed"), .log = &log, .notes = &notes};
     oxl_scene *scene = vulkan_survey(ctx, 0.3);
     oxl_train_options options = train_options(80);
     oxl_result rc;
@@ -3413,10 +3414,10 @@ static void vulkan_check_windows(oxl_context *device)
     for (int k = 0; k < 4; k++) vulkan_check_window_of_image(device, k & 1, k >> 1);
     for (int i = 0; i < 6; i++) window[i] = (struct image_window){.x = 8, .y = 4, .width = 32, .height = 24};
     for (int k = 0; k < 3; k++) {
-        struct train_task place = {.folder = test_path(k == 0   ? "cpu"
-                                                       : k == 1 ? "device"
-                                                                : "again"),
-                                   .key = "windows",
+        struct train_task place = {.store = checkpoint_in(test_path(k == 0   ? "cpu"
+                                                                    : k == 1 ? "device"
+                                                                             : "again"),
+                                                          "windows"),
                                    .window = window,
                                    .context = &context};
         oxl_scene *scene = vulkan_survey(ctx[k], 0);

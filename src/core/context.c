@@ -81,25 +81,9 @@ OXL_INTERNAL int context_report(const oxl_callback *callback, const oxl_progress
     return callback && callback->progress ? callback->progress(callback->user, progress) : 0;
 }
 
-OXL_INTERNAL oxl_result context_wait(oxl_context *ctx, double seconds)
-{
-    os_sleep(seconds);
-    return context_stopped(ctx);
-}
-
 const char *oxl_error_text(const oxl_context *ctx)
 {
     return ctx ? ctx->error : "";
-}
-
-int oxl_is_folder(const char *path)
-{
-    return os_is_folder(path);
-}
-
-oxl_result oxl_make_folder(oxl_context *ctx, const char *path)
-{
-    return os_make_folder(ctx, path);
 }
 
 const char *oxl_isa_name(const oxl_context *ctx)

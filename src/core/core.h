@@ -89,9 +89,6 @@ OXL_INTERNAL int context_thread(void); /* index of this thread in a parallel reg
 OXL_INTERNAL oxl_result context_stopped(oxl_context *ctx);
 /* Reports progress; callback may be NULL. Nonzero: the caller stops the run. */
 OXL_INTERNAL int context_report(const oxl_callback *callback, const oxl_progress *progress);
-/* Sleeps, then does as context_stopped. */
-OXL_INTERNAL oxl_result context_wait(oxl_context *ctx, double seconds);
-
 /* Makes a context for one of several threads, with memory from ctx. It does not log and keeps its own
  * errors. */
 OXL_INTERNAL oxl_context context_for_thread(oxl_context *ctx);
@@ -216,17 +213,10 @@ OXL_INTERNAL oxl_result os_reader_read(oxl_context *ctx, struct os_reader *r, vo
                                        size_t *got); /* *got < size: end of file */
 OXL_INTERNAL oxl_result os_reader_seek(oxl_context *ctx, struct os_reader *r, uint64_t offset);
 OXL_INTERNAL void os_reader_close(struct os_reader *r);
-/* Reads the last bytes of a file; returns its size, 0 where there is none or it cannot be read. */
-OXL_INTERNAL uint64_t os_read_end(const char *path, void *data, size_t size, size_t *got);
-
 /* Writes a file whole or not at all: temporary name in the same folder, write, fsync, rename, fsync of the
  * folder. */
 OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size);
 OXL_INTERNAL oxl_result os_write_text(oxl_context *ctx, const char *path, const struct text *t);
-/* Removes the temporary files of `names` that a killed process left in a folder: "run.json *.png" are
- * run.json.PID.tmp and all whose name ends in .png.PID.tmp. No other process may be writing there. */
-OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder, const char *names);
-
 /* Does the same for a file that is produced piece by piece. */
 struct os_writer {
     FILE *file;
@@ -244,30 +234,9 @@ OXL_INTERNAL FILE *os_open(const char *path);
 OXL_INTERNAL int os_rename(const char *from, const char *to); /* replaces `to`; 0: success */
 OXL_INTERNAL int os_remove(const char *path);                 /* 0: success */
 
-/* Says how a lock on a file went, exclusive or shared between processes; see large/lock.c. */
-enum os_locked {
-    OS_LOCK_TAKEN,
-    OS_LOCK_BUSY,    /* `holder` holds it; the file is closed, or the lock is unchanged */
-    OS_LOCK_REMOVED, /* taken, but its last holder has removed the file; closed */
-    OS_LOCK_NONE,    /* the file system has no locks; the file is open */
-    OS_LOCK_FAILED   /* the file cannot be opened: errno */
-};
-struct os_lock {
-    intptr_t file;
-    long process; /* that holds it, as reported by the system; 0: unknown */
-    char holder
-        [128]; /* "process 17 on reef": the holder (BUSY), or a killed former holder (TAKEN); "": unknown */
-};
-/* Locks a file. create: 0 only looks whether another process holds it, and changes nothing. */
-OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, int create, struct os_lock *out);
-OXL_INTERNAL enum os_locked os_lock_change(struct os_lock *lock, int shared);
-OXL_INTERNAL void os_lock_write_owner(const struct os_lock *lock); /* writes this process into the file */
 /* Fails with "PATH: WHAT: REASON" of an errno, and what the user can do about it. */
 OXL_INTERNAL oxl_result os_fail(oxl_context *ctx, oxl_result rc, const char *path, const char *what,
                                 int error);
-/* Releases the lock. remove: its path, or NULL. */
-OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove);
-
 #ifdef OXL_VULKAN
 /* Opens a library at run time; NULL: not found. */
 OXL_INTERNAL void *os_library_open(const char *name);
@@ -278,28 +247,14 @@ OXL_INTERNAL void os_library_close(void *library);
 
 /* Makes a folder with its parents; an existing one is no error. */
 OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path);
-/* Makes `inside`, a path without "..", in `folder` with its parents. A link among them is an error: what a
- * run writes or removes there would lie elsewhere. */
-OXL_INTERNAL oxl_result os_make_folder_in(oxl_context *ctx, const char *folder, const char *inside);
-/* Makes the same check of what is there already, and no folder. */
-OXL_INTERNAL oxl_result os_refuse_links(oxl_context *ctx, const char *folder, const char *inside);
-OXL_INTERNAL int os_is_link(const char *path); /* a symbolic link, wherever it leads */
-/* Creates a symbolic link at `path` to the folder `target`; replaces an existing link only; 0: failed. */
-OXL_INTERNAL int os_link(const char *target, const char *path);
 OXL_INTERNAL int os_is_file(const char *path);
-/* Returns 1 if both are there and are one file or folder, whatever the names. */
-OXL_INTERNAL int os_is_same(const char *a, const char *b);
 OXL_INTERNAL int os_is_folder(const char *path);
 OXL_INTERNAL int os_is_special(const char *path);   /* there, and neither file nor folder: a pipe, a device */
 OXL_INTERNAL int64_t os_modified(const char *path); /* modification time in the system's unit; 0: unknown */
 /* Returns the processors that the process may use (Linux cgroups); 0: no limit known. */
 OXL_INTERNAL int os_processor_quota(void);
-OXL_INTERNAL double os_seconds(void);                 /* monotonic clock */
-OXL_INTERNAL double os_disk_free(const char *folder); /* bytes; 0: unknown */
-OXL_INTERNAL int os_remove_folder(const char *path);  /* an empty one; 0: success */
-OXL_INTERNAL void os_sleep(double seconds);           /* a signal ends it */
-OXL_INTERNAL size_t os_peak_rss(void);                /* bytes; 0 when unknown */
-OXL_INTERNAL size_t os_memory_free(void);             /* bytes available without swapping; 0: unknown */
+OXL_INTERNAL double os_seconds(void);     /* monotonic clock */
+OXL_INTERNAL size_t os_memory_free(void); /* bytes available without swapping; 0: unknown */
 /* Calls `visit` with the name of each entry of a folder, in any order. */
 OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path,
                                        void (*visit)(void *user, const char *name), void *user);

@@ -1,7 +1,7 @@
 /* os.h - what a port to another system has to provide, besides the functions under "system" in core.h:
  * os_posix.c or os_windows.c.
  *
- * Only os.c uses these. They set errno where they fail.
+ * os.c uses these, and large/os_job.c. They set errno where they fail.
  */
 #ifndef OXL_OS_H
 #define OXL_OS_H
@@ -12,19 +12,15 @@
 enum os_kind { OS_NOTHING, OS_FILE, OS_FOLDER, OS_SPECIAL /* a pipe, socket or device */ };
 
 OXL_INTERNAL int os_is_separator(char c);
-OXL_INTERNAL int os_is_absolute(const char *path);
-OXL_INTERNAL int os_working_folder(char *out, size_t size); /* 0: success, here and below */
 /* Returns the kind of a path. size: of a file in bytes, or NULL. */
 OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size);
 OXL_INTERNAL int os_make_one_folder(const char *path);
 /* Opens a new file for writing. What has its name is removed first, a link itself and not what it leads to.
  * */
 OXL_INTERNAL FILE *os_create(const char *path);
-OXL_INTERNAL int os_make_link(const char *target, const char *path); /* replaces a link, nothing else */
 /* Calls `visit` with the name of each entry but "." and "..". */
 OXL_INTERNAL int os_list(const char *path, void (*visit)(void *user, const char *name), void *user);
-OXL_INTERNAL long os_process(void);                     /* the id of this process */
-OXL_INTERNAL void os_host_name(char *out, size_t size); /* the name of this machine */
+OXL_INTERNAL long os_process(void); /* the id of this process */
 
 OXL_INTERNAL const char *os_map(const char *path, size_t *size); /* read-only; NULL: cannot be mapped */
 OXL_INTERNAL int os_unmap(const char *data, size_t size);        /* 1: success */
@@ -32,12 +28,5 @@ OXL_INTERNAL int os_seek(FILE *file, uint64_t offset);           /* from the sta
 OXL_INTERNAL int os_sync(FILE *file);                            /* written data reach the disk */
 /* Sends renames in the folder to the disk, if the system supports this. */
 OXL_INTERNAL void os_sync_folder(const char *path);
-
-/* Opens it, or creates it with `create`; a link, a pipe and a file of several names are refused, as writing
- * to them would change what lies elsewhere. */
-OXL_INTERNAL int os_lock_file(const char *path, int create, struct os_lock *lock);
-OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared);
-OXL_INTERNAL size_t os_lock_read(const struct os_lock *lock, char *text, size_t size); /* bytes read */
-OXL_INTERNAL void os_lock_write(const struct os_lock *lock, const char *text);         /* replaces the text */
 
 #endif

@@ -9,9 +9,7 @@
 #include <dirent.h>
 #include <fcntl.h>
 #include <sys/mman.h>
-#include <sys/resource.h>
 #include <sys/stat.h>
-#include <sys/statvfs.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -26,12 +24,6 @@ OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size)
     if (stat(path, &s) != 0) return OS_NOTHING;
     if (size) *size = (uint64_t)s.st_size;
     return S_ISREG(s.st_mode) ? OS_FILE : S_ISDIR(s.st_mode) ? OS_FOLDER : OS_SPECIAL;
-}
-
-OXL_INTERNAL int os_is_same(const char *a, const char *b)
-{
-    struct stat x, y;
-    return stat(a, &x) == 0 && stat(b, &y) == 0 && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
 }
 
 /* Returns a time in nanoseconds. */
@@ -76,12 +68,6 @@ OXL_INTERNAL FILE *os_create(const char *path)
     return out;
 }
 
-OXL_INTERNAL int os_is_link(const char *path)
-{
-    struct stat s;
-    return lstat(path, &s) == 0 && S_ISLNK(s.st_mode);
-}
-
 OXL_INTERNAL const char *os_map(const char *path, size_t *size)
 {
     struct stat s;
@@ -119,23 +105,6 @@ OXL_INTERNAL int os_seek(FILE *file, uint64_t offset)
     return fseeko(file, (off_t)offset, SEEK_SET);
 }
 
-OXL_INTERNAL int os_make_link(const char *target, const char *path)
-{
-    struct stat s;
-    if (lstat(path, &s) == 0 && S_ISLNK(s.st_mode)) unlink(path);
-    return symlink(target, path);
-}
-
-OXL_INTERNAL int os_is_absolute(const char *path)
-{
-    return path[0] == '/';
-}
-
-OXL_INTERNAL int os_working_folder(char *out, size_t size)
-{
-    return getcwd(out, size) ? 0 : -1;
-}
-
 /* Makes the rename durable. Errors are ignored: not all file systems support it, and the data are on disk
  * already. */
 OXL_INTERNAL void os_sync_folder(const char *path)
@@ -156,44 +125,11 @@ OXL_INTERNAL long os_process(void)
     return (long)getpid();
 }
 
-int oxl_is_terminal(int stream)
-{
-    return isatty(stream) != 0;
-}
-
 OXL_INTERNAL double os_seconds(void)
 {
     struct timespec t;
     clock_gettime(CLOCK_MONOTONIC, &t);
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
-OXL_INTERNAL double os_disk_free(const char *folder)
-{
-    struct statvfs s;
-    return statvfs(folder, &s) == 0 ? (double)s.f_bavail * (double)s.f_frsize : 0;
-}
-
-OXL_INTERNAL int os_remove_folder(const char *path)
-{
-    return rmdir(path);
-}
-
-OXL_INTERNAL void os_sleep(double seconds)
-{
-    const struct timespec t = {(time_t)seconds, (long)((seconds - (double)(time_t)seconds) * 1e9)};
-    nanosleep(&t, NULL);
-}
-
-OXL_INTERNAL size_t os_peak_rss(void)
-{
-    struct rusage usage;
-    if (getrusage(RUSAGE_SELF, &usage) != 0) return 0;
-#ifdef __APPLE__
-    return (size_t)usage.ru_maxrss;
-#else
-    return (size_t)usage.ru_maxrss * 1024;
-#endif
 }
 
 /* Reads the number after `name` in a file of a folder, or its first one with name ""; -1: none, or "max". */
@@ -293,61 +229,6 @@ OXL_INTERNAL int os_list(const char *path, void (*visit)(void *user, const char 
         if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0) visit(user, entry->d_name);
     closedir(folder);
     return 0;
-}
-
-/* ---- locks: fcntl's, of the whole file; the kernel releases them when the process ends */
-
-OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared)
-{
-    struct flock l = {.l_type = shared ? F_RDLCK : F_WRLCK, .l_whence = SEEK_SET};
-    struct stat s;
-    lock->process = 0;
-    if (fcntl((int)lock->file, F_SETLK, &l) == 0)
-        return fstat((int)lock->file, &s) == 0 && s.st_nlink == 0 ? OS_LOCK_REMOVED : OS_LOCK_TAKEN;
-    if (errno != EACCES && errno != EAGAIN) return OS_LOCK_NONE;
-    if (fcntl((int)lock->file, F_GETLK, &l) == 0 && l.l_type != F_UNLCK) lock->process = (long)l.l_pid;
-    return OS_LOCK_BUSY;
-}
-
-/* Users with different umask take over each other's: the mode of a new one is for all. */
-OXL_INTERNAL int os_lock_file(const char *path, int create, struct os_lock *lock)
-{
-    enum { flags = O_RDWR | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC };
-    struct stat s;
-    int file = create ? open(path, flags | O_CREAT | O_EXCL, 0666) : -1;
-    if (file >= 0 && fchmod(file, 0666) != 0) errno = 0; /* a file system without modes */
-    if (file < 0) file = open(path, flags | (create ? O_CREAT : 0), 0666);
-    if (file >= 0 && (fstat(file, &s) != 0 || !S_ISREG(s.st_mode) || s.st_nlink > 1)) {
-        close(file);
-        errno = EMLINK;
-        file = -1;
-    }
-    lock->file = file;
-    return file >= 0 ? 0 : -1;
-}
-
-OXL_INTERNAL size_t os_lock_read(const struct os_lock *lock, char *text, size_t size)
-{
-    const ssize_t got = pread((int)lock->file, text, size, 0);
-    return got > 0 ? (size_t)got : 0;
-}
-
-OXL_INTERNAL void os_lock_write(const struct os_lock *lock, const char *text)
-{
-    /* a full disk */
-    if (ftruncate((int)lock->file, 0) != 0 || pwrite((int)lock->file, text, strlen(text), 0) < 0) errno = 0;
-}
-
-OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove)
-{
-    if (remove) unlink(remove); /* while it is locked */
-    close((int)lock->file);
-}
-
-OXL_INTERNAL void os_host_name(char *out, size_t size)
-{
-    if (gethostname(out, size) != 0) snprintf(out, size, "this machine");
-    out[size - 1] = 0;
 }
 
 #ifdef OXL_VULKAN

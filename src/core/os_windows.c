@@ -7,22 +7,16 @@
 
 #ifdef _WIN32
 
-#define WIN32_LEAN_AND_MEAN
-#include <windows.h>
+#include "os_windows.h"
 #include <io.h>
-#include <psapi.h> /* link with -lpsapi */
-#undef near        /* macros of 16-bit Windows */
-#undef far
 
-enum { OS_PATH_MAX = 4096 };
-
-static const wchar_t *os_wide(const char *path, wchar_t *wide)
+OXL_INTERNAL const wchar_t *os_wide(const char *path, wchar_t *wide)
 {
     if (MultiByteToWideChar(CP_UTF8, 0, path, -1, wide, OS_PATH_MAX) == 0) wide[0] = 0;
     return wide;
 }
 
-static int os_done(BOOL ok)
+OXL_INTERNAL int os_done(BOOL ok)
 {
     const DWORD error = ok ? 0 : GetLastError();
     if (ok) return 0;
@@ -59,24 +53,6 @@ OXL_INTERNAL int64_t os_modified(const char *path)
                      data.ftLastWriteTime.dwLowDateTime);
 }
 
-static int os_identity(const char *path, BY_HANDLE_FILE_INFORMATION *out)
-{
-    wchar_t wide[OS_PATH_MAX];
-    const HANDLE file =
-        CreateFileW(os_wide(path, wide), 0, FILE_SHARE_READ | FILE_SHARE_WRITE | FILE_SHARE_DELETE, NULL,
-                    OPEN_EXISTING, FILE_FLAG_BACKUP_SEMANTICS, NULL);
-    const int known = file != INVALID_HANDLE_VALUE && GetFileInformationByHandle(file, out);
-    if (file != INVALID_HANDLE_VALUE) CloseHandle(file);
-    return known;
-}
-
-OXL_INTERNAL int os_is_same(const char *a, const char *b)
-{
-    BY_HANDLE_FILE_INFORMATION x, y;
-    return os_identity(a, &x) && os_identity(b, &y) && x.dwVolumeSerialNumber == y.dwVolumeSerialNumber &&
-           x.nFileIndexHigh == y.nFileIndexHigh && x.nFileIndexLow == y.nFileIndexLow;
-}
-
 OXL_INTERNAL FILE *os_open(const char *path)
 {
     wchar_t wide[OS_PATH_MAX];
@@ -87,15 +63,7 @@ OXL_INTERNAL FILE *os_create(const char *path)
 {
     wchar_t wide[OS_PATH_MAX];
     DeleteFileW(os_wide(path, wide));
-    wchar_t wide[OS_PATH_MAX];
-    return _wfopen(os_wide(path, wide), L"wb");
-}
-
-OXL_INTERNAL int os_is_link(const char *path)
-{
-    wchar_t wide[OS_PATH_MAX];
-    const DWORD attributes = GetFileAttributesW(os_wide(path, wide));
-    return attributes != INVALID_FILE_ATTRIBUTES && attributes & FILE_ATTRIBUTE_REPARSE_POINT;
+    return _wfopen(wide, L"wb");
 }
 
 OXL_INTERNAL int os_remove(const char *path)
@@ -121,24 +89,6 @@ OXL_INTERNAL int os_rename(const char *from, const char *to)
         MoveFileExW(os_wide(from, a), os_wide(to, b), MOVEFILE_REPLACE_EXISTING | MOVEFILE_WRITE_THROUGH));
 }
 
-OXL_INTERNAL int os_make_link(const char *target, const char *path)
-{
-    (void)target, (void)path; /* needs rights that programs rarely have */
-    return -1;
-}
-
-OXL_INTERNAL int os_is_absolute(const char *path)
-{
-    return os_is_separator(path[0]) || (path[0] && path[1] == ':');
-}
-
-OXL_INTERNAL int os_working_folder(char *out, size_t size)
-{
-    wchar_t wide[OS_PATH_MAX];
-    if (GetCurrentDirectoryW(OS_PATH_MAX, wide) == 0) return -1;
-    return WideCharToMultiByte(CP_UTF8, 0, wide, -1, out, (int)size, NULL, NULL) ? 0 : -1;
-}
-
 OXL_INTERNAL void os_sync_folder(const char *path)
 {
     (void)path; /* MOVEFILE_WRITE_THROUGH did it */
@@ -155,44 +105,12 @@ OXL_INTERNAL long os_process(void)
     return (long)GetCurrentProcessId();
 }
 
-int oxl_is_terminal(int stream)
-{
-    return _isatty(stream) != 0;
-}
-
 OXL_INTERNAL double os_seconds(void)
 {
     LARGE_INTEGER count, per_second;
     QueryPerformanceCounter(&count);
     QueryPerformanceFrequency(&per_second);
     return (double)count.QuadPart / (double)per_second.QuadPart;
-}
-
-OXL_INTERNAL double os_disk_free(const char *folder)
-{
-    wchar_t wide[OS_PATH_MAX];
-    const wchar_t *name = os_wide(folder, wide);
-    ULARGE_INTEGER bytes;
-    return name && GetDiskFreeSpaceExW(name, &bytes, NULL, NULL) ? (double)bytes.QuadPart : 0;
-}
-
-OXL_INTERNAL int os_remove_folder(const char *path)
-{
-    wchar_t wide[OS_PATH_MAX];
-    const wchar_t *name = os_wide(path, wide);
-    return name && RemoveDirectoryW(name) ? 0 : -1;
-}
-
-OXL_INTERNAL void os_sleep(double seconds)
-{
-    Sleep((DWORD)(1000 * seconds));
-}
-
-OXL_INTERNAL size_t os_peak_rss(void)
-{
-    PROCESS_MEMORY_COUNTERS counters;
-    return GetProcessMemoryInfo(GetCurrentProcess(), &counters, sizeof counters) ? counters.PeakWorkingSetSize
-                                                                                 : 0;
 }
 
 OXL_INTERNAL int os_processor_quota(void)
@@ -236,57 +154,6 @@ OXL_INTERNAL int os_list(const char *path, void (*visit)(void *user, const char 
     } while (FindNextFileW(find, &data));
     FindClose(find);
     return 0;
-}
-
-/* ---- locks: of a byte that no file reaches, so that the text stays readable; Windows releases them when the
- * process ends */
-
-OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared)
-{
-    OVERLAPPED place = {.Offset = 0x7fffffff};
-    const DWORD how = LOCKFILE_FAIL_IMMEDIATELY | (shared ? 0 : LOCKFILE_EXCLUSIVE_LOCK);
-    lock->process = 0;
-    UnlockFileEx((HANDLE)lock->file, 0, 1, 0, &place); /* what this handle holds: it cannot be changed */
-    if (LockFileEx((HANDLE)lock->file, how, 0, 1, 0, &place)) return OS_LOCK_TAKEN;
-    return GetLastError() == ERROR_LOCK_VIOLATION || GetLastError() == ERROR_IO_PENDING ? OS_LOCK_BUSY
-                                                                                        : OS_LOCK_NONE;
-}
-
-OXL_INTERNAL int os_lock_file(const char *path, int create, struct os_lock *lock)
-{
-    wchar_t wide[OS_PATH_MAX];
-    lock->file = (intptr_t)CreateFileW(
-        os_wide(path, wide), GENERIC_READ | GENERIC_WRITE, FILE_SHARE_READ | FILE_SHARE_WRITE, NULL,
-        /* it cannot be removed while it is open */
-        create ? OPEN_ALWAYS : OPEN_EXISTING, FILE_ATTRIBUTE_NORMAL | FILE_FLAG_OPEN_REPARSE_POINT, NULL);
-    return os_done((HANDLE)lock->file != INVALID_HANDLE_VALUE);
-}
-
-OXL_INTERNAL size_t os_lock_read(const struct os_lock *lock, char *text, size_t size)
-{
-    DWORD got = 0;
-    SetFilePointer((HANDLE)lock->file, 0, NULL, FILE_BEGIN);
-    return ReadFile((HANDLE)lock->file, text, (DWORD)size, &got, NULL) ? got : 0;
-}
-
-OXL_INTERNAL void os_lock_write(const struct os_lock *lock, const char *text)
-{
-    DWORD put = 0;
-    SetFilePointer((HANDLE)lock->file, 0, NULL, FILE_BEGIN);
-    SetEndOfFile((HANDLE)lock->file);
-    WriteFile((HANDLE)lock->file, text, (DWORD)strlen(text), &put, NULL);
-}
-
-OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove)
-{
-    CloseHandle((HANDLE)lock->file);
-    if (remove) os_remove(remove); /* fails where another process has opened it */
-}
-
-OXL_INTERNAL void os_host_name(char *out, size_t size)
-{
-    DWORD length = (DWORD)size;
-    if (!GetComputerNameA(out, &length)) snprintf(out, size, "this machine");
 }
 
 #ifdef OXL_VULKAN

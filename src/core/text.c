@@ -1,6 +1,6 @@
 /* text.c - growing text, copies of text, paths. */
 #include "core.h"
-#include "json.h"
+#include "json_text.h"
 
 OXL_INTERNAL void text_add(struct text *t, const char *format, ...)
 {
@@ -19,6 +19,41 @@ OXL_INTERNAL void text_add(struct text *t, const char *format, ...)
     vsnprintf(t->data + t->size, (size_t)length + 1, format, args);
     va_end(args);
     t->size += (size_t)length;
+}
+
+/* ---------------- JSON */
+
+/* Counts the bytes of the UTF-8 character at s; 0: s begins none. */
+static size_t json_character(const unsigned char *s)
+{
+    const size_t size = s[0] < 0x80   ? 1
+                        : s[0] < 0xC2 ? 0
+                        : s[0] < 0xE0 ? 2
+                        : s[0] < 0xF0 ? 3
+                        : s[0] < 0xF5 ? 4
+                                      : 0;
+    for (size_t i = 1; i < size; i++)
+        if ((s[i] & 0xC0) != 0x80) return 0;
+    if ((s[0] == 0xE0 && s[1] < 0xA0) || (s[0] == 0xED && s[1] > 0x9F)) return 0;
+    return (s[0] == 0xF0 && s[1] < 0x90) || (s[0] == 0xF4 && s[1] > 0x8F) ? 0 : size;
+}
+
+size_t oxl_json_escape(const char *s, char out[8])
+{
+    const unsigned char c = (unsigned char)*s;
+    const size_t size = json_character((const unsigned char *)s);
+    if (c == '"' || c == '\\') snprintf(out, 8, "\\%c", c);
+    else if (c == 0xC2 && size == 2 && (unsigned char)s[1] < 0xA0) /* a control character, of two bytes */
+        snprintf(out, 8, "\\u%04x", (unsigned)(unsigned char)s[1]);
+    else if (c < 0x20 || c == 0x7F || size == 0)
+        snprintf(out, 8, "\\u%04x", size ? (unsigned)c : JSON_LOW + (unsigned)c);
+    else snprintf(out, 8, "%.*s", (int)size, s);
+    return OXL_MAX(size, 1);
+}
+
+const char *oxl_json_number_text(char out[48], double value)
+{
+    return number_text(out, value);
 }
 
 OXL_INTERNAL void text_add_json_string(struct text *t, const char *s)

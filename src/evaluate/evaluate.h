@@ -56,8 +56,5 @@ OXL_INTERNAL oxl_result evaluate_source(oxl_context *ctx, const struct render_so
 /* Does the same, but without ms_ssim, plain_psnr, half_psnr and depths, in less than half of the time. */
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
                                        oxl_split split, oxl_metrics *out);
-/* Adds members of a JSON object, without its braces: the means, the values by depth, and "views". */
-OXL_INTERNAL oxl_result evaluate_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene,
-                                            const oxl_metrics *m);
 
 #endif

@@ -18,6 +18,7 @@
  */
 #include "colmap.h"
 #include "../core/bytes.h"
+#include "survey_read.h"
 
 enum {
     BINARY_CAMERA_MIN = 24 + 2 * 8,         /* bytes of a camera of the fewest parameters */

@@ -10,6 +10,7 @@
  * buffer.
  */
 #include "colmap.h"
+#include "survey_read.h"
 
 enum {
     POINTS_PIECES = 16,

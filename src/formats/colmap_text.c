@@ -7,6 +7,7 @@
  * not log or allocate.
  */
 #include "colmap.h"
+#include "survey_read.h"
 
 /* ---------------- ids */
 

@@ -33,6 +33,20 @@ OXL_INTERNAL oxl_result gltf_write(oxl_context *ctx, const char *path, const oxl
 OXL_INTERNAL oxl_result splat_file_read(oxl_context *ctx, const char *path, oxl_model *out);
 OXL_INTERNAL oxl_result splat_file_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
+/* ---------------- model_text.c: what they share */
+
+OXL_INTERNAL void model_rotation(const oxl_model *model, size_t row, double q[4]); /* w x y z, of length 1 */
+OXL_INTERNAL unsigned char model_byte(double x);                                   /* the nearest */
+/* Names the anti-aliasing in comments of PLY files, as Brush writes it; "mip" or "default" follows. */
+#define MODEL_RENDER_MODE "SplatRenderMode: "
+/* Writes the background's comment for a file, after the text `before`; nothing where it is not known. */
+OXL_INTERNAL void model_write_background(struct text *t, const char *before, const oxl_model *model);
+/* Writes the view's comment; nothing where there is none. */
+OXL_INTERNAL void model_write_view(struct text *t, const char *before, const oxl_model *model);
+/* Reads origin, scale, background or view from a comment of a file; other comments are ignored. */
+OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
+                                     oxl_model *model);
+
 /* ---------------- model_file.c, model_write.c: models as PLY */
 
 /* model_file.c: infinite logits and logarithms that are limits; the message about rows that are left out. */

@@ -2,7 +2,7 @@
 #ifndef OXL_JSON_SURVEY_H
 #define OXL_JSON_SURVEY_H
 
-#include "../core/json.h"
+#include "json.h"
 #include "colmap.h"
 #include "../survey/sparse.h"
 

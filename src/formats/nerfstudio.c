@@ -14,6 +14,7 @@
 #include "ply.h"
 
 #include "../core/vecmath.h"
+#include "survey_read.h"
 
 #define NERFSTUDIO_UNIT_ERROR 1e-3 /* by which products of the columns of a rotation may be off 0 and 1 */
 

@@ -1,9 +1,9 @@
 /* survey_load.c - a scene from a survey's folder: its files are found and read here, the scene is built by
- * scene_load.c.
+ * scene_build.c.
  */
 #include "formats.h"
+#include "survey_read.h"
 #include "../survey/scene.h"
-#include "../survey/survey.h"
 
 /* Refuses a folder that is not there. The fix names the same folder in the survey's, as other programs take
  * the option; else one that holds an image of the model. */

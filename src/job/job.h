@@ -5,6 +5,12 @@
 #include "../../oceanxl_job.h"
 #include "../large/job_state.h"
 
+/* ---------------- metrics_json.c */
+
+/* Adds members of a JSON object, without its braces: the means, the values by depth, and "views". */
+OXL_INTERNAL oxl_result metrics_json_add(oxl_context *ctx, struct text *t, const oxl_scene *scene,
+                                         const oxl_metrics *m);
+
 /* ---------------- manifest.c: run.json, what a result depends on */
 
 enum { MANIFEST_VALUES = 96, MANIFEST_DIFFERENCES = 10 /* options; lines about them */ };

@@ -7,9 +7,10 @@
  */
 #include "job.h"
 #include "../render/render.h"
-#include "../core/json.h"
+#include "../formats/json.h"
 #include "../checks/checks.h"
 #include "../survey/scene.h"
+#include "../large/os_job.h"
 
 /* ---------------- run.json */
 
@@ -279,7 +280,7 @@ static oxl_result job_make_partition(struct job *job)
     oxl_result rc = OXL_OK;
     while (rc == OXL_OK && job->options.block >= 0 && !lock && !os_is_file(path)) {
         rc = lock_folder_if_free(job->ctx, PATH(job->out, "blocks"), &lock);
-        if (rc == OXL_OK && !lock) rc = context_wait(job->ctx, JOB_WAIT);
+        if (rc == OXL_OK && !lock) rc = os_wait(job->ctx, JOB_WAIT);
     }
     if (rc == OXL_OK && !os_is_file(path)) {
         rc = budget_partition(job->ctx, job->scene, &job->options, &job->partition);

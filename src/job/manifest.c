@@ -7,7 +7,8 @@
 #include "job.h"
 #include "../render/render.h"
 
-#include "../core/json.h"
+#include "../formats/json.h"
+#include "../large/os_job.h"
 
 /* ---------------- options to text */
 

@@ -6,6 +6,7 @@
 #include "../evaluate/evaluate.h"
 #include "../render/render.h"
 #include "../survey/scene.h"
+#include "../large/os_job.h"
 
 /* Joins FOLDER and FILE, FILE without the folder; the folders in FILE are made with `make`, and none may be
  * a link. NULL with the error set. */

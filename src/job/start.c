@@ -11,7 +11,7 @@
  */
 #include "job.h"
 
-#include "../core/json.h"
+#include "../formats/json.h"
 
 /* Copies a file, whole or not at all; one that is not there is removed there, too. */
 static oxl_result start_copy(oxl_context *ctx, const char *from, const char *to, const char *name)

@@ -8,6 +8,7 @@
  */
 #include "job.h"
 #include "../survey/scene.h"
+#include "../large/os_job.h"
 
 enum { CHECKSUM_END = 256 }; /* bytes of an image that are read */
 

@@ -12,9 +12,10 @@
 #include "../formats/formats.h"
 #include "../render/render.h"
 
-#include "../core/json.h"
+#include "../formats/json.h"
 #include "../survey/scene.h"
 #include "../model/model.h"
+#include "os_job.h"
 
 #define BLOCK_LOG_ROWS 200     /* rows of log.csv in a whole run */
 #define BLOCK_LOG_SECONDS 30.0 /* log.csv on disk is at most this old */
@@ -252,8 +253,7 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
                                     oxl_model *model)
 {
     const struct block_task *task = b->task;
-    struct train_task train = {.folder = task->folder,
-                               .key = task->key,
+    struct train_task train = {.store = checkpoint_in(task->folder, task->key),
                                .log = &b->log,
                                .notes = &b->notes,
                                .decisions = &b->decisions,
@@ -322,8 +322,7 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
 {
     oxl_train_options o = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
     struct text key = {.ctx = b->ctx}, log = {.ctx = b->ctx}, notes = {.ctx = b->ctx};
-    struct train_task train = {.folder = b->task->folder,
-                               .log = &log,
+    struct train_task train = {.log = &log,
                                .notes = &notes,
                                .start = model,
                                .context = b->task->context,
@@ -340,7 +339,7 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
     o.lr_sh *= hides ? BLOCK_REFINE_SH : 1;
     if (hides) o.iterations = OXL_MAX(2 * o.iterations, OXL_MIN(BLOCK_REFINE_MORE, 3 * o.iterations));
     text_add(&key, "standard %s", b->task->key);
-    train.key = key.data;
+    train.store = checkpoint_in(b->task->folder, key.data);
     rc = key.failed ? oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to refine a model for viewers") : OXL_OK;
     if (rc == OXL_OK)
         oxl_log(b->ctx, OXL_LOG_INFO,

@@ -12,6 +12,7 @@
  */
 #include "large.h"
 #include "../survey/scene.h"
+#include "os_job.h"
 
 #define BUDGET_MARGIN 0.9 /* of the budget is planned with: the arithmetic is right within about 10 % */
 /* of the budget at most goes to images: others are read from files (docs/SCALE.md) */

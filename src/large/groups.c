@@ -15,6 +15,7 @@
 #include "../render/render.h"
 #include "../survey/scene.h"
 #include "../model/model.h"
+#include "os_job.h"
 
 #define GROUPS_PASSES 8 /* turns of each group */
 
@@ -354,8 +355,7 @@ static oxl_result groups_train(struct groups *g, const struct image_window *wind
     oxl_train_options o = block_refinement(&job->options.train, all->model.sh_degree, steps);
     struct text key = {.ctx = job->ctx}, log = {.ctx = job->ctx}, notes = {.ctx = job->ctx};
     oxl_model out = {0};
-    struct train_task train = {.folder = g->folder,
-                               .log = &log,
+    struct train_task train = {.log = &log,
                                .notes = &notes,
                                .start = &all->model,
                                .moments = all,
@@ -365,7 +365,7 @@ static oxl_result groups_train(struct groups *g, const struct image_window *wind
     const double started = os_seconds();
     oxl_result rc;
     text_add(&key, "task %d, %s", g->done, job->key.data);
-    train.key = key.data;
+    train.store = checkpoint_in(g->folder, key.data);
     rc = key.failed ? job_no_memory(job) : OXL_OK;
     job_limit_time(job, &o);
     if (rc == OXL_OK)

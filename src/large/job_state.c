@@ -7,6 +7,7 @@
 #include "job_state.h"
 #include "../formats/formats.h"
 #include "../survey/scene.h"
+#include "os_job.h"
 
 #define JOB_MEMORY_FRACTION 4 /* a merged model of more than --ram over this stays in its file */
 #define JOB_SECONDS_MIN 1e-3  /* of the time left: 0 would be no limit */

@@ -56,6 +56,23 @@ OXL_INTERNAL oxl_result partition_read(oxl_context *ctx, const char *path, struc
 OXL_INTERNAL oxl_result partition_save(oxl_context *ctx, const struct partition *p, const char *out);
 OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partition *p, const char *out);
 
+/* ---------------- checkpoint.c: files of a run's state */
+
+#define CHECKPOINT_VERSION 12
+/* Writes FOLDER/checkpoint.oxl and keeps the previous one as checkpoint.prev.oxl. `key`: all inputs of the
+ * result. */
+OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key,
+                                         archive_state *state, void *user);
+/* Reads the newest complete checkpoint with this key. None: *found = 0, and the state is unchanged. */
+OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key,
+                                        archive_state *state, void *user, int *found);
+/* Keeps a run's state in such files. */
+OXL_INTERNAL struct train_store checkpoint_in(const char *folder, const char *key);
+OXL_INTERNAL uint64_t checkpoint_sum(const void *bytes, size_t size); /* the checksum of checkpoints */
+/* Returns the step of the newest whole checkpoint with this key in a folder; 0: there is none. */
+OXL_INTERNAL int checkpoint_step(oxl_context *ctx, const char *folder, const char *key);
+OXL_INTERNAL void checkpoint_remove(const char *folder, int others); /* others: also NAME.other */
+
 /* ---------------- merge.c: rows of models */
 
 /* Appends the rows of `from` with keep (count) not 0, or all with keep NULL, relative to into's origin. The
@@ -128,6 +145,13 @@ OXL_INTERNAL size_t budget_limit(const oxl_scene *scene, const oxl_job_options *
 /* Makes a partition whose blocks each fit this limit. OXL_ERR_BUDGET: even the smallest blocks do not. */
 OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
                                          struct partition *out);
+
+/* ---------------- nonfinite_record.c: counts of values that are not finite, in records */
+
+OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from);
+/* Adds the counts as members of a JSON object, each followed by a comma. */
+OXL_INTERNAL void nonfinite_add_json(struct text *t, const oxl_nonfinite *n);
+OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *n);
 
 /* ---------------- block.c: the training of one block in its folder */
 

@@ -10,6 +10,7 @@
  * removed.
  */
 #include "large.h"
+#include "os_job.h"
 #include <errno.h>
 
 enum { LOCK_TRIES = 1000 /* each stands for a process that ended meanwhile */ };

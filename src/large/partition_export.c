@@ -16,6 +16,7 @@
 #include "../core/bytes.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
+#include "os_job.h"
 
 enum { EXPORT_BUFFER = 1 << 20, EXPORT_WAVE = 32, EXPORT_FILES = 3 };
 

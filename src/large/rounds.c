@@ -22,6 +22,7 @@
 #include "../render/render.h"
 #include "../survey/scene.h"
 #include "../model/model.h"
+#include "os_job.h"
 
 #define ROUNDS_GROWTH 0.25 /* of the merged model's part: Gaussians split once more (docs/log/SCALE.md) */
 
@@ -120,7 +121,7 @@ static oxl_result rounds_prepare_shared(struct job *job)
     while (rc == OXL_OK && !lock && last.views == 0) {
         rc = block_plan_read(job, job->partition.block_count - 1, &last);
         if (rc == OXL_OK && last.views == 0) rc = lock_folder_if_free(job->ctx, folder, &lock);
-        if (rc == OXL_OK && last.views == 0 && !lock) rc = context_wait(job->ctx, JOB_WAIT);
+        if (rc == OXL_OK && last.views == 0 && !lock) rc = os_wait(job->ctx, JOB_WAIT);
     }
     if (rc == OXL_OK && lock) rc = rounds_prepare(job);
     job->done = JOB_COARSE;
@@ -435,7 +436,7 @@ static oxl_result rounds_run_block(struct rounds *r, int block)
         trained = 0;
         for (int k = 0; k < blocks && rc == OXL_OK && !trained && !r->job->unfinished; k++)
             rc = rounds_try(r, (block + k) % blocks, &trained);
-        if (rc == OXL_OK && !trained) rc = context_wait(r->job->ctx, JOB_WAIT);
+        if (rc == OXL_OK && !trained) rc = os_wait(r->job->ctx, JOB_WAIT);
         if (rc == OXL_OK) rc = rounds_completed(r, block, &done);
     }
     return rc;

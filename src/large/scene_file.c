@@ -12,6 +12,7 @@
 #include "../survey/image.h"
 #include "../survey/imaging.h"
 #include "../survey/scene.h"
+#include "../formats/survey_read.h"
 
 enum {
     SCENE_FILE_ALIGN = 64,

@@ -60,18 +60,7 @@ OXL_INTERNAL oxl_result model_trained_make_lobes(oxl_context *ctx, struct traine
 /* Multiplies colours by a factor per channel: all SH coefficients, and the offset 0.5. */
 OXL_INTERNAL void model_scale_colour(oxl_model *model, const double factor[3]);
 
-OXL_INTERNAL void model_rotation(const oxl_model *model, size_t row, double q[4]); /* w x y z, of length 1 */
-OXL_INTERNAL unsigned char model_byte(double x);                                   /* the nearest */
-/* Names the anti-aliasing in comments of PLY files, as Brush writes it; "mip" or "default" follows. */
-#define MODEL_RENDER_MODE "SplatRenderMode: "
-/* Writes the background's comment for a file, after the text `before`; nothing where it is not known. */
-OXL_INTERNAL void model_write_background(struct text *t, const char *before, const oxl_model *model);
-/* Writes the view's comment; nothing where there is none. */
-OXL_INTERNAL void model_write_view(struct text *t, const char *before, const oxl_model *model);
 /* Copies what a model is rendered with: background, anti-aliasing and the viewers' first view. */
 OXL_INTERNAL void model_copy_rendering(const oxl_model *from, oxl_model *to);
-/* Reads origin, scale, background or view from a comment of a file; other comments are ignored. */
-OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
-                                     oxl_model *model);
 
 #endif

@@ -1,4 +1,4 @@
-/* scene.c - what other modules ask of a scene: views, points, depths, rays. It is made by scene_load.c. */
+/* scene.c - what other modules ask of a scene: views, points, depths, rays. It is made by scene_make.c. */
 #include "sparse.h"
 #include "scene.h"
 #include "survey.h"

@@ -1,5 +1,5 @@
-/* scene.h - views, points and images of a scene: filled by scene_load.c, scene_views.c, scene_images.c,
- * imaging.c; large/scene_file.c. */
+/* scene.h - views, points and images of a scene: filled by scene_make.c, scene_images.c, imaging.c;
+ * formats/scene_build.c, formats/scene_views.c; large/scene_file.c. */
 #ifndef OXL_SCENE_H
 #define OXL_SCENE_H
 
@@ -56,16 +56,10 @@ struct scene_order { /* images by name; equal names by file order */
 };
 OXL_INTERNAL int scene_compare_order(const void *a, const void *b);
 OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, size_t count);
-/* Makes the views from scene->colmap. */
-OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
-                                          const oxl_scene_options *options);
-/* Builds a scene from scene->colmap and its folders: views, points around the origin, statistics. */
-OXL_INTERNAL oxl_result scene_build(oxl_context *ctx, oxl_scene *scene, const oxl_scene_options *options);
-/* Holds out the views that the survey states, or every test_every-th (-1: every 8th); OXL_ERR_USAGE: both
- * are given. */
-OXL_INTERNAL oxl_result scene_mark_test_views(oxl_context *ctx, oxl_scene *scene, int test_every);
+/* Derives extent, depths and statistics from views and points, for scenes from files and from arrays. */
+OXL_INTERNAL oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene);
 
-/* ---------------- scene.c, scene_load.c, scene_images.c: views, points, images */
+/* ---------------- scene.c, scene_make.c, scene_images.c: views, points, images */
 
 OXL_INTERNAL const struct colmap *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
 /* Projects a point of scene_colmap by camera_project; 0 also where it is far outside the image. */

@@ -4,7 +4,7 @@
 
 #include "../core/core.h"
 
-/* ---------------- colmap_order.c: the rows of a COLMAP model, as its files have them */
+/* ---------------- the rows of a COLMAP model, as its files have them */
 
 enum { CAMERA_PARAMETERS = 16 }; /* of the camera model with the most */
 
@@ -76,16 +76,7 @@ struct colmap {
     const char *images_file; /* "images.txt", without the folder: for messages, and for exports */
 };
 
-/* colmap_order.c: colmap_order sorts cameras and images by id, and renumbers the images of the tracks.
- * colmap_order_points sorts points;
- * OXL_ERR_INPUT without a message: two points have the id *repeated. */
-OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
-/* Finds a camera, in order; NULL: none. */
-OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap *c, int64_t id);
-OXL_INTERNAL oxl_result colmap_order_points(oxl_context *ctx, struct colmap *c, int64_t *repeated);
-/* Returns 1 for a relative path without "..", up to `end`. */
-OXL_INTERNAL int colmap_name_is_safe(const char *name, const char *end);
-OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c);
+OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c); /* scene_make.c */
 
 /* ---------------- camera.c: camera models, undistortion */
 
@@ -121,11 +112,6 @@ OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double o
 OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const double direction[2],
                                  double pixel[2]);
 OXL_INTERNAL int camera_is_distorted(const struct colmap_camera *camera);
-
-/* Finds the pinhole camera inside the field of view of the real one (no blank pixels), same focal length,
- * before --max-side. */
-OXL_INTERNAL oxl_result camera_undistorted(oxl_context *ctx, const struct colmap_camera *camera,
-                                           oxl_camera *out);
 
 /* Returns the same view at half the sides, rounded down. */
 OXL_INTERNAL oxl_camera camera_halve(const oxl_camera *camera);

@@ -4,16 +4,6 @@
 
 #include "image.h"
 
-/* ---------------- survey_files.c: image files of a survey */
-
-/* Finds a file, at most 3 folders deep, whose name equals `name` except for folder, extension and case; "":
- * none. */
-OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out,
-                                   size_t size);
-
-/* Counts the images in the image folder, and the folders in it, that the model does not have. */
-OXL_INTERNAL int survey_count_unregistered(oxl_context *ctx, const oxl_scene *scene);
-
 /* ---------------- robust_stats.c: robust measures of a survey */
 
 struct stats_view {     /* a training view */

@@ -1,17 +1,11 @@
 /* nonfinite.c - values that are not finite, and images that cannot be read: logged where they appear, skipped
  * or cleared, and counted.
  *
- *     found
- *     in                      action                                                                counted
- *     in an image that cannot be read  it is left out from then
- *     on                                           images the loss of a view            Gaussians with such a
- *     value, or with one when rendered, are cleared;  steps, cleared
- *                                   the step is skipped
- *     a visible Gaussian or its     its own update is skipped; other Gaussians are updated. A
- *     Gaussian    rows, cleared
- *     gradient                      with such a value is cleared
- *     the final model               the Gaussian is
- *     removed                                               cleared
+ * An image that cannot be read is left out from then on (counted as images). Where the loss of a view is
+ * not finite, Gaussians with such a value, or with one when rendered, are cleared, and the step is skipped
+ * (steps, cleared). Where a visible Gaussian or its gradient has such a value, its own update is skipped and
+ * other Gaussians are updated; a Gaussian with such a value is cleared (rows, cleared). In the final model
+ * the Gaussian is removed (cleared).
  *
  * A cleared Gaussian has size 1 and opacity 1e-13 at the origin; it is never visible and is removed by
  * density control.
@@ -19,13 +13,9 @@
  * Invariant: trained models are finite, and all interventions are reported.
  */
 #include "train_tools.h"
-#include "../core/json.h"
-
-#include <stddef.h>
 
 enum { NONFINITE_NAMED = 10 }; /* messages per kind; the total is logged at the end */
 
-#define NONFINITE_COUNT_MAX 1e9   /* of a count in a file: it fits 32 bits */
 #define NONFINITE_OPACITY -30.0f  /* logit: far below 1/255 */
 #define NONFINITE_SCALE_MAX 87.0f /* |log scale|: project.c clamps there */
 
@@ -137,46 +127,10 @@ OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_mo
     return OXL_OK;
 }
 
-OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from)
-{
-    to->images += from->images;
-    to->steps += from->steps;
-    to->rows += from->rows;
-    to->cleared += from->cleared;
-    to->degenerate += from->degenerate;
-}
-
 OXL_INTERNAL void nonfinite_archive(struct archive *a, oxl_nonfinite *n)
 {
     archive_size(a, &n->images);
     archive_size(a, &n->steps);
     archive_size(a, &n->rows);
     archive_size(a, &n->cleared);
-}
-
-/* ---------------- as JSON */
-
-static const struct nonfinite_member {
-    const char *name;
-    size_t at;
-} NONFINITE_MEMBERS[] = {{"images_left_out", offsetof(oxl_nonfinite, images)},
-                         {"steps_skipped", offsetof(oxl_nonfinite, steps)},
-                         {"gaussian_steps_skipped", offsetof(oxl_nonfinite, rows)},
-                         {"gaussians_cleared", offsetof(oxl_nonfinite, cleared)},
-                         {"gaussians_degenerate", offsetof(oxl_nonfinite, degenerate)}};
-
-OXL_INTERNAL void nonfinite_add_json(struct text *t, const oxl_nonfinite *n)
-{
-    for (size_t i = 0; i < OXL_COUNT(NONFINITE_MEMBERS); i++)
-        text_add(t, "  \"%s\": %zu,\n", NONFINITE_MEMBERS[i].name,
-                 *(const size_t *)((const char *)n + NONFINITE_MEMBERS[i].at));
-}
-
-OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *n)
-{
-    for (size_t i = 0; i < OXL_COUNT(NONFINITE_MEMBERS); i++) {
-        const double count = oxl_json_number(text, NONFINITE_MEMBERS[i].name);
-        *(size_t *)((char *)n + NONFINITE_MEMBERS[i].at) =
-            count > 0 ? (size_t)OXL_MIN(count, NONFINITE_COUNT_MAX) : 0;
-    }
 }

@@ -1,4 +1,4 @@
-/* train.h - training: schedule, density control, checkpoints, trials, the loop. */
+/* train.h - training: schedule, density control, trials, the loop. */
 #ifndef OXL_TRAIN_H
 #define OXL_TRAIN_H
 
@@ -7,12 +7,22 @@
 
 /* ---------------- train_loop.c: a run */
 
+struct archive; /* archive.c */
+typedef void archive_state(struct archive *a, void *user);
+/* Says where a run keeps its state, and looks for it when it begins: in files, by large/checkpoint.c. */
+struct train_store {
+    oxl_result (*write)(oxl_context *ctx, const char *folder, const char *key, archive_state *state,
+                        void *user);
+    oxl_result (*read)(oxl_context *ctx, const char *folder, const char *key, archive_state *state,
+                       void *user, int *found); /* none: *found = 0, and the state is unchanged */
+    const char *folder, *key;                   /* key: all inputs of the result */
+};
+
 /* Asks more of a run than its options. All zero: from the points to the end, without checkpoints. */
 struct train_task {
-    /* checkpoints: their folder, NULL: none; all inputs of the result; the caller's texts, saved with them */
-    const char *folder, *key;
-    struct text *log, *notes;
-    struct text *decisions; /* receives members of a JSON object, decisions and evidence; or NULL */
+    struct train_store store; /* all zero: the run's state is not kept */
+    struct text *log, *notes; /* the caller's texts, saved with the state */
+    struct text *decisions;   /* receives members of a JSON object, decisions and evidence; or NULL */
 
     /* what it begins with, instead of the points: at most one of the two */
     const oxl_model *from;  /* a model that is densified like the points */
@@ -57,20 +67,6 @@ OXL_INTERNAL double schedule_coarse_fraction(const oxl_train_options *options, i
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *options, int step);
 OXL_INTERNAL int schedule_densifications(const oxl_train_options *options); /* in a whole run */
 OXL_INTERNAL int schedule_training_views(const oxl_scene *scene);
-
-/* ---------------- nonfinite.c: counts of numbers that are not finite */
-
-OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from);
-/* Adds the counts as members of a JSON object, each followed by a comma. */
-OXL_INTERNAL void nonfinite_add_json(struct text *t, const oxl_nonfinite *n);
-OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *n);
-
-/* ---------------- checkpoint.c: files of a run's state */
-
-OXL_INTERNAL uint64_t checkpoint_sum(const void *bytes, size_t size); /* the checksum of checkpoints */
-/* Returns the step of the newest whole checkpoint with this key in a folder; 0: there is none. */
-OXL_INTERNAL int checkpoint_step(oxl_context *ctx, const char *folder, const char *key);
-OXL_INTERNAL void checkpoint_remove(const char *folder, int others); /* others: also NAME.other */
 
 /* ---------------- parts.c: all parts of training, from the options alone */
 

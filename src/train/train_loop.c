@@ -205,29 +205,27 @@ OXL_INTERNAL void train_archive(struct archive *a, void *user)
 
 static oxl_result train_save(struct train *t)
 {
+    const struct train_store *s = &t->task.store;
     oxl_result rc = step_download(t, DOWNLOAD_TO_READ);
     t->saved_step = t->step;
     t->saved_at = os_seconds();
-    if (rc != OXL_OK || !t->task.folder) return rc;
-    rc = checkpoint_write(t->ctx, t->task.folder, t->task.key, train_archive, t);
-    /* it was deleted meanwhile, and is made again */
-    if (rc == OXL_ERR_IO && !os_is_folder(t->task.folder))
-        rc = checkpoint_write(t->ctx, t->task.folder, t->task.key, train_archive, t);
-    return rc;
+    if (rc != OXL_OK || !s->write) return rc;
+    return s->write(t->ctx, s->folder, s->key, train_archive, t);
 }
 
 static int train_save_is_due(const struct train *t)
 {
-    return t->task.folder && t->step < t->options->iterations &&
+    return t->task.store.write && t->step < t->options->iterations &&
            (t->step - t->saved_step >= TRAIN_SAVE_STEPS || os_seconds() - t->saved_at >= TRAIN_SAVE_SECONDS);
 }
 
 OXL_INTERNAL oxl_result train_resume(struct train *t)
 {
+    const struct train_store *s = &t->task.store;
     int found = 0;
     oxl_result rc = OXL_OK;
     t->saved_at = t->started;
-    if (t->task.folder) rc = checkpoint_read(t->ctx, t->task.folder, t->task.key, train_archive, t, &found);
+    if (s->read) rc = s->read(t->ctx, s->folder, s->key, train_archive, t, &found);
     if (rc == OXL_OK && found) oxl_log(t->ctx, OXL_LOG_INFO, "going on after iteration %d", t->step);
     t->saved_step = t->step;
     return rc;
@@ -335,7 +333,7 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
                       .scene = scene,
                       .options = options,
                       .started = os_seconds(),
-                      .task = task ? *task : (struct train_task){0},
+                      .task = task ? *task : (struct train_task){.first = 0},
                       .step = task ? task->first : 0,
                       .callback = callback,
                       .decisions = {.ctx = ctx}};

@@ -1,4 +1,4 @@
-/* train_tools.h - private to src/train and src/parts: checkpoints, density control, numbers that are not
+/* train_tools.h - private to src/train and src/parts: archives, density control, numbers that are not
  * finite, Adam for single numbers; none of them knows the run (train_state.h). */
 #ifndef OXL_TRAIN_TOOLS_H
 #define OXL_TRAIN_TOOLS_H
@@ -11,7 +11,7 @@
 #include "../survey/survey.h"
 #include "../model/model.h"
 
-/* ---------------- checkpoint.c: the state of a run in a file */
+/* ---------------- archive.c: the state of a run */
 
 /* A module lists its state once; the archive writes or reads it. After a failure, calls do nothing. A count
  * is stored before its elements and is checked against the rest of the file. */
@@ -42,21 +42,17 @@ OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);
 /* Fails a read of more than the file has left; returns 1 while nothing has failed. */
 OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size);
 
-#define CHECKPOINT_VERSION 12
-#define CHECKPOINT_SEED UINT64_C(0xCBF29CE484222325) /* Fowler, Noll & Vo: FNV-1a, 64 bits */
-typedef void checkpoint_state(struct archive *a, void *user);
+/* For what surrounds a state in a file (large/checkpoint.c). */
+OXL_INTERNAL void archive_u64(struct archive *a, uint64_t *value);
+OXL_INTERNAL void archive_numbers(struct archive *a, void *data, size_t count, size_t size);
+OXL_INTERNAL void archive_fail(struct archive *a, oxl_result rc, const char *what);
+#define ARCHIVE_SEED UINT64_C(0xCBF29CE484222325) /* Fowler, Noll & Vo: FNV-1a, 64 bits */
+OXL_INTERNAL uint64_t archive_hash(uint64_t sum, const unsigned char *bytes, size_t size);
 /* Writes the state to memory, or reads it from there. Free memory->data with oxl_free. */
 OXL_INTERNAL oxl_result archive_to_memory(oxl_context *ctx, struct archive_memory *memory,
-                                          checkpoint_state *state, void *user);
+                                          archive_state *state, void *user);
 OXL_INTERNAL oxl_result archive_from_memory(oxl_context *ctx, struct archive_memory *memory,
-                                            checkpoint_state *state, void *user);
-/* Writes FOLDER/checkpoint.oxl and keeps the previous one as checkpoint.prev.oxl. `key`: all inputs of the
- * result. */
-OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key,
-                                         checkpoint_state *state, void *user);
-/* Reads the newest complete checkpoint with this key. None: *found = 0, and the state is unchanged. */
-OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key,
-                                        checkpoint_state *state, void *user, int *found);
+                                            archive_state *state, void *user);
 
 /* ---------------- nonfinite.c: numbers that are not finite */
 

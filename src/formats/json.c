@@ -1,7 +1,6 @@
 /* json.c - see json.h. */
-#include "core.h"
-
 #include "json.h"
+#include "../core/core.h"
 
 static const char *json_blank(const char *at)
 {
@@ -117,8 +116,6 @@ int oxl_json_is_true(const char *object, const char *name)
 
 /* Writes a byte that is not of UTF-8 as the surrogate DC00 + byte, which text cannot hold alone (Python's
  * surrogateescape): names of files come back as they were. */
-enum { JSON_LOW = 0xDC00, JSON_HIGH = 0xD800, JSON_SURROGATES = 0x400 };
-
 /* Writes a character as UTF-8; returns its length, at most half of the escapes'. */
 static size_t json_put(char *out, unsigned long code)
 {
@@ -166,39 +163,6 @@ static size_t json_unescape(const char **cursor, char *out)
     out[0] = known ? to[known - from] : *at;
     *cursor = at + 1;
     return 1;
-}
-
-/* Counts the bytes of the UTF-8 character at s; 0: s begins none. */
-static size_t json_character(const unsigned char *s)
-{
-    const size_t size = s[0] < 0x80   ? 1
-                        : s[0] < 0xC2 ? 0
-                        : s[0] < 0xE0 ? 2
-                        : s[0] < 0xF0 ? 3
-                        : s[0] < 0xF5 ? 4
-                                      : 0;
-    for (size_t i = 1; i < size; i++)
-        if ((s[i] & 0xC0) != 0x80) return 0;
-    if ((s[0] == 0xE0 && s[1] < 0xA0) || (s[0] == 0xED && s[1] > 0x9F)) return 0;
-    return (s[0] == 0xF0 && s[1] < 0x90) || (s[0] == 0xF4 && s[1] > 0x8F) ? 0 : size;
-}
-
-size_t oxl_json_escape(const char *s, char out[8])
-{
-    const unsigned char c = (unsigned char)*s;
-    const size_t size = json_character((const unsigned char *)s);
-    if (c == '"' || c == '\\') snprintf(out, 8, "\\%c", c);
-    else if (c == 0xC2 && size == 2 && (unsigned char)s[1] < 0xA0) /* a control character, of two bytes */
-        snprintf(out, 8, "\\u%04x", (unsigned)(unsigned char)s[1]);
-    else if (c < 0x20 || c == 0x7F || size == 0)
-        snprintf(out, 8, "\\u%04x", size ? (unsigned)c : JSON_LOW + (unsigned)c);
-    else snprintf(out, 8, "%.*s", (int)size, s);
-    return OXL_MAX(size, 1);
-}
-
-const char *oxl_json_number_text(char out[48], double value)
-{
-    return number_text(out, value);
 }
 
 size_t oxl_json_room(const char *value)

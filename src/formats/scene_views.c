@@ -3,25 +3,15 @@
  *
  * Invariant: views and the test split follow the bytewise order of names, not the order in images.txt.
  */
-#include "sparse.h"
-#include "image.h"
-#include "image_header.h"
-#include "scene.h"
-#include "survey.h"
-#include "tracks.h"
+#include "survey_read.h"
+#include "../survey/image_header.h"
+#include "../survey/scene.h"
+#include "../survey/tracks.h"
 
 enum {
     SCENE_TEST_EVERY = 8,    /* views, by name [Barron 2022] */
     SCENE_NAMED_MISSING = 10 /* missing images that are listed by name */
 };
-
-OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, size_t count)
-{
-    scene->view = oxl_calloc(ctx, count + 1, sizeof *scene->view);
-    scene->source = oxl_calloc(ctx, count + 1, sizeof *scene->source);
-    if (scene->view && scene->source) return scene_begin_cache(ctx, scene, count);
-    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu views", count);
-}
 
 /* ---------------- missing images */
 
@@ -93,13 +83,6 @@ static double scene_size_on_disk(oxl_context *ctx, const char *path, const struc
               image_has_shape(h.width, h.height, camera->height, camera->width);
     if (*turned) OXL_SWAP(int, h.width, h.height);
     return OXL_MAX((double)h.width / camera->width, (double)h.height / camera->height);
-}
-
-OXL_INTERNAL int scene_compare_order(const void *a, const void *b)
-{
-    const struct scene_order *x = a, *y = b;
-    const int c = strcmp(x->name, y->name);
-    return c ? c : (x->image > y->image) - (x->image < y->image);
 }
 
 struct scene_build { /* working data of scene construction */

@@ -1,5 +1,4 @@
-/* json.h - reads JSON text through a cursor, without building a tree; numbers and characters to write it. The
- * library and the program use it.
+/* json.h - reads JSON text through a cursor, without building a tree. The library and the program use it.
  *
  * A value is a pointer to its first byte in the text; NULL is a missing value, without members or number.
  * The functions are not public API; they are not OXL_INTERNAL because the program calls them.
@@ -8,7 +7,7 @@
 #ifndef OXL_JSON_H
 #define OXL_JSON_H
 
-#include <stddef.h>
+#include "../core/json_text.h"
 
 /* Returns NULL if every bracket and string is closed and nothing follows; otherwise the position of the
  * error. Not a validator: brackets are counted, their kind is not compared ("[}" passes). The functions
@@ -30,11 +29,6 @@ int oxl_json_is_true(const char *object, const char *name);
 /* Unescapes the string into `size` bytes, terminated; returns its length, or 0 if the value is no string or
  * does not fit. The result is never longer than the source. */
 size_t oxl_json_text(const char *value, char *out, size_t size);
-/* Writes the character at s for a string of JSON; returns the bytes that it takes of s. A byte that is not
- * of UTF-8 comes back from oxl_json_text. */
-size_t oxl_json_escape(const char *s, char out[8]);
-/* Writes the shortest text that parses to the same value; null: not finite. Returns out. */
-const char *oxl_json_number_text(char out[48], double value);
 size_t oxl_json_room(const char *value); /* upper bound of the bytes for oxl_json_text */
 
 #endif

@@ -1,21 +1,32 @@
-/* scene_load.c - a scene from a survey's files or from arrays: points, origin, extent, statistics; its views:
- * scene_views.c.
+/* scene_make.c - a scene from arrays, and what is derived from the views and points of all scenes: extent,
+ * depths, statistics.
  *
- * Coordinates are read in double and centred on a local origin before conversion to float, so that UTM
- * coordinates (4 200 000 m)
- * lose no precision:  x_local = x_world - origin,  t_local = t + R origin. The extent is that of 3DGS (Kerbl
- * 2023, reference code), made robust against an outlier camera.
+ * The extent is that of 3DGS (Kerbl 2023, reference code), made robust against an outlier camera.
  */
 #include "sparse.h"
 #include "image.h"
 #include "imaging.h"
 #include "scene.h"
-#include "scene_alpha.h"
 #include "survey.h"
-#include "tracks.h"
 
 #define SCENE_EXTENT 1.1      /* x the radius of the training cameras [Kerbl 2023] */
 #define SCENE_EXTENT_MIN 1e-3 /* x the median depth; a smaller radius counts as one position */
+
+/* ---------------- memory */
+
+OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c)
+{
+    OXL_FREE(ctx, c->camera, c->image, c->point, c->track, c->names, c->folder);
+    *c = (struct colmap){0};
+}
+
+OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, size_t count)
+{
+    scene->view = oxl_calloc(ctx, count + 1, sizeof *scene->view);
+    scene->source = oxl_calloc(ctx, count + 1, sizeof *scene->source);
+    if (scene->view && scene->source) return scene_begin_cache(ctx, scene, count);
+    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu views", count);
+}
 
 void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
 {
@@ -37,94 +48,7 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
     oxl_free(ctx, scene);
 }
 
-/* ---------------- points, origin, extent */
-
-static oxl_result scene_count_masks(oxl_context *ctx, oxl_scene *scene)
-{
-    int named = 0, lost = 0;
-    for (int i = 0; i < scene->view_count; i++) {
-        const int names = scene_source_image(scene, i)->mask != 0;
-        char *path;
-        const oxl_result rc = scene_mask_path(ctx, scene, i, &path);
-        if (rc != OXL_OK) return rc;
-        scene->stats.masks += path != NULL;
-        named += names;
-        lost += names && !path;
-        oxl_free(ctx, path);
-    }
-    if (scene->masks && scene->stats.masks == 0)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s holds no mask of any view; expected NAME.png, NAME as in the model",
-                scene->masks);
-    if (lost)
-        oxl_log(
-            ctx, OXL_LOG_WARNING,
-            "%d of the %d masks that %s names by mask_path are not there, so nothing is ignored in these images",
-            lost, named, scene->colmap.images_file);
-    return OXL_OK;
-}
-
-/* Makes all coordinates relative to the origin: the median of the points, or of the camera centres without
- * points. */
-static oxl_result scene_move_to_origin(oxl_context *ctx, oxl_scene *scene)
-{
-    const struct colmap *c = &scene->colmap;
-    double *centres = oxl_alloc(ctx, (size_t)scene->view_count, 3 * sizeof *centres);
-    double low[3], high[3];
-    oxl_result rc;
-    if (!centres) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %d camera centres", scene->view_count);
-    for (int i = 0; i < scene->view_count; i++) camera_position(&scene->view[i].camera, centres + 3 * i);
-    if (c->point_count)
-        rc =
-            stats_bounds(ctx, c->point->position, c->point_count, sizeof *c->point, low, scene->origin, high);
-    else
-        rc = stats_bounds(ctx, centres, (size_t)scene->view_count, 3 * sizeof *centres, low, scene->origin,
-                          high);
-    oxl_free(ctx, centres);
-    for (int i = 0; i < scene->view_count && rc == OXL_OK; i++) {
-        oxl_camera *camera = &scene->view[i].camera;
-        for (int j = 0; j < 3; j++)
-            for (int k = 0; k < 3; k++)
-                camera->translation[j] += camera->rotation[3 * j + k] * scene->origin[k];
-    }
-    return rc;
-}
-
-/* Makes points grey where all are black, as GLOMAP and others write 0 0 0 for all. Black Gaussians would
- * stay black, since the clamp of colours at 0 has gradient 0. */
-static void scene_default_colours(oxl_context *ctx, oxl_scene *scene)
-{
-    int coloured = 0;
-    for (size_t i = 0; i < scene->point_count && !coloured; i++)
-        for (int k = 0; k < 3; k++) coloured |= scene->point[i].rgb[k] != 0;
-    if (coloured || scene->point_count == 0) return;
-    for (size_t i = 0; i < scene->point_count; i++)
-        memset(scene->point[i].rgb, SCENE_GREY, sizeof scene->point[i].rgb);
-    oxl_log(
-        ctx, OXL_LOG_WARNING,
-        "the points have no colours (all are 0 0 0), so they start grey; colmap color_extractor gives them theirs");
-}
-
-static oxl_result scene_copy_points(oxl_context *ctx, oxl_scene *scene)
-{
-    const struct colmap *c = &scene->colmap;
-    scene->point = oxl_alloc(ctx, c->point_count + 1, sizeof *scene->point);
-    if (!scene->point) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu points", c->point_count);
-    for (size_t i = 0; i < c->point_count; i++) {
-        const struct colmap_point *from = &c->point[i];
-        oxl_point point = {.error = (float)from->error};
-        for (int k = 0; k < 3; k++) {
-            point.position[k] = from->position[k] - scene->origin[k];
-            point.rgb[k] = from->rgb[k];
-        }
-        if (tracks_accept_point(from, scene->origin)) scene->point[scene->point_count++] = point;
-    }
-    if (scene->point_count < c->point_count)
-        oxl_log(ctx, OXL_LOG_WARNING, "%zu of %zu points have no finite position and are left out",
-                c->point_count - scene->point_count, c->point_count);
-    if (scene->point_count == 0) oxl_log(ctx, OXL_LOG_WARNING, "the survey holds no points");
-    scene_default_colours(ctx, scene);
-    return OXL_OK;
-}
+/* ---------------- extent, depths, statistics */
 
 static void scene_fill_stats(oxl_scene *scene)
 {
@@ -139,8 +63,7 @@ static void scene_fill_stats(oxl_scene *scene)
     s->mean_error = s->points ? errors / (double)s->points : 0;
 }
 
-/* Values derived from views and points, for scenes from files and from arrays. */
-static oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene)
+OXL_INTERNAL oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene)
 {
     struct stats_view *views = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *views);
     double middle[3], radius = 0;
@@ -170,24 +93,14 @@ done:
     return rc;
 }
 
-/* ---------------- from files */
-
-OXL_INTERNAL oxl_result scene_build(oxl_context *ctx, oxl_scene *scene, const oxl_scene_options *o)
-{
-    oxl_result rc = scene_build_views(ctx, scene, o);
-    scene_set_cache(scene, o->image_cache_bytes);
-    if (rc == OXL_OK) rc = scene_move_to_origin(ctx, scene);
-    if (rc == OXL_OK) rc = scene_copy_points(ctx, scene);
-    if (rc != OXL_OK) return rc;
-    rc = scene_mark_test_views(ctx, scene, o->test_every);
-    if (rc == OXL_OK && o->read_images) rc = scene_count_masks(ctx, scene);
-    if (rc == OXL_OK) rc = scene_measure(ctx, scene);
-    if (rc == OXL_OK && o->read_images) scene->stats.unregistered = survey_count_unregistered(ctx, scene);
-    if (rc == OXL_OK && o->read_images) rc = scene_decide_alpha(ctx, scene, o->alpha);
-    return rc;
-}
-
 /* ---------------- from arrays */
+
+OXL_INTERNAL int scene_compare_order(const void *a, const void *b)
+{
+    const struct scene_order *x = a, *y = b;
+    const int c = strcmp(x->name, y->name);
+    return c ? c : (x->image > y->image) - (x->image < y->image);
+}
 
 static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_view *view,
                                   const oxl_image *image)

@@ -7,7 +7,7 @@
  * Invariant: models that differ only in the order of rows are equal afterwards, except for the positions of
  * tracks.
  */
-#include "sparse.h"
+#include "survey_read.h"
 
 static int order_compare(const void *a, const void *b)
 {
@@ -148,10 +148,4 @@ OXL_INTERNAL int colmap_name_is_safe(const char *name, const char *end)
         if (p == end) return 1;
         part = p + 1;
     }
-}
-
-OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c)
-{
-    OXL_FREE(ctx, c->camera, c->image, c->point, c->track, c->names, c->folder);
-    *c = (struct colmap){0};
 }

@@ -1,7 +1,7 @@
 /* survey_files.c - image files of a survey: search for missing ones, count of those that the model lacks.
  */
-#include "scene.h"
-#include "survey.h"
+#include "survey_read.h"
+#include "../survey/scene.h"
 
 /* ---------------- missing images */
 

@@ -1,0 +1,54 @@
+/* metrics_json.c - metrics of a model as members of a JSON object: metrics.json, and the program's output.
+ */
+#include "job.h"
+
+static void metrics_json_add_depths(struct text *t, const oxl_metrics *m)
+{
+    static const char *const names[] = {"mid_from", "far_from", "near_psnr", "mid_psnr", "far_psnr"};
+    const double values[] = {m->depth[0], m->depth[1], m->by_depth[0], m->by_depth[1], m->by_depth[2]};
+    text_add(t, ",\n  \"by_depth\": ");
+    for (int i = 0; i < 5; i++) text_add(t, "%s\"%s\": %s", i ? ", " : "{", names[i], NUMBER(values[i]));
+    text_add(t, "},\n");
+}
+
+enum { METRICS_WRITTEN = 8 };
+
+/* Adds members of a JSON object; `between` them. lpips NaN: it has no member. */
+static void metrics_json_add_values(struct text *t, const char *between, const double values[METRICS_WRITTEN],
+                                    double lpips)
+{
+    static const char *const names[] = {"psnr",       "cc_psnr",   "ssim",      "ms_ssim",
+                                        "plain_psnr", "half_psnr", "structure", "explained"};
+    for (int i = 0; i < METRICS_WRITTEN; i++)
+        text_add(t, "%s\"%s\": %s", i ? between : "", names[i], NUMBER(values[i]));
+    if (!isnan(lpips)) text_add(t, "%s\"lpips\": %s", between, NUMBER(lpips));
+}
+
+OXL_INTERNAL oxl_result metrics_json_add(oxl_context *ctx, struct text *t, const oxl_scene *scene,
+                                         const oxl_metrics *m)
+{
+    text_add(t, "  ");
+    metrics_json_add_values(t, ",\n  ",
+                            (double[METRICS_WRITTEN]){m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->plain_psnr,
+                                                      m->half_psnr, m->structure, m->explained},
+                            m->lpips);
+    text_add(t, ",\n  \"structure_least\": %s,\n  \"no_structure\": %d", NUMBER(m->structure_least),
+             m->no_structure);
+    metrics_json_add_depths(t, m);
+    text_add(t, "  \"count\": %d,\n  \"views\": [", m->count);
+    for (int i = 0; i < m->count; i++) {
+        const oxl_view_metrics *v = &m->views[i];
+        text_add(t, "%s\n    {\"name\": ", i ? "," : "");
+        text_add_json_string(t, oxl_scene_view(scene, v->view)->name);
+        text_add(t, ", ");
+        metrics_json_add_values(t, ", ",
+                                (double[METRICS_WRITTEN]){v->psnr, v->cc_psnr, v->ssim, v->ms_ssim,
+                                                          v->plain_psnr, v->half_psnr, v->structure,
+                                                          v->explained},
+                                v->lpips);
+        text_add(t, "}");
+    }
+    text_add(t, "%s]\n", m->count ? "\n  " : "");
+    return t->failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %d views", m->count)
+                     : OXL_OK;
+}
