@@ -7,22 +7,32 @@
 #include "report_state.h"
 
 #include <math.h>
+#include <string.h>
 
 enum { GROUND_SIDE = 800 /* px */ };
 #define GROUND_LITTLE 0.6 /* of the ground: fewer heights are shown as a warning */
 
-/* Renders the model that is for viewers; one that does not fit in memory has no overview. */
+/* Opens the model that other viewers show, and renders it from above; one that does not fit in memory has no
+ * overview. */
 static void ground_render(struct report *r)
 {
     char path[4200];
-    oxl_large_model model = {.pages = NULL};
     snprintf(path, sizeof path, "%s/scene.ply", r->out);
-    if (oxl_large_open(r->silent, path, r->options.ram / 4, &model) == OXL_OK && !model.pages) {
-        oxl_large_move_origin(&model, oxl_scene_origin(r->survey_scene));
-        if (ortho_overview(r->silent, &model, r->survey_scene, GROUND_SIDE, &r->ground) != OXL_OK)
-            oxl_image_free(r->silent, &r->ground.image);
-    }
-    oxl_large_free(r->silent, &model);
+    if (oxl_large_open(r->silent, path, r->options.ram / 4, &r->viewed) != OXL_OK || r->viewed.pages) return;
+    oxl_large_move_origin(&r->viewed, oxl_scene_origin(r->survey_scene));
+    if (oxl_scene_point_count(r->survey_scene) > 2 &&
+        ortho_overview(r->silent, &r->viewed, r->survey_scene, GROUND_SIDE, &r->ground) != OXL_OK)
+        oxl_image_free(r->silent, &r->ground.image);
+}
+
+int ground_view(struct report *r, const char *name, oxl_image *out)
+{
+    for (int v = 0; r->survey_scene && v < oxl_scene_view_count(r->survey_scene); v++)
+        if (strcmp(oxl_scene_view(r->survey_scene, v)->name, name) == 0)
+            return r->viewed.model.count > 0 && !r->viewed.pages &&
+                   oxl_large_render(r->ctx, &r->viewed, &oxl_scene_view(r->survey_scene, v)->camera, NULL,
+                                    out, NULL) == OXL_OK;
+    return 0;
 }
 
 void ground_open(struct report *r)
@@ -32,12 +42,13 @@ void ground_open(struct report *r)
     options.allow_truncated = 1;
     if (!r->scene || oxl_context_create(NULL, &r->silent) != OXL_OK) return;
     if (oxl_scene_load(r->silent, r->scene, &options, &r->survey_scene) != OXL_OK) return;
-    if (oxl_scene_point_count(r->survey_scene) > 2) ground_render(r);
+    ground_render(r);
 }
 
 void ground_close(struct report *r)
 {
     if (r->silent) oxl_image_free(r->silent, &r->ground.image);
+    if (r->silent) oxl_large_free(r->silent, &r->viewed);
     oxl_scene_free(r->silent, r->survey_scene);
     oxl_context_free(r->silent);
 }

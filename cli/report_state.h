@@ -45,6 +45,7 @@ struct report {
     struct report_block *block;
     oxl_context *silent;     /* of the survey below: the run has logged its warnings already */
     oxl_scene *survey_scene; /* as the run read it, without its images; NULL: not found */
+    oxl_large_model viewed;  /* scene.ply, which other viewers show; empty: not opened */
     struct overview ground;  /* image.rgb NULL: there is none */
     struct output page;
     int sections; /* begun */
@@ -63,6 +64,9 @@ const char *report_part(const struct report *r, int part, char out[40]);
 /* Adds to a command of eval or render the options by which the run read its survey. */
 void report_survey_options(struct report *r);
 
+/* dB that the images lose without gains and lamp; a smaller difference is not told */
+#define REPORT_VIEWER_LOSS 0.5
+
 /* ---------------- report_page.c */
 
 void page_open(struct output *t, const char *title);
@@ -76,9 +80,11 @@ void page_jpeg(struct report *r, const oxl_image *image, int q);
 void chart_section(struct report *r);
 void map_section(struct report *r);
 void verdict_section(struct report *r);
-/* loads the survey and renders the overview; frees both */
+/* loads the survey and the model, and renders the overview; frees them */
 void ground_open(struct report *r);
 void ground_close(struct report *r);
+/* Renders a view of the survey as other viewers show it. 0: the model or the view is not there. */
+int ground_view(struct report *r, const char *name, oxl_image *out);
 void ground_tiles(struct report *r);
 void ground_section(struct report *r);
 void views_section(struct report *r);

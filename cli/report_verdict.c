@@ -59,7 +59,8 @@ static void verdict_list(struct report *r, double structure, double share)
     struct output *t = &r->page;
     const double psnr = oxl_json_number(r->metrics, "psnr"), cc = oxl_json_number(r->metrics, "cc_psnr"),
                  fog = oxl_json_number(r->metrics, "no_structure"),
-                 least = oxl_json_number(r->metrics, "structure_least");
+                 least = oxl_json_number(r->metrics, "structure_least"),
+                 plain = oxl_json_number(r->metrics, "plain_psnr");
     const char *split = oxl_json_member(r->metrics, "split");
     output_add(
         t,
@@ -84,6 +85,13 @@ static void verdict_list(struct report *r, double structure, double share)
             cc, cc - psnr > VERDICT_EXPOSURE ? ": brightness differs, not shape." : ".");
     }
     output_add(t, "</li>\n");
+    if (psnr - plain >= REPORT_VIEWER_LOSS)
+        output_add(
+            t,
+            "<li>Other viewers show scene.ply alone: at mean exposure and by even light, %.2f dB against "
+            "these images. Trained with <code>--exposure off --lamp off</code> a model differs less from "
+            "them in a viewer, and more here.</li>\n",
+            plain);
     if (split && strncmp(split, "\"test\"", 6) == 0) verdict_gap(r, psnr, structure);
     output_add(t, "</ul>\n");
 }

@@ -15,7 +15,7 @@ enum { VIEWS_SHOWN = 4, VIEWS_SIDE = 560, VIEWS_OPEN = 12 /* rows that are seen 
 
 struct views_row {
     char *name;
-    double psnr, ssim, structure; /* structure: NaN: not known */
+    double psnr, ssim, structure, plain; /* plain: of scene.ply alone; NaN: not known */
     char *flag; /* of a training view: "pose", "exposure", "blur", "no structure"; NULL: none */
 };
 
@@ -42,8 +42,11 @@ static struct views views_read(struct report *r, const char *list)
     v.row = calloc((size_t)n + 1, sizeof *v.row);
     if (!v.row) r->page.failed = 1;
     for (const char *e = oxl_json_first(list); v.row && e; e = oxl_json_next(e)) {
-        struct views_row row = {json_string(oxl_json_member(e, "name")), oxl_json_number(e, "psnr"),
-                                oxl_json_number(e, "ssim"), oxl_json_number(e, "structure"),
+        struct views_row row = {json_string(oxl_json_member(e, "name")),
+                                oxl_json_number(e, "psnr"),
+                                oxl_json_number(e, "ssim"),
+                                oxl_json_number(e, "structure"),
+                                oxl_json_number(e, "plain_psnr"),
                                 json_string(oxl_json_member(e, "flag"))};
         if (row.name && isfinite(row.psnr)) v.row[v.count++] = row;
         else free(row.name), free(row.flag);
@@ -197,7 +200,7 @@ static void views_figure(struct report *r, const oxl_image *image, const char *w
 static void views_show(struct report *r, const char *folder, const struct views_row *row)
 {
     struct output *t = &r->page;
-    oxl_image rendered = {0}, image = {0}, error = {0}, clear = {0}, structure = {0};
+    oxl_image rendered = {0}, image = {0}, error = {0}, clear = {0}, plain = {0}, structure = {0};
     const int fog = views_is_fog(row);
     output_add(t, "<h3>%S <span class=\"pale\">%.2f dB, SSIM %.3f%s%s</span>%s</h3>\n", row->name, row->psnr,
                row->ssim, isnan(row->structure) ? "" : ", structure ", OUTPUT_FIXED(row->structure, 2),
@@ -215,6 +218,9 @@ static void views_show(struct report *r, const char *folder, const struct views_
         views_figure(r, &rendered, fog ? "Rendered, brightened" : "Rendered", row->name);
         if (views_image(r, folder, row->name, ".clear.png", &clear) && views_reduce(r, &clear) == OXL_OK)
             views_figure(r, &clear, "Without medium and lamp", row->name);
+        if (row->psnr - row->plain >= REPORT_VIEWER_LOSS && !fog && ground_view(r, row->name, &plain) &&
+            views_reduce(r, &plain) == OXL_OK)
+            views_figure(r, &plain, "In other viewers", row->name);
         views_figure(r, &error, "Error", row->name);
         if (fog) views_figure(r, &structure, "Structure", row->name);
         output_add(t, "</div>\n");
@@ -223,6 +229,7 @@ static void views_show(struct report *r, const char *folder, const struct views_
     oxl_image_free(r->ctx, &image);
     oxl_image_free(r->ctx, &error);
     oxl_image_free(r->ctx, &clear);
+    oxl_image_free(r->ctx, &plain);
     oxl_image_free(r->ctx, &structure);
 }
 
