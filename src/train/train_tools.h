@@ -96,8 +96,6 @@ struct density_change {
     size_t removed, split;
 };
 OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out);
-OXL_INTERNAL oxl_result density_copy(oxl_context *ctx, const struct density *from, size_t count,
-                                     struct density **out);
 OXL_INTERNAL void density_free(oxl_context *ctx, struct density *d);
 OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_t count);
 OXL_INTERNAL oxl_result density_observe(oxl_context *ctx, struct density *d, struct renderer *r,
