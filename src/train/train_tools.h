@@ -43,7 +43,6 @@ OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);
 OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size);
 
 /* For what surrounds a state in a file (large/checkpoint.c). */
-OXL_INTERNAL void archive_u64(struct archive *a, uint64_t *value);
 OXL_INTERNAL void archive_numbers(struct archive *a, void *data, size_t count, size_t size);
 OXL_INTERNAL void archive_fail(struct archive *a, oxl_result rc, const char *what);
 #define ARCHIVE_SEED UINT64_C(0xCBF29CE484222325) /* Fowler, Noll & Vo: FNV-1a, 64 bits */
