@@ -94,11 +94,15 @@
 #include "src/render/renderer_step.c"  /* optimizer step, statistics */
 #include "src/render/render_model.c"   /* the public functions */
 #ifdef OXL_VULKAN
-#include "backends/vulkan/passes.c"   /* commands, compute shaders */
+#include "backends/vulkan/frames.c"   /* command buffers, copies */
+#include "backends/vulkan/passes.c"   /* compute shaders */
 #include "backends/vulkan/memory.c"   /* buffers and memory limits */
-#include "backends/vulkan/device.c"   /* loader, instance, device; only in builds with make VULKAN=1 */
-#include "backends/vulkan/resident.c" /* data that stays on the device between steps */
+#include "backends/vulkan/instance.c" /* loader, instance; only in builds with make VULKAN=1 */
+#include "backends/vulkan/device.c"   /* choice of a device */
+#include "backends/vulkan/images.c"   /* training images that stay on the device */
+#include "backends/vulkan/resident.c" /* what else stays on the device between steps */
 #include "backends/vulkan/imaging.c"  /* medium, lamp, dropout, depth loss */
+#include "backends/vulkan/forward.c"  /* the forward pass as passes */
 #include "backends/vulkan/renderer.c" /* functions of the renderer as passes */
 #endif
 #include "src/render/backend.c" /* selects the CPU or Vulkan */

@@ -3,14 +3,16 @@
 # limit of lines; a header that another layer includes has at most
 # 370 lines, and so have the headers of its layer that it brings with it, together. Line counts are printed, and exemptions: the public headers, which every layer may include, and the backend.
 #
-# write: puts the table between the marks in docs/ARCHITECTURE.md. Without it, the table there must be the current one.
-# links: in the objects of a build, no file calls a function of a higher layer, and no files call each other in a cycle.
+# write: puts the table between the marks in docs/ARCHITECTURE.md, and files that are missing in oceanxl.c there. Without it, both must be current.
+# links: in the objects of a build, no file calls a function of a higher layer, and no files call each other in a cycle; checks, large and
+# job call at most so many inner functions of the trainer.
 # Two functions of src/parts/table.c are exempt: through them lower layers read the table of parts, as data.
 set -eu
 cd "$(dirname "$0")/.."
 layers='core survey model formats render evaluate train parts checks large job'
 trainer='core survey model render evaluate train parts' # behind oceanxl.h, with formats, whose files are a row of a table each
 most_code=17000                                          # lines of code of these, without comments and blanks
+most_inner=89                                            # functions of these, and not of oceanxl.h, that the job calls
 page=docs/ARCHITECTURE.md
 table=$(mktemp)
 trap 'rm -f "$table" "$table.page"' EXIT
@@ -48,7 +50,7 @@ if [ "${1:-}" = links ]; then
         $(NF - 1) ~ /^[TDBRC]$/ { home[$NF] = part[1] }
         END { for (i = 1; i <= uses; i++) if (name[i] in home) print user[i], home[name[i]] }' | tsort >/dev/null ||
         { echo "rooms: files of src/ call each other in a cycle, above" >&2; exit 1; }
-    nm -A $objects | sed "s|^$2/||" | awk -v layers="$layers" '
+    nm -A $objects | sed "s|^$2/||" | awk -v layers="$layers" -v most_inner=$most_inner '
         { split($1, part, ":"); file = part[1] }
         $NF ~ /^parts_(at|option)$/ { next }
         $(NF - 1) == "U" { user[++uses] = file; name[uses] = $NF }
@@ -65,10 +67,16 @@ if [ "${1:-}" = links ]; then
                 split(user[i], from, "/")
                 split(home[name[i]], to, "/")
                 if (from[2] ~ /^(checks|large|job)$/ && to[2] ~ /^(survey|model|render|evaluate|train|parts)$/ && name[i] !~ /^oxl_/)
-                    inner[name[i]] = 1
+                    inner[name[i]] = to[2]
             }
-            for (n in inner) inners++
-            printf "rooms: checks, large and job call %d functions of the trainer that oceanxl.h does not have (core, which all share, left out)\n", inners
+            for (n in inner) { inners++; of[inner[n]]++ }
+            printf "rooms: checks, large and job call %d functions of the trainer that oceanxl.h does not have (core, which all share, left out):", inners
+            for (layer in of) printf " %s %d", layer, of[layer]
+            print ""
+            if (inners > most_inner) {
+                printf "rooms: wanted at most %d: a function of oceanxl.h, or a step of the job behind one call\n", most_inner
+                wrong = 1
+            }
             exit wrong
         }'
     exit
@@ -190,7 +198,19 @@ else
 fi
 # The single unit is all of src/: a part that is missing there is an empty row, and builds.
 for file in src/*/*.c; do
-    grep -qF "\"$file\"" oceanxl.c || complain "oceanxl.c does not include $file"
+    grep -qF "\"$file\"" oceanxl.c && continue
+    if [ "${1:-}" = write ]; then # before the last file of its folder, with its own first words
+        said=$(sed -n '1s/^[^-]* - \([^.:;]*\).*/\1/p' "$file")
+        awk -v line="#include \"$file\" /* $said */" -v folder="#include \"$(dirname "$file")/" '
+            NR == FNR { if (index($0, folder) == 1 && /\.c"/) last = FNR; next }
+            FNR == last { print line }
+            { print }' oceanxl.c oceanxl.c >"$table.page"
+        cat "$table.page" >oceanxl.c
+    else complain "oceanxl.c does not include $file. fix: scripts/rooms.sh write"
+    fi
+done
+for file in backends/vulkan/*.c; do
+    [ "$(wc -l <"$file")" -le 450 ] || complain "$file has $(wc -l <"$file") lines; wanted at most 450"
 done
 # The map, the derivations and the paper's table name functions of today.
 for name in $(grep -oh '`[a-z][a-z0-9]*_[a-z0-9_]*`' docs/ARCHITECTURE.md docs/MATH.md docs/PAPER.md README.md | tr -d '`' | sort -u); do

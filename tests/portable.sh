@@ -51,9 +51,10 @@ emulated 's390x Linux, big endian' s390x-linux-gnu-gcc 'qemu-s390x'
 emulated 'x86-64 Linux with musl' musl-gcc env
 windows() { # the program, linked, and run where wine is
     local name='Windows, mingw-w64' build=build/portable/mingw run
-    has x86_64-w64-mingw32-gcc && has wine || { verdict "$name" skip 'no x86_64-w64-mingw32-gcc or wine'; return; }
+    has x86_64-w64-mingw32-gcc || { verdict "$name" skip 'no x86_64-w64-mingw32-gcc'; return; }
     make -j1 CC=x86_64-w64-mingw32-gcc OPENMP=0 STB=$stb BUILD=$build WERROR= CFLAGS='-O1 -static -DOXL_NO_SIMD' $build/oceanxl $build/oceanxl-lab >$build.log 2>&1 ||
         { verdict "$name" 1 "does not build, $build.log"; return; }
+    has wine || { verdict "$name" 0 'linked; no wine to run it'; return; }
     rm -rf $build/survey $build/out
     run="env WINEDEBUG=-all wine $build/oceanxl.exe"
     env WINEDEBUG=-all wine $build/oceanxl-lab.exe synth -o $build/survey --views 10 --size 96x64 --points 800 --quiet >>$build.log 2>&1 &&

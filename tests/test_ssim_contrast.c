@@ -101,6 +101,7 @@ TEST(faint_sand_is_learned_better_than_with_the_constant_for_bright_images)
 
 TEST(faint_sand_is_learned_better_with_points_in_its_gaps)
 {
+    NEEDS_PART(gaps);
     const synth_options o = ssim_contrast_test_sand("gapped");
     const float contrast = train_options(1).ssim_contrast;
     const double off = ssim_contrast_test_learned(&o, contrast, 0),

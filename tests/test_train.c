@@ -41,28 +41,6 @@ static struct density_change density_run(struct density_case *c, struct density_
     return change;
 }
 
-TEST(density_copy_has_all_that_was_summed_up_so_far)
-{
-    enum { ROWS = 40 };
-    struct density *from, *to;
-    CHECK_OK(density_create(test_ctx, &from));
-    CHECK_OK(density_set_bands(test_ctx, from, ROWS, 2, 5));
-    for (int i = 0; i < ROWS; i++) {
-        from->gradient[i] = (float)(i + 1);
-        from->views[i] = (float)(2 * i + 1);
-        from->gradient_mid[i] = (float)(3 * i + 1);
-        from->gradient_far[i] = (float)(4 * i + 1);
-    }
-    CHECK_OK(density_copy(test_ctx, from, ROWS, &to));
-    CHECK(to->banded && to->z_near == 2 && to->z_far == 5);
-    for (int i = 0; i < ROWS; i++) {
-        CHECK(to->gradient[i] == (float)(i + 1) && to->views[i] == (float)(2 * i + 1));
-        CHECK(to->gradient_mid[i] == (float)(3 * i + 1) && to->gradient_far[i] == (float)(4 * i + 1));
-    }
-    density_free(test_ctx, from);
-    density_free(test_ctx, to);
-}
-
 TEST(density_splits_rows_of_large_gradient_in_two_beside_each_other_with_new_moments)
 {
     struct density_case c = density_case((float[]){1, 1, 0, 0});

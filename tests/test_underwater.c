@@ -77,8 +77,8 @@ TEST(exposure_of_two_blocks_is_their_mean_where_they_share_views)
     const float of_a = a.log_gain[3 * 2], of_b = b.log_gain[3 * 8 + 2];
     CHECK_OK(imaging_create(test_ctx, 9, &all));
     for (int i = 0; i < 27; i++) b.log_gain[i] += b.known[i / 3] ? 0.7f : 0;
-    imaging_merge(&all, count, &a);
-    imaging_merge(&all, count, &b);
+    job_add_imaging(&all, count, &a);
+    job_add_imaging(&all, count, &b);
     CHECK_CLOSE(all.log_gain[3 * 8 + 2], of_b + 0.7, 1e-5);
     CHECK_CLOSE(all.log_gain[3 * 2 + 0], of_a + 0.35, 1e-5);
     CHECK(count[0] == 1 && count[2] == 2 && count[1] == 0 && !all.known[1]);

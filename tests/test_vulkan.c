@@ -9,11 +9,15 @@
 #include "../src/parts/dropout.h"
 #include "../src/parts/prune.h"
 #include "../src/parts/transients.h"
+#include "../backends/vulkan/frames.c"
 #include "../backends/vulkan/passes.c"
 #include "../backends/vulkan/memory.c"
+#include "../backends/vulkan/instance.c"
 #include "../backends/vulkan/device.c"
+#include "../backends/vulkan/images.c"
 #include "../backends/vulkan/resident.c"
 #include "../backends/vulkan/imaging.c"
+#include "../backends/vulkan/forward.c"
 #include "../backends/vulkan/renderer.c"
 #endif
 
@@ -41,7 +45,7 @@ static oxl_context *vulkan_test_begin(void)
 {
     oxl_context_options options = test_ctx->options;
     oxl_context *ctx;
-    setenv("OXL_VULKAN_VALIDATE", "1", 0); /* or gpu: backends/vulkan/device.c */
+    setenv("OXL_VULKAN_VALIDATE", "1", 0); /* or gpu: backends/vulkan/instance.c */
     if (getenv("OXL_TEST_DEVICE"))
         options.device = atoi(getenv("OXL_TEST_DEVICE")); /* of info --devices; else the best */
     options.backend = OXL_BACKEND_VULKAN;

@@ -115,6 +115,8 @@ struct vulkan_renderer {
     struct vulkan_buffer view_buffer, counts, rates, totals, histogram, digits, scan_sums, reports;
 };
 
+/* ---------------- resident.c */
+
 OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out);
 OXL_INTERNAL void vulkan_renderer_free(void *device);
 /* of `total`, in this slab */
@@ -128,15 +130,35 @@ OXL_INTERNAL void vulkan_take_context(struct vulkan_renderer *r, const oxl_model
 OXL_INTERNAL void vulkan_reserve_moments(struct vulkan_renderer *r);
 OXL_INTERNAL void vulkan_take_moments(struct vulkan_renderer *r, struct trained_model *trained);
 OXL_INTERNAL void vulkan_copy_sums(struct vulkan_renderer *r, int up);
-/* of every renderer, but the one that is in use: vulkan.evict */
-OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v, uint32_t but);
 OXL_INTERNAL oxl_result vulkan_download_model(void *device, enum renderer_download what);
 OXL_INTERNAL oxl_result vulkan_move_rows(void *device, const struct renderer_move *move, int *moved);
 OXL_INTERNAL oxl_result vulkan_send_shape(void *device, oxl_model *model, int reset_opacity);
+
+/* ---------------- images.c */
+
+/* of every renderer, but the one that is in use: vulkan.evict */
+OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v, uint32_t but);
 OXL_INTERNAL int vulkan_has_image(const void *device, int view);
 OXL_INTERNAL size_t vulkan_target(void *device, float *rgb, float *weight, int *masked);
 OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct training_image *image,
                                           const struct image_window *window, int halved);
+
+/* ---------------- forward.c */
+
+OXL_INTERNAL oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl_camera *camera,
+                                       const oxl_render_options *options,
+                                       const struct renderer_settings *settings, int steps);
+OXL_INTERNAL oxl_result vulkan_depth(void *device, float *depth);
+OXL_INTERNAL oxl_result vulkan_image(void *device, float *rgb);
+/* Draws in submissions that are short enough: forward.c says why. */
+OXL_INTERNAL void vulkan_in_parts(struct vulkan_renderer *r,
+                                  void (*draw)(struct vulkan_renderer *r, const uint32_t part[2],
+                                               uint32_t argument),
+                                  uint32_t argument);
+/* Reserves the sums of pairs; score: those of the score alone. */
+OXL_INTERNAL void vulkan_reserve_sums(struct vulkan_renderer *r, int score);
+OXL_INTERNAL enum vulkan_pass vulkan_backward_pass(const struct vulkan *v, int lobed);
+OXL_INTERNAL uint32_t vulkan_loss_variant(const struct vulkan_renderer *r, int lit);
 
 /* ---------------- imaging.c */
 

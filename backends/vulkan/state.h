@@ -1,12 +1,16 @@
 /* state.h - an open Vulkan device, its buffers and passes: what the files of this folder share. Each calls
  * only those before it:
  *
- *     passes.c    errors, command buffers, passes
+ *     frames.c    errors, command buffers, copies
+ *     passes.c    passes
  *     memory.c    buffers
- *     device.c    loader, instance, choice of a device
- *     resident.c  what a renderer keeps on the device
+ *     instance.c  loader, instance
+ *     device.c    choice of a device
+ *     images.c    training images that stay on the device
+ *     resident.c  what else a renderer keeps there
  *     imaging.c   medium, lamp, dropout, the loss in front of points
- *     renderer.c  the functions of struct renderer_device
+ *     forward.c   the forward pass
+ *     renderer.c  loss, backward pass, step; the table of struct renderer_device
  *
  * Passes are recorded one after the other into one command buffer, each with a barrier behind it, and
  * submitted when the host needs a result, or at the end of a frame: two frames take turns, so that one is
@@ -203,7 +207,7 @@ struct vulkan {
     uint32_t batch;         /* splats that raster_backward.comp holds at a time: 4, 8 or 16 */
 };
 
-/* ---------------- passes.c */
+/* ---------------- frames.c */
 
 OXL_INTERNAL const char *vulkan_word(VkResult result);
 OXL_INTERNAL int vulkan_is_short(VkResult result); /* of memory */
@@ -224,7 +228,11 @@ OXL_INTERNAL void vulkan_flush(struct vulkan *v); /* submits what was recorded, 
 /* first in every interface function: clears an earlier error */
 OXL_INTERNAL void vulkan_enter(struct vulkan *v);
 OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v);
-OXL_INTERNAL size_t vulkan_shared(void); /* bytes of shared memory that the passes need at batches of 4 */
+OXL_INTERNAL struct vulkan_frame *vulkan_frame(struct vulkan *v); /* the one that is recorded */
+OXL_INTERNAL int vulkan_ready(struct vulkan *v); /* 1: any command may be recorded, behind those that were */
+/* Takes the time before (0) or after (1) the pass that is recorded next. What went before has ended: the
+ * barrier behind it sees to that. */
+OXL_INTERNAL void vulkan_stamp(struct vulkan *v, enum vulkan_pass pass, uint32_t after);
 
 OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to, size_t offset,
                                 const void *from, size_t size);
@@ -242,6 +250,10 @@ OXL_INTERNAL void vulkan_update(struct vulkan *v, const struct vulkan_buffer *to
                                 const void *from, size_t size);
 OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, size_t size,
                               uint32_t value);
+
+/* ---------------- passes.c */
+
+OXL_INTERNAL size_t vulkan_shared(void); /* bytes of shared memory that the passes need at batches of 4 */
 /* compiles it, once */
 OXL_INTERNAL void vulkan_prepare(struct vulkan *v, enum vulkan_pass pass, uint32_t variant);
 OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t variant, size_t groups,
@@ -260,6 +272,22 @@ OXL_INTERNAL void vulkan_reserve_exactly(struct vulkan *v, struct vulkan_buffer 
 
 /* kind: of memory, by number */
 OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v, uint32_t kind);
+
+/* ---------------- instance.c */
+
+enum { VULKAN_EXTENSIONS = 4, VULKAN_LISTED = 512 };
+
+/* Extensions that are there and wanted. */
+struct vulkan_extensions {
+    VkExtensionProperties *there; /* (count) */
+    uint32_t count, enabled;
+    const char *name[VULKAN_EXTENSIONS];
+};
+/* Asks for an extension; 1: it is there. */
+OXL_INTERNAL int vulkan_enable(struct vulkan_extensions *e, const char *name);
+OXL_INTERNAL oxl_result vulkan_start(struct vulkan *v);
+OXL_INTERNAL void vulkan_stop_listening(struct vulkan *v); /* the messenger points to v */
+OXL_INTERNAL void vulkan_stop(struct vulkan *v);
 
 #define VULKAN_BUFFERS(...) ((const struct vulkan_buffer *const[]){__VA_ARGS__})
 #define VULKAN_PUSH(...) ((const uint32_t[]){__VA_ARGS__})

@@ -105,6 +105,8 @@ OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_large_model
 
 /* ---------------- imaging_file.c: imaging.txt */
 
+/* Returns 1 if images are not the scene's colours: a model has an imaging.txt. */
+OXL_INTERNAL int imaging_is_needed(const struct imaging *m);
 OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
                                       const struct imaging *m);
 /* Images that are not in the scene are ignored. */

@@ -136,6 +136,11 @@ static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *s
     return 1;
 }
 
+OXL_INTERNAL int imaging_is_needed(const struct imaging *m)
+{
+    return m->on || m->lamps > 0 || imaging_alters_colours(m);
+}
+
 OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
                                       const struct imaging *m)
 {

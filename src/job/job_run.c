@@ -468,7 +468,7 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
                        const oxl_callback *callback)
 {
     struct job job;
-    oxl_result rc = backend_begin(ctx); /* the device is part of what the result depends on */
+    oxl_result rc = oxl_backend_begin(ctx); /* the device is part of what the result depends on */
     int ready = 0, done = 0;
     if (rc != OXL_OK) return rc;
     job_begin(&job, ctx, scene, out, options, callback);
@@ -496,7 +496,7 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *call
     oxl_lock *lock = NULL;
     struct job job;
     int done = 0;
-    oxl_result rc = backend_begin(ctx);
+    oxl_result rc = oxl_backend_begin(ctx);
     if (rc == OXL_OK && os_is_folder(out)) rc = oxl_lock_folder(ctx, out, &lock);
     if (rc == OXL_OK) rc = manifest_read(ctx, out, &run);
     if (rc == OXL_OK && (!run.line || !run.scene))

@@ -27,11 +27,16 @@ OXL_INTERNAL uint64_t checkpoint_sum(const void *bytes, size_t size)
 
 /* ---------------- writing */
 
+static void checkpoint_number(struct archive *a, uint64_t *value)
+{
+    archive_numbers(a, value, 1, sizeof *value);
+}
+
 static void checkpoint_add_key(struct archive *a, const char *key)
 {
-    size_t length = strlen(key);
-    archive_size(a, &length);
-    archive_numbers(a, (void *)(uintptr_t)key, length, 1);
+    uint64_t length = strlen(key);
+    checkpoint_number(a, &length);
+    archive_numbers(a, (void *)(uintptr_t)key, (size_t)length, 1);
 }
 
 static const char *const checkpoint_names[] = {
@@ -66,12 +71,12 @@ static oxl_result checkpoint_write_once(oxl_context *ctx, const char *folder, co
     if (rc == OXL_OK) rc = os_writer_open(ctx, path, &writer);
     if (rc != OXL_OK) return rc;
     a.file = writer.file;
-    archive_u64(&a, &magic);
-    archive_u64(&a, &version);
+    checkpoint_number(&a, &magic);
+    checkpoint_number(&a, &version);
     checkpoint_add_key(&a, key);
     state(&a, user);
     sum = a.sum;
-    archive_u64(&a, &sum);
+    checkpoint_number(&a, &sum);
     if (a.rc == OXL_OK && fflush(writer.file) != 0)
         archive_fail(&a, OXL_ERR_IO, "cannot write; the disk may be full");
     if (a.rc == OXL_OK)
@@ -116,9 +121,9 @@ static int checkpoint_is_whole(FILE *file, uint64_t *size)
 /* Returns 1 if the checkpoint has this key. */
 static int checkpoint_has_key(struct archive *a, const char *key)
 {
-    size_t length = 0;
+    uint64_t length = 0;
     int same;
-    archive_size(a, &length);
+    checkpoint_number(a, &length);
     same = a->rc == OXL_OK && length == strlen(key);
     for (size_t i = 0; i < length && same; i++) {
         char c = 0;
@@ -141,8 +146,8 @@ static oxl_result checkpoint_read_one(oxl_context *ctx, const char *path, const 
         goto done;
     }
     rewind(a.file);
-    archive_u64(&a, &magic);
-    archive_u64(&a, &version);
+    checkpoint_number(&a, &magic);
+    checkpoint_number(&a, &version);
     other = magic != CHECKPOINT_MAGIC || version != CHECKPOINT_VERSION || !checkpoint_has_key(&a, key);
     if (other) goto done;
     state(&a, user);
@@ -164,22 +169,22 @@ OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, co
 
 OXL_INTERNAL int checkpoint_step(oxl_context *ctx, const char *folder, const char *key)
 {
-    int step = 0;
-    for (int i = 0; i < 2 && step <= 0; i++) {
+    uint64_t step = 0;
+    for (int i = 0; i < 2 && step == 0; i++) {
         const char *path = PATH(folder, "%s", checkpoint_names[i]);
         struct archive a = {.ctx = ctx, .reading = 1, .path = path, .file = os_open(path)};
         uint64_t magic = 0, version = 0;
         if (!a.file) continue;
         if (checkpoint_is_whole(a.file, &a.left)) {
             rewind(a.file);
-            archive_u64(&a, &magic);
-            archive_u64(&a, &version);
+            checkpoint_number(&a, &magic);
+            checkpoint_number(&a, &version);
             if (magic == CHECKPOINT_MAGIC && version == CHECKPOINT_VERSION && checkpoint_has_key(&a, key))
-                archive_int(&a, &step); /* the first number of train_archive */
+                checkpoint_number(&a, &step); /* the first number of train_archive */
         }
         fclose(a.file);
     }
-    return OXL_MAX(step, 0);
+    return step <= INT_MAX ? (int)step : 0;
 }
 
 OXL_INTERNAL void checkpoint_remove(const char *folder, int others)

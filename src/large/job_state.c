@@ -231,6 +231,22 @@ OXL_INTERNAL oxl_result job_open_model(struct job *job, int block, int standard,
     return oxl_large_open(job->ctx, job_model_file(path, job, block, standard), most, out);
 }
 
+OXL_INTERNAL void job_add_imaging(struct imaging *all, int *count, const struct imaging *block)
+{
+    for (int i = 0; i < all->views; i++) {
+        if (!block->known[i]) continue;
+        all->known[i] = 1;
+        count[i]++;
+        for (int c = 0; c < 3; c++) {
+            float *a = &all->log_gain[3 * i + c];
+            *a = (float)(*a + (block->log_gain[3 * i + c] - *a) / count[i]);
+        }
+    }
+    all->on |= block->on;
+    if (imaging_alters_colours(block)) all->medium = block->medium;
+    if (block->lamps > 0) memcpy(all->lamp, block->lamp, sizeof all->lamp), all->lamps = block->lamps;
+}
+
 OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out)
 {
     const int views = oxl_scene_view_count(job->scene);
@@ -243,7 +259,7 @@ OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out)
         const char *path = PATH(JOB_BLOCK(job, k), "imaging.txt");
         struct imaging own = {0};
         if (os_is_file(path)) rc = imaging_read(job->ctx, path, job->scene, &own);
-        if (rc == OXL_OK && imaging_is_needed(&own)) imaging_merge(out, count, &own);
+        if (rc == OXL_OK && imaging_is_needed(&own)) job_add_imaging(out, count, &own);
         imaging_free(job->ctx, &own);
     }
     if (rc == OXL_OK) imaging_centre(out, none);

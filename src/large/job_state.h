@@ -76,6 +76,9 @@ OXL_INTERNAL oxl_result job_plan_decoded(struct job *job);
 OXL_INTERNAL void job_set_cache(const struct job *job, size_t most);
 /* Merges the blocks' models and imaging. */
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out);
+/* Adds a block's gains to the mean over blocks, and copies its lamp and medium; count (views): blocks that
+ * contained the view so far. */
+OXL_INTERNAL void job_add_imaging(struct imaging *all, int *count, const struct imaging *block);
 /* Joins the imaging of several blocks: log gains of mean 0, lamp and medium. */
 OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out);
 /* Reads a block's model, the coarse or the merged one; its standard model, where there is one. */

@@ -96,7 +96,7 @@ OXL_INTERNAL void merge_mark(const struct partition *p, int block, const oxl_mod
 #define COST_SPLAT_BYTES 300.0
 struct cost_load {               /* counts of a survey or of a block */
     size_t points, observations; /* initial points; (point, view) pairs */
-    double share;                /* as a look has it (src/train/look.c); 0: not known */
+    double share;                /* as a look has it (look.c); 0: not known */
     int views;
     /* pixels of all views; of the training views; of the largest view */
     double pixels, schedule_pixels, largest;

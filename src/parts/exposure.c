@@ -64,31 +64,6 @@ OXL_INTERNAL void exposure_free(oxl_context *ctx, struct exposure *e)
     *e = (struct exposure){0};
 }
 
-OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to)
-{
-    const size_t n = 3 * (size_t)from->of.views;
-    oxl_result rc;
-    *to = *from;
-    if (!from->visits) return OXL_OK;
-    to->mean = to->square = NULL;
-    to->visits = NULL;
-    rc = imaging_create(ctx, from->of.views, &to->of);
-    to->mean = oxl_alloc(ctx, n + 1, sizeof *to->mean);
-    to->square = oxl_alloc(ctx, n + 1, sizeof *to->square);
-    to->visits = oxl_alloc(ctx, (size_t)from->of.views + 1, sizeof *to->visits);
-    if (rc == OXL_OK && (!to->mean || !to->square || !to->visits))
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a trial");
-    if (rc == OXL_OK) {
-        imaging_copy(&from->of, &to->of);
-        memcpy(to->mean, from->mean, n * sizeof *to->mean);
-        memcpy(to->square, from->square, n * sizeof *to->square);
-        memcpy(to->visits, from->visits, (size_t)from->of.views * sizeof *to->visits);
-    } else {
-        exposure_free(ctx, to);
-    }
-    return rc;
-}
-
 /* Steps the view's gains along dL/da, and projects them to the mean `level`. progress: fraction of the run.
  * */
 static void exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3])

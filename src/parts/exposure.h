@@ -22,7 +22,6 @@ struct exposure {
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene,
                                        oxl_switch mode, int continued);
 OXL_INTERNAL void exposure_free(oxl_context *ctx, struct exposure *e);
-OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to);
 /* Applies the pending gradient and keeps that of this step. exposure_apply_pending applies it, unless its
  * step is later than `last`. */
 OXL_INTERNAL void exposure_set_pending(struct exposure *e, const struct exposure_gradient *of);

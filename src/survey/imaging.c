@@ -373,30 +373,7 @@ OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *sc
     return OXL_OK;
 }
 
-OXL_INTERNAL int imaging_is_needed(const struct imaging *m)
-{
-    return m->on || m->lamps > 0 || imaging_alters_colours(m);
-}
-
 OXL_INTERNAL int imaging_alters_colours(const struct imaging *m)
 {
     return m->medium.on || m->medium.has_falloff;
-}
-
-/* Averages the gains of a block with those of earlier blocks. count (views): blocks that contained the view
- * so far. */
-OXL_INTERNAL void imaging_merge(struct imaging *all, int *count, const struct imaging *block)
-{
-    for (int i = 0; i < all->views; i++) {
-        if (!block->known[i]) continue;
-        all->known[i] = 1;
-        count[i]++;
-        for (int c = 0; c < 3; c++) {
-            float *a = &all->log_gain[3 * i + c];
-            *a = (float)(*a + (block->log_gain[3 * i + c] - *a) / count[i]);
-        }
-    }
-    all->on |= block->on;
-    if (imaging_alters_colours(block)) all->medium = block->medium;
-    if (block->lamps > 0) memcpy(all->lamp, block->lamp, sizeof all->lamp), all->lamps = block->lamps;
 }

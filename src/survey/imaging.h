@@ -97,12 +97,7 @@ OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *sc
                                            int view, oxl_image *image);
 /* Gives the known views this mean. */
 OXL_INTERNAL void imaging_centre(struct imaging *m, const double mean[3]);
-/* Returns 1 if images are not the scene's colours. */
-OXL_INTERNAL int imaging_is_needed(const struct imaging *m);
 /* Returns 1 for a medium, or light that falls off with range: viewers need a separate model. */
 OXL_INTERNAL int imaging_alters_colours(const struct imaging *m);
-/* Adds a block's gains to the mean over blocks, and copies its lamp and medium; count (views): blocks added
- * so far. */
-OXL_INTERNAL void imaging_merge(struct imaging *all, int *count, const struct imaging *block);
 
 #endif

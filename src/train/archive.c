@@ -84,7 +84,7 @@ OXL_INTERNAL void archive_numbers(struct archive *a, void *data, size_t count, s
 
 /* ---------------- what modules call */
 
-OXL_INTERNAL void archive_u64(struct archive *a, uint64_t *value)
+static void archive_u64(struct archive *a, uint64_t *value)
 {
     archive_numbers(a, value, 1, sizeof *value);
 }

@@ -98,23 +98,6 @@ OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, s
     return density_clear(ctx, d, count);
 }
 
-OXL_INTERNAL oxl_result density_copy(oxl_context *ctx, const struct density *from, size_t count,
-                                     struct density **out)
-{
-    oxl_result rc = density_create(ctx, out);
-    if (rc != OXL_OK) return rc;
-    (*out)->banded = from->banded;
-    (*out)->z_near = from->z_near;
-    (*out)->z_far = from->z_far;
-    rc = density_reserve(ctx, *out, count);
-    if (rc != OXL_OK) return rc;
-    memcpy((*out)->gradient, from->gradient, count * sizeof *from->gradient);
-    memcpy((*out)->views, from->views, count * sizeof *from->views);
-    if (from->banded) memcpy((*out)->gradient_mid, from->gradient_mid, count * sizeof *from->gradient_mid);
-    if (from->banded) memcpy((*out)->gradient_far, from->gradient_far, count * sizeof *from->gradient_far);
-    return OXL_OK;
-}
-
 OXL_INTERNAL void density_keep_rows(struct density *d, const uint8_t *keep, size_t count)
 {
     float *const sums[] = {d->gradient, d->views, d->gradient_mid, d->gradient_far};

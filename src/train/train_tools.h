@@ -43,7 +43,6 @@ OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);
 OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size);
 
 /* For what surrounds a state in a file (large/checkpoint.c). */
-OXL_INTERNAL void archive_u64(struct archive *a, uint64_t *value);
 OXL_INTERNAL void archive_numbers(struct archive *a, void *data, size_t count, size_t size);
 OXL_INTERNAL void archive_fail(struct archive *a, oxl_result rc, const char *what);
 #define ARCHIVE_SEED UINT64_C(0xCBF29CE484222325) /* Fowler, Noll & Vo: FNV-1a, 64 bits */
@@ -96,8 +95,6 @@ struct density_change {
     size_t removed, split;
 };
 OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out);
-OXL_INTERNAL oxl_result density_copy(oxl_context *ctx, const struct density *from, size_t count,
-                                     struct density **out);
 OXL_INTERNAL void density_free(oxl_context *ctx, struct density *d);
 OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_t count);
 OXL_INTERNAL oxl_result density_observe(oxl_context *ctx, struct density *d, struct renderer *r,
