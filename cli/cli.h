@@ -119,7 +119,7 @@ struct ground {
     const struct frame *frame;
     double corner[2]; /* of the top-left pixel, outer: along right and up from the frame's centre, units */
     double pixel;     /* units */
-    double far;       /* units: views do not count that are farther away */
+    double usual;     /* units: distance of the ground from the cameras, HUGE_VAL: not known */
     int width, height;
     const float *level;   /* (height,width) above the frame's centre, units; NaN: no ground */
     unsigned short *seen; /* (height,width) number of training views */
@@ -130,6 +130,10 @@ struct ground {
 double ground_see(const oxl_camera *c, const double p[3], double at[2]);
 /* Returns the place at x, y px of the map, in the scene's coordinates. */
 void ground_place(const struct ground *g, double x, double y, double height, double out[3]);
+/* Sets the median distance of what the training views show of the model, in units, and what a pixel of theirs
+ * is of it; 0: they show nothing. */
+oxl_result ground_measure_distance(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
+                                   double *distance, double *pixel);
 /* Sets `seen`: the training views with the place in their image, not too far, and nothing of the model before
  * it; model NULL: whatever is before it. */
 oxl_result ground_count_views(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,

@@ -1,12 +1,14 @@
 /* ground.c - which places of a map the training views saw.
  *
- * A view sees a place that lies in its image, no farther than `far`, with nothing before it: the depth that
- * the model has there in that view is at least the place's, less GROUND_TOLERANCE of it. Depths are rendered
- * at a side of GROUND_SIDE px at most. Where the model has no depth, or no clear one, nothing is known to be
- * before the place, and it counts as seen. So walls hide what is behind them, low ridges nothing.
+ * A view sees a place that lies in its image, no farther than GROUND_FAR times the usual distance, with
+ * nothing before it: the depth that the model has there in that view is at least the place's, less
+ * GROUND_TOLERANCE of it. Depths are rendered at a side of GROUND_SIDE px at most. Where the model has no
+ * depth, or no clear one, nothing is known to be before the place, and it counts as seen. So walls hide what
+ * is behind them, low ridges nothing.
  *
  * A view confirms a place that it sees where its own depth, clear or not, is that of the place to within
- * GROUND_TOLERANCE: what images see past, or through, is no surface of theirs, and its height is a guess.
+ * GROUND_AGREES: what images see past, or through, is no surface of theirs, and its height is a guess. Where
+ * the view has no detail, it confirms nothing: the depth of haze and of even ground is whatever fits its colour.
  * docs/log/HEIGHTS.md has what this changes.
  */
 #include "cli.h"
@@ -15,11 +17,19 @@
 #include <stdlib.h>
 
 #define GROUND_TOLERANCE 0.05 /* of the depth: a place on a slope is not at the middle of its pixel */
-enum { GROUND_SIDE = 320 /* px */ };
+#define GROUND_AGREES 0.04    /* likewise; of the ground's usual distance where that is less */
+#define GROUND_FAR 2.0 /* times the ground's usual distance: the horizon of oblique views is not mapped */
+#define GROUND_CONTRAST 0.005 /* of the mean grey: least rms of detail; 0.0025 to 0.01: no difference */
+enum {
+    GROUND_SIDE = 320,         /* px */
+    GROUND_REACH = 4,          /* px: detail is what differs from the mean so far around it */
+    GROUND_DISTANCE_SIDE = 64, /* px */
+    GROUND_DISTANCE_VIEWS = 50 /* that the ground's distance is measured in */
+};
 
-static oxl_camera ground_camera(const oxl_camera *full)
+static oxl_camera ground_camera(const oxl_camera *full, int side)
 {
-    const double by = fmin(1, (double)GROUND_SIDE / fmax(full->width, full->height));
+    const double by = fmin(1, (double)side / fmax(full->width, full->height));
     oxl_camera c = *full;
     c.width = (int)fmax(1, floor(full->width * by)), c.height = (int)fmax(1, floor(full->height * by));
     c.fx *= by, c.fy *= by, c.cx *= by, c.cy *= by;
@@ -56,24 +66,62 @@ static void ground_window(const struct ground *g, const oxl_camera *c, const dou
     }
 }
 
-/* Adds a view; depth: of the camera's image, NULL: nothing lies before a place. */
-static void ground_add(const struct ground *g, const oxl_camera *c, const float *depth, const int first[2],
-                       const int last[2])
+struct ground_buffers { /* (height,width) of a view, GROUND_SIDE x GROUND_SIDE at most */
+    float depth[GROUND_SIDE * GROUND_SIDE], distance[GROUND_SIDE * GROUND_SIDE];
+    float grey[GROUND_SIDE * GROUND_SIDE], turned[GROUND_SIDE * GROUND_SIDE], mean[GROUND_SIDE * GROUND_SIDE];
+};
+
+/* Sets out to the means of the rows of `from` over GROUND_REACH to both sides, turned: out (width,height). */
+static void ground_mean_rows(const float *from, int width, int height, float *out)
+{
+    for (int y = 0; y < height; y++)
+        for (int x = 0; x < width; x++) {
+            const int first = x > GROUND_REACH ? x - GROUND_REACH : 0,
+                      last = x + GROUND_REACH < width ? x + GROUND_REACH : width - 1;
+            float sum = 0;
+            for (int i = first; i <= last; i++) sum += from[(size_t)y * (size_t)width + (size_t)i];
+            out[(size_t)x * (size_t)height + (size_t)y] = sum / (float)(last - first + 1);
+        }
+}
+
+/* Sets a view's buffers but depth: distance is |depth| where the image has detail, else 0. */
+static void ground_find_detail(const oxl_image *image, struct ground_buffers *b)
+{
+    const int width = image->width, height = image->height;
+    const size_t pixels = (size_t)width * (size_t)height;
+    float *grey = b->grey, *turned = b->turned, *mean = b->mean;
+    for (size_t i = 0; i < pixels; i++)
+        grey[i] = (image->rgb[i] + image->rgb[pixels + i] + image->rgb[2 * pixels + i]) / 3;
+    ground_mean_rows(grey, width, height, turned);
+    ground_mean_rows(turned, height, width, mean);
+    for (size_t i = 0; i < pixels; i++) grey[i] = (grey[i] - mean[i]) * (grey[i] - mean[i]);
+    ground_mean_rows(grey, width, height, turned);
+    ground_mean_rows(turned, height, width, grey);
+    for (size_t i = 0; i < pixels; i++)
+        b->distance[i] = sqrt((double)grey[i]) > GROUND_CONTRAST * (double)mean[i] ? fabsf(b->depth[i]) : 0;
+}
+
+/* Adds a view; NULL: nothing lies before a place. */
+static void ground_add(const struct ground *g, const oxl_camera *c, const struct ground_buffers *buffers,
+                       const int first[2], const int last[2])
 {
     for (int y = first[1]; y < last[1]; y++)
         for (int x = first[0]; x < last[0]; x++) {
             const size_t to = (size_t)y * (size_t)g->width + (size_t)x;
             double place[3], at[2], z;
-            float own = 0; /* the view's depth at the place */
+            float own = 0, distance = 0; /* the view's at the place */
             if (isnan(g->level[to])) continue;
             ground_place(g, x + 0.5, y + 0.5, (double)g->level[to], place);
             z = ground_see(c, place, at);
             if (!(z > 0 && at[0] >= 0 && at[0] < c->width && at[1] >= 0 && at[1] < c->height)) continue;
-            if (depth) own = depth[(size_t)at[1] * (size_t)c->width + (size_t)at[0]];
+            if (buffers) {
+                const size_t pixel = (size_t)at[1] * (size_t)c->width + (size_t)at[0];
+                own = buffers->depth[pixel], distance = buffers->distance[pixel];
+            }
             if (own > 0 && (double)own < (1 - GROUND_TOLERANCE) * z) continue;
-            if (z > g->far) continue;
+            if (z > GROUND_FAR * g->usual) continue;
             g->seen[to] += g->seen[to] < UINT16_MAX;
-            if (g->confirmed && (!depth || fabs(fabs((double)own) - z) <= GROUND_TOLERANCE * z))
+            if (g->confirmed && (!buffers || fabs((double)distance - z) <= GROUND_AGREES * fmin(z, g->usual)))
                 g->confirmed[to] += g->confirmed[to] < UINT16_MAX;
         }
 }
@@ -102,10 +150,10 @@ oxl_result ground_count_views(oxl_context *ctx, const oxl_large_model *model, co
                               const struct ground *g)
 {
     const size_t pixels = (size_t)g->width * (size_t)g->height;
-    float *depth = model ? malloc(sizeof *depth * GROUND_SIDE * GROUND_SIDE) : NULL;
+    struct ground_buffers *b = model ? malloc(sizeof *b) : NULL;
     oxl_render_options render = oxl_render_options_default();
     double height[2] = {HUGE_VAL, -HUGE_VAL};
-    oxl_result rc = model && !depth ? oxl_fail(ctx, OXL_ERR_MEMORY, "ortho: no memory") : OXL_OK;
+    oxl_result rc = model && !b ? oxl_fail(ctx, OXL_ERR_MEMORY, "ortho: no memory") : OXL_OK;
     render.near_plane = (float)oxl_scene_near_plane(scene);
     for (size_t i = 0; i < pixels; i++) {
         g->seen[i] = 0;
@@ -115,16 +163,67 @@ oxl_result ground_count_views(oxl_context *ctx, const oxl_large_model *model, co
     }
     for (int v = 0; v < oxl_scene_view_count(scene) && rc == OXL_OK; v++) {
         const oxl_view *view = oxl_scene_view(scene, v);
-        const oxl_camera c = ground_camera(&view->camera);
+        const oxl_camera c = ground_camera(&view->camera, GROUND_SIDE);
         oxl_image image = {0};
         int first[2], last[2];
         if (view->is_test) continue;
         ground_window(g, &c, height, first, last);
         if (first[0] >= last[0] || first[1] >= last[1]) continue;
-        if (depth) rc = oxl_large_render(ctx, model, &c, &render, &image, depth);
-        if (rc == OXL_OK) ground_add(g, &c, depth, first, last);
+        if (b) rc = oxl_large_render(ctx, model, &c, &render, &image, b->depth);
+        if (rc == OXL_OK && b) ground_find_detail(&image, b);
+        if (rc == OXL_OK) ground_add(g, &c, b, first, last);
         oxl_image_free(ctx, &image);
     }
-    free(depth);
+    free(b);
+    return rc;
+}
+
+static int ground_compare(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* The median of the depths that are not 0; changes depth. */
+static double ground_median(float *depth, size_t count)
+{
+    double z[GROUND_DISTANCE_SIDE * GROUND_DISTANCE_SIDE];
+    size_t n = 0;
+    for (size_t i = 0; i < count; i++)
+        if (fabsf(depth[i]) > 0) z[n++] = fabs((double)depth[i]);
+    qsort(z, n, sizeof *z, ground_compare);
+    return n ? z[n / 2] : 0;
+}
+
+oxl_result ground_measure_distance(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
+                                   double *distance, double *pixel)
+{
+    const int count = oxl_scene_view_count(scene), step = 1 + count / GROUND_DISTANCE_VIEWS;
+    double all[2][GROUND_DISTANCE_VIEWS + 1];
+    size_t n = 0;
+    int training = 0;
+    oxl_result rc = OXL_OK;
+    *distance = *pixel = 0;
+    for (int v = 0; v < count && rc == OXL_OK; v++) {
+        const oxl_view *view = oxl_scene_view(scene, v);
+        const oxl_camera c = ground_camera(&view->camera, GROUND_DISTANCE_SIDE);
+        float depth[GROUND_DISTANCE_SIDE * GROUND_DISTANCE_SIDE];
+        oxl_render_options render = oxl_render_options_default();
+        oxl_image image = {0};
+        double z;
+        if (view->is_test || training++ % step != 0) continue;
+        render.near_plane = (float)oxl_scene_near_plane(scene);
+        rc = oxl_large_render(ctx, model, &c, &render, &image, depth);
+        oxl_image_free(ctx, &image);
+        if (rc != OXL_OK) break;
+        z = ground_median(depth, (size_t)c.width * (size_t)c.height);
+        if (z > 0) all[0][n] = z, all[1][n++] = z / view->camera.fx;
+    }
+    if (n > 0) {
+        qsort(all[0], n, sizeof **all, ground_compare);
+        qsort(all[1], n, sizeof **all, ground_compare);
+        *distance = all[0][n / 2];
+        *pixel = all[1][n / 2];
+    }
     return rc;
 }

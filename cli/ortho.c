@@ -22,10 +22,8 @@
 enum {
     ORTHO_PATCH = 1024,     /* px: side of a patch */
     ORTHO_SIDE_MAX = 32768, /* px */
-    ORTHO_SAMPLE = 500,     /* points that a view's ground is measured by */
     ORTHO_CHECKED = 100000  /* points that the heights are compared with */
 };
-#define ORTHO_FAR 2.0 /* times the ground's usual distance: the horizon of oblique views is not mapped */
 #define ORTHO_RIM 0.1 /* of an image's sides: a Gaussian whose centre is this near beside it may show in it */
 
 struct ortho {
@@ -66,47 +64,19 @@ static int ortho_compare(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* The median distance of the ground from a view, by a sample of the points in its image; 0: none. */
-static double ortho_distance(const oxl_scene *scene, const oxl_camera *c)
-{
-    const size_t count = oxl_scene_point_count(scene), stride = 1 + count / (20 * ORTHO_SAMPLE);
-    double z[ORTHO_SAMPLE], at[2];
-    int n = 0;
-    for (size_t i = 0; i < count && n < ORTHO_SAMPLE; i += stride) {
-        const double *p = oxl_scene_points(scene)[i].position;
-        if (ortho_is_seen(c, p, 0)) z[n++] = ground_see(c, p, at);
-    }
-    qsort(z, (size_t)n, sizeof *z, ortho_compare);
-    return n ? z[n / 2] : 0;
-}
-
-/* Sets the training views, their height and the ground's distance; *pixel: the median ground sampling
- * distance. 0: no memory. */
-static int ortho_measure(struct ortho *o, double *pixel)
+/* Sets the training views and their height. 0: no memory. */
+static int ortho_list_views(struct ortho *o)
 {
     const int all = oxl_scene_view_count(o->scene);
-    double *distance = malloc(2 * sizeof *distance * ((size_t)all + 1));
-    int n = 0;
     o->order = malloc(sizeof *o->order * ((size_t)all + 1));
     o->top = -HUGE_VAL;
-    for (int i = 0; distance && o->order && i < all; i++) {
-        const oxl_view *view = oxl_scene_view(o->scene, i);
-        double eye[3], z;
-        frame_eye(view, eye);
+    for (int i = 0; o->order && i < all; i++) {
+        double eye[3];
+        frame_eye(oxl_scene_view(o->scene, i), eye);
         o->top = fmax(o->top, frame_along(&o->frame, eye, 2));
-        if (view->is_test) continue;
-        o->order[o->views++] = i;
-        z = ortho_distance(o->scene, &view->camera);
-        if (z > 0) distance[n] = z, distance[all + n++] = z / view->camera.fx;
+        if (!oxl_scene_view(o->scene, i)->is_test) o->order[o->views++] = i;
     }
-    if (distance) {
-        qsort(distance, (size_t)n, sizeof *distance, ortho_compare);
-        qsort(distance + all, (size_t)n, sizeof *distance, ortho_compare);
-        o->ground = n ? distance[n / 2] : 0;
-        *pixel = n ? distance[all + n / 2] : 0;
-    }
-    free(distance);
-    return distance && o->order;
+    return o->order != NULL;
 }
 
 /* Makes Gaussians invisible whose centres lie in no training view's image, nor near it. Returns their number. */
@@ -150,7 +120,7 @@ static struct ground ortho_ground(const struct ortho *o, float *level, unsigned 
     return (struct ground){&o->frame,
                            {o->corner[0], o->corner[1]},
                            o->pixel,
-                           ORTHO_FAR * (o->ground > 0 ? o->ground : HUGE_VAL),
+                           o->ground > 0 ? o->ground : HUGE_VAL,
                            o->width,
                            o->height,
                            level,
@@ -406,8 +376,9 @@ static void ortho_say(const struct ortho *o, const struct arguments *a, size_t h
 
 /* ---------------- */
 
-static oxl_result ortho_open(struct ortho *o, const struct arguments *a)
+static oxl_result ortho_open(struct ortho *o, const oxl_large_model *model, const struct arguments *a)
 {
+    oxl_result rc;
     double side;
     if (strlen(a->out) > 4000)
         return oxl_fail(o->ctx, OXL_ERR_USAGE,
@@ -431,8 +402,10 @@ static oxl_result ortho_open(struct ortho *o, const struct arguments *a)
                         "ortho: --epsg names the system of the world's coordinates, but the map is along the "
                         "survey's own axes\nfix: --frame world if the survey is georeferenced, else "
                         "georeference it first (docs/TUTORIAL.md, 5)");
-    if (!frame_bounds(&o->frame, o->scene, 0, o->low, o->high) || !ortho_measure(o, &o->sampling))
+    if (!frame_bounds(&o->frame, o->scene, 0, o->low, o->high) || !ortho_list_views(o))
         return oxl_fail(o->ctx, OXL_ERR_MEMORY, "ortho: no memory");
+    rc = ground_measure_distance(o->ctx, model, o->scene, &o->ground, &o->sampling);
+    if (rc != OXL_OK) return rc;
     side = fmax(o->high[0] - o->low[0], o->high[1] - o->low[1]);
     if (!(side > 0))
         return oxl_fail(o->ctx, OXL_ERR_INPUT,
@@ -454,7 +427,7 @@ oxl_result ortho_write(oxl_context *ctx, oxl_large_model *model, const oxl_scene
     size_t hidden = 0;
     oxl_result rc = oxl_make_folder(ctx, a->out);
     o.pixel = a->pixel / o.unit;
-    if (rc == OXL_OK) rc = ortho_open(&o, a);
+    if (rc == OXL_OK) rc = ortho_open(&o, model, a);
     if (rc == OXL_OK) {
         hidden = ortho_hide_unseen(&o, model);
         rc = ortho_draw(&o, model, a->min_views);
@@ -478,7 +451,7 @@ oxl_result ortho_overview(oxl_context *ctx, oxl_large_model *model, const oxl_sc
     struct ortho o = {.ctx = ctx, .scene = scene, .unit = 1, .fit = side};
     size_t compared;
     double none;
-    oxl_result rc = ortho_open(&o, &a);
+    oxl_result rc = ortho_open(&o, model, &a);
     memset(out, 0, sizeof *out);
     if (rc == OXL_OK) {
         ortho_hide_unseen(&o, model);
