@@ -208,6 +208,12 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_large_mo
     }
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &options, scene);
     if (rc == OXL_OK) rc = oxl_scene_read_imaging(ctx, *scene, file);
+    if (rc == OXL_OK && !a->clear && !a->ortho && !a->flight && info_takes_medium(file))
+        print_format(stderr,
+                     "oxl: %s is seen through the medium of imaging.txt beside it, as scene_clear.ply is\n"
+                     "     fix: if it is a copy of scene.ply, which has the medium in its colours, call it "
+                     "scene.ply, or put it elsewhere\n",
+                     file);
     /* a block's or another program's has its own */
     if (rc == OXL_OK) oxl_large_move_origin(large, oxl_scene_origin(*scene));
     if (rc == OXL_OK) rc = oxl_model_check_overlap(ctx, large, *scene, a->path[0]);

@@ -28,6 +28,8 @@ oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
 /* Copies imaging.txt from beside one model to beside another, unless one is there; of a model for viewers,
  * the gains alone. */
 oxl_result info_copy_imaging(oxl_context *ctx, const char *from, const char *to, int *copied);
+/* Returns 1 for a model whose name does not say whether it has learned the medium of the imaging.txt beside it. */
+int info_takes_medium(const char *model);
 /* Refuses a place where a medium would be applied twice, or not at all; *is_other: gains and lamp there differ. */
 oxl_result info_check_imaging(oxl_context *ctx, const char *from, const char *to, int *is_other);
 void info_print_blocks(FILE *to, const oxl_partition_report *report);

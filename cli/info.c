@@ -157,6 +157,17 @@ static int info_is_same_imaging(const char *from, const char *to, int medium, st
     return a->failed || b->failed || (a->used == b->used && (!a->used || !memcmp(a->data, b->data, a->used)));
 }
 
+int info_takes_medium(const char *model)
+{
+    const char *base = strrchr(model, '/');
+    struct output lines = {0};
+    const int is_clear = strncmp(base ? base + 1 : model, "scene_clear.", 12) == 0;
+    const int takes =
+        !is_clear && !info_is_for_viewers(model) && info_take_lines(&lines, model, 1) && lines.used;
+    free(lines.data);
+    return takes;
+}
+
 oxl_result info_check_imaging(oxl_context *ctx, const char *from, const char *to, int *is_other)
 {
     struct output medium[2] = {{0}, {0}}, rest[2] = {{0}, {0}};

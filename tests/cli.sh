@@ -299,6 +299,10 @@ promise convert_of_a_model_for_viewers_copies_lamp_and_no_medium 0 "" sh -c \
     "mkdir -p shown clear && '$program' convert lit/scene.ply shown/a.ply >/dev/null && '$program' convert lit/scene_clear.ply clear/a.ply >/dev/null &&
      ! grep -q '^[bBf]' shown/imaging.txt && grep -q '^lamp' shown/imaging.txt && grep -q '^Binf' clear/imaging.txt"
 promise convert_refuses_a_place_where_the_medium_is_applied_twice 2 "fix: another folder" on_stderr "$program" convert lit/scene.ply lit/other.ply
+cp lit/scene.ply lit/copy.ply
+promise a_copy_of_scene_ply_under_another_name_is_warned_of_the_medium 0 "if it is a copy of scene.ply" on_stderr "$program" eval lit/copy.ply survey
+promise scene_clear_and_scene_ply_are_not_warned_of_it 0 "" sh -c \
+    "for m in lit lit/scene.ply lit/scene_clear.ply; do '$program' eval \$m survey 2>&1 >/dev/null | grep 'a copy of scene.ply' && exit 1; done; exit 0"
 promise convert_refuses_a_name_that_loses_the_medium 2 "fix: another name" on_stderr "$program" convert lit/scene_clear.ply lost/scene.ply
 promise convert_keeps_what_the_model_is_rendered_with 0 "" sh -c \
     "test ! -e lit/other.ply && mkdir -p fit && '$program' convert lit/scene.ply lit/scene.spz && '$program' convert lit/scene_clear.ply lit/more.ply && '$program' convert lit/scene_clear.ply fit/more.ply &&
