@@ -16,7 +16,7 @@ static const char *const PAGE_STYLE[] = {
     "*{box-sizing:border-box}html{-webkit-text-size-adjust:100%}body{margin:0;background:var(--paper);color:var(--ink);"
     "font:16px/1.55 system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif}",
     "main{max-width:64rem;margin:0 auto;padding:1.2rem 1rem 3rem}h1{font-size:1.7rem;line-height:1.2;margin:.4rem 0 .2rem;"
-    "overflow-wrap:anywhere}h2{font-size:1.2rem;margin:0 0 .7rem}h3{font-size:1rem;margin:1.2rem 0 .4rem}p{margin:.4rem 0 .8rem;max-width:44rem}",
+    "overflow-wrap:anywhere}h2{font-size:1.2rem;margin:0 0 .7rem}h3{font-size:1rem;margin:1.2rem 0 .4rem}p{margin:.4rem 0 .8rem;max-width:44rem;overflow-wrap:anywhere}",
     "section{background:var(--card);border:1px solid var(--line);border-radius:.8rem;padding:1rem 1.1rem 1.1rem;margin:1rem 0}"
     ".pale,small,figcaption{color:var(--pale)}small,figcaption{font-size:.85rem}",
     ".mark{display:inline-block;border-radius:1rem;padding:.05rem .7rem;font-size:.85rem;font-weight:600;border:1.5px solid}"
@@ -34,7 +34,8 @@ static const char *const PAGE_STYLE[] = {
     "grid-template-columns:repeat(auto-fit,minmax(min(19rem,100%),1fr))}.charts figure{margin:0}",
     ".three{display:grid;grid-template-columns:repeat(auto-fit,minmax(9.5rem,1fr));gap:.5rem}.three figure{margin:0}"
     ".three img{width:100%;border-radius:.4rem}@media(max-width:34rem){.three{grid-template-columns:1fr 1fr}"
-    ".three figure:last-child{grid-column:1/-1}}",
+    ".three figure:last-child:nth-child(odd){grid-column:1/-1}section{padding:.9rem .8rem}th,td{font-size:.85rem;padding-right:.3rem}"
+    "td.name{min-width:7rem}}",
     "pre{background:var(--paper);border:1px solid var(--line);border-radius:.5rem;"
     "padding:.7rem .8rem;overflow-x:auto;font:.85rem/1.5 ui-monospace,Menlo,Consolas,monospace;white-space:pre-wrap;overflow-wrap:anywhere}",
     "ul{padding-left:1.2rem;margin:.3rem 0}li{overflow-wrap:anywhere}summary{cursor:pointer;color:var(--sea);font-weight:600;"
