@@ -3,8 +3,9 @@ const fs = require('fs'), path = require('path'), vm = require('vm');
 const page = fs.readFileSync(path.join(__dirname, '../examples/viewer/index.html'), 'utf8');
 const from = page.indexOf('const PLY_TYPES'), to = page.indexOf('const sigmoid');
 const sort = page.slice(page.indexOf('function sortByDepth'), page.indexOf('// ---', page.indexOf('function sortByDepth')));
-const context = vm.createContext({TextDecoder, Uint8Array, Float32Array, Uint32Array, DataView, Number, Math, Error});
-vm.runInContext(page.slice(from, to) + sort, context);
+const context = vm.createContext({Blob, Response, DecompressionStream, TextDecoder, Uint8Array, Float32Array, Uint32Array, DataView, Number, Math, Error});
+const spz = page.slice(page.indexOf('async function modelFromSpz'), page.indexOf('function spzRows'));
+vm.runInContext(page.slice(from, to) + sort + spz, context);
 let failed = 0;
 function check(name, is) { console.log((is ? 'ok   ' : 'FAIL ') + name); failed += !is; }
 function refuses(text, words) {
@@ -22,4 +23,8 @@ const z = [3, 1, 2, -1, 1e30, Infinity, 1.0001, 0.5], means = new Float32Array(z
 const order = [...context.sortByDepth(means, [0, 0, 1, 0], 0.1)].map(i => z[i]);
 check('the farthest is first, whatever lies far away', JSON.stringify(order) === JSON.stringify([Infinity, 1e30, 3, 2, 1.0001, 1, 0.5]) ||
       order.join() === [Infinity, 1e30, 3, 2, 1.0001, 1, 0.5].join());
-process.exit(failed ? 1 : 0);
+const cut = require('zlib').gzipSync(Buffer.alloc(5000, 'a few bytes')).subarray(0, 40);
+context.modelFromSpz(cut.buffer.slice(cut.byteOffset, cut.byteOffset + 40)).then(() => '', e => e.message).then(message => {
+    check('an SPZ that is cut is said to be', message.includes('ends too early'));
+    process.exit(failed ? 1 : 0);
+});
