@@ -756,7 +756,7 @@ TEST(a_finished_result_stays_when_its_survey_has_another_name)
         oxl_manifest_free(test_ctx, &run);
         if (i == 0) CHECK(os_rename(test_path("survey"), test_path("moved")) == 0);
     }
-    o.train.sh_degree = 0; /* other options: not without --restart */
+    o.train.ssim_weight = 0.1f; /* other options: not without --restart */
     CHECK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &o, NULL) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(test_ctx), "holds the finished result of a run with other options");
     CHECK(os_modified(test_path("out/scene.ply")) == before);
