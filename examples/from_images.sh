@@ -84,10 +84,11 @@ matcher=${MATCHER:-$([ "$count" -le 80 ] && echo exhaustive || echo sequential)}
 has() { colmap "$1" -h 2>&1 | grep -q -e "$2"; }
 if ! ls "$survey"/sparse/*/points3D.bin >/dev/null 2>&1; then
     case $matcher in
-    exhaustive) pairs=$((count * (count - 1) / 2)) ;;
+    exhaustive) pairs=$((count * count)) ;;
     vocab_tree) pairs=$((count * 100)) ;;
     *) pairs=$((count * 10)) ;;
     esac
+    [ "$pairs" -le $((count * (count - 1) / 2)) ] || pairs=$((count * (count - 1) / 2))
     say "$count photos, lens model ${CAMERA:-OPENCV}, $matcher matching: $pairs pairs, at about 1 s a pair and core up to $((pairs / cores / 60 + 1)) min"
     [ "$matcher" != sequential ] || [ "${MATCHER:-}" ] || say 'sequential matching takes photos in the order of their names; MATCHER=exhaustive compares all'
     extraction=SiftExtraction matching=SiftMatching
