@@ -238,6 +238,16 @@ static void wait_passively(char **argv)
 #endif
 }
 
+/* Makes the end of a command that printed in vain a failure. */
+static oxl_result console_flush(struct console *console, oxl_result rc)
+{
+    if ((fflush(stdout) == 0 && !ferror(stdout)) || rc != OXL_OK) return rc;
+    console_log(
+        console, OXL_LOG_ERROR,
+        "standard output could not be written\nfix: look at the disk or the program that it leads to");
+    return OXL_ERR_IO;
+}
+
 int console_main(int argc, char **argv, const struct program *program)
 {
     struct arguments a;
@@ -255,7 +265,8 @@ int console_main(int argc, char **argv, const struct program *program)
     if (a.manual) help_manual(stdout);
     if (a.page) help_page(stdout);
     if (a.completion) complete_print(stdout);
-    if (a.help || a.version || a.manual || a.page || a.completion) return EXIT_DONE;
+    if (a.help || a.version || a.manual || a.page || a.completion)
+        return exit_code_of(console_flush(&console, OXL_OK));
     code = program->takes(argv, &a);
     if (code >= 0) return code;
     wait_passively(argv);
@@ -290,11 +301,5 @@ int console_main(int argc, char **argv, const struct program *program)
         console_error("", "interrupted\nfix: the same command again");
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) rc = console_fail(&console, rc, oxl_error_text(ctx));
     oxl_context_free(ctx);
-    if ((fflush(stdout) != 0 || ferror(stdout)) && rc == OXL_OK) {
-        console_log(
-            &console, OXL_LOG_ERROR,
-            "standard output could not be written\nfix: look at the disk or the program that it leads to");
-        rc = OXL_ERR_IO;
-    }
-    return exit_code_of(rc);
+    return exit_code_of(console_flush(&console, rc));
 }

@@ -113,6 +113,9 @@ full_disk() { # the model fits below the limit of a file's size, imaging.txt doe
 promise help_starts_with_the_purpose 0 "from a COLMAP model" on_stdout "$program" --help
 promise help_of_a_command_shows_one_to_copy 0 "oceanxl train survey -o out" on_stdout "$program" train --help
 promise version_is_printed 0 "oceanxl $(sed -n 's/^#define OXL_VERSION "\(.*\)"$/\1/p' "$docs/../oceanxl.h")" on_stdout "$program" --version
+if [ -c /dev/full ]; then
+    promise a_page_that_is_printed_to_a_full_disk_is_an_error 1 "standard output could not be written" on_stderr sh -c "'$program' --man >/dev/full"
+fi
 promise man_is_the_page_in_docs 0 "" sh -c "'$program' --man | cmp - '$docs/oceanxl.1' || { echo 'fix: make man'; false; }"
 promise options_page_is_the_one_in_docs 0 "" sh -c "'$program' --options-page | cmp - '$docs/OPTIONS.md' || { echo 'fix: make man'; false; }"
 promise options_page_is_short 0 "" sh -c "test \$('$program' --options-page | wc -w) -le 2500"

@@ -379,6 +379,7 @@ static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_r
         b->nonfinite = (oxl_nonfinite){0};
         rc = block_refine(b, scene, model, &done);
         record->seconds += block_round(b->last.seconds, 1e3);
+        b->nonfinite.images -= OXL_MIN(b->nonfinite.images, record->nonfinite.images); /* the same ones */
         nonfinite_add(&record->nonfinite, &b->nonfinite);
     }
     if (rc != OXL_OK || !done) return rc;
