@@ -160,7 +160,7 @@ OXL_INTERNAL oxl_result job_read_record(struct job *job, const char *folder, str
                 folder, out->nonfinite.images);
     if (rc != OXL_OK || (whole && !out->damaged)) return rc;
     oxl_log(job->ctx, OXL_LOG_WARNING, "%s: %s is damaged; what it belongs to is trained again", folder,
-            out->damaged ? "block.json" : "model.ply or imaging.txt");
+            out->damaged ? "block.json" : "a model or imaging.txt");
     os_remove(PATH(folder, "block.json"));
     *out = (struct block_record){0};
     return OXL_OK;
