@@ -482,7 +482,7 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
     if (rc == OXL_OK && !done) {
         rc = job_plan_decoded(&job);
         if (rc == OXL_OK && job.scene) rc = values_check(ctx, job.scene);
-        if (rc == OXL_OK && job.scene) rc = match_check(ctx, job.scene, &job.survey);
+        if (rc == OXL_OK && job.scene) rc = match_check(ctx, job.scene, 0, &job.survey);
         if (rc == OXL_OK) rc = job.partition.block_count > 1 ? rounds_run(&job) : job_run_single(&job);
         rc = job_finish_if_complete(&job, rc);
     }

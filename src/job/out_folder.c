@@ -1,4 +1,5 @@
-/* out_folder.c - what OUT may not be: a folder that the survey is read from, or one with a model that no run wrote.
+/* out_folder.c - what OUT may not be: a folder that the survey is read from, or one with a model that no run
+ * wrote.
  *
  * Both would lose what cannot be made again: points of transforms.json that are named scene.ply, the block of
  * a partition that is cut anew in its own place, the model of another program.
