@@ -5,6 +5,7 @@
  * a partition that is cut anew in its own place, the model of another program.
  */
 #include "job.h"
+#include "../large/os_job.h"
 
 OXL_INTERNAL oxl_result out_check_inputs(oxl_context *ctx, const char *out, const char *scene,
                                          const oxl_scene_options *o)
