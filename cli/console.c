@@ -198,11 +198,14 @@ static int exit_code_of(oxl_result rc)
     }
 }
 
+enum { RAM_ADVISED = 64 /* MiB; hold any survey that is small, so that one try is enough */ };
+
 /* Prints the error; memory that --ram refused is the budget's, not the machine's. */
 static oxl_result console_fail(struct console *c, oxl_result rc, const char *text)
 {
     static const char smaller[] = "smaller --max-side, --max-gaussians or --image-cache";
     const int has_fix = strstr(text, "fix: ") != NULL, over = rc == OXL_ERR_MEMORY && c->memory.refused;
+    const size_t advised = (c->memory.limit >> 19) + 1; /* MiB: twice as much */
     char said[1400];
     int used = 0;
     if (over) used = snprintf(said, sizeof said, "--ram allows %.3g MB: ", (double)c->memory.limit / 1e6);
@@ -210,7 +213,7 @@ static oxl_result console_fail(struct console *c, oxl_result rc, const char *tex
     if (rc == OXL_ERR_MEMORY && !has_fix && used < (int)sizeof said) {
         if (over)
             snprintf(said + used, sizeof said - (size_t)used, "\nfix: --ram %zuM, or %s",
-                     (c->memory.limit >> 19) + 1, smaller);
+                     advised > RAM_ADVISED ? advised : RAM_ADVISED, smaller);
         else snprintf(said + used, sizeof said - (size_t)used, "\nfix: %s, or a larger --ram", smaller);
     }
     console_log(c, OXL_LOG_ERROR, said);
