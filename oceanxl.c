@@ -188,6 +188,7 @@
 #include "src/job/partition_balance.c" /* balance of the blocks, predicted cost of each */
 #include "src/job/survey_checksum.c"   /* whether the files are those of an earlier run */
 #include "src/job/manifest.c"          /* run.json: all inputs of a result */
+#include "src/job/out_folder.c"        /* folders that a run may not write to */
 #include "src/job/overlap.c"           /* does a model belong to a survey? */
 #include "src/job/start.c"             /* a model in the place of the points, --from and continuing */
 #include "src/job/render_names.c"      /* their names */

@@ -198,11 +198,14 @@ static int exit_code_of(oxl_result rc)
     }
 }
 
+enum { RAM_ADVISED = 64 /* MiB; hold any survey that is small, so that one try is enough */ };
+
 /* Prints the error; memory that --ram refused is the budget's, not the machine's. */
 static oxl_result console_fail(struct console *c, oxl_result rc, const char *text)
 {
     static const char smaller[] = "smaller --max-side, --max-gaussians or --image-cache";
     const int has_fix = strstr(text, "fix: ") != NULL, over = rc == OXL_ERR_MEMORY && c->memory.refused;
+    const size_t advised = (c->memory.limit >> 19) + 1; /* MiB: twice as much */
     char said[1400];
     int used = 0;
     if (over) used = snprintf(said, sizeof said, "--ram allows %.3g MB: ", (double)c->memory.limit / 1e6);
@@ -210,7 +213,7 @@ static oxl_result console_fail(struct console *c, oxl_result rc, const char *tex
     if (rc == OXL_ERR_MEMORY && !has_fix && used < (int)sizeof said) {
         if (over)
             snprintf(said + used, sizeof said - (size_t)used, "\nfix: --ram %zuM, or %s",
-                     (c->memory.limit >> 19) + 1, smaller);
+                     advised > RAM_ADVISED ? advised : RAM_ADVISED, smaller);
         else snprintf(said + used, sizeof said - (size_t)used, "\nfix: %s, or a larger --ram", smaller);
     }
     console_log(c, OXL_LOG_ERROR, said);
@@ -238,6 +241,16 @@ static void wait_passively(char **argv)
 #endif
 }
 
+/* Makes the end of a command that printed in vain a failure. */
+static oxl_result console_flush(struct console *console, oxl_result rc)
+{
+    if ((fflush(stdout) == 0 && !ferror(stdout)) || rc != OXL_OK) return rc;
+    console_log(
+        console, OXL_LOG_ERROR,
+        "standard output could not be written\nfix: look at the disk or the program that it leads to");
+    return OXL_ERR_IO;
+}
+
 int console_main(int argc, char **argv, const struct program *program)
 {
     struct arguments a;
@@ -255,7 +268,8 @@ int console_main(int argc, char **argv, const struct program *program)
     if (a.manual) help_manual(stdout);
     if (a.page) help_page(stdout);
     if (a.completion) complete_print(stdout);
-    if (a.help || a.version || a.manual || a.page || a.completion) return EXIT_DONE;
+    if (a.help || a.version || a.manual || a.page || a.completion)
+        return exit_code_of(console_flush(&console, OXL_OK));
     code = program->takes(argv, &a);
     if (code >= 0) return code;
     wait_passively(argv);
@@ -290,11 +304,5 @@ int console_main(int argc, char **argv, const struct program *program)
         console_error("", "interrupted\nfix: the same command again");
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) rc = console_fail(&console, rc, oxl_error_text(ctx));
     oxl_context_free(ctx);
-    if ((fflush(stdout) != 0 || ferror(stdout)) && rc == OXL_OK) {
-        console_log(
-            &console, OXL_LOG_ERROR,
-            "standard output could not be written\nfix: look at the disk or the program that it leads to");
-        rc = OXL_ERR_IO;
-    }
-    return exit_code_of(rc);
+    return exit_code_of(console_flush(&console, rc));
 }

@@ -176,6 +176,21 @@ TEST(images_of_one_colour_are_named)
                "1 of 10 images do not show what the model has at their points: 05.png (one colour)");
 }
 
+TEST(images_whose_pixel_data_are_damaged_are_named_by_a_check)
+{
+    FILE *file;
+    foreign_survey(1, "1 0 0 0", 0);
+    file = fopen(test_path("survey/images/03.png"), "r+b");
+    CHECK(file && fseek(file, 300, SEEK_SET) == 0 && fputs("another", file) >= 0 && fclose(file) == 0);
+    CHECK(foreign_check() == 0);
+    CHECK_TEXT(foreign_heard, "03.png: the PNG");
+    CHECK_TEXT(foreign_heard, "training would go on without it");
+    test_write("survey/images/03.png", "no image");
+    foreign_heard[0] = 0;
+    CHECK(foreign_check() == 0);
+    CHECK(!strstr(foreign_heard, "training would go on")); /* its header has been warned of */
+}
+
 TEST(images_that_are_cropped_or_distorted_are_said_to_be)
 {
     foreign_survey(1, "1 0 0 0", 0);

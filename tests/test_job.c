@@ -808,6 +808,9 @@ TEST(job_leaves_out_images_that_cannot_be_read_and_counts_them)
     CHECK(job_test_has(test_path("out/metrics.json"), "\"steps_skipped\": 0"));
     CHECK(job_test_has(test_path("out/blocks/000/block.json"), "\"images_left_out\": 3"));
     CHECK(job_test_has(test_path("out/blocks/000/block.json"), "the mask is all black at"));
+    CHECK(remove(test_path("out/run.json")) == 0 && remove(test_path("out/scene.ply")) == 0);
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK(job_test_has(test_path("out/run.json"), "trained without 3 images"));
 }
 
 /* It used to start from every point, and each block had the whole number to itself. */

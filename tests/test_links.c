@@ -142,6 +142,51 @@ TEST(a_file_that_is_a_link_is_replaced_and_its_target_stays)
 }
 
 /* A list from elsewhere names what lies behind a link, above the folder, and what no render wrote. */
+TEST(a_folder_of_the_survey_is_not_taken_for_the_output)
+{
+    static const char *const folders[] = {"survey", "survey/images", "survey/sparse", "survey/sparse/0"};
+    oxl_job_options options = job_test_options();
+    const char *survey = job_test_survey();
+    for (size_t k = 0; k < OXL_COUNT(folders); k++) {
+        char path[64];
+        snprintf(path, sizeof path, "%s/./", folders[k]);
+        CHECK(oxl_job_run(test_ctx, survey, test_path(path), &options, NULL) == OXL_ERR_USAGE);
+        CHECK_TEXT(oxl_error_text(test_ctx), "survey/out");
+        CHECK(oxl_partition(test_ctx, survey, test_path(path), &options, NULL) == OXL_ERR_USAGE);
+    }
+    options.scene.images = test_path("survey/images");
+    CHECK(oxl_job_run(test_ctx, survey, test_path("survey/images"), &options, NULL) == OXL_ERR_USAGE);
+    CHECK(!os_is_file(test_path("survey/.lock")) && !os_is_folder(test_path("survey/images/blocks")));
+    options.scene.images = NULL;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("survey/out"), &options, NULL));
+}
+
+TEST(a_block_of_a_partition_is_not_cut_in_its_own_place)
+{
+    const oxl_job_options options = job_test_options();
+    const char *survey = job_test_survey();
+    CHECK_OK(oxl_partition(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK(oxl_partition(test_ctx, test_path("out/blocks/000"), test_path("out"), &options, NULL) ==
+          OXL_ERR_USAGE);
+    CHECK(oxl_job_run(test_ctx, test_path("out/blocks/000"), test_path("out"), &options, NULL) ==
+          OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "is a block of");
+    CHECK_OK(oxl_job_run(test_ctx, test_path("out/blocks/000"), test_path("out/trained"), &options, NULL));
+}
+
+TEST(a_model_that_no_run_wrote_is_replaced_with_restart_alone)
+{
+    oxl_job_options options = job_test_options();
+    const char *survey = job_test_survey();
+    test_write("out/scene.ply", "of another program");
+    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "no run.json");
+    CHECK(links_holds(test_path("out/scene.ply"), "of another program"));
+    options.restart = 1;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK(!links_holds(test_path("out/scene.ply"), "of another program"));
+}
+
 TEST(a_list_of_renders_is_not_followed_out_of_its_folder)
 {
     test_write("victim/photo.png", "keep");

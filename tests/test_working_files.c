@@ -209,6 +209,25 @@ TEST(a_trained_model_that_was_damaged_before_the_result_is_trained_again)
     CHECK(working_same(test_path("out/scene.ply"), test_path("ref/scene.ply")));
 }
 
+TEST(a_standard_model_that_is_lost_or_damaged_before_the_result_is_made_again)
+{
+    NEEDS_PART(lobes);
+    oxl_job_options options = job_test_options();
+    options.renders = 0;
+    options.train.dog = OXL_DOG_ALL;
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("ref"), &options, NULL));
+    CHECK(os_is_file(test_path("ref/blocks/000/model_standard.ply")));
+    for (int k = 0; k < 2; k++) {
+        CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+        CHECK(remove(test_path("out/run.json")) == 0 && remove(test_path("out/scene.ply")) == 0);
+        if (k) working_damage(test_path("out/blocks/000/model_standard.ply"), 0.9, 0);
+        else CHECK(remove(test_path("out/blocks/000/model_standard.ply")) == 0);
+        CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+        CHECK(working_same(test_path("out/scene.ply"), test_path("ref/scene.ply")));
+        CHECK(working_same(test_path("out/scene_standard.ply"), test_path("ref/scene_standard.ply")));
+    }
+}
+
 TEST(checksum_of_text_is_its_last_line)
 {
     struct text t = {.ctx = test_ctx};

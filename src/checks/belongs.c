@@ -5,7 +5,7 @@
 #include "match.h"
 #include "../survey/survey.h"
 
-OXL_INTERNAL oxl_result match_check(oxl_context *ctx, oxl_scene *scene, oxl_survey *s)
+OXL_INTERNAL oxl_result match_check(oxl_context *ctx, oxl_scene *scene, int damaged, oxl_survey *s)
 {
     const int misfit = s->missed > LINT_MISSED_SURVEY;
     struct match w;
@@ -15,7 +15,7 @@ OXL_INTERNAL oxl_result match_check(oxl_context *ctx, oxl_scene *scene, oxl_surv
     if (!scene_colmap(scene) || scene_colmap(scene)->point_count < MATCH_FEWEST) return OXL_OK;
     rc = match_begin(ctx, scene, &w);
     if (rc == OXL_OK) rc = match_lay_out(&w);
-    if (rc == OXL_OK) rc = match_compare(&w);
+    if (rc == OXL_OK) rc = match_compare(&w, damaged);
     if (rc == OXL_OK && (!w.tracked || misfit)) rc = conventions_check(&w, &found);
     if (rc == OXL_OK && !found && !misfit && w.coloured && match_judged(&w) >= MATCH_ENOUGH)
         rc = match_judge(&w, &s->foreign);

@@ -15,9 +15,11 @@ OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *sce
 OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 /* compares sizes, from the files' headers */
 OXL_INTERNAL oxl_result lint_masks(oxl_context *ctx, const oxl_scene *scene);
+/* Checks the header and segments of an image. */
+OXL_INTERNAL oxl_result lint_image(oxl_context *ctx, const oxl_scene *scene, int view);
 /* match.c. Compares images with the points, and poses where s->missed says so or there are no tracks; logs
- * what does not fit. Sets s->foreign. */
-OXL_INTERNAL oxl_result match_check(oxl_context *ctx, oxl_scene *scene, oxl_survey *s);
+ * what does not fit. Sets s->foreign. damaged: 1: logs images that cannot be decoded, as training does. */
+OXL_INTERNAL oxl_result match_check(oxl_context *ctx, oxl_scene *scene, int damaged, oxl_survey *s);
 /* values.c. 16-bit images of fewer bits, masks without a black pixel. */
 OXL_INTERNAL oxl_result values_check(oxl_context *ctx, oxl_scene *scene);
 /* quality.c. Decodes every image; logs and counts blurred and badly exposed ones. */

@@ -102,8 +102,8 @@ OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *sce
 
 /* ---------------- images and masks */
 
-/* Checks the header and segments of an image, and all of a mask; damaged pixel data are found on decoding. */
-static oxl_result lint_image(oxl_context *ctx, const oxl_scene *scene, int view)
+/* Damaged pixel data are found on decoding. */
+OXL_INTERNAL oxl_result lint_image(oxl_context *ctx, const oxl_scene *scene, int view)
 {
     const char *name = oxl_scene_view(scene, view)->name;
     const char *path = PATH(scene->images, "%s", name);

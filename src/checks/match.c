@@ -315,8 +315,17 @@ static void match_images_ahead(struct match *w, int from)
     scene_images_ahead(w->ctx, w->scene, view, n);
 }
 
+/* Says that the pixel data of an image are damaged; what lint_image finds has been said. */
+static void match_warn_damaged(struct match *w, int view)
+{
+    char *text = oxl_strdup(w->ctx, oxl_error_text(w->ctx));
+    if (text && lint_image(w->ctx, w->scene, view) == OXL_OK && ++w->damaged <= MATCH_NAMED)
+        oxl_log(w->ctx, OXL_LOG_WARNING, "%s; training would go on without it", text);
+    oxl_free(w->ctx, text);
+}
+
 /* Compares each image under each map, and by chance. */
-OXL_INTERNAL oxl_result match_compare(struct match *w)
+OXL_INTERNAL oxl_result match_compare(struct match *w, int damaged)
 {
     for (int k = 0; k < w->count; k++) {
         int has = 0;
@@ -325,6 +334,7 @@ OXL_INTERNAL oxl_result match_compare(struct match *w)
         match_images_ahead(w, k);
         rc = match_take_image(w, w->layout[k].view, &has);
         if (rc != OXL_OK) return rc;
+        if (!has && damaged) match_warn_damaged(w, w->layout[k].view);
         w->judged[k] = (uint8_t)has;
         w->score[k].blank = has && match_is_blank(&w->plane);
         for (int m = 0; has && m < w->maps; m++)
@@ -335,6 +345,8 @@ OXL_INTERNAL oxl_result match_compare(struct match *w)
                                 &w->map[0]) /
                 MATCH_OTHERS;
     }
+    if (w->damaged > MATCH_NAMED)
+        oxl_log(w->ctx, OXL_LOG_WARNING, "... and %d more", w->damaged - MATCH_NAMED);
     return OXL_OK;
 }
 

@@ -55,6 +55,7 @@ struct match {
     uint8_t *judged;             /* (count) */
     double *work;                /* (count + MATCH_SAMPLES) */
     int count, tracked;
+    int damaged;  /* images whose pixels cannot be decoded */
     int coloured; /* 1: colours differ from point to point */
     struct match_plane plane;
     struct match_map map[MATCH_MAPS];
@@ -76,7 +77,7 @@ enum { MATCH_ENOUGH = 3 }; /* images to be judged; with fewer nothing is said */
 /* The steps of match_check (belongs.c). */
 OXL_INTERNAL oxl_result match_begin(oxl_context *ctx, oxl_scene *scene, struct match *w);
 OXL_INTERNAL oxl_result match_lay_out(struct match *w);
-OXL_INTERNAL oxl_result match_compare(struct match *w);
+OXL_INTERNAL oxl_result match_compare(struct match *w, int damaged);
 OXL_INTERNAL int match_judged(const struct match *w);
 OXL_INTERNAL oxl_result match_judge(struct match *w, int *foreign);
 /* conventions.c, for surveys without tracks: *found: 1: poses and points do not fit, which was said. */

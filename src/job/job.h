@@ -43,6 +43,14 @@ OXL_INTERNAL oxl_result manifest_equivalent(oxl_context *ctx, const char *old, c
 /* Returns 1 if the survey is the run's, by another name or moved since. */
 OXL_INTERNAL int manifest_is_of(const struct oxl_manifest *run, const char *scene);
 
+/* ---------------- out_folder.c */
+
+/* OXL_ERR_USAGE: OUT is a folder that the survey is read from, or the survey is one of its blocks. */
+OXL_INTERNAL oxl_result out_check_inputs(oxl_context *ctx, const char *out, const char *scene,
+                                         const oxl_scene_options *o);
+/* OXL_ERR_USAGE: OUT, in which no run is known, holds a model that a run would replace. */
+OXL_INTERNAL oxl_result out_check_model(oxl_context *ctx, const char *out);
+
 /* ---------------- start.c: a model to start from instead of the points */
 
 /* Finds the model and adds its checksum to `found` of run.json. key: "job" and "found" of the same run from

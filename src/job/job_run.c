@@ -204,6 +204,8 @@ static oxl_result job_find_earlier(struct job *job, int *done)
     oxl_result rc = manifest_read(job->ctx, job->out, &run);
     *done = 0;
     if (rc == OXL_OK && run.line && !job->options.restart) rc = job_adopt_names(job, &run);
+    if (rc == OXL_OK && !run.line && !job->options.restart && !job_has_blocks(job))
+        rc = out_check_model(job->ctx, job->out);
     if (rc == OXL_OK) rc = job_find_start(job, &run);
     if (rc != OXL_OK || !run.line) goto leave;
     if (job_is_of_another_run(job, &run) || job->options.restart) rc = job_replace_run(job, &run);
@@ -473,13 +475,14 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
     if (rc != OXL_OK) return rc;
     job_begin(&job, ctx, scene, out, options, callback);
     rc = job_check(&job);
+    if (rc == OXL_OK) rc = out_check_inputs(ctx, out, scene, &job.options.scene);
     if (rc == OXL_OK) rc = job_lock(&job);
     if (rc == OXL_OK) rc = job_prepare_block(&job, &ready);
     if (rc == OXL_OK && !ready) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) {
         rc = job_plan_decoded(&job);
         if (rc == OXL_OK && job.scene) rc = values_check(ctx, job.scene);
-        if (rc == OXL_OK && job.scene) rc = match_check(ctx, job.scene, &job.survey);
+        if (rc == OXL_OK && job.scene) rc = match_check(ctx, job.scene, 0, &job.survey);
         if (rc == OXL_OK) rc = job.partition.block_count > 1 ? rounds_run(&job) : job_run_single(&job);
         rc = job_finish_if_complete(&job, rc);
     }

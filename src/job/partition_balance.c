@@ -136,7 +136,8 @@ oxl_result oxl_partition(oxl_context *ctx, const char *scene_path, const char *o
     struct partition p = {0};
     oxl_partition_report own = {0};
     oxl_lock *lock = NULL;
-    oxl_result rc = balance_check_images(ctx, scene_path, &o.scene);
+    oxl_result rc = out_check_inputs(ctx, out, scene_path, &o.scene);
+    if (rc == OXL_OK) rc = balance_check_images(ctx, scene_path, &o.scene);
     if (report) *report = own;
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, scene_path, &o.scene, &scene);
     if (rc == OXL_OK) rc = oxl_lock_folder(ctx, out, &lock);

@@ -274,7 +274,7 @@ static oxl_result survey_check(oxl_context *ctx, const char *path, const oxl_job
     *out = (oxl_survey){0};
     if (rc == OXL_OK) rc = survey_describe(ctx, scene, &o, 1, out);
     if (rc == OXL_OK) rc = values_check(ctx, scene);
-    if (rc == OXL_OK) rc = match_check(ctx, scene, out);
+    if (rc == OXL_OK) rc = match_check(ctx, scene, 1, out);
     if (rc == OXL_OK && quality) rc = quality_check(ctx, scene, out);
     oxl_scene_free(ctx, scene);
     return rc;

@@ -85,21 +85,33 @@ static uint64_t block_read_sum(const char *json, const char *name)
     return sscanf(text, "%llx", &sum) == 1 ? sum : 0;
 }
 
-/* Sums a file of the folder; 0: it is not there. */
-static oxl_result block_sum(oxl_context *ctx, const char *folder, const char *name, uint64_t *sum)
+static const struct {
+    const char *file, *member;
+} BLOCK_SUMMED[BLOCK_SUMS] = {{"model.ply", "model_checksum"},
+                              {"imaging.txt", "imaging_checksum"},
+                              {"model_standard.ply", "standard_checksum"}};
+
+/* Sums files of the folder; 0: one that is not there. */
+static oxl_result block_sums(oxl_context *ctx, const char *folder, uint64_t sum[BLOCK_SUMS])
 {
-    const char *path = PATH(folder, "%s", name);
-    *sum = 0;
-    return os_is_file(path) ? checksum_of_file(ctx, path, sum) : OXL_OK;
+    oxl_result rc = OXL_OK;
+    for (int i = 0; i < BLOCK_SUMS && rc == OXL_OK; i++) {
+        const char *path = PATH(folder, "%s", BLOCK_SUMMED[i].file);
+        sum[i] = 0;
+        if (os_is_file(path)) rc = checksum_of_file(ctx, path, &sum[i]);
+    }
+    return rc;
 }
 
+/* The standard model counts once the block has finished: one that is there before was not yet noted. */
 OXL_INTERNAL oxl_result block_check(oxl_context *ctx, const char *folder, const struct block_record *r,
                                     int *whole)
 {
-    uint64_t model, imaging = 0;
-    oxl_result rc = block_sum(ctx, folder, "model.ply", &model);
-    if (rc == OXL_OK) rc = block_sum(ctx, folder, "imaging.txt", &imaging);
-    *whole = rc == OXL_OK && model == r->model_sum && imaging == r->imaging_sum;
+    uint64_t sum[BLOCK_SUMS];
+    const oxl_result rc = block_sums(ctx, folder, sum);
+    *whole = rc == OXL_OK;
+    for (int i = 0; *whole && i < BLOCK_SUMS; i++)
+        *whole = sum[i] == r->sum[i] || (i == BLOCK_SUMS - 1 && !r->finished);
     return rc;
 }
 
@@ -132,8 +144,7 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
     else if (rc == OXL_OK && map.data && block_has_key(map.data, key)) {
         out->exists = 1;
         out->idle = oxl_json_is_true(map.data, "idle");
-        out->model_sum = block_read_sum(map.data, "model_checksum");
-        out->imaging_sum = block_read_sum(map.data, "imaging_checksum");
+        for (int i = 0; i < BLOCK_SUMS; i++) out->sum[i] = block_read_sum(map.data, BLOCK_SUMMED[i].member);
         out->trained = oxl_json_is_true(map.data, "trained");
         out->finished = oxl_json_is_true(map.data, "finished");
         out->iterations = (int)OXL_CLAMP(block_number(map.data, "iterations_done"), 0, INT_MAX);
@@ -167,9 +178,8 @@ OXL_INTERNAL oxl_result block_read_member(oxl_context *ctx, const char *folder, 
 static oxl_result block_write_record(struct block *b, const struct block_record *r)
 {
     struct text t = {.ctx = b->ctx};
-    uint64_t model, imaging = 0;
-    oxl_result rc = block_sum(b->ctx, b->task->folder, "model.ply", &model);
-    if (rc == OXL_OK) rc = block_sum(b->ctx, b->task->folder, "imaging.txt", &imaging);
+    uint64_t sum[BLOCK_SUMS];
+    oxl_result rc = block_sums(b->ctx, b->task->folder, sum);
     if (rc != OXL_OK) return rc;
     text_add(&t, "{\n  \"trained\": %s,\n  \"finished\": %s,\n", r->trained ? "true" : "false",
              r->finished ? "true" : "false");
@@ -182,8 +192,8 @@ static oxl_result block_write_record(struct block *b, const struct block_record 
     text_add_member(&t, "predicted_seconds", r->predicted_seconds);
     nonfinite_add_json(&t, &r->nonfinite);
     text_add(&t, "  \"decisions\": {%s},\n", b->decisions.data ? b->decisions.data : "");
-    text_add(&t, "  \"model_checksum\": \"%016llx\",\n  \"imaging_checksum\": \"%016llx\",\n",
-             (unsigned long long)model, (unsigned long long)imaging);
+    for (int i = 0; i < BLOCK_SUMS; i++)
+        text_add(&t, "  \"%s\": \"%016llx\",\n", BLOCK_SUMMED[i].member, (unsigned long long)sum[i]);
     text_add(&t, "  %s,\n  \"notes\": [%s],\n", b->task->key, b->notes.size ? b->notes.data : "");
     text_add(&t, "%s%016llx\"\n}\n", BLOCK_CHECKSUM,
              (unsigned long long)checksum_add(CHECKSUM_SEED, t.data ? t.data : "", t.size));
@@ -379,6 +389,7 @@ static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_r
         b->nonfinite = (oxl_nonfinite){0};
         rc = block_refine(b, scene, model, &done);
         record->seconds += block_round(b->last.seconds, 1e3);
+        b->nonfinite.images -= OXL_MIN(b->nonfinite.images, record->nonfinite.images); /* the same ones */
         nonfinite_add(&record->nonfinite, &b->nonfinite);
     }
     if (rc != OXL_OK || !done) return rc;

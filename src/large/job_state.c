@@ -152,9 +152,15 @@ OXL_INTERNAL oxl_result job_read_record(struct job *job, const char *folder, str
     oxl_result rc = block_read(job->ctx, folder, job->key.data, out);
     if (rc == OXL_OK && out->exists && checkpoint_step(job->ctx, folder, job->key.data) <= out->iterations)
         rc = block_check(job->ctx, folder, out, &whole);
+    if (rc == OXL_OK && out->trained &&
+        out->nonfinite.images > 0) /* an earlier process said so, this one did not */
+        oxl_log(job->ctx, OXL_LOG_WARNING,
+                "%s was trained without %zu images that could not be read\n"
+                "fix: if they are back, --restart trains with them",
+                folder, out->nonfinite.images);
     if (rc != OXL_OK || (whole && !out->damaged)) return rc;
     oxl_log(job->ctx, OXL_LOG_WARNING, "%s: %s is damaged; what it belongs to is trained again", folder,
-            out->damaged ? "block.json" : "model.ply or imaging.txt");
+            out->damaged ? "block.json" : "a model or imaging.txt");
     os_remove(PATH(folder, "block.json"));
     *out = (struct block_record){0};
     return OXL_OK;

@@ -158,12 +158,13 @@ OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *n);
 /* Files of the folder that are written under a temporary name. */
 #define BLOCK_FILES "checkpoint.oxl block.json plan.txt log.csv imaging.txt model.ply model_standard.ply"
 
+enum { BLOCK_SUMS = 3 };
 struct block_record { /* block.json */
     /* trained: all steps are done, scene_standard.ply may be missing */
     int exists, trained, finished, iterations;
-    int idle;                        /* 1: a block with nothing to train: it has no checkpoint */
-    int damaged;                     /* 1: block.json is there, but is not as it was written; `exists` is 0 */
-    uint64_t model_sum, imaging_sum; /* of model.ply, imaging.txt; 0: none */
+    int idle;                 /* 1: a block with nothing to train: it has no checkpoint */
+    int damaged;              /* 1: block.json is there, but is not as it was written; `exists` is 0 */
+    uint64_t sum[BLOCK_SUMS]; /* of model.ply, imaging.txt, model_standard.ply; 0: none */
     size_t gaussians;
     double seconds, peak, predicted_seconds, predicted_peak; /* peaks in bytes */
     oxl_nonfinite nonfinite;
@@ -189,11 +190,11 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
 OXL_INTERNAL int block_standard_steps(const oxl_train_options *run);
 OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const char *key,
                                    struct block_record *out);
-/* Adds what the training of a block decided, the members of a JSON object; nothing when there is no
- * block.json. */
-/* Checks model.ply and imaging.txt. *whole: they are those that the record was written with. */
+/* Checks the files of BLOCK_SUMS. *whole: they are those that the record was written with. */
 OXL_INTERNAL oxl_result block_check(oxl_context *ctx, const char *folder, const struct block_record *record,
                                     int *whole);
+/* Adds what the training of a block decided, the members of a JSON object; nothing when there is no
+ * block.json. */
 OXL_INTERNAL oxl_result block_read_member(oxl_context *ctx, const char *folder, const char *name,
                                           struct text *out);
 /* Writes imaging.txt and block.json of a folder whose model.ply is there. */

@@ -1,0 +1,43 @@
+/* out_folder.c - what OUT may not be: a folder that the survey is read from, or one with a model that no run
+ * wrote.
+ *
+ * Both would lose what cannot be made again: points of transforms.json that are named scene.ply, the block of
+ * a partition that is cut anew in its own place, the model of another program.
+ */
+#include "job.h"
+#include "../large/os_job.h"
+
+OXL_INTERNAL oxl_result out_check_inputs(oxl_context *ctx, const char *out, const char *scene,
+                                         const oxl_scene_options *o)
+{
+    const struct {
+        const char *path, *holds;
+    } inputs[] = {{scene, "survey"},
+                  {o->images ? o->images : PATH(scene, "images"), "images"},
+                  {o->masks ? o->masks : PATH(scene, "masks"), "masks"},
+                  {o->sparse ? o->sparse : PATH(scene, "sparse"), "COLMAP model"},
+                  {o->sparse ? o->sparse : PATH(scene, "sparse/0"), "COLMAP model"}};
+    for (size_t i = 0; i < OXL_COUNT(inputs); i++)
+        if (os_is_same(out, inputs[i].path))
+            return oxl_fail(
+                ctx, OXL_ERR_USAGE,
+                "%s holds the %s, which the output could replace\nfix: -o %s, a folder of its own", out,
+                inputs[i].holds, SHELL_WORD(PATH(scene, "out")));
+    if (os_is_same(PATH(scene, ".."), PATH(out, "blocks")))
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "%s is a block of %s, which would be replaced\nfix: another folder by -o", scene,
+                        out);
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result out_check_model(oxl_context *ctx, const char *out)
+{
+    static const char *const models[] = {"scene.ply", "scene_standard.ply", "scene_clear.ply"};
+    for (size_t i = 0; i < OXL_COUNT(models); i++)
+        if (os_is_file(PATH(out, "%s", models[i])))
+            return oxl_fail(ctx, OXL_ERR_USAGE,
+                            "%s/%s is there, and no run.json of the run that wrote it\n"
+                            "fix: another folder by -o; --restart replaces it",
+                            out, models[i]);
+    return OXL_OK;
+}
