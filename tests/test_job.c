@@ -476,8 +476,7 @@ void job_test_limit_memory(const char *out, const oxl_job_options *options, doub
     partition_free(test_ctx, &p);
 }
 
-TEST(
-    job_in_blocks_trains_groups_of_views_where_memory_does_not_hold_all_and_is_stopped_anywhere_to_the_same_bytes)
+TEST(job_in_blocks_trains_groups_of_views_where_memory_is_small_and_resumes_to_the_same_bytes)
 {
     oxl_job_options options = job_test_blocks();
     const char *survey = job_test_strip();
