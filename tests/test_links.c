@@ -131,8 +131,9 @@ TEST(a_temporary_name_that_is_a_link_is_replaced_and_its_target_stays)
 
 TEST(a_file_that_is_a_link_is_replaced_and_its_target_stays)
 {
-    const oxl_job_options options = job_test_options();
+    oxl_job_options options = job_test_options();
     const char *survey = job_test_survey();
+    options.restart = 1; /* without, a model that no run wrote is kept */
     test_write("victim", "keep");
     CHECK_OK(os_make_folder(test_ctx, test_path("out")));
     CHECK(symlink(test_path("victim"), test_path("out/scene.ply")) == 0);
@@ -141,7 +142,6 @@ TEST(a_file_that_is_a_link_is_replaced_and_its_target_stays)
     CHECK(links_holds(test_path("victim"), "keep") && job_test_has(test_path("out/scene.ply"), "ply\n"));
 }
 
-/* A list from elsewhere names what lies behind a link, above the folder, and what no render wrote. */
 TEST(a_folder_of_the_survey_is_not_taken_for_the_output)
 {
     static const char *const folders[] = {"survey", "survey/images", "survey/sparse", "survey/sparse/0"};
@@ -161,6 +161,7 @@ TEST(a_folder_of_the_survey_is_not_taken_for_the_output)
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("survey/out"), &options, NULL));
 }
 
+/* A list from elsewhere names what lies behind a link, above the folder, and what no render wrote. */
 TEST(a_block_of_a_partition_is_not_cut_in_its_own_place)
 {
     const oxl_job_options options = job_test_options();
