@@ -161,7 +161,6 @@ TEST(a_folder_of_the_survey_is_not_taken_for_the_output)
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("survey/out"), &options, NULL));
 }
 
-/* A list from elsewhere names what lies behind a link, above the folder, and what no render wrote. */
 TEST(a_block_of_a_partition_is_not_cut_in_its_own_place)
 {
     const oxl_job_options options = job_test_options();
@@ -188,6 +187,7 @@ TEST(a_model_that_no_run_wrote_is_replaced_with_restart_alone)
     CHECK(!links_holds(test_path("out/scene.ply"), "of another program"));
 }
 
+/* A list from elsewhere names what lies behind a link, above the folder, and what no render wrote. */
 TEST(a_list_of_renders_is_not_followed_out_of_its_folder)
 {
     test_write("victim/photo.png", "keep");
