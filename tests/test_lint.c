@@ -102,3 +102,73 @@ TEST(lint_counts_images_and_masks_that_cannot_be_used)
     CHECK(oxl_check(test_ctx, test_path("survey"), NULL, &s) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "none of the 7 training views can be used");
 }
+
+/* ---------------- where images saw the points */
+
+struct lint_sight {       /* what is wrong with a survey of two cameras, in turns */
+    double focal, factor; /* times the focal length of the second, and the 2D points */
+    int order, inverse;   /* quaternions x y z w; poses camera to world */
+};
+
+/* Points of lint_survey, seen by cameras that turn a little about an axis askew, and where they see them. */
+static void lint_write_sight(const struct lint_sight *s)
+{
+    struct text images = {.ctx = test_ctx}, cameras = {.ctx = test_ctx};
+    for (int c = 0; c < 2; c++)
+        text_add(&cameras, "%d PINHOLE 48 32 %g %g 24 16\n", c + 1, 40 * (c ? s->focal : 1),
+                 40 * (c ? s->focal : 1));
+    for (int v = 0; v < JOB_VIEWS; v++) {
+        const double angle = 0.1 + 0.02 * v, n = sin(angle) / sqrt(3), q[4] = {cos(angle), n, n, n};
+        const double t[3] = {-0.1 * v, 0.1, 1};
+        double r[9], back[3];
+        camera_rotation_from_quaternion(q, r);
+        for (int i = 0; i < 3; i++) back[i] = -(r[i] * t[0] + r[3 + i] * t[1] + r[6 + i] * t[2]);
+        text_add(&images, "%d", v + 1);
+        for (int k = 0; k < 4; k++)
+            text_add(&images, " %.12f", s->order ? q[(k + 1) % 4] : k && s->inverse ? -q[k] : q[k]);
+        for (int k = 0; k < 3; k++) text_add(&images, " %.12f", s->inverse ? back[k] : t[k]);
+        text_add(&images, " %d %d.png\n", v % 2 + 1, v);
+        for (int i = 0; i < 40; i++) {
+            const double w[3] = {-1 + 0.2 * (i % 10), -0.75 + 0.5 * (i / 10), 4};
+            double x[3];
+            for (int k = 0; k < 3; k++)
+                x[k] = r[3 * k] * w[0] + r[3 * k + 1] * w[1] + r[3 * k + 2] * w[2] + t[k];
+            text_add(&images, "%.3f %.3f %d ", s->factor * (24 + 40 * x[0] / x[2]),
+                     s->factor * (16 + 40 * x[1] / x[2]), i + 1);
+        }
+        text_add(&images, "\n");
+    }
+    test_write("survey/sparse/0/images.txt", images.data);
+    test_write("survey/sparse/0/cameras.txt", cameras.data);
+    text_free(&images);
+    text_free(&cameras);
+}
+
+static const char *lint_sight(struct lint_sight s)
+{
+    const char *survey = lint_survey();
+    oxl_survey out;
+    lint_write_sight(&s);
+    CHECK_OK(oxl_check(test_ctx, survey, NULL, &out));
+    return lint_heard;
+}
+
+TEST(lint_says_nothing_where_points_project_to_where_images_saw_them)
+{
+    CHECK(!strstr(lint_sight((struct lint_sight){1, 1, 0, 0}), "points project"));
+    CHECK(!strstr(lint_sight((struct lint_sight){1, 8, 0, 0}),
+                  "points project")); /* of images before reduction */
+}
+
+TEST(lint_finds_the_one_camera_of_another_focal_length)
+{
+    const char *said = lint_sight((struct lint_sight){2, 1, 0, 0});
+    CHECK_TEXT(said, "the same camera took all of these and no other");
+    CHECK_TEXT(said, "look at its focal length");
+}
+
+TEST(lint_names_the_convention_of_poses_by_where_images_saw_the_points)
+{
+    CHECK_TEXT(lint_sight((struct lint_sight){1, 1, 1, 0}), "the quaternions stand as x y z w");
+    CHECK_TEXT(lint_sight((struct lint_sight){1, 1, 0, 1}), "the poses are camera to world");
+}

@@ -17,6 +17,8 @@ OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, ox
 OXL_INTERNAL oxl_result lint_masks(oxl_context *ctx, const oxl_scene *scene);
 /* Checks the header and segments of an image. */
 OXL_INTERNAL oxl_result lint_image(oxl_context *ctx, const oxl_scene *scene, int view);
+/* reprojection.c. Compares where points project with where images saw them; logs what does not fit. */
+OXL_INTERNAL oxl_result reprojection_check(oxl_context *ctx, const oxl_scene *scene);
 /* match.c. Compares images with the points, and poses where s->missed says so or there are no tracks; logs
  * what does not fit. Sets s->foreign. damaged: 1: logs images that cannot be decoded, as training does. */
 OXL_INTERNAL oxl_result match_check(oxl_context *ctx, oxl_scene *scene, int damaged, oxl_survey *s);

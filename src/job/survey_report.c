@@ -253,6 +253,7 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, cons
     survey_cameras(scene_colmap(scene), out);
     survey_largest(scene, out);
     rc = lint_observations(ctx, scene, out);
+    if (rc == OXL_OK) rc = reprojection_check(ctx, scene);
     if (rc == OXL_OK) rc = closely ? lint_images(ctx, scene, out) : lint_masks(ctx, scene);
     if (rc != OXL_OK) return rc;
     whole.train.iterations = cost_iterations(options, out->images - out->images_missing);

@@ -1,0 +1,280 @@
+/* reprojection.c - how far points project from where the images saw them.
+ *
+ * COLMAP's images list their 2D points, each with the point that it is of. Camera, pose and point of one
+ * model agree to a pixel or two. A wrong focal length or distortion, a pose in another convention, or points
+ * of another run are off by many, though they may still project inside the image, where lint.c sees nothing
+ * wrong.
+ *
+ * Invariant: no check changes what is trained. A file that cannot be read any more is another check's finding.
+ */
+#include "checks.h"
+#include "../core/bytes.h"
+#include "../survey/scene.h"
+#include "../survey/sparse.h"
+#include "../survey/survey.h"
+
+enum {
+    REPROJECTION_VIEWS = 64,     /* limit of images, evenly spaced, */
+    REPROJECTION_POINTS = 256,   /* and of their 2D points */
+    REPROJECTION_FEWEST = 12,    /* images with fewer are not judged */
+    REPROJECTION_NAMED = 3,      /* images named */
+    REPROJECTION_BYTES = 1 << 20 /* of an image's 2D points, which are read from their beginning */
+};
+/* images are reduced by this factor at least; a smaller one is a wrong focal length */
+#define REPROJECTION_REDUCED 1.25
+#define REPROJECTION_PIXELS 4.0 /* a median error from which an image is wrong, */
+#define REPROJECTION_SIDE 0.004 /* and the same, of the image's longer side */
+
+enum reprojection_pose { REPROJECTION_AS_IS, REPROJECTION_XYZW, REPROJECTION_INVERSE, REPROJECTION_POSES };
+static const char *const reprojection_words[REPROJECTION_POSES] = {
+    "", "the quaternions stand as x y z w, and w is wanted first",
+    "the poses are camera to world, and world to camera is wanted"};
+
+struct reprojection_seen { /* a 2D point, and the point that it is of */
+    double pixel[2], world[3];
+};
+struct reprojection_view {
+    int view, judged;
+    double error[REPROJECTION_POSES]; /* px: medians */
+};
+
+/* ---------------- the 2D points of an image */
+
+static const struct colmap_point *reprojection_find(const struct colmap *c, int64_t id)
+{
+    size_t low = 0, high = c->point_count;
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2;
+        if (c->point[middle].id < id) low = middle + 1;
+        else high = middle;
+    }
+    return low < c->point_count && c->point[low].id == id ? &c->point[low] : NULL;
+}
+
+static const char *reprojection_skip(const char *p, const char *end)
+{
+    while (p < end && (*p == ' ' || *p == '\t')) p++;
+    return p;
+}
+
+/* Reads the next of the list. 0: it has ended. */
+static int reprojection_next(enum colmap_format format, const char **p, const char *end, double pixel[2],
+                             int64_t *id)
+{
+    if (format == COLMAP_TEXT) {
+        for (int k = 0; k < 2; k++) {
+            *p = reprojection_skip(*p, end);
+            if (!parse_double(p, end, &pixel[k])) return 0;
+        }
+        *p = reprojection_skip(*p, end);
+        return parse_int64(p, end, id);
+    }
+    if (end - *p < 24) return 0;
+    pixel[0] = bytes_double(*p), pixel[1] = bytes_double(*p + 8);
+    *id = (int64_t)bytes_get(*p + 16, 8);
+    *p += 24;
+    return 1;
+}
+
+static int reprojection_list(const struct colmap *c, const char *p, const char *end,
+                             struct reprojection_seen *seen)
+{
+    int count = 0;
+    int64_t id;
+    while (count < REPROJECTION_POINTS && reprojection_next(c->format, &p, end, seen[count].pixel, &id)) {
+        const struct colmap_point *point = id >= 0 ? reprojection_find(c, id) : NULL;
+        if (point) memcpy(seen[count++].world, point->position, sizeof point->position);
+    }
+    return count;
+}
+
+/* ---------------- errors */
+
+/* Computes the pose, world to camera, that an image would have in another convention. */
+static void reprojection_convert(const struct colmap_image *image, enum reprojection_pose pose, double r[9],
+                                 double t[3])
+{
+    const double *q = image->rotation, turned[4] = {q[3], q[0], q[1], q[2]};
+    camera_rotation_from_quaternion(pose == REPROJECTION_XYZW ? turned : q, r);
+    memcpy(t, image->translation, sizeof image->translation);
+    if (pose != REPROJECTION_INVERSE) return;
+    for (int i = 0; i < 3; i++)
+        for (int k = i + 1; k < 3; k++) {
+            const double swapped = r[3 * i + k];
+            r[3 * i + k] = r[3 * k + i], r[3 * k + i] = swapped;
+        }
+    for (int i = 0; i < 3; i++)
+        t[i] = -(r[3 * i] * image->translation[0] + r[3 * i + 1] * image->translation[1] +
+                 r[3 * i + 2] * image->translation[2]);
+}
+
+/* Computes where the points project, in px of the camera; those behind it have NaN. */
+static void reprojection_project(const oxl_scene *scene, int view, enum reprojection_pose pose,
+                                 const struct reprojection_seen *seen, int count, double (*pixel)[2])
+{
+    double r[9], t[3];
+    reprojection_convert(scene_source_image(scene, view), pose, r, t);
+    for (int i = 0; i < count; i++) {
+        double x[3];
+        for (int k = 0; k < 3; k++)
+            x[k] = r[3 * k] * seen[i].world[0] + r[3 * k + 1] * seen[i].world[1] +
+                   r[3 * k + 2] * seen[i].world[2] + t[k];
+        pixel[i][0] = pixel[i][1] = NAN;
+        if (x[2] > 0)
+            camera_distort(scene_source_camera(scene, view), (double[2]){x[0] / x[2], x[1] / x[2]}, pixel[i]);
+    }
+}
+
+/* Computes the median distance in px, of 2D points times a factor; what has none counts as farthest. */
+static double reprojection_median(const struct reprojection_seen *seen, int count, double (*pixel)[2],
+                                  double factor)
+{
+    double error[REPROJECTION_POINTS];
+    for (int i = 0; i < count; i++) {
+        error[i] = hypot(pixel[i][0] - factor * seen[i].pixel[0], pixel[i][1] - factor * seen[i].pixel[1]);
+        if (!(error[i] < DBL_MAX)) error[i] = DBL_MAX;
+    }
+    return stats_select(error, (size_t)count, 0.5);
+}
+
+/* Returns the median of the ratio of distances from the corner of the image. Who reduces images writes new
+ * cameras, and often leaves the 2D points as they were: training does not use them. */
+static double reprojection_factor(const struct reprojection_seen *seen, int count, double (*pixel)[2])
+{
+    double ratio[REPROJECTION_POINTS];
+    for (int i = 0; i < count; i++) {
+        const double by = hypot(seen[i].pixel[0], seen[i].pixel[1]);
+        ratio[i] = by > 0 ? hypot(pixel[i][0], pixel[i][1]) / by : 1;
+        if (!(ratio[i] < DBL_MAX)) ratio[i] = 1;
+    }
+    return stats_select(ratio, (size_t)count, 0.5);
+}
+
+static double reprojection_limit(const oxl_scene *scene, int view)
+{
+    const struct colmap_camera *c = scene_source_camera(scene, view);
+    return OXL_MAX(REPROJECTION_PIXELS, REPROJECTION_SIDE * (double)OXL_MAX(c->width, c->height));
+}
+
+static void reprojection_judge(oxl_context *ctx, const oxl_scene *scene, struct os_reader *file, char *text,
+                               struct reprojection_view *v)
+{
+    struct reprojection_seen seen[REPROJECTION_POINTS];
+    const struct colmap_image *image = scene_source_image(scene, v->view);
+    const size_t wanted = OXL_MIN(image->points_size, REPROJECTION_BYTES);
+    size_t got = 0;
+    int count;
+    if (wanted == 0 || os_reader_seek(ctx, file, image->points_at) != OXL_OK ||
+        os_reader_read(ctx, file, text, wanted, &got) != OXL_OK)
+        return;
+    count = reprojection_list(scene_colmap(scene), text, text + got, seen);
+    if (count < REPROJECTION_FEWEST) return;
+    v->judged = 1;
+    for (int k = 0; k < REPROJECTION_POSES; k++) {
+        double pixel[REPROJECTION_POINTS][2], factor;
+        reprojection_project(scene, v->view, (enum reprojection_pose)k, seen, count, pixel);
+        v->error[k] = reprojection_median(seen, count, pixel, 1);
+        factor = reprojection_factor(seen, count, pixel);
+        if (factor < 1 / REPROJECTION_REDUCED || factor > REPROJECTION_REDUCED)
+            v->error[k] = OXL_MIN(v->error[k], reprojection_median(seen, count, pixel, factor));
+    }
+}
+
+/* ---------------- messages */
+
+static int reprojection_is_wrong(const oxl_scene *scene, const struct reprojection_view *v)
+{
+    return v->judged && v->error[REPROJECTION_AS_IS] > reprojection_limit(scene, v->view);
+}
+
+/* Returns the convention by which nine of ten of the wrong images are right; as they are: none. */
+static enum reprojection_pose reprojection_guess(const oxl_scene *scene, const struct reprojection_view *v,
+                                                 int count, int wrong)
+{
+    for (int k = REPROJECTION_AS_IS + 1; k < REPROJECTION_POSES; k++) {
+        int right = 0;
+        for (int i = 0; i < count; i++)
+            right +=
+                reprojection_is_wrong(scene, &v[i]) && v[i].error[k] <= reprojection_limit(scene, v[i].view);
+        if (10 * right >= 9 * wrong) return (enum reprojection_pose)k;
+    }
+    return REPROJECTION_AS_IS;
+}
+
+/* Returns the id of the camera that all wrong images and no other have; -1: there is none. */
+static int64_t reprojection_camera(const oxl_scene *scene, const struct reprojection_view *v, int count)
+{
+    int64_t camera = -1;
+    for (int i = 0; i < count; i++) {
+        const int64_t id = scene_source_image(scene, v[i].view)->camera_id;
+        if (!reprojection_is_wrong(scene, &v[i])) continue;
+        if (camera >= 0 && id != camera) return -1;
+        camera = id;
+    }
+    for (int i = 0; i < count; i++)
+        if (v[i].judged && !reprojection_is_wrong(scene, &v[i]) &&
+            scene_source_image(scene, v[i].view)->camera_id == camera)
+            return -1;
+    return camera;
+}
+
+static void reprojection_report(oxl_context *ctx, const oxl_scene *scene, const struct reprojection_view *v,
+                                int count)
+{
+    int wrong = 0, judged = 0, named = 0;
+    const struct reprojection_view *first = NULL;
+    enum reprojection_pose pose;
+    int64_t camera;
+    for (int i = 0; i < count; i++) {
+        judged += v[i].judged;
+        if (!reprojection_is_wrong(scene, &v[i])) continue;
+        if (!first) first = &v[i];
+        wrong++;
+    }
+    if (!first) return;
+    pose = reprojection_guess(scene, v, count, wrong);
+    camera = reprojection_camera(scene, v, count);
+    if (pose != REPROJECTION_AS_IS || 10 * wrong >= 9 * judged || camera >= 0)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "points project %s px from where %d of %d images saw them (%s, median)%s%s%s\n"
+                "fix: %s",
+                first->error[0] < 1e6 ? NUMBER(floor(first->error[0] + 0.5)) : "far more than 1000", wrong,
+                judged, oxl_scene_view(scene, first->view)->name, pose ? ": " : "", reprojection_words[pose],
+                camera >= 0 && wrong < judged ? ": the same camera took all of these and no other" : "",
+                pose          ? "write the poses as COLMAP does"
+                : camera >= 0 ? "look at its focal length and distortion in the file of cameras"
+                              : "take cameras, images and points3D of one model");
+    else
+        for (int i = 0; i < count && named <= REPROJECTION_NAMED; i++)
+            if (reprojection_is_wrong(scene, &v[i]) && named++ < REPROJECTION_NAMED)
+                oxl_log(
+                    ctx, OXL_LOG_WARNING,
+                    "%s: points project far from where this image saw them (by a median of %s px), so its "
+                    "pose or camera is wrong\n"
+                    "fix: take it out of the model: colmap image_deleter",
+                    oxl_scene_view(scene, v[i].view)->name,
+                    v[i].error[0] < 1e6 ? NUMBER(floor(v[i].error[0] + 0.5)) : "more than 1000");
+}
+
+OXL_INTERNAL oxl_result reprojection_check(oxl_context *ctx, const oxl_scene *scene)
+{
+    const struct colmap *c = scene_colmap(scene);
+    const int views = oxl_scene_view_count(scene), step = views / (REPROJECTION_VIEWS + 1) + 1;
+    struct reprojection_view v[REPROJECTION_VIEWS + 1];
+    struct os_reader file = {0};
+    char *text;
+    int count = 0;
+    if (!c || c->track_count == 0 || c->format == COLMAP_JSON) return OXL_OK;
+    if (os_reader_open(ctx, PATH(c->folder, "%s", c->images_file), &file) != OXL_OK) return OXL_OK;
+    text = oxl_alloc(ctx, REPROJECTION_BYTES, 1);
+    if (text)
+        for (int i = 0; i < views && count < REPROJECTION_VIEWS; i += step) {
+            v[count] = (struct reprojection_view){.view = i};
+            reprojection_judge(ctx, scene, &file, text, &v[count++]);
+        }
+    os_reader_close(&file);
+    oxl_free(ctx, text);
+    if (!text) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare points with the images");
+    reprojection_report(ctx, scene, v, count);
+    return OXL_OK;
+}
