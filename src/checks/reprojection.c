@@ -18,7 +18,7 @@ enum {
     REPROJECTION_POINTS = 256,   /* and of their 2D points */
     REPROJECTION_FEWEST = 12,    /* images with fewer are not judged */
     REPROJECTION_NAMED = 3,      /* images named */
-    REPROJECTION_BYTES = 1 << 20 /* of an image's 2D points, which are read from their beginning */
+    REPROJECTION_BYTES = 1 << 17 /* of an image's 2D points, which are read from their beginning */
 };
 /* images are reduced by this factor at least; a smaller one is a wrong focal length */
 #define REPROJECTION_REDUCED 1.25
@@ -263,10 +263,12 @@ OXL_INTERNAL oxl_result reprojection_check(oxl_context *ctx, const oxl_scene *sc
     struct reprojection_view v[REPROJECTION_VIEWS + 1];
     struct os_reader file = {0};
     char *text;
+    size_t most = 0;
     int count = 0;
     if (!c || c->track_count == 0 || c->format == COLMAP_JSON) return OXL_OK;
     if (os_reader_open(ctx, PATH(c->folder, "%s", c->images_file), &file) != OXL_OK) return OXL_OK;
-    text = oxl_alloc(ctx, REPROJECTION_BYTES, 1);
+    for (int i = 0; i < views; i += step) most = OXL_MAX(most, scene_source_image(scene, i)->points_size);
+    text = oxl_alloc(ctx, OXL_MIN(most, REPROJECTION_BYTES) + 1, 1);
     if (text)
         for (int i = 0; i < views && count < REPROJECTION_VIEWS; i += step) {
             v[count] = (struct reprojection_view){.view = i};
