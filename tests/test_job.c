@@ -489,7 +489,10 @@ TEST(job_in_blocks_trains_groups_of_views_where_memory_is_small_and_resumes_to_t
             CHECK_OK(oxl_job_run(test_ctx, survey, out[run], &options, NULL));
         job_test_limit_memory(out[run], &options, 0.6);
     }
+    lint_heard[0] = 0;
+    test_ctx->options.log = lint_listen;
     CHECK_OK(oxl_merge(test_ctx, out[0], NULL));
+    CHECK(!strstr(lint_heard, "rotation 0 0 0 0")); /* moments are no models */
     CHECK(os_is_file(test_path("whole/blocks/whole/groups.txt")) &&
           !job_test_has(test_path("whole/blocks/whole/groups.txt"), "groups 1 "));
     CHECK(job_test_has(test_path("whole/metrics.json"), "\"iterations\": 120"));

@@ -53,19 +53,7 @@ static const char *groups_path(char out[PATH_LENGTH], const struct groups *g, in
 
 static const char *const GROUPS_PART[TRAINED_PARTS] = {"model", "mean", "square"};
 
-/* Reads Adam's moments: what is said of models, e.g. of rotations of zeros, is not about them. */
-static oxl_result groups_read_moment(oxl_context *ctx, const char *path, oxl_model *out)
-{
-    void (*const log)(void *user, oxl_log_level level, const char *text) = ctx->options.log;
-    struct text *const notes = ctx->notes;
-    oxl_result rc;
-    ctx->options.log = NULL, ctx->notes = NULL;
-    rc = oxl_model_read(ctx, path, out);
-    ctx->options.log = log, ctx->notes = notes;
-    return rc;
-}
-
-/* Reads parameters and moments of a block. */
+/* Reads parameters and moments of a block. Moments are not judged as models are: rotations of zeros are right. */
 static oxl_result groups_read(const struct groups *g, int block, struct trained_model *m)
 {
     oxl_context *ctx = g->job->ctx;
@@ -74,7 +62,7 @@ static oxl_result groups_read(const struct groups *g, int block, struct trained_
     *m = (struct trained_model){0};
     for (int k = 0; k < (version > 0 ? TRAINED_PARTS : 1) && rc == OXL_OK; k++) {
         const char *path = GROUPS_PATH(g, block, GROUPS_PART[k], version);
-        rc = (k ? groups_read_moment : oxl_model_read)(ctx, path, model_trained_part(m, k));
+        rc = (k ? model_file_read_ply : oxl_model_read)(ctx, path, model_trained_part(m, k));
         if (rc == OXL_OK && model_trained_part(m, k)->count != m->model.count)
             rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: its rows differ from those of its model", path);
     }
