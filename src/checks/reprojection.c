@@ -5,7 +5,7 @@
  * of another run are off by many, though they may still project inside the image, where lint.c sees nothing
  * wrong.
  *
- * Invariant: no check changes what is trained. A file that cannot be read any more is another check's finding.
+ * Invariant: no check changes what is trained. A file that cannot be read any more is for other checks.
  */
 #include "checks.h"
 #include "../core/bytes.h"

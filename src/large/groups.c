@@ -53,7 +53,8 @@ static const char *groups_path(char out[PATH_LENGTH], const struct groups *g, in
 
 static const char *const GROUPS_PART[TRAINED_PARTS] = {"model", "mean", "square"};
 
-/* Reads parameters and moments of a block. Moments are not judged as a model is: rotations of zeros are right. */
+/* Reads parameters and moments of a block. Moments are not judged as a model is: they may have rotations of
+ * zeros. */
 static oxl_result groups_read(const struct groups *g, int block, struct trained_model *m)
 {
     oxl_context *ctx = g->job->ctx;
