@@ -101,25 +101,57 @@ static void ground_find_detail(const oxl_image *image, struct ground_buffers *b)
         b->distance[i] = sqrt((double)grey[i]) > GROUND_CONTRAST * (double)mean[i] ? fabsf(b->depth[i]) : 0;
 }
 
+/* Where a camera has the places of the map: a place is `at[0]` + x `at[1]` + y `at[2]` + height `at[3]`. */
+struct ground_sight {
+    double at[4][3];
+};
+
+static struct ground_sight ground_sight_of(const struct ground *g, const oxl_camera *c)
+{
+    static const double corner[4][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    struct ground_sight s;
+    for (int i = 0; i < 4; i++) {
+        double place[3];
+        ground_place(g, corner[i][0], corner[i][1], corner[i][2], place);
+        for (int k = 0; k < 3; k++)
+            s.at[i][k] = c->rotation[3 * k] * place[0] + c->rotation[3 * k + 1] * place[1] +
+                         c->rotation[3 * k + 2] * place[2] + c->translation[k] - (i > 0 ? s.at[0][k] : 0);
+    }
+    return s;
+}
+
+/* Returns camera z of the map's pixel x, y, and sets where the view has it, px; at most 0 outside of it. */
+static double ground_sees(const struct ground_sight *s, const oxl_camera *c, double x, double y,
+                          double height, double at[2])
+{
+    double p[3];
+    for (int k = 0; k < 3; k++) p[k] = s->at[0][k] + x * s->at[1][k] + y * s->at[2][k] + height * s->at[3][k];
+    at[0] = c->fx * p[0] + c->cx * p[2], at[1] = c->fy * p[1] + c->cy * p[2];
+    if (!(p[2] > 0 && at[0] >= 0 && at[0] < c->width * p[2] && at[1] >= 0 && at[1] < c->height * p[2]))
+        return 0;
+    at[0] /= p[2], at[1] /= p[2];
+    return p[2];
+}
+
 /* Adds a view; NULL: nothing lies before a place. */
 static void ground_add(const struct ground *g, const oxl_camera *c, const struct ground_buffers *buffers,
                        const int first[2], const int last[2])
 {
+    const struct ground_sight sight = ground_sight_of(g, c);
     for (int y = first[1]; y < last[1]; y++)
         for (int x = first[0]; x < last[0]; x++) {
             const size_t to = (size_t)y * (size_t)g->width + (size_t)x;
-            double place[3], at[2], z;
+            double at[2], z;
             float own = 0, distance = 0; /* the view's at the place */
             if (isnan(g->level[to])) continue;
-            ground_place(g, x + 0.5, y + 0.5, (double)g->level[to], place);
-            z = ground_see(c, place, at);
-            if (!(z > 0 && at[0] >= 0 && at[0] < c->width && at[1] >= 0 && at[1] < c->height)) continue;
+            z = ground_sees(&sight, c, x + 0.5, y + 0.5, (double)g->level[to], at);
+            if (!(z > 0 && z <= GROUND_FAR * g->usual)) continue;
             if (buffers) {
-                const size_t pixel = (size_t)at[1] * (size_t)c->width + (size_t)at[0];
+                const size_t pixel =
+                    (size_t)fmin(at[1], c->height - 1) * (size_t)c->width + (size_t)fmin(at[0], c->width - 1);
                 own = buffers->depth[pixel], distance = buffers->distance[pixel];
             }
             if (own > 0 && (double)own < (1 - GROUND_TOLERANCE) * z) continue;
-            if (z > GROUND_FAR * g->usual) continue;
             g->seen[to] += g->seen[to] < UINT16_MAX;
             if (g->confirmed && (!buffers || fabs((double)distance - z) <= GROUND_AGREES * fmin(z, g->usual)))
                 g->confirmed[to] += g->confirmed[to] < UINT16_MAX;

@@ -15,7 +15,8 @@ enum { VIEWS_SHOWN = 4, VIEWS_SIDE = 560, VIEWS_OPEN = 12 /* rows that are seen 
 
 struct views_row {
     char *name;
-    double psnr, ssim, structure, plain; /* plain: of scene.ply alone; NaN: not known */
+    double psnr, ssim, structure,
+        plain;  /* plain: of scene.ply alone; NaN: not known, as SSIM of training views */
     char *flag; /* of a training view: "pose", "exposure", "blur", "no structure"; NULL: none */
 };
 
@@ -202,8 +203,9 @@ static void views_show(struct report *r, const char *folder, const struct views_
     struct output *t = &r->page;
     oxl_image rendered = {0}, image = {0}, error = {0}, clear = {0}, plain = {0}, structure = {0};
     const int fog = views_is_fog(row);
-    output_add(t, "<h3>%S <span class=\"pale\">%.2f dB, SSIM %.3f%s%s</span>%s</h3>\n", row->name, row->psnr,
-               row->ssim, isnan(row->structure) ? "" : ", structure ", OUTPUT_FIXED(row->structure, 2),
+    output_add(t, "<h3>%S <span class=\"pale\">%.2f dB%s%s%s%s</span>%s</h3>\n", row->name, row->psnr,
+               isnan(row->ssim) ? "" : ", SSIM ", OUTPUT_FIXED(row->ssim, 3),
+               isnan(row->structure) ? "" : ", structure ", OUTPUT_FIXED(row->structure, 2),
                fog ? " <span class=\"mark warn\">no structure</span>" : "");
     if (!views_image(r, folder, row->name, ".png", &rendered) ||
         !views_image(r, folder, row->name, ".image.png", &image) || rendered.width != image.width ||
@@ -238,16 +240,16 @@ static void views_show(struct report *r, const char *folder, const struct views_
 /* flags: with a column for what is wrong with a view. */
 static void views_rows(struct output *t, const struct views *v, int from, int to, int flags)
 {
+    const int with_ssim = from < to && !isnan(v->row[from].ssim);
     output_add(
         t,
-        "<div class=\"scroll\"><table><tr><th>view<th class=\"n\">PSNR, dB<th class=\"n\">SSIM<th class=\"n\">structure%s</tr>\n",
-        flags ? "<th>look at" : "");
+        "<div class=\"scroll\"><table><tr><th>view<th class=\"n\">PSNR, dB%s<th class=\"n\">structure%s</tr>\n",
+        with_ssim ? "<th class=\"n\">SSIM" : "", flags ? "<th>look at" : "");
     for (int i = from; i < to; i++)
-        output_add(
-            t,
-            "<tr><td class=\"name\">%S<td class=\"n\">%.2f<td class=\"n\">%.3f<td class=\"n\">%s%s%S</tr>\n",
-            v->row[i].name, v->row[i].psnr, v->row[i].ssim, OUTPUT_FIXED(v->row[i].structure, 2),
-            flags ? "<td>" : "", v->row[i].flag);
+        output_add(t, "<tr><td class=\"name\">%S<td class=\"n\">%.2f%s%s<td class=\"n\">%s%s%S</tr>\n",
+                   v->row[i].name, v->row[i].psnr, with_ssim ? "<td class=\"n\">" : "",
+                   with_ssim ? OUTPUT_FIXED(v->row[i].ssim, 3) : "", OUTPUT_FIXED(v->row[i].structure, 2),
+                   flags ? "<td>" : "", v->row[i].flag);
     output_add(t, "</table></div>\n");
 }
 

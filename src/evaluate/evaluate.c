@@ -97,11 +97,11 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
     if (rc == OXL_OK) imaging_apply(&p->scene->imaging, row->view, rendered);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, rendered, image, &row->psnr);
     if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, rendered, image, &row->cc_psnr);
-    if (rc == OXL_OK) rc = oxl_ssim(ctx, rendered, image, &row->ssim);
     if (rc == OXL_OK) rc = oxl_structure(ctx, rendered, image, &row->structure, NULL);
     if (rc == OXL_OK) rc = evaluate_explained(ctx, p, rendered, image, row);
     if (rc != OXL_OK || !p->bands) return rc;
-    rc = oxl_ms_ssim(ctx, rendered, image, &row->ms_ssim);
+    rc = oxl_ssim(ctx, rendered, image, &row->ssim);
+    if (rc == OXL_OK) rc = oxl_ms_ssim(ctx, rendered, image, &row->ms_ssim);
     if (rc == OXL_OK && p->scene->lpips)
         rc = lpips_distance(ctx, p->scene->lpips, rendered, image, &row->lpips);
     return rc == OXL_OK ? evaluate_add_bands(ctx, p->scene, row->view, rendered, image, p->bands) : rc;
@@ -123,7 +123,7 @@ static oxl_result evaluate_add_view(oxl_context *ctx, const struct evaluate_pass
                                     oxl_metrics *out)
 {
     oxl_image image = {0};
-    oxl_view_metrics row = {.view = view, .lpips = NAN};
+    oxl_view_metrics row = {.view = view, .ssim = NAN, .lpips = NAN};
     oxl_result rc = oxl_scene_image(ctx, p->scene, view, &image);
     if (rc == OXL_OK) rc = evaluate_view(ctx, p, &image, &row);
     oxl_image_free(ctx, &image);

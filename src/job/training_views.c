@@ -291,10 +291,8 @@ static void training_add_json(const struct training_views *t, struct text *out)
     for (int i = 0; i < t->m->count; i++) {
         const struct training_row *row = &t->row[i];
         const oxl_view_metrics *v = &t->m->views[row->at];
-        const char *const names[] = {"psnr",      "cc_psnr", "ssim",          "structure",
-                                     "explained", "lacks",   "lacks_exposure"};
-        const double values[] = {v->psnr,      v->cc_psnr, v->ssim,      v->structure,
-                                 v->explained, row->lacks, row->exposure};
+        const char *const names[] = {"psnr", "cc_psnr", "structure", "explained", "lacks", "lacks_exposure"};
+        const double values[] = {v->psnr, v->cc_psnr, v->structure, v->explained, row->lacks, row->exposure};
         text_add(out, "%s\n    {\"name\": ", i ? "," : "");
         text_add_json_string(out, oxl_scene_view(t->scene, v->view)->name);
         for (size_t k = 0; k < OXL_COUNT(names); k++)

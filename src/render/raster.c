@@ -575,112 +575,123 @@ SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const in
  * the mean of the splats within half a layer of its depth.
  */
 
-struct raster_layers { /* of a tile's pixels */
-    real t[TILE_PIXELS];
-    real front[TILE_PIXELS];                       /* depth of the layer's first splat; -1: none yet */
-    real weight[TILE_PIXELS], offset[TILE_PIXELS]; /* its sums of weight, and of weight (z - front) */
-    real most[TILE_PIXELS], depth[TILE_PIXELS];    /* weight and depth of the heaviest layer so far */
+struct raster_layers { /* of a subtile's pixels */
+    real t[PACK];
+    real front[PACK];                /* depth of the layer's first splat; -1: none yet */
+    real weight[PACK], offset[PACK]; /* its sums of weight, and of weight (z - front) */
+    /* weight of the heaviest layer so far, depth of its first splat, sum of weight (z - depth) */
+    real most[PACK], depth[PACK], beyond[PACK];
 };
 
 /* Adds splat n to the layers of a subtile's pixels. scale: the depth that DEPTH_LAYER is of; 0: the layer's.
  * */
 SIMD_INLINE void raster_find_layer(const int fused, const int mixed, const int lobed, real scale,
                                    const struct raster_batch *batch, int n, int subtile,
-                                   struct raster_layers *tile)
+                                   struct raster_layers *d)
 {
-    const int at = subtile * PACK;
     const real *restrict x = RASTER_X[subtile % 4], *restrict y = RASTER_Y[subtile / 4];
-    real *restrict t = tile->t + at, *restrict front = tile->front + at, *restrict most = tile->most + at;
-    real *restrict weight = tile->weight + at, *restrict offset = tile->offset + at;
-    real *restrict depth = tile->depth + at;
     const real z = batch->splat[n].colour[0];
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         const struct raster_contribution p =
-            raster_contribution(fused, mixed, lobed, batch, n, x[l], y[l], t[l]);
+            raster_contribution(fused, mixed, lobed, batch, n, x[l], y[l], d->t[l]);
         const real gain = p.weight > 0 ? p.weight : 0;
-        const real size = DEPTH_LAYER * (scale > 0 ? scale : front[l]);
-        const int is_next = (gain > 0) & ((front[l] < 0) | (z > front[l] + size));
-        const real first = is_next ? z : front[l], sum = is_next ? gain : weight[l] + gain;
-        const real shift = is_next ? 0 : muladd(fused, gain, z - first, offset[l]);
-        depth[l] = sum > most[l] ? first + shift / sum : depth[l];
-        most[l] = sum > most[l] ? sum : most[l];
-        front[l] = first, weight[l] = sum, offset[l] = shift;
-        t[l] = p.t;
+        const real size = DEPTH_LAYER * (scale > 0 ? scale : d->front[l]);
+        /* the layer's end, which gcc compares in vectors; it does not for comparisons joined by & and | */
+        const real end = d->front[l] < 0 ? -1 : d->front[l] + size, reach = gain > 0 ? end : (real)HUGE_VAL;
+        const real first = z > reach ? z : d->front[l], sum = z > reach ? gain : d->weight[l] + gain;
+        const real shift = z > reach ? 0 : muladd(fused, gain, z - first, d->offset[l]);
+        d->depth[l] = sum > d->most[l] ? first : d->depth[l];
+        d->beyond[l] = sum > d->most[l] ? shift : d->beyond[l];
+        d->most[l] = sum > d->most[l] ? sum : d->most[l];
+        d->front[l] = first, d->weight[l] = sum, d->offset[l] = shift;
+        d->t[l] = p.t;
     }
 }
 
 /* Adds splat n to the sums of those pixels of a subtile whose layer it is in. */
 SIMD_INLINE void raster_add_near(const int fused, const int mixed, const int lobed, real scale,
                                  const struct raster_batch *batch, int n, int subtile,
-                                 struct raster_layers *tile)
+                                 struct raster_layers *d)
 {
-    const int at = subtile * PACK;
     const real *restrict x = RASTER_X[subtile % 4], *restrict y = RASTER_Y[subtile / 4];
-    real *restrict t = tile->t + at, *restrict weight = tile->weight + at;
-    real *restrict offset = tile->offset + at;
-    const real *restrict depth = tile->depth + at;
     const real z = batch->splat[n].colour[0];
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         const struct raster_contribution p =
-            raster_contribution(fused, mixed, lobed, batch, n, x[l], y[l], t[l]);
-        const real reach = DEPTH_LAYER / 2 * (scale > 0 ? scale : depth[l]);
-        const int is_near = (p.weight > 0) & (real_abs(z - depth[l]) <= reach);
-        const real gain = is_near ? p.weight : 0;
-        weight[l] += gain;
-        offset[l] = muladd(fused, gain, z - depth[l], offset[l]);
-        t[l] = p.t;
+            raster_contribution(fused, mixed, lobed, batch, n, x[l], y[l], d->t[l]);
+        const real reach = DEPTH_LAYER / 2 * (scale > 0 ? scale : d->depth[l]);
+        const real weight = p.weight > 0 ? p.weight : 0;
+        const real gain = real_abs(z - d->depth[l]) <= reach ? weight : 0;
+        d->weight[l] += gain;
+        d->offset[l] = muladd(fused, gain, z - d->depth[l], d->offset[l]);
+        d->t[l] = p.t;
     }
 }
 
-/* One pass over the tile's splats, front to back; is_second, a constant: adds the near ones. */
+/* Adds a batch's splats to a subtile's pixels; is_second, a constant: adds the near ones. */
+SIMD_INLINE void raster_depth_subtile(const int fused, const int lobed, const int is_second, real scale,
+                                      const struct raster_batch *batch, int subtile, struct raster_layers *d)
+{
+    for (int l = 0; l < PACK; l++) d->t[l] = raster_keep_normal(d->t[l]);
+    for (uint32_t splats = batch->splats[subtile]; splats; splats &= splats - 1) {
+        const int n = simd_lowest_bit(splats), both = raster_lobed(lobed, batch, n);
+        if (is_second && both) raster_add_near(fused, 1, 1, scale, batch, n, subtile, d);
+        else if (is_second) raster_add_near(fused, lobed, 0, scale, batch, n, subtile, d);
+        else if (both) raster_find_layer(fused, 1, 1, scale, batch, n, subtile, d);
+        else raster_find_layer(fused, lobed, 0, scale, batch, n, subtile, d);
+    }
+}
+
+/* One pass over the tile's splats, front to back; d (TILE_SUBTILES). */
 SIMD_INLINE void raster_depth_pass(const int fused, const int lobed, const int is_second,
                                    const struct raster_job *job, const struct raster_tile *tile,
                                    struct raster_layers *d)
 {
     uint32_t active = 0xFFFF;
     struct raster_batch batch;
-    const real scale = job->depth_scale;
-    raster_begin(tile, d->t);
-    memset(d->weight, 0, sizeof d->weight);
-    memset(d->offset, 0, sizeof d->offset);
+    real t[TILE_PIXELS];
+    raster_begin(tile, t);
+    for (int subtile = 0; subtile < TILE_SUBTILES; subtile++) {
+        memcpy(d[subtile].t, t + subtile * PACK, sizeof d->t);
+        memset(d[subtile].weight, 0, sizeof d->weight);
+        memset(d[subtile].offset, 0, sizeof d->offset);
+    }
     for (const struct pair *pair = tile->pair; pair < tile->end && active; pair += RASTER_BATCH) {
         raster_load_batch(lobed, job, tile, pair, active, &batch);
         for (int n = 0; n < batch.count; n++)
             batch.splat[n].colour[0] = job->bins->splat[pair[n].splat].depth;
         for (int subtile = 0; subtile < TILE_SUBTILES; subtile++) {
-            for (int l = subtile * PACK; l < (subtile + 1) * PACK; l++) d->t[l] = raster_keep_normal(d->t[l]);
-            for (uint32_t splats = batch.splats[subtile]; splats; splats &= splats - 1) {
-                const int n = simd_lowest_bit(splats), both = raster_lobed(lobed, &batch, n);
-                if (is_second && both) raster_add_near(fused, 1, 1, scale, &batch, n, subtile, d);
-                else if (is_second) raster_add_near(fused, lobed, 0, scale, &batch, n, subtile, d);
-                else if (both) raster_find_layer(fused, 1, 1, scale, &batch, n, subtile, d);
-                else raster_find_layer(fused, lobed, 0, scale, &batch, n, subtile, d);
-            }
+            raster_depth_subtile(fused, lobed, is_second, job->depth_scale, &batch, subtile, &d[subtile]);
+            memcpy(t + subtile * PACK, d[subtile].t, sizeof d->t);
         }
-        if (tile->end - pair > RASTER_BATCH) active = raster_active_subtiles(d->t);
+        if (tile->end - pair > RASTER_BATCH) active = raster_active_subtiles(t);
     }
 }
 
 SIMD_INLINE void raster_depth_tile(const int fused, const int lobed, const struct raster_job *job)
 {
     const struct raster_tile tile = raster_tile(job);
-    struct raster_layers d;
-    real last_t[TILE_PIXELS];
+    struct raster_layers d[TILE_SUBTILES];
+    real last_t[TILE_PIXELS], depth[TILE_PIXELS];
+    memset(d, 0, sizeof d);
+    for (int i = 0; i < TILE_PIXELS; i++) d[i / PACK].front[i % PACK] = -1;
+    raster_depth_pass(fused, lobed, 0, job, &tile, d);
     for (int i = 0; i < TILE_PIXELS; i++) {
-        d.front[i] = -1;
-        d.most[i] = d.depth[i] = 0;
+        struct raster_layers *at = &d[i / PACK];
+        const int l = i % PACK;
+        at->depth[l] += at->most[l] > 0 ? at->beyond[l] / at->most[l] : 0;
     }
-    raster_depth_pass(fused, lobed, 0, job, &tile, &d);
-    raster_depth_pass(fused, lobed, 1, job, &tile, &d);
+    raster_depth_pass(fused, lobed, 1, job, &tile, d);
     raster_load(job, &tile, job->transmittance, last_t);
     for (int i = 0; i < TILE_PIXELS; i++) {
-        const real z = d.depth[i] + (d.weight[i] > 0 ? d.offset[i] / d.weight[i] : 0);
-        const real sure = d.weight[i] >= DEPTH_WEIGHT_MIN ? z : -z;
-        d.depth[i] = 1 - last_t[i] >= OPAQUE_MIN ? sure : 0;
+        const struct raster_layers *at = &d[i / PACK];
+        const int l = i % PACK;
+        const real z = at->depth[l] + (at->weight[l] > 0 ? at->offset[l] / at->weight[l] : 0);
+        const real sure = at->weight[l] >= DEPTH_WEIGHT_MIN ? z : -z;
+        depth[i] = 1 - last_t[i] >= OPAQUE_MIN ? sure : 0;
     }
-    raster_store(job, &tile, d.depth, job->depth);
+    raster_store(job, &tile, depth, job->depth);
 }
 
 /* ---------------- entry points: tiles of scenes with second lobes, or without */

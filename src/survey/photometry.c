@@ -212,41 +212,44 @@ static int photometry_track(const struct photometry_work *w, size_t first)
     return (int)(end - first);
 }
 
-/* Sums Huber's cost in units of sigma^2; also sets weights for the next step where `reweigh`. */
-static double photometry_cost(struct photometry_work *w, const double *at, int reweigh)
+/* Sets w->rest, with the weights of now. */
+static void photometry_find_residuals(struct photometry_work *w, const double *at)
 {
     struct photometry_point p;
-    double sum = 0;
     for (size_t first = 0; first < w->samples; first += (size_t)p.count) {
         p.count = photometry_track(w, first);
         for (int c = 0; c < 3; c++) {
             photometry_evaluate(w, at, &w->sample[first], c, &p);
-            for (int k = 0; k < p.count; k++) {
-                struct photometry_sample *s = &w->sample[first + (size_t)k];
-                const double e = fabs(p.rest[k]) / w->sigma;
-                if (s->weight[c] <= 0) continue;
-                sum += e <= PHOTOMETRY_HUBER ? e * e : PHOTOMETRY_HUBER * (2 * e - PHOTOMETRY_HUBER);
-                if (reweigh) s->weight[c] = (float)(e <= PHOTOMETRY_HUBER ? 1 : PHOTOMETRY_HUBER / e);
-            }
+            for (int k = 0; k < p.count; k++) w->rest[3 * (first + (size_t)k) + (size_t)c] = p.rest[k];
         }
+    }
+}
+
+/* Sums Huber's cost of w->rest in units of sigma^2; also sets weights for the next step where `reweigh`. */
+static double photometry_cost(struct photometry_work *w, int reweigh)
+{
+    double sum = 0;
+    for (size_t first = 0, end; first < w->samples; first = end) {
+        end = first + (size_t)photometry_track(w, first);
+        for (size_t c = 0; c < 3; c++)
+            for (size_t i = first; i < end; i++) {
+                float *weight = &w->sample[i].weight[c];
+                const double e = fabs(w->rest[3 * i + c]) / w->sigma;
+                if (*weight <= 0) continue;
+                sum += e <= PHOTOMETRY_HUBER ? e * e : PHOTOMETRY_HUBER * (2 * e - PHOTOMETRY_HUBER);
+                if (reweigh) *weight = (float)(e <= PHOTOMETRY_HUBER ? 1 : PHOTOMETRY_HUBER / e);
+            }
     }
     return sum;
 }
 
-/* Estimates the standard deviation of the residuals, from the median of their absolute values. */
-static double photometry_sigma(struct photometry_work *w, const double *at, double *scratch)
+/* Estimates the standard deviation of w->rest, from the median of their absolute values. */
+static double photometry_sigma(const struct photometry_work *w)
 {
-    struct photometry_point p;
     size_t n = 0;
-    for (size_t first = 0; first < w->samples; first += (size_t)p.count) {
-        p.count = photometry_track(w, first);
-        for (int c = 0; c < 3; c++) {
-            photometry_evaluate(w, at, &w->sample[first], c, &p);
-            for (int k = 0; k < p.count; k++)
-                if (p.weight[k] > 0) scratch[n++] = fabs(p.rest[k]);
-        }
-    }
-    return OXL_MAX(n ? PHOTOMETRY_NORMAL * stats_select(scratch, n, 0.5) : 1, PHOTOMETRY_SIGMA_MIN);
+    for (size_t i = 0; i < 3 * w->samples; i++)
+        if (w->sample[i / 3].weight[i % 3] > 0) w->scratch[n++] = fabs(w->rest[i]);
+    return OXL_MAX(n ? PHOTOMETRY_NORMAL * stats_select(w->scratch, n, 0.5) : 1, PHOTOMETRY_SIGMA_MIN);
 }
 
 /* ---------------- normal equations */
@@ -421,11 +424,12 @@ static void photometry_solve(const double *m, int n, double *x)
 }
 
 /* Takes damped steps from w->at; returns the cost in the end. */
-static double photometry_descend(struct photometry_work *w, double *scratch)
+static double photometry_descend(struct photometry_work *w)
 {
     double damping = PHOTOMETRY_DAMPING, cost;
-    w->sigma = photometry_sigma(w, w->at, scratch);
-    cost = photometry_cost(w, w->at, 1) + photometry_prior_cost(w, w->at);
+    photometry_find_residuals(w, w->at);
+    w->sigma = photometry_sigma(w);
+    cost = photometry_cost(w, 1) + photometry_prior_cost(w, w->at);
     for (int step = 0; step < PHOTOMETRY_STEPS; step++) {
         double to[PHOTOMETRY_PARAMETERS], x[PHOTOMETRY_PARAMETERS], better;
         photometry_normal_equations(w);
@@ -435,7 +439,8 @@ static double photometry_descend(struct photometry_work *w, double *scratch)
         if (!photometry_factor(w->normal, w->parameters)) break;
         photometry_solve(w->normal, w->parameters, x);
         for (int i = 0; i < w->parameters; i++) to[i] = w->at[i] + OXL_CLAMP(x[i], -1, 1);
-        better = photometry_cost(w, to, 0) + photometry_prior_cost(w, to);
+        photometry_find_residuals(w, to);
+        better = photometry_cost(w, 0) + photometry_prior_cost(w, to);
         if (!(better < cost)) {
             damping *= PHOTOMETRY_HARDER;
             if (damping > PHOTOMETRY_DAMPING_MAX) break;
@@ -444,8 +449,8 @@ static double photometry_descend(struct photometry_work *w, double *scratch)
         damping = OXL_MAX(damping * PHOTOMETRY_EASIER, PHOTOMETRY_DAMPING_MIN);
         memcpy(w->at, to, sizeof w->at);
         if (cost - better < PHOTOMETRY_GAIN_MIN * better) break;
-        w->sigma = photometry_sigma(w, w->at, scratch);
-        cost = photometry_cost(w, w->at, 1) + photometry_prior_cost(w, w->at);
+        w->sigma = photometry_sigma(w);
+        cost = photometry_cost(w, 1) + photometry_prior_cost(w, w->at);
     }
     return cost;
 }
@@ -466,49 +471,47 @@ static void photometry_errors(struct photometry_work *w, struct photometry *out)
 }
 
 /* Refits from the parameters in w->at; returns the robust size of the residuals. */
-static double photometry_fit(struct photometry_work *w, int parts, double *scratch)
+static double photometry_fit(struct photometry_work *w, int parts)
 {
     w->free = parts;
     for (int i = 9; i < w->parameters; i++)
         if (!photometry_is_free(w, i)) w->at[i] = 0;
-    photometry_descend(w, scratch);
+    photometry_descend(w);
     return w->sigma;
 }
 
 /* Decides whether the cameras' lamps differ, from the fit of one. */
-static void photometry_fit_separate_lamps(struct photometry_work *w, int requested, double *scratch,
-                                          struct photometry *out)
+static void photometry_fit_separate_lamps(struct photometry_work *w, int requested, struct photometry *out)
 {
     double one[PHOTOMETRY_PARAMETERS], apart;
     if (w->lamps == 1 || !(requested & PHOTOMETRY_LAMP)) return;
     memcpy(one, w->at, sizeof one);
     w->apart = 1;
-    apart = photometry_fit(w, requested, scratch);
+    apart = photometry_fit(w, requested);
     w->apart = out->residual > (1 + PHOTOMETRY_SEPARATE) * apart;
     if (w->apart) out->residual = apart;
     else memcpy(w->at, one, sizeof one);
 }
 
 /* Fits all parts, then without each, then those that the residuals are evidence for. */
-static void photometry_choose_parts(struct photometry_work *w, int requested, double *scratch,
-                                    struct photometry *out)
+static void photometry_choose_parts(struct photometry_work *w, int requested, struct photometry *out)
 {
     double all[PHOTOMETRY_PARAMETERS];
     w->parameters = w->gains + 3 * w->views;
     memset(w->at, 0, sizeof w->at);
     for (int i = 0; i < 9; i++) w->at[i] = i < 6 ? PHOTOMETRY_START : PHOTOMETRY_VEIL;
     out->parts = requested;
-    out->residual = photometry_fit(w, requested, scratch);
-    photometry_fit_separate_lamps(w, requested, scratch, out);
+    out->residual = photometry_fit(w, requested);
+    photometry_fit_separate_lamps(w, requested, out);
     memcpy(all, w->at, sizeof all);
     for (int k = 0; k < 3; k++) {
         if (!(requested >> k & 1)) continue;
         memcpy(w->at, all, sizeof all);
-        out->without[k] = photometry_fit(w, requested & ~(1 << k), scratch);
+        out->without[k] = photometry_fit(w, requested & ~(1 << k));
         if (out->without[k] < (1 + photometry_evidence[k]) * out->residual) out->parts &= ~(1 << k);
     }
     memcpy(w->at, all, sizeof all);
-    photometry_fit(w, out->parts, scratch);
+    photometry_fit(w, out->parts);
 }
 
 /* Computes Pearson's correlation over the images; 0: gains are not fitted, or nothing varies. */
@@ -545,13 +548,12 @@ static void photometry_compare_colours(const struct colmap *c, const struct phot
     }
 }
 
-static void photometry_report(struct photometry_work *w, double median, int requested, double *scratch,
-                              struct photometry *out)
+static void photometry_report(struct photometry_work *w, double median, int requested, struct photometry *out)
 {
     out->observations = w->samples;
     for (size_t i = 0; i < w->samples; i++)
         out->points += i == 0 || w->sample[i].point != w->sample[i - 1].point;
-    photometry_choose_parts(w, requested, scratch, out);
+    photometry_choose_parts(w, requested, out);
     if (out->parts & PHOTOMETRY_MEDIUM) photometry_errors(w, out);
     for (int c = 0; c < 3 && (out->parts & PHOTOMETRY_MEDIUM); c++) {
         out->attenuation[c] = vecmath_exp(w->at[c]) / median;
@@ -577,16 +579,18 @@ OXL_INTERNAL oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scen
     w->sample = oxl_alloc(ctx, PHOTOMETRY_SAMPLE + 1, sizeof *w->sample);
     w->normal = oxl_alloc(ctx, (size_t)PHOTOMETRY_PARAMETERS * PHOTOMETRY_PARAMETERS, sizeof *w->normal);
     w->scratch = oxl_alloc(ctx, 3 * PHOTOMETRY_SAMPLE + 1, sizeof *w->scratch);
+    w->rest = oxl_alloc(ctx, 3 * PHOTOMETRY_SAMPLE + 1, sizeof *w->rest);
     out->log_gain = oxl_calloc(ctx, 3 * views + 1, sizeof *out->log_gain);
     out->known = oxl_calloc(ctx, views + 1, sizeof *out->known);
-    return w->view && w->chosen && w->sample && w->normal && w->scratch && out->log_gain && out->known
+    return w->view && w->chosen && w->sample && w->normal && w->scratch && w->rest && out->log_gain &&
+                   out->known
                ? OXL_OK
                : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare the colours of tracks");
 }
 
 OXL_INTERNAL void photometry_end(oxl_context *ctx, struct photometry_work *w)
 {
-    OXL_FREE(ctx, w->view, w->chosen, w->sample, w->normal, w->scratch);
+    OXL_FREE(ctx, w->view, w->chosen, w->sample, w->normal, w->scratch, w->rest);
 }
 
 OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts,
@@ -607,7 +611,7 @@ OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, i
     if (rc == OXL_OK) photometry_compact(&w);
     if (rc == OXL_OK && w.samples >= PHOTOMETRY_ENOUGH) {
         photometry_compare_colours(c, &w, out);
-        photometry_report(&w, median, parts, w.scratch, out);
+        photometry_report(&w, median, parts, out);
     }
     photometry_end(ctx, &w);
     if (rc != OXL_OK) photometry_free(ctx, out);

@@ -51,6 +51,7 @@ struct photometry_work {
     size_t samples;
     double *normal;  /* (PHOTOMETRY_PARAMETERS^2) lower triangle */
     double *scratch; /* (3 PHOTOMETRY_SAMPLE) */
+    double *rest;    /* (samples,3) image less model */
     double right[PHOTOMETRY_PARAMETERS], at[PHOTOMETRY_PARAMETERS], sigma;
     struct lamp lamp[LAMP_MAX];
     int lamps, gains;     /* the first parameter that is a gain */
