@@ -174,15 +174,16 @@ static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
     return rc;
 }
 
-/* The file of a model that train left: scene.ply is for viewers, and so for orthomosaics and flights;
- * scene_clear.ply, where there is one, gives the images with imaging.txt. */
+/* The file of a model that train left: scene.ply is for viewers, and so for orthomosaics and flights, but where
+ * it lacks gains alone; scene_clear.ply, where there is one, gives the images with imaging.txt. */
 static const char *model_file(const struct arguments *a, char *path, size_t size)
 {
     const char *base = strrchr(a->path[0], '/');
     const int is_scene = strcmp(base ? base + 1 : a->path[0], "scene.ply") == 0;
     const int length = is_scene ? (int)strlen(a->path[0]) - 9 : (int)strlen(a->path[0]);
     snprintf(path, size, "%.*s%sscene_clear.ply", length, a->path[0], is_scene ? "" : "/");
-    if ((a->clear || (!a->ortho && !a->flight)) && file_exists(path)) return path;
+    if ((a->clear || (!a->ortho && !a->flight) || info_has_gains_alone(path)) && file_exists(path))
+        return path;
     snprintf(path, size, "%.*s%sscene.ply", length, a->path[0], is_scene ? "" : "/");
     return file_exists(path) ? path : a->path[0];
 }
@@ -209,11 +210,12 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_large_mo
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &options, scene);
     if (rc == OXL_OK) rc = oxl_scene_read_imaging(ctx, *scene, file);
     if (rc == OXL_OK && !a->clear && !a->ortho && !a->flight && info_takes_medium(file))
-        print_format(stderr,
-                     "oxl: %s is seen through the medium of imaging.txt beside it, as scene_clear.ply is\n"
-                     "     fix: if it is a copy of scene.ply, which has the medium in its colours, call it "
-                     "scene.ply, or put it elsewhere\n",
-                     file);
+        print_format(
+            stderr,
+            "oxl: %s is rendered with imaging.txt beside it, as scene_clear.ply is\n"
+            "     fix: if it is a copy of scene.ply, which has medium or gains in its colours, call it "
+            "scene.ply, or put it elsewhere\n",
+            file);
     /* a block's or another program's has its own */
     if (rc == OXL_OK) oxl_large_move_origin(large, oxl_scene_origin(*scene));
     if (rc == OXL_OK) rc = oxl_model_check_overlap(ctx, large, *scene, a->path[0]);

@@ -30,6 +30,9 @@ oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
 oxl_result info_copy_imaging(oxl_context *ctx, const char *from, const char *to, int *copied);
 /* Returns 1 for a model whose name does not say whether it has learned the medium of the imaging.txt beside it. */
 int info_takes_medium(const char *model);
+/* Returns 1 beside a scene_clear.ply whose imaging.txt has gains and nothing else: models called scene.* there
+ * have learned what the gains are for. */
+int info_has_gains_alone(const char *model);
 /* Refuses a place where a medium would be applied twice, or not at all; *is_other: gains and lamp there differ. */
 oxl_result info_check_imaging(oxl_context *ctx, const char *from, const char *to, int *is_other);
 void info_print_blocks(FILE *to, const oxl_partition_report *report);

@@ -109,6 +109,28 @@ static int info_is_medium(const char *line) /* bD, bB, Binf, falloff */
     return line[0] == 'b' || line[0] == 'B' || line[0] == 'f';
 }
 
+int info_has_gains_alone(const char *model)
+{
+    const char *base = strrchr(model, '/');
+    FILE *file = info_open_imaging(model), *clear;
+    char line[4096];
+    int gains = 0, others = 0;
+    while (file && fgets(line, sizeof line, file))
+        if (info_is_gain(line)) gains++;
+        else others += line[0] != '#';
+    if (file) fclose(file);
+    snprintf(line, sizeof line, "%.*sscene_clear.ply", base ? (int)(base + 1 - model) : 0, model);
+    clear = gains && !others ? oxl_open(line) : NULL;
+    if (clear) fclose(clear);
+    return clear != NULL;
+}
+
+/* Returns 1 for a line that models for viewers have in their colours; gains: info_has_gains_alone. */
+static int info_is_hidden(const char *line, int gains)
+{
+    return info_is_medium(line) || (gains && info_is_gain(line));
+}
+
 /* Finds the checksum of the file as it was written: a copy may lack lines. */
 static int info_is_checksum(const char *line)
 {
@@ -118,12 +140,13 @@ static int info_is_checksum(const char *line)
 static void info_write_imaging(FILE *to, const char *path, int json)
 {
     FILE *file = info_open_imaging(path);
+    const int alone = info_has_gains_alone(path);
     int gains = 0, lines = 0;
     char line[4096];
     while (file && fgets(line, sizeof line, file)) {
+        if (info_is_hidden(line, alone) && info_is_for_viewers(path)) continue;
         gains += info_is_gain(line);
-        if (line[0] == '#' || info_is_gain(line) || (info_is_medium(line) && info_is_for_viewers(path)))
-            continue;
+        if (line[0] == '#' || info_is_gain(line)) continue;
         line[strcspn(line, "\r\n")] = 0;
         if (json) {
             fputs(lines ? ", " : ",\n  \"imaging\": [", to);
@@ -136,24 +159,25 @@ static void info_write_imaging(FILE *to, const char *path, int json)
     if (file) fclose(file);
 }
 
-/* Adds the lines of imaging.txt beside `model`, the medium's or all others. Returns 1 if there is the file. */
-static int info_take_lines(struct output *t, const char *model, int medium)
+/* Adds the lines of imaging.txt beside `model`, the hidden or all others. Returns 1 if there is the file. */
+static int info_take_lines(struct output *t, const char *model, int hidden)
 {
     FILE *file = info_open_imaging(model);
+    const int alone = info_has_gains_alone(model);
     char line[4096];
     while (file && fgets(line, sizeof line, file))
-        if (line[0] != '#' && info_is_medium(line) == medium) output_bytes(t, line, strlen(line));
+        if (line[0] != '#' && info_is_hidden(line, alone) == hidden) output_bytes(t, line, strlen(line));
     if (file) fclose(file);
     return file != NULL;
 }
 
 /* Compares what `from` and, once written, `to` are rendered with. Returns 1 for the same. */
-static int info_is_same_imaging(const char *from, const char *to, int medium, struct output *a,
+static int info_is_same_imaging(const char *from, const char *to, int hidden, struct output *a,
                                 struct output *b)
 {
-    if (!medium || !info_is_for_viewers(from)) info_take_lines(a, from, medium);
-    if (!info_take_lines(b, to, medium)) output_bytes(b, a->data ? a->data : "", a->used); /* is copied */
-    if (medium && info_is_for_viewers(to)) b->used = 0;
+    if (!hidden || !info_is_for_viewers(from)) info_take_lines(a, from, hidden);
+    if (!info_take_lines(b, to, hidden)) output_bytes(b, a->data ? a->data : "", a->used); /* is copied */
+    if (hidden && info_is_for_viewers(to)) b->used = 0;
     return a->failed || b->failed || (a->used == b->used && (!a->used || !memcmp(a->data, b->data, a->used)));
 }
 
@@ -170,29 +194,31 @@ int info_takes_medium(const char *model)
 
 oxl_result info_check_imaging(oxl_context *ctx, const char *from, const char *to, int *is_other)
 {
-    struct output medium[2] = {{0}, {0}}, rest[2] = {{0}, {0}};
-    const int same = info_is_same_imaging(from, to, 1, &medium[0], &medium[1]);
+    struct output hidden[2] = {{0}, {0}}, rest[2] = {{0}, {0}};
+    const int same = info_is_same_imaging(from, to, 1, &hidden[0], &hidden[1]);
     oxl_result rc = OXL_OK;
     *is_other = !info_is_same_imaging(from, to, 0, &rest[0], &rest[1]);
     if (!same)
-        rc = oxl_fail(ctx, OXL_ERR_USAGE,
-                      medium[1].used
-                          ? "%s: not written: it would be rendered with the medium that imaging.txt beside "
-                            "it has, unlike %s\nfix: another folder"
-                          : "%s: not written: models called scene.* are rendered without the medium of "
-                            "imaging.txt, unlike %s\nfix: another name, such as clear.ply",
-                      to, from);
-    for (int i = 0; i < 2; i++) free(medium[i].data), free(rest[i].data);
+        rc = oxl_fail(
+            ctx, OXL_ERR_USAGE,
+            hidden[1].used
+                ? "%s: not written: it would be rendered with the medium or gains that imaging.txt beside "
+                  "it has, unlike %s\nfix: another folder"
+                : "%s: not written: models called scene.* are rendered without the medium or gains of "
+                  "imaging.txt, unlike %s\nfix: another name, such as clear.ply",
+            to, from);
+    for (int i = 0; i < 2; i++) free(hidden[i].data), free(rest[i].data);
     return rc;
 }
 
 oxl_result info_copy_imaging(oxl_context *ctx, const char *from, const char *to, int *copied)
 {
     FILE *in = info_open_imaging(from), *there = in ? info_open_imaging(to) : NULL;
+    const int alone = info_has_gains_alone(from) && info_is_for_viewers(from);
     struct output out = {0};
     char path[4096], line[4096];
     int failed = 0;
-    *copied = in && !there;
+    *copied = in && !there && !alone;
     info_imaging_path(to, path);
     if (*copied) output_open(&out, path);
     while (*copied && fgets(line, sizeof line, in))

@@ -314,6 +314,11 @@ promise convert_refuses_a_name_that_loses_the_medium 2 "fix: another name" on_st
 promise convert_keeps_what_the_model_is_rendered_with 0 "" sh -c \
     "test ! -e lit/other.ply && mkdir -p fit && '$program' convert lit/scene.ply lit/scene.spz && '$program' convert lit/scene_clear.ply lit/more.ply && '$program' convert lit/scene_clear.ply fit/more.ply &&
      rm lit/scene.spz && for m in lit/more.ply fit/more.ply; do '$program' eval \$m survey --json 2>/dev/null | grep '^  \"psnr\": ' | cmp - lit.txt || exit 1; done; rm lit/more.ply"
+promise gains_alone_stay_with_the_model_that_was_trained_with_them 0 "" sh -c \
+    "'$program' train survey -o gained --exposure on --lamp off --medium off --iterations 40 --quiet && mkdir -p ungained && '$program' convert gained/scene.ply ungained/a.ply &&
+     test ! -e ungained/imaging.txt && '$program' convert gained/scene_clear.ply ungained/b.ply && grep -q '^gain' ungained/imaging.txt &&
+     ! '$program' convert gained/scene.ply gained/other.ply && ! '$program' convert gained/scene_clear.ply gained/scene.spz"
+promise what_other_viewers_show_of_gains_alone_is_said 0 'in any viewer: PSNR' grep -o 'scene.ply in any viewer: PSNR' gained/run.json
 promise convert_says_that_gains_are_another_models 0 "is another model's" on_stderr "$program" convert out/scene.ply shown/b.ply
 promise convert_to_splat_warns_of_the_origin 0 "cannot store the origin" on_stderr "$program" convert out/scene.ply scene.splat
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat

@@ -936,6 +936,31 @@ TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt
     CHECK(!job_test_same(test_path("out/renders/0.png.clear.png"), test_path("out/renders/0.png.png")));
 }
 
+/* Where the images differ by gains alone, scene.ply is trained on without them, and is read without them in whatever
+ * format; scene_clear.ply has what the figures are of. */
+TEST(job_with_gains_alone_writes_a_model_for_viewers_that_needs_none)
+{
+    NEEDS_PART(exposure);
+    oxl_job_options options = job_test_options();
+    struct os_file_map json = {0};
+    oxl_metrics full, plain, named;
+    options.train.exposure = OXL_ON;
+    options.train.lamp = options.train.medium = OXL_OFF;
+    options.train.iterations = 60;
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    CHECK(os_is_file(test_path("out/blocks/000/model_standard.ply")));
+    full = job_test_evaluate("out/scene_clear.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
+    named = job_test_evaluate("out/scene.ply", 1);
+    CHECK_OK(os_read_file(test_ctx, test_path("out/metrics.json"), &json));
+    CHECK(fabs(full.psnr - plain.psnr) > 1e-6 && named.psnr == plain.psnr);
+    CHECK_CLOSE(oxl_json_number(json.data, "psnr"), full.psnr, 1e-9);
+    CHECK_CLOSE(oxl_json_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
+    CHECK_CLOSE(oxl_json_number(oxl_json_member(json.data, "standard"), "psnr"), plain.psnr, 1e-9);
+    os_release_file(test_ctx, &json);
+    CHECK(os_remove(test_path("out/scene_clear.ply")) == 0); /* a model of before: it has none of the gains */
+    CHECK(fabs(job_test_evaluate("out/scene.ply", 1).psnr - plain.psnr) > 1e-6);
+}
+
 /* A gain over the image is not in the model's colours: scene.ply is the model itself, by even light and at
  * mean exposure. */
 TEST(job_with_a_lamp_and_no_medium_shows_even_light_in_scene_ply_and_refines_nothing)

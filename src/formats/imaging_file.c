@@ -247,7 +247,11 @@ oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char
         imaging_free(ctx, &scene->imaging);
         scene->imaging = read;
     }
-    if (strncmp(name, "scene.", 6) == 0 || strncmp(name, "scene_standard.", 15) == 0)
-        scene->imaging.medium = (struct medium){0}; /* is in its colours, in whatever format */
+    if (strncmp(name, "scene.", 6) && strncmp(name, "scene_standard.", 15)) return rc;
+    /* what is in its colours, in whatever format; gains are where train left the model that has them, too */
+    if (imaging_is_gains_alone(&scene->imaging) &&
+        os_is_file(PATH("", "%.*sscene_clear.ply", (int)(name - model_path), model_path)))
+        scene->imaging.on = 0;
+    scene->imaging.medium = (struct medium){0};
     return rc;
 }

@@ -46,11 +46,14 @@ static oxl_result job_final_model(struct job *job, int standard, oxl_large_model
     return rc;
 }
 
-/* Returns 1 if a medium lies between the model's colours and the images: scene.ply is then a model for
- * viewers without it. */
-static int job_alters_colours(const struct job *job)
+/* Returns 1 if scene.ply is a model for viewers: where a medium lies between the model's colours and the
+ * images, or gains do and the only block has a model without them. */
+static int job_hides(const struct job *job)
 {
-    return job->scene && imaging_alters_colours(&job->scene->imaging);
+    if (!job->scene) return 0;
+    if (imaging_alters_colours(&job->scene->imaging)) return 1;
+    return imaging_is_gains_alone(&job->scene->imaging) && !job->unfinished &&
+           job->partition.block_count == 1 && os_is_file(PATH(JOB_BLOCK(job, 0), "model_standard.ply"));
 }
 
 /* Sets the view from which viewers begin: that of the training view nearest to the cameras' centre. */
@@ -97,7 +100,7 @@ static oxl_result job_write_ply(struct job *job, const char *name, const oxl_lar
 /* Makes the model without lobes and medium; of an unfinished run, not refined. */
 static oxl_result job_make_standard(struct job *job, oxl_large_model *out)
 {
-    const int made = !job->unfinished && (job->result.model.lobes > 0 || job_alters_colours(job));
+    const int made = !job->unfinished && (job->result.model.lobes > 0 || job_hides(job));
     oxl_result rc = made || job->result.pages ? job_final_model(job, made, out)
                                               : model_copy(job->ctx, &job->result.model, &out->model);
     if (rc == OXL_OK && !made && !out->pages && job->scene) medium_make_standard(job->scene, &out->model);
@@ -110,7 +113,7 @@ static oxl_result job_make_standard(struct job *job, oxl_large_model *out)
  * scene_standard.ply has. bytes: of the file that the metrics are of, and of the standard model's. */
 static oxl_result job_write_models(struct job *job, oxl_large_model *standard, size_t bytes[2])
 {
-    const int hides = job_alters_colours(job),
+    const int hides = job_hides(job),
               is_standard = job->result.model.sh_degree == 3 && (hides || job->result.model.lobes == 0);
     const oxl_large_model *shown = hides ? standard : &job->result;
     oxl_result rc = hides || !is_standard ? job_make_standard(job, standard) : OXL_OK;
@@ -152,10 +155,11 @@ static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_la
                                    size_t bytes, oxl_metrics *m)
 {
     struct imaging *imaging = &job->scene->imaging, whole = *imaging;
-    const int hides = job_alters_colours(job);
+    const int hides = job_hides(job);
     oxl_metrics plain;
     oxl_result rc;
     if (job->result.model.lobes == 0 && !hides) return OXL_OK;
+    if (hides && imaging_is_gains_alone(imaging)) imaging->on = 0;
     imaging->medium = (struct medium){0};
     rc = oxl_large_evaluate(job->ctx, standard, job->scene, job_evaluated_split(job), &plain);
     *imaging = whole;

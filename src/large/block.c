@@ -20,9 +20,11 @@
 #define BLOCK_LOG_ROWS 200     /* rows of log.csv in a whole run */
 #define BLOCK_LOG_SECONDS 30.0 /* log.csv on disk is at most this old */
 #define BLOCK_REFINE 0.05      /* of the run: how long a model for viewers is refined, */
-/* and where it had a medium, twice as long, or three times up to so many steps (docs/IMAGING.md); */
+/* and where it had a medium or gains, twice as long, or three times up to so many steps (docs/IMAGING.md); */
 #define BLOCK_REFINE_MORE 300
-#define BLOCK_REFINE_SH 10 /* its SH then learn what they showed, at such a multiple of their rate */
+#define BLOCK_REFINE_SH 10      /* its SH then learn what they showed, at such a multiple of their rate; */
+#define BLOCK_REFINE_GAINS_SH 3 /* of gains at these of theirs and the base colours' */
+#define BLOCK_REFINE_GAINS_SH0 2
 
 struct block {
     oxl_context *ctx;
@@ -327,7 +329,14 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
     return o;
 }
 
-/* Trains the model on without lobes and medium. *done: model_standard.ply is there. */
+/* Returns 1 if the block, which is the whole survey, has gains that viewers know nothing of. */
+static int block_drops_gains(const struct block *b, const oxl_scene *scene)
+{
+    return imaging_is_gains_alone(&scene->imaging) && !b->task->context && !b->task->window;
+}
+
+/* Trains the model on without lobes and medium, and where there are only gains, without these. *done:
+ * model_standard.ply is there. */
 static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *model, int *done)
 {
     oxl_train_options o = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
@@ -338,23 +347,28 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
                                .context = b->task->context,
                                .window = b->task->window,
                                .frozen = 1};
-    const int hides = imaging_alters_colours(&scene->imaging);
+    const int drops_gains = block_drops_gains(b, scene),
+              hides = drops_gains || imaging_alters_colours(&scene->imaging);
     oxl_model plain = {0};
     oxl_result rc;
     *done = 0;
     b->before = b->task->train.iterations;
     medium_make_standard(scene, model);
+    if (drops_gains) medium_bake(scene, &scene->imaging, 0, model);
     scene->imaging.medium = (struct medium){0};
     o.medium = OXL_OFF;
-    o.lr_sh *= hides ? BLOCK_REFINE_SH : 1;
+    if (drops_gains) {
+        o.exposure = OXL_OFF, scene->imaging.on = 0;
+        o.lr_sh0 *= BLOCK_REFINE_GAINS_SH0, o.lr_sh *= BLOCK_REFINE_GAINS_SH;
+    } else if (hides) o.lr_sh *= BLOCK_REFINE_SH;
     if (hides) o.iterations = OXL_MAX(2 * o.iterations, OXL_MIN(BLOCK_REFINE_MORE, 3 * o.iterations));
     text_add(&key, "standard %s", b->task->key);
     train.store = checkpoint_in(b->task->folder, key.data);
     rc = key.failed ? oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to refine a model for viewers") : OXL_OK;
     if (rc == OXL_OK)
         oxl_log(b->ctx, OXL_LOG_INFO,
-                "the model without second lobes and medium, for viewers, is refined for %d iterations",
-                o.iterations);
+                "the model without second lobes%s, for viewers, is refined for %d iterations",
+                drops_gains ? " and gains" : " and medium", o.iterations);
     if (rc == OXL_OK)
         rc = train_run(b->ctx, scene, &o, &(oxl_callback){block_refine_progress, b}, &train, &plain);
     b->nonfinite = train.nonfinite;
@@ -384,7 +398,8 @@ static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_r
 {
     int done = 1;
     oxl_result rc = OXL_OK;
-    if ((model->lobes > 0 || imaging_alters_colours(&scene->imaging)) && b->task->standard > 0) {
+    if ((model->lobes > 0 || imaging_alters_colours(&scene->imaging) || block_drops_gains(b, scene)) &&
+        b->task->standard > 0) {
         b->last = (oxl_progress){0};
         b->nonfinite = (oxl_nonfinite){0};
         rc = block_refine(b, scene, model, &done);

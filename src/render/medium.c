@@ -21,9 +21,9 @@ static void medium_through(const struct medium *m, float range, float through[3]
 }
 
 /* Gives the model what a viewer without imaging.txt is to show: the colours through the medium and, where
- * `imaging` has lamps, by these, as the views see the centre; the mean of both terms over these views, by
- * the centre's size in the image, 1 / r^2; over all views, without the lamp's polynomial, where none sees
- * it. */
+ * `imaging` has lamps, by these, or gains alone, by them, as the views see the centre; the mean of both terms
+ * over these views, by the centre's size in the image, 1 / r^2; over all views, without the lamp's
+ * polynomial, where none sees it. */
 OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards,
                               oxl_model *model)
 {
@@ -32,6 +32,8 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
     const oxl_camera *camera[VIEWS];
     const struct lamp *lamp[VIEWS];
     double eye[VIEWS][3];
+    float gain[VIEWS][3];
+    const int has_gains = !backwards && imaging_is_gains_alone(imaging);
     int views = 0;
     const int all = oxl_scene_view_count(scene), stride = OXL_MAX(1, (all + VIEWS - 1) / VIEWS);
     const int coefficients = (model->sh_degree + 1) * (model->sh_degree + 1);
@@ -39,6 +41,8 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
         camera[views] = &oxl_scene_view(scene, v)->camera;
         lamp[views] = imaging_lamp(imaging, scene, v);
         camera_position(camera[views], eye[views]);
+        gain[views][0] = gain[views][1] = gain[views][2] = 1;
+        if (has_gains) imaging_gain(imaging, v, gain[views]);
     }
     for (size_t i = 0; i < model->count; i++) {
         /* over all views, over those that see it: both terms by channel, their number */
@@ -62,7 +66,7 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
                                                              (float)(2 * pixel[1] / camera[v]->height - 1)))
                                  : 1;
                 for (int c = 0; c < 3; c++) {
-                    sum[k][c] += weight * light * through[c];
+                    sum[k][c] += weight * light * gain[v][c] * through[c];
                     sum[k][3 + c] += weight * light * m->veiling_light[c] * veil[c];
                 }
                 sum[k][6] += weight;

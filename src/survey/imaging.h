@@ -99,5 +99,8 @@ OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *sc
 OXL_INTERNAL void imaging_centre(struct imaging *m, const double mean[3]);
 /* Returns 1 for a medium, or light that falls off with range: viewers need a separate model. */
 OXL_INTERNAL int imaging_alters_colours(const struct imaging *m);
+/* Returns 1 for gains of the images and nothing else: what viewers show is nearer to the images where a model
+ * was trained without them at the end. */
+OXL_INTERNAL int imaging_is_gains_alone(const struct imaging *m);
 
 #endif

@@ -133,7 +133,8 @@ static double forecast_beside(const struct train *t)
     double steps = t->trial || t->step < parts_validate_until(t) ? trials - t->forecast.trial_steps : 0;
     steps = OXL_MAX(steps, 0);
     parts_form_image(t, &imaging);
-    return steps + FORECAST_VIEW * t->task.viewed + (imaging_alters_colours(&imaging) ? t->task.refined : 0);
+    return steps + FORECAST_VIEW * t->task.viewed +
+           (imaging_alters_colours(&imaging) || imaging_is_gains_alone(&imaging) ? t->task.refined : 0);
 }
 
 static double forecast_reckon(const struct train *t)
