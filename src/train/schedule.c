@@ -13,7 +13,7 @@
 #define SCHEDULE_PIXELS_EACH 60
 /* px: half the sides of smaller images cost more than they save (docs/TRADEOFF.md) */
 #define SCHEDULE_COARSE_SIDE 640
-#define SCHEDULE_COARSE_AUTO 0.25 /* of the run, for larger ones */
+#define SCHEDULE_COARSE_AUTO 0.75 /* of the run, for larger ones (docs/log/GROWTH.md) */
 /* iterations from which Kerbl's momentum is the better one; not tried from 2000 to this */
 #define SCHEDULE_MOMENTUM_ITERATIONS 7000
 #define SCHEDULE_BETA_MIN 0.5 /* of the mean gradient */
