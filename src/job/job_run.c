@@ -204,8 +204,10 @@ static oxl_result job_find_earlier(struct job *job, int *done)
     oxl_result rc = manifest_read(job->ctx, job->out, &run);
     *done = 0;
     if (rc == OXL_OK && run.line && !job->options.restart) rc = job_adopt_names(job, &run);
-    if (rc == OXL_OK && !run.line && !job->options.restart && !job_has_blocks(job))
-        rc = out_check_model(job->ctx, job->out);
+    if (rc == OXL_OK && !run.line && !job->options.restart && !job_has_blocks(job)) {
+        rc = out_check_files(job->ctx, job->out);
+        if (rc == OXL_OK) rc = out_check_partition(job->ctx, job->out);
+    }
     if (rc == OXL_OK) rc = job_find_start(job, &run);
     if (rc != OXL_OK || !run.line) goto leave;
     if (job_is_of_another_run(job, &run) || job->options.restart) rc = job_replace_run(job, &run);
