@@ -233,6 +233,8 @@ promise cameras_at_one_place_are_warned_of 0 "all cameras are at the same place"
 promise a_folder_in_the_place_of_a_model_is_bad_input 3 "name a file, not a folder" "$program" info survey
 promise memory_refused_by_ram_is_the_budget_where_a_survey_is_read 4 "--ram allows 0.102 MB: " on_stderr "$program" check survey --ram 100K
 promise small_memory_limits_are_printed_in_megabytes 4 "--ram allows 1 MB" on_stderr "$program" train survey -o tiny --ram 1M
+promise a_memory_limit_that_a_fix_names_suffices_at_once 0 "" sh -c "for more in '' '--sh-degree 3'; do '$program' train survey -o tiny3 --ram 3M --iterations 5 \$more 2>named.txt; test \$? = 4 || exit 9
+    '$program' train survey -o tiny3 --iterations 5 --quiet \$more \$(grep -o -e '--ram [0-9]*M' named.txt | head -n 1) || exit 9; rm -r tiny3; done"
 promise lines_of_a_kind_are_few 0 "" sh -c "mkdir odd && cp -r survey/. odd && sed -i '/^[0-9]/s/\$/ 999999 0/' odd/sparse/0/points3D.txt && '$program' check odd 2>odd.txt; test \$(wc -l <odd.txt) -le 8 && grep 'more like it' odd.txt"
 promise a_refused_resume_names_the_options 2 "  --cooldown: 0.2 there, 0.1 here" on_stderr "$program" train survey -o stopped --cooldown 0.1
 promise a_preset_given_again_keeps_the_options_of_the_run 2 "  --cooldown: 0.2 there, 0.1 here" sh -c \
