@@ -8,10 +8,10 @@
 #endif
 #include "cli/console.h"
 
+#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 #ifndef _WIN32
-#include <errno.h>
 #include <unistd.h>
 #endif
 
@@ -107,6 +107,19 @@ static oxl_result run_check(oxl_context *ctx, const struct arguments *a, const o
     return rc;
 }
 
+/* Writes the report of a run, or keeps the one in a folder that is only to be read, where the run had finished
+ * before. */
+static oxl_result write_report(oxl_context *ctx, const char *out)
+{
+    char path[4096], temporary[4128];
+    FILE *file;
+    snprintf(path, sizeof path, "%s/report.html", out);
+    file = oxl_create_beside(path, temporary, sizeof temporary);
+    if (!file && (errno == EACCES || errno == EROFS) && file_exists(path)) return OXL_OK;
+    if (file) fclose(file), remove(temporary);
+    return report_write(ctx, out, 0);
+}
+
 static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     const oxl_callback callback = {console_progress, console};
@@ -127,7 +140,7 @@ static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct 
     if (rc == OXL_ERR_INTERRUPTED && console->json)
         console_log(console, OXL_LOG_WARNING, oxl_error_text(ctx));
     else if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
-    if (rc == OXL_OK && a->job.block < 0) rc = report_write(ctx, a->out, 0);
+    if (rc == OXL_OK && a->job.block < 0) rc = write_report(ctx, a->out);
     if (rc != OXL_OK) return rc;
     if (a->job.block >= 0) print_format(stdout, "block     %s/blocks/%03d\n", a->out, a->job.block);
     else print_results(a->out, a->json);
@@ -142,7 +155,7 @@ static oxl_result run_merge(oxl_context *ctx, const struct arguments *a, struct 
     rc = oxl_merge(ctx, a->path[0], &callback);
     console_clear(console);
     if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
-    if (rc == OXL_OK) rc = report_write(ctx, a->path[0], 0);
+    if (rc == OXL_OK) rc = write_report(ctx, a->path[0]);
     if (rc == OXL_OK) print_results(a->path[0], 0);
     return rc;
 }
@@ -336,8 +349,8 @@ static oxl_result write_new_model(oxl_context *ctx, const char *path, const oxl_
     remove(beside);
     remove(temporary);
     if (rc != OXL_OK || same) return rc;
-    return oxl_fail(ctx, OXL_ERR_USAGE, "%s is there, with other contents\nfix: another name, or remove it first",
-                    path);
+    return oxl_fail(ctx, OXL_ERR_USAGE,
+                    "%s is there, with other contents\nfix: another name, or remove it first", path);
 }
 
 static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)

@@ -241,7 +241,8 @@ static oxl_result study_check_options(const struct study *s)
 /* Refuses to replace tables of another program, and a study.json that is not of a study. */
 static oxl_result study_check_files(const struct study *s)
 {
-    static const char *const own[][2] = {{"md", "![PSNR over cost]("}, {"csv", "row,against,seed,blocks"}, {"svg", "class='title'>"}};
+    static const char *const own[][2] = {
+        {"md", "![PSNR over cost]("}, {"csv", "row,against,seed,blocks"}, {"svg", "class='title'>"}};
     oxl_result rc = output_check_own(s->meter.ctx, s->options->out, "study.json", "\"max_side\"");
     for (size_t i = 0; i < sizeof own / sizeof *own && rc == OXL_OK; i++) {
         char name[40];

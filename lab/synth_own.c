@@ -116,8 +116,8 @@ static oxl_result own_check_files(const struct synth_run *s, const char *list)
 /* Refuses a folder with a survey, or a part of one, that synth did not write. */
 oxl_result synth_own_check(const struct synth_run *s)
 {
-    static const char *const others[] = {"transforms.json", "transforms_train.json", "reconstruction.json",
-                                         "cameras.txt", "cameras.bin", "sparse/cameras.txt",
+    static const char *const others[] = {"transforms.json",    "transforms_train.json", "reconstruction.json",
+                                         "cameras.txt",        "cameras.bin",           "sparse/cameras.txt",
                                          "sparse/cameras.bin", "sparse/0/cameras.bin"};
     static const char *const folders[] = {"images", "sparse", "truth"};
     unsigned long long sum;
