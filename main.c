@@ -8,10 +8,10 @@
 #endif
 #include "cli/console.h"
 
+#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 #ifndef _WIN32
-#include <errno.h>
 #include <unistd.h>
 #endif
 
@@ -107,6 +107,19 @@ static oxl_result run_check(oxl_context *ctx, const struct arguments *a, const o
     return rc;
 }
 
+/* Writes the report of a run, or keeps the one in a folder that is only to be read, where the run had finished
+ * before. */
+static oxl_result write_report(oxl_context *ctx, const char *out)
+{
+    char path[4096], temporary[4128];
+    FILE *file;
+    snprintf(path, sizeof path, "%s/report.html", out);
+    file = oxl_create_beside(path, temporary, sizeof temporary);
+    if (!file && (errno == EACCES || errno == EROFS) && file_exists(path)) return OXL_OK;
+    if (file) fclose(file), remove(temporary);
+    return report_write(ctx, out, 0);
+}
+
 static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     const oxl_callback callback = {console_progress, console};
@@ -127,7 +140,7 @@ static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct 
     if (rc == OXL_ERR_INTERRUPTED && console->json)
         console_log(console, OXL_LOG_WARNING, oxl_error_text(ctx));
     else if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
-    if (rc == OXL_OK && a->job.block < 0) rc = report_write(ctx, a->out, 0);
+    if (rc == OXL_OK && a->job.block < 0) rc = write_report(ctx, a->out);
     if (rc != OXL_OK) return rc;
     if (a->job.block >= 0) print_format(stdout, "block     %s/blocks/%03d\n", a->out, a->job.block);
     else print_results(a->out, a->json);
@@ -142,14 +155,15 @@ static oxl_result run_merge(oxl_context *ctx, const struct arguments *a, struct 
     rc = oxl_merge(ctx, a->path[0], &callback);
     console_clear(console);
     if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
-    if (rc == OXL_OK) rc = report_write(ctx, a->path[0], 0);
+    if (rc == OXL_OK) rc = write_report(ctx, a->path[0]);
     if (rc == OXL_OK) print_results(a->path[0], 0);
     return rc;
 }
 
 static oxl_result run_report(oxl_context *ctx, const struct arguments *a)
 {
-    const oxl_result rc = report_write(ctx, a->path[0], a->scale);
+    oxl_result rc = output_check_own(ctx, a->path[0], "report.html", " - OceanXL report</title>");
+    if (rc == OXL_OK) rc = report_write(ctx, a->path[0], a->scale);
     if (rc == OXL_OK) print_format(stdout, "report    %s/report.html\n", a->path[0]);
     return rc;
 }
@@ -304,6 +318,43 @@ static oxl_result run_measure(oxl_context *ctx, const struct arguments *a)
     return rc;
 }
 
+/* Compares two files, byte by byte. */
+static int is_same_file(const char *a, const char *b)
+{
+    FILE *one = oxl_open(a), *other = oxl_open(b);
+    char piece[2][4096];
+    size_t got = 1;
+    int same = one && other;
+    while (same && got > 0) {
+        got = fread(piece[0], 1, sizeof piece[0], one);
+        same = fread(piece[1], 1, sizeof piece[1], other) == got && memcmp(piece[0], piece[1], got) == 0;
+    }
+    if (one) fclose(one);
+    if (other) fclose(other);
+    return same;
+}
+
+/* Writes a model to a file that is not there, or that has the same bytes: nobody's file is replaced. */
+static oxl_result write_new_model(oxl_context *ctx, const char *path, const oxl_model *model)
+{
+    const char *extension = strrchr(path, '.');
+    char temporary[4128], beside[4200];
+    FILE *file;
+    oxl_result rc;
+    int same;
+    if (!file_exists(path) || !extension || !(file = oxl_create_beside(path, temporary, sizeof temporary)))
+        return oxl_model_write(ctx, path, model);
+    fclose(file);
+    snprintf(beside, sizeof beside, "%s%s", temporary, extension);
+    rc = oxl_model_write(ctx, beside, model);
+    same = rc == OXL_OK && is_same_file(beside, path);
+    remove(beside);
+    remove(temporary);
+    if (rc != OXL_OK || same) return rc;
+    return oxl_fail(ctx, OXL_ERR_USAGE,
+                    "%s is there, with other contents\nfix: another name, or remove it first", path);
+}
+
 static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
 {
     oxl_model model = {0};
@@ -311,7 +362,7 @@ static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
     oxl_result rc = oxl_model_read(ctx, a->path[0], &model);
     if (rc == OXL_OK) rc = info_check_imaging(ctx, a->path[0], a->path[1], &is_other);
     if (rc == OXL_OK && a->scale > 0) oxl_model_rescale(&model, a->scale);
-    if (rc == OXL_OK) rc = oxl_model_write(ctx, a->path[1], &model);
+    if (rc == OXL_OK) rc = write_new_model(ctx, a->path[1], &model);
     if (rc == OXL_OK) print_format(stdout, "%zu Gaussians in %s\n", model.count, a->path[1]);
     if (rc == OXL_OK) rc = info_copy_imaging(ctx, a->path[0], a->path[1], &copied);
     if (copied) puts("imaging.txt is copied beside it");

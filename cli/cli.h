@@ -59,6 +59,10 @@ int output_save(struct output *t, const char *path); /* open and close */
 /* Reads a file into fresh memory, or returns NULL; size may be NULL. */
 char *output_read(const char *folder, const char *name, size_t *size);
 
+/* Refuses to replace FOLDER/NAME where it is there without `mark`, which our own files of that name hold. Mark
+ * NULL: any file, "": none. */
+oxl_result output_check_own(oxl_context *ctx, const char *folder, const char *name, const char *mark);
+
 /* Prints text with names, of files, folders and images; all such text goes through these: control
  * characters, which a survey from elsewhere may hold, are shown as \xNN. */
 void print_text(FILE *to, const char *text);

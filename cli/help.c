@@ -27,7 +27,7 @@ static const struct {
     {"scene_clear.ply, imaging.txt",
      "with a medium: the scene without it; with exposure, lamp or a medium: the parameters of the image formation. eval and render use both."},
     {"metrics.json",
-     "psnr, cc_psnr, ssim, ms_ssim, structure, explained of the held-out views, each and mean; psnr, cc_psnr, structure, explained of the training views; gaussians, bytes, seconds, iterations, peak_rss_bytes."},
+     "psnr, cc_psnr, ssim, ms_ssim, structure, explained of held-out views, each and mean; psnr, cc_psnr, structure, explained of the training views; gaussians, bytes, seconds, iterations, peak_rss_bytes."},
     {"run.json",
      "version, options (\"job\"), what rendered (\"backend\"), what was found in the survey, decisions and their evidence, log lines."},
     {"report.html", "report on one page: charts, a map, the worst views."},

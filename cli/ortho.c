@@ -24,6 +24,7 @@ enum {
     ORTHO_SIDE_MAX = 32768, /* px */
     ORTHO_CHECKED = 100000  /* points that the heights are compared with */
 };
+#define ORTHO_FRAME "# map x, y and height = this matrix times the survey's X, Y, Z, 1\n"
 #define ORTHO_RIM 0.1 /* of an image's sides: a Gaussian whose centre is this near beside it may show in it */
 
 struct ortho {
@@ -267,7 +268,7 @@ static oxl_result ortho_write_frame(const struct ortho *o, const char *folder)
     struct output t = {0};
     char path[4200];
     snprintf(path, sizeof path, "%s/frame.txt", folder);
-    output_add(&t, "# map x, y and height = this matrix times the survey's X, Y, Z, 1\n");
+    output_add(&t, "%s", ORTHO_FRAME);
     for (int d = 0; d < 3; d++) {
         double offset = o->shift[d];
         for (int k = 0; k < 3; k++) {
@@ -420,6 +421,30 @@ static oxl_result ortho_open(struct ortho *o, const oxl_large_model *model, cons
     return OXL_OK;
 }
 
+static int ortho_has(const char *folder, const char *name)
+{
+    char path[4200];
+    FILE *file;
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    if ((file = oxl_open(path))) fclose(file);
+    return file != NULL;
+}
+
+/* Refuses to replace a map of another program: one of ours has our words in its GeoKeys, and what --png adds
+ * has ortho.height.pfm beside it. */
+static oxl_result ortho_check_files(const struct ortho *o, const struct arguments *a)
+{
+    static const char *const with_png[] = {"ortho.png", "ortho.pgw", "ortho.height.pfm"};
+    static const char tag[] = "oceanxl: ";
+    oxl_result rc = output_check_own(o->ctx, a->out, "ortho.tif", tag);
+    if (rc == OXL_OK) rc = output_check_own(o->ctx, a->out, "height.tif", tag);
+    if (rc == OXL_OK) rc = output_check_own(o->ctx, a->out, "frame.txt", ORTHO_FRAME);
+    if (ortho_has(a->out, "ortho.tif") && ortho_has(a->out, with_png[2])) return rc;
+    for (int i = 0; i < 3 && rc == OXL_OK && a->png; i++)
+        rc = output_check_own(o->ctx, a->out, with_png[i], NULL);
+    return rc;
+}
+
 oxl_result ortho_write(oxl_context *ctx, oxl_large_model *model, const oxl_scene *scene,
                        const struct arguments *a, FILE *to)
 {
@@ -427,6 +452,7 @@ oxl_result ortho_write(oxl_context *ctx, oxl_large_model *model, const oxl_scene
     size_t hidden = 0;
     oxl_result rc = oxl_make_folder(ctx, a->out);
     o.pixel = a->pixel / o.unit;
+    if (rc == OXL_OK) rc = ortho_check_files(&o, a);
     if (rc == OXL_OK) rc = ortho_open(&o, model, a);
     if (rc == OXL_OK) {
         hidden = ortho_hide_unseen(&o, model);

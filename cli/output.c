@@ -6,6 +6,7 @@
  */
 #include "cli.h"
 
+#include <errno.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdlib.h>
@@ -218,6 +219,41 @@ char *output_read(const char *folder, const char *name, size_t *size)
     }
     fclose(file);
     return text;
+}
+
+/* Searches a file piece by piece for `mark`, shorter than a piece. */
+static int output_has(FILE *file, const char *mark)
+{
+    enum { PIECE = 1 << 14 };
+    char piece[2 * PIECE];
+    const size_t size = strlen(mark);
+    size_t kept = 0, got;
+    while ((got = fread(piece + kept, 1, PIECE, file)) > 0) {
+        const char *end = piece + kept + got;
+        for (const char *at = piece; (at = memchr(at, mark[0], (size_t)(end - at))); at++)
+            if ((size_t)(end - at) < size) break;
+            else if (memcmp(at, mark, size) == 0) return 1;
+        kept = kept + got < size ? kept + got : size - 1;
+        memmove(piece, end - kept, kept);
+    }
+    return 0;
+}
+
+oxl_result output_check_own(oxl_context *ctx, const char *folder, const char *name, const char *mark)
+{
+    char path[4200];
+    FILE *file;
+    int is_own;
+    if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path) return OXL_OK;
+    file = oxl_open(path);
+    if (!file && (errno == ENOENT || errno == ENOTDIR)) return OXL_OK;
+    is_own = file && mark && (!mark[0] || output_has(file, mark));
+    if (file) fclose(file);
+    return is_own
+               ? OXL_OK
+               : oxl_fail(ctx, OXL_ERR_USAGE,
+                          "%s is there, and OceanXL did not write it\nfix: another folder, or move it away",
+                          path);
 }
 
 void output_open(struct output *t, const char *path)

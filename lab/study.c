@@ -238,6 +238,20 @@ static oxl_result study_check_options(const struct study *s)
     return OXL_OK;
 }
 
+/* Refuses to replace tables of another program, and a study.json that is not of a study. */
+static oxl_result study_check_files(const struct study *s)
+{
+    static const char *const own[][2] = {
+        {"md", "![PSNR over cost]("}, {"csv", "row,against,seed,blocks"}, {"svg", "class='title'>"}};
+    oxl_result rc = output_check_own(s->meter.ctx, s->options->out, "study.json", "\"max_side\"");
+    for (size_t i = 0; i < sizeof own / sizeof *own && rc == OXL_OK; i++) {
+        char name[40];
+        snprintf(name, sizeof name, "%s.%s", s->kind->file, own[i][0]);
+        rc = output_check_own(s->meter.ctx, s->options->out, name, own[i][1]);
+    }
+    return rc;
+}
+
 static oxl_result study_train_rows(struct study *s, FILE *to)
 {
     const time_t started = time(NULL);
@@ -247,6 +261,7 @@ static oxl_result study_train_rows(struct study *s, FILE *to)
         rc = oxl_fail(s->meter.ctx, OXL_ERR_USAGE,
                       "the name of the folder is too long\nfix: a shorter one than -o %s", s->options->out);
     if (rc == OXL_OK) rc = oxl_make_folder(s->meter.ctx, s->options->out);
+    if (rc == OXL_OK) rc = study_check_files(s);
     if (rc == OXL_OK) rc = study_choose_side(s);
     for (int seed = 1; seed <= s->options->seeds && rc == OXL_OK; seed++)
         for (int row = 0; row < s->rows && rc == OXL_OK; row++) rc = study_train_row(s, row, seed, started);

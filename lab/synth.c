@@ -306,29 +306,11 @@ static oxl_result synth_views(struct synth_run *s)
 
 /* ---------------- the run */
 
-static int synth_has_folder(const struct synth_run *s, const char *folder)
-{
-    char path[1024];
-    snprintf(path, sizeof path, "%s/%s", s->options->out, folder);
-    return oxl_is_folder(path);
-}
-
-/* Poses and images without truth/ are no synthetic survey: they are not overwritten. */
-static oxl_result synth_refuse_survey(struct synth_run *s)
-{
-    if (synth_has_folder(s, "truth") || !(synth_has_folder(s, "images") || synth_has_folder(s, "sparse")))
-        return OXL_OK;
-    return oxl_fail(
-        s->ctx, OXL_ERR_USAGE,
-        "%s: a survey without truth/ is there, so it is not of synth\nfix: name another folder by -o",
-        s->options->out);
-}
-
 static oxl_result synth_make_folders(struct synth_run *s)
 {
     static const char *const folders[] = {
         "truth",       "sparse/0",    "images",     "truth/clean",
-        "truth/depth", "truth/still", "truth/masks"}; /* the truth first: synth_refuse_survey */
+        "truth/depth", "truth/still", "truth/masks"}; /* the truth first: synth_own_check */
     const int count = !s->options->write_images ? 2 : s->options->fish > 0 ? 7 : 5;
     char path[1024];
     oxl_result rc = OXL_OK;
@@ -336,6 +318,7 @@ static oxl_result synth_make_folders(struct synth_run *s)
         snprintf(path, sizeof path, "%s/%s", s->options->out, folders[i]);
         rc = oxl_make_folder(s->ctx, path);
     }
+    if (rc == OXL_OK) rc = synth_own_begin(s);
     if (rc != OXL_OK) return rc;
     snprintf(path, sizeof path, "%s/sparse/0/images.txt", s->options->out);
     remove(path); /* of an earlier run: it would belong to other images should this one be stopped */
@@ -356,7 +339,7 @@ static oxl_result synth_make(struct synth_run *s)
                                    : o->path == SYNTH_ROV ? SYNTH_RIDGE
                                                           : SYNTH_REEF;
     oxl_result rc = synth_check(s->ctx, o);
-    if (rc == OXL_OK) rc = synth_refuse_survey(s);
+    if (rc == OXL_OK) rc = synth_own_check(s);
     if (rc == OXL_OK) rc = synth_make_folders(s);
     if (rc != OXL_OK) return rc;
     s->water = synth_waters[o->water];
@@ -368,7 +351,8 @@ static oxl_result synth_make(struct synth_run *s)
     synth_trajectory_set_heights(&s->trajectory, &s->world);
     rc = synth_make_points(s);
     if (rc == OXL_OK && o->write_images) rc = synth_views(s);
-    return rc == OXL_OK ? synth_write_files(s) : rc;
+    if (rc == OXL_OK) rc = synth_write_files(s);
+    return rc == OXL_OK ? synth_own_finish(s) : rc;
 }
 
 oxl_result synth_run(oxl_context *ctx, const synth_options *options)

@@ -8,6 +8,7 @@
  *     synth_light.c   exposure that drifts, a lamp that moves with the camera
  *     synth_points.c  sparse points with tracks
  *     synth_export.c  the text files
+ *     synth_own.c     which files of OUT a run may replace
  *
  * Frame: x east, y north, z up, metres, zero in the middle of the survey; options.origin is added at export.
  */
@@ -240,5 +241,14 @@ struct synth_run {
 oxl_result synth_write_files(const struct synth_run *s);
 void synth_write_exposure(const struct synth_run *s, struct output *t);
 void synth_write_lamp(const struct synth_run *s, struct output *t);
+
+/* ---------------- synth_own.c */
+
+/* Refuses OUT where it holds a survey, or files of one, that synth did not write as they are. */
+oxl_result synth_own_check(const struct synth_run *s);
+/* Removes the survey of the run before and marks that of this one as unfinished. */
+oxl_result synth_own_begin(const struct synth_run *s);
+/* Lists the files of the finished run. */
+oxl_result synth_own_finish(const struct synth_run *s);
 
 #endif

@@ -233,6 +233,8 @@ promise cameras_at_one_place_are_warned_of 0 "all cameras are at the same place"
 promise a_folder_in_the_place_of_a_model_is_bad_input 3 "name a file, not a folder" "$program" info survey
 promise memory_refused_by_ram_is_the_budget_where_a_survey_is_read 4 "--ram allows 0.102 MB: " on_stderr "$program" check survey --ram 100K
 promise small_memory_limits_are_printed_in_megabytes 4 "--ram allows 1 MB" on_stderr "$program" train survey -o tiny --ram 1M
+promise a_memory_limit_that_a_fix_names_suffices_at_once 0 "" sh -c "for more in '' '--sh-degree 3'; do '$program' train survey -o tiny3 --ram 3M --iterations 5 \$more 2>named.txt; test \$? = 4 || exit 9
+    '$program' train survey -o tiny3 --iterations 5 --quiet \$more \$(grep -o -e '--ram [0-9]*M' named.txt | head -n 1) || exit 9; rm -r tiny3; done"
 promise lines_of_a_kind_are_few 0 "" sh -c "mkdir odd && cp -r survey/. odd && sed -i '/^[0-9]/s/\$/ 999999 0/' odd/sparse/0/points3D.txt && '$program' check odd 2>odd.txt; test \$(wc -l <odd.txt) -le 8 && grep 'more like it' odd.txt"
 promise a_refused_resume_names_the_options 2 "  --cooldown: 0.2 there, 0.1 here" on_stderr "$program" train survey -o stopped --cooldown 0.1
 promise a_preset_given_again_keeps_the_options_of_the_run 2 "  --cooldown: 0.2 there, 0.1 here" sh -c \
@@ -251,6 +253,22 @@ promise render_writes_depth 0 "" files 16 all "*.depth.pfm"
 promise render_writes_depth_of_16_bits_too 0 "" files 16 all "*.depth16.png"
 promise render_writes_a_map 0 "in the world's x and y" on_stdout "$program" render out/scene.ply survey -o ortho --ortho --pixel 0.05 --png
 promise map_has_its_world_file_and_heights 0 "0.050000000" sh -c 'test -s ortho/ortho.tif && test -s ortho/height.tif && test -s ortho/ortho.png && test -s ortho/ortho.height.pfm && head -n 1 ortho/ortho.pgw'
+promise map_replaces_its_own_and_no_other_programs 2 "mine/height.tif is there, and OceanXL did not write it" sh -c \
+    "'$program' render out/scene.ply survey -o ortho --ortho --pixel 0.05 --png && mkdir -p mine && echo dem >mine/height.tif &&
+     '$program' render out/scene.ply survey -o mine --ortho; code=\$?; grep -qx dem mine/height.tif && exit \$code"
+promise map_keeps_a_picture_that_somebody_made_of_it 2 "mine2/ortho.png is there" sh -c \
+    "'$program' render out/scene.ply survey -o mine2 --ortho --pixel 0.1 && echo mine >mine2/ortho.png && '$program' render out/scene.ply survey -o mine2 --ortho --png"
+promise convert_again_is_no_fault 0 "Gaussians in metric2.ply" sh -c "'$program' convert out/scene.ply metric2.ply && '$program' convert out/scene.ply metric2.ply"
+promise convert_replaces_nothing_else 2 "points.ply is there, with other contents" sh -c \
+    "echo cloud >points.ply; '$program' convert out/scene.ply points.ply; code=\$?; grep -qx cloud points.ply && ! ls points.ply.* 2>/dev/null && exit \$code"
+promise convert_in_place_with_another_scale_is_refused 2 "metric2.ply is there, with other contents" "$program" convert metric2.ply metric2.ply --scale 2
+promise train_replaces_no_report_of_another_program 2 "mine3/report.html is there" sh -c "mkdir -p mine3 && echo mine >mine3/report.html && '$program' train survey -o mine3"
+promise partition_replaces_no_list_of_another_program 2 "mine3/partition.txt is there, and no partition wrote it" sh -c \
+    "echo mine >mine3/partition.txt && '$program' partition survey -o mine3 --blocks 2"
+promise report_replaces_no_page_of_another_program 2 "mine4/report.html is there" sh -c \
+    "mkdir -p mine4 && cp out/run.json mine4 && echo mine >mine4/report.html && '$program' report mine4"
+promise a_study_replaces_no_table_of_another_program 2 "mine3/ablation.csv is there" sh -c \
+    "echo mine >mine3/ablation.csv && '$program' ablate survey -o mine3 --rows v1 --iterations 10 --seeds 1"
 promise map_says_its_axes 0 "1 0 0 0" cat ortho/frame.txt
 promise map_of_own_axes_refuses_an_epsg_code 2 "--frame world if the survey is georeferenced" on_stderr "$program" render out/scene.ply survey -o ortho --ortho --frame survey --epsg 32632
 promise options_of_a_map_want_a_map 2 "--epsg is of --ortho" "$program" render out/scene.ply survey -o ortho --epsg 32632

@@ -10,6 +10,7 @@
 #include "../cli/output.c"
 #include "../lab/synth_fish.c"
 #include "../lab/synth_light.c"
+#include "../lab/synth_own.c"
 #include "../lab/synth_trajectory.c"
 #include "../lab/synth_points.c"
 #include "../lab/synth_shade.c"

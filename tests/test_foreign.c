@@ -261,6 +261,100 @@ TEST(poses_with_tracks_in_another_convention_are_named)
     CHECK(!strstr(foreign_heard, "the images are not those"));
 }
 
+/* The survey in a world whose x, y, z are z, x, y of the other: no rotation is its own inverse. */
+static void foreign_other_world(struct text *points, const char *format)
+{
+    for (int i = 0; i < FOREIGN_POINTS; i++) {
+        double p[3];
+        int grey;
+        foreign_point(i, p);
+        grey = (int)(255 * foreign_brightness(p[0], p[1]));
+        text_add(points, format, i + 1, p[2], p[0], p[1], grey, grey, grey);
+    }
+}
+
+/* translation: of the camera at x; by numbers %.3f of -x, or, of its place, x */
+static void foreign_check_rotated(const char *rotation, int by_place)
+{
+    struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    foreign_survey(0, "1 0 0 0", 0);
+    foreign_other_world(&points, "%d %.4f %.4f %.4f %d %d %d 0.5\n");
+    for (int i = 0; i < FOREIGN_VIEWS; i++) {
+        if (by_place)
+            text_add(&images, "%d %s -4 %.3f 0 1 %02d.png\n\n", i + 1, rotation, foreign_camera(i), i);
+        else text_add(&images, "%d %s %.3f 0 4 1 %02d.png\n\n", i + 1, rotation, -foreign_camera(i), i);
+    }
+    test_write("survey/sparse/0/points3D.txt", points.data);
+    test_write("survey/sparse/0/images.txt", images.data);
+    text_free(&points);
+    text_free(&images);
+    foreign_check();
+}
+
+TEST(rotations_and_places_in_another_convention_are_named)
+{
+    foreign_check_rotated("0.5 -0.5 -0.5 -0.5", 0);
+    CHECK(!foreign_heard[0]);
+    foreign_check_rotated("0.5 0.5 0.5 0.5", 0);
+    CHECK_TEXT(foreign_heard, "they would as: rotations transposed (of camera to world)");
+    foreign_check_rotated("-0.5 -0.5 -0.5 0.5", 0);
+    CHECK_TEXT(foreign_heard, "they would as: quaternions as x y z w");
+    foreign_check_rotated("0.5 -0.5 -0.5 -0.5", 1);
+    CHECK_TEXT(foreign_heard, "they would as: the cameras' places as translations");
+    foreign_check_rotated("0.5 0.5 0.5 0.5", 1);
+    CHECK_TEXT(foreign_heard, "they would as: camera to world");
+}
+
+/* As transforms.json; the first `wrong` frames have the rotation `other`. */
+static void foreign_check_json(int wrong, const char *other)
+{
+    static const char right[] = "[0, 0, -1, -4], [1, 0, 0, %.3f], [0, -1, 0, 0]";
+    struct text json = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    foreign_survey(0, "1 0 0 0", 0);
+    text_add(&points,
+             "ply\nformat ascii 1.0\nelement vertex %d\nproperty int id\nproperty float x\nproperty float y\n"
+             "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
+             FOREIGN_POINTS);
+    foreign_other_world(&points, "%d %.4f %.4f %.4f %d %d %d\n");
+    text_add(
+        &json,
+        "{\"w\": 160, \"h\": 112, \"fl_x\": 120, \"fl_y\": 120, \"cx\": 80, \"cy\": 56, \"ply_file_path\": \"points.ply\", \"frames\": [");
+    for (int i = 0; i < FOREIGN_VIEWS; i++) {
+        text_add(&json, "%s{\"file_path\": \"images/%02d.png\", \"transform_matrix\": [", i ? ", " : "", i);
+        text_add(&json, i < wrong ? other : right, foreign_camera(i));
+        text_add(&json, ", [0, 0, 0, 1]]}");
+    }
+    text_add(&json, "]}");
+    test_write("survey/points.ply", points.data);
+    test_write("survey/transforms.json", json.data);
+    CHECK(rename(test_path("survey/sparse"), test_path("sparse")) == 0);
+    text_free(&points);
+    text_free(&json);
+    foreign_check();
+    CHECK(rename(test_path("sparse"), test_path("survey/sparse")) == 0);
+}
+
+TEST(rotations_of_transforms_that_are_transposed_are_named)
+{
+    static const char transposed[] = "[0, 1, 0, -4], [0, 0, -1, %.3f], [-1, 0, 0, 0]",
+                      opencv[] = "[0, 1, 0, -4], [0, 0, 1, %.3f], [1, 0, 0, 0]";
+    foreign_check_json(0, "");
+    CHECK(!foreign_heard[0]);
+    foreign_check_json(FOREIGN_VIEWS, transposed);
+    CHECK_TEXT(foreign_heard,
+               "they would as: rotations transposed (of world to camera) beside the cameras' places");
+    foreign_check_json(FOREIGN_VIEWS, opencv);
+    CHECK_TEXT(foreign_heard, "they would as: rotations transposed (of world to camera, axes as in OpenCV)");
+    foreign_check_json(3, transposed);
+    CHECK_TEXT(foreign_heard, "the poses of 3 of 10 images are in another convention than the others");
+    CHECK_TEXT(
+        foreign_heard,
+        "they would fit as: rotations transposed (of world to camera) beside the cameras' places: 00.png, 01.png, 02.png");
+    foreign_check_json(6, "[0, 0, 1, -4], [1, 0, 0, %.3f], [0, 1, 0, 0]"); /* axes of OpenCV */
+    CHECK_TEXT(foreign_heard, "the poses of 6 of 10 images");
+    CHECK_TEXT(foreign_heard, "camera axes as in OpenCV (y down, z ahead): 00.png, 01.png, 02.png, ...");
+}
+
 TEST(points_far_from_all_cameras_are_said_not_to_fit)
 {
     struct text points = {.ctx = test_ctx};

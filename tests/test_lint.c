@@ -107,7 +107,8 @@ TEST(lint_counts_images_and_masks_that_cannot_be_used)
 
 struct lint_sight {       /* what is wrong with a survey of two cameras, in turns */
     double focal, factor; /* times the focal length of the second, and the 2D points */
-    int order, inverse;   /* quaternions x y z w; poses camera to world */
+    int order, inverse;   /* quaternions x y z w; camera to world: 1 poses, 2 rotations, 3 translations */
+    int opengl, some;     /* camera axes; 1: the first two images alone */
 };
 
 /* Points of lint_survey, seen by cameras that turn a little about an axis askew, and where they see them. */
@@ -120,13 +121,20 @@ static void lint_write_sight(const struct lint_sight *s)
     for (int v = 0; v < JOB_VIEWS; v++) {
         const double angle = 0.1 + 0.02 * v, n = sin(angle) / sqrt(3), q[4] = {cos(angle), n, n, n};
         const double t[3] = {-0.1 * v, 0.1, 1};
-        double r[9], back[3];
+        const int wrong = !s->some || v < 2, inverse = wrong ? s->inverse : 0;
+        double r[9], back[3], turned[4] = {-q[1], q[0], -q[3], q[2]};
         camera_rotation_from_quaternion(q, r);
         for (int i = 0; i < 3; i++) back[i] = -(r[i] * t[0] + r[3 + i] * t[1] + r[6 + i] * t[2]);
         text_add(&images, "%d", v + 1);
         for (int k = 0; k < 4; k++)
-            text_add(&images, " %.12f", s->order ? q[(k + 1) % 4] : k && s->inverse ? -q[k] : q[k]);
-        for (int k = 0; k < 3; k++) text_add(&images, " %.12f", s->inverse ? back[k] : t[k]);
+            text_add(&images, " %.12f",
+                     wrong && s->opengl                    ? turned[k]
+                     : wrong && s->order                   ? q[(k + 1) % 4]
+                     : k && (inverse == 1 || inverse == 2) ? -q[k]
+                                                           : q[k]);
+        for (int k = 0; k < 3; k++)
+            text_add(&images, " %.12f",
+                     (inverse == 1 || inverse == 3 ? back : t)[k] * (wrong && s->opengl && k ? -1 : 1));
         text_add(&images, " %d %d.png\n", v % 2 + 1, v);
         for (int i = 0; i < 40; i++) {
             const double w[3] = {-1 + 0.2 * (i % 10), -0.75 + 0.5 * (i / 10), 4};
@@ -155,20 +163,36 @@ static const char *lint_sight(struct lint_sight s)
 
 TEST(lint_says_nothing_where_points_project_to_where_images_saw_them)
 {
-    CHECK(!strstr(lint_sight((struct lint_sight){1, 1, 0, 0}), "points project"));
-    CHECK(!strstr(lint_sight((struct lint_sight){1, 8, 0, 0}),
+    CHECK(!strstr(lint_sight((struct lint_sight){.focal = 1, .factor = 1}), "points project"));
+    CHECK(!strstr(lint_sight((struct lint_sight){.focal = 1, .factor = 8}),
                   "points project")); /* of images before reduction */
 }
 
 TEST(lint_finds_the_one_camera_of_another_focal_length)
 {
-    const char *said = lint_sight((struct lint_sight){2, 1, 0, 0});
+    const char *said = lint_sight((struct lint_sight){.focal = 2, .factor = 1});
     CHECK_TEXT(said, "the same camera took all of these and no other");
     CHECK_TEXT(said, "look at its focal length");
 }
 
 TEST(lint_names_the_convention_of_poses_by_where_images_saw_the_points)
 {
-    CHECK_TEXT(lint_sight((struct lint_sight){1, 1, 1, 0}), "the quaternions stand as x y z w");
-    CHECK_TEXT(lint_sight((struct lint_sight){1, 1, 0, 1}), "the poses are camera to world");
+    CHECK_TEXT(lint_sight((struct lint_sight){.focal = 1, .factor = 1, .order = 1}),
+               "the quaternions stand as x y z w");
+    CHECK_TEXT(lint_sight((struct lint_sight){.focal = 1, .factor = 1, .inverse = 1}),
+               "the poses are camera to world");
+    CHECK_TEXT(lint_sight((struct lint_sight){.focal = 1, .factor = 1, .inverse = 2}),
+               "the rotations are of camera to world");
+    CHECK_TEXT(lint_sight((struct lint_sight){.focal = 1, .factor = 1, .inverse = 3}),
+               "the cameras' places stand as translations");
+    CHECK_TEXT(lint_sight((struct lint_sight){.focal = 1, .factor = 1, .opengl = 1}),
+               "the camera axes are those of OpenGL");
+}
+
+TEST(lint_names_the_convention_of_some_of_the_poses)
+{
+    CHECK_TEXT(lint_sight((struct lint_sight){.focal = 1, .factor = 1, .order = 1, .some = 1}),
+               "where 2 of 9 images saw them (0.png, median): the quaternions");
+    CHECK_TEXT(lint_sight((struct lint_sight){.focal = 1, .factor = 1, .inverse = 2, .some = 1}),
+               "where 2 of 9 images saw them (0.png, median): the rotations");
 }

@@ -116,3 +116,19 @@ TEST(lock_of_a_survey_of_one_block_is_not_shared)
     CHECK_OK(oxl_job_run(test_ctx, survey, folder, &options, NULL));
 }
 #endif
+
+/* A folder in the place of .lock stands for a disk that is only to be read, which tests cannot mount. */
+TEST(lock_is_not_needed_where_the_run_is_finished)
+{
+    oxl_job_options options = job_test_options();
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    CHECK_OK(os_make_folder(test_ctx, test_path("out/.lock")));
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+    CHECK_OK(oxl_merge(test_ctx, test_path("out"), NULL));
+    options.train.iterations += 5;
+    CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL) == OXL_ERR_IO);
+    CHECK_TEXT(oxl_error_text(test_ctx), ".lock: cannot write");
+    options.restart = 1;
+    CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL) == OXL_ERR_IO);
+    CHECK(os_is_file(test_path("out/scene.ply")) && os_is_file(test_path("out/run.json")));
+}

@@ -6,6 +6,7 @@
 #include "../lab/synth_export.c"
 #include "../lab/synth_fish.c"
 #include "../lab/synth_light.c"
+#include "../lab/synth_own.c"
 #include "../lab/synth_trajectory.c"
 #include "../lab/synth_points.c"
 #include "../lab/synth_shade.c"
@@ -556,13 +557,63 @@ TEST(synth_refuses_invalid_options_with_a_fix)
     test_write("dive/sparse/0/images.txt", "somebody's own");
     o = synth_test_options("dive");
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "dive: a survey without truth/ is there");
+    CHECK_TEXT(oxl_error_text(test_ctx), "dive/sparse is there, and synth did not write it");
     CHECK_OK(os_make_folder(test_ctx, test_path("images/images")));
     o = synth_test_options("images");
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
     test_write("in the way", "a file where a folder should be");
     o = synth_test_options("in the way");
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_IO);
+}
+
+/* A survey of four views in OUT, of which `name` is then somebody's; the next run must leave it. */
+static void synth_test_keeps(const char *out, const char *name, const char *why)
+{
+    synth_options o = synth_test_options(out);
+    struct os_file_map map = {0};
+    char path[200];
+    o.views = 4, o.points = 50, o.width = o.height = 32;
+    CHECK_OK(synth_run(test_ctx, &o));
+    CHECK_OK(synth_run(test_ctx, &o)); /* its own may be replaced */
+    snprintf(path, sizeof path, "%s/%s", out, name);
+    test_write(path, "somebody's own");
+    o.seed++;
+    CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), why);
+    CHECK_TEXT(oxl_error_text(test_ctx), name);
+    CHECK_OK(os_read_file(test_ctx, test_path(path), &map));
+    CHECK(map.data && !strcmp(map.data, "somebody's own"));
+    os_release_file(test_ctx, &map);
+}
+
+TEST(synth_replaces_its_own_survey_and_nobody_elses)
+{
+    synth_options o = synth_test_options("a");
+    synth_test_keeps("a", "sparse/0/images.txt", "was changed after synth wrote it");
+    synth_test_keeps("b", "images/IMG_00001.png", "was changed after synth wrote it");
+    synth_test_keeps("c", "transforms.json", "is of a survey that synth did not write");
+    synth_test_keeps("d", "sparse/0/cameras.bin", "is of a survey that synth did not write");
+    CHECK_OK(os_make_folder(test_ctx, test_path("e/truth")));
+    test_write("e/truth/points.txt", "somebody's own");
+    o = synth_test_options("e");
+    CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "e/truth is there, and synth did not write it");
+}
+
+TEST(synth_in_the_place_of_a_larger_survey_leaves_none_of_its_images)
+{
+    synth_options o = synth_test_options("a");
+    o.views = 5, o.points = 50, o.width = o.height = 32;
+    CHECK_OK(synth_run(test_ctx, &o));
+    o.views = 3;
+    CHECK_OK(synth_run(test_ctx, &o));
+    CHECK(os_is_file(test_path("a/images/IMG_00002.png")));
+    CHECK(!os_is_file(test_path("a/images/IMG_00003.png")));
+    o.write_images = 0; /* its poses are others': so are the images */
+    CHECK_OK(synth_run(test_ctx, &o));
+    CHECK(!os_is_file(test_path("a/images/IMG_00002.png")));
+    o.write_images = 1;
+    CHECK_OK(synth_run(test_ctx, &o));
 }
 
 static int synth_test_stop(void *user, const char *what, long done, long total)

@@ -370,6 +370,24 @@ OXL_INTERNAL double match_median_by_chance(struct match *w)
     return match_quantile(w, -1, 0.5);
 }
 
+OXL_INTERNAL double match_high(struct match *w)
+{
+    return match_quantile(w, 0, 0.9);
+}
+
+OXL_INTERNAL int match_is_suspect(const struct match *w, int k, double high)
+{
+    const double r = w->score[k].as_is[0];
+    if (w->layout[k].count < MATCH_FEWEST) return 1;
+    return w->judged[k] && !w->score[k].blank && r < MATCH_SUSPECT * high &&
+           r < w->score[k].chance + MATCH_NOISE / sqrt(w->layout[k].count);
+}
+
+OXL_INTERNAL int match_is_better(double r, double as_is, int count, double high)
+{
+    return r > as_is + MATCH_ELSEWHERE && r > MATCH_SUSPECT * high && r * sqrt(count) > MATCH_SIGNIFICANT;
+}
+
 OXL_INTERNAL int match_judged(const struct match *w)
 {
     int n = 0;

@@ -73,6 +73,12 @@ OXL_INTERNAL double match_correlate(struct match *w, const struct match_layout *
 OXL_INTERNAL double match_median(struct match *w);
 OXL_INTERNAL double match_median_by_chance(struct match *w);
 
+/* The correlation that a tenth of the images exceeds. 1: an image is far below it, and not above chance, or
+ * has too few points. 1: r at `count` points, which another reading gives, is right where as_is is not. */
+OXL_INTERNAL double match_high(struct match *w);
+OXL_INTERNAL int match_is_suspect(const struct match *w, int k, double high);
+OXL_INTERNAL int match_is_better(double r, double as_is, int count, double high);
+
 enum { MATCH_ENOUGH = 3 }; /* images to be judged; with fewer nothing is said */
 /* The steps of match_check (belongs.c). */
 OXL_INTERNAL oxl_result match_begin(oxl_context *ctx, oxl_scene *scene, struct match *w);

@@ -25,10 +25,22 @@ enum {
 #define REPROJECTION_PIXELS 4.0 /* a median error from which an image is wrong, */
 #define REPROJECTION_SIDE 0.004 /* and the same, of the image's longer side */
 
-enum reprojection_pose { REPROJECTION_AS_IS, REPROJECTION_XYZW, REPROJECTION_INVERSE, REPROJECTION_POSES };
+enum reprojection_pose {
+    REPROJECTION_AS_IS,
+    REPROJECTION_XYZW,
+    REPROJECTION_INVERSE,
+    REPROJECTION_ROTATION, /* transposed, with its translation */
+    REPROJECTION_CENTRE,   /* the camera's place for a translation */
+    REPROJECTION_OPENGL,
+    REPROJECTION_POSES
+};
 static const char *const reprojection_words[REPROJECTION_POSES] = {
-    "", "the quaternions stand as x y z w, and w is wanted first",
-    "the poses are camera to world, and world to camera is wanted"};
+    "",
+    "the quaternions stand as x y z w, and w is wanted first",
+    "the poses are camera to world, and world to camera is wanted",
+    "the rotations are of camera to world, and world to camera is wanted",
+    "the cameras' places stand as translations, and these are -R times the place",
+    "the camera axes are those of OpenGL (y up, z back), and y down, z ahead is wanted"};
 
 struct reprojection_seen { /* a 2D point, and the point that it is of */
     double pixel[2], world[3];
@@ -97,15 +109,18 @@ static void reprojection_convert(const struct colmap_image *image, enum reprojec
     const double *q = image->rotation, turned[4] = {q[3], q[0], q[1], q[2]};
     camera_rotation_from_quaternion(pose == REPROJECTION_XYZW ? turned : q, r);
     memcpy(t, image->translation, sizeof image->translation);
-    if (pose != REPROJECTION_INVERSE) return;
-    for (int i = 0; i < 3; i++)
+    for (int i = 0; i < 3 && (pose == REPROJECTION_INVERSE || pose == REPROJECTION_ROTATION); i++)
         for (int k = i + 1; k < 3; k++) {
             const double swapped = r[3 * i + k];
             r[3 * i + k] = r[3 * k + i], r[3 * k + i] = swapped;
         }
-    for (int i = 0; i < 3; i++)
+    for (int i = 0; i < 3 && (pose == REPROJECTION_INVERSE || pose == REPROJECTION_CENTRE); i++)
         t[i] = -(r[3 * i] * image->translation[0] + r[3 * i + 1] * image->translation[1] +
                  r[3 * i + 2] * image->translation[2]);
+    for (int i = 1; i < 3 && pose == REPROJECTION_OPENGL; i++) {
+        t[i] = -t[i];
+        for (int k = 0; k < 3; k++) r[3 * i + k] = -r[3 * i + k];
+    }
 }
 
 /* Computes where the points project, in px of the camera; those behind it have NaN. */
@@ -156,6 +171,12 @@ static double reprojection_limit(const oxl_scene *scene, int view)
     return OXL_MAX(REPROJECTION_PIXELS, REPROJECTION_SIDE * (double)OXL_MAX(c->width, c->height));
 }
 
+static int reprojection_is_wrong(const oxl_scene *scene, const struct reprojection_view *v)
+{
+    return v->judged && v->error[REPROJECTION_AS_IS] > reprojection_limit(scene, v->view);
+}
+
+/* Computes the errors of an image, in the other conventions where it is wrong as it was read. */
 static void reprojection_judge(oxl_context *ctx, const oxl_scene *scene, struct os_reader *file, char *text,
                                struct reprojection_view *v)
 {
@@ -170,7 +191,7 @@ static void reprojection_judge(oxl_context *ctx, const oxl_scene *scene, struct 
     count = reprojection_list(scene_colmap(scene), text, text + got, seen);
     if (count < REPROJECTION_FEWEST) return;
     v->judged = 1;
-    for (int k = 0; k < REPROJECTION_POSES; k++) {
+    for (int k = 0; k < REPROJECTION_POSES && (k < 1 || reprojection_is_wrong(scene, v)); k++) {
         double pixel[REPROJECTION_POINTS][2], factor;
         reprojection_project(scene, v->view, (enum reprojection_pose)k, seen, count, pixel);
         v->error[k] = reprojection_median(seen, count, pixel, 1);
@@ -181,11 +202,6 @@ static void reprojection_judge(oxl_context *ctx, const oxl_scene *scene, struct 
 }
 
 /* ---------------- messages */
-
-static int reprojection_is_wrong(const oxl_scene *scene, const struct reprojection_view *v)
-{
-    return v->judged && v->error[REPROJECTION_AS_IS] > reprojection_limit(scene, v->view);
-}
 
 /* Returns the convention by which nine of ten of the wrong images are right; as they are: none. */
 static enum reprojection_pose reprojection_guess(const oxl_scene *scene, const struct reprojection_view *v,

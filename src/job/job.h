@@ -48,8 +48,10 @@ OXL_INTERNAL int manifest_is_of(const struct oxl_manifest *run, const char *scen
 /* OXL_ERR_USAGE: OUT is a folder that the survey is read from, or the survey is one of its blocks. */
 OXL_INTERNAL oxl_result out_check_inputs(oxl_context *ctx, const char *out, const char *scene,
                                          const oxl_scene_options *o);
-/* OXL_ERR_USAGE: OUT, in which no run is known, holds a model that a run would replace. */
-OXL_INTERNAL oxl_result out_check_model(oxl_context *ctx, const char *out);
+/* OXL_ERR_USAGE: OUT, in which no run is known, holds a file that a run would replace. */
+OXL_INTERNAL oxl_result out_check_files(oxl_context *ctx, const char *out);
+/* OXL_ERR_USAGE: OUT holds a partition, or a file of its name, that no program of ours wrote. */
+OXL_INTERNAL oxl_result out_check_partition(oxl_context *ctx, const char *out);
 
 /* ---------------- start.c: a model to start from instead of the points */
 

@@ -54,10 +54,18 @@ void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run)
 
 /* ---------------- what is there already */
 
+/* Locks OUT. A finished run in a folder that cannot be written to is looked at without a lock. */
 static oxl_result job_lock(struct job *job)
 {
+    struct oxl_manifest run = {0};
     oxl_result rc = lock_check_parents(job->ctx, job->out);
-    if (rc == OXL_OK) rc = lock_folder(job->ctx, job->out, job->options.block >= 0, &job->lock);
+    if (rc != OXL_OK) return rc;
+    rc = lock_folder(job->ctx, job->out, job->options.block >= 0, &job->lock);
+    if (rc == OXL_ERR_IO && job->options.block < 0 && !job->options.restart &&
+        manifest_read(job->ctx, job->out, &run) == OXL_OK)
+        job->is_read_only = run.finished && os_is_file(PATH(job->out, "scene.ply"));
+    manifest_free(job->ctx, &run);
+    if (job->is_read_only) return OXL_OK;
     return rc == OXL_OK ? job_refuse_links(job) : rc;
 }
 
@@ -152,7 +160,8 @@ static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *ru
     if (run->finished ? job->start.after == 0 && !job->options.restart
                       : job_has_blocks(job) && !job->options.restart)
         return job_refuse(job, run);
-    rc = job_lock_alone(job, 1);
+    /* a folder that could not be locked: says why it cannot be written to */
+    rc = job->is_read_only ? lock_folder(job->ctx, job->out, 0, &job->lock) : job_lock_alone(job, 1);
     if (rc != OXL_OK) return rc;
     if (!run->finished && job->options.block < 0 && job_is_of_another_run(job, run))
         job_drop_checkpoints(job);
@@ -204,8 +213,10 @@ static oxl_result job_find_earlier(struct job *job, int *done)
     oxl_result rc = manifest_read(job->ctx, job->out, &run);
     *done = 0;
     if (rc == OXL_OK && run.line && !job->options.restart) rc = job_adopt_names(job, &run);
-    if (rc == OXL_OK && !run.line && !job->options.restart && !job_has_blocks(job))
-        rc = out_check_model(job->ctx, job->out);
+    if (rc == OXL_OK && !run.line && !job->options.restart && !job_has_blocks(job)) {
+        rc = out_check_files(job->ctx, job->out);
+        if (rc == OXL_OK) rc = out_check_partition(job->ctx, job->out);
+    }
     if (rc == OXL_OK) rc = job_find_start(job, &run);
     if (rc != OXL_OK || !run.line) goto leave;
     if (job_is_of_another_run(job, &run) || job->options.restart) rc = job_replace_run(job, &run);
@@ -432,8 +443,10 @@ static oxl_result job_prepare(struct job *job, int *done)
 {
     oxl_result rc = job_open(job);
     if (rc == OXL_OK && job->options.renders) rc = render_names_check(job->ctx, job->scene);
-    if (rc == OXL_OK) rc = job_remove_temporaries(job);
+    if (rc == OXL_OK && !job->is_read_only) rc = job_remove_temporaries(job);
     if (rc == OXL_OK) rc = job_find_earlier(job, done);
+    if (rc == OXL_OK && !*done && job->is_read_only && !job->lock)
+        rc = lock_folder(job->ctx, job->out, 0, &job->lock);
     if (rc == OXL_OK && *done)
         oxl_log(job->ctx, OXL_LOG_INFO,
                 "%s already holds the finished result of this survey, these options and this seed", job->out);
@@ -496,27 +509,23 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *call
 {
     oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
     struct oxl_manifest run = {0};
-    oxl_lock *lock = NULL;
     struct job job;
     int done = 0;
     oxl_result rc = oxl_backend_begin(ctx);
-    if (rc == OXL_OK && os_is_folder(out)) rc = oxl_lock_folder(ctx, out, &lock);
     if (rc == OXL_OK) rc = manifest_read(ctx, out, &run);
     if (rc == OXL_OK && (!run.line || !run.scene))
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s holds no run.json of a run\nfix: oceanxl train SCENE -o %s --block K comes first",
                       out, SHELL_WORD(out));
     if (rc != OXL_OK) {
-        oxl_unlock_folder(ctx, &lock);
         manifest_free(ctx, &run);
         return rc;
     }
     manifest_options(&run, &options);
     options.scene.allow_truncated = 1; /* as its training was allowed to */
     job_begin(&job, ctx, run.scene, out, &options, callback);
-    job.lock = lock;
     rc = job_check(&job);
-    if (rc == OXL_OK) rc = job_refuse_links(&job);
+    if (rc == OXL_OK) rc = job_lock(&job);
     if (rc == OXL_OK) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) rc = job_plan_decoded(&job);
     if (rc == OXL_OK && !done) rc = rounds_collect(&job);

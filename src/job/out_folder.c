@@ -1,8 +1,8 @@
-/* out_folder.c - what OUT may not be: a folder that the survey is read from, or one with a model that no run
- * wrote.
+/* out_folder.c - what OUT may not be: a folder that the survey is read from, or one with files of a run's
+ * names that no run wrote.
  *
  * Both would lose what cannot be made again: points of transforms.json that are named scene.ply, the block of
- * a partition that is cut anew in its own place, the model of another program.
+ * a partition that is cut anew in its own place, the model, the report or the blocks of another program.
  */
 #include "job.h"
 #include "../large/os_job.h"
@@ -30,14 +30,35 @@ OXL_INTERNAL oxl_result out_check_inputs(oxl_context *ctx, const char *out, cons
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result out_check_model(oxl_context *ctx, const char *out)
+OXL_INTERNAL oxl_result out_check_files(oxl_context *ctx, const char *out)
 {
-    static const char *const models[] = {"scene.ply", "scene_standard.ply", "scene_clear.ply"};
-    for (size_t i = 0; i < OXL_COUNT(models); i++)
-        if (os_is_file(PATH(out, "%s", models[i])))
+    static const char *const files[] = {"scene.ply",   "scene_standard.ply", "scene_clear.ply", "imaging.txt",
+                                        "report.html", "metrics.json",       "run.json"};
+    for (size_t i = 0; i < OXL_COUNT(files); i++)
+        if (os_is_file(PATH(out, "%s", files[i])))
             return oxl_fail(ctx, OXL_ERR_USAGE,
-                            "%s/%s is there, and no run.json of the run that wrote it\n"
+                            "%s/%s is there, and no run.json of a run that wrote it\n"
                             "fix: another folder by -o; --restart replaces it",
-                            out, models[i]);
+                            out, files[i]);
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result out_check_partition(oxl_context *ctx, const char *out)
+{
+    static const char *const files[] = {"partition.txt", "partition.svg", "blocks/000/sparse/0/images.txt"},
+                             *const marks[] = {"# The survey in blocks, cut", "<title>The survey in ",
+                                               "# Image list with "};
+    for (size_t i = 0; i < OXL_COUNT(files); i++) {
+        const char *path = PATH(out, "%s", files[i]);
+        struct os_file_map map = {0};
+        const oxl_result rc = os_is_file(path) ? os_read_file(ctx, path, &map) : OXL_OK;
+        const int is_own = !map.data || strstr(map.data, marks[i]);
+        os_release_file(ctx, &map);
+        if (rc != OXL_OK) return rc;
+        if (!is_own)
+            return oxl_fail(
+                ctx, OXL_ERR_USAGE,
+                "%s is there, and no partition wrote it\nfix: another folder by -o, or move it away", path);
+    }
     return OXL_OK;
 }

@@ -21,6 +21,7 @@
 /* or, where that is less, so many times those that it is expected to end with; where it has room for these,
  * nothing gives way (docs/log/FORECAST.md) */
 #define BUDGET_EXPECTED 1.5
+#define BUDGET_ADVICE 1.1
 #define BUDGET_POINTS 1000 /* smaller blocks are not tried */
 /* SH degree where memory is short: more Gaussians are worth more than degree 3 (docs/log/SCALE.md) */
 #define BUDGET_SH 1
@@ -99,7 +100,8 @@ OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct cost_load *load
     return 1;
 }
 
-/* Finds the least budget that does, in MiB. */
+/* Finds a budget that does, in MiB: the least by the predictions, and a tenth more, as they differ between a
+ * survey and its one block, and what is read in the meantime counts. */
 static double budget_needed(const oxl_context *ctx, const struct cost_load *load, const oxl_job_options *o)
 {
     double low = 0, high = 1 << 24;
@@ -110,7 +112,7 @@ static double budget_needed(const oxl_context *ctx, const struct cost_load *load
         if (tried.ram > 0 && budget_fit(ctx, load, &tried)) high = middle;
         else low = middle;
     }
-    return high;
+    return ceil(BUDGET_ADVICE * high);
 }
 
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load,
@@ -153,22 +155,21 @@ OXL_INTERNAL size_t budget_limit(const oxl_scene *scene, const oxl_job_options *
     return (size_t)free;
 }
 
-/* Blocks of half the points, until each fits. */
+/* Blocks of half the points, until each fits. OXL_ERR_BUDGET: *worst is the load of one that does not. */
 static oxl_result budget_halve_blocks(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
-                                      struct partition *out)
+                                      struct partition *out, struct cost_load *worst)
 {
     oxl_partition_options tried = o->partition;
     const size_t points = scene->stats.points;
-    struct cost_load worst;
     oxl_result rc = OXL_OK;
     if (tried.blocks == 0 && tried.block_points == 0) tried.block_points = (int)OXL_CLAMP(points, 1, INT_MAX);
-    while (rc == OXL_OK && !budget_fits_all(ctx, out, o, &worst)) {
+    while (rc == OXL_OK && !budget_fits_all(ctx, out, o, worst)) {
         if (tried.blocks > 0) { /* more than were asked for */
             tried.block_points = (int)(points / (size_t)tried.blocks);
             tried.blocks = 0;
         }
         if (tried.kind == OXL_PARTITION_NONE || tried.block_points / 2 < BUDGET_POINTS)
-            rc = budget_refuse(ctx, &worst, o);
+            rc = budget_refuse(ctx, worst, o);
         partition_free(ctx, out);
         tried.block_points /= 2;
         if (rc == OXL_OK) rc = partition_make(ctx, scene, &tried, out);
@@ -179,18 +180,33 @@ static oxl_result budget_halve_blocks(oxl_context *ctx, const oxl_scene *scene, 
     return rc;
 }
 
+/* Refuses a budget that reading alone exceeds. The fix names one that blocks fit, too. */
+static oxl_result budget_refuse_reading(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
+                                        struct partition *out)
+{
+    const double reading = (double)os_peak_rss(), least = ceil(reading / BUDGET_MARGIN / 1048576);
+    oxl_job_options limited = *o;
+    struct cost_load worst;
+    oxl_result rc;
+    limited.ram = (size_t)(least * 1048576);
+    rc = budget_halve_blocks(ctx, scene, &limited, out, &worst);
+    if (rc != OXL_OK && rc != OXL_ERR_BUDGET) return rc;
+    return oxl_fail(ctx, OXL_ERR_BUDGET,
+                    "reading the survey alone takes %.0f MB, --ram allows %.0f MB\nfix: --ram %.0fM",
+                    reading / 1e6, (double)o->ram / 1e6,
+                    rc == OXL_OK ? least : OXL_MAX(least, budget_needed(ctx, &worst, &limited)));
+}
+
 OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
                                          struct partition *out)
 {
     oxl_job_options limited = *o;
+    struct cost_load worst;
     oxl_result rc = partition_make(ctx, scene, &o->partition, out);
     limited.ram = budget_limit(scene, o);
     if (rc == OXL_OK && o->ram && (double)os_peak_rss() > BUDGET_MARGIN * (double)o->ram)
-        rc = oxl_fail(ctx, OXL_ERR_BUDGET,
-                      "reading the survey alone takes %.0f MB, --ram allows %.0f MB\nfix: --ram %.0fM",
-                      (double)os_peak_rss() / 1e6, (double)o->ram / 1e6,
-                      ceil((double)os_peak_rss() / BUDGET_MARGIN / 1048576));
-    if (rc == OXL_OK && limited.ram) rc = budget_halve_blocks(ctx, scene, &limited, out);
+        rc = budget_refuse_reading(ctx, scene, o, out);
+    if (rc == OXL_OK && limited.ram) rc = budget_halve_blocks(ctx, scene, &limited, out, &worst);
     if (rc == OXL_ERR_BUDGET && o->ram == 0) { /* not asked for: it may swap */
         oxl_log(ctx, OXL_LOG_WARNING, "%.0f MB of memory are free, too little for blocks of any size",
                 (double)limited.ram / 1e6);

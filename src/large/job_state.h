@@ -47,7 +47,8 @@ struct job {
     int stage_first, stage_until; /* steps of the present stage */
     uint64_t seed;                /* of the context, restored at the end */
     struct start start;
-    oxl_lock *lock; /* on OUT: shared by processes that train single blocks, else exclusive */
+    oxl_lock *lock;   /* on OUT: shared by processes that train single blocks, else exclusive */
+    int is_read_only; /* OUT holds a finished run and cannot be written to: lock is NULL */
 };
 
 /* ---------------- job_state.c */
