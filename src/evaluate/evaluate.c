@@ -103,7 +103,7 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
     rc = oxl_ssim(ctx, rendered, image, &row->ssim);
     if (rc == OXL_OK) rc = oxl_ms_ssim(ctx, rendered, image, &row->ms_ssim);
     if (rc == OXL_OK && p->scene->lpips)
-        rc = lpips_distance(ctx, p->scene->lpips, rendered, image, &row->lpips);
+        rc = p->scene->lpips_distance(ctx, p->scene->lpips, rendered, image, &row->lpips);
     return rc == OXL_OK ? evaluate_add_bands(ctx, p->scene, row->view, rendered, image, p->bands) : rc;
 }
 
@@ -193,12 +193,6 @@ static oxl_result evaluate_views(oxl_context *ctx, const struct render_source *s
     evaluate_sum_up_views(out);
     if (rc != OXL_OK) oxl_metrics_free(ctx, out);
     return rc;
-}
-
-oxl_result oxl_scene_read_lpips(oxl_context *ctx, oxl_scene *scene, const char *path)
-{
-    oxl_free(ctx, scene->lpips);
-    return lpips_read(ctx, path, &scene->lpips);
 }
 
 OXL_INTERNAL oxl_result evaluate_source(oxl_context *ctx, const struct render_source *source,

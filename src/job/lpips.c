@@ -15,7 +15,8 @@
  */
 #include "../core/bytes.h"
 #include "../core/simd.h"
-#include "evaluate.h"
+#include "../survey/scene.h"
+#include "job.h"
 
 enum {
     LPIPS_LAYERS = 5,
@@ -381,4 +382,11 @@ OXL_INTERNAL oxl_result lpips_distance(oxl_context *ctx, const struct lpips *net
     }
     oxl_free(ctx, run.length);
     return rc;
+}
+
+oxl_result oxl_scene_read_lpips(oxl_context *ctx, oxl_scene *scene, const char *path)
+{
+    oxl_free(ctx, scene->lpips);
+    scene->lpips_distance = lpips_distance;
+    return lpips_read(ctx, path, &scene->lpips);
 }
