@@ -552,12 +552,12 @@ TEST(synth_refuses_invalid_options_with_a_fix)
     o.backscatter = 0, o.origin[1] = 9e6;
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
     CHECK(!os_is_folder(test_path("survey")));
-    CHECK_OK(os_make_folder(test_ctx, test_path("dive/sparse/0")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("dive/sparse/0")));
     test_write("dive/sparse/0/images.txt", "somebody's own");
     o = synth_test_options("dive");
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(test_ctx), "dive: a survey without truth/ is there");
-    CHECK_OK(os_make_folder(test_ctx, test_path("images/images")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("images/images")));
     o = synth_test_options("images");
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
     test_write("in the way", "a file where a folder should be");

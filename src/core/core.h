@@ -245,8 +245,6 @@ OXL_INTERNAL void os_library_symbol(void *library, const char *name, void *out, 
 OXL_INTERNAL void os_library_close(void *library);
 #endif
 
-/* Makes a folder with its parents; an existing one is no error. */
-OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path);
 OXL_INTERNAL int os_is_file(const char *path);
 OXL_INTERNAL int os_is_folder(const char *path);
 OXL_INTERNAL int os_is_special(const char *path);   /* there, and neither file nor folder: a pipe, a device */

@@ -58,26 +58,6 @@ OXL_INTERNAL int os_is_folder(const char *path)
     return os_kind_of(path, NULL) == OS_FOLDER;
 }
 
-OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path)
-{
-    oxl_result rc = OXL_OK;
-    char *part = oxl_strdup(ctx, path);
-    const size_t size = strlen(path);
-    if (!part) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to make the folder", path);
-    for (size_t i = 1; i <= size && rc == OXL_OK; i++) {
-        if (i < size && !os_is_separator(part[i])) continue;
-        part[i] = 0;
-        /* mkdir of an existing parent can fail with other errors than EEXIST (read-only disk, "C:") */
-        if (os_make_one_folder(part) != 0) {
-            const int error = errno;
-            if (!os_is_folder(part)) rc = os_fail(ctx, OXL_ERR_IO, part, "cannot make the folder", error);
-        }
-        part[i] = path[i];
-    }
-    oxl_free(ctx, part);
-    return rc;
-}
-
 OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path,
                                        void (*visit)(void *user, const char *name), void *user)
 {

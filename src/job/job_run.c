@@ -234,7 +234,7 @@ static void job_count_iterations(struct job *job, int images)
 
 static oxl_result job_open(struct job *job)
 {
-    oxl_result rc = os_make_folder(job->ctx, job->out);
+    oxl_result rc = oxl_make_folder(job->ctx, job->out);
     if (rc == OXL_OK) rc = job_load(job);
     if (rc != OXL_OK) return rc;
     rc = survey_describe(job->ctx, job->scene, &job->options, 0, &job->survey);

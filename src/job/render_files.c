@@ -338,7 +338,7 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_fi
 {
     struct renderer *r = NULL;
     struct render_file *file = oxl_alloc(ctx, RENDER_FILES_AT_ONCE, sizeof *file);
-    oxl_result rc = os_make_folder(ctx, f->folder);
+    oxl_result rc = oxl_make_folder(ctx, f->folder);
     *count = 0;
     if (rc == OXL_OK && !file) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
     if (rc == OXL_OK) rc = render_files_replace(ctx, f);

@@ -29,7 +29,7 @@ static oxl_result start_copy(oxl_context *ctx, const char *from, const char *to,
 /* Copies blocks/000 to blocks/start. */
 static oxl_result start_back_up(oxl_context *ctx, const char *out, const char *start)
 {
-    oxl_result rc = os_make_folder(ctx, start);
+    oxl_result rc = oxl_make_folder(ctx, start);
     if (rc == OXL_OK) rc = start_copy(ctx, PATH(out, "blocks/000"), start, "imaging.txt");
     return rc == OXL_OK ? start_copy(ctx, PATH(out, "blocks/000"), start, "model.ply") : rc;
 }

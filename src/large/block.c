@@ -38,13 +38,13 @@ struct block {
 /* Writes a file of the block's folder, which may have been deleted. */
 static oxl_result block_write(struct block *b, const char *name, const struct text *t)
 {
-    const oxl_result rc = os_make_folder(b->ctx, b->task->folder);
+    const oxl_result rc = oxl_make_folder(b->ctx, b->task->folder);
     return rc == OXL_OK ? os_write_text(b->ctx, PATH(b->task->folder, "%s", name), t) : rc;
 }
 
 static oxl_result block_write_model(struct block *b, const char *name, const oxl_model *model)
 {
-    const oxl_result rc = os_make_folder(b->ctx, b->task->folder);
+    const oxl_result rc = oxl_make_folder(b->ctx, b->task->folder);
     return rc == OXL_OK
                ? model_file_write_ply(b->ctx, PATH(b->task->folder, "%s", name), model, model->sh_degree)
                : rc;
@@ -54,7 +54,7 @@ static oxl_result block_write_model(struct block *b, const char *name, const oxl
 static oxl_result block_write_imaging(struct block *b, oxl_scene *scene)
 {
     const char *path = PATH(b->task->folder, "imaging.txt");
-    const oxl_result rc = os_make_folder(b->ctx, b->task->folder);
+    const oxl_result rc = oxl_make_folder(b->ctx, b->task->folder);
     if (rc != OXL_OK) return rc;
     if (imaging_is_needed(&scene->imaging)) return imaging_write(b->ctx, path, scene, &scene->imaging);
     os_remove(path);
@@ -406,7 +406,7 @@ OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const st
     struct text *outer = ctx->notes;
     oxl_model model = {0};
     struct block_record record = {0};
-    oxl_result rc = os_make_folder(ctx, task->folder);
+    oxl_result rc = oxl_make_folder(ctx, task->folder);
     if (rc == OXL_OK) rc = os_remove_temporaries(ctx, task->folder, BLOCK_FILES);
     if (rc == OXL_OK) rc = block_read(ctx, task->folder, task->key, &record);
     if (rc != OXL_OK) return rc;

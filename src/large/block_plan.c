@@ -47,7 +47,7 @@ static oxl_result plan_write(struct job *job, int block, const struct block_plan
     struct text t = {.ctx = job->ctx};
     const char *path = PATH(JOB_BLOCK(job, block), "plan.txt");
     const char *folder = JOB_BLOCK(job, block);
-    oxl_result rc = os_make_folder(job->ctx, folder);
+    oxl_result rc = oxl_make_folder(job->ctx, folder);
     text_add(
         &t,
         "# first step, last step, iterations, most Gaussians, fraction of the pixels, fraction of the work; neighbours; of each view "

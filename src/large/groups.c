@@ -244,7 +244,7 @@ static oxl_result groups_make(struct groups *g)
     if (rc == OXL_OK)
         oxl_log(g->job->ctx, OXL_LOG_INFO, "the merged model does not fit into memory: %d groups of views",
                 g->count);
-    if (rc == OXL_OK) rc = os_make_folder(g->job->ctx, g->folder);
+    if (rc == OXL_OK) rc = oxl_make_folder(g->job->ctx, g->folder);
     if (rc == OXL_OK) rc = groups_write_state(g);
     oxl_free(g->job->ctx, view);
     return rc;

@@ -114,7 +114,7 @@ OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
     if (!os_is_folder(folder)) { /* else another process has decided */
         const int wanted =
             job->scene && (job->partition.block_count > 1 || bytes > (double)budget_cache(&job->options));
-        if (wanted) rc = os_make_folder(job->ctx, folder);
+        if (wanted) rc = oxl_make_folder(job->ctx, folder);
         if (rc == OXL_OK && wanted && os_disk_free(folder) < JOB_DISK * bytes) os_remove_folder(folder);
     }
     oxl_free(job->ctx, job->decoded);

@@ -44,7 +44,7 @@ static oxl_result lock_take(oxl_context *ctx, const char *folder, int shared, in
     *out = NULL;
     *busy = 0;
     if (lock) lock->path = oxl_path_join(ctx, folder, ".lock");
-    rc = lock && lock->path ? os_make_folder(ctx, folder)
+    rc = lock && lock->path ? oxl_make_folder(ctx, folder)
                             : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to lock %s", folder);
     if (rc != OXL_OK) goto done;
     got = lock_open(lock->path, shared, &lock->file);

@@ -424,7 +424,7 @@ static oxl_result exporter_blocks(struct exporter *e)
 
 OXL_INTERNAL oxl_result partition_save(oxl_context *ctx, const struct partition *p, const char *out)
 {
-    oxl_result rc = os_make_folder(ctx, out);
+    oxl_result rc = oxl_make_folder(ctx, out);
     if (rc == OXL_OK) rc = partition_draw(ctx, p, PATH(out, "partition.svg"));
     return rc == OXL_OK ? partition_write(ctx, PATH(out, "partition.txt"), p) : rc;
 }
@@ -432,7 +432,7 @@ OXL_INTERNAL oxl_result partition_save(oxl_context *ctx, const struct partition 
 OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partition *p, const char *out)
 {
     struct exporter e = {.ctx = ctx, .p = p, .out = out};
-    oxl_result rc = os_make_folder(ctx, out);
+    oxl_result rc = oxl_make_folder(ctx, out);
     if (rc == OXL_OK && !p->plan)
         rc = oxl_fail(
             ctx, OXL_ERR_USAGE,
