@@ -120,8 +120,7 @@ static oxl_result conventions_find(struct match *w, double filled, const char **
     double best = OXL_MAX(CONVENTIONS_CORRELATION, match_median(w) + MATCH_CHANCE);
     double most = filled <= CONVENTIONS_UNFILLED ? CONVENTIONS_FILLED : 1;
     const char *by_count = NULL;
-    oxl_result rc =
-        room ? OXL_OK : oxl_fail(w->ctx, OXL_ERR_MEMORY, "no memory to try other conventions of poses");
+    oxl_result rc = room ? OXL_OK : OXL_ERR_MEMORY;
     *name = NULL;
     for (size_t i = 0; i < OXL_COUNT(conventions) && rc == OXL_OK; i++) {
         const char *called = json ? conventions[i].of_json : conventions[i].of_colmap;

@@ -97,7 +97,7 @@ OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, co
     capacity = (start[0] ? OS_START : (size_t)expected) + 2;
     data = oxl_alloc(ctx, capacity, 1);
     if (!data) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for %zu bytes", path, capacity);
+        rc = OXL_ERR_MEMORY;
         goto done;
     }
     setvbuf(file, NULL, _IONBF, 0);
@@ -187,7 +187,7 @@ OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struc
              os_process()); /* unique among processes that share an output folder */
     out->temporary = name.data;
     if (!out->path || name.failed) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to write it", path);
+        rc = OXL_ERR_MEMORY;
         goto done;
     }
     out->file = os_create(out->temporary);
@@ -250,6 +250,5 @@ OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const 
 
 OXL_INTERNAL oxl_result os_write_text(oxl_context *ctx, const char *path, const struct text *t)
 {
-    return t->failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to write %s", path)
-                     : os_write_file(ctx, path, t->data, t->size);
+    return t->failed ? OXL_ERR_MEMORY : os_write_file(ctx, path, t->data, t->size);
 }

@@ -8,8 +8,7 @@
 /* ---------------- metrics_json.c */
 
 /* Adds members of a JSON object, without its braces: the means, the values by depth, and "views". */
-OXL_INTERNAL oxl_result metrics_json_add(oxl_context *ctx, struct text *t, const oxl_scene *scene,
-                                         const oxl_metrics *m);
+OXL_INTERNAL oxl_result metrics_json_add(struct text *t, const oxl_scene *scene, const oxl_metrics *m);
 
 /* ---------------- lpips.c */
 

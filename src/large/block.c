@@ -350,7 +350,7 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
     if (hides) o.iterations = OXL_MAX(2 * o.iterations, OXL_MIN(BLOCK_REFINE_MORE, 3 * o.iterations));
     text_add(&key, "standard %s", b->task->key);
     train.store = checkpoint_in(b->task->folder, key.data);
-    rc = key.failed ? oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to refine a model for viewers") : OXL_OK;
+    rc = key.failed ? OXL_ERR_MEMORY : OXL_OK;
     if (rc == OXL_OK)
         oxl_log(b->ctx, OXL_LOG_INFO,
                 "the model without second lobes and medium, for viewers, is refined for %d iterations",

@@ -26,7 +26,7 @@ static oxl_result os_walk_in(oxl_context *ctx, const char *folder, const char *i
     char *path = oxl_path_join(ctx, folder, inside);
     const size_t size = path ? strlen(path) : 0;
     oxl_result rc = OXL_OK;
-    if (!path) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for the name of a folder", inside);
+    if (!path) return OXL_ERR_MEMORY;
     for (size_t i = size - strlen(inside) + 1; i <= size && rc == OXL_OK; i++) {
         const char had = path[i];
         if (i < size && !os_is_separator(had)) continue;

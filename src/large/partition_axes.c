@@ -141,7 +141,7 @@ OXL_INTERNAL oxl_result partition_axes(oxl_context *ctx, const oxl_scene *scene,
     oxl_result rc = OXL_OK;
     *out = (struct partition_axes){.rotation = {0}};
     if (!sample || !scratch) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the principal axes of %zu points", c->point_count);
+        rc = OXL_ERR_MEMORY;
         goto done;
     }
     n = axes_sample(c, oxl_scene_origin(scene), sample);

@@ -337,7 +337,7 @@ OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition 
     d.base = oxl_alloc(ctx, views, sizeof *d.base);
     d.border = oxl_alloc(ctx, views, sizeof *d.border);
     if (!d.colour || !d.camera || !d.base || !d.border) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the image of the partition");
+        rc = OXL_ERR_MEMORY;
         goto done;
     }
     draw_find_cameras(&d);

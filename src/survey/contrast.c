@@ -246,7 +246,7 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
     w.sample = oxl_alloc(ctx, OXL_MIN(c->track_count, (size_t)CONTRAST_SAMPLE) + 1, sizeof *w.sample);
     w.by_view = oxl_calloc(ctx, (size_t)views + 1, sizeof *w.by_view);
     if (!w.view || !w.chosen || !w.sample || !w.by_view) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to measure the contrast of %d images", views);
+        rc = OXL_ERR_MEMORY;
         goto done;
     }
     contrast_choose_views(scene, c, &w);
