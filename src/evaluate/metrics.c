@@ -300,10 +300,8 @@ static oxl_result metrics_sum_windows(oxl_context *ctx, const oxl_image *a, cons
     s.scratch =
         oxl_calloc(ctx, metrics_room(a->width) * (size_t)ctx->threads, METRICS_LINES * sizeof *s.scratch);
     s.row = oxl_calloc(ctx, (size_t)a->height, sizeof *s.row);
-    if (!s.scratch || !s.row) {
-        rc = OXL_ERR_MEMORY;
-        goto done;
-    }
+    if (!s.scratch || !s.row) rc = OXL_ERR_MEMORY;
+    if (rc != OXL_OK) goto done;
     metrics_kernel(s.kernel);
     metrics_rows(ctx, &s);
     for (int y = 0; y < a->height; y++) {

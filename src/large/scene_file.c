@@ -200,10 +200,8 @@ OXL_INTERNAL oxl_result scene_file_write(oxl_context *ctx, const char *path, con
     struct scene_camera_row *camera = oxl_calloc(ctx, cameras + 1, sizeof *camera);
     struct scene_rows rows = {{0}, {0}};
     oxl_result rc = OXL_OK;
-    if (!facts || !view || !camera) {
-        rc = OXL_ERR_MEMORY;
-        goto done;
-    }
+    if (!facts || !view || !camera) rc = OXL_ERR_MEMORY;
+    if (rc != OXL_OK) goto done;
     scene_facts_of(scene, facts);
     scene_view_rows(scene, view);
     scene_camera_rows(scene, camera);

@@ -577,10 +577,8 @@ oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size
     tree.site = oxl_alloc(ctx, count, sizeof *tree.site);
     tree.split = oxl_alloc(ctx, count, 1);
     width = oxl_alloc(ctx, count, sizeof *width);
-    if (!key || !tree.site || !tree.split || !width) {
-        rc = OXL_ERR_MEMORY;
-        goto done;
-    }
+    if (!key || !tree.site || !tree.split || !width) rc = OXL_ERR_MEMORY;
+    if (rc != OXL_OK) goto done;
     model_sort_by_code(points, count, key);
     count = tree.count = model_drop_coincident(key, count);
     rc = oxl_model_create(ctx, count, sh_degree, out);

@@ -381,10 +381,8 @@ static oxl_result image_reduce(oxl_context *ctx, const struct pixels *in, const 
     oxl_result rc = OXL_OK;
     r.column = oxl_alloc(ctx, (size_t)out->width, sizeof *r.column);
     r.line = oxl_alloc(ctx, 3 * (size_t)in->width * (size_t)ctx->threads, sizeof *r.line);
-    if (!r.column || !r.line) {
-        rc = OXL_ERR_MEMORY;
-        goto done;
-    }
+    if (!r.column || !r.line) rc = OXL_ERR_MEMORY;
+    if (rc != OXL_OK) goto done;
     for (int x = 0; x < out->width; x++) r.column[x] = image_span_of(x, in->width, out->width);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int y = 0; y < out->height; y++) image_reduce_row(ctx->isa, &r, y);

@@ -146,10 +146,8 @@ oxl_result oxl_scene_from_arrays(oxl_context *ctx, const oxl_view *views, const 
     if (rc == OXL_OK) rc = scene_alloc_views(ctx, scene, (size_t)view_count);
     if (rc != OXL_OK) goto done;
     scene->point = oxl_alloc(ctx, point_count + 1, sizeof *scene->point);
-    if (!scene->point) {
-        rc = OXL_ERR_MEMORY;
-        goto done;
-    }
+    if (!scene->point) rc = OXL_ERR_MEMORY;
+    if (rc != OXL_OK) goto done;
     if (point_count) memcpy(scene->point, points, point_count * sizeof *points);
     scene->point_count = point_count;
     for (int i = 0; i < view_count; i++)
