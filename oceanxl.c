@@ -109,7 +109,6 @@
 
 /* images compared */
 #include "src/evaluate/metrics.c"   /* two images compared: PSNR, SSIM, MS-SSIM */
-#include "src/evaluate/lpips.c"     /* LPIPS, for evaluations */
 #include "src/evaluate/structure.c" /* the same whatever their contrast: correlation of their detail */
 #include "src/evaluate/evaluate.c"  /* a model's images against those of a survey */
 
@@ -196,6 +195,7 @@
 #include "src/job/render_files.c"      /* renders as files */
 #include "src/job/training_views.c"    /* training views with much larger error than their neighbours */
 #include "src/job/unseen.c"            /* removes Gaussians that no training view shows */
+#include "src/job/lpips.c"             /* LPIPS, for evaluations */
 #include "src/job/metrics_json.c"      /* metrics as JSON */
 #include "src/job/job_result.c"        /* the model in its files, metrics.json, run.json, renders */
 #include "src/job/job_run.c"           /* the whole job: survey folder in, output folder out */

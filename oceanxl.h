@@ -232,10 +232,6 @@ OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int v
  * renders then apply. */
 OXL_API oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path);
 
-/* Reads weights of LPIPS v0.1 with AlexNet (Zhang 2018; the file's layout: src/evaluate/lpips.c), by which
- * evaluations of the scene measure LPIPS, too. */
-OXL_API oxl_result oxl_scene_read_lpips(oxl_context *ctx, oxl_scene *scene, const char *path);
-
 /* The image of a view as used in training: undistorted, reduced, masked. Free with oxl_image_free.
  * OXL_ERR_INPUT: its file is missing, not readable, or masked completely. */
 OXL_API oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out);

@@ -202,6 +202,10 @@ OXL_API oxl_result oxl_large_render(oxl_context *ctx, const oxl_large_model *lar
 OXL_API oxl_result oxl_large_evaluate(oxl_context *ctx, const oxl_large_model *large, oxl_scene *scene,
                                       oxl_split split, oxl_metrics *out);
 
+/* Reads weights of LPIPS v0.1 with AlexNet (Zhang 2018; the file's layout: src/job/lpips.c), by which
+ * evaluations of the scene measure LPIPS, too. */
+OXL_API oxl_result oxl_scene_read_lpips(oxl_context *ctx, oxl_scene *scene, const char *path);
+
 /* Logs a warning if the model, in the scene's frame, does not seem to cover the survey: of another frame, or
  * scale. */
 OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_large_model *model,

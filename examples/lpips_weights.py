@@ -2,7 +2,7 @@
 """lpips_weights.py FILE - writes the weights of LPIPS v0.1 with AlexNet, for `oceanxl eval --lpips FILE`.
 
 pip install torch torchvision lpips; the convolutions are torchvision's (BSD-3-Clause), the linear heads those of the
-package lpips (BSD-2-Clause). The layout is at the top of src/evaluate/lpips.c.
+package lpips (BSD-2-Clause). The layout is at the top of src/job/lpips.c.
 """
 import struct
 import sys

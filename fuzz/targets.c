@@ -399,7 +399,7 @@ static void fuzz_plan(oxl_context *ctx, const uint8_t *data, size_t size)
     struct job job = fuzz_job(ctx);
     struct block_plan plan = {0};
     oxl_scene *scene = fuzz_scene(ctx);
-    os_make_folder(ctx, fuzz_path("blocks/000"));
+    oxl_make_folder(ctx, fuzz_path("blocks/000"));
     fuzz_write_text(ctx, "blocks/000/plan.txt", data, size);
     fuzz_explained(ctx, block_plan_read(&job, 0, &plan));
     if (plan.views > 0 && block_plan_fits(&plan, scene))

@@ -167,7 +167,7 @@ static void extreme_write_images(oxl_context *ctx, const struct extreme_survey *
     char path[700];
     extreme_wall(ctx, &wall);
     snprintf(path, sizeof path, "%s/images", folder);
-    if (os_make_folder(ctx, path) != OXL_OK) extreme_fail(oxl_error_text(ctx));
+    if (oxl_make_folder(ctx, path) != OXL_OK) extreme_fail(oxl_error_text(ctx));
     for (int v = 0; v < EXTREME_VIEWS; v++) {
         const oxl_camera camera = extreme_view(v, e->twins);
         oxl_image image;

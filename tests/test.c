@@ -83,7 +83,7 @@ const char *test_folder(void)
         snprintf(folder, sizeof folder, "%s/oceanxl-test-%ld", base ? base : "/tmp",
                  (long)(os_seconds() * 1e6));
     }
-    os_make_folder(test_ctx, folder);
+    oxl_make_folder(test_ctx, folder);
     return folder;
 }
 
@@ -95,7 +95,7 @@ const char *test_write(const char *name, const char *text)
     snprintf(parent, sizeof parent, "%s", path);
     slash = strrchr(parent, '/');
     if (slash) *slash = 0;
-    CHECK_OK(os_make_folder(test_ctx, parent));
+    CHECK_OK(oxl_make_folder(test_ctx, parent));
     CHECK_OK(os_write_file(test_ctx, path, text, strlen(text)));
     return path;
 }

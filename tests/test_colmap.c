@@ -27,7 +27,7 @@ static void colmap_file(const char *name, const char *text)
 /* Any of the three may be NULL: not written. */
 oxl_result colmap_try(const char *cameras, const char *images, const char *points, struct colmap *out)
 {
-    CHECK_OK(os_make_folder(test_ctx, test_path("model")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("model")));
     if (cameras) colmap_file("model/cameras.txt", cameras);
     if (images) colmap_file("model/images.txt", images);
     if (points) colmap_file("model/points3D.txt", points);

@@ -78,7 +78,7 @@ static void binary_good(void)
 {
     struct colmap c;
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
-    CHECK_OK(os_make_folder(test_ctx, test_path("binary")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("binary")));
     binary_write(test_path("binary"), &c, test_path("model"));
     colmap_free(test_ctx, &c);
 }
@@ -166,7 +166,7 @@ TEST(colmap_binary_real_surveys_are_those_of_their_text)
     struct colmap c;
     if (!path) SKIP("no shared data");
     snprintf(text, sizeof text, "%s", path);
-    CHECK_OK(os_make_folder(test_ctx, test_path("binary")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("binary")));
     CHECK_OK(colmap_read(test_ctx, text, &c));
     binary_write(test_path("binary"), &c, text);
     colmap_free(test_ctx, &c);
@@ -188,7 +188,7 @@ TEST(colmap_binary_invalid_values_are_handled_as_in_text)
 {
     struct colmap c;
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
-    CHECK_OK(os_make_folder(test_ctx, test_path("binary")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("binary")));
     c.point[1].position[1] = INFINITY;
     c.point[0].error = NAN;
     c.image[1].rotation[0] = 8;
@@ -323,7 +323,7 @@ TEST(colmap_binary_names_stay_in_the_image_folder_and_on_one_line)
     for (size_t i = 0; i < OXL_COUNT(wrong); i++) {
         struct colmap c;
         CHECK_OK(colmap_try(colmap_good_cameras, "7 1 0 0 0 0 0 0 1 12345678\n\n", "", &c));
-        CHECK_OK(os_make_folder(test_ctx, test_path("binary")));
+        CHECK_OK(oxl_make_folder(test_ctx, test_path("binary")));
         strcpy(c.names + c.image[0].name, wrong[i][0]);
         binary_write(test_path("binary"), &c, test_path("model"));
         colmap_free(test_ctx, &c);

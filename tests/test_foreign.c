@@ -410,7 +410,7 @@ TEST(masks_without_a_black_pixel_ignore_nothing_and_that_is_said)
     char name[40];
     oxl_image mask;
     foreign_survey(1, "1 0 0 0", 0);
-    CHECK_OK(os_make_folder(test_ctx, test_path("survey/masks")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/masks")));
     CHECK_OK(oxl_image_create(test_ctx, FOREIGN_WIDTH, FOREIGN_HEIGHT, &mask));
     for (int i = 0; i < 3 * FOREIGN_WIDTH * FOREIGN_HEIGHT; i++) mask.rgb[i] = i % 2 ? 1 : 3 / 255.0f;
     for (int i = 0; i < FOREIGN_VIEWS; i++) {
@@ -553,7 +553,7 @@ TEST(folders_named_from_the_survey_are_found_and_said)
     oxl_scene_options o = oxl_scene_options_default();
     oxl_scene *scene = NULL;
     foreign_survey(1, "1 0 0 0", 0);
-    CHECK_OK(os_make_folder(test_ctx, test_path("survey/images_2")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/images_2")));
     o.images = "images_2";
     CHECK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "images_2: there is no such folder\nfix: --images ");
@@ -574,7 +574,7 @@ TEST(names_with_backslashes_are_those_with_slashes_where_these_are_there)
 {
     oxl_scene *scene = NULL;
     foreign_survey(1, "1 0 0 0", 0);
-    CHECK_OK(os_make_folder(test_ctx, test_path("survey/images/cam")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/images/cam")));
     CHECK(os_rename(test_path("survey/images/04.png"), test_path("survey/images/cam/04.png")) == 0);
     job_test_replace(test_path("survey/sparse/0/images.txt"), "04.png", "cam\\04.png");
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
@@ -637,7 +637,7 @@ TEST(transforms_masks_are_used_and_missing_ones_counted)
     oxl_scene *scene = NULL;
     const struct training_image *image;
     foreign_transforms("\"a\": 1");
-    CHECK_OK(os_make_folder(test_ctx, test_path("survey/own")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/own")));
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
     CHECK_TEXT(foreign_heard, "1 of the 1 masks that transforms.json names by mask_path are not there");
     oxl_scene_free(test_ctx, scene);

@@ -360,7 +360,7 @@ TEST(job_reads_decoded_images_from_files_and_ends_in_the_same_bytes)
     oxl_scene *a = NULL, *b = NULL;
     const struct training_image *x, *y;
     CHECK_OK(oxl_scene_load(test_ctx, survey, &options.scene, &a));
-    CHECK_OK(os_make_folder(test_ctx, test_path("decoded")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("decoded")));
     CHECK_OK(scene_set_decoded(test_ctx, a, test_path("decoded")));
     x = scene_image(test_ctx, a, 1);
     CHECK(x != NULL);
@@ -801,7 +801,7 @@ TEST(job_leaves_out_images_that_cannot_be_read_and_counts_them)
     oxl_image mask;
     test_write("survey/images/4.png", "no image");
     test_write("survey/images/2.png", "nor this");
-    CHECK_OK(os_make_folder(test_ctx, test_path("survey/masks")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/masks")));
     CHECK_OK(oxl_image_create(test_ctx, 8, 8, &mask));
     CHECK_OK(oxl_image_write(test_ctx, test_path("survey/masks/3.png"), &mask)); /* all of it black */
     oxl_image_free(test_ctx, &mask);

@@ -321,8 +321,8 @@ static void jsurvey_write_image(const char *name, int width, int height)
 {
     oxl_image image;
     CHECK_OK(oxl_image_create(test_ctx, width, height, &image));
-    CHECK_OK(os_make_folder(test_ctx, test_path("blender/train")));
-    CHECK_OK(os_make_folder(test_ctx, test_path("blender/test")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("blender/train")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("blender/test")));
     CHECK_OK(oxl_image_write(test_ctx, test_path(name), &image));
     oxl_image_free(test_ctx, &image);
 }

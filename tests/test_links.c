@@ -23,7 +23,7 @@ static void links_lead_out(const char *name)
     char path[1024];
     test_write("victim/photo", "keep");
     snprintf(path, sizeof path, "out/%s/.", name);
-    CHECK_OK(os_make_folder(test_ctx, test_path(path)));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path(path)));
     path[strlen(path) - 2] = 0;
     rmdir(test_path(path));
     CHECK(symlink(test_path("victim"), test_path(path)) == 0);
@@ -66,7 +66,7 @@ TEST(a_folder_given_by_the_user_may_be_a_link)
 {
     const oxl_job_options options = job_test_options();
     const char *survey = job_test_survey();
-    CHECK_OK(os_make_folder(test_ctx, test_path("disk")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("disk")));
     CHECK(symlink(test_path("disk"), test_path("out")) == 0);
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
     CHECK(os_is_file(test_path("disk/scene.ply")));
@@ -78,7 +78,7 @@ TEST(a_lock_that_is_a_link_a_pipe_or_a_file_of_others_is_refused_and_stays)
     struct stat s;
     test_write("victim", "secret");
     CHECK(chmod(test_path("victim"), 0600) == 0);
-    CHECK_OK(os_make_folder(test_ctx, test_path("out")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("out")));
     for (int kind = 0; kind < 4; kind++) {
         const char *path = test_path("out/.lock");
         if (kind == 0) CHECK(symlink(test_path("victim"), path) == 0);
@@ -135,7 +135,7 @@ TEST(a_file_that_is_a_link_is_replaced_and_its_target_stays)
     const char *survey = job_test_survey();
     options.restart = 1; /* without, a model that no run wrote is kept */
     test_write("victim", "keep");
-    CHECK_OK(os_make_folder(test_ctx, test_path("out")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("out")));
     CHECK(symlink(test_path("victim"), test_path("out/scene.ply")) == 0);
     CHECK(symlink(test_path("victim"), test_path("out/metrics.json")) == 0);
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
@@ -210,7 +210,7 @@ TEST(blocks_are_not_exported_through_a_link)
     const oxl_job_options options = job_test_options();
     const char *survey = job_test_survey();
     test_write("victim/0/cameras.txt", "keep");
-    CHECK_OK(os_make_folder(test_ctx, test_path("out/blocks/000")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("out/blocks/000")));
     CHECK(symlink(test_path("victim"), test_path("out/blocks/000/sparse")) == 0);
     CHECK(oxl_partition(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "sparse is a link");

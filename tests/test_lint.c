@@ -72,7 +72,7 @@ TEST(lint_counts_images_and_masks_that_cannot_be_used)
     CHECK_OK(oxl_image_create(test_ctx, 32, 48, &other));
     CHECK_OK(oxl_image_write(test_ctx, test_path("survey/images/2.png"), &other)); /* turned */
     test_write("survey/images/8.png", "no image");                                 /* held out */
-    CHECK_OK(os_make_folder(test_ctx, test_path("survey/masks")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/masks")));
     oxl_image_free(test_ctx, &other);
     CHECK_OK(oxl_image_create(test_ctx, 24, 16, &other));
     CHECK_OK(oxl_image_write(test_ctx, test_path("survey/masks/5.png"), &other)); /* black */

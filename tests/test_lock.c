@@ -91,7 +91,7 @@ TEST(lock_of_a_run_refuses_folders_within_it)
           !os_is_folder(test_path("out/new")));
     CHECK(
         strstr(oxl_error_text(test_ctx), "out/new lies in the folder of a run, which is in use by process"));
-    CHECK_OK(os_make_folder(test_ctx, test_path("out/blocks/000")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("out/blocks/000")));
     CHECK(oxl_lock_folder(test_ctx, test_path("out/blocks/000"), &lock) == OXL_ERR_FAILED);
     CHECK_OK(lock_folder(test_ctx, test_path("out/blocks/000"), 0, &lock)); /* of the run itself */
     oxl_unlock_folder(test_ctx, &lock);
@@ -122,7 +122,7 @@ TEST(lock_is_not_needed_where_the_run_is_finished)
 {
     oxl_job_options options = job_test_options();
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
-    CHECK_OK(os_make_folder(test_ctx, test_path("out/.lock")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("out/.lock")));
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
     CHECK_OK(oxl_merge(test_ctx, test_path("out"), NULL));
     options.train.iterations += 5;

@@ -173,24 +173,24 @@ TEST(os_a_folder_is_not_read_as_a_file)
 
 TEST(os_folders_are_made_with_their_parents_and_twice)
 {
-    CHECK_OK(os_make_folder(test_ctx, test_path("a/b//c/")));
-    CHECK_OK(os_make_folder(test_ctx, test_path("a/b/c")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("a/b//c/")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("a/b/c")));
     CHECK(os_is_folder(test_path("a/b/c")) && !os_is_file(test_path("a/b/c")));
 }
 
 TEST(os_a_file_in_the_way_of_a_folder_is_named)
 {
     const char *path = test_write("a", "");
-    CHECK(os_make_folder(test_ctx, test_path("a/b")) == OXL_ERR_IO);
+    CHECK(oxl_make_folder(test_ctx, test_path("a/b")) == OXL_ERR_IO);
     CHECK_TEXT(oxl_error_text(test_ctx), path);
-    CHECK(os_make_folder(test_ctx, path) == OXL_ERR_IO);
+    CHECK(oxl_make_folder(test_ctx, path) == OXL_ERR_IO);
 }
 
 TEST(os_a_listing_names_every_entry_but_the_folder_itself)
 {
     test_write("one", "");
     test_write("two words", "");
-    CHECK_OK(os_make_folder(test_ctx, test_path("three")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("three")));
     CHECK(os_entries("two words") == 103);
     CHECK(os_entries("three") == 103);
     CHECK(os_list_folder(test_ctx, test_path("nothing"), os_count_entry, NULL) == OXL_ERR_IO);

@@ -125,7 +125,7 @@ TEST(partition_export_of_a_binary_survey_says_the_same)
     options.read_images = 0;
     CHECK_OK(colmap_read(test_ctx, test_path("reef/sparse/0"), &c));
     snprintf(binary, sizeof binary, "%s", test_path("reef_binary"));
-    CHECK_OK(os_make_folder(test_ctx, test_path("reef_binary/sparse")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("reef_binary/sparse")));
     binary_write(test_path("reef_binary/sparse"), &c, test_path("reef/sparse/0"));
     colmap_free(test_ctx, &c);
     CHECK_OK(partition_make(test_ctx, scene, &o, &p));
@@ -209,8 +209,8 @@ TEST(partition_links_images_and_clears_what_an_earlier_one_left_but_no_model)
 {
     oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
     oxl_partition_report report;
-    CHECK_OK(os_make_folder(test_ctx, test_path("reef/images/dive1")));
-    CHECK_OK(os_make_folder(test_ctx, test_path("reef/masks")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("reef/images/dive1")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("reef/masks")));
     oxl_scene_free(test_ctx, partition_test_reef_scene(2));
     options.scene.read_images = 0;
     options.partition.block_points = 300;

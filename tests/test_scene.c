@@ -40,7 +40,7 @@ const char *scene_survey(const char *name, int n, double base, int with_files)
     text_free(&images);
     text_free(&points);
     snprintf(path, sizeof path, "%s/images", name);
-    CHECK_OK(os_make_folder(test_ctx, test_path(path)));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path(path)));
     for (int i = 0; i < n && with_files; i++) {
         oxl_image image;
         CHECK_OK(oxl_image_create(test_ctx, 32, 24, &image));
@@ -513,7 +513,7 @@ TEST(scene_masks_are_found_by_name_with_or_without_the_extension)
     oxl_image image;
     CHECK_OK(oxl_image_create(test_ctx, 2, 1, &image));
     for (int c = 0; c < 3; c++) image.rgb[2 * c + 1] = 1; /* the left half is black */
-    CHECK_OK(os_make_folder(test_ctx, test_path("s/masks")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("s/masks")));
     CHECK_OK(oxl_image_write(test_ctx, test_path("s/masks/img00.png.png"), &image));
     CHECK_OK(oxl_image_write(test_ctx, test_path("s/masks/img02.png"), &image));
     oxl_image_free(test_ctx, &image);
@@ -704,7 +704,7 @@ static const char *scene_ball(int transparent)
     struct text images = {.ctx = test_ctx};
     test_write("ball/sparse/0/cameras.txt", "1 PINHOLE 32 32 32 32 16 16\n");
     test_write("ball/sparse/0/points3D.txt", "# none\n");
-    CHECK_OK(os_make_folder(test_ctx, test_path("ball/images")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("ball/images")));
     for (int i = 0; i < 12; i++) {
         const double half = i * 3.14159265358979 / 12;
         char path[64];

@@ -553,12 +553,12 @@ TEST(synth_refuses_invalid_options_with_a_fix)
     o.backscatter = 0, o.origin[1] = 9e6;
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
     CHECK(!os_is_folder(test_path("survey")));
-    CHECK_OK(os_make_folder(test_ctx, test_path("dive/sparse/0")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("dive/sparse/0")));
     test_write("dive/sparse/0/images.txt", "somebody's own");
     o = synth_test_options("dive");
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(test_ctx), "dive/sparse is there, and synth did not write it");
-    CHECK_OK(os_make_folder(test_ctx, test_path("images/images")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("images/images")));
     o = synth_test_options("images");
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
     test_write("in the way", "a file where a folder should be");
@@ -593,7 +593,7 @@ TEST(synth_replaces_its_own_survey_and_nobody_elses)
     synth_test_keeps("b", "images/IMG_00001.png", "was changed after synth wrote it");
     synth_test_keeps("c", "transforms.json", "is of a survey that synth did not write");
     synth_test_keeps("d", "sparse/0/cameras.bin", "is of a survey that synth did not write");
-    CHECK_OK(os_make_folder(test_ctx, test_path("e/truth")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("e/truth")));
     test_write("e/truth/points.txt", "somebody's own");
     o = synth_test_options("e");
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);

@@ -194,8 +194,7 @@ static oxl_result conventions_find(struct match *w, double filled, const char **
     double best = OXL_MAX(CONVENTIONS_CORRELATION, match_median(w) + MATCH_CHANCE);
     double most = filled <= CONVENTIONS_UNFILLED ? CONVENTIONS_FILLED : 1;
     const char *by_count = NULL;
-    const oxl_result rc = t ? conventions_try(w, tried, t)
-                            : oxl_fail(w->ctx, OXL_ERR_MEMORY, "no memory to try other conventions of poses");
+    const oxl_result rc = t ? conventions_try(w, tried, t) : OXL_ERR_MEMORY;
     *name = NULL;
     for (size_t i = 0; i < OXL_COUNT(conventions) && rc == OXL_OK; i++) {
         const char *called = convention_name(w, i);

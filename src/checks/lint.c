@@ -92,8 +92,7 @@ OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *sce
     if (!c || c->track_count == 0) return OXL_OK;
     views = oxl_calloc(ctx, (size_t)count + 1, sizeof *views);
     view_of = scene_views_by_image(ctx, scene, OXL_SPLIT_ALL);
-    if (!views || !view_of)
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare %d poses with the points", count);
+    if (!views || !view_of) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK) lint_count(scene, view_of, views);
     if (rc == OXL_OK) lint_sum_up(ctx, scene, views, s);
     OXL_FREE(ctx, views, view_of);

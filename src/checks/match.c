@@ -202,9 +202,7 @@ OXL_INTERNAL oxl_result match_lay_out(struct match *w)
 {
     int *of_image = oxl_alloc(w->ctx, w->colmap->image_count + 1, sizeof *of_image);
     uint32_t *seen = oxl_calloc(w->ctx, (size_t)w->count + 1, 2 * sizeof *seen);
-    const oxl_result rc = of_image && seen
-                              ? OXL_OK
-                              : oxl_fail(w->ctx, OXL_ERR_MEMORY, "no memory to compare images with points");
+    const oxl_result rc = of_image && seen ? OXL_OK : OXL_ERR_MEMORY;
     for (size_t i = 0; rc == OXL_OK && i < w->colmap->image_count; i++) of_image[i] = -1;
     for (int k = 0; k < w->count && rc == OXL_OK; k++) {
         w->layout[k].view = (int)((int64_t)k * oxl_scene_view_count(w->scene) / w->count);
@@ -552,8 +550,7 @@ OXL_INTERNAL oxl_result match_begin(oxl_context *ctx, oxl_scene *scene, struct m
     w->score = oxl_calloc(ctx, (size_t)w->count + 1, sizeof *w->score);
     w->judged = oxl_calloc(ctx, (size_t)w->count + 1, 1);
     w->work = oxl_alloc(ctx, 2 * ((size_t)w->count + MATCH_SAMPLES), sizeof *w->work);
-    if (!w->layout || !w->score || !w->judged || !w->work)
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare %d images with the points", w->count);
+    if (!w->layout || !w->score || !w->judged || !w->work) return OXL_ERR_MEMORY;
     match_fill_maps(w);
     return OXL_OK;
 }

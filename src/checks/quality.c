@@ -218,8 +218,7 @@ OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_su
     q.sharp = oxl_alloc(ctx, (size_t)views + 1, sizeof *q.sharp);
     q.light = oxl_alloc(ctx, (size_t)views + 1, sizeof *q.light);
     q.work = oxl_alloc(ctx, (size_t)views + 1, sizeof *q.work);
-    if (!view || !list || !q.image || !q.sharp || !q.light || !q.work)
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to check %d images", views);
+    if (!view || !list || !q.image || !q.sharp || !q.light || !q.work) rc = OXL_ERR_MEMORY;
     for (int i = 0; rc == OXL_OK && i < views; i++) list[i] = i;
     for (int i = 0; i < views && rc == OXL_OK; i++) {
         const struct training_image *image;

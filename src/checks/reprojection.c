@@ -292,7 +292,7 @@ OXL_INTERNAL oxl_result reprojection_check(oxl_context *ctx, const oxl_scene *sc
         }
     os_reader_close(&file);
     oxl_free(ctx, text);
-    if (!text) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare points with the images");
+    if (!text) return OXL_ERR_MEMORY;
     reprojection_report(ctx, scene, v, count);
     return OXL_OK;
 }

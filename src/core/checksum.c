@@ -27,8 +27,7 @@ OXL_INTERNAL oxl_result checksum_of_file(oxl_context *ctx, const char *path, uin
     struct os_reader file;
     unsigned char *chunk = oxl_alloc(ctx, CHECKSUM_CHUNK, 1);
     size_t got = CHECKSUM_CHUNK;
-    oxl_result rc = chunk ? os_reader_open(ctx, path, &file)
-                          : oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to read it", path);
+    oxl_result rc = chunk ? os_reader_open(ctx, path, &file) : OXL_ERR_MEMORY;
     *sum = CHECKSUM_SEED;
     if (rc == OXL_OK) {
         while (rc == OXL_OK && got == CHECKSUM_CHUNK) {

@@ -93,7 +93,8 @@ OXL_INTERNAL int context_report(const oxl_callback *callback, const oxl_progress
  * errors. */
 OXL_INTERNAL oxl_context context_for_thread(oxl_context *ctx);
 
-/* All memory comes from these, aligned to 64 bytes; NULL if the allocator fails or count x size overflows. */
+/* All memory comes from these, aligned to 64 bytes; NULL if the allocator fails or count x size overflows:
+ * then the context has the error, and the caller returns OXL_ERR_MEMORY. */
 OXL_INTERNAL void *oxl_alloc(oxl_context *ctx, size_t count, size_t size);
 OXL_INTERNAL void *oxl_calloc(oxl_context *ctx, size_t count, size_t size);
 /* Keeps min(old, new) elements; on failure `old` stays valid. */
@@ -245,8 +246,6 @@ OXL_INTERNAL void os_library_symbol(void *library, const char *name, void *out, 
 OXL_INTERNAL void os_library_close(void *library);
 #endif
 
-/* Makes a folder with its parents; an existing one is no error. */
-OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path);
 OXL_INTERNAL int os_is_file(const char *path);
 OXL_INTERNAL int os_is_folder(const char *path);
 OXL_INTERNAL int os_is_special(const char *path);   /* there, and neither file nor folder: a pipe, a device */

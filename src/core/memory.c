@@ -49,13 +49,19 @@ OXL_INTERNAL void *oxl_regrow(oxl_context *ctx, void *old, size_t old_count, siz
     const size_t overhead = MEMORY_ALIGN + sizeof(void *);
     char *raw = NULL;
     size_t offset = 0;
-    if (size != 0 && new_count > (SIZE_MAX - overhead) / size) return NULL;
+    const int fits = size == 0 || new_count <= (SIZE_MAX - overhead) / size;
     if (old) {
         memcpy(&raw, (char *)old - sizeof raw, sizeof raw);
         offset = (size_t)((char *)old - raw);
     }
-    raw = ctx->options.reallocate(ctx->options.user, raw, new_count * size + overhead);
-    return raw ? memory_align(raw, offset, OXL_MIN(old_count, new_count) * size) : NULL;
+    raw = fits ? ctx->options.reallocate(ctx->options.user, raw, new_count * size + overhead) : NULL;
+    if (raw) return memory_align(raw, offset, OXL_MIN(old_count, new_count) * size);
+    oxl_fail(
+        ctx, OXL_ERR_MEMORY,
+        "no memory for %zu x %zu bytes\nfix: end other programs, or limit the run by --ram, --max-side or "
+        "--max-gaussians",
+        new_count, size);
+    return NULL;
 }
 
 OXL_INTERNAL void oxl_free(oxl_context *ctx, void *memory)
@@ -81,7 +87,7 @@ OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capac
     memcpy(&old, array, sizeof old);
     grown = oxl_regrow(ctx, old, *capacity, wanted, size);
     if (!grown && wanted > needed) grown = oxl_regrow(ctx, old, *capacity, wanted = needed, size);
-    if (!grown) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu elements of %zu bytes", wanted, size);
+    if (!grown) return OXL_ERR_MEMORY;
     memcpy(array, &grown, sizeof grown);
     *capacity = wanted;
     return OXL_OK;

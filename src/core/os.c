@@ -58,26 +58,6 @@ OXL_INTERNAL int os_is_folder(const char *path)
     return os_kind_of(path, NULL) == OS_FOLDER;
 }
 
-OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path)
-{
-    oxl_result rc = OXL_OK;
-    char *part = oxl_strdup(ctx, path);
-    const size_t size = strlen(path);
-    if (!part) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to make the folder", path);
-    for (size_t i = 1; i <= size && rc == OXL_OK; i++) {
-        if (i < size && !os_is_separator(part[i])) continue;
-        part[i] = 0;
-        /* mkdir of an existing parent can fail with other errors than EEXIST (read-only disk, "C:") */
-        if (os_make_one_folder(part) != 0) {
-            const int error = errno;
-            if (!os_is_folder(part)) rc = os_fail(ctx, OXL_ERR_IO, part, "cannot make the folder", error);
-        }
-        part[i] = path[i];
-    }
-    oxl_free(ctx, part);
-    return rc;
-}
-
 OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path,
                                        void (*visit)(void *user, const char *name), void *user)
 {
@@ -108,18 +88,12 @@ OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, co
     FILE *file = os_open(path);
     *out = (struct os_file_map){0};
     if (!file) return os_fail(ctx, OXL_ERR_INPUT, path, "cannot open", errno);
-    if (os_kind_of(path, &expected) != OS_FILE) expected = 0;
-    if (expected > SIZE_MAX / 2) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: too large for this machine's addresses", path);
-        goto done;
-    }
+    expected = os_kind_of(path, &expected) == OS_FILE ? OXL_MIN(expected, SIZE_MAX / 2) : 0;
     /* the zero byte, and one byte to detect the end without growing */
     capacity = (start[0] ? OS_START : (size_t)expected) + 2;
     data = oxl_alloc(ctx, capacity, 1);
-    if (!data) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for %zu bytes", path, capacity);
-        goto done;
-    }
+    if (!data) rc = OXL_ERR_MEMORY;
+    if (rc != OXL_OK) goto done;
     setvbuf(file, NULL, _IONBF, 0);
     errno = 0;
     while ((got = fread(data + size, 1,
@@ -130,10 +104,8 @@ OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, co
         rc = oxl_reserve(ctx, &data, &capacity, OXL_MAX(size, (size_t)expected) + 2, 1);
         if (rc != OXL_OK) goto done;
     }
-    if (ferror(file)) {
-        rc = os_fail_to_read(ctx, path);
-        goto done;
-    }
+    if (ferror(file)) rc = os_fail_to_read(ctx, path);
+    if (rc != OXL_OK) goto done;
     data[size] = 0;
     *out = (struct os_file_map){.data = data, .size = size};
 done:
@@ -206,10 +178,8 @@ OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struc
     text_add(&name, "%s.%ld.tmp", path,
              os_process()); /* unique among processes that share an output folder */
     out->temporary = name.data;
-    if (!out->path || name.failed) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to write it", path);
-        goto done;
-    }
+    if (!out->path || name.failed) rc = OXL_ERR_MEMORY;
+    if (rc != OXL_OK) goto done;
     out->file = os_create(out->temporary);
     if (!out->file) rc = os_fail(ctx, OXL_ERR_IO, path, "cannot write", errno);
 done:
@@ -236,20 +206,12 @@ OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writ
 {
     int failed = rc != OXL_OK, error = 0;
     if (!writer->file) return rc; /* not open */
-    if (!failed) {
-        errno = writer->error;
-        failed = writer->error || ferror(writer->file) || fflush(writer->file) != 0 ||
-                 (!writer->unsynced && os_sync(writer->file) != 0);
-        error = errno;
-    }
-    if (fclose(writer->file) != 0 && !failed) {
-        failed = 1;
-        error = errno;
-    }
-    if (!failed && os_rename(writer->temporary, writer->path) != 0) {
-        failed = 1;
-        error = errno;
-    }
+    errno = writer->error;
+    if (!failed && (writer->error || ferror(writer->file) || fflush(writer->file) != 0 ||
+                    (!writer->unsynced && os_sync(writer->file) != 0)))
+        failed = 1, error = errno;
+    if (fclose(writer->file) != 0 && !failed) failed = 1, error = errno;
+    if (!failed && os_rename(writer->temporary, writer->path) != 0) failed = 1, error = errno;
     if (failed) os_remove(writer->temporary);
     if (failed && rc == OXL_OK) /* errno of an earlier fwrite is lost; a full disk is the most likely cause */
         rc = os_fail(ctx, OXL_ERR_IO, writer->path, "cannot write", error ? error : ENOSPC);
@@ -270,6 +232,5 @@ OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const 
 
 OXL_INTERNAL oxl_result os_write_text(oxl_context *ctx, const char *path, const struct text *t)
 {
-    return t->failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to write %s", path)
-                     : os_write_file(ctx, path, t->data, t->size);
+    return t->failed ? OXL_ERR_MEMORY : os_write_file(ctx, path, t->data, t->size);
 }

@@ -14,7 +14,6 @@ enum os_kind { OS_NOTHING, OS_FILE, OS_FOLDER, OS_SPECIAL /* a pipe, socket or d
 OXL_INTERNAL int os_is_separator(char c);
 /* Returns the kind of a path. size: of a file in bytes, or NULL. */
 OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size);
-OXL_INTERNAL int os_make_one_folder(const char *path);
 /* Opens a new file for writing. What has its name is removed first, a link itself and not what it leads to.
  * */
 OXL_INTERNAL FILE *os_create(const char *path);

@@ -115,11 +115,6 @@ OXL_INTERNAL void os_sync_folder(const char *path)
     close(fd);
 }
 
-OXL_INTERNAL int os_make_one_folder(const char *path)
-{
-    return mkdir(path, 0777);
-}
-
 OXL_INTERNAL long os_process(void)
 {
     return (long)getpid();

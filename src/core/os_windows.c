@@ -94,12 +94,6 @@ OXL_INTERNAL void os_sync_folder(const char *path)
     (void)path; /* MOVEFILE_WRITE_THROUGH did it */
 }
 
-OXL_INTERNAL int os_make_one_folder(const char *path)
-{
-    wchar_t wide[OS_PATH_MAX];
-    return os_done(CreateDirectoryW(os_wide(path, wide), NULL));
-}
-
 OXL_INTERNAL long os_process(void)
 {
     return (long)GetCurrentProcessId();

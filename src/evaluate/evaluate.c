@@ -56,8 +56,7 @@ static oxl_result evaluate_add_bands(oxl_context *ctx, const oxl_scene *scene, i
 {
     const size_t pixels = (size_t)rendered->width * (size_t)rendered->height;
     uint8_t *band = oxl_alloc(ctx, pixels, 1);
-    oxl_result rc = band ? depth_bands_of_view(ctx, &b->of, scene, view, band)
-                         : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %zu px", pixels);
+    oxl_result rc = band ? depth_bands_of_view(ctx, &b->of, scene, view, band) : OXL_ERR_MEMORY;
     for (size_t i = 0; i < pixels && rc == OXL_OK; i++)
         if (band[i]) metrics_add_pixel(rendered, image, i, &b->sum[band[i] - 1]);
     oxl_free(ctx, band);
@@ -103,7 +102,7 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
     rc = oxl_ssim(ctx, rendered, image, &row->ssim);
     if (rc == OXL_OK) rc = oxl_ms_ssim(ctx, rendered, image, &row->ms_ssim);
     if (rc == OXL_OK && p->scene->lpips)
-        rc = lpips_distance(ctx, p->scene->lpips, rendered, image, &row->lpips);
+        rc = p->scene->lpips_distance(ctx, p->scene->lpips, rendered, image, &row->lpips);
     return rc == OXL_OK ? evaluate_add_bands(ctx, p->scene, row->view, rendered, image, p->bands) : rc;
 }
 
@@ -177,8 +176,7 @@ static oxl_result evaluate_views(oxl_context *ctx, const struct render_source *s
     oxl_result rc = OXL_OK;
     int *view = oxl_alloc(ctx, room, sizeof *view), count = 0;
     *out = (oxl_metrics){.views = oxl_alloc(ctx, room, sizeof *out->views)};
-    if (!view || !out->views)
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %zu views", room - 1);
+    if (!view || !out->views) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK) count = scene_views_of(scene, split, view);
     if (rc == OXL_OK && bands) rc = depth_bands_begin(ctx, scene, view, count, &bands->of);
     if (rc == OXL_OK) rc = renderer_create(ctx, &p.r);
@@ -193,12 +191,6 @@ static oxl_result evaluate_views(oxl_context *ctx, const struct render_source *s
     evaluate_sum_up_views(out);
     if (rc != OXL_OK) oxl_metrics_free(ctx, out);
     return rc;
-}
-
-oxl_result oxl_scene_read_lpips(oxl_context *ctx, oxl_scene *scene, const char *path)
-{
-    oxl_free(ctx, scene->lpips);
-    return lpips_read(ctx, path, &scene->lpips);
 }
 
 OXL_INTERNAL oxl_result evaluate_source(oxl_context *ctx, const struct render_source *source,

@@ -22,13 +22,6 @@ OXL_INTERNAL void metrics_add_pixel(const oxl_image *rendered, const oxl_image *
 /* Returns the PSNR of the right half, after a gain per channel that is fitted on the left half. */
 OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b);
 
-/* ---------------- lpips.c */
-
-struct lpips; /* the network: one allocation, freed by oxl_free */
-OXL_INTERNAL oxl_result lpips_read(oxl_context *ctx, const char *path, struct lpips **out);
-/* Pixels that b masks count as alike. NaN: a layer would have no pixel (below 31 px a side). */
-OXL_INTERNAL oxl_result lpips_distance(oxl_context *ctx, const struct lpips *net, const oxl_image *a,
-                                       const oxl_image *b, double *out);
 /* ---------------- structure.c */
 
 /* Returns oxl_view_metrics.explained; light (3,H,W): what a white scene looks like, before clamping. */

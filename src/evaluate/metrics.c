@@ -300,10 +300,8 @@ static oxl_result metrics_sum_windows(oxl_context *ctx, const oxl_image *a, cons
     s.scratch =
         oxl_calloc(ctx, metrics_room(a->width) * (size_t)ctx->threads, METRICS_LINES * sizeof *s.scratch);
     s.row = oxl_calloc(ctx, (size_t)a->height, sizeof *s.row);
-    if (!s.scratch || !s.row) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the SSIM of %d x %d px", a->width, a->height);
-        goto done;
-    }
+    if (!s.scratch || !s.row) rc = OXL_ERR_MEMORY;
+    if (rc != OXL_OK) goto done;
     metrics_kernel(s.kernel);
     metrics_rows(ctx, &s);
     for (int y = 0; y < a->height; y++) {
@@ -345,7 +343,7 @@ static oxl_result metrics_halve(oxl_context *ctx, const oxl_image *in, oxl_image
     const size_t wide = (size_t)in->width, plane = wide * in->height, small = (size_t)w * h;
     oxl_result rc = oxl_image_create(ctx, w, h, out);
     if (rc == OXL_OK && in->weight && !(out->weight = oxl_alloc(ctx, small, sizeof *out->weight)))
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a mask of %d x %d px", w, h);
+        rc = OXL_ERR_MEMORY;
     if (rc != OXL_OK) return rc;
     for (size_t i = 0; i < small; i++) {
         const size_t at = 2 * (i / w) * wide + 2 * (i % w);

@@ -171,9 +171,7 @@ static oxl_result structure_begin(oxl_context *ctx, const oxl_image *a, const ox
     const size_t line = (size_t)a->width + 2 * STRUCTURE_HALF_MAX;
     *s = (struct structure_work){.width = a->width, .height = a->height};
     s->memory = oxl_alloc(ctx, planes * pixels + line * (size_t)ctx->threads, sizeof *s->memory);
-    if (!s->memory)
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the structure of %d x %d px", a->width,
-                        a->height);
+    if (!s->memory) return OXL_ERR_MEMORY;
     for (int k = 0; k < 2; k++) s->band[k] = s->memory + (size_t)k * pixels;
     for (int k = 0; k < 3; k++) s->plane[k] = s->memory + (size_t)(2 + k) * pixels;
     if (b->weight) s->weight = s->memory + 5 * pixels;

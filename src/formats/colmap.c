@@ -281,8 +281,7 @@ OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folde
     oxl_result rc;
     *out = (struct colmap){0};
     rc = colmap_choose(ctx, folder, &format);
-    if (rc == OXL_OK && (out->folder = oxl_strdup(ctx, folder)) == NULL)
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its name", folder);
+    if (rc == OXL_OK && (out->folder = oxl_strdup(ctx, folder)) == NULL) rc = OXL_ERR_MEMORY;
     out->format = format;
     out->images_file = colmap_names[format][1];
     if (rc == OXL_OK)

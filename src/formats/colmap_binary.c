@@ -321,8 +321,7 @@ static oxl_result binary_points(struct colmap_reader *r)
     out->point = oxl_alloc(r->ctx, (size_t)count + 1, sizeof *out->point);
     out->track = oxl_alloc(r->ctx, (size_t)((binary_left(r) - count * BINARY_POINT) / BINARY_TRACK) + 1,
                            sizeof *out->track);
-    if (!out->point || !out->track)
-        return oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory for %" PRIu64 " points", r->path, count);
+    if (!out->point || !out->track) return OXL_ERR_MEMORY;
     while (rc == OXL_OK && (uint64_t)r->line < count && r->line < INT_MAX) {
         r->line++;
         rc = binary_add_point(r, count - (uint64_t)r->line);

@@ -66,8 +66,7 @@ static oxl_result order_by_rank(oxl_context *ctx, struct colmap *c, int64_t low,
     oxl_result rc = OXL_OK;
     k.met = oxl_calloc(ctx, words, sizeof *k.met);
     k.before = oxl_alloc(ctx, words, sizeof *k.before);
-    if (!k.met || !k.before)
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to order %zu points", c->point_count);
+    if (!k.met || !k.before) rc = OXL_ERR_MEMORY;
     for (size_t i = 0; i < c->point_count && rc == OXL_OK; i++) {
         const uint64_t at = (uint64_t)c->point[i].id - (uint64_t)low, bit = UINT64_C(1) << (at & 63);
         *repeated = c->point[i].id;
@@ -110,9 +109,7 @@ static oxl_result order_images(oxl_context *ctx, struct colmap *c)
 {
     struct order_image *by_id = oxl_alloc(ctx, c->image_count + 1, sizeof *by_id);
     uint32_t *now = oxl_alloc(ctx, c->image_count + 1, sizeof *now); /* new index of each image */
-    const oxl_result rc =
-        by_id && now ? OXL_OK
-                     : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to order %zu images", c->image_count);
+    const oxl_result rc = by_id && now ? OXL_OK : OXL_ERR_MEMORY;
     for (size_t i = 0; i < c->image_count && rc == OXL_OK; i++)
         by_id[i] = (struct order_image){c->image[i].id, (uint32_t)i};
     if (rc == OXL_OK) qsort(by_id, c->image_count, sizeof *by_id, order_compare);

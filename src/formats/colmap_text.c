@@ -32,7 +32,7 @@ static oxl_result colmap_index_grow(oxl_context *ctx, struct colmap_index *x, co
 {
     struct colmap_index grown = {.slots = OXL_MAX((size_t)64, 4 * x->slots)};
     if (count < UINT32_MAX) grown.slot = oxl_calloc(ctx, grown.slots, sizeof *grown.slot);
-    if (!grown.slot) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a table of %zu ids", count);
+    if (!grown.slot) return OXL_ERR_MEMORY;
     for (size_t row = 0; row < count; row++)
         *colmap_index_slot(&grown, rows, stride, colmap_id_at(rows, stride, row)) = (uint32_t)row + 1;
     oxl_free(ctx, x->slot);
@@ -59,9 +59,7 @@ static oxl_result colmap_grow_buffer(struct colmap_reader *r, size_t room)
 {
     const size_t rest = r->buffer ? (size_t)(r->limit - r->buffer) : 0;
     char *buffer = oxl_regrow(r->ctx, r->buffer, rest, room, 1);
-    if (!buffer)
-        return r->rc =
-                   oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory for a buffer of %zu bytes", r->path, room);
+    if (!buffer) return r->rc = OXL_ERR_MEMORY;
     r->buffer = buffer;
     r->room = room;
     r->next = buffer;
@@ -128,7 +126,7 @@ OXL_INTERNAL oxl_result colmap_open_bytes(struct colmap_reader *r, const char *f
     r->line = 0;
     r->offset = 0;
     r->path = oxl_path_join(r->ctx, folder, name);
-    if (!r->path) return r->rc = oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory to read it", name);
+    if (!r->path) return r->rc = OXL_ERR_MEMORY;
     r->rc = os_reader_open(r->ctx, r->path, &r->file);
     if (r->rc == OXL_OK) r->rc = os_reader_read(r->ctx, &r->file, start, sizeof start, &wanted);
     if (r->rc == OXL_OK) r->rc = os_refuse_gzip(r->ctx, r->path, start, wanted);

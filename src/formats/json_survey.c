@@ -19,7 +19,7 @@ OXL_INTERNAL oxl_result json_survey_open(struct colmap_reader *r, const char *pa
 {
     const char *fault;
     r->path = oxl_strdup(r->ctx, path);
-    if (!r->path) return oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory to read it", path);
+    if (!r->path) return OXL_ERR_MEMORY;
     r->rc = os_read_file(r->ctx, path, map);
     if (r->rc == OXL_OK) r->rc = os_refuse_gzip(r->ctx, path, map->data, map->size);
     if (r->rc != OXL_OK) return r->rc;

@@ -26,9 +26,4 @@ static inline int model_file_finite(float x)
     return fabsf(x) <= FLT_MAX;
 }
 
-static inline oxl_result model_file_no_memory(oxl_context *ctx, const char *path)
-{
-    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the model of %s", path);
-}
-
 #endif

@@ -136,7 +136,7 @@ OXL_INTERNAL oxl_result model_file_drop_rows(oxl_context *ctx, const char *path,
     const size_t count = model->count, limits = model_file_settle_limits(model);
     size_t unturned;
     uint8_t *keep = oxl_alloc(ctx, count + 1, 1);
-    if (!keep) return model_file_no_memory(ctx, path);
+    if (!keep) return OXL_ERR_MEMORY;
     for (size_t i = 0; i < count; i++) {
         keep[i] = (uint8_t)model_row_is_finite(model, i);
         for (int a = 0; a < 3; a++) keep[i] &= model->plane[OXL_LOG_SCALE + a][i] < MODEL_FILE_SCALE_MAX;
@@ -243,7 +243,7 @@ static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *p
     rc = oxl_model_create(ctx, (size_t)vertex->rows, degree, out);
     if (rc != OXL_OK) return rc;
     target = oxl_calloc(ctx, (size_t)vertex->properties, sizeof *target);
-    if (!target) return model_file_no_memory(ctx, ply->path);
+    if (!target) return OXL_ERR_MEMORY;
     for (int c = 0; c < columns; c++)
         if (column[c].plane >= 0)
             target[ply_find_property(vertex, model_file_name(&column[c], rgb))].as_float =
@@ -312,7 +312,7 @@ OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct mode
 {
     unsigned char *rows = oxl_alloc(ctx, model->count + 1, l->row_bytes);
     size_t got = 0;
-    oxl_result rc = rows ? OXL_OK : model_file_no_memory(ctx, file->path);
+    oxl_result rc = rows ? OXL_OK : OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = os_reader_seek(ctx, file, l->data + (uint64_t)first * l->row_bytes);
     if (rc == OXL_OK) rc = os_reader_read(ctx, file, rows, model->count * l->row_bytes, &got);
     for (int k = 0; k < oxl_model_planes(model) && rc == OXL_OK; k++)
@@ -342,7 +342,7 @@ static oxl_result model_file_read_factors(oxl_context *ctx, const struct ply *pl
     const struct ply_element *dog = &ply->element[element];
     struct ply_target *target = oxl_calloc(ctx, (size_t)dog->properties + 1, sizeof *target);
     oxl_result rc;
-    if (!target) return model_file_no_memory(ctx, ply->path);
+    if (!target) return OXL_ERR_MEMORY;
     for (int k = -1; k < MODEL_LOBE_PLANES; k++) {
         const char *name = k < 0 ? "vertex_index" : MODEL_FILE_LOBE[k];
         const int at = ply_find_property(dog, name);
@@ -399,7 +399,7 @@ static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply,
     uint8_t *active = oxl_calloc(ctx, vertices + 1, 1);
     /* (vertices) row in dog, for vertices with a lobe */
     size_t *row = oxl_alloc(ctx, vertices + 1, sizeof *row);
-    oxl_result rc = index && factor && active && row ? OXL_OK : model_file_no_memory(ctx, ply->path);
+    oxl_result rc = index && factor && active && row ? OXL_OK : OXL_ERR_MEMORY;
     if (rc == OXL_OK && declared > vertices)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s: element dog announces %llu rows for %zu vertices, expected at most one each\n"

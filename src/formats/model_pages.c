@@ -126,7 +126,7 @@ OXL_INTERNAL oxl_result model_pages_open(oxl_context *ctx, const char *path,
     struct os_reader file = {0};
     oxl_result rc = OXL_OK;
     out->pages = p = pages_create(ctx, path, of, head->origin);
-    if (!p) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the pages of %s", path);
+    if (!p) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = os_reader_open(ctx, path, &file);
     for (size_t k = 0; rc == OXL_OK && k < p->pages; k++) {
         oxl_model rows = {0};

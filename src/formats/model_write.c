@@ -75,7 +75,7 @@ static oxl_result model_write_header(oxl_context *ctx, const struct os_writer *w
     for (int k = 0; model->lobes && k < MODEL_LOBE_PLANES; k++)
         text_add(&t, "property float %s\n", MODEL_FILE_LOBE[k]);
     text_add(&t, "end_header\n");
-    rc = t.failed ? model_file_no_memory(ctx, w->path) : model_write_put(ctx, w, t.data, t.size);
+    rc = t.failed ? OXL_ERR_MEMORY : model_write_put(ctx, w, t.data, t.size);
     text_free(&t);
     return rc;
 }
@@ -87,7 +87,7 @@ static oxl_result model_write_rows(oxl_context *ctx, const struct os_writer *w, 
     const int columns = model_file_columns(file_degree, model->sh_degree, column);
     const size_t row = 4 * (size_t)columns; /* bytes */
     unsigned char *rows = oxl_alloc(ctx, MODEL_WRITE_ROWS, row);
-    oxl_result rc = rows ? OXL_OK : model_file_no_memory(ctx, w->path);
+    oxl_result rc = rows ? OXL_OK : OXL_ERR_MEMORY;
     for (size_t first = from; rc == OXL_OK && first < end; first += MODEL_WRITE_ROWS) {
         const size_t n = OXL_MIN(end - first, MODEL_WRITE_ROWS);
         for (int c = 0; c < columns; c++)

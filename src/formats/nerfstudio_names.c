@@ -106,9 +106,7 @@ static oxl_result nerfstudio_list_add(const struct colmap_reader *r, const char 
         list->entry[list->count++] = (struct nerfstudio_entry){.name = list->names.size, .of = of};
         text_add(&list->names, "%s%c", name, 0);
     }
-    return rc == OXL_OK && list->names.failed
-               ? oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory for the images held out", r->path)
-               : rc;
+    return rc == OXL_OK && list->names.failed ? OXL_ERR_MEMORY : rc;
 }
 
 /* Maps a list to a split: images of val_filenames are held out where there are no test_filenames. */

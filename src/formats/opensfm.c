@@ -214,12 +214,12 @@ static oxl_result opensfm_read_reference(struct colmap_reader *r, const char *re
     char *folder = oxl_strdup(r->ctx, r->path), *path = NULL;
     char *slash = folder ? strrchr(folder, '/') : NULL;
     struct os_file_map map = {0};
-    oxl_result rc = folder ? OXL_OK : oxl_fail(r->ctx, OXL_ERR_MEMORY, "no memory for a path");
+    oxl_result rc = folder ? OXL_OK : OXL_ERR_MEMORY;
     opensfm_reference(r->out, oxl_json_member(reconstruction, "reference_lla"));
     if (slash) {
         *slash = 0;
         path = oxl_path_join(r->ctx, folder, "reference_lla.json");
-        if (!path) rc = oxl_fail(r->ctx, OXL_ERR_MEMORY, "no memory for a path");
+        if (!path) rc = OXL_ERR_MEMORY;
     }
     if (path && !r->out->has_reference && os_is_file(path)) {
         rc = os_read_file(r->ctx, path, &map);

@@ -166,7 +166,7 @@ static oxl_result ply_header_comment(struct ply_header *h)
     while (from < end && ply_blank(*from)) from++;
     while (end > from && ply_blank(end[-1])) end--;
     copy = oxl_alloc(h->ctx, (size_t)(end - from) + 1, 1);
-    if (!copy) return oxl_fail(h->ctx, OXL_ERR_MEMORY, "no memory for a comment of %s", ply->path);
+    if (!copy) return OXL_ERR_MEMORY;
     memcpy(copy, from, (size_t)(end - from));
     copy[end - from] = 0;
     ply->comment[ply->comments++] = copy;
@@ -398,18 +398,13 @@ static oxl_result ply_rows(struct ply_rows *r)
 
 OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply *out)
 {
-    oxl_result rc;
-    *out = (struct ply){0};
-    out->path = oxl_strdup(ctx, path);
-    if (!out->path) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to open %s", path);
-        goto done;
-    }
-    rc = os_read_file_like(ctx, path, "ply", &out->file);
+    oxl_result rc = OXL_OK;
+    *out = (struct ply){.path = oxl_strdup(ctx, path)};
+    if (!out->path) rc = OXL_ERR_MEMORY;
+    if (rc == OXL_OK) rc = os_read_file_like(ctx, path, "ply", &out->file);
     if (rc == OXL_OK) rc = os_refuse_gzip(ctx, path, out->file.data, out->file.size);
     if (rc == OXL_OK) rc = ply_read_header(ctx, out);
     if (rc == OXL_OK) rc = ply_check_size(ctx, out);
-done:
     if (rc != OXL_OK) ply_close(ctx, out);
     return rc;
 }
@@ -418,7 +413,7 @@ OXL_INTERNAL oxl_result ply_open_header(oxl_context *ctx, const char *path, size
 {
     struct os_reader file = {0};
     char *data = oxl_calloc(ctx, most + 1, 1);
-    oxl_result rc = data ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to open %s", path);
+    oxl_result rc = data ? OXL_OK : OXL_ERR_MEMORY;
     *out = (struct ply){.path = oxl_strdup(ctx, path), .file = {.data = data}};
     if (rc == OXL_OK) rc = os_reader_open(ctx, path, &file);
     if (rc == OXL_OK) rc = os_reader_read(ctx, &file, data, most, &out->file.size);

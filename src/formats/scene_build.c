@@ -41,7 +41,7 @@ static oxl_result scene_move_to_origin(oxl_context *ctx, oxl_scene *scene)
     double *centres = oxl_alloc(ctx, (size_t)scene->view_count, 3 * sizeof *centres);
     double low[3], high[3];
     oxl_result rc;
-    if (!centres) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %d camera centres", scene->view_count);
+    if (!centres) return OXL_ERR_MEMORY;
     for (int i = 0; i < scene->view_count; i++) camera_position(&scene->view[i].camera, centres + 3 * i);
     if (c->point_count)
         rc =
@@ -78,7 +78,7 @@ static oxl_result scene_copy_points(oxl_context *ctx, oxl_scene *scene)
 {
     const struct colmap *c = &scene->colmap;
     scene->point = oxl_alloc(ctx, c->point_count + 1, sizeof *scene->point);
-    if (!scene->point) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu points", c->point_count);
+    if (!scene->point) return OXL_ERR_MEMORY;
     for (size_t i = 0; i < c->point_count; i++) {
         const struct colmap_point *from = &c->point[i];
         oxl_point point = {.error = (float)from->error};

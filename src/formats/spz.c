@@ -146,8 +146,7 @@ static oxl_result spz_pack(oxl_context *ctx, const char *path, const oxl_model *
     size_t deflated = 0;
     oxl_result rc;
     spz_add_header(&head, model);
-    rc = head.failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its header", path)
-                     : image_deflate(ctx, data, size, head.size, 8, &all, &deflated);
+    rc = head.failed ? OXL_ERR_MEMORY : image_deflate(ctx, data, size, head.size, 8, &all, &deflated);
     if (rc == OXL_OK) {
         memcpy(all, head.data, head.size);
         bytes_put(all + head.size + deflated, spz_crc(data, size), 4);
@@ -343,13 +342,12 @@ static void spz_put(const oxl_model *model, const struct spz_layout *l, size_t r
 
 /* Chooses the fractional bits with which SPZ_ROOM times the extent of nearly all Gaussians is in range: a
  * few that lie far out must not cost the others their precision. *spread: that extent. */
-static oxl_result spz_bits(oxl_context *ctx, const char *path, const oxl_model *model, int *bits,
-                           double *spread)
+static oxl_result spz_bits(oxl_context *ctx, const oxl_model *model, int *bits, double *spread)
 {
     double *value = oxl_alloc(ctx, model->count + 1, sizeof *value), farthest = 0, size = 0;
     *bits = SPZ_BITS_MAX;
     *spread = 0;
-    if (!value) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its positions", path);
+    if (!value) return OXL_ERR_MEMORY;
     for (int k = 0; k < 3; k++) {
         const float *plane = model->plane[OXL_MEAN + k];
         double low, high;
@@ -406,7 +404,7 @@ OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_
     struct spz_layout l = {.version = 3, .degree = model->sh_degree, .count = model->count};
     unsigned char *data = NULL;
     double spread = 0;
-    oxl_result rc = spz_bits(ctx, path, model, &l.bits, &spread);
+    oxl_result rc = spz_bits(ctx, model, &l.bits, &spread);
     if (rc != OXL_OK) return rc;
     spz_lay_out(&l);
     if (l.end > INT_MAX)

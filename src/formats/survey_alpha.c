@@ -103,7 +103,7 @@ OXL_INTERNAL oxl_result scene_decide_alpha(oxl_context *ctx, oxl_scene *scene, o
     int *view = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *view), count = 0;
     struct alpha_sum sum = {{0}, {0}};
     char why[160] = "as set";
-    oxl_result rc = view ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of images");
+    oxl_result rc = view ? OXL_OK : OXL_ERR_MEMORY;
     if (rc == OXL_OK) count = alpha_find_views(scene, view);
     if (rc == OXL_OK && count > 0) rc = alpha_measure(ctx, scene, view, count, &sum);
     oxl_free(ctx, view);

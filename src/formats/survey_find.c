@@ -71,7 +71,7 @@ static oxl_result survey_find_try_model(oxl_context *ctx, const struct survey_fo
     colmap_free(ctx, best);
     *best = found;
     *best_folder = oxl_strdup(ctx, folder);
-    return *best_folder ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    return *best_folder ? OXL_OK : OXL_ERR_MEMORY;
 }
 
 /* Reads the folder itself and, when `inside`, each folder in it that holds such a survey. */
@@ -85,7 +85,7 @@ static oxl_result survey_find_try_folder(oxl_context *ctx, const struct survey_f
         rc = survey_find_try_model(ctx, format, folder, best, best_folder, models);
     if (rc == OXL_OK && inside && os_is_folder(folder))
         rc = os_list_folder(ctx, folder, survey_find_visit_folder, &in);
-    if (rc == OXL_OK && in.failed) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to list %s", folder);
+    if (rc == OXL_OK && in.failed) rc = OXL_ERR_MEMORY;
     if (in.count) qsort(in.name, in.count, sizeof *in.name, survey_find_compare_names);
     for (size_t i = 0; i < in.count; i++) {
         const char *path = PATH(folder, "%s", in.name[i]);
@@ -122,7 +122,7 @@ static oxl_result survey_read_json(oxl_context *ctx, const struct survey_format 
     struct colmap_reader r = {.ctx = ctx, .out = out, .image_folder = images};
     const char *name = format->file[0];
     char *path = oxl_path_join(ctx, folder, name), *slash;
-    oxl_result rc = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    oxl_result rc = path ? OXL_OK : OXL_ERR_MEMORY;
     *out = (struct colmap){.format = COLMAP_JSON, .images_file = path_base_name(name)};
     if (rc == OXL_OK) rc = json_survey_add_file(&r, format, path);
     for (size_t i = 0; rc == OXL_OK && !strcmp(name, JSON_SURVEY_TRAIN) && i < OXL_COUNT(held_out); i++) {
@@ -173,7 +173,7 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
     int models = 0;
     oxl_result rc = OXL_OK;
     *out = (struct colmap){0};
-    if (!sparse) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    if (!sparse) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK && !os_is_folder(requested))
         rc = oxl_fail(
             ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s%s", requested,

@@ -54,7 +54,7 @@ static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene
                                                   : oxl_path_join(ctx, path, "images");
     scene->masks = o->masks ? oxl_strdup(ctx, o->masks) : oxl_path_join(ctx, path, "masks");
     if (rc != OXL_OK) return rc;
-    if (!scene->images || !scene->masks) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    if (!scene->images || !scene->masks) return OXL_ERR_MEMORY;
     scene->stats.images_listed = (int)scene->colmap.image_count;
     if (o->read_images && !os_is_folder(scene->images))
         return scene_fail_folder(ctx, path, "--images", scene->images, &scene->colmap);
@@ -73,7 +73,7 @@ oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_op
     oxl_scene *scene = oxl_calloc(ctx, 1, sizeof *scene);
     oxl_result rc;
     *out = NULL;
-    if (!scene) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a scene");
+    if (!scene) return OXL_ERR_MEMORY;
     rc = scene_open(ctx, path, &o, scene);
     if (rc == OXL_OK) rc = scene_build(ctx, scene, &o);
     if (rc != OXL_OK) oxl_scene_free(ctx, scene);

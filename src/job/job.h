@@ -8,8 +8,15 @@
 /* ---------------- metrics_json.c */
 
 /* Adds members of a JSON object, without its braces: the means, the values by depth, and "views". */
-OXL_INTERNAL oxl_result metrics_json_add(oxl_context *ctx, struct text *t, const oxl_scene *scene,
-                                         const oxl_metrics *m);
+OXL_INTERNAL oxl_result metrics_json_add(struct text *t, const oxl_scene *scene, const oxl_metrics *m);
+
+/* ---------------- lpips.c */
+
+struct lpips; /* the network: one allocation, freed by oxl_free */
+OXL_INTERNAL oxl_result lpips_read(oxl_context *ctx, const char *path, struct lpips **out);
+/* Pixels that b masks count as alike. NaN: a layer would have no pixel (below 31 px a side). */
+OXL_INTERNAL oxl_result lpips_distance(oxl_context *ctx, const struct lpips *net, const oxl_image *a,
+                                       const oxl_image *b, double *out);
 
 /* ---------------- manifest.c: run.json, what a result depends on */
 

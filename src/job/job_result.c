@@ -138,7 +138,7 @@ oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const o
     oxl_result rc = OXL_OK;
     *out = NULL;
     text_add(&t, "{\n");
-    rc = metrics_json_add(ctx, &t, scene, metrics);
+    rc = metrics_json_add(&t, scene, metrics);
     text_add(&t, "}\n");
     if (rc == OXL_OK) rc = text_take(&t, out);
     text_free(&t);
@@ -221,7 +221,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_large_model *stan
     rc = training_views_check(job->ctx, &job->result, job->scene, job->total.iterations, &t,
                               job->options.renders ? PATH(job->out, "training_views") : NULL);
     if (rc != OXL_OK) goto done;
-    rc = metrics_json_add(job->ctx, &t, job->scene, &m);
+    rc = metrics_json_add(&t, job->scene, &m);
     text_add(&t, "}\n");
     if (rc == OXL_OK) rc = job_write(job, "metrics.json", &t);
 done:

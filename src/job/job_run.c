@@ -29,7 +29,7 @@ static oxl_result job_describe_found(struct job *job)
 static oxl_result job_make_key(struct job *job)
 {
     text_add(&job->key, "%s, %s", job->line.data, job->found.data);
-    return job->found.failed || job->key.failed ? job_no_memory(job) : OXL_OK;
+    return job->found.failed || job->key.failed ? OXL_ERR_MEMORY : OXL_OK;
 }
 
 oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const char *out, oxl_job_options *options,
@@ -37,7 +37,7 @@ oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const char *out, 
 {
     oxl_result rc = OXL_OK;
     *run = oxl_calloc(ctx, 1, sizeof **run);
-    if (!*run) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", out);
+    if (!*run) return OXL_ERR_MEMORY;
     rc = manifest_read(ctx, out, *run);
     if (rc == OXL_OK && (*run)->line && manifest_is_of(*run, scene)) manifest_options(*run, options);
     if (rc != OXL_OK) oxl_manifest_free(ctx, run);
@@ -136,7 +136,7 @@ static oxl_result job_adopt_names(struct job *job, const struct oxl_manifest *ru
         text_free(&job->line);
         text_free(&job->key);
         manifest_describe(&job->line, run->scene, &job->options);
-        rc = job->line.failed ? job_no_memory(job) : job_make_key(job);
+        rc = job->line.failed ? OXL_ERR_MEMORY : job_make_key(job);
         if (rc != OXL_OK || !strcmp(run->line, job->line.data)) return rc;
     }
     rc = manifest_equivalent(job->ctx, run->line, job->line.data, found, &same);
@@ -144,7 +144,7 @@ static oxl_result job_adopt_names(struct job *job, const struct oxl_manifest *ru
     text_free(&job->line);
     text_free(&job->key);
     text_add(&job->line, "%s", run->line);
-    return job->line.failed ? job_no_memory(job) : job_make_key(job);
+    return job->line.failed ? OXL_ERR_MEMORY : job_make_key(job);
 }
 
 /* Removes the result of another survey, a finished result with other options, or unfinished work of another
@@ -245,7 +245,7 @@ static void job_count_iterations(struct job *job, int images)
 
 static oxl_result job_open(struct job *job)
 {
-    oxl_result rc = os_make_folder(job->ctx, job->out);
+    oxl_result rc = oxl_make_folder(job->ctx, job->out);
     if (rc == OXL_OK) rc = job_load(job);
     if (rc != OXL_OK) return rc;
     rc = survey_describe(job->ctx, job->scene, &job->options, 0, &job->survey);
@@ -407,8 +407,7 @@ static void job_begin(struct job *job, oxl_context *ctx, const char *scene, cons
 
 static oxl_result job_check(struct job *job)
 {
-    const oxl_result rc =
-        job->line.failed ? job_no_memory(job) : oxl_job_options_check(job->ctx, &job->options);
+    const oxl_result rc = job->line.failed ? OXL_ERR_MEMORY : oxl_job_options_check(job->ctx, &job->options);
     return rc == OXL_OK ? train_check(job->ctx, &job->options.train) : rc;
 }
 

@@ -75,8 +75,7 @@ static oxl_result manifest_read_value(oxl_context *ctx, const char *value, char 
     const size_t room = value ? OXL_MAX(oxl_json_room(value), (size_t)(oxl_json_end(value) - value) + 1) : 0;
     *out = NULL;
     if (!value || strncmp(value, "null", 4) == 0) return OXL_OK;
-    if (!(*out = oxl_calloc(ctx, room, 1)))
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a value of run.json");
+    if (!(*out = oxl_calloc(ctx, room, 1))) return OXL_ERR_MEMORY;
     if (*value == '"') oxl_json_text(value, *out, room);
     else memcpy(*out, value, (size_t)(oxl_json_end(value) - value));
     return OXL_OK;

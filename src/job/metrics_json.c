@@ -24,8 +24,7 @@ static void metrics_json_add_values(struct text *t, const char *between, const d
     if (!isnan(lpips)) text_add(t, "%s\"lpips\": %s", between, NUMBER(lpips));
 }
 
-OXL_INTERNAL oxl_result metrics_json_add(oxl_context *ctx, struct text *t, const oxl_scene *scene,
-                                         const oxl_metrics *m)
+OXL_INTERNAL oxl_result metrics_json_add(struct text *t, const oxl_scene *scene, const oxl_metrics *m)
 {
     text_add(t, "  ");
     metrics_json_add_values(t, ",\n  ",
@@ -49,6 +48,5 @@ OXL_INTERNAL oxl_result metrics_json_add(oxl_context *ctx, struct text *t, const
         text_add(t, "}");
     }
     text_add(t, "%s]\n", m->count ? "\n  " : "");
-    return t->failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %d views", m->count)
-                     : OXL_OK;
+    return t->failed ? OXL_ERR_MEMORY : OXL_OK;
 }

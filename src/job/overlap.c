@@ -70,8 +70,7 @@ static oxl_result overlap_empty(oxl_context *ctx, const oxl_large_model *model, 
         const int width = (int)ceil(c.width * factor), height = (int)ceil(c.height * factor);
         oxl_image image = {0};
         float *depth = oxl_alloc(ctx, (size_t)width * (size_t)height, sizeof *depth);
-        oxl_result rc =
-            depth ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare a model with the survey");
+        oxl_result rc = depth ? OXL_OK : OXL_ERR_MEMORY;
         c.width = width, c.height = height;
         c.fx *= factor, c.fy *= factor, c.cx *= factor, c.cy *= factor;
         if (rc == OXL_OK) rc = oxl_large_render(ctx, model, &c, &render, &image, depth);
@@ -93,7 +92,7 @@ static oxl_result overlap_compare(oxl_context *ctx, const oxl_model *model, cons
     const oxl_point *point = oxl_scene_points(scene);
     struct overlap_box its, own;
     double *value = oxl_alloc(ctx, OXL_MAX(points, model->count) + 1, sizeof *value);
-    if (!value) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare a model with the survey");
+    if (!value) return OXL_ERR_MEMORY;
     for (int a = 0; a < 3; a++) {
         for (size_t i = 0; i < points; i++) value[i] = point[i].position[a];
         overlap_bound(value, points, a, &its);

@@ -68,7 +68,7 @@ static oxl_result balance_blocks(oxl_context *ctx, const struct partition *p, co
                                  oxl_block **blocks)
 {
     *blocks = oxl_alloc(ctx, (size_t)p->block_count, sizeof **blocks);
-    if (!*blocks) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %d blocks", p->block_count);
+    if (!*blocks) return OXL_ERR_MEMORY;
     for (int i = 0; i < p->block_count; i++) (*blocks)[i] = balance_block(ctx, p, i, o);
     return OXL_OK;
 }
@@ -119,7 +119,7 @@ void oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report)
 static oxl_result balance_check_images(oxl_context *ctx, const char *scene, oxl_scene_options *o)
 {
     char *images = o->images ? oxl_strdup(ctx, o->images) : oxl_path_join(ctx, scene, "images");
-    if (!images) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    if (!images) return OXL_ERR_MEMORY;
     if (o->read_images && !os_is_folder(images)) {
         oxl_log(ctx, OXL_LOG_INFO, "%s is not there: the blocks are made of the model alone", images);
         o->read_images = 0;

@@ -13,8 +13,7 @@
 static char *render_file_in(oxl_context *ctx, const char *folder, const char *file, int make)
 {
     char *inside = oxl_strdup(ctx, file), *path = oxl_path_join(ctx, folder, file), *slash;
-    oxl_result rc =
-        inside && path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a render");
+    oxl_result rc = inside && path ? OXL_OK : OXL_ERR_MEMORY;
     slash = inside ? strrchr(inside, '/') : NULL;
     if (rc == OXL_OK && slash) {
         *slash = 0;
@@ -78,8 +77,7 @@ static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder
     char *path = render_file_path(ctx, folder, name, ".depth16.png");
     uint16_t *value = oxl_alloc(ctx, pixels, sizeof *value);
     oxl_result rc = path ? OXL_OK : ctx->failed;
-    if (rc == OXL_OK && !value)
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", width, height);
+    if (rc == OXL_OK && !value) rc = OXL_ERR_MEMORY;
     for (size_t i = 0; rc == OXL_OK && i < pixels; i++)
         value[i] = depth[i] > 0 ? (uint16_t)OXL_CLAMP(1000 * depth[i] + 0.5f, 1, 65535) : 0;
     if (rc == OXL_OK) rc = image_write_png16(ctx, path, value, width, height);
@@ -141,9 +139,7 @@ static void render_file_free(oxl_context *ctx, struct render_file *file)
 static oxl_result render_file_reserve_depth(oxl_context *ctx, struct render_file *file)
 {
     file->depth = oxl_alloc(ctx, (size_t)file->width * (size_t)file->height, sizeof *file->depth);
-    return file->depth ? OXL_OK
-                       : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", file->width,
-                                  file->height);
+    return file->depth ? OXL_OK : OXL_ERR_MEMORY;
 }
 
 /* Reads the original; an unreadable image is skipped, the evaluation has reported it. */
@@ -296,7 +292,7 @@ oxl_result oxl_render_list(oxl_context *ctx, const char *folder, const char *lis
 {
     struct os_file_map map = {0};
     char *path = oxl_path_join(ctx, folder, ".renders");
-    oxl_result rc = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    oxl_result rc = path ? OXL_OK : OXL_ERR_MEMORY;
     if (rc == OXL_OK && os_is_file(path)) rc = os_read_file(ctx, path, &map);
     if (rc == OXL_OK && !replace) rc = render_list_check(ctx, folder, map.data ? map.data : "", list);
     if (rc == OXL_OK && map.data) rc = render_list_remove(ctx, folder, map.data);
@@ -328,7 +324,7 @@ static oxl_result render_files_replace(oxl_context *ctx, const struct render_fil
     }
     text_add(&list, "%s", "");
     rc = text_take(&list, &text);
-    if (rc != OXL_OK) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    if (rc != OXL_OK) return OXL_ERR_MEMORY;
     rc = oxl_render_list(ctx, f->folder, text, what->replace);
     oxl_free(ctx, text);
     return rc;
@@ -338,9 +334,9 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_fi
 {
     struct renderer *r = NULL;
     struct render_file *file = oxl_alloc(ctx, RENDER_FILES_AT_ONCE, sizeof *file);
-    oxl_result rc = os_make_folder(ctx, f->folder);
+    oxl_result rc = oxl_make_folder(ctx, f->folder);
     *count = 0;
-    if (rc == OXL_OK && !file) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    if (rc == OXL_OK && !file) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = render_files_replace(ctx, f);
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     evaluate_begin(ctx, f->source, f->scene);
@@ -366,7 +362,7 @@ oxl_result oxl_render_views(oxl_context *ctx, const oxl_large_model *model, oxl_
     struct render_files f = {&source, scene, what, folder, view, 0};
     oxl_result rc;
     *count = 0;
-    if (!view) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    if (!view) return OXL_ERR_MEMORY;
     f.views = scene_views_of(scene, what->split, view);
     rc = render_names_check(ctx, scene);
     if (rc == OXL_OK) rc = render_files_of(ctx, &f, count);

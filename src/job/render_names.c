@@ -106,7 +106,7 @@ OXL_INTERNAL oxl_result render_names_check(oxl_context *ctx, const oxl_scene *sc
     static const char *const suffix[] = {RENDER_SUFFIXES};
     const size_t views = (size_t)oxl_scene_view_count(scene), count = views * OXL_COUNT(suffix);
     struct render_name_of *name = oxl_calloc(ctx, count + 1, sizeof *name);
-    oxl_result rc = name ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu names", count);
+    oxl_result rc = name ? OXL_OK : OXL_ERR_MEMORY;
     for (size_t i = 0; i < count && rc == OXL_OK; i++) {
         char *base = NULL;
         struct text t = {.ctx = ctx};

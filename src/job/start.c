@@ -29,7 +29,7 @@ static oxl_result start_copy(oxl_context *ctx, const char *from, const char *to,
 /* Copies blocks/000 to blocks/start. */
 static oxl_result start_back_up(oxl_context *ctx, const char *out, const char *start)
 {
-    oxl_result rc = os_make_folder(ctx, start);
+    oxl_result rc = oxl_make_folder(ctx, start);
     if (rc == OXL_OK) rc = start_copy(ctx, PATH(out, "blocks/000"), start, "imaging.txt");
     return rc == OXL_OK ? start_copy(ctx, PATH(out, "blocks/000"), start, "model.ply") : rc;
 }
@@ -47,8 +47,7 @@ static oxl_result start_of_finished(oxl_context *ctx, const char *out, const str
     *after = 0;
     if (!run->finished || !run->found || was <= 0 || was >= iterations) return OXL_OK;
     text_add(&there, "%s, %s", run->line, run->found);
-    rc = there.failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare two runs")
-                      : manifest_differences(ctx, there.data, key, NULL, &changes);
+    rc = there.failed ? OXL_ERR_MEMORY : manifest_differences(ctx, there.data, key, NULL, &changes);
     /* a run that was continued itself differs by its start, too */
     if (rc == OXL_OK && changes.iterations && changes.count == 1 + changes.start) *after = was;
     if (*after && os_is_file(PATH(out, "partition.txt")))

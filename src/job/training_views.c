@@ -135,9 +135,7 @@ static oxl_result training_displaced(struct training_views *t, const struct rend
         rc = evaluate_draw(t->ctx, &(struct drawn){r, source, t->scene, &t->scene->imaging}, view, &rendered,
                            NULL);
     if (rc == OXL_OK) work = oxl_alloc(t->ctx, 2 * (size_t)image.width * (size_t)image.height, sizeof *work);
-    if (rc == OXL_OK && !work)
-        rc =
-            oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to compare %s", oxl_scene_view(t->scene, view)->name);
+    if (rc == OXL_OK && !work) rc = OXL_ERR_MEMORY;
     for (int n = 1; rc == OXL_OK && OXL_MAX(image.width, image.height) / n >= TRAINING_SMALLEST; n *= 2) {
         const int w = image.width / n, h = image.height / n;
         if (OXL_MAX(w, h) > TRAINING_LARGEST) continue;
@@ -334,8 +332,7 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_large_m
     t.row = oxl_calloc(ctx, (size_t)m.count + 1, sizeof *t.row);
     t.work = oxl_alloc(ctx, 2 * (size_t)m.count + 1, sizeof *t.work);
     t.view = oxl_alloc(ctx, (size_t)m.count + 1, sizeof *t.view);
-    if (!t.row || !t.work || !t.view)
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to check %d training views", m.count);
+    if (!t.row || !t.work || !t.view) rc = OXL_ERR_MEMORY;
     if (rc != OXL_OK) goto done;
     for (int i = 0; i < m.count; i++) t.view[i] = m.views[i].view;
     training_compare(&t);

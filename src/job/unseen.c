@@ -43,8 +43,7 @@ OXL_INTERNAL oxl_result unseen_drop(oxl_context *ctx, const oxl_scene *scene, ox
     const size_t count = model->count;
     struct unseen u = {.score = oxl_calloc(ctx, count + 1, sizeof *u.score)};
     uint8_t *keep = oxl_alloc(ctx, count + 1, 1);
-    oxl_result rc = u.score && keep ? renderer_create(ctx, &u.r)
-                                    : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu Gaussians", count);
+    oxl_result rc = u.score && keep ? renderer_create(ctx, &u.r) : OXL_ERR_MEMORY;
     for (int v = 0; v < oxl_scene_view_count(scene) && rc == OXL_OK; v++)
         if (!oxl_scene_view(scene, v)->is_test) rc = unseen_add_view(ctx, &u, model, scene, v);
     for (size_t i = 0; i < count && rc == OXL_OK; i++)

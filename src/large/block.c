@@ -40,13 +40,13 @@ struct block {
 /* Writes a file of the block's folder, which may have been deleted. */
 static oxl_result block_write(struct block *b, const char *name, const struct text *t)
 {
-    const oxl_result rc = os_make_folder(b->ctx, b->task->folder);
+    const oxl_result rc = oxl_make_folder(b->ctx, b->task->folder);
     return rc == OXL_OK ? os_write_text(b->ctx, PATH(b->task->folder, "%s", name), t) : rc;
 }
 
 static oxl_result block_write_model(struct block *b, const char *name, const oxl_model *model)
 {
-    const oxl_result rc = os_make_folder(b->ctx, b->task->folder);
+    const oxl_result rc = oxl_make_folder(b->ctx, b->task->folder);
     return rc == OXL_OK
                ? model_file_write_ply(b->ctx, PATH(b->task->folder, "%s", name), model, model->sh_degree)
                : rc;
@@ -56,7 +56,7 @@ static oxl_result block_write_model(struct block *b, const char *name, const oxl
 static oxl_result block_write_imaging(struct block *b, oxl_scene *scene)
 {
     const char *path = PATH(b->task->folder, "imaging.txt");
-    const oxl_result rc = os_make_folder(b->ctx, b->task->folder);
+    const oxl_result rc = oxl_make_folder(b->ctx, b->task->folder);
     if (rc != OXL_OK) return rc;
     if (imaging_is_needed(&scene->imaging)) return imaging_write(b->ctx, path, scene, &scene->imaging);
     os_remove(path);
@@ -364,7 +364,7 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
     if (hides) o.iterations = OXL_MAX(2 * o.iterations, OXL_MIN(BLOCK_REFINE_MORE, 3 * o.iterations));
     text_add(&key, "standard %s", b->task->key);
     train.store = checkpoint_in(b->task->folder, key.data);
-    rc = key.failed ? oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to refine a model for viewers") : OXL_OK;
+    rc = key.failed ? OXL_ERR_MEMORY : OXL_OK;
     if (rc == OXL_OK)
         oxl_log(b->ctx, OXL_LOG_INFO,
                 "the model without second lobes%s, for viewers, is refined for %d iterations",
@@ -421,7 +421,7 @@ OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const st
     struct text *outer = ctx->notes;
     oxl_model model = {0};
     struct block_record record = {0};
-    oxl_result rc = os_make_folder(ctx, task->folder);
+    oxl_result rc = oxl_make_folder(ctx, task->folder);
     if (rc == OXL_OK) rc = os_remove_temporaries(ctx, task->folder, BLOCK_FILES);
     if (rc == OXL_OK) rc = block_read(ctx, task->folder, task->key, &record);
     if (rc != OXL_OK) return rc;

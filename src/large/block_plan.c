@@ -47,7 +47,7 @@ static oxl_result plan_write(struct job *job, int block, const struct block_plan
     struct text t = {.ctx = job->ctx};
     const char *path = PATH(JOB_BLOCK(job, block), "plan.txt");
     const char *folder = JOB_BLOCK(job, block);
-    oxl_result rc = os_make_folder(job->ctx, folder);
+    oxl_result rc = oxl_make_folder(job->ctx, folder);
     text_add(
         &t,
         "# first step, last step, iterations, most Gaussians, fraction of the pixels, fraction of the work; neighbours; of each view "
@@ -112,7 +112,7 @@ static oxl_result plan_parse(struct job *job, const char *s, struct block_plan *
     const int blocks = job->partition.block_count;
     int used = 0;
     out->neighbour = oxl_calloc(job->ctx, (size_t)blocks + 1, 1);
-    if (!out->neighbour) return job_no_memory(job);
+    if (!out->neighbour) return OXL_ERR_MEMORY;
     s = strstr(s, "plan ");
     if (!s ||
         sscanf(s, "plan %d %d %d %lf %lf %lf\nneighbours%n", &out->first, &out->last, &out->iterations,
@@ -125,7 +125,7 @@ static oxl_result plan_parse(struct job *job, const char *s, struct block_plan *
         return OXL_ERR_INPUT;
     out->window = oxl_calloc(job->ctx, (size_t)out->views + 1, sizeof *out->window);
     out->shows = oxl_calloc(job->ctx, (size_t)out->views + 1, 1);
-    if (!out->window || !out->shows) return job_no_memory(job);
+    if (!out->window || !out->shows) return OXL_ERR_MEMORY;
     return plan_read_windows(s + used, out) ? OXL_OK : OXL_ERR_INPUT;
 }
 
@@ -152,7 +152,7 @@ OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_m
                                          oxl_model *others)
 {
     uint8_t *keep = oxl_alloc(job->ctx, coarse->count + 1, 1);
-    oxl_result rc = keep ? OXL_OK : job_no_memory(job);
+    oxl_result rc = keep ? OXL_OK : OXL_ERR_MEMORY;
     *own = *others = (oxl_model){0};
     if (rc == OXL_OK) rc = oxl_model_create(job->ctx, 0, 0, own);
     if (rc == OXL_OK) rc = oxl_model_create(job->ctx, 0, 0, others);
@@ -197,7 +197,7 @@ static oxl_result plan_window(oxl_context *ctx, const float *fraction, int width
 {
     const int tiles_x = (width + PLAN_TILE - 1) / PLAN_TILE, tiles_y = (height + PLAN_TILE - 1) / PLAN_TILE;
     double *value = oxl_calloc(ctx, (size_t)tiles_x * (size_t)tiles_y, sizeof *value);
-    if (!value) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a window");
+    if (!value) return OXL_ERR_MEMORY;
     for (int y = 0; y < height; y++)
         for (int x = 0; x < width; x++) {
             const double s = fraction[(size_t)y * (size_t)width + (size_t)x];
@@ -274,7 +274,7 @@ static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coa
     plan->window = oxl_calloc(job->ctx, (size_t)plan->views + 1, sizeof *plan->window);
     plan->shows = oxl_calloc(job->ctx, (size_t)plan->views + 1, 1);
     plan->neighbour = oxl_calloc(job->ctx, (size_t)job->partition.block_count + 1, 1);
-    rc = plan->window && plan->shows && plan->neighbour ? OXL_OK : job_no_memory(job);
+    rc = plan->window && plan->shows && plan->neighbour ? OXL_OK : OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = block_plan_split(job, block, coarse, &own, &others);
     if (rc == OXL_OK) rc = plan_views(job, &own, &others, plan, sum);
     sum->rows = own.count;
@@ -356,7 +356,7 @@ OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse
     const double pixels = schedule_pixels(job->scene) / OXL_MAX(1, schedule_training_views(job->scene));
     struct block_plan *plan = oxl_calloc(job->ctx, (size_t)blocks, sizeof *plan);
     struct plan_sum *sum = oxl_calloc(job->ctx, (size_t)blocks, sizeof *sum);
-    oxl_result rc = plan && sum ? OXL_OK : job_no_memory(job);
+    oxl_result rc = plan && sum ? OXL_OK : OXL_ERR_MEMORY;
     for (int k = 0; k < blocks && rc == OXL_OK; k++) rc = plan_of_block(job, k, coarse, &plan[k], &sum[k]);
     if (rc == OXL_OK) {
         plan_divide(job, plan_cap(job, coarse), plan, sum);

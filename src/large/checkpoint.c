@@ -67,7 +67,7 @@ static oxl_result checkpoint_write_once(oxl_context *ctx, const char *folder, co
     const char *path = PATH(folder, "%s", checkpoint_names[0]);
     struct os_writer writer;
     struct archive a = {.ctx = ctx, .path = path, .sum = ARCHIVE_SEED};
-    oxl_result rc = os_make_folder(ctx, folder); /* it may have been deleted */
+    oxl_result rc = oxl_make_folder(ctx, folder); /* it may have been deleted */
     if (rc == OXL_OK) rc = os_writer_open(ctx, path, &writer);
     if (rc != OXL_OK) return rc;
     a.file = writer.file;

@@ -180,7 +180,7 @@ static oxl_result groups_count(const struct groups *g, const int *view, int coun
         oxl_model m = {0};
         uint8_t *keep = NULL;
         rc = job_read_model(g->job, k, 0, &m);
-        if (rc == OXL_OK && !(keep = oxl_alloc(g->job->ctx, m.count + 1, 1))) rc = job_no_memory(g->job);
+        if (rc == OXL_OK && !(keep = oxl_alloc(g->job->ctx, m.count + 1, 1))) rc = OXL_ERR_MEMORY;
         if (rc == OXL_OK) *rows += (double)groups_mark_visible(g, view, count, &m, keep);
         oxl_free(g->job->ctx, keep);
         oxl_model_free(g->job->ctx, &m);
@@ -217,7 +217,7 @@ static oxl_result groups_order(const struct groups *g, int *view, int *count)
     const int blocks = g->job->partition.block_count;
     double *largest = oxl_calloc(g->job->ctx, (size_t)g->views + 1, sizeof *largest);
     int *owner = oxl_calloc(g->job->ctx, (size_t)g->views + 1, sizeof *owner);
-    oxl_result rc = largest && owner ? OXL_OK : job_no_memory(g->job);
+    oxl_result rc = largest && owner ? OXL_OK : OXL_ERR_MEMORY;
     *count = 0;
     for (int k = 0; k < blocks && rc == OXL_OK; k++) {
         struct block_plan plan = {0};
@@ -238,13 +238,13 @@ static oxl_result groups_order(const struct groups *g, int *view, int *count)
 static oxl_result groups_make(struct groups *g)
 {
     int *view = oxl_alloc(g->job->ctx, (size_t)g->views + 1, sizeof *view), count = 0;
-    oxl_result rc = view ? groups_order(g, view, &count) : job_no_memory(g->job);
+    oxl_result rc = view ? groups_order(g, view, &count) : OXL_ERR_MEMORY;
     for (int i = 0; i < g->views; i++) g->of[i] = -1;
     if (rc == OXL_OK) rc = groups_divide(g, view, count);
     if (rc == OXL_OK)
         oxl_log(g->job->ctx, OXL_LOG_INFO, "the merged model does not fit into memory: %d groups of views",
                 g->count);
-    if (rc == OXL_OK) rc = os_make_folder(g->job->ctx, g->folder);
+    if (rc == OXL_OK) rc = oxl_make_folder(g->job->ctx, g->folder);
     if (rc == OXL_OK) rc = groups_write_state(g);
     oxl_free(g->job->ctx, view);
     return rc;
@@ -277,7 +277,7 @@ static oxl_result groups_load(struct groups *g, const int *view, int views, stru
         rc = groups_read(g, b, &m);
         oxl_free(ctx, g->keep[b]);
         g->keep[b] = rc == OXL_OK ? oxl_alloc(ctx, m.model.count + 1, 1) : NULL;
-        if (rc == OXL_OK && !g->keep[b]) rc = job_no_memory(g->job);
+        if (rc == OXL_OK && !g->keep[b]) rc = OXL_ERR_MEMORY;
         if (rc == OXL_OK) groups_mark_visible(g, view, views, &m.model, g->keep[b]);
         for (int k = 0; k < TRAINED_PARTS && rc == OXL_OK; k++)
             rc = merge_rows(ctx, model_trained_part(&m, k), g->keep[b], model_trained_part(all, k));
@@ -321,7 +321,7 @@ static oxl_result groups_store(struct groups *g, struct trained_model *all)
     const int gains = g->gains;
     size_t at[2] = {0, all->model.lobes};
     int *old = oxl_alloc(g->job->ctx, (size_t)blocks, sizeof *old);
-    oxl_result rc = old ? OXL_OK : job_no_memory(g->job);
+    oxl_result rc = old ? OXL_OK : OXL_ERR_MEMORY;
     for (int b = 0; b < blocks && rc == OXL_OK; b++) {
         old[b] = g->version[b];
         rc = groups_store_block(g, b, version, all, at);
@@ -367,7 +367,7 @@ static oxl_result groups_train(struct groups *g, const struct image_window *wind
     oxl_result rc;
     text_add(&key, "task %d, %s", g->done, job->key.data);
     train.store = checkpoint_in(g->folder, key.data);
-    rc = key.failed ? job_no_memory(job) : OXL_OK;
+    rc = key.failed ? OXL_ERR_MEMORY : OXL_OK;
     job_limit_time(job, &o);
     if (rc == OXL_OK)
         rc = train_run(job->ctx, job->scene, &o, &(oxl_callback){groups_progress, g}, &train, &out);
@@ -386,7 +386,7 @@ static oxl_result groups_task(struct groups *g, int from, int until)
     struct image_window *window = oxl_calloc(ctx, (size_t)g->views + 1, sizeof *window);
     int *view = oxl_alloc(ctx, (size_t)g->views + 1, sizeof *view), views = 0;
     struct trained_model all = {{0}, {0}, {0}};
-    oxl_result rc = window && view ? OXL_OK : job_no_memory(g->job);
+    oxl_result rc = window && view ? OXL_OK : OXL_ERR_MEMORY;
     for (int i = 0; i < g->views && rc == OXL_OK; i++) {
         const oxl_camera *c = &oxl_scene_view(g->job->scene, i)->camera;
         if (g->of[i] != g->done % g->count) continue;
@@ -432,12 +432,12 @@ static oxl_result groups_merge(const struct groups *g, int standard)
 {
     const int blocks = g->job->partition.block_count;
     char **path = oxl_calloc(g->job->ctx, (size_t)blocks + 1, sizeof *path);
-    oxl_result rc = path ? OXL_OK : job_no_memory(g->job);
+    oxl_result rc = path ? OXL_OK : OXL_ERR_MEMORY;
     for (int b = 0; b < blocks && rc == OXL_OK; b++) {
         const char *from =
             GROUPS_PATH(g, b, standard ? "standard" : GROUPS_PART[0], standard ? 1 : g->version[b]);
         if (standard) rc = groups_bake(g, b);
-        if (rc == OXL_OK && !(path[b] = oxl_strdup(g->job->ctx, from))) rc = job_no_memory(g->job);
+        if (rc == OXL_OK && !(path[b] = oxl_strdup(g->job->ctx, from))) rc = OXL_ERR_MEMORY;
     }
     if (rc == OXL_OK)
         rc = merge_files(g->job->ctx, path, blocks, g->job->origin,
@@ -476,7 +476,7 @@ OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder)
                        .keep = oxl_calloc(job->ctx, (size_t)blocks, sizeof *g.keep)};
     oxl_result rc = (g.of = oxl_calloc(job->ctx, (size_t)g.views + 1, sizeof *g.of)) && g.version && g.keep
                         ? OXL_OK
-                        : job_no_memory(job);
+                        : OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = groups_read_state(&g);
     if (rc == OXL_OK) rc = groups_remove_temporaries(&g);
     if (rc == OXL_OK && g.count == 0) rc = groups_make(&g);

@@ -15,11 +15,6 @@
 
 /* ---------------- files of OUT */
 
-OXL_INTERNAL oxl_result job_no_memory(struct job *job)
-{
-    return oxl_fail(job->ctx, OXL_ERR_MEMORY, "no memory for the name of a file in %s", job->out);
-}
-
 OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struct text *t)
 {
     return os_write_text(job->ctx, PATH(job->out, "%s", name), t);
@@ -114,13 +109,13 @@ OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
     if (!os_is_folder(folder)) { /* else another process has decided */
         const int wanted =
             job->scene && (job->partition.block_count > 1 || bytes > (double)budget_cache(&job->options));
-        if (wanted) rc = os_make_folder(job->ctx, folder);
+        if (wanted) rc = oxl_make_folder(job->ctx, folder);
         if (rc == OXL_OK && wanted && os_disk_free(folder) < JOB_DISK * bytes) os_remove_folder(folder);
     }
     oxl_free(job->ctx, job->decoded);
     job->decoded = NULL;
     if (rc == OXL_OK && os_is_folder(folder) && !(job->decoded = oxl_strdup(job->ctx, folder)))
-        rc = job_no_memory(job);
+        rc = OXL_ERR_MEMORY;
     return rc == OXL_OK && job->scene ? job_use_decoded(job) : rc;
 }
 
@@ -260,7 +255,7 @@ OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out)
     const double none[] = {0, 0, 0};
     oxl_result rc = imaging_create(job->ctx, views, out);
     if (rc == OXL_OK) rc = imaging_set_cameras(job->ctx, job->scene, out);
-    if (rc == OXL_OK && !count) rc = job_no_memory(job);
+    if (rc == OXL_OK && !count) rc = OXL_ERR_MEMORY;
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         const char *path = PATH(JOB_BLOCK(job, k), "imaging.txt");
         struct imaging own = {0};

@@ -53,7 +53,6 @@ struct job {
 
 /* ---------------- job_state.c */
 
-OXL_INTERNAL oxl_result job_no_memory(struct job *job);
 /* Refuses folders of the run that are links: OUT itself may be one, as its user has chosen it. */
 OXL_INTERNAL oxl_result job_refuse_links(struct job *job);
 /* Names what is trained in a folder beside blocks 0 .. block_count - 1; takes the place of a block's number.

@@ -44,8 +44,7 @@ static oxl_result lock_take(oxl_context *ctx, const char *folder, int shared, in
     *out = NULL;
     *busy = 0;
     if (lock) lock->path = oxl_path_join(ctx, folder, ".lock");
-    rc = lock && lock->path ? os_make_folder(ctx, folder)
-                            : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to lock %s", folder);
+    rc = lock && lock->path ? oxl_make_folder(ctx, folder) : OXL_ERR_MEMORY;
     if (rc != OXL_OK) goto done;
     got = lock_open(lock->path, shared, &lock->file);
     *busy = got == OS_LOCK_BUSY;
@@ -112,7 +111,7 @@ OXL_INTERNAL oxl_result lock_check_parents(oxl_context *ctx, const char *folder)
         char *run = up ? oxl_path_join(ctx, up, "run.json") : NULL,
              *path = up ? oxl_path_join(ctx, up, ".lock") : NULL;
         struct os_lock file;
-        if (!run || !path) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to lock %s", folder);
+        if (!run || !path) rc = OXL_ERR_MEMORY;
         else if (os_is_file(run) && os_is_file(path)) {
             const enum os_locked got = os_lock_open(path, 0, 0, &file);
             if (got == OS_LOCK_BUSY)

@@ -84,7 +84,7 @@ OXL_INTERNAL oxl_result merge_rows(oxl_context *ctx, const oxl_model *from, cons
     oxl_result rc = OXL_OK;
     if (from->has_background || from->antialias) model_copy_rendering(from, into);
     m.row = oxl_alloc(ctx, from->count + 1, sizeof *m.row);
-    if (!m.row) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to merge %zu Gaussians", from->count);
+    if (!m.row) return OXL_ERR_MEMORY;
     merge_select(from, keep, &m);
     rc = merge_make_room(ctx, &m, from->sh_degree, into);
     if (rc == OXL_OK) merge_insert(&m, from, into);
@@ -102,7 +102,7 @@ OXL_INTERNAL oxl_result merge_files(oxl_context *ctx, char *const *path, int cou
 {
     oxl_large_model *model = oxl_calloc(ctx, (size_t)count + 1, sizeof *model);
     int degree = 0;
-    oxl_result rc = model ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to merge %d models", count);
+    oxl_result rc = model ? OXL_OK : OXL_ERR_MEMORY;
     for (int k = 0; k < count && rc == OXL_OK; k++) {
         rc = oxl_large_open(ctx, path[k], 1, &model[k]);
         if (rc == OXL_OK) oxl_large_move_origin(&model[k], origin);

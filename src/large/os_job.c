@@ -17,28 +17,27 @@ int oxl_is_folder(const char *path)
     return os_is_folder(path);
 }
 
-oxl_result oxl_make_folder(oxl_context *ctx, const char *path)
-{
-    return os_make_folder(ctx, path);
-}
+/* What a walk does at each folder of a path. */
+enum { OS_WALK_MAKES = 1, OS_WALK_REFUSES_LINKS = 2 };
 
-/* Walks from `folder` along the parts of `inside`: refuses links, makes folders with `make`. */
-static oxl_result os_walk_in(oxl_context *ctx, const char *folder, const char *inside, int make)
+/* Walks from `folder` along the parts of `inside`. */
+static oxl_result os_walk_in(oxl_context *ctx, const char *folder, const char *inside, int does)
 {
     char *path = oxl_path_join(ctx, folder, inside);
     const size_t size = path ? strlen(path) : 0;
     oxl_result rc = OXL_OK;
-    if (!path) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for the name of a folder", folder);
+    if (!path) return OXL_ERR_MEMORY;
     for (size_t i = size - strlen(inside) + 1; i <= size && rc == OXL_OK; i++) {
         const char had = path[i];
         if (i < size && !os_is_separator(had)) continue;
         path[i] = 0;
-        if (os_is_link(path))
+        if (does & OS_WALK_REFUSES_LINKS && os_is_link(path))
             rc = oxl_fail(ctx, OXL_ERR_INPUT,
                           "%s is a link: what is written or removed there would lie elsewhere\n"
                           "fix: remove the link, or choose another folder",
                           path);
-        else if (make && os_make_one_folder(path) != 0) {
+        /* mkdir of an existing parent can fail with other errors than EEXIST (read-only disk, "C:") */
+        else if (does & OS_WALK_MAKES && os_make_one_folder(path) != 0) {
             const int error = errno;
             if (!os_is_folder(path)) rc = os_fail(ctx, OXL_ERR_IO, path, "cannot make the folder", error);
         }
@@ -48,15 +47,21 @@ static oxl_result os_walk_in(oxl_context *ctx, const char *folder, const char *i
     return rc;
 }
 
+oxl_result oxl_make_folder(oxl_context *ctx, const char *path)
+{
+    return os_walk_in(ctx, "", path, OS_WALK_MAKES);
+}
+
 OXL_INTERNAL oxl_result os_make_folder_in(oxl_context *ctx, const char *folder, const char *inside)
 {
-    const oxl_result rc = os_make_folder(ctx, folder);
-    return rc == OXL_OK && inside[0] ? os_walk_in(ctx, folder, inside, 1) : rc;
+    const oxl_result rc = oxl_make_folder(ctx, folder);
+    return rc == OXL_OK && inside[0] ? os_walk_in(ctx, folder, inside, OS_WALK_MAKES | OS_WALK_REFUSES_LINKS)
+                                     : rc;
 }
 
 OXL_INTERNAL oxl_result os_refuse_links(oxl_context *ctx, const char *folder, const char *inside)
 {
-    return inside[0] ? os_walk_in(ctx, folder, inside, 0) : OXL_OK;
+    return inside[0] ? os_walk_in(ctx, folder, inside, OS_WALK_REFUSES_LINKS) : OXL_OK;
 }
 
 OXL_INTERNAL int os_link(const char *target, const char *path)

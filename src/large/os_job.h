@@ -53,6 +53,7 @@ OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove);
 
 /* ---------------- os_job_posix.c or os_job_windows.c: what a port provides; os_job.c alone uses these */
 
+OXL_INTERNAL int os_make_one_folder(const char *path); /* 0: success */
 OXL_INTERNAL int os_is_absolute(const char *path);
 OXL_INTERNAL int os_working_folder(char *out, size_t size);          /* 0: success, here and below */
 OXL_INTERNAL int os_make_link(const char *target, const char *path); /* replaces a link, nothing else */

@@ -30,6 +30,11 @@ OXL_INTERNAL int os_make_link(const char *target, const char *path)
     return symlink(target, path);
 }
 
+OXL_INTERNAL int os_make_one_folder(const char *path)
+{
+    return mkdir(path, 0777);
+}
+
 OXL_INTERNAL int os_is_absolute(const char *path)
 {
     return path[0] == '/';

@@ -40,6 +40,12 @@ OXL_INTERNAL int os_make_link(const char *target, const char *path)
     return -1;
 }
 
+OXL_INTERNAL int os_make_one_folder(const char *path)
+{
+    wchar_t wide[OS_PATH_MAX];
+    return os_done(CreateDirectoryW(os_wide(path, wide), NULL));
+}
+
 OXL_INTERNAL int os_is_absolute(const char *path)
 {
     return os_is_separator(path[0]) || (path[0] && path[1] == ':');

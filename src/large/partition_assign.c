@@ -154,8 +154,7 @@ static oxl_result partition_find_members(struct partition_build *b)
                         b->count);
     b->first[b->count] = (uint32_t)total;
     b->blocks = oxl_alloc(b->ctx, total + 1, sizeof *b->blocks);
-    if (!b->blocks)
-        return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory for the blocks of %zu points", b->count);
+    if (!b->blocks) return OXL_ERR_MEMORY;
 #pragma omp parallel for schedule(static) num_threads(b->ctx->threads)
     for (int task = 0; task < PARTITION_TASKS; task++)
         for (size_t i = partition_task_begin(b->count, task); i < partition_task_begin(b->count, task + 1);
@@ -168,7 +167,7 @@ static oxl_result partition_count_points(struct partition_build *b)
 {
     oxl_free(b->ctx, b->inside);
     b->inside = oxl_calloc(b->ctx, (size_t)b->leaf_count, sizeof *b->inside);
-    if (!b->inside) return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory for %d blocks", b->leaf_count);
+    if (!b->inside) return OXL_ERR_MEMORY;
     for (int i = 0; i < b->leaf_count; i++) b->node[b->leaf[i]].points = 0;
     for (size_t i = 0; i < b->count; i++)
         if (b->owner[i] != PARTITION_NO_BLOCK) b->node[b->owner[i]].points++;
@@ -210,7 +209,7 @@ static oxl_result partition_assign_views(struct partition_build *b)
     b->role = oxl_calloc(b->ctx, blocks, views);
     if (!seen || !b->role) {
         oxl_free(b->ctx, seen);
-        return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory for %zu views of %zu blocks", views, blocks);
+        return OXL_ERR_MEMORY;
     }
 #pragma omp parallel for schedule(dynamic) num_threads(b->ctx->threads)
     /* strided: views with neighbouring names observe the same points */
@@ -233,7 +232,7 @@ static int partition_count_views(const struct partition_build *b, int block)
 static oxl_result partition_assign_more_views(struct partition_build *b)
 {
     b->few_views = oxl_alloc(b->ctx, (size_t)b->leaf_count, sizeof *b->few_views);
-    if (!b->few_views) return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory for %d blocks", b->leaf_count);
+    if (!b->few_views) return OXL_ERR_MEMORY;
     for (int i = 0; i < b->leaf_count; i++)
         b->few_views[i] = partition_count_views(b, i) < PARTITION_ENOUGH_VIEWS;
     return partition_assign_views(b);

@@ -140,10 +140,8 @@ OXL_INTERNAL oxl_result partition_axes(oxl_context *ctx, const oxl_scene *scene,
     size_t n, kept;
     oxl_result rc = OXL_OK;
     *out = (struct partition_axes){.rotation = {0}};
-    if (!sample || !scratch) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the principal axes of %zu points", c->point_count);
-        goto done;
-    }
+    if (!sample || !scratch) rc = OXL_ERR_MEMORY;
+    if (rc != OXL_OK) goto done;
     n = axes_sample(c, oxl_scene_origin(scene), sample);
     kept = axes_trim(sample, n, scratch);
     axes_covariance(sample, kept, a);

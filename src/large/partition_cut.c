@@ -246,8 +246,7 @@ static oxl_result partition_grow(struct partition_build *b)
     struct partition_search *search = oxl_alloc(b->ctx, PARTITION_BATCH, sizeof *search);
     struct partition_bin *bins =
         oxl_alloc(b->ctx, PARTITION_BATCH * (PARTITION_RATIOS + 1) * PARTITION_TASKS, sizeof *bins);
-    oxl_result rc =
-        search && bins ? OXL_OK : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to search for cuts");
+    oxl_result rc = search && bins ? OXL_OK : OXL_ERR_MEMORY;
     int count;
     while (rc == OXL_OK && (count = partition_gather(b, search)) > 0) {
         rc = partition_cut_batch(b, search, count, bins);
@@ -277,7 +276,7 @@ OXL_INTERNAL oxl_result partition_set_loads(struct partition_build *b, double by
     if (!b->load) b->load = oxl_alloc(b->ctx, b->count + 1, sizeof *b->load);
     if (!pixel || !b->load) {
         oxl_free(b->ctx, pixel);
-        return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to partition %zu points", b->count);
+        return OXL_ERR_MEMORY;
     }
     for (size_t v = 0; v < vis->views; v++) {
         const oxl_camera *c = &oxl_scene_view(b->scene, (int)v)->camera;

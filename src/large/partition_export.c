@@ -338,7 +338,7 @@ static oxl_result exporter_prepare(struct exporter *e)
     e->slots = e->list_room / 6 + 1; /* "0 0 0 " is the shortest */
     e->images_file = oxl_path_join(e->ctx, c->folder, c->images_file);
     e->worker = oxl_calloc(e->ctx, (size_t)e->ctx->threads, sizeof *e->worker);
-    if (!e->images_file || !e->worker) return oxl_fail(e->ctx, OXL_ERR_MEMORY, "no memory to write blocks");
+    if (!e->images_file || !e->worker) return OXL_ERR_MEMORY;
     for (int i = 0; i < e->ctx->threads; i++) {
         struct exporter_worker *w = &e->worker[i];
         const oxl_result rc = e->list_room ? os_reader_open(e->ctx, e->images_file, &w->reader) : OXL_OK;
@@ -349,8 +349,7 @@ static oxl_result exporter_prepare(struct exporter *e)
         w->slot = oxl_alloc(e->ctx, e->slots, sizeof *w->slot);
         w->list = oxl_alloc(e->ctx, e->list_room + 1, 1);
         w->buffer = oxl_alloc(e->ctx, EXPORT_BUFFER, 1);
-        if (!w->bits || !w->image || !w->camera || !w->slot || !w->list || !w->buffer)
-            return oxl_fail(e->ctx, OXL_ERR_MEMORY, "no memory to write blocks");
+        if (!w->bits || !w->image || !w->camera || !w->slot || !w->list || !w->buffer) return OXL_ERR_MEMORY;
         for (size_t k = 0; k < e->slots; k++) w->slot[k] = -1;
     }
     return OXL_OK;
@@ -385,7 +384,7 @@ static void exporter_batch_write(const struct exporter *e, int first, int count,
 static oxl_result exporter_batch(const struct exporter *e, int first, int count)
 {
     struct exporter_files *files = oxl_calloc(e->ctx, (size_t)count, sizeof *files);
-    oxl_result rc = files ? OXL_OK : oxl_fail(e->ctx, OXL_ERR_MEMORY, "no memory to write blocks");
+    oxl_result rc = files ? OXL_OK : OXL_ERR_MEMORY;
     for (int i = 0; i < count && rc == OXL_OK; i++) rc = exporter_open(e, first + i, &files[i]);
     if (rc == OXL_OK) exporter_batch_write(e, first, count, files);
     for (int i = 0; i < e->ctx->threads && rc == OXL_OK; i++) rc = e->worker[i].rc;
@@ -424,7 +423,7 @@ static oxl_result exporter_blocks(struct exporter *e)
 
 OXL_INTERNAL oxl_result partition_save(oxl_context *ctx, const struct partition *p, const char *out)
 {
-    oxl_result rc = os_make_folder(ctx, out);
+    oxl_result rc = oxl_make_folder(ctx, out);
     if (rc == OXL_OK) rc = partition_draw(ctx, p, PATH(out, "partition.svg"));
     return rc == OXL_OK ? partition_write(ctx, PATH(out, "partition.txt"), p) : rc;
 }
@@ -432,7 +431,7 @@ OXL_INTERNAL oxl_result partition_save(oxl_context *ctx, const struct partition 
 OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partition *p, const char *out)
 {
     struct exporter e = {.ctx = ctx, .p = p, .out = out};
-    oxl_result rc = os_make_folder(ctx, out);
+    oxl_result rc = oxl_make_folder(ctx, out);
     if (rc == OXL_OK && !p->plan)
         rc = oxl_fail(
             ctx, OXL_ERR_USAGE,

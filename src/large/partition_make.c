@@ -74,8 +74,7 @@ static oxl_result partition_list_members(const struct partition_build *b, struct
     const size_t blocks = (size_t)b->leaf_count, total = b->first[b->count];
     plan->first_member = oxl_calloc(b->ctx, blocks + 1, sizeof *plan->first_member);
     plan->member = oxl_alloc(b->ctx, total + 1, sizeof *plan->member);
-    if (!plan->first_member || !plan->member)
-        return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory for the blocks' points");
+    if (!plan->first_member || !plan->member) return OXL_ERR_MEMORY;
     for (size_t i = 0; i < blocks; i++) plan->first_member[i + 1] = plan->first_member[i] + b->inside[i];
     for (size_t i = 0; i < b->count; i++)
         for (uint32_t k = b->first[i]; k < b->first[i + 1]; k++)
@@ -111,7 +110,7 @@ static oxl_result partition_count_starts(oxl_context *ctx, struct partition *p, 
 {
     const size_t words = (points + 63) / 64;
     uint64_t *bits = oxl_alloc(ctx, PARTITION_TASKS * words + 1, sizeof *bits);
-    if (!bits) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to count the points that blocks start from");
+    if (!bits) return OXL_ERR_MEMORY;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int task = 0; task < PARTITION_TASKS; task++)
         for (int i = task; i < p->block_count; i += PARTITION_TASKS) {
@@ -141,8 +140,7 @@ static oxl_result partition_finish(struct partition_build *b, struct partition *
 {
     oxl_result rc = partition_list_members(b, p->plan);
     p->block = oxl_calloc(b->ctx, (size_t)b->leaf_count, sizeof *p->block);
-    if (rc == OXL_OK && !p->block)
-        rc = oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory for %d blocks", b->leaf_count);
+    if (rc == OXL_OK && !p->block) rc = OXL_ERR_MEMORY;
     if (rc != OXL_OK) return rc;
     p->block_count = b->leaf_count;
     for (size_t i = 0; i < b->count; i++)
@@ -183,8 +181,7 @@ static oxl_result partition_load_points(struct partition_build *b, const struct 
     b->position = oxl_alloc(b->ctx, b->count + 1, 3 * sizeof *b->position);
     b->owner = oxl_alloc(b->ctx, b->count + 1, sizeof *b->owner);
     b->first = oxl_alloc(b->ctx, b->count + 1, sizeof *b->first);
-    if (!b->position || !b->owner || !b->first)
-        return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to partition %zu points", b->count);
+    if (!b->position || !b->owner || !b->first) return OXL_ERR_MEMORY;
 #pragma omp parallel for schedule(static) num_threads(b->ctx->threads)
     for (int task = 0; task < PARTITION_TASKS; task++)
         for (size_t i = partition_task_begin(b->count, task); i < partition_task_begin(b->count, task + 1);
@@ -334,7 +331,7 @@ OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene,
     *out = (struct partition){.dimensions = 3};
     if (rc != OXL_OK) return rc;
     out->plan = oxl_calloc(ctx, 1, sizeof *out->plan);
-    if (!out->plan) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a partition");
+    if (!out->plan) return OXL_ERR_MEMORY;
     *out->plan = (struct partition_plan){.scene = scene, .owns_visibility = 1};
     rc = partition_axes(ctx, scene, &axes);
     if (rc == OXL_OK) rc = partition_visibility_create(ctx, scene, &out->plan->visibility);
@@ -363,7 +360,7 @@ OXL_INTERNAL oxl_result partition_variant(oxl_context *ctx, const struct partiti
     out->block = NULL;
     out->block_count = 0;
     out->plan = oxl_calloc(ctx, 1, sizeof *out->plan);
-    rc = out->plan ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a partition");
+    rc = out->plan ? OXL_OK : OXL_ERR_MEMORY;
     if (rc != OXL_OK) goto done;
     *out->plan =
         (struct partition_plan){.scene = from->scene, .visibility = from->visibility, .finite = from->finite};

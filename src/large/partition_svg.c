@@ -336,10 +336,8 @@ OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition 
     d.camera = oxl_alloc(ctx, views, 3 * sizeof *d.camera);
     d.base = oxl_alloc(ctx, views, sizeof *d.base);
     d.border = oxl_alloc(ctx, views, sizeof *d.border);
-    if (!d.colour || !d.camera || !d.base || !d.border) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the image of the partition");
-        goto done;
-    }
+    if (!d.colour || !d.camera || !d.base || !d.border) rc = OXL_ERR_MEMORY;
+    if (rc != OXL_OK) goto done;
     draw_find_cameras(&d);
     draw_choose_colours(&d);
     d.panel[d.panels++] = draw_open_panel(&d, "From above", 0, 1);

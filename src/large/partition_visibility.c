@@ -65,7 +65,7 @@ static oxl_result visibility_alloc_lists(oxl_context *ctx, struct partition_visi
     vis->point = oxl_alloc(ctx, total + 1, sizeof *vis->point);
     vis->observation = oxl_alloc(ctx, total + 1, sizeof *vis->observation);
     if (vis->point && vis->observation) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu observations", total);
+    return OXL_ERR_MEMORY;
 }
 
 OXL_INTERNAL oxl_result partition_visibility_create(oxl_context *ctx, const oxl_scene *scene,
@@ -83,8 +83,7 @@ OXL_INTERNAL oxl_result partition_visibility_create(oxl_context *ctx, const oxl_
         vis->seen = oxl_calloc(ctx, views + 1, sizeof *vis->seen);
         b.next = oxl_calloc(ctx, PARTITION_TASKS * views, sizeof *b.next);
     }
-    if (!vis || !vis->first || !vis->seen || !b.next)
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the visibility of %zu views", views);
+    if (!vis || !vis->first || !vis->seen || !b.next) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK && b.colmap->point_count >= UINT32_MAX)
         rc = oxl_fail(
             ctx, OXL_ERR_INPUT,

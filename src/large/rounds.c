@@ -162,7 +162,7 @@ static oxl_result rounds_add_block(struct rounds *r, int block, int of, oxl_mode
     if (rc == OXL_OK)
         rc = record.exists ? job_read_model(job, of, 0, &model)
                            : block_plan_split(job, of, &r->coarse, &model, &rest);
-    if (rc == OXL_OK && !(keep = oxl_alloc(job->ctx, model.count + 1, 1))) rc = job_no_memory(job);
+    if (rc == OXL_OK && !(keep = oxl_alloc(job->ctx, model.count + 1, 1))) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK) rounds_mark_visible(r, plan, &model, keep);
     if (rc == OXL_OK) rc = merge_rows(job->ctx, &model, keep, context);
     oxl_model_free(job->ctx, &model);
@@ -449,7 +449,7 @@ static oxl_result rounds_begin(struct rounds *r)
     oxl_result rc = job_read_model(job, JOB_COARSE_MODEL, 0, &r->coarse);
     r->plan = oxl_calloc(job->ctx, (size_t)blocks, sizeof *r->plan);
     r->checked = oxl_calloc(job->ctx, (size_t)blocks, 1);
-    if (rc == OXL_OK && (!r->plan || !r->checked)) rc = job_no_memory(job);
+    if (rc == OXL_OK && (!r->plan || !r->checked)) rc = OXL_ERR_MEMORY;
     for (int k = 0; k < blocks && rc == OXL_OK; k++) {
         rc = block_plan_read(job, k, &r->plan[k]);
         if (rc == OXL_OK && r->plan[k].views == 0)

@@ -200,10 +200,8 @@ OXL_INTERNAL oxl_result scene_file_write(oxl_context *ctx, const char *path, con
     struct scene_camera_row *camera = oxl_calloc(ctx, cameras + 1, sizeof *camera);
     struct scene_rows rows = {{0}, {0}};
     oxl_result rc = OXL_OK;
-    if (!facts || !view || !camera) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to write %s", path);
-        goto done;
-    }
+    if (!facts || !view || !camera) rc = OXL_ERR_MEMORY;
+    if (rc != OXL_OK) goto done;
     scene_facts_of(scene, facts);
     scene_view_rows(scene, view);
     scene_camera_rows(scene, camera);
@@ -424,7 +422,7 @@ static oxl_result scene_of_rows(oxl_context *ctx, const struct scene_rows *rows,
     oxl_result rc;
     if (!s) {
         os_unmap_file(ctx, map);
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a scene");
+        return OXL_ERR_MEMORY;
     }
     s->map = *map;
     scene_use_facts(rows->data[SCENE_FACTS], s);
@@ -433,8 +431,7 @@ static oxl_result scene_of_rows(oxl_context *ctx, const struct scene_rows *rows,
     s->source = oxl_calloc(ctx, views + 1, sizeof *s->source);
     s->on_disk = oxl_calloc(ctx, cameras + 1, sizeof *s->on_disk);
     s->colmap.camera = oxl_calloc(ctx, cameras + 1, sizeof *s->colmap.camera);
-    if (!s->view || !s->source || !s->on_disk || !s->colmap.camera)
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a scene of %zu views", views);
+    if (!s->view || !s->source || !s->on_disk || !s->colmap.camera) rc = OXL_ERR_MEMORY;
     else {
         s->view_count = (int)views;
         s->colmap.camera_count = cameras;

@@ -74,11 +74,6 @@ static size_t model_capacity(size_t rows)
     return (((rows + MODEL_PACK - 1) / MODEL_PACK) | 1) * MODEL_PACK;
 }
 
-static oxl_result model_no_memory(oxl_context *ctx, size_t rows, int planes)
-{
-    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu Gaussians of %d numbers", rows, planes);
-}
-
 /* Sets the lobes' planes to `memory` and copies those of `from`. */
 static void model_lay_out_lobes(oxl_model *m, float *memory, const oxl_model *from)
 {
@@ -104,12 +99,10 @@ static oxl_result model_lay_out(oxl_context *ctx, oxl_model *model, size_t capac
 {
     oxl_model m = {.count = model->count, .lobes = lobes, .sh_degree = sh_degree, .scale = model->scale};
     const int planes = oxl_model_planes(&m);
-    float *memory = NULL;
-    m.capacity = model_capacity(capacity);
-    if (m.capacity > 0)
-        memory = oxl_alloc(ctx, m.capacity * (size_t)planes + model_whole_packs(lobes) * MODEL_LOBE_PLANES,
-                           sizeof *memory);
-    if (!memory) return model_no_memory(ctx, capacity, planes);
+    const size_t rows = m.capacity = model_capacity(capacity), lobe = model_whole_packs(lobes);
+    float *memory =
+        oxl_alloc(ctx, rows ? rows * (size_t)planes + lobe * MODEL_LOBE_PLANES : SIZE_MAX, sizeof *memory);
+    if (!memory) return OXL_ERR_MEMORY;
     m.memory = memory;
     memcpy(m.origin, model->origin, sizeof m.origin);
     model_copy_rendering(model, &m);
@@ -157,10 +150,9 @@ OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t
     if (capacity <= old) return OXL_OK;
     if (!model->memory || model->lobes > 0)
         return model_lay_out(ctx, model, capacity, model->sh_degree, model->lobes);
-    memory = wanted > 0 ? oxl_regrow(ctx, model->memory, old * (size_t)planes, wanted * (size_t)planes,
-                                     sizeof *memory)
-                        : NULL;
-    if (!memory) return model_no_memory(ctx, capacity, planes);
+    memory = oxl_regrow(ctx, model->memory, old * (size_t)planes, wanted ? wanted * (size_t)planes : SIZE_MAX,
+                        sizeof *memory);
+    if (!memory) return OXL_ERR_MEMORY;
     model->memory = memory;
     model->capacity = wanted;
     for (int p = planes - 1; p >= 0; p--) {
@@ -271,7 +263,7 @@ OXL_INTERNAL oxl_result model_make_lobes(oxl_context *ctx, oxl_model *model, con
         return oxl_fail(ctx, OXL_ERR_USAGE, "the model has %zu second lobes already", model->lobes);
     for (size_t i = 0; i < model->count; i++) lobes += active[i] != 0;
     other = oxl_alloc(ctx, model->count + 1, sizeof *other);
-    if (!other) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to order %zu Gaussians", model->count);
+    if (!other) return OXL_ERR_MEMORY;
     rc = model_set_lobes(ctx, model, lobes);
     if (rc == OXL_OK) model_active_first(model, active, other);
     oxl_free(ctx, other);
@@ -535,7 +527,7 @@ static oxl_result model_widths(oxl_context *ctx, double *square, size_t count)
 {
     double *apart = oxl_alloc(ctx, count, sizeof *apart), least = 1;
     size_t n = 0;
-    if (!apart) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to start from %zu points", count);
+    if (!apart) return OXL_ERR_MEMORY;
     for (size_t i = 0; i < count; i++)
         if (square[i] > 0) apart[n++] = square[i];
     if (n) least = OXL_MAX(MODEL_SQUARE_MIN * stats_select(apart, n, 0.5), DBL_MIN);
@@ -585,10 +577,8 @@ oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size
     tree.site = oxl_alloc(ctx, count, sizeof *tree.site);
     tree.split = oxl_alloc(ctx, count, 1);
     width = oxl_alloc(ctx, count, sizeof *width);
-    if (!key || !tree.site || !tree.split || !width) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to start from %zu points", count);
-        goto done;
-    }
+    if (!key || !tree.site || !tree.split || !width) rc = OXL_ERR_MEMORY;
+    if (rc != OXL_OK) goto done;
     model_sort_by_code(points, count, key);
     count = tree.count = model_drop_coincident(key, count);
     rc = oxl_model_create(ctx, count, sh_degree, out);

@@ -49,8 +49,7 @@ OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl
     e->mean = oxl_calloc(ctx, n + 1, sizeof *e->mean);
     e->square = oxl_calloc(ctx, n + 1, sizeof *e->square);
     e->visits = oxl_calloc(ctx, (size_t)views + 1, sizeof *e->visits);
-    if (rc == OXL_OK && (!e->mean || !e->square || !e->visits))
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the exposure of %d views", views);
+    if (rc == OXL_OK && (!e->mean || !e->square || !e->visits)) rc = OXL_ERR_MEMORY;
     if (rc != OXL_OK) return rc;
     e->of.on = mode == OXL_ON;
     if (continued) imaging_copy(&scene->imaging, &e->of);

@@ -78,7 +78,7 @@ OXL_INTERNAL oxl_result free_space_begin(oxl_context *ctx, struct free_space *f,
     f->view = oxl_calloc(ctx, (size_t)views + 1, sizeof *f->view);
     if (!f->view) {
         oxl_free(ctx, view_of);
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d views", views);
+        return OXL_ERR_MEMORY;
     }
     for (int i = 0; i < views; i++) {
         if (oxl_scene_view(scene, i)->is_test) continue;
@@ -117,9 +117,7 @@ OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_spa
 {
     *carved = f->view ? oxl_alloc(ctx, model->count, sizeof **carved) : NULL;
     if (!f->view) return OXL_OK;
-    if (!*carved)
-        return oxl_fail(ctx, OXL_ERR_MEMORY,
-                        "no memory to find those of %zu Gaussians that are in free space", model->count);
+    if (!*carved) return OXL_ERR_MEMORY;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)model->count; i++) {
         double p[3];

@@ -115,7 +115,7 @@ static oxl_result gaps_take_points(struct gaps *g, size_t room)
     const size_t count = oxl_scene_point_count(g->scene);
     g->slots = 2 * (count + room) + 1;
     g->taken = oxl_calloc(g->ctx, g->slots, sizeof *g->taken);
-    if (!g->taken) return oxl_fail(g->ctx, OXL_ERR_MEMORY, "no memory for the places of %zu points", count);
+    if (!g->taken) return OXL_ERR_MEMORY;
     for (size_t i = 0; i < count; i++) gaps_take(g, gaps_place(g, points[i].position));
     return OXL_OK;
 }
@@ -130,8 +130,7 @@ static oxl_result gaps_sort_tracks(struct gaps *g)
     g->first = oxl_calloc(g->ctx, views + 2, sizeof *g->first);
     g->point = oxl_alloc(g->ctx, c->track_count + 1, sizeof *g->point);
     g->view_of = scene_views_by_image(g->ctx, g->scene, OXL_SPLIT_TRAIN);
-    if (!g->first || !g->point || !g->view_of)
-        return oxl_fail(g->ctx, OXL_ERR_MEMORY, "no memory for %zu observations", c->track_count);
+    if (!g->first || !g->point || !g->view_of) return OXL_ERR_MEMORY;
     for (int pass = 0; pass < 2; pass++) {
         struct tracks_walk w = tracks_of(c, g->view_of);
         w.origin = oxl_scene_origin(g->scene);
@@ -189,10 +188,7 @@ static const struct gaps_grey *gaps_grey(struct gaps *g, int view)
     grey->factor = OXL_MAX(1, (int)ceil((double)OXL_MAX(c->width, c->height) / (GAPS_ACROSS * GAPS_PIXELS)));
     grey->width = image->width / grey->factor, grey->height = image->height / grey->factor;
     grey->value = oxl_alloc(g->ctx, (size_t)grey->width * (size_t)grey->height + 1, sizeof *grey->value);
-    if (!grey->value) {
-        oxl_fail(g->ctx, OXL_ERR_MEMORY, "no memory for a reduced image");
-        return NULL;
-    }
+    if (!grey->value) return NULL;
     gaps_reduce(image, grey);
     return grey;
 }
@@ -545,7 +541,7 @@ OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, oxl_scene *scene, size_t m
     if (most == 0 || !c || c->track_count == 0 || !(g.side > 0)) return OXL_OK;
     g.cell = oxl_alloc(ctx, (GAPS_ACROSS + 1) * (GAPS_ACROSS + 1), sizeof *g.cell);
     g.shared = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *g.shared);
-    if (!g.cell || !g.shared) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the cells of a view");
+    if (!g.cell || !g.shared) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = gaps_take_points(&g, GAPS_PLACES * most);
     if (rc == OXL_OK) rc = gaps_sort_tracks(&g);
     for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++)

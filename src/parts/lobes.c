@@ -60,8 +60,7 @@ static oxl_result lobes_threshold(const struct train *t, double *out)
     if (t->options->dog == OXL_DOG_ALL) *out = -1;
     if (threshold > 0 || t->options->dog == OXL_DOG_ALL) return OXL_OK;
     gradient = oxl_alloc(t->ctx, count + 1, sizeof *gradient);
-    if (!gradient)
-        return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to rank the gradients of %zu Gaussians", count);
+    if (!gradient) return OXL_ERR_MEMORY;
     for (size_t i = 0; i < count; i++) gradient[i] = density_mean_gradient(t->density, i);
     *out = stats_select(gradient, count, -threshold);
     oxl_free(t->ctx, gradient);
@@ -75,8 +74,7 @@ static oxl_result lobes_assign(struct train *t)
     uint8_t *active = oxl_alloc(t->ctx, t->trained.model.count + 1, 1);
     size_t given = 0;
     double threshold = 0;
-    oxl_result rc = active ? step_download(t, DOWNLOAD_TO_CHANGE)
-                           : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
+    oxl_result rc = active ? step_download(t, DOWNLOAD_TO_CHANGE) : OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = lobes_threshold(t, &threshold);
     if (rc != OXL_OK) goto done;
     for (size_t i = 0; i < t->trained.model.count; i++) {

@@ -200,8 +200,7 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, con
                               .views = oxl_calloc(ctx, count, sizeof *pass.views)};
     int views = 0, index = 0;
     oxl_result rc = OXL_OK;
-    if (!pass.one || !pass.views)
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the scores of %zu Gaussians", count);
+    if (!pass.one || !pass.views) rc = OXL_ERR_MEMORY;
     memset(score, 0, count * sizeof *score);
     for (int i = 0; i < oxl_scene_view_count(scene); i++) views += !oxl_scene_view(scene, i)->is_test;
     for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
@@ -249,8 +248,7 @@ OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, co
 {
     float *score = oxl_alloc(ctx, of->model->count, sizeof *score);
     oxl_result rc = OXL_OK;
-    if (!score)
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", of->model->count);
+    if (!score) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = prune_score(ctx, p, of, score);
     if (rc == OXL_OK) prune_select(score, of->model->count, drop, keep);
     oxl_free(ctx, score);
@@ -287,8 +285,7 @@ OXL_INTERNAL oxl_result prune_remove_rows(struct train *t, const struct prune *p
     const size_t count = t->trained.model.count;
     uint8_t *keep = oxl_alloc(t->ctx, count, sizeof *keep);
     int moved = 0;
-    oxl_result rc =
-        keep ? OXL_OK : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", count);
+    oxl_result rc = keep ? OXL_OK : OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = step_flush(t);
     if (rc == OXL_OK) rc = prune_choose(t->ctx, p, &of, drop, keep);
     if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_SHAPE);

@@ -77,7 +77,7 @@ OXL_INTERNAL oxl_result ssim_contrast_measure(oxl_context *ctx, oxl_scene *scene
     size_t count = 0;
     int seen = 0;
     *contrast = *views = 0;
-    if (!value) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the contrast of %d views", train);
+    if (!value) return OXL_ERR_MEMORY;
     for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
         const struct training_image *image;
         if (oxl_scene_view(scene, i)->is_test || seen++ % step != 0) continue;

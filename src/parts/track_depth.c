@@ -50,7 +50,7 @@ static oxl_result track_depth_allocate(oxl_context *ctx, struct track_depth *d, 
     size_t count = 0;
     for (int v = 0; v < views; v++) count += (size_t)OXL_MIN(d->view[v].seen, TRACK_DEPTH_MAX);
     d->all = oxl_alloc(ctx, count + 1, sizeof *d->all);
-    if (!d->all) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu depths of tracks", count);
+    if (!d->all) return OXL_ERR_MEMORY;
     count = 0;
     for (int v = 0; v < views; v++) {
         d->view[v].point = d->all + count;
@@ -71,8 +71,7 @@ OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *
     if (!c || c->track_count == 0) return OXL_OK;
     view_of = scene_views_by_image(ctx, scene, OXL_SPLIT_TRAIN);
     d->view = oxl_calloc(ctx, (size_t)views + 1, sizeof *d->view);
-    if (!view_of || !d->view)
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d views", views);
+    if (!view_of || !d->view) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK) {
         for (int v = 0; v < views && window; v++)
             if (window[v].width <= 0) view_of[scene_source_image(scene, v) - c->image] = -1;

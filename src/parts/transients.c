@@ -49,8 +49,7 @@ OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *t,
     if (t->points == 0) return OXL_OK;
     t->expected = oxl_alloc(ctx, t->points, sizeof *t->expected);
     t->place = oxl_alloc(ctx, t->points, sizeof *t->place);
-    if (!t->expected || !t->place)
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the expected errors of %zu points", t->points);
+    if (!t->expected || !t->place) return OXL_ERR_MEMORY;
     for (size_t i = 0; i < t->points; i++) t->expected[i] = TRANSIENTS_MAX;
     return OXL_OK;
 }

@@ -12,7 +12,7 @@
 static oxl_result backend_create(oxl_context *ctx)
 {
     if (!ctx->backend) ctx->backend = oxl_calloc(ctx, 1, sizeof *ctx->backend);
-    return ctx->backend ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");
+    return ctx->backend ? OXL_OK : OXL_ERR_MEMORY;
 }
 
 OXL_INTERNAL void backend_begin_run(oxl_context *ctx)

@@ -275,12 +275,11 @@ static oxl_result bin_assign_slots(oxl_context *ctx, struct bins *b)
     size_t slot = 0, total = 0;
     int part = 0;
     for (size_t i = 0; i < b->visible_count; i++) total += bin_slot_count(b, b->order[i]);
-    if (total > UINT32_MAX) {
+    if (total > UINT32_MAX)
         return oxl_fail(
             ctx, OXL_ERR_MEMORY,
             "%zu (tile, splat) pairs in one view are more than this build can number\nfix: a smaller --max-side",
             total);
-    }
     for (size_t i = 0; i < b->visible_count; i++) {
         struct splat *splat = &b->splat[b->order[i]];
         while (part < s->parts && slot >= total * (size_t)part / (size_t)s->parts) s->part_end[part++] = i;
@@ -364,9 +363,7 @@ OXL_INTERNAL oxl_result bin_splats(oxl_context *ctx, struct bins *b, int width, 
     oxl_result rc;
     b->tiles_x = (width + TILE - 1) / TILE;
     b->tiles_y = (height + TILE - 1) / TILE;
-    if (!b->scratch && !(b->scratch = oxl_calloc(ctx, 1, sizeof *b->scratch))) {
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the binning");
-    }
+    if (!b->scratch && !(b->scratch = oxl_calloc(ctx, 1, sizeof *b->scratch))) return OXL_ERR_MEMORY;
     if ((rc = bin_collect_visible(ctx, b)) != OXL_OK) return rc;
     bin_sort(b);
     b->scratch->parts = (int)OXL_CLAMP(b->visible_count / BIN_PART_MIN, 1, BIN_PARTS);

@@ -39,7 +39,7 @@ OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
     *out = NULL;
     if (rc != OXL_OK) return rc;
     *out = oxl_calloc(ctx, 1, sizeof **out);
-    if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");
+    if (!*out) return OXL_ERR_MEMORY;
     (*out)->backend = ctx->backend->functions;
     if ((*out)->backend) rc = (*out)->backend->create(ctx, &(*out)->device);
     if (render_can_fall_back(ctx, rc)) rc = render_say_cpu(ctx, ctx->error);

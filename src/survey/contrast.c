@@ -245,10 +245,8 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
     w.chosen = oxl_alloc(ctx, (size_t)views + 1, sizeof *w.chosen);
     w.sample = oxl_alloc(ctx, OXL_MIN(c->track_count, (size_t)CONTRAST_SAMPLE) + 1, sizeof *w.sample);
     w.by_view = oxl_calloc(ctx, (size_t)views + 1, sizeof *w.by_view);
-    if (!w.view || !w.chosen || !w.sample || !w.by_view) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to measure the contrast of %d images", views);
-        goto done;
-    }
+    if (!w.view || !w.chosen || !w.sample || !w.by_view) rc = OXL_ERR_MEMORY;
+    if (rc != OXL_OK) goto done;
     contrast_choose_views(scene, c, &w);
     contrast_choose_samples(c, &w);
     contrast_size_cells(scene, &w);

@@ -67,7 +67,7 @@ OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *sce
     if (!view || !out->sample) {
         oxl_free(ctx, view);
         depth_bands_free(ctx, out);
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of what %d views saw", count);
+        return OXL_ERR_MEMORY;
     }
     for (size_t i = 0; tracked && i < c->image_count; i++) view[i] = -1;
     for (int k = 0; tracked && k < count; k++)
@@ -121,8 +121,7 @@ OXL_INTERNAL oxl_result depth_bands_of_view(oxl_context *ctx, const struct depth
     const size_t pixels = (size_t)c->width * (size_t)c->height;
     int *queue = oxl_alloc(ctx, pixels, sizeof *queue);
     size_t waiting = 0;
-    if (!queue)
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d x %d px", c->width, c->height);
+    if (!queue) return OXL_ERR_MEMORY;
     memset(band, 0, pixels);
     for (size_t i = depth_bands_first(b, view); b->depth[0] > 0 && i < b->count && b->sample[i].view == view;
          i++) {

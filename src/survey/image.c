@@ -381,11 +381,8 @@ static oxl_result image_reduce(oxl_context *ctx, const struct pixels *in, const 
     oxl_result rc = OXL_OK;
     r.column = oxl_alloc(ctx, (size_t)out->width, sizeof *r.column);
     r.line = oxl_alloc(ctx, 3 * (size_t)in->width * (size_t)ctx->threads, sizeof *r.line);
-    if (!r.column || !r.line) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to reduce an image of %d x %d px", in->width,
-                      in->height);
-        goto done;
-    }
+    if (!r.column || !r.line) rc = OXL_ERR_MEMORY;
+    if (rc != OXL_OK) goto done;
     for (int x = 0; x < out->width; x++) r.column[x] = image_span_of(x, in->width, out->width);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int y = 0; y < out->height; y++) image_reduce_row(ctx->isa, &r, y);
@@ -527,7 +524,7 @@ static oxl_result image_training_alloc(oxl_context *ctx, const oxl_camera *to, i
     out->rgb = oxl_alloc(ctx, count, 3);
     if (with_mask) out->mask = oxl_alloc(ctx, count, 1);
     if (out->rgb && (out->mask || !with_mask)) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image of %d x %d px", to->width, to->height);
+    return OXL_ERR_MEMORY;
 }
 
 /* Frees a mask without black pixels. */
@@ -567,13 +564,13 @@ static void image_composite(struct pixels *image, const uint8_t background[3])
 
 /* Turns four channels into three; *out becomes a mask of the image's size, black where that is or where the
  * image is transparent. Free its data with oxl_free. */
-static oxl_result image_move_alpha(oxl_context *ctx, const char *path, struct pixels *image,
-                                   const struct pixels *mask, struct pixels *out)
+static oxl_result image_move_alpha(oxl_context *ctx, struct pixels *image, const struct pixels *mask,
+                                   struct pixels *out)
 {
     const size_t count = (size_t)image->width * (size_t)image->height;
     struct pixels own = {.width = image->width, .height = image->height, .data = oxl_alloc(ctx, count, 1)};
     const struct training_image all = {.width = own.width, .height = own.height, .mask = own.data};
-    if (!own.data) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its alpha", path);
+    if (!own.data) return OXL_ERR_MEMORY;
     memset(own.data, 255, count);
     for (int y = 0; y < own.height && mask->data; y++) image_reduce_mask_row(mask, &all, y);
     for (size_t i = 0; i < count; i++) {
@@ -593,7 +590,7 @@ static oxl_result image_decode_masked(oxl_context *ctx, const char *path, const 
     oxl_result rc = image_decode_of(ctx, path, alpha ? 0 : 3, from, image);
     if (rc == OXL_OK && mask_path) rc = image_decode(ctx, mask_path, 1, mask);
     if (rc != OXL_OK || image->channels == 3) return rc;
-    if (alpha->masks) return image_move_alpha(ctx, path, image, mask, alpha_mask);
+    if (alpha->masks) return image_move_alpha(ctx, image, mask, alpha_mask);
     image_composite(image, alpha->background);
     return OXL_OK;
 }
@@ -685,8 +682,7 @@ oxl_result oxl_image_create(oxl_context *ctx, int width, int height, oxl_image *
         return oxl_fail(ctx, OXL_ERR_USAGE, "an image of %d x %d px, expected 1 to %d a side", width, height,
                         IMAGE_SIDE_MAX);
     out->rgb = oxl_calloc(ctx, (size_t)width * height, 3 * sizeof *out->rgb);
-    if (!out->rgb)
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image of %d x %d px", width, height);
+    if (!out->rgb) return OXL_ERR_MEMORY;
     out->width = width;
     out->height = height;
     return OXL_OK;

@@ -21,9 +21,7 @@ OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, const 
                                 .used = oxl_calloc(ctx, count + 1, sizeof *out->used),
                                 .count = (int)count,
                                 .limit = SIZE_MAX};
-    return out->image && out->used
-               ? OXL_OK
-               : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of %zu images", count);
+    return out->image && out->used ? OXL_OK : OXL_ERR_MEMORY;
 }
 
 OXL_INTERNAL void image_cache_clear(oxl_context *ctx, struct image_cache *cache)

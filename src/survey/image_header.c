@@ -99,8 +99,7 @@ OXL_INTERNAL oxl_result image_turn(oxl_context *ctx, struct pixels *p, int chann
     uint8_t *turned;
     if (orientation < 5) return OXL_OK;
     turned = oxl_alloc(ctx, w * h, n);
-    if (!turned)
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to turn an image of %d x %d px", p->width, p->height);
+    if (!turned) return OXL_ERR_MEMORY;
     for (size_t y = 0; y < w; y++) /* of the turned image: h x w px */
         for (size_t x = 0; x < h; x++) {
             const size_t from_x = orientation == 5 || orientation == 6 ? y : w - 1 - y,

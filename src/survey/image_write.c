@@ -97,8 +97,7 @@ oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quali
     *size = 0;
     if (!image->rgb || count == 0) return oxl_fail(ctx, OXL_ERR_USAGE, "the image to encode is empty");
     bytes = image_interleave(ctx, image->rgb, count);
-    if (!bytes)
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to encode %d x %d px", image->width, image->height);
+    if (!bytes) return OXL_ERR_MEMORY;
     codec_encode_jpeg(image_sink_append, &sink, bytes, image->width, image->height,
                       OXL_MAX(1, OXL_MIN(quality, 100)));
     oxl_free(ctx, bytes);

@@ -29,7 +29,7 @@ OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imagi
     for (int i = 0; out->partner && i < views; i++) out->partner[i] = -1;
     if (out->log_gain && out->known && out->camera && out->partner) return OXL_OK;
     imaging_free(ctx, out);
-    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the exposure of %d views", views);
+    return OXL_ERR_MEMORY;
 }
 
 /* Copies to an imaging of as many views. */
@@ -110,7 +110,7 @@ static int imaging_compare_moments(const void *a, const void *b)
 static oxl_result imaging_set_partners(oxl_context *ctx, const oxl_scene *scene, struct imaging *m)
 {
     struct imaging_timestamp *sorted = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
-    if (!sorted) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the pairs of %d views", m->views);
+    if (!sorted) return OXL_ERR_MEMORY;
     for (int i = 0; i < m->views; i++)
         sorted[i] = (struct imaging_timestamp){imaging_timestamp(oxl_scene_view(scene, i)->name), i};
     qsort(sorted, (size_t)m->views, sizeof *sorted, imaging_compare_moments);
@@ -132,7 +132,7 @@ OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *s
 {
     uint64_t *sorted = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
     int cameras = 0;
-    if (!sorted) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the cameras of %d views", m->views);
+    if (!sorted) return OXL_ERR_MEMORY;
     for (int i = 0; i < m->views; i++) sorted[i] = m->camera[i] = imaging_camera(scene, i);
     qsort(sorted, (size_t)m->views, sizeof *sorted, imaging_compare_keys);
     for (int i = 0; i < m->views; i++) cameras += i == 0 || sorted[i] != sorted[i - 1];
@@ -363,9 +363,7 @@ OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *sc
     float *gain;
     if (!lamp) return OXL_OK;
     gain = oxl_alloc(ctx, plane, sizeof *gain);
-    if (!gain)
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the lamp on %d x %d px", image->width,
-                        image->height);
+    if (!gain) return OXL_ERR_MEMORY;
     lamp_gain(lamp->shape,
               &(struct lamp_area){image->width, image->height, image->width, image->height, 0, 0}, gain);
     for (size_t i = 0; i < 3 * plane; i++) image->rgb[i] *= gain[i % plane];

@@ -585,7 +585,7 @@ OXL_INTERNAL oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scen
     return w->view && w->chosen && w->sample && w->normal && w->scratch && w->rest && out->log_gain &&
                    out->known
                ? OXL_OK
-               : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare the colours of tracks");
+               : OXL_ERR_MEMORY;
 }
 
 OXL_INTERNAL void photometry_end(oxl_context *ctx, struct photometry_work *w)

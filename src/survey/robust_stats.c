@@ -74,7 +74,7 @@ OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, s
 {
     const size_t step = n / STATS_SAMPLE + 1;
     double *values = oxl_alloc(ctx, n / step + 1, sizeof *values);
-    if (!values) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the bounds of %zu positions", n);
+    if (!values) return OXL_ERR_MEMORY;
     for (int axis = 0; axis < 3; axis++) {
         size_t count = 0;
         for (size_t i = 0; i < n; i += step) {
@@ -126,7 +126,7 @@ OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats
     size_t kept;
     oxl_result rc = OXL_OK;
     *radius = 0;
-    if (!centre || !distance) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu camera centres", count);
+    if (!centre || !distance) rc = OXL_ERR_MEMORY;
     if (rc != OXL_OK || count == 0) goto done;
     for (size_t i = 0; i < count; i++) camera_position(views[i].camera, centre + 3 * i);
     rc = stats_bounds(ctx, centre, count, 3 * sizeof *centre, low, middle, high);
@@ -200,7 +200,7 @@ OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, const struct stats_view *
     *out_count = 0;
     if (!d.z || !view_of) {
         oxl_free(ctx, view_of);
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a sample of depths");
+        return OXL_ERR_MEMORY;
     }
     stats_by_tracks(views, count, points, view_of, &d);
     oxl_free(ctx, view_of);

@@ -51,7 +51,6 @@ OXL_INTERNAL int *scene_views_by_image(oxl_context *ctx, const oxl_scene *scene,
 {
     const struct colmap *c = &scene->colmap;
     int *view = oxl_alloc(ctx, c->image_count + 1, sizeof *view);
-    if (!view) oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a table of %zu images", c->image_count);
     for (size_t i = 0; view && i < c->image_count; i++) view[i] = -1;
     for (int i = 0; view && i < scene->view_count; i++)
         if (split == OXL_SPLIT_ALL || !scene->view[i].is_test) view[scene->source[i].image] = i;

@@ -34,7 +34,9 @@ struct oxl_scene {
     struct image_cache cache; /* (view_count) */
 
     struct imaging imaging; /* of the model trained on this scene or read for it */
-    struct lpips *lpips;    /* network of evaluations, or NULL: one allocation (src/evaluate/lpips.c) */
+    struct lpips *lpips;    /* network of evaluations, one allocation (src/job/lpips.c), or NULL */
+    oxl_result (*lpips_distance)(oxl_context *ctx, const struct lpips *net, const oxl_image *a,
+                                 const oxl_image *b, double *out); /* its function */
 
     struct scene_stats stats;
     int from_files;

@@ -14,7 +14,7 @@ OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene
     for (int i = 0; i < 2 && scene->masks; i++) {
         struct text t = {.ctx = ctx};
         text_add(&t, "%s/%.*s.png", scene->masks, i == 0 ? whole : bare, name);
-        if (text_take(&t, out) != OXL_OK) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+        if (text_take(&t, out) != OXL_OK) return OXL_ERR_MEMORY;
         if (os_is_file(*out)) return OXL_OK;
         oxl_free(ctx, *out);
     }
@@ -28,8 +28,7 @@ OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, co
 {
     oxl_free(ctx, scene->decoded);
     scene->decoded = folder ? oxl_strdup(ctx, folder) : NULL;
-    return scene->decoded || !folder ? OXL_OK
-                                     : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a folder");
+    return scene->decoded || !folder ? OXL_OK : OXL_ERR_MEMORY;
 }
 
 /* Loads the full image of a view, from the file that an earlier request has left, or decoded and left there.
@@ -110,8 +109,7 @@ oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_ima
     rc = oxl_image_create(ctx, image->width, image->height, out);
     if (rc == OXL_OK && image->mask) {
         out->weight = oxl_alloc(ctx, (size_t)image->width * image->height, sizeof *out->weight);
-        if (!out->weight)
-            rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the mask of %s", scene->view[view].name);
+        if (!out->weight) rc = OXL_ERR_MEMORY;
     }
     if (rc == OXL_OK) image_from_training(ctx, image, NULL, out->rgb, out->weight);
     else oxl_image_free(ctx, out);

@@ -25,7 +25,7 @@ OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, si
     scene->view = oxl_calloc(ctx, count + 1, sizeof *scene->view);
     scene->source = oxl_calloc(ctx, count + 1, sizeof *scene->source);
     if (scene->view && scene->source) return scene_begin_cache(ctx, scene, count);
-    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu views", count);
+    return OXL_ERR_MEMORY;
 }
 
 void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
@@ -68,8 +68,7 @@ OXL_INTERNAL oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene)
     struct stats_view *views = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *views);
     double middle[3], radius = 0;
     size_t count = 0;
-    oxl_result rc =
-        views ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to measure %d views", scene->view_count);
+    oxl_result rc = views ? OXL_OK : OXL_ERR_MEMORY;
     if (rc != OXL_OK) goto done;
     for (int i = 0; i < scene->view_count; i++) {
         const uint32_t image_row = scene->from_files ? (uint32_t)scene->source[i].image : (uint32_t)i;
@@ -108,7 +107,7 @@ static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_
     const size_t pixels = (size_t)image->width * image->height;
     struct training_image *to = &scene->cache.image[scene->view_count];
     char *name = oxl_strdup(ctx, view->name ? view->name : "");
-    if (!name) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a name");
+    if (!name) return OXL_ERR_MEMORY;
     scene->view[scene->view_count] = *view;
     scene->view[scene->view_count].name = name;
     scene->stats.test_views += view->is_test != 0;
@@ -129,8 +128,7 @@ static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_
     *to = (struct training_image){.width = image->width, .height = image->height};
     to->rgb = oxl_alloc(ctx, pixels, 3);
     to->mask = image->weight ? oxl_alloc(ctx, pixels, 1) : NULL;
-    if (!to->rgb || (image->weight && !to->mask))
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the image of view %s", name);
+    if (!to->rgb || (image->weight && !to->mask)) return OXL_ERR_MEMORY;
     image_to_training(image, to);
     return OXL_OK;
 }
@@ -142,16 +140,14 @@ oxl_result oxl_scene_from_arrays(oxl_context *ctx, const oxl_view *views, const 
     struct scene_order *order = oxl_alloc(ctx, (size_t)OXL_MAX(view_count, 0) + 1, sizeof *order);
     oxl_result rc = OXL_OK;
     *out = NULL;
-    if (!scene || !order) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a scene");
+    if (!scene || !order) rc = OXL_ERR_MEMORY;
     else if (view_count < 1)
         rc = oxl_fail(ctx, OXL_ERR_USAGE, "a scene of %d views, expected one or more", view_count);
     if (rc == OXL_OK) rc = scene_alloc_views(ctx, scene, (size_t)view_count);
     if (rc != OXL_OK) goto done;
     scene->point = oxl_alloc(ctx, point_count + 1, sizeof *scene->point);
-    if (!scene->point) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu points", point_count);
-        goto done;
-    }
+    if (!scene->point) rc = OXL_ERR_MEMORY;
+    if (rc != OXL_OK) goto done;
     if (point_count) memcpy(scene->point, points, point_count * sizeof *points);
     scene->point_count = point_count;
     for (int i = 0; i < view_count; i++)

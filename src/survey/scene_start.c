@@ -64,7 +64,7 @@ static oxl_result start_read_map(oxl_context *ctx, const oxl_scene *scene, int v
             if (image.data[4 * ((size_t)y * (size_t)image.width + (size_t)x) + 3] >= START_TRANSPARENT)
                 out->opaque[(size_t)(y / reduction) * (size_t)out->width + (size_t)(x / reduction)] = 1;
     image_pixels_free(ctx, &image);
-    return out->opaque ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the outline of an image");
+    return out->opaque ? OXL_OK : OXL_ERR_MEMORY;
 }
 
 static int start_sees(const oxl_camera *c, const double at[3], double pixel[2])
@@ -174,8 +174,7 @@ static oxl_result start_begin(struct start_draw *d, size_t wanted)
     oxl_result rc = OXL_OK;
     d->training = oxl_alloc(ctx, (size_t)d->scene->view_count + 1, sizeof *d->training);
     d->point = oxl_alloc(ctx, wanted + 1, sizeof *d->point);
-    if (!d->training || !d->point)
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu random points", wanted);
+    if (!d->training || !d->point) return OXL_ERR_MEMORY;
     d->trainings = scene_views_of(d->scene, OXL_SPLIT_TRAIN, d->training);
     d->views = OXL_MIN(d->trainings, START_VIEWS);
     for (int i = 0; i < d->views; i++) d->view[i] = d->training[(int64_t)i * d->trainings / d->views];
@@ -196,7 +195,7 @@ static oxl_result start_take(struct start_draw *d, size_t count, int coloured, o
 {
     *found = OXL_MIN(count, d->count);
     *out = oxl_alloc(d->ctx, *found + 1, sizeof **out);
-    if (!*out) return oxl_fail(d->ctx, OXL_ERR_MEMORY, "no memory for %zu random points", *found);
+    if (!*out) return OXL_ERR_MEMORY;
     if (coloured) qsort(d->point, d->count, sizeof *d->point, start_compare);
     for (size_t i = 0; i < *found; i++) {
         const struct start_point *p = &d->point[i];

@@ -36,7 +36,7 @@ enum density_verdict { DENSITY_REMOVE, DENSITY_KEEP, DENSITY_SPLIT };
 OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out)
 {
     *out = oxl_calloc(ctx, 1, sizeof **out);
-    return *out ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for density control");
+    return *out ? OXL_OK : OXL_ERR_MEMORY;
 }
 
 static void density_release(oxl_context *ctx, struct density *d)
@@ -74,7 +74,7 @@ static oxl_result density_reserve(oxl_context *ctx, struct density *d, size_t co
     d->capacity = given && d->verdict ? capacity : 0;
     if (d->capacity) return OXL_OK;
     density_release(ctx, d);
-    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the statistics of %zu Gaussians", count);
+    return OXL_ERR_MEMORY;
 }
 
 OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_t count)

@@ -61,8 +61,7 @@ OXL_INTERNAL oxl_result selection_begin(struct train *t)
     holds = parts_validate_until(t) > 0 && views >= SELECTION_VIEWS_MIN;
     t->view = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->view);
     t->validation = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->validation);
-    if (!t->view || !t->validation)
-        return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for the order of the views");
+    if (!t->view || !t->validation) return OXL_ERR_MEMORY;
     for (int i = 0; i < oxl_scene_view_count(t->scene); i++) {
         const int trains = selection_is_training_view(t, i),
                   validation = trains && holds && selection_is_validation_view(index++, views);

@@ -103,7 +103,7 @@ OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_mo
 {
     const size_t count = model->count;
     uint8_t *keep = oxl_alloc(ctx, count + 1, 1);
-    if (!keep) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to check %zu Gaussians", count);
+    if (!keep) return OXL_ERR_MEMORY;
     n->degenerate = 0;
     for (size_t i = 0; i < count; i++) {
         keep[i] = (uint8_t)model_row_is_finite(model, i);

@@ -31,7 +31,7 @@ OXL_INTERNAL oxl_result parts_create(struct train *t)
         size += (parts_at(count)->size + ALIGNMENT) / ALIGNMENT * ALIGNMENT;
     }
     memory = oxl_calloc(t->ctx, size + 1, 1);
-    if (!memory) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for the parts of a run");
+    if (!memory) return OXL_ERR_MEMORY;
     for (int k = 0; k < count; k++) t->part[k] = memory + at[k];
     return OXL_OK;
 }

@@ -339,8 +339,7 @@ OXL_INTERNAL oxl_result step_move_rows(struct train *t, const struct density_cha
     uint32_t *from = renderer_has_device(t->renderer) ? oxl_alloc(t->ctx, count + 1, sizeof *from) : NULL;
     struct renderer_move move = {.from = from, .sh_degree = sh_degree};
     oxl_result rc;
-    if (renderer_has_device(t->renderer) && !from)
-        return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to move %zu Gaussians", count);
+    if (renderer_has_device(t->renderer) && !from) return OXL_ERR_MEMORY;
     if (from && change) move.count = count, move.lobes = density_sources(t->density, &t->trained.model, from);
     for (size_t i = 0; from && !change && i < count; i++)
         if (!keep || keep[i]) from[move.count++] = (uint32_t)i, move.lobes += i < t->trained.model.lobes;

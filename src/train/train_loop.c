@@ -33,7 +33,7 @@ static oxl_result train_first_from_subset(struct train *t, const oxl_point *poin
     const size_t most = (size_t)t->options->max_gaussians;
     oxl_point *some = oxl_alloc(t->ctx, most, sizeof *some);
     oxl_result rc;
-    if (!some) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for %zu points", most);
+    if (!some) return OXL_ERR_MEMORY;
     for (size_t i = 0; i < most; i++) some[i] = points[(size_t)((double)i * (double)count / (double)most)];
     oxl_log(t->ctx, OXL_LOG_WARNING,
             "only %zu Gaussians are allowed, so training starts from that many of the %zu points", most,
@@ -81,7 +81,7 @@ static oxl_result train_first_from_all(struct train *t, const oxl_point *points,
     size_t added = 0;
     oxl_result rc = parts_first_points(t, &more, &added);
     if (rc == OXL_OK && added > 0 && !(all = oxl_alloc(t->ctx, count + added, sizeof *all)))
-        rc = oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for %zu points", count + added);
+        rc = OXL_ERR_MEMORY;
     if (all) {
         memcpy(all, points, count * sizeof *all);
         memcpy(all + count, more, added * sizeof *all);

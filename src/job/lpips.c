@@ -15,7 +15,8 @@
  */
 #include "../core/bytes.h"
 #include "../core/simd.h"
-#include "evaluate.h"
+#include "../survey/scene.h"
+#include "job.h"
 
 enum {
     LPIPS_LAYERS = 5,
@@ -145,8 +146,7 @@ OXL_INTERNAL oxl_result lpips_read(oxl_context *ctx, const char *path, struct lp
         floats += lpips_blocks(l->out) * LPIPS_BLOCK * (size_t)l->in * (size_t)(l->size * l->size) +
                   2 * (size_t)l->out;
     }
-    if (rc == OXL_OK && !(net = oxl_alloc(ctx, sizeof *net + floats * sizeof(float), 1)))
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its weights", path);
+    if (rc == OXL_OK && !(net = oxl_alloc(ctx, sizeof *net + floats * sizeof(float), 1))) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK) {
         float *at = net->data;
         memcpy(net->layer, head.layer, sizeof net->layer);
@@ -369,8 +369,7 @@ OXL_INTERNAL oxl_result lpips_distance(oxl_context *ctx, const struct lpips *net
         if (!s->row) rc = OXL_ERR_MEMORY;
     }
     run.length = oxl_alloc(ctx, 2 * (size_t)run.stage[1].width + 1, sizeof *run.length);
-    if (rc != OXL_OK || !run.length)
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the LPIPS of %d x %d px", a->width, a->height);
+    if (rc != OXL_OK || !run.length) rc = OXL_ERR_MEMORY;
     for (int k = LPIPS_STAGES - 1; k > 0 && rc == OXL_OK; k--)
         lpips_advance(&run, k, run.stage[k].height - 1);
     if (rc == OXL_OK) *out = 0;
@@ -381,4 +380,11 @@ OXL_INTERNAL oxl_result lpips_distance(oxl_context *ctx, const struct lpips *net
     }
     oxl_free(ctx, run.length);
     return rc;
+}
+
+oxl_result oxl_scene_read_lpips(oxl_context *ctx, oxl_scene *scene, const char *path)
+{
+    oxl_free(ctx, scene->lpips);
+    scene->lpips_distance = lpips_distance;
+    return lpips_read(ctx, path, &scene->lpips);
 }
