@@ -80,7 +80,8 @@ OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
     const struct training_image *image;
     oxl_result rc = OXL_ERR_MEMORY;
     t->halved = step_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
-    if (parts_needs(t) & PART_NEEDS_HOST) return step_load_image_on_host(t, view);
+    t->on_host = parts_need_host(t);
+    if (t->on_host) return step_load_image_on_host(t, view);
     if (renderer_has_image(t->renderer, view))
         rc = renderer_set_image(t->ctx, t->renderer, view, NULL, window, t->halved);
     if (rc != OXL_ERR_MEMORY) return rc; /* else the CPU continues, and needs the image */
@@ -131,19 +132,20 @@ static oxl_result step_next_image(struct train *t, int *view)
         "none of the training images can be read\nfix: oceanxl check looks at each and says what is wrong");
 }
 
-/* Begins a step on a view. */
-static struct train_deferred step_begin(struct train *t, int view, int learns)
-{
-    struct train_deferred step = {.step = t->step, .view = view, .is_trial = t->is_trial};
-    parts_set_gain(t, &step, learns);
-    return step;
-}
-
 OXL_INTERNAL struct imaging step_imaging(const struct train *t)
 {
     struct imaging m = {0};
     parts_form_image(t, &m);
     return m;
+}
+
+/* Begins a step on a view. */
+static struct train_deferred step_begin(struct train *t, int view, int learns)
+{
+    struct train_deferred step = {.step = t->step, .view = view, .is_trial = t->is_trial};
+    parts_set_gain(t, &step, learns);
+    step.imaging = step_imaging(t);
+    return step;
 }
 
 /* Renders the model, times the view's gain, and compares it with its image as step_load_image has left it. */
@@ -152,16 +154,20 @@ static oxl_result step_forward_loss(struct train *t, struct part_view *v, struct
     const float ssim_weight = t->options->ssim_weight;
     oxl_result rc;
     v->camera = step_camera(t, v->view);
-    v->imaging = step_imaging(t);
+    v->imaging = v->step->imaging;
     v->imaging_learns = v->learns;
     rc = parts_before_render(t, v);
     if (rc != OXL_OK) return rc;
     renderer_set_medium(t->renderer, &v->imaging.medium, v->imaging_learns);
     rc = renderer_forward(t->ctx, t->renderer, &t->trained.model, &v->camera, &t->render);
     renderer_set_gain(t->renderer, v->step->has_gain ? v->step->gain : NULL);
+    if (rc == OXL_OK && !t->on_host && parts_need_host(t)) { /* the CPU has taken over */
+        t->on_host = 1;
+        rc = step_load_image_on_host(t, v->view);
+    }
     if (rc == OXL_OK) rc = parts_after_render(t, v);
     if (rc != OXL_OK) return rc;
-    if (parts_needs(t) & PART_NEEDS_HOST)
+    if (t->on_host)
         return renderer_loss(t->ctx, t->renderer, t->target, t->masked ? t->weight : NULL, ssim_weight, loss);
     return renderer_loss(t->ctx, t->renderer, NULL, NULL, ssim_weight, loss);
 }
@@ -225,7 +231,6 @@ OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferre
     adam = schedule_adam_params(t);
     rc = renderer_step(t->ctx, t->renderer, &t->trained, NULL, &adam, &skipped);
     if (rc != OXL_OK || deferred) return rc;
-    parts_after_backward(t, &v);
     renderer_complete_loss(t->renderer, &loss);
     step_update_means(t, here, &loss, skipped);
     return OXL_OK;
@@ -236,7 +241,7 @@ OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferre
 /* Returns 1 if the host has nothing to do between the passes. */
 static int step_can_be_deferred(const struct train *t)
 {
-    return renderer_has_device(t->renderer) && !parts_needs(t);
+    return renderer_has_device(t->renderer) && !parts_need_host(t);
 }
 
 /* Repeats a deferred step that halted, or that came behind one. */
