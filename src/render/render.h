@@ -70,6 +70,11 @@ OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r,
                                            const struct training_image *image,
                                            const struct image_window *window, int halved);
 
+/* On the CPU, after forward: that image, (3,H,W), and its weights, (H,W), for a caller that fills them;
+ * has_mask 0: they have no values yet. */
+OXL_INTERNAL oxl_result renderer_target(oxl_context *ctx, struct renderer *r, const float **rgb,
+                                        float **weight, int *has_mask);
+
 enum {                         /* gradients of a medium: where they are in an array of MEDIUM_SUMS */
        MEDIUM_ATTENUATION = 0, /* three channels each */
        MEDIUM_BACKSCATTER = 3,

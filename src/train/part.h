@@ -51,8 +51,6 @@ struct part {
     oxl_result (*before_step)(struct train *t, void *state);
     /* Sets step->gain, by which the rendered image is multiplied. */
     void (*set_gain)(struct train *t, void *state, struct train_deferred *step, int learns);
-    /* Returns 1 if the next steps need their images on the host. */
-    int (*needs_host)(const struct train *t, const void *state);
     void (*form_image)(const void *state, struct imaging *m);
     oxl_result (*before_render)(struct train *t, void *state, struct part_view *v);
     oxl_result (*after_render)(struct train *t, void *state, struct part_view *v);

@@ -81,13 +81,6 @@ OXL_INTERNAL void parts_set_gain(struct train *t, struct train_deferred *step, i
     PARTS_FOR(k, set_gain) parts_at(k)->set_gain(t, t->part[k], step, learns);
 }
 
-OXL_INTERNAL int parts_need_host(const struct train *t)
-{
-    int needs = 0;
-    PARTS_FOR(k, needs_host) needs |= parts_at(k)->needs_host(t, t->part[k]);
-    return needs;
-}
-
 OXL_INTERNAL void parts_form_image(const struct train *t, struct imaging *m)
 {
     PARTS_FOR(k, form_image) parts_at(k)->form_image(t->part[k], m);

@@ -52,36 +52,12 @@ static oxl_camera step_camera(struct train *t, int view)
     return t->halved ? camera_halve(&camera) : camera;
 }
 
-/* Loads the image into target and weight on the host. */
-static oxl_result step_load_image_on_host(struct train *t, int view)
-{
-    const struct training_image *image = scene_image(t->ctx, t->scene, view);
-    const struct image_window *window = step_window(t, view);
-    int width, height;
-    oxl_result rc;
-    size_t pixels;
-    if (!image) return t->ctx->failed;
-    width = window ? window->width : image->width;
-    height = window ? window->height : image->height;
-    pixels = (size_t)width * (size_t)height;
-    rc = oxl_reserve(t->ctx, &t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
-    t->masked = image->mask != NULL;
-    if (rc == OXL_OK && t->masked)
-        rc = oxl_reserve(t->ctx, &t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
-    if (rc != OXL_OK) return rc;
-    image_from_training(t->ctx, image, window, t->target, t->masked ? t->weight : NULL);
-    if (t->halved) image_halve(width, height, t->target, t->masked ? t->weight : NULL);
-    return OXL_OK;
-}
-
 OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
 {
     const struct image_window *window = step_window(t, view);
     const struct training_image *image;
     oxl_result rc = OXL_ERR_MEMORY;
     t->halved = step_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
-    t->on_host = parts_need_host(t);
-    if (t->on_host) return step_load_image_on_host(t, view);
     if (renderer_has_image(t->renderer, view))
         rc = renderer_set_image(t->ctx, t->renderer, view, NULL, window, t->halved);
     if (rc != OXL_ERR_MEMORY) return rc; /* else the CPU continues, and needs the image */
@@ -161,14 +137,8 @@ static oxl_result step_forward_loss(struct train *t, struct part_view *v, struct
     renderer_set_medium(t->renderer, &v->imaging.medium, v->imaging_learns);
     rc = renderer_forward(t->ctx, t->renderer, &t->trained.model, &v->camera, &t->render);
     renderer_set_gain(t->renderer, v->step->has_gain ? v->step->gain : NULL);
-    if (rc == OXL_OK && !t->on_host && parts_need_host(t)) { /* the CPU has taken over */
-        t->on_host = 1;
-        rc = step_load_image_on_host(t, v->view);
-    }
     if (rc == OXL_OK) rc = parts_after_render(t, v);
     if (rc != OXL_OK) return rc;
-    if (t->on_host)
-        return renderer_loss(t->ctx, t->renderer, t->target, t->masked ? t->weight : NULL, ssim_weight, loss);
     return renderer_loss(t->ctx, t->renderer, NULL, NULL, ssim_weight, loss);
 }
 
@@ -237,12 +207,6 @@ OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferre
 }
 
 /* ---------------- deferred steps: the device works while the host goes on */
-
-/* Returns 1 if the host has nothing to do between the passes. */
-static int step_can_be_deferred(const struct train *t)
-{
-    return renderer_has_device(t->renderer) && !parts_need_host(t);
-}
 
 /* Repeats a deferred step that halted, or that came behind one. */
 static oxl_result step_repeat(struct train *t, const struct train_deferred *which)
@@ -326,7 +290,7 @@ static oxl_result step_deferred(struct train *t, const struct train_deferred *he
 
 OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
 {
-    const int deferred = step_can_be_deferred(t) && renderer_defer(t->renderer, 1);
+    const int deferred = renderer_defer(t->renderer, 1);
     int view = -1;
     struct train_deferred here;
     oxl_result rc = deferred ? OXL_OK : step_flush(t);

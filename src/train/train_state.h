@@ -49,10 +49,6 @@ struct train {
     int views, step;
     int *validation; /* (validation_views) views for decisions */
     int validation_views;
-    int on_host;            /* 1: a part needs the image of this step on the host: */
-    float *target, *weight; /* (3,H,W), (H,W) */
-    int masked;             /* whether weight holds its mask */
-    size_t target_capacity, weight_capacity;
     int halved;        /* whether the image of this step is reduced to half the sides */
     double loss, psnr; /* smoothed */
     double last_loss;  /* of the last image, comparable between steps; NaN: skipped */
