@@ -3206,6 +3206,64 @@ static void vulkan_check_run_json(oxl_context *device)
                              "cpu"); /* whatever has rendered, the job is the same one, and finished */
 }
 
+/* Runs the job with the options until its callback stops it at this step (0: to its end); returns the first
+ * step that this process made. */
+static int vulkan_first_iteration, vulkan_stop_iteration;
+static int vulkan_watches(void *user, const oxl_progress *p)
+{
+    (void)user;
+    if (vulkan_first_iteration == 0) vulkan_first_iteration = p->iteration;
+    return p->iteration == vulkan_stop_iteration;
+}
+
+static int vulkan_run_to(oxl_context *ctx, const char *out, int stop, oxl_result wanted)
+{
+    const oxl_job_options options = job_test_options();
+    const oxl_callback callback = {vulkan_watches, NULL};
+    vulkan_first_iteration = 0, vulkan_stop_iteration = stop;
+    CHECK(oxl_job_run(ctx, job_test_survey(), out, &options, &callback) == wanted);
+    return vulkan_first_iteration;
+}
+
+static double vulkan_psnr_of(const char *out)
+{
+    struct os_file_map map = {0};
+    double psnr;
+    CHECK_OK(os_read_file(test_ctx, PATH(out, "metrics.json"), &map));
+    psnr = map.data ? oxl_json_number(map.data, "psnr") : 0;
+    os_release_file(test_ctx, &map);
+    return psnr;
+}
+
+/* A run that one device began and that was stopped is continued by another from its checkpoint, and is as good
+ * as one that was not; it says so, stays what it is once it is finished, and its result is found by both. The
+ * result of one device alone is not replaced by another. */
+static void vulkan_check_other_device(oxl_context *device)
+{
+    const char *name = device->backend->vulkan->properties.deviceName;
+    oxl_context *ctx[2] = {test_ctx, device};
+    double psnr[3];
+    char out[512], run[600], words[400];
+    for (int first = 0; first < 3; first++) { /* by the CPU; by the device; by the CPU alone */
+        const int stop = first < 2 ? job_test_options().train.iterations / 2 : 0;
+        snprintf(out, sizeof out, "%s",
+                 test_path(first == 2 ? "cpu_alone"
+                           : first    ? "device_first"
+                                      : "cpu_first"));
+        snprintf(run, sizeof run, "%s/run.json", out);
+        if (stop) CHECK(vulkan_run_to(ctx[first & 1], out, stop, OXL_ERR_INTERRUPTED) > 0);
+        if (stop) CHECK(vulkan_run_to(ctx[!first], out, 0, OXL_OK) == stop); /* the state there is reported */
+        else CHECK(vulkan_run_to(test_ctx, out, 0, OXL_OK) > 0);
+        snprintf(words, sizeof words, "\"began_on\": \"%s\"", first == 0 ? "cpu" : name);
+        CHECK(job_test_has(run, words) == (first < 2));
+        CHECK(job_test_has(run, "will not be those of an undisturbed run") == (first < 2));
+        CHECK(vulkan_run_to(test_ctx, out, 0, OXL_OK) == 0);
+        CHECK(vulkan_run_to(device, out, 0, first < 2 ? OXL_OK : OXL_ERR_USAGE) == 0);
+        psnr[first] = vulkan_psnr_of(out);
+    }
+    for (int k = 0; k < 2; k++) CHECK_CLOSE(psnr[k], psnr[2], 0.5);
+}
+
 static VkPipelineLayout *vulkan_refused;
 static PFN_vkCreateComputePipelines vulkan_real_compile;
 
@@ -3848,6 +3906,11 @@ TEST(vulkan_trial_of_a_lost_device_says_that_it_is_lost)
 TEST(vulkan_run_json_says_what_rendered)
 {
     ON_DEVICE(vulkan_check_run_json);
+}
+
+TEST(vulkan_run_that_one_device_began_is_continued_by_another)
+{
+    ON_DEVICE(vulkan_check_other_device);
 }
 
 TEST(vulkan_training_continues_on_the_cpu_when_out_of_memory)
