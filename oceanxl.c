@@ -102,6 +102,7 @@
 #include "backends/vulkan/images.c"   /* training images that stay on the device */
 #include "backends/vulkan/resident.c" /* what else stays on the device between steps */
 #include "backends/vulkan/imaging.c"  /* medium, lamp, dropout, depth loss */
+#include "backends/vulkan/masks.c"    /* masks of transients */
 #include "backends/vulkan/forward.c"  /* the forward pass as passes */
 #include "backends/vulkan/renderer.c" /* functions of the renderer as passes */
 #endif

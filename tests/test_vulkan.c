@@ -7,6 +7,8 @@
 #include "test.h"
 #ifdef OXL_VULKAN /* the tests see into the backend's files, which are part of this object instead */
 #include "../src/parts/dropout.h"
+#include "../src/parts/lamp.h"
+#include "../src/parts/medium.h"
 #include "../src/parts/prune.h"
 #include "../src/parts/transients.h"
 #include "../backends/vulkan/frames.c"
@@ -17,6 +19,7 @@
 #include "../backends/vulkan/images.c"
 #include "../backends/vulkan/resident.c"
 #include "../backends/vulkan/imaging.c"
+#include "../backends/vulkan/masks.c"
 #include "../backends/vulkan/forward.c"
 #include "../backends/vulkan/renderer.c"
 #endif
@@ -3203,6 +3206,64 @@ static void vulkan_check_run_json(oxl_context *device)
                              "cpu"); /* whatever has rendered, the job is the same one, and finished */
 }
 
+/* Runs the job with the options until its callback stops it at this step (0: to its end); returns the first
+ * step that this process made. */
+static int vulkan_first_iteration, vulkan_stop_iteration;
+static int vulkan_watches(void *user, const oxl_progress *p)
+{
+    (void)user;
+    if (vulkan_first_iteration == 0) vulkan_first_iteration = p->iteration;
+    return p->iteration == vulkan_stop_iteration;
+}
+
+static int vulkan_run_to(oxl_context *ctx, const char *out, int stop, oxl_result wanted)
+{
+    const oxl_job_options options = job_test_options();
+    const oxl_callback callback = {vulkan_watches, NULL};
+    vulkan_first_iteration = 0, vulkan_stop_iteration = stop;
+    CHECK(oxl_job_run(ctx, job_test_survey(), out, &options, &callback) == wanted);
+    return vulkan_first_iteration;
+}
+
+static double vulkan_psnr_of(const char *out)
+{
+    struct os_file_map map = {0};
+    double psnr;
+    CHECK_OK(os_read_file(test_ctx, PATH(out, "metrics.json"), &map));
+    psnr = map.data ? oxl_json_number(map.data, "psnr") : 0;
+    os_release_file(test_ctx, &map);
+    return psnr;
+}
+
+/* A run that one device began and that was stopped is continued by another from its checkpoint, and is as good
+ * as one that was not; it says so, stays what it is once it is finished, and its result is found by both. The
+ * result of one device alone is not replaced by another. */
+static void vulkan_check_other_device(oxl_context *device)
+{
+    const char *name = device->backend->vulkan->properties.deviceName;
+    oxl_context *ctx[2] = {test_ctx, device};
+    double psnr[3];
+    char out[512], run[600], words[400];
+    for (int first = 0; first < 3; first++) { /* by the CPU; by the device; by the CPU alone */
+        const int stop = first < 2 ? job_test_options().train.iterations / 2 : 0;
+        snprintf(out, sizeof out, "%s",
+                 test_path(first == 2 ? "cpu_alone"
+                           : first    ? "device_first"
+                                      : "cpu_first"));
+        snprintf(run, sizeof run, "%s/run.json", out);
+        if (stop) CHECK(vulkan_run_to(ctx[first & 1], out, stop, OXL_ERR_INTERRUPTED) > 0);
+        if (stop) CHECK(vulkan_run_to(ctx[!first], out, 0, OXL_OK) == stop); /* the state there is reported */
+        else CHECK(vulkan_run_to(test_ctx, out, 0, OXL_OK) > 0);
+        snprintf(words, sizeof words, "\"began_on\": \"%s\"", first == 0 ? "cpu" : name);
+        CHECK(job_test_has(run, words) == (first < 2));
+        CHECK(job_test_has(run, "will not be those of an undisturbed run") == (first < 2));
+        CHECK(vulkan_run_to(test_ctx, out, 0, OXL_OK) == 0);
+        CHECK(vulkan_run_to(device, out, 0, first < 2 ? OXL_OK : OXL_ERR_USAGE) == 0);
+        psnr[first] = vulkan_psnr_of(out);
+    }
+    for (int k = 0; k < 2; k++) CHECK_CLOSE(psnr[k], psnr[2], 0.5);
+}
+
 static VkPipelineLayout *vulkan_refused;
 static PFN_vkCreateComputePipelines vulkan_real_compile;
 
@@ -3229,6 +3290,7 @@ static int vulkan_masked_step(oxl_context *device, int allocations, int falls_ba
     vulkan_play_full(device->backend->vulkan, allocations);
     CHECK_OK(step_on_next_view(&t));
     device->backend->vulkan->AllocateMemory = vulkan_real_allocate;
+    CHECK_OK(step_flush(&t));
     CHECK(((const struct transients *)vulkan_part(&t, "transients", NULL))->points > 0 && t.last_loss > 0 &&
           t.last_loss < 1);
     CHECK(renderer_has_device(t.renderer) == !falls_back);
@@ -3274,8 +3336,8 @@ static void vulkan_check_refused_shader(oxl_context *device)
     vulkan_deferral_end(device, &d);
 }
 
-/* --backend auto: wherever the first step finds no memory, or a shader is refused, the CPU does it; the image
- * may be on the host. */
+/* --backend auto: wherever the first step finds no memory, or a shader is refused, the CPU does it, and has
+ * the image that only the device had. */
 static void vulkan_check_first_step_falls_back(oxl_context *device)
 {
     static const enum vulkan_pass late[] = {PASS_OBSERVE, PASS_STEP, PASS_LOSS_BACKWARD};
@@ -3452,6 +3514,183 @@ static void vulkan_check_repeated(oxl_context *device)
     for (int k = 0; k < oxl_model_planes(&model[0]) && model[0].count == model[1].count; k++)
         CHECK(memcmp(model[0].plane[k], model[1].plane[k], model[0].count * sizeof(float)) == 0);
     for (int k = 0; k < 2; k++) oxl_model_free(test_ctx, &model[k]);
+}
+
+/* ---------------- all parts at once */
+
+/* A run with every part on, up to its first step: survey with tracks, windows, context. */
+static void vulkan_begin_all(oxl_context *ctx, struct train *t, oxl_train_options *o,
+                             struct image_window window[14], const oxl_model *context)
+{
+    struct lamp_fit *lamp;
+    struct medium_fit *medium;
+    *o = train_options(400);
+    o->exposure = o->lamp = o->medium = OXL_ON;
+    o->mask_transients = 1;
+    o->dropout = 0.1f;
+    o->antialias = 1;
+    *t = (struct train){.ctx = ctx, .options = o, .decisions = {.ctx = ctx}, .step = 0};
+    CHECK_OK(oxl_scene_load(ctx, test_path("vulkan_all"), NULL, &t->scene));
+    CHECK(oxl_scene_view_count(t->scene) == 14);
+    for (int i = 0; i < 14; i++)
+        window[i] = (struct image_window){.x = 16, .y = 12, .width = 64, .height = 48};
+    t->task = (struct train_task){.window = window, .context = context};
+    CHECK_OK(train_begin(t));
+    lamp = vulkan_part(t, "lamp", NULL);
+    medium = vulkan_part(t, "medium", NULL);
+    lamp->on = lamp->has_falloff = 1;
+    medium->fixed = 0;
+    medium_fit_start(medium, t->scene);
+}
+
+static void vulkan_end_all(struct train *t)
+{
+    train_end(t);
+    oxl_scene_free(t->ctx, t->scene);
+}
+
+static void vulkan_steps_of_all(struct train *t, int steps)
+{
+    for (int k = 0; k < steps; k++) {
+        t->step++;
+        CHECK_OK(step_on_next_view(t));
+        CHECK_OK(step_observe(t));
+    }
+}
+
+/* With lamp, trained medium, gains, masks of transients, depths, dropout, window and context a step takes at
+ * most 45 passes, and the host waits for none: it learns of each a step late. */
+static void vulkan_check_all_parts(oxl_context *device)
+{
+    struct vulkan *v = device->backend->vulkan;
+    struct image_window window[14];
+    oxl_train_options o;
+    oxl_model context;
+    struct train t;
+    size_t waits, dispatches, read, sent;
+    photometry_test_make("vulkan_all", SYNTH_3C);
+    vulkan_scene(333, 1, 0, &context);
+    vulkan_begin_all(device, &t, &o, window, &context);
+    vulkan_steps_of_all(&t, 14);
+    waits = v->waits, dispatches = v->dispatches, read = v->read_bytes, sent = v->sent;
+    vulkan_steps_of_all(&t, 10);
+    CHECK(v->waits == waits && v->read_bytes == read && v->sent == sent);
+    CHECK(v->dispatches - dispatches <= 10 * 45);
+    CHECK_OK(step_flush(&t));
+    CHECK(((const struct medium_fit *)vulkan_part(&t, "medium", NULL))->steps == 23);
+    CHECK(((const struct transients *)vulkan_part(&t, "transients", NULL))->masked_fraction >= 0);
+    CHECK(device->backend->rendered_on == RENDERED_ON_DEVICE);
+    vulkan_end_all(&t);
+    oxl_model_free(test_ctx, &context);
+}
+
+/* Numbers of the run: the medium's, the lamp's, expected errors of points. */
+static void vulkan_numbers_of_all(struct train *t, double number[40], float *expected)
+{
+    const struct medium_fit *medium = vulkan_part(t, "medium", NULL);
+    const struct lamp_fit *lamp = vulkan_part(t, "lamp", NULL);
+    const struct transients *m = vulkan_part(t, "transients", NULL);
+    CHECK_OK(step_download(t, DOWNLOAD_TO_READ));
+    memcpy(number, medium->raw, sizeof medium->raw);
+    for (int k = 0; k < LAMP_TERMS; k++) number[9 + k] = (double)lamp->group[0].shape[k];
+    number[9 + LAMP_TERMS] = lamp->falloff;
+    number[10 + LAMP_TERMS] = m->masked_fraction;
+    memcpy(expected, m->expected, m->points * sizeof *expected);
+}
+
+/* The same bytes, whether or not steps find no room and are repeated, and near those of the CPU. */
+static void vulkan_check_all_repeated(oxl_context *device)
+{
+    struct image_window window[14];
+    double number[3][40] = {{0}};
+    float *expected[3];
+    oxl_train_options o;
+    struct train t[3];
+    photometry_test_make("vulkan_all", SYNTH_3C);
+    for (int k = 0; k < 3; k++) {
+        vulkan_begin_all(k ? device : test_ctx, &t[k], &o, window, NULL);
+        expected[k] = oxl_calloc(test_ctx, oxl_scene_point_count(t[k].scene), sizeof(float));
+        vulkan_real_push = device->backend->vulkan->CmdPushConstants;
+        vulkan_counted = vulkan_halted = 0;
+        if (k == 2) device->backend->vulkan->CmdPushConstants = vulkan_play_push;
+        vulkan_steps_of_all(&t[k], 16);
+        device->backend->vulkan->CmdPushConstants = vulkan_real_push;
+        CHECK((vulkan_halted > 3) == (k == 2));
+        vulkan_numbers_of_all(&t[k], number[k], expected[k]);
+    }
+    CHECK(memcmp(number[1], number[2], sizeof number[1]) == 0);
+    CHECK(memcmp(expected[1], expected[2], oxl_scene_point_count(t[1].scene) * sizeof(float)) == 0);
+    CHECK(train_same(&t[1].trained.model, &t[2].trained.model));
+    for (int k = 0; k < 9; k++) CHECK_CLOSE(number[1][k], number[0][k], 0.1);
+    CHECK_CLOSE(vulkan_distance(expected[0], expected[1], oxl_scene_point_count(t[0].scene)).relative, 0,
+                0.1);
+    for (int k = 0; k < 3; k++) {
+        vulkan_end_all(&t[k]);
+        oxl_free(test_ctx, expected[k]);
+    }
+}
+
+/* The squares and the expected errors of points that a view on the device leads to are those that the CPU
+ * finds for the same render and image; masked: with a mask of the image's own. */
+static void vulkan_check_mask_of(oxl_context *device, int width, int height, int masked)
+{
+    oxl_train_options o = train_options(40);
+    struct train t = {.ctx = device, .options = &o, .scene = vulkan_survey(device, 0)};
+    struct transients m = {0}, cpu = {0};
+    struct train_deferred step = {0};
+    struct part_view v = {.learns = 1, .camera = vulkan_camera(width, height), .step = &step};
+    const size_t pixels = (size_t)width * (size_t)height;
+    uint8_t *bytes = oxl_alloc(test_ctx, 4 * pixels, 1);
+    float *target = oxl_alloc(test_ctx, 3 * pixels, sizeof *target),
+          *weight = oxl_calloc(test_ctx, 2 * pixels, sizeof *weight);
+    const struct training_image image = {width, height, bytes, masked ? bytes + 3 * pixels : NULL};
+    const oxl_render_options options = oxl_render_options_default();
+    const float *rendered = NULL;
+    size_t differ = 0, none = 0;
+    struct renderer_loss loss;
+    struct vulkan_renderer *r;
+    oxl_model model;
+    vulkan_scene(200, 0, 0, &model);
+    vulkan_part(&t, "transients", &t.trial);
+    CHECK_OK(transients_begin(device, &m, t.scene, 1));
+    CHECK_OK(transients_begin(device, &cpu, t.scene, 1));
+    CHECK_OK(renderer_create(device, &t.renderer));
+    for (int round = 0; round < 3; round++) { /* the second has its points there, the third is a trial's */
+        for (size_t i = 0; i < 4 * pixels; i++)
+            bytes[i] = (uint8_t)(i < 3 * pixels ? 60 + 40 * round + random_bits(9, i / 9, 0) % 60 : i % 97);
+        t.is_trial = round == 2;
+        CHECK_OK(t.trial->before_render(&t, &m, &v));
+        CHECK_OK(renderer_forward(device, t.renderer, &model, &v.camera, &options));
+        CHECK_OK(renderer_set_image(device, t.renderer, 0, &image, NULL, 0));
+        r = t.renderer->device;
+        if (masked) vulkan_download(r->v, &r->weight, 0, weight, pixels * sizeof *weight);
+        CHECK_OK(renderer_loss(device, t.renderer, NULL, NULL, 0.2f, &loss));
+        CHECK_OK(renderer_image(device, t.renderer, &rendered));
+        vulkan_download(r->v, &r->target, 0, target, 3 * pixels * sizeof *target);
+        vulkan_download(r->v, &r->weight, 0, weight + pixels, pixels * sizeof *weight);
+        CHECK_OK(renderer_download(device, t.renderer, DOWNLOAD_TO_READ));
+        CHECK_OK(transients_mask(test_ctx, &cpu, t.scene,
+                                 &(struct transients_view){&v.camera, (double)options.near_plane, rendered,
+                                                           target, weight, masked},
+                                 round < 2));
+        for (size_t i = 0; i < pixels; i++) differ += weight[i] != weight[pixels + i], none += weight[i] == 0;
+        for (size_t i = 0; i < m.points; i++) CHECK_CLOSE(m.expected[i], cpu.expected[i], 1e-6);
+        CHECK_OK(r->v->rc);
+        vulkan_drop_images(r->v, 0);
+    }
+    CHECK(differ == 0 && none > 3 * pixels / 20 && none < 3 * pixels * 19 / 20 && loss.masked > 0);
+    transients_free(device, &m);
+    transients_free(device, &cpu);
+    renderer_free(device, t.renderer);
+    oxl_scene_free(device, t.scene);
+    oxl_model_free(test_ctx, &model);
+    OXL_FREE(test_ctx, bytes, target, weight);
+}
+
+static void vulkan_check_masks(oxl_context *device)
+{
+    for (int masked = 0; masked < 2; masked++) vulkan_check_mask_of(device, 151, 117, masked);
+    vulkan_check_mask_of(device, 530, 70, 0); /* squares of 6 px */
 }
 
 static char vulkan_log[200]; /* the log line of --mask-transients */
@@ -3669,6 +3908,11 @@ TEST(vulkan_run_json_says_what_rendered)
     ON_DEVICE(vulkan_check_run_json);
 }
 
+TEST(vulkan_run_that_one_device_began_is_continued_by_another)
+{
+    ON_DEVICE(vulkan_check_other_device);
+}
+
 TEST(vulkan_training_continues_on_the_cpu_when_out_of_memory)
 {
     ON_DEVICE(vulkan_check_run_falls_back);
@@ -3834,9 +4078,24 @@ TEST(vulkan_trains_parts_of_views_in_front_of_a_context_as_the_cpu_does)
     ON_DEVICE(vulkan_check_windows);
 }
 
+TEST(vulkan_a_step_with_all_parts_waits_for_nothing_and_takes_45_passes)
+{
+    ON_DEVICE(vulkan_check_all_parts);
+}
+
+TEST(vulkan_repeated_steps_with_all_parts_give_the_same_bytes)
+{
+    ON_DEVICE(vulkan_check_all_repeated);
+}
+
 TEST(vulkan_asks_once_for_a_shader_that_is_refused)
 {
     ON_DEVICE(vulkan_check_refused_shader);
+}
+
+TEST(vulkan_masks_the_pixels_that_the_cpu_masks)
+{
+    ON_DEVICE(vulkan_check_masks);
 }
 
 TEST(vulkan_masks_transients_as_the_cpu_does)

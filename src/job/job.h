@@ -24,6 +24,7 @@ enum { MANIFEST_VALUES = 96, MANIFEST_DIFFERENCES = 10 /* options; lines about t
 
 struct oxl_manifest { /* read from run.json */
     int finished;
+    int is_mixed;       /* 1: begun on one device and continued on another */
     char *line, *found; /* "job": {...}, "found": {...}; line NULL: no run */
     char *result;       /* checksum of scene.ply, of a finished run; NULL: not stated */
     /* value: options as text, in the table's order; NULL: absent */
@@ -47,6 +48,12 @@ OXL_INTERNAL oxl_result manifest_differences(oxl_context *ctx, const char *old, 
  * the same, in those of folders that have moved. */
 OXL_INTERNAL oxl_result manifest_equivalent(oxl_context *ctx, const char *old, const char *current, int found,
                                             int *same);
+/* Adds a line "job": {...} with the device of another one, or none, as that has it. */
+OXL_INTERNAL void manifest_add_with_device(struct text *t, const char *line, const char *of);
+/* Returns 1 if two lines have the same device, or none. */
+OXL_INTERNAL int manifest_same_device(const char *a, const char *b);
+/* Adds the device of a line, or the CPU, as a JSON string. */
+OXL_INTERNAL void manifest_add_device(struct text *t, const char *line);
 /* Returns 1 if the survey is the run's, by another name or moved since. */
 OXL_INTERNAL int manifest_is_of(const struct oxl_manifest *run, const char *scene);
 

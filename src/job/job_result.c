@@ -280,6 +280,10 @@ OXL_INTERNAL oxl_result job_write_run(struct job *job, int finished)
         OXL_VERSION, finished ? "true" : "false", job->ctx->threads, oxl_isa_name(job->ctx));
     text_add(&t, "  \"backend\": ");
     text_add_json_string(&t, oxl_backend_name(job->ctx));
+    if (job->is_mixed) {
+        text_add(&t, ",\n  \"began_on\": ");
+        manifest_add_device(&t, job->line.data);
+    }
     text_add(&t, ",\n  \"preset\": ");
     text_add_json_string(&t, job->options.preset ? job->options.preset : "");
     text_add(&t,

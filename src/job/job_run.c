@@ -32,6 +32,20 @@ static oxl_result job_make_key(struct job *job)
     return job->found.failed || job->key.failed ? OXL_ERR_MEMORY : OXL_OK;
 }
 
+/* Writes the run's line, with the device that began the run. */
+static void job_describe(struct job *job, const char *scene)
+{
+    struct text line = {.ctx = job->ctx};
+    manifest_describe(&line, scene, &job->options);
+    text_free(&job->line);
+    if (line.failed || !job->device.size) {
+        job->line = line;
+        return;
+    }
+    manifest_add_with_device(&job->line, line.data, job->device.data);
+    text_free(&line);
+}
+
 oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const char *out, oxl_job_options *options,
                           oxl_manifest **run)
 {
@@ -133,9 +147,8 @@ static oxl_result job_adopt_names(struct job *job, const struct oxl_manifest *ru
     oxl_result rc;
     if (!run->line[0] || !strcmp(run->line, job->line.data)) return OXL_OK;
     if (run->scene && (found || os_is_same(run->scene, job->scene_path))) { /* other options may differ */
-        text_free(&job->line);
         text_free(&job->key);
-        manifest_describe(&job->line, run->scene, &job->options);
+        job_describe(job, run->scene);
         rc = job->line.failed ? OXL_ERR_MEMORY : job_make_key(job);
         if (rc != OXL_OK || !strcmp(run->line, job->line.data)) return rc;
     }
@@ -145,6 +158,46 @@ static oxl_result job_adopt_names(struct job *job, const struct oxl_manifest *ru
     text_free(&job->key);
     text_add(&job->line, "%s", run->line);
     return job->line.failed ? OXL_ERR_MEMORY : job_make_key(job);
+}
+
+static oxl_result job_describe_anew(struct job *job)
+{
+    text_free(&job->key);
+    job_describe(job, job->scene_path);
+    return job->line.failed ? OXL_ERR_MEMORY : job_make_key(job);
+}
+
+static void job_say_other_device(struct job *job, const struct oxl_manifest *run)
+{
+    struct text began = {.ctx = job->ctx};
+    manifest_add_device(&began, run->line);
+    oxl_log(job->ctx, OXL_LOG_WARNING,
+            "%s was begun on %s and continues on \"%s\": its bytes will not be those of an undisturbed run",
+            job->out, began.data ? began.data : "another device",
+            backend_device(job->ctx) ? backend_device(job->ctx) : "cpu");
+    text_free(&began);
+}
+
+/* Continues a run that another device began: its blocks and checkpoints know it by that one. A finished
+ * result is left to that device, unless it is of both. */
+static oxl_result job_adopt_device(struct job *job, const struct oxl_manifest *run)
+{
+    oxl_result rc;
+    job->is_mixed = run->is_mixed;
+    if (!run->line[0] || manifest_same_device(run->line, job->line.data) || (run->finished && !run->is_mixed))
+        return job_adopt_names(job, run);
+    text_add(&job->device, "%s", run->line);
+    rc = job->device.failed ? OXL_ERR_MEMORY : job_describe_anew(job);
+    if (rc == OXL_OK) rc = job_adopt_names(job, run);
+    if (rc == OXL_OK && strcmp(run->line, job->line.data) != 0) { /* other options differ, too */
+        text_free(&job->device);
+        rc = job_describe_anew(job);
+        return rc == OXL_OK ? job_adopt_names(job, run) : rc;
+    }
+    if (rc != OXL_OK || run->finished) return rc;
+    job->is_mixed = 1;
+    job_say_other_device(job, run);
+    return OXL_OK;
 }
 
 /* Removes the result of another survey, a finished result with other options, or unfinished work of another
@@ -212,7 +265,7 @@ static oxl_result job_find_earlier(struct job *job, int *done)
     struct oxl_manifest run = {0};
     oxl_result rc = manifest_read(job->ctx, job->out, &run);
     *done = 0;
-    if (rc == OXL_OK && run.line && !job->options.restart) rc = job_adopt_names(job, &run);
+    if (rc == OXL_OK && run.line && !job->options.restart) rc = job_adopt_device(job, &run);
     if (rc == OXL_OK && !run.line && !job->options.restart && !job_has_blocks(job)) {
         rc = out_check_files(job->ctx, job->out);
         if (rc == OXL_OK) rc = out_check_partition(job->ctx, job->out);
@@ -239,8 +292,7 @@ static void job_count_iterations(struct job *job, int images)
 {
     job->options.train.iterations = cost_iterations(&job->options, images);
     job->options.iterations_for = 0;
-    text_free(&job->line);
-    manifest_describe(&job->line, job->scene_path, &job->options);
+    job_describe(job, job->scene_path);
 }
 
 static oxl_result job_open(struct job *job)
@@ -396,13 +448,14 @@ static void job_begin(struct job *job, oxl_context *ctx, const char *scene, cons
                         .line = {.ctx = ctx},
                         .found = {.ctx = ctx},
                         .key = {.ctx = ctx},
+                        .device = {.ctx = ctx},
                         .notes = {.ctx = ctx},
                         .started = os_seconds(),
                         .seed = ctx->options.seed};
     if (job->options.seed) ctx->options.seed = job->options.seed;
     ctx->notes = &job->notes;
     backend_begin_run(ctx);
-    manifest_describe(&job->line, scene, &job->options);
+    job_describe(job, scene);
 }
 
 static oxl_result job_check(struct job *job)
@@ -424,6 +477,7 @@ static void job_end(struct job *job)
     text_free(&job->line);
     text_free(&job->found);
     text_free(&job->key);
+    text_free(&job->device);
     text_free(&job->notes);
 }
 

@@ -1,6 +1,7 @@
 /* manifest.c - run.json: all inputs of a run's result, written, read and compared.
  *
- * Invariant: runs with equal members "job" on the same files end in the same bytes. Options that only affect
+ * Invariant: runs with equal members "job" on the same files end in the same bytes, unless one says by
+ * "began_on" that it was continued on another device. Options that only affect
  * speed or memory
  * (threads, --max-time, --image-cache) are not in it.
  */
@@ -53,6 +54,31 @@ OXL_INTERNAL void manifest_describe(struct text *t, const char *scene, const oxl
     if (backend_device(t->ctx))
         manifest_add_value(t, "device", backend_device(t->ctx)); /* results depend on the device */
     text_add(t, "}");
+}
+
+/* Returns where the device of a line "job": {...} begins, its last member, or the bracket behind the others.
+ * Quotes inside of strings are escaped, so the name is found as a member alone. */
+static const char *manifest_end(const char *line)
+{
+    const char *at = strstr(line, ", \"device\": ");
+    return at ? at : line + strlen(line) - 1;
+}
+
+OXL_INTERNAL void manifest_add_with_device(struct text *t, const char *line, const char *of)
+{
+    text_add(t, "%.*s%s", (int)(manifest_end(line) - line), line, manifest_end(of));
+}
+
+OXL_INTERNAL int manifest_same_device(const char *a, const char *b)
+{
+    return strcmp(manifest_end(a), manifest_end(b)) == 0;
+}
+
+OXL_INTERNAL void manifest_add_device(struct text *t, const char *line)
+{
+    const char *value = oxl_json_member(oxl_json_value(line), "device");
+    if (value) text_add(t, "%.*s", (int)(oxl_json_end(value) - value), value);
+    else text_add(t, "\"cpu\"");
 }
 
 /* ---------------- text to options */
@@ -116,6 +142,7 @@ OXL_INTERNAL oxl_result manifest_read(oxl_context *ctx, const char *folder, stru
     if (rc == OXL_OK && job) {
         const char *seed = oxl_json_member(job, "seed");
         out->finished = oxl_json_is_true(root, "finished");
+        out->is_mixed = oxl_json_member(root, "began_on") != NULL;
         out->seed = seed ? strtoull(seed, NULL, 10) : 0;
         rc = manifest_copy_member(ctx, root, "job", &out->line);
         if (rc == OXL_OK) rc = manifest_copy_member(ctx, root, "found", &out->found);

@@ -36,6 +36,8 @@ struct job {
     oxl_large_model result;
     struct text line, found;   /* "job": {...} and "found": {...} of run.json */
     struct text key;           /* both: what a block depends on */
+    struct text device;        /* line of the run that another device began; or empty */
+    int is_mixed;              /* 1: the run was begun on one device and continued on another */
     struct text notes;         /* log lines outside of the blocks' training */
     struct block_record total; /* over the blocks */
     int block;                 /* now in training; or JOB_COARSE_MODEL, JOB_MERGED_MODEL */

@@ -171,7 +171,10 @@ static const struct lamp *lamp_of_view(const struct train *t, const struct lamp_
 
 static oxl_result lamp_before_render(struct train *t, void *state, struct part_view *v)
 {
-    renderer_set_lamp(t->renderer, lamp_of_view(t, state, v->view));
+    struct lamp_fit *l = state;
+    const struct lamp *lamp = imaging_lamp(&v->imaging, t->scene, v->view);
+    if (lamp) l->drawn = *lamp;
+    renderer_set_lamp(t->renderer, lamp ? &l->drawn : NULL);
     return OXL_OK;
 }
 

@@ -18,6 +18,7 @@ struct lamp_fit {
     double mean[LAMP_MAX][LAMP_TERMS], square[LAMP_MAX][LAMP_TERMS]; /* Adam's moments */
     double falloff, falloff_mean, falloff_square, reference;
     struct lamp_gradient pending; /* gradient of the last step, not yet applied */
+    struct lamp drawn;            /* of the view that is rendered */
 };
 OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium,
                              const struct imaging *continued);

@@ -153,6 +153,15 @@ OXL_INTERNAL void medium_fit_step(struct medium_fit *f, double progress, const d
     }
 }
 
+/* Takes the step of the pending gradient, unless its step is later than `last`. */
+static void medium_fit_apply_pending(struct medium_fit *f, int last)
+{
+    struct medium_gradient *p = &f->pending;
+    if (p->step == 0 || p->step > last) return;
+    medium_fit_step(f, p->progress, p->dmedium);
+    p->step = 0;
+}
+
 OXL_INTERNAL void medium_fit_archive(struct archive *a, struct medium_fit *f, int used)
 {
     if (!used) return;
@@ -162,6 +171,10 @@ OXL_INTERNAL void medium_fit_archive(struct archive *a, struct medium_fit *f, in
     archive_doubles(a, f->raw, 9);
     archive_doubles(a, f->mean, 9);
     archive_doubles(a, f->square, 9);
+    archive_int(a, &f->pending.step);
+    archive_doubles(a, &f->pending.progress, 1);
+    archive_doubles(a, f->pending.dmedium, 9);
+    archive_expect(a, f->pending.step >= 0 && f->pending.progress >= 0 && f->pending.progress <= 2);
     for (int k = 0; k < 9 && a->rc == OXL_OK; k++)
         archive_expect(a,
                        fabs(f->raw[k]) <= MEDIUM_FIT_MAX && fabs(f->mean[k]) <= DBL_MAX && f->square[k] >= 0);
@@ -205,11 +218,11 @@ static void medium_use_tracks(struct train *t, void *state, const struct photome
             p->drift);
 }
 
-/* Values that are trained are those of the step before. */
-static int medium_needs(const void *state)
+/* On a device a step has the gradients of those up to the one before the last, as lamp and exposure do. */
+static void medium_before_step(struct train *t, void *state, struct train_deferred *step, int learns)
 {
-    const struct medium_fit *f = state;
-    return f->on && !f->fixed ? PART_NEEDS_WAIT : 0;
+    (void)step;
+    if (learns) medium_fit_apply_pending(state, t->step - 2);
 }
 
 static void medium_form_image(const void *state, struct imaging *m)
@@ -224,10 +237,16 @@ static oxl_result medium_before_render(struct train *t, void *state, struct part
     return OXL_OK;
 }
 
-static void medium_after_backward(struct train *t, void *state, struct part_view *v)
+static void medium_after_loss(struct train *t, void *state, const struct train_deferred *step,
+                              const struct renderer_loss *loss)
 {
     struct medium_fit *f = state;
-    if (f->on) medium_fit_step(f, v->progress, renderer_medium_gradient(t->renderer));
+    if (!f->on) return;
+    medium_fit_apply_pending(f, INT_MAX);
+    f->pending.step = step->step;
+    f->pending.progress = (double)step->step / t->options->iterations;
+    memcpy(f->pending.dmedium, loss->dmedium, sizeof f->pending.dmedium);
+    if (!renderer_has_device(t->renderer)) medium_fit_apply_pending(f, INT_MAX);
 }
 
 /* Starts a medium that is asked for by name and not known from tracks. */
@@ -281,10 +300,10 @@ OXL_INTERNAL const struct part part_medium = {.name = "medium",
                                               .archive = medium_part_archive,
                                               .tracks = medium_tracks,
                                               .use_tracks = medium_use_tracks,
-                                              .needs = medium_needs,
+                                              .set_gain = medium_before_step,
                                               .form_image = medium_form_image,
                                               .before_render = medium_before_render,
-                                              .after_backward = medium_after_backward,
+                                              .after_loss = medium_after_loss,
                                               .after_step = medium_after_step,
                                               .store = medium_store,
                                               .describe = medium_describe};

@@ -4,10 +4,16 @@
 
 #include "../train/part.h"
 
+struct medium_gradient { /* of a step that is done */
+    int step;            /* 0: none */
+    double progress, dmedium[9];
+};
+
 struct medium_fit {
     int on, fixed, steps;              /* fixed: the tracks' values */
     double range;                      /* the survey's median; attenuation is per this range */
     double raw[9], mean[9], square[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
+    struct medium_gradient pending;    /* not yet applied, where a device renders */
 };
 OXL_INTERNAL void medium_fit_begin(struct medium_fit *f, oxl_scene *scene, const struct medium *continued);
 /* Uses the medium fitted to the tracks, if the residuals support it and the depths span enough; why: the

@@ -243,28 +243,46 @@ static void transients_part_archive(struct archive *a, struct train *t, void *st
     transients_archive(a, state);
 }
 
-static int transients_needs(const void *state)
+/* Lets a device mask the view. */
+static oxl_result transients_before_render(struct train *t, void *state, struct part_view *v)
 {
-    return ((const struct transients *)state)->points > 0 ? PART_NEEDS_HOST : 0;
+    struct transients *m = state;
+    const struct transients_grid g = transients_grid(v->camera.width, v->camera.height);
+    m->device = (struct renderer_transients){oxl_scene_points(t->scene),
+                                             m->points,
+                                             m->expected,
+                                             !t->is_trial,
+                                             g.side,
+                                             g.across,
+                                             g.down,
+                                             TRANSIENTS_VOTES,
+                                             TRANSIENTS_NEAR,
+                                             TRANSIENTS_ERROR,
+                                             TRANSIENTS_TIMES,
+                                             TRANSIENTS_RATE,
+                                             TRANSIENTS_MAX};
+    renderer_set_transients(t->renderer, v->learns && m->points > 0 ? &m->device : NULL);
+    return OXL_OK;
 }
 
-/* Masks pixels of the step's image that disagree with the render: moving objects. */
+/* Masks pixels of the step's image that disagree with the render, moving objects, where the CPU renders. */
 static oxl_result transients_after_render(struct train *t, void *state, struct part_view *v)
 {
     struct transients *m = state;
-    const size_t pixels = (size_t)v->camera.width * (size_t)v->camera.height;
-    const float *rendered = NULL;
+    struct transients_view view = {.camera = &v->camera, .near_plane = t->render.near_plane};
     oxl_result rc;
-    if (!v->learns || m->points == 0) return OXL_OK;
-    rc = oxl_reserve(t->ctx, &t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
-    if (rc == OXL_OK) rc = renderer_image(t->ctx, t->renderer, &rendered);
-    if (rc == OXL_OK) {
-        const struct transients_view view = {&v->camera, t->render.near_plane, rendered, t->target, t->weight,
-                                             t->masked};
-        rc = transients_mask(t->ctx, m, t->scene, &view, !t->is_trial);
-    }
-    t->masked = 1;
-    return rc;
+    if (!v->learns || m->points == 0 || renderer_has_device(t->renderer)) return OXL_OK;
+    rc = renderer_image(t->ctx, t->renderer, &view.rendered);
+    if (rc == OXL_OK) rc = renderer_target(t->ctx, t->renderer, &view.image, &view.weight, &view.has_mask);
+    return rc == OXL_OK ? transients_mask(t->ctx, m, t->scene, &view, !t->is_trial) : rc;
+}
+
+static void transients_after_loss(struct train *t, void *state, const struct train_deferred *step,
+                                  const struct renderer_loss *loss)
+{
+    struct transients *m = state;
+    if (m->points > 0 && renderer_has_device(t->renderer) && !step->is_trial)
+        m->masked_fraction += TRANSIENTS_SMOOTHING * (loss->masked - m->masked_fraction);
 }
 
 static void transients_record(struct train *t, void *state)
@@ -287,6 +305,7 @@ OXL_INTERNAL const struct part part_transients = {.name = "transients",
                                                   .begin = transients_part_begin,
                                                   .free = transients_part_free,
                                                   .archive = transients_part_archive,
-                                                  .needs = transients_needs,
+                                                  .before_render = transients_before_render,
                                                   .after_render = transients_after_render,
+                                                  .after_loss = transients_after_loss,
                                                   .record = transients_record};

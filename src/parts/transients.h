@@ -18,7 +18,8 @@ struct transients {
     int32_t *place;  /* (points) its square in the present view, or -1 */
     struct transients_square *square;
     size_t square_capacity;
-    double masked_fraction; /* fraction of masked pixels, smoothed over the last images */
+    double masked_fraction;            /* fraction of masked pixels, smoothed over the last images */
+    struct renderer_transients device; /* the next view's, where a device renders */
 };
 OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *t, const oxl_scene *scene,
                                          int on);

@@ -46,7 +46,8 @@ struct renderer {
     double dropout; /* of renderer_set_dropout */
     uint64_t dropout_seed;
     int dropout_step;
-    float gain[3]; /* of renderer_set_gain */
+    const struct renderer_transients *transients; /* of renderer_set_transients */
+    float gain[3];                                /* of renderer_set_gain */
     int has_gain;
     double contrast;         /* of renderer_set_contrast */
     const struct lamp *lamp; /* of renderer_set_lamp, or NULL */

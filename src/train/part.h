@@ -26,12 +26,6 @@ struct part_view {
     struct train_deferred *step;
 };
 
-/* Says what a step may not be (hook `needs`). */
-enum {
-    PART_NEEDS_HOST = 1, /* the loss is computed on the host */
-    PART_NEEDS_WAIT = 2  /* a step ends before the next one begins */
-};
-
 struct part {
     const char *name;                /* lower case, as the file's */
     size_t size;                     /* bytes of its state */
@@ -57,12 +51,10 @@ struct part {
     oxl_result (*before_step)(struct train *t, void *state);
     /* Sets step->gain, by which the rendered image is multiplied. */
     void (*set_gain)(struct train *t, void *state, struct train_deferred *step, int learns);
-    int (*needs)(const void *state); /* PART_NEEDS_* of the steps that come */
     void (*form_image)(const void *state, struct imaging *m);
     oxl_result (*before_render)(struct train *t, void *state, struct part_view *v);
     oxl_result (*after_render)(struct train *t, void *state, struct part_view *v);
     oxl_result (*before_backward)(struct train *t, void *state, struct part_view *v);
-    void (*after_backward)(struct train *t, void *state, struct part_view *v);
     /* Is called when the step's loss is known; on a device that may be after the next step has begun. */
     void (*after_loss)(struct train *t, void *state, const struct train_deferred *step,
                        const struct renderer_loss *loss);

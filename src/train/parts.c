@@ -81,13 +81,6 @@ OXL_INTERNAL void parts_set_gain(struct train *t, struct train_deferred *step, i
     PARTS_FOR(k, set_gain) parts_at(k)->set_gain(t, t->part[k], step, learns);
 }
 
-OXL_INTERNAL int parts_needs(const struct train *t)
-{
-    int needs = 0;
-    PARTS_FOR(k, needs) needs |= parts_at(k)->needs(t->part[k]);
-    return needs;
-}
-
 OXL_INTERNAL void parts_form_image(const struct train *t, struct imaging *m)
 {
     PARTS_FOR(k, form_image) parts_at(k)->form_image(t->part[k], m);
@@ -106,11 +99,6 @@ OXL_INTERNAL oxl_result parts_after_render(struct train *t, struct part_view *v)
 OXL_INTERNAL oxl_result parts_before_backward(struct train *t, struct part_view *v)
 {
     PARTS_CALL(before_backward, t, t->part[k], v);
-}
-
-OXL_INTERNAL void parts_after_backward(struct train *t, struct part_view *v)
-{
-    PARTS_FOR(k, after_backward) parts_at(k)->after_backward(t, t->part[k], v);
 }
 
 OXL_INTERNAL void parts_after_loss(struct train *t, const struct train_deferred *step,

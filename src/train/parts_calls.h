@@ -15,12 +15,10 @@ OXL_INTERNAL int parts_tracks(const struct train *t);
 OXL_INTERNAL void parts_use_tracks(struct train *t, const struct photometry *p);
 OXL_INTERNAL oxl_result parts_before_step(struct train *t);
 OXL_INTERNAL void parts_set_gain(struct train *t, struct train_deferred *step, int learns);
-OXL_INTERNAL int parts_needs(const struct train *t);
 OXL_INTERNAL void parts_form_image(const struct train *t, struct imaging *m);
 OXL_INTERNAL oxl_result parts_before_render(struct train *t, struct part_view *v);
 OXL_INTERNAL oxl_result parts_after_render(struct train *t, struct part_view *v);
 OXL_INTERNAL oxl_result parts_before_backward(struct train *t, struct part_view *v);
-OXL_INTERNAL void parts_after_backward(struct train *t, struct part_view *v);
 OXL_INTERNAL void parts_after_loss(struct train *t, const struct train_deferred *step,
                                    const struct renderer_loss *loss);
 OXL_INTERNAL oxl_result parts_before_observe(struct train *t);

@@ -52,35 +52,12 @@ static oxl_camera step_camera(struct train *t, int view)
     return t->halved ? camera_halve(&camera) : camera;
 }
 
-/* Loads the image into target and weight on the host. */
-static oxl_result step_load_image_on_host(struct train *t, int view)
-{
-    const struct training_image *image = scene_image(t->ctx, t->scene, view);
-    const struct image_window *window = step_window(t, view);
-    int width, height;
-    oxl_result rc;
-    size_t pixels;
-    if (!image) return t->ctx->failed;
-    width = window ? window->width : image->width;
-    height = window ? window->height : image->height;
-    pixels = (size_t)width * (size_t)height;
-    rc = oxl_reserve(t->ctx, &t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
-    t->masked = image->mask != NULL;
-    if (rc == OXL_OK && t->masked)
-        rc = oxl_reserve(t->ctx, &t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
-    if (rc != OXL_OK) return rc;
-    image_from_training(t->ctx, image, window, t->target, t->masked ? t->weight : NULL);
-    if (t->halved) image_halve(width, height, t->target, t->masked ? t->weight : NULL);
-    return OXL_OK;
-}
-
 OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
 {
     const struct image_window *window = step_window(t, view);
     const struct training_image *image;
     oxl_result rc = OXL_ERR_MEMORY;
     t->halved = step_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
-    if (parts_needs(t) & PART_NEEDS_HOST) return step_load_image_on_host(t, view);
     if (renderer_has_image(t->renderer, view))
         rc = renderer_set_image(t->ctx, t->renderer, view, NULL, window, t->halved);
     if (rc != OXL_ERR_MEMORY) return rc; /* else the CPU continues, and needs the image */
@@ -131,19 +108,20 @@ static oxl_result step_next_image(struct train *t, int *view)
         "none of the training images can be read\nfix: oceanxl check looks at each and says what is wrong");
 }
 
-/* Begins a step on a view. */
-static struct train_deferred step_begin(struct train *t, int view, int learns)
-{
-    struct train_deferred step = {.step = t->step, .view = view, .is_trial = t->is_trial};
-    parts_set_gain(t, &step, learns);
-    return step;
-}
-
 OXL_INTERNAL struct imaging step_imaging(const struct train *t)
 {
     struct imaging m = {0};
     parts_form_image(t, &m);
     return m;
+}
+
+/* Begins a step on a view. */
+static struct train_deferred step_begin(struct train *t, int view, int learns)
+{
+    struct train_deferred step = {.step = t->step, .view = view, .is_trial = t->is_trial};
+    parts_set_gain(t, &step, learns);
+    step.imaging = step_imaging(t);
+    return step;
 }
 
 /* Renders the model, times the view's gain, and compares it with its image as step_load_image has left it. */
@@ -152,7 +130,7 @@ static oxl_result step_forward_loss(struct train *t, struct part_view *v, struct
     const float ssim_weight = t->options->ssim_weight;
     oxl_result rc;
     v->camera = step_camera(t, v->view);
-    v->imaging = step_imaging(t);
+    v->imaging = v->step->imaging;
     v->imaging_learns = v->learns;
     rc = parts_before_render(t, v);
     if (rc != OXL_OK) return rc;
@@ -161,8 +139,6 @@ static oxl_result step_forward_loss(struct train *t, struct part_view *v, struct
     renderer_set_gain(t->renderer, v->step->has_gain ? v->step->gain : NULL);
     if (rc == OXL_OK) rc = parts_after_render(t, v);
     if (rc != OXL_OK) return rc;
-    if (parts_needs(t) & PART_NEEDS_HOST)
-        return renderer_loss(t->ctx, t->renderer, t->target, t->masked ? t->weight : NULL, ssim_weight, loss);
     return renderer_loss(t->ctx, t->renderer, NULL, NULL, ssim_weight, loss);
 }
 
@@ -225,19 +201,12 @@ OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferre
     adam = schedule_adam_params(t);
     rc = renderer_step(t->ctx, t->renderer, &t->trained, NULL, &adam, &skipped);
     if (rc != OXL_OK || deferred) return rc;
-    parts_after_backward(t, &v);
     renderer_complete_loss(t->renderer, &loss);
     step_update_means(t, here, &loss, skipped);
     return OXL_OK;
 }
 
 /* ---------------- deferred steps: the device works while the host goes on */
-
-/* Returns 1 if the host has nothing to do between the passes. */
-static int step_can_be_deferred(const struct train *t)
-{
-    return renderer_has_device(t->renderer) && !parts_needs(t);
-}
 
 /* Repeats a deferred step that halted, or that came behind one. */
 static oxl_result step_repeat(struct train *t, const struct train_deferred *which)
@@ -321,7 +290,7 @@ static oxl_result step_deferred(struct train *t, const struct train_deferred *he
 
 OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
 {
-    const int deferred = step_can_be_deferred(t) && renderer_defer(t->renderer, 1);
+    const int deferred = renderer_defer(t->renderer, 1);
     int view = -1;
     struct train_deferred here;
     oxl_result rc = deferred ? OXL_OK : step_flush(t);

@@ -164,7 +164,7 @@ OXL_INTERNAL void train_end(struct train *t)
     model_trained_free(ctx, &t->trained);
     renderer_free(ctx, t->renderer);
     density_free(ctx, t->density);
-    OXL_FREE(ctx, t->target, t->weight, t->view, t->validation);
+    OXL_FREE(ctx, t->view, t->validation);
     text_free(&t->decisions);
 }
 

@@ -17,6 +17,8 @@ struct train_deferred { /* a step that the device has not reported yet */
     int step, view, is_trial, observed;
     int has_gain;
     float gain[3]; /* by which the image was multiplied, at the start of the step */
+    /* medium and lamp then: a step that is repeated has the same, though they have changed since */
+    struct imaging imaging;
 };
 
 struct forecast {         /* of the time left; not archived */
@@ -47,9 +49,6 @@ struct train {
     int views, step;
     int *validation; /* (validation_views) views for decisions */
     int validation_views;
-    float *target, *weight; /* of PART_NEEDS_HOST: the image of this step: (3,H,W), (H,W) */
-    int masked;             /* whether weight holds its mask */
-    size_t target_capacity, weight_capacity;
     int halved;        /* whether the image of this step is reduced to half the sides */
     double loss, psnr; /* smoothed */
     double last_loss;  /* of the last image, comparable between steps; NaN: skipped */
