@@ -115,7 +115,7 @@ static void opensfm_quaternion(const double v[3], double q[4])
 {
     const double angle = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]), half = angle / 2;
     const double scale = half < OPENSFM_SMALL ? 0.5 : vecmath_sin(half) / angle;
-    q[0] = vecmath_sin(half + 1.5707963267948966);
+    q[0] = vecmath_cos(half);
     for (int i = 0; i < 3; i++) q[1 + i] = scale * v[i];
 }
 
