@@ -18,7 +18,7 @@
 
 #define NERFSTUDIO_UNIT_ERROR 1e-3 /* by which products of the columns of a rotation may be off 0 and 1 */
 
-/* Members of the file outside of its frames, found in one pass: each frame may ask for all of them. */
+/* Holds the members outside of the frames, found in one pass: each frame may ask for all of them. */
 enum { NERFSTUDIO_MEMBERS = 30 };
 static const char *const nerfstudio_members[NERFSTUDIO_MEMBERS] = {"w",
                                                                    "h",

@@ -69,7 +69,7 @@ static oxl_result opensfm_camera(struct colmap_reader *r, const char *camera)
                             "perspective, simple_radial, radial, brown, fisheye or fisheye_opencv");
 }
 
-/* The cameras' names as they stand in the text, sorted: each shot may have its own. */
+/* Holds the cameras' names as they stand in the text, sorted: each shot may have its own. */
 struct opensfm_name {
     const char *key;
     size_t length; /* of the text, as oxl_json_room gives it */
@@ -208,7 +208,7 @@ static void opensfm_reference(struct colmap *out, const char *lla)
     out->has_reference = 1;
 }
 
-/* Of the reconstruction itself; else of reference_lla.json beside the file, as OpenDroneMap has it. */
+/* Reads the reference of the reconstruction, or else reference_lla.json beside it, as OpenDroneMap has it. */
 static oxl_result opensfm_read_reference(struct colmap_reader *r, const char *reconstruction)
 {
     char *folder = oxl_strdup(r->ctx, r->path), *path = NULL;

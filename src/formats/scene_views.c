@@ -72,7 +72,7 @@ static oxl_camera scene_reduce(const oxl_camera *ideal, int max_side, double on_
     return c;
 }
 
-/* Pixels of the image per pixel of its camera in cameras.txt. Unreadable images are reported later. */
+/* Returns the pixels of the image per pixel of its camera; unreadable images are reported later. */
 static double scene_size_on_disk(oxl_context *ctx, const char *path, const struct colmap_camera *camera,
                                  int *turned)
 {

@@ -332,7 +332,7 @@ static void lpips_advance(struct lpips_run *run, int stage, int last)
 
 /* ---------------- the distance */
 
-/* Sizes of all stages; 0: the images are too small. */
+/* Computes the sizes of all stages; 0: the images are too small. */
 static int lpips_lay_out(const struct lpips *net, struct lpips_run *run)
 {
     for (int k = 0; k < LPIPS_STAGES; k++) {

@@ -92,7 +92,7 @@ static double draw_overlap(const struct drawing *d, int i, int j, const int *axi
     return least;
 }
 
-/* Neighbours differ, while the colours last. */
+/* Gives neighbours different colours, while these last. */
 static void draw_choose_colours(struct drawing *d)
 {
     for (int i = 0; i < d->blocks; i++)
