@@ -28,6 +28,14 @@ OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b);
 OXL_INTERNAL double structure_explained(const oxl_image *rendered, const oxl_image *image,
                                         const oxl_image *light);
 
+/* ---------------- align.c */
+
+struct drawn;
+/* Returns the camera of a view, moved onto its image; d->imaging: not NULL, d->r: on the CPU.
+ * gradient: of the shape of d->source->model; overwritten. */
+OXL_INTERNAL oxl_result align_view(oxl_context *ctx, const struct drawn *d, int view, const oxl_image *image,
+                                   const oxl_render_options *options, oxl_model *gradient, oxl_camera *out);
+
 /* ---------------- evaluate.c */
 
 struct drawn { /* what evaluate_draw renders */
