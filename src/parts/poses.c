@@ -133,18 +133,21 @@ static double poses_prior(const oxl_scene *scene, int view)
     return POSES_PRIOR * f * f;
 }
 
-static void poses_after_backward(struct train *t, void *state, struct part_view *v)
+static void poses_after_loss(struct train *t, void *state, const struct train_deferred *step,
+                             const struct renderer_loss *loss)
 {
     struct poses *p = state;
-    const oxl_camera *given = &oxl_scene_view(t->scene, v->view)->camera;
-    const double progress = (v->progress - POSES_FROM) / (1 - POSES_FROM);
+    const oxl_camera *given = &oxl_scene_view(t->scene, step->view)->camera;
+    const double progress =
+        ((double)step->step / t->options->iterations - POSES_FROM) / (1 - POSES_FROM);
     const struct pose_rule rule = {.rate = POSES_RATE / given->fx *
                                            vecmath_exp(progress * vecmath_log(POSES_LAST)),
                                    .most = POSES_MOST,
-                                   .prior = poses_prior(t->scene, v->view),
+                                   .prior = poses_prior(t->scene, step->view),
                                    .depth = p->depth};
+    (void)loss;
     if (!p->on || progress < 0) return;
-    pose_step(&p->view[v->view], given, renderer_pose_gradient(t->renderer), &rule);
+    pose_step(&p->view[step->view], given, renderer_pose_gradient(t->renderer), &rule);
     if (++p->steps % t->views == 0) poses_centre(p, t->scene);
 }
 
@@ -205,6 +208,6 @@ OXL_INTERNAL const struct part part_poses = {.name = "poses",
                                              .free = poses_free,
                                              .archive = poses_archive,
                                              .before_render = poses_before_render,
-                                             .after_backward = poses_after_backward,
+                                             .after_loss = poses_after_loss,
                                              .after_step = poses_after_step,
                                              .store = poses_store};
