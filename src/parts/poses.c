@@ -138,8 +138,7 @@ static void poses_after_loss(struct train *t, void *state, const struct train_de
 {
     struct poses *p = state;
     const oxl_camera *given = &oxl_scene_view(t->scene, step->view)->camera;
-    const double progress =
-        ((double)step->step / t->options->iterations - POSES_FROM) / (1 - POSES_FROM);
+    const double progress = ((double)step->step / t->options->iterations - POSES_FROM) / (1 - POSES_FROM);
     const struct pose_rule rule = {.rate = POSES_RATE / given->fx *
                                            vecmath_exp(progress * vecmath_log(POSES_LAST)),
                                    .most = POSES_MOST,
