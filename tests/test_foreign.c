@@ -398,7 +398,7 @@ TEST(wide_images_of_twelve_bits_are_said_to_be_dark)
                 (uint16_t)(4095 * foreign_seen(foreign_camera(i), (k % FOREIGN_WIDTH + 0.5) / FOREIGN_WIDTH,
                                                (k / FOREIGN_WIDTH + 0.5) / FOREIGN_HEIGHT));
         snprintf(name, sizeof name, "survey/images/%02d.png", i);
-        CHECK_OK(image_write_png16(test_ctx, test_path(name), grey, FOREIGN_WIDTH, FOREIGN_HEIGHT));
+        CHECK_OK(render_write_png16(test_ctx, test_path(name), grey, FOREIGN_WIDTH, FOREIGN_HEIGHT));
     }
     foreign_check();
     CHECK_TEXT(foreign_heard, "the brightest value of the 16-bit images is");

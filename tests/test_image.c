@@ -155,7 +155,7 @@ TEST(image_png_of_16_bits_that_we_write_is_one)
 {
     static const uint16_t grey[6] = {0, 1, 255, 256, 12345, 65535};
     struct os_file_map map = {0};
-    CHECK_OK(image_write_png16(test_ctx, test_path("grey.png"), grey, 3, 2));
+    CHECK_OK(render_write_png16(test_ctx, test_path("grey.png"), grey, 3, 2));
     CHECK_OK(os_read_file(test_ctx, test_path("grey.png"), &map));
     if (map.data) {
         const unsigned char *data = (const unsigned char *)map.data;

@@ -10,6 +10,12 @@
 /* Adds members of a JSON object, without its braces: the means, the values by depth, and "views". */
 OXL_INTERNAL oxl_result metrics_json_add(struct text *t, const oxl_scene *scene, const oxl_metrics *m);
 
+/* ---------------- render_files.c */
+
+/* Writes a PNG of 16-bit grey. */
+OXL_INTERNAL oxl_result render_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey,
+                                           int width, int height);
+
 /* ---------------- lpips.c */
 
 struct lpips; /* the network: one allocation, freed by oxl_free */

@@ -3,6 +3,7 @@
  * Invariant: no name of an image leads out of the folder.
  */
 #include "job.h"
+#include "../core/codec.h"
 #include "../evaluate/evaluate.h"
 #include "../render/render.h"
 #include "../survey/scene.h"
@@ -68,6 +69,33 @@ static oxl_result render_file_write_pfm(oxl_context *ctx, const char *folder, co
     return rc;
 }
 
+/* Encodes 8-bit grey with alpha, which has the same bytes per pixel, and then changes the header to 16-bit
+ * grey. */
+OXL_INTERNAL oxl_result render_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey,
+                                           int width, int height)
+{
+    /* byte offsets in a PNG [RFC 2083] */
+    enum { HEADER = 12, HEADER_SIZE = 17, BITS = 24, COLOUR = 25, SUM = 29 };
+    const size_t count = (size_t)width * (size_t)height;
+    uint8_t *bytes = oxl_alloc(ctx, count, 2);
+    unsigned char *encoded = NULL;
+    int size = 0;
+    oxl_result rc = OXL_ERR_MEMORY;
+    for (size_t i = 0; bytes && i < count; i++)
+        bytes[2 * i] = (uint8_t)(grey[i] >> 8), bytes[2 * i + 1] = (uint8_t)(grey[i] & 255);
+    if (bytes) encoded = codec_encode_png(ctx, bytes, width, height, 2, &size);
+    if (encoded) {
+        unsigned sum;
+        encoded[BITS] = 16, encoded[COLOUR] = 0;
+        sum = codec_png_checksum(encoded + HEADER, HEADER_SIZE);
+        for (int k = 0; k < 4; k++) encoded[SUM + k] = (unsigned char)(sum >> (24 - 8 * k));
+        rc = os_write_file(ctx, path, encoded, (size_t)size);
+    }
+    codec_free(ctx, encoded);
+    oxl_free(ctx, bytes);
+    return rc;
+}
+
 /* Writes depth in thousandths, so millimetres where depth is in metres; 0: nothing there, 65535: that or
  * more. */
 static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder, const char *name,
@@ -80,7 +108,7 @@ static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder
     if (rc == OXL_OK && !value) rc = OXL_ERR_MEMORY;
     for (size_t i = 0; rc == OXL_OK && i < pixels; i++)
         value[i] = depth[i] > 0 ? (uint16_t)OXL_CLAMP(1000 * depth[i] + 0.5f, 1, 65535) : 0;
-    if (rc == OXL_OK) rc = image_write_png16(ctx, path, value, width, height);
+    if (rc == OXL_OK) rc = render_write_png16(ctx, path, value, width, height);
     OXL_FREE(ctx, value, path);
     return rc;
 }

@@ -314,7 +314,7 @@ static int scene_rows_have_cameras(const struct scene_rows *rows)
 {
     const struct scene_camera_row *c = rows->data[SCENE_CAMERAS];
     for (size_t i = 0; i < rows->count[SCENE_CAMERAS]; i++)
-        if (c[i].model < 0 || c[i].model >= camera_model_count() || c[i].width < 1 || c[i].height < 1 ||
+        if (!camera_model_at(c[i].model) || c[i].width < 1 || c[i].height < 1 ||
             c[i].parameter_count != camera_model_at(c[i].model)->parameter_count)
             return 0;
     return 1;

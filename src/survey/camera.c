@@ -56,7 +56,7 @@ OXL_INTERNAL int camera_model_count(void)
 
 OXL_INTERNAL const struct camera_model *camera_model_at(int index)
 {
-    return &camera_models[index];
+    return index >= 0 && index < camera_model_count() ? &camera_models[index] : NULL;
 }
 
 OXL_INTERNAL const char *camera_model_list(void)

@@ -53,8 +53,6 @@ OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_imag
 /* Deflates with free bytes around (*out by oxl_alloc). */
 OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before,
                                       size_t after, unsigned char **out, size_t *deflated);
-OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width,
-                                          int height);
 
 /* ---------------- image_cache.c: which images are in memory */
 

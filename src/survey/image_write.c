@@ -48,29 +48,6 @@ static oxl_result image_write_png(oxl_context *ctx, const char *path, const floa
     return image_write_encoded(ctx, path, bytes, encoded, size);
 }
 
-/* Encodes 8-bit grey with alpha, which has the same bytes per pixel, and then changes the header to 16-bit
- * grey. */
-OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width,
-                                          int height)
-{
-    /* byte offsets in a PNG [RFC 2083] */
-    enum { HEADER = 12, HEADER_SIZE = 17, BITS = 24, COLOUR = 25, SUM = 29 };
-    const size_t count = (size_t)width * (size_t)height;
-    uint8_t *bytes = oxl_alloc(ctx, count, 2);
-    unsigned char *encoded = NULL;
-    int size = 0;
-    for (size_t i = 0; bytes && i < count; i++)
-        bytes[2 * i] = (uint8_t)(grey[i] >> 8), bytes[2 * i + 1] = (uint8_t)(grey[i] & 255);
-    if (bytes) encoded = codec_encode_png(ctx, bytes, width, height, 2, &size);
-    if (encoded) {
-        unsigned sum;
-        encoded[BITS] = 16, encoded[COLOUR] = 0;
-        sum = codec_png_checksum(encoded + HEADER, HEADER_SIZE);
-        for (int k = 0; k < 4; k++) encoded[SUM + k] = (unsigned char)(sum >> (24 - 8 * k));
-    }
-    return image_write_encoded(ctx, path, bytes, encoded, size);
-}
-
 /* Collects the parts of a JPEG. */
 struct image_sink {
     oxl_context *ctx;

@@ -102,7 +102,7 @@ struct camera_model {
 };
 OXL_INTERNAL int camera_model_find(const char *name, size_t length); /* -1: unknown; else COLMAP's MODEL_ID */
 OXL_INTERNAL int camera_model_count(void);
-OXL_INTERNAL const struct camera_model *camera_model_at(int index);
+OXL_INTERNAL const struct camera_model *camera_model_at(int index); /* NULL: COLMAP has none of this id */
 OXL_INTERNAL const char *camera_model_list(void); /* "SIMPLE_PINHOLE, PINHOLE, ..." for messages */
 
 /* Returns fx, fy, cx, cy in px, for any model. */
