@@ -25,6 +25,7 @@ struct wide {
     double *rgb, *transmittance;  /* (3,H,W), (H,W); written by *_forward */
     double *depth;                /* (H,W) written by kernels_forward */
     double *dmean2d;              /* (count) |dL/d(u,v)| in units of half an image; written by *_backward */
+    double dpose[6]; /* written by kernels_backward: of the camera's pose, as renderer_pose_gradient */
     /* (count) px by which the box of the contour alpha = 1/255 reaches past the outermost pixel centres: in
      * view when above 0; -1e30 for what is not rendered. Written by splat_forward */
     double *inside;

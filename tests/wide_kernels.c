@@ -187,6 +187,8 @@ void kernels_backward(struct wide *w, const double *drgb)
     project = view_project(&v);
     project.sums = (const double(*)[SPLAT_SUMS])v.sums;
     project.out = v.out, project.dmean2d = w->dmean2d;
+    memset(w->dpose, 0, sizeof w->dpose);
+    project.pose_sum = w->dpose;
     project_backward(ISA_BASE, &project);
     view_close(&v);
 }

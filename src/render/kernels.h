@@ -116,6 +116,7 @@ struct project_job {
     /* backward only: */
     /* (MEDIUM_SUMS) adds dL/d(bD, bB, Binf by channel, falloff); NULL: these are not wanted */
     double *medium_sum;
+    double *pose_sum;               /* (6) adds dL/d(pose of the camera), pose.h; NULL: it is not wanted */
     const real (*sums)[SPLAT_SUMS]; /* (slots, SPLAT_SUMS) */
     /* dL/d(parameter), overwritten for visible packs (0 in their invisible rows) */
     struct gaussians out;

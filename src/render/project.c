@@ -15,6 +15,7 @@
  */
 #include "colour.h"
 #include "medium.h"
+#include "pose.h"
 
 /* ---------------- one lane: geometry */
 
@@ -576,7 +577,7 @@ SIMD_BODY void project_backward_body(const int fused, const struct project_job *
         const int lobes = project_lobes(&job->in, first);
         struct project_gradients d;
         struct project_colour colour;
-        real drange[PACK];
+        real drange[PACK], by_colour[3][PACK];
         if (!seen) continue;
         if (pack + 1 < job->end_pack && job->visible[pack + 1]) {
             project_prefetch(job->in.plane, job->in.sh_degree, first + PACK);
@@ -587,9 +588,11 @@ SIMD_BODY void project_backward_body(const int fused, const struct project_job *
         project_view_direction(&job->in, job->kernel_camera, first, &colour);
         memset(d.mean, 0, sizeof d.mean);
         project_colour_backward(job, first, &colour, d.sums + SUM_RED, d.mean);
+        memcpy(by_colour, d.mean, job->pose_sum ? sizeof by_colour : 0);
         if (job->kernel_camera->antialias) project_pack_backward(fused, 1, job, seen, first, lobes, &d);
         else project_pack_backward(fused, 0, job, seen, first, lobes, &d);
         if (job->medium) medium_pack_centres(job, pack, drange, d.mean);
+        if (job->pose_sum) pose_pack_backward(job, first, seen, by_colour, d.mean);
         for (int axis = 0; axis < 3; axis++)
             for (int l = 0; l < PACK; l++)
                 job->out.plane[OXL_MEAN + axis][to + l] = seen >> l & 1 ? d.mean[axis][l] : 0;

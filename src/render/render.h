@@ -249,6 +249,13 @@ OXL_INTERNAL void renderer_set_gain(struct renderer *r, const float gain[3]);
 /* From the next loss on, SSIM's C2 is the square of this standard deviation; 0: of 0.03. */
 OXL_INTERNAL void renderer_set_contrast(struct renderer *r, double contrast);
 
+/* From the next backward on, the gradient of the camera's pose is computed, too; on the CPU alone. */
+OXL_INTERNAL void renderer_set_pose(struct renderer *r, int wanted);
+/* (POSE_SUMS) of the last backward, complete after the step: dL/d(w), dL/d(centre), both in the axes of the
+ * world, where w turns all Gaussians about the camera's centre; of the model, without the context. */
+enum { POSE_SUMS = 6 };
+OXL_INTERNAL const double *renderer_pose_gradient(const struct renderer *r);
+
 /* ---------------- medium.c, exposure.c: medium and lamp */
 
 /* From the next forward on. trains: the gradient of its parameters is computed, too. */

@@ -57,7 +57,7 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     loss_free(ctx, &r->loss);
     oxl_model_free(ctx, &r->part);
     OXL_FREE(ctx, r->splat, r->lobe, r->visible, r->dmean2d, r->rgb, r->drgb, r->transmittance, r->target,
-             r->exposed, r->lamp_map, r->medium_pack, r->medium_sum, r->weight, r->sums, r->score,
+             r->exposed, r->lamp_map, r->medium_pack, r->medium_sum, r->pose_sum, r->weight, r->sums, r->score,
              r->tile_range, r);
 }
 
@@ -269,9 +269,11 @@ static oxl_result render_begin_medium(oxl_context *ctx, struct renderer *r)
     return OXL_OK;
 }
 
-/* Adds the sums of all tasks, after their backward pass, to those of the background. */
-OXL_INTERNAL void render_add_medium_sums(struct renderer *r)
+OXL_INTERNAL void render_add_task_sums(struct renderer *r)
 {
+    memset(r->dpose, 0, sizeof r->dpose);
+    for (int64_t task = 0; r->has_pose && task < render_tasks(r); task++)
+        for (int k = 0; k < POSE_SUMS; k++) r->dpose[k] += r->pose_sum[task][k];
     if (!render_has_medium(r) || !r->medium_trains) return;
     for (int64_t task = 0; task < render_tasks(r); task++)
         for (int k = 0; k < MEDIUM_SUMS; k++) r->dmedium[k] += r->medium_sum[task][k];

@@ -77,6 +77,16 @@ OXL_INTERNAL void renderer_complete_loss(const struct renderer *r, struct render
     memcpy(loss->dmedium, renderer_medium_gradient(r), sizeof loss->dmedium);
 }
 
+OXL_INTERNAL void renderer_set_pose(struct renderer *r, int wanted)
+{
+    r->has_pose = wanted && !r->device;
+}
+
+OXL_INTERNAL const double *renderer_pose_gradient(const struct renderer *r)
+{
+    return r->dpose;
+}
+
 static struct lamp_area render_lamp_area(const struct renderer *r)
 {
     const int width = r->kernel_camera.width, height = r->kernel_camera.height;
@@ -175,6 +185,10 @@ OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct rendere
         job.medium_sum = r->medium_sum[task];
         if (first_pack % RENDER_TASK == 0) memset(job.medium_sum, 0, sizeof r->medium_sum[task]);
     }
+    if (r->has_pose) {
+        job.pose_sum = r->pose_sum[task];
+        if (first_pack % RENDER_TASK == 0) memset(job.pose_sum, 0, sizeof r->pose_sum[task]);
+    }
     project_backward(ctx->isa, &job);
 }
 
@@ -183,6 +197,9 @@ static oxl_result render_begin_backward(oxl_context *ctx, struct renderer *r)
     oxl_result rc = oxl_reserve(ctx, &r->sums, &r->sums_capacity, r->bins.slot_count + 1, sizeof *r->sums);
     if (rc == OXL_OK)
         rc = oxl_reserve(ctx, &r->dmean2d, &r->dmean2d_capacity, r->bins.packs * PACK, sizeof *r->dmean2d);
+    if (rc == OXL_OK && r->has_pose)
+        rc = oxl_reserve(ctx, &r->pose_sum, &r->pose_sum_capacity, (size_t)render_tasks(r) + 1,
+                         sizeof *r->pose_sum);
     return rc;
 }
 
@@ -214,7 +231,7 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
         const size_t first = (size_t)task * RENDER_TASK;
         render_project_backward(ctx, r, first, OXL_MIN(first + RENDER_TASK, r->packs), &out, 0);
     }
-    render_add_medium_sums(r);
+    render_add_task_sums(r);
     return OXL_OK;
 }
 

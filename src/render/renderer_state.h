@@ -42,7 +42,10 @@ struct renderer {
     struct medium_pack *medium_pack;      /* (packs) with a medium */
     double (*medium_sum)[MEDIUM_SUMS];    /* (tasks) with one that trains */
     double dmedium[MEDIUM_SUMS];
-    size_t medium_pack_capacity, medium_sum_capacity;
+    int has_pose;                  /* 1: the backward pass computes dpose, too */
+    double (*pose_sum)[POSE_SUMS]; /* (tasks) */
+    double dpose[POSE_SUMS];
+    size_t medium_pack_capacity, medium_sum_capacity, pose_sum_capacity;
     double dropout; /* of renderer_set_dropout */
     uint64_t dropout_seed;
     int dropout_step;
@@ -80,7 +83,8 @@ OXL_INTERNAL struct gaussians render_gaussians(const oxl_model *m, int sh_degree
 OXL_INTERNAL size_t render_packs(size_t count);
 OXL_INTERNAL int64_t render_tasks(const struct renderer *r);
 OXL_INTERNAL struct project_job render_project_job(struct renderer *r, int64_t task);
-OXL_INTERNAL void render_add_medium_sums(struct renderer *r);
+/* After the backward pass of all tasks: adds their sums, of the medium and the pose. */
+OXL_INTERNAL void render_add_task_sums(struct renderer *r);
 OXL_INTERNAL void render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb,
                                    render_tile_fn *work);
 OXL_INTERNAL oxl_result render_read_imaging_gradient(oxl_context *ctx, struct renderer *r);

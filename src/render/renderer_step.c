@@ -102,7 +102,7 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, stru
         skipped += here.rows;
         first_skipped = OXL_MIN(first_skipped, here.first);
     }
-    if (r->unprojected) render_add_medium_sums(r);
+    if (r->unprojected) render_add_task_sums(r);
     r->unprojected = 0;
     *out = (struct renderer_nonfinite){skipped, first_skipped, 0};
     return OXL_OK;
