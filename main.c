@@ -277,6 +277,9 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
                m->by_depth[0], m->by_depth[1], m->by_depth[2], m->depth[0], m->depth[1]);
     printf("%8.3f %8.3f  PSNR at mean exposure; of the right halves, with gains fitted on the left halves\n",
            m->plain_psnr, m->half_psnr);
+    if (m->aligned_psnr == m->aligned_psnr) /* not NaN */
+        printf("%8.3f %8.5f  PSNR and SSIM of views moved onto their images, as training refined poses\n",
+               m->aligned_psnr, m->aligned_ssim);
     puts(
         "cc-PSNR: after one factor for each channel of each view: without what images differ in exposure and white balance.");
     puts(

@@ -34,6 +34,7 @@
 #include "src/survey/scene_start.c"  /* points to start from where there are none */
 #include "src/survey/scene_images.c" /* its images and masks */
 #include "src/survey/scene_make.c"   /* a scene from arrays; what is derived from views and points */
+#include "src/survey/pose.c"         /* camera poses beside those of the files */
 #include "src/survey/imaging.c"      /* imaging.txt: exposure gains and medium of a model */
 #include "src/survey/depth_bands.c"  /* depth band of each pixel, from the points */
 #include "src/survey/contrast.c"     /* fall of image contrast with depth */
@@ -111,6 +112,7 @@
 /* images compared */
 #include "src/evaluate/metrics.c"   /* two images compared: PSNR, SSIM, MS-SSIM */
 #include "src/evaluate/structure.c" /* the same whatever their contrast: correlation of their detail */
+#include "src/evaluate/align.c"     /* a camera moved onto its image */
 #include "src/evaluate/evaluate.c"  /* a model's images against those of a survey */
 
 /* training */
@@ -143,6 +145,7 @@
 #include "src/parts/antialias.c"     /* splats that keep their light at every size */
 #include "src/parts/gaps.c"          /* points to start from between those of the survey */
 #include "src/parts/sh_degree.c"     /* degree of the spherical harmonics */
+#include "src/parts/poses.c"         /* the pose of each training view's camera, refined with the scene */
 #include "src/parts/table.c"         /* the table */
 
 /* checks of a survey */

@@ -379,7 +379,10 @@ typedef struct oxl_view_metrics {
     double plain_psnr; /* PSNR of the render at mean exposure: without the image's exposure gains and lamp */
     /* PSNR of the right half after each channel is multiplied by its least-squares factor on the left half */
     double half_psnr;
-    double lpips;     /* NaN: not measured */
+    double lpips; /* NaN: not measured */
+    /* from the pose at which the image fits best, of a held-out view, where training refined poses; else
+     * NaN */
+    double aligned_psnr, aligned_ssim;
     double structure; /* of oxl_structure; NaN: the image has no detail */
     /* dB: variance that is left of the image when gains and lamp are fitted to it as the light on an even
      * surface, over the squared error; NaN: there is none */
@@ -389,6 +392,7 @@ typedef struct oxl_view_metrics {
 typedef struct oxl_metrics {
     double psnr, cc_psnr, ssim, ms_ssim, plain_psnr, half_psnr; /* means over the views; 0 without views */
     double lpips;                                               /* NaN: not measured */
+    double aligned_psnr, aligned_ssim;                          /* NaN: not measured */
     /* means over the views that have them, and the least; NaN: no view has */
     double structure, explained, structure_least;
     int no_structure; /* views below OXL_STRUCTURE_NONE */
@@ -494,6 +498,7 @@ typedef struct oxl_train_options {
     oxl_switch lamp;
     /* a medium of nine parameters between camera and Gaussians (docs/IMAGING.md) */
     oxl_switch medium;
+    oxl_switch poses;    /* each training view's camera is turned and moved a little, with the scene */
     int antialias;       /* 1: as oxl_model.antialias, and no Gaussian is smaller than a pixel of any view */
     int gaps;            /* 1: Gaussians to start from also where a view has no point nearby */
     int carve;           /* 1: Gaussians between a camera and the points that it observes are removed */

@@ -25,7 +25,7 @@ static const struct {
     {"scene_standard.ply",
      "the same in the 62 columns that every 3DGS viewer reads, if scene.ply is not that already."},
     {"scene_clear.ply, imaging.txt",
-     "with a medium: the scene without it; with exposure, lamp or a medium: the parameters of the image formation. eval and render use both."},
+     "with a medium: the scene without it; with exposure, lamp, a medium or refined poses: their parameters. eval and render use both."},
     {"metrics.json",
      "psnr, cc_psnr, ssim, ms_ssim, structure, explained of held-out views, each and mean; psnr, cc_psnr, structure, explained of the training views; gaussians, bytes, seconds, iterations, peak_rss_bytes."},
     {"run.json",

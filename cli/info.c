@@ -104,6 +104,11 @@ static int info_is_gain(const char *line)
     return strncmp(line, "gain ", 5) == 0;
 }
 
+static int info_is_pose(const char *line)
+{
+    return strncmp(line, "pose ", 5) == 0;
+}
+
 static int info_is_medium(const char *line) /* bD, bB, Binf, falloff */
 {
     return line[0] == 'b' || line[0] == 'B' || line[0] == 'f';
@@ -117,7 +122,7 @@ int info_has_gains_alone(const char *model)
     int gains = 0, others = 0;
     while (file && fgets(line, sizeof line, file))
         if (info_is_gain(line)) gains++;
-        else others += line[0] != '#';
+        else others += line[0] != '#' && !info_is_pose(line);
     if (file) fclose(file);
     snprintf(line, sizeof line, "%.*sscene_clear.ply", base ? (int)(base + 1 - model) : 0, model);
     clear = gains && !others ? oxl_open(line) : NULL;
@@ -141,12 +146,13 @@ static void info_write_imaging(FILE *to, const char *path, int json)
 {
     FILE *file = info_open_imaging(path);
     const int alone = info_has_gains_alone(path);
-    int gains = 0, lines = 0;
+    int gains = 0, poses = 0, lines = 0;
     char line[4096];
     while (file && fgets(line, sizeof line, file)) {
         if (info_is_hidden(line, alone) && info_is_for_viewers(path)) continue;
         gains += info_is_gain(line);
-        if (line[0] == '#' || info_is_gain(line)) continue;
+        poses += info_is_pose(line);
+        if (line[0] == '#' || info_is_gain(line) || info_is_pose(line)) continue;
         line[strcspn(line, "\r\n")] = 0;
         if (json) {
             fputs(lines ? ", " : ",\n  \"imaging\": [", to);
@@ -156,6 +162,7 @@ static void info_write_imaging(FILE *to, const char *path, int json)
     }
     if (lines && json) fputc(']', to);
     if (gains) fprintf(to, json ? ",\n  \"gains\": %d" : "gains       of %d images, in imaging.txt\n", gains);
+    if (poses) fprintf(to, json ? ",\n  \"poses\": %d" : "poses       of %d images, in imaging.txt\n", poses);
     if (file) fclose(file);
 }
 

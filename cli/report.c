@@ -170,6 +170,7 @@ static void report_decisions(struct report *r)
                                              {"Exposure (--exposure)", "exposure"},
                                              {"Lamp (--lamp)", "lamp"},
                                              {"Medium (--medium)", "medium"},
+                                             {"Poses (--poses)", "poses"},
                                              {"Free space (--carve)", "carve"},
                                              {"Dropout (--dropout)", "dropout"},
                                              {"Contrast of SSIM (--ssim-contrast)", "ssim_contrast"},

@@ -60,7 +60,8 @@ static void verdict_list(struct report *r, double structure, double share)
     const double psnr = oxl_json_number(r->metrics, "psnr"), cc = oxl_json_number(r->metrics, "cc_psnr"),
                  fog = oxl_json_number(r->metrics, "no_structure"),
                  least = oxl_json_number(r->metrics, "structure_least"),
-                 plain = oxl_json_number(r->metrics, "plain_psnr");
+                 plain = oxl_json_number(r->metrics, "plain_psnr"),
+                 aligned = oxl_json_number(r->metrics, "aligned_psnr");
     const char *split = oxl_json_member(r->metrics, "split");
     output_add(
         t,
@@ -84,6 +85,12 @@ static void verdict_list(struct report *r, double structure, double share)
             " After one factor a channel and view, which mends exposure and white balance, it is %.2f dB (cc-PSNR)%s",
             cc, cc - psnr > VERDICT_EXPOSURE ? ": brightness differs, not shape." : ".");
     }
+    if (isfinite(aligned))
+        output_add(
+            t,
+            " Training moved cameras; held-out ones moved onto their images likewise have %.2f dB: what is "
+            "between is error of their poses.",
+            aligned);
     output_add(t, "</li>\n");
     if (psnr - plain >= REPORT_VIEWER_LOSS)
         output_add(

@@ -102,3 +102,137 @@ TEST(poses_gradient_is_exact_where_the_frustum_clamp_holds)
     CHECK(poses_worst(&r) < 1e-8);
     wide_free(&r);
 }
+
+/* ---------------- the file */
+
+TEST(poses_are_read_as_they_were_written)
+{
+    oxl_scene *scene = train_scene(5);
+    const oxl_camera given = oxl_scene_view(scene, 2)->camera;
+    const double at[POSE_TERMS] = {0.001, -0.0023456789012345, 1.0 / 3, 1e-9, -12.5, 0};
+    oxl_camera moved = given;
+    struct imaging m = {0};
+    m.pose = oxl_calloc(test_ctx, 5, sizeof *m.pose);
+    memcpy(m.pose[2], at, sizeof at);
+    CHECK(imaging_is_needed(&m));
+    CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
+    CHECK_OK(oxl_scene_read_imaging(test_ctx, scene, test_path("model.ply")));
+    pose_apply(&given, at, &moved);
+    CHECK(memcmp(&oxl_scene_view(scene, 2)->camera, &moved, sizeof moved) == 0);
+    CHECK(memcmp(scene->imaging.pose[2], at, sizeof at) == 0 && scene->imaging.pose[1][0] == 0);
+    test_write("imaging.txt", "# of a model with the survey's poses\n");
+    CHECK_OK(oxl_scene_read_imaging(test_ctx, scene, test_path("model.ply")));
+    CHECK(memcmp(&oxl_scene_view(scene, 2)->camera, &given, sizeof given) == 0 && !scene->imaging.pose);
+    imaging_free(test_ctx, &m);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(poses_of_a_damaged_file_are_refused_and_those_of_other_views_passed_over)
+{
+    static const char *const broken[] = {"pose 0 0 0 0 0 v01.png\n", "pose 2 0 0 0 0 0 v01.png\n",
+                                         "pose 0 0 0 nan 0 0 v01.png\n", "pose 0 0 0 0 0 1e99 v01.png\n"};
+    oxl_scene *scene = train_scene(3);
+    for (size_t i = 0; i < OXL_COUNT(broken); i++) {
+        test_write("imaging.txt", broken[i]);
+        CHECK(oxl_scene_read_imaging(test_ctx, scene, test_path("model.ply")) == OXL_ERR_INPUT);
+        CHECK_TEXT(oxl_error_text(test_ctx), "imaging.txt:1: ");
+    }
+    test_write("imaging.txt", "pose 0.1 0 0 0 0 0 another.png\n");
+    CHECK_OK(oxl_scene_read_imaging(test_ctx, scene, test_path("model.ply")));
+    CHECK(scene->imaging.pose && !pose_is_moved(scene->imaging.pose[1]));
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(poses_turn_and_move_the_camera_in_its_own_axes)
+{
+    const double at[POSE_TERMS] = {0, 0.02, 0, 0, 0, 0.5}; /* to the left, and ahead */
+    oxl_camera c = {.rotation = {0, 0, 1, 0, 1, 0, -1, 0, 0}, .translation = {1, 2, 3}}, moved = c;
+    double eye[3], ahead[3], along = 0;
+    pose_apply(&c, at, &moved);
+    camera_position(&c, eye);
+    camera_position(&moved, ahead);
+    for (int k = 0; k < 3; k++) along += (ahead[k] - eye[k]) * c.rotation[6 + k];
+    CHECK_CLOSE(along, 0.5, 1e-12);
+    /* what lay ahead lies to the right: x = z sin */
+    CHECK_CLOSE(moved.rotation[0] * c.rotation[6] + moved.rotation[1] * c.rotation[7] +
+                    moved.rotation[2] * c.rotation[8],
+                0.02, 1e-5);
+}
+
+/* ---------------- training */
+
+enum { POSES_VIEWS = 9 };
+
+/* The scene of test_train.c with noise on the poses of its training views; its own poses in `truth`. */
+static oxl_scene *poses_noisy_scene(double turn, double move, oxl_camera truth[POSES_VIEWS])
+{
+    oxl_scene *scene = train_scene(POSES_VIEWS);
+    for (int v = 0; v < POSES_VIEWS; v++) {
+        double at[POSE_TERMS];
+        truth[v] = scene->view[v].camera;
+        for (int k = 0; k < POSE_TERMS; k++)
+            at[k] = (k < 3 ? turn : move) * poses_random(21, (uint64_t)(POSE_TERMS * v + k));
+        if (!scene->view[v].is_test) pose_apply(&truth[v], at, &scene->view[v].camera);
+    }
+    return scene;
+}
+
+/* Root of the mean square of the shift of what lies on the axis, px. */
+static double poses_error(const oxl_scene *scene, const oxl_camera truth[POSES_VIEWS])
+{
+    double sum = 0;
+    int count = 0;
+    for (int v = 0; v < POSES_VIEWS; v++) {
+        const oxl_camera *c = &scene->view[v].camera;
+        double world[3], x[3], pixel[2];
+        if (scene->view[v].is_test) continue;
+        camera_unproject(&truth[v], (double[2]){truth[v].cx, truth[v].cy}, 3, NULL, world);
+        CHECK(camera_project(c, world, NULL, x, pixel));
+        sum += (pixel[0] - c->cx) * (pixel[0] - c->cx) + (pixel[1] - c->cy) * (pixel[1] - c->cy);
+        count++;
+    }
+    return sqrt(sum / count);
+}
+
+TEST(poses_that_are_off_by_a_pixel_are_found)
+{
+    oxl_camera truth[POSES_VIEWS];
+    oxl_scene *scene = poses_noisy_scene(0.02, 0.03, truth);
+    oxl_train_options options = train_options(300);
+    oxl_model model;
+    double before, psnr;
+    NEEDS_PART(poses);
+    before = poses_error(scene, truth);
+    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    CHECK(poses_error(scene, truth) == before);
+    psnr = train_psnr(scene, &model);
+    oxl_model_free(test_ctx, &model);
+    options.poses = OXL_ON;
+    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    CHECK(poses_error(scene, truth) < 0.5 * before);
+    CHECK(train_psnr(scene, &model) > psnr + 1);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(poses_of_a_run_stopped_at_any_step_end_in_the_same_bytes)
+{
+    static const int stops[] = {3, 30, 61};
+    oxl_camera truth[POSES_VIEWS];
+    struct checkpoint_case c = checkpoint_of(poses_noisy_scene(0.02, 0.03, truth), train_options(90));
+    double whole[POSES_VIEWS][POSE_TERMS];
+    oxl_model model;
+    NEEDS_PART(poses);
+    c.options.poses = OXL_ON;
+    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
+    memcpy(whole, c.scene->imaging.pose, sizeof whole);
+    CHECK(pose_is_moved(whole[0]));
+    for (size_t i = 0; i < OXL_COUNT(stops); i++) {
+        CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
+        oxl_model_free(test_ctx, &model);
+    }
+    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    CHECK(train_same(&model, &c.whole) && memcmp(whole, c.scene->imaging.pose, sizeof whole) == 0);
+    oxl_model_free(test_ctx, &model);
+    checkpoint_case_free(&c);
+}

@@ -22,22 +22,27 @@ OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const struct render_source *s
     scene_set_background(ctx, scene, background);
 }
 
-/* Renders without the lamp and the gains. */
-static oxl_result evaluate_draw_medium(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
-                                       float *depth)
+static oxl_render_options evaluate_options(const struct drawn *d)
 {
     oxl_render_options options = oxl_render_options_default();
     options.near_plane = (float)oxl_scene_near_plane(d->scene);
     evaluate_background(d->source, d->scene, options.background);
+    return options;
+}
+
+/* Renders without the lamp and the gains. */
+static oxl_result evaluate_draw_medium(oxl_context *ctx, const struct drawn *d, const oxl_camera *camera,
+                                       oxl_image *out, float *depth)
+{
+    const oxl_render_options options = evaluate_options(d);
     renderer_set_medium(d->r, d->imaging ? &d->imaging->medium : NULL, 0);
-    return renderer_draw_source(ctx, d->r, d->source, &oxl_scene_view(d->scene, view)->camera, &options, out,
-                                depth);
+    return renderer_draw_source(ctx, d->r, d->source, camera, &options, out, depth);
 }
 
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
                                       float *depth)
 {
-    oxl_result rc = evaluate_draw_medium(ctx, d, view, out, depth);
+    oxl_result rc = evaluate_draw_medium(ctx, d, &oxl_scene_view(d->scene, view)->camera, out, depth);
     if (rc == OXL_OK && d->imaging) rc = imaging_apply_lamp(ctx, d->scene, d->imaging, view, out);
     if (rc == OXL_OK && d->imaging) imaging_apply(d->imaging, view, out);
     return rc;
@@ -69,6 +74,7 @@ struct evaluate_pass {
     const struct render_source *source;
     oxl_scene *scene;
     struct evaluate_bands *bands; /* NULL: as evaluate_quick */
+    oxl_model gradient;           /* of aligned views */
 };
 
 /* Computes what the light alone explains: a white scene, through the view's lamp and gains. */
@@ -106,23 +112,51 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
     return rc == OXL_OK ? evaluate_add_bands(ctx, p->scene, row->view, rendered, image, p->bands) : rc;
 }
 
-static oxl_result evaluate_view(oxl_context *ctx, const struct evaluate_pass *p, const oxl_image *image,
+/* Measures a held-out view again from where its image fits best, if training views were refined. */
+static oxl_result evaluate_aligned(oxl_context *ctx, struct evaluate_pass *p, const struct drawn *d,
+                                   const oxl_image *image, oxl_view_metrics *row)
+{
+    const oxl_render_options options = evaluate_options(d);
+    const oxl_model *model = p->source->model;
+    oxl_image rendered = {0};
+    oxl_camera camera;
+    oxl_result rc = OXL_OK;
+    if (!p->gradient.memory) rc = oxl_model_create(ctx, model->count, model->sh_degree, &p->gradient);
+    if (rc == OXL_OK) rc = align_view(ctx, d, row->view, image, &options, &p->gradient, &camera);
+    if (rc == OXL_OK) rc = evaluate_draw_medium(ctx, d, &camera, &rendered, NULL);
+    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, d->imaging, row->view, &rendered);
+    if (rc == OXL_OK) imaging_apply(d->imaging, row->view, &rendered);
+    if (rc == OXL_OK) rc = oxl_psnr(ctx, &rendered, image, &row->aligned_psnr);
+    if (rc == OXL_OK) rc = oxl_ssim(ctx, &rendered, image, &row->aligned_ssim);
+    oxl_image_free(ctx, &rendered);
+    return rc;
+}
+
+static int evaluate_aligns(const struct evaluate_pass *p, int view)
+{
+    return p->scene->imaging.pose && p->bands && p->source->model && !renderer_has_device(p->r) &&
+           oxl_scene_view(p->scene, view)->is_test;
+}
+
+static oxl_result evaluate_view(oxl_context *ctx, struct evaluate_pass *p, const oxl_image *image,
                                 oxl_view_metrics *row)
 {
     const struct drawn d = {p->r, p->source, p->scene, &p->scene->imaging};
     oxl_image rendered = {0};
-    oxl_result rc = evaluate_draw_medium(ctx, &d, row->view, &rendered, NULL);
+    oxl_result rc =
+        evaluate_draw_medium(ctx, &d, &oxl_scene_view(p->scene, row->view)->camera, &rendered, NULL);
     if (rc == OXL_OK) rc = evaluate_compare(ctx, p, &rendered, image, row);
+    if (rc == OXL_OK && evaluate_aligns(p, row->view)) rc = evaluate_aligned(ctx, p, &d, image, row);
     oxl_image_free(ctx, &rendered);
     return rc;
 }
 
 /* Adds a view's row; an unreadable or completely masked image is logged and left out, as in training. */
-static oxl_result evaluate_add_view(oxl_context *ctx, const struct evaluate_pass *p, int view,
-                                    oxl_metrics *out)
+static oxl_result evaluate_add_view(oxl_context *ctx, struct evaluate_pass *p, int view, oxl_metrics *out)
 {
     oxl_image image = {0};
-    oxl_view_metrics row = {.view = view, .ssim = NAN, .lpips = NAN};
+    oxl_view_metrics row = {
+        .view = view, .ssim = NAN, .lpips = NAN, .aligned_psnr = NAN, .aligned_ssim = NAN};
     oxl_result rc = oxl_scene_image(ctx, p->scene, view, &image);
     if (rc == OXL_OK) rc = evaluate_view(ctx, p, &image, &row);
     oxl_image_free(ctx, &image);
@@ -156,12 +190,14 @@ static void evaluate_sum_up_views(oxl_metrics *m)
 
 static void evaluate_sum_up(oxl_metrics *m, const struct evaluate_bands *bands)
 {
-    m->lpips = m->count ? 0 : NAN;
+    m->lpips = m->aligned_psnr = m->aligned_ssim = m->count ? 0 : NAN;
     for (int i = 0; i < m->count; i++) {
         m->plain_psnr += m->views[i].plain_psnr / m->count;
         m->half_psnr += m->views[i].half_psnr / m->count;
         m->ms_ssim += m->views[i].ms_ssim / m->count;
         m->lpips += m->views[i].lpips / m->count; /* NaN if a view's is */
+        m->aligned_psnr += m->views[i].aligned_psnr / m->count;
+        m->aligned_ssim += m->views[i].aligned_ssim / m->count;
     }
     memcpy(m->depth, bands->of.depth, sizeof m->depth);
     for (int k = 0; k < 3; k++) m->by_depth[k] = metrics_decibel(bands->sum[k].error, bands->sum[k].weight);
@@ -187,6 +223,7 @@ static oxl_result evaluate_views(oxl_context *ctx, const struct render_source *s
         if (rc == OXL_OK) rc = evaluate_add_view(ctx, &p, view[i], out);
     }
     renderer_free(ctx, p.r);
+    oxl_model_free(ctx, &p.gradient);
     oxl_free(ctx, view);
     evaluate_sum_up_views(out);
     if (rc != OXL_OK) oxl_metrics_free(ctx, out);

@@ -28,6 +28,14 @@ OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b);
 OXL_INTERNAL double structure_explained(const oxl_image *rendered, const oxl_image *image,
                                         const oxl_image *light);
 
+/* ---------------- align.c */
+
+struct drawn;
+/* Returns the camera of a view, moved onto its image; d->imaging: not NULL, d->r: on the CPU.
+ * gradient: of the shape of d->source->model; overwritten. */
+OXL_INTERNAL oxl_result align_view(oxl_context *ctx, const struct drawn *d, int view, const oxl_image *image,
+                                   const oxl_render_options *options, oxl_model *gradient, oxl_camera *out);
+
 /* ---------------- evaluate.c */
 
 struct drawn { /* what evaluate_draw renders */
@@ -46,7 +54,8 @@ OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, i
 /* Evaluates a source as oxl_evaluate. */
 OXL_INTERNAL oxl_result evaluate_source(oxl_context *ctx, const struct render_source *source,
                                         oxl_scene *scene, oxl_split split, oxl_metrics *out);
-/* Does the same, but without ssim (NaN), ms_ssim, plain_psnr, half_psnr and depths, in a third of the time. */
+/* Does the same, but without ssim (NaN), ms_ssim, plain_psnr, half_psnr and depths, in a third of the
+ * time. */
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
                                        oxl_split split, oxl_metrics *out);
 

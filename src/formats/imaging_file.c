@@ -49,6 +49,20 @@ static void imaging_write_lamps(struct text *t, const oxl_scene *scene, const st
                            m->lamp[i].view < 0 ? NULL : oxl_scene_view(scene, m->lamp[i].view)->name);
 }
 
+static void imaging_write_poses(struct text *t, const oxl_scene *scene, const struct imaging *m)
+{
+    if (m->pose)
+        text_add(t,
+                 "# pose TURN MOVE NAME: the camera turned, rad, and its centre moved, units of the scene, "
+                 "right down ahead; training views\n");
+    for (int v = 0; m->pose && v < oxl_scene_view_count(scene); v++) {
+        if (!pose_is_moved(m->pose[v])) continue;
+        text_add(t, "pose");
+        for (int k = 0; k < POSE_TERMS; k++) text_add(t, " %s", NUMBER(m->pose[v][k]));
+        text_add(t, " %s\n", oxl_scene_view(scene, v)->name);
+    }
+}
+
 static int imaging_read_values(const char **at, const char *end, double lowest, double highest, float *values,
                                int count)
 {
@@ -136,9 +150,28 @@ static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *s
     return 1;
 }
 
+/* Returns 1 if the line was of a pose and whole; that of a view which the scene has not is passed over. */
+static int imaging_read_pose(oxl_context *ctx, const char *at, const char *end, const oxl_scene *scene,
+                             struct imaging *m)
+{
+    double pose[POSE_TERMS];
+    int view;
+    if (!imaging_skip_word(&at, end, "pose")) return 0;
+    for (int k = 0; k < POSE_TERMS; k++) {
+        while (at < end && *at == ' ') at++;
+        if (!parse_double(&at, end, &pose[k]) || !(fabs(pose[k]) <= (k < 3 ? 1 : IMAGING_DISTANCE_MAX)))
+            return 0;
+    }
+    while (at < end && *at == ' ') at++;
+    view = imaging_find_name(scene, at, end);
+    if (!m->pose) m->pose = oxl_calloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *m->pose);
+    if (m->pose && view >= 0) memcpy(m->pose[view], pose, sizeof pose);
+    return m->pose != NULL;
+}
+
 OXL_INTERNAL int imaging_is_needed(const struct imaging *m)
 {
-    return m->on || m->lamps > 0 || imaging_alters_colours(m);
+    return m->on || m->pose || m->lamps > 0 || imaging_alters_colours(m);
 }
 
 OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
@@ -160,6 +193,7 @@ OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const 
         }
         text_add(&t, " %s\n", oxl_scene_view(scene, i)->name);
     }
+    imaging_write_poses(&t, scene, m);
     checksum_end_text(&t);
     rc = os_write_text(ctx, path, &t);
     text_free(&t);
@@ -224,10 +258,10 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
         if (stop - at > 5 && strncmp(at, "gain ", 5) == 0)
             rc = imaging_read_gain(ctx, path, line, at + 5, stop, scene, out);
         else if (stop > at && *at != '#' && *at != '\r' && !imaging_read_medium(at, stop, &out->medium) &&
-                 !imaging_read_lamp(at, stop, scene, out))
+                 !imaging_read_lamp(at, stop, scene, out) && !imaging_read_pose(ctx, at, stop, scene, out))
             rc = oxl_fail(
                 ctx, OXL_ERR_INPUT,
-                "%s:%d: not a complete line of gain, bD, bB, Binf, falloff, lamp or #\nfix: write the file again by training",
+                "%s:%d: not a complete line of gain, bD, bB, Binf, falloff, lamp, pose or #\nfix: write the file again by training",
                 path, line);
         at = stop + 1;
     }
@@ -246,6 +280,7 @@ oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char
         rc = imaging_read(ctx, path, scene, &read);
         imaging_free(ctx, &scene->imaging);
         scene->imaging = read;
+        if (rc == OXL_OK) rc = scene_set_poses(ctx, scene);
     }
     if (strncmp(name, "scene.", 6) && strncmp(name, "scene_standard.", 15)) return rc;
     /* what is in its colours, in whatever format; gains are where train left the model that has them, too */

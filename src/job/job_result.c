@@ -209,6 +209,10 @@ static oxl_result job_write_metrics(struct job *job, const oxl_large_model *stan
             "%s views: PSNR %.2f dB, SSIM %.4f, structure %.3f, at least %.3f, over %d; %zu Gaussians, %.1f MB",
             job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.structure,
             m.structure_least, m.count, job->result.model.count, (double)bytes[0] / 1e6);
+    if (!isnan(m.aligned_psnr))
+        oxl_log(job->ctx, OXL_LOG_INFO,
+                "test views moved onto their images, as poses were refined: PSNR %.2f dB, SSIM %.4f",
+                m.aligned_psnr, m.aligned_ssim);
     if (!isnan(m.lpips)) oxl_log(job->ctx, OXL_LOG_INFO, "test views: LPIPS (AlexNet) %.4f", m.lpips);
     if (m.cc_psnr > m.psnr + JOB_EXPOSURE)
         oxl_log(

@@ -11,17 +11,17 @@ static void metrics_json_add_depths(struct text *t, const oxl_metrics *m)
     text_add(t, "},\n");
 }
 
-enum { METRICS_WRITTEN = 8 };
+enum { METRICS_ALWAYS = 8, METRICS_WRITTEN = 11 }; /* those after the first are left out if they are NaN */
 
-/* Adds members of a JSON object; `between` them. lpips NaN: it has no member. */
-static void metrics_json_add_values(struct text *t, const char *between, const double values[METRICS_WRITTEN],
-                                    double lpips)
+/* Adds members of a JSON object; `between` them. */
+static void metrics_json_add_values(struct text *t, const char *between, const double values[METRICS_WRITTEN])
 {
-    static const char *const names[] = {"psnr",       "cc_psnr",   "ssim",      "ms_ssim",
-                                        "plain_psnr", "half_psnr", "structure", "explained"};
+    static const char *const names[] = {"psnr",       "cc_psnr",      "ssim",        "ms_ssim",
+                                        "plain_psnr", "half_psnr",    "structure",   "explained",
+                                        "lpips",      "aligned_psnr", "aligned_ssim"};
     for (int i = 0; i < METRICS_WRITTEN; i++)
-        text_add(t, "%s\"%s\": %s", i ? between : "", names[i], NUMBER(values[i]));
-    if (!isnan(lpips)) text_add(t, "%s\"lpips\": %s", between, NUMBER(lpips));
+        if (i < METRICS_ALWAYS || !isnan(values[i]))
+            text_add(t, "%s\"%s\": %s", i ? between : "", names[i], NUMBER(values[i]));
 }
 
 OXL_INTERNAL oxl_result metrics_json_add(struct text *t, const oxl_scene *scene, const oxl_metrics *m)
@@ -29,8 +29,8 @@ OXL_INTERNAL oxl_result metrics_json_add(struct text *t, const oxl_scene *scene,
     text_add(t, "  ");
     metrics_json_add_values(t, ",\n  ",
                             (double[METRICS_WRITTEN]){m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->plain_psnr,
-                                                      m->half_psnr, m->structure, m->explained},
-                            m->lpips);
+                                                      m->half_psnr, m->structure, m->explained, m->lpips,
+                                                      m->aligned_psnr, m->aligned_ssim});
     text_add(t, ",\n  \"structure_least\": %s,\n  \"no_structure\": %d", NUMBER(m->structure_least),
              m->no_structure);
     metrics_json_add_depths(t, m);
@@ -41,10 +41,9 @@ OXL_INTERNAL oxl_result metrics_json_add(struct text *t, const oxl_scene *scene,
         text_add_json_string(t, oxl_scene_view(scene, v->view)->name);
         text_add(t, ", ");
         metrics_json_add_values(t, ", ",
-                                (double[METRICS_WRITTEN]){v->psnr, v->cc_psnr, v->ssim, v->ms_ssim,
-                                                          v->plain_psnr, v->half_psnr, v->structure,
-                                                          v->explained},
-                                v->lpips);
+                                (double[METRICS_WRITTEN]){
+                                    v->psnr, v->cc_psnr, v->ssim, v->ms_ssim, v->plain_psnr, v->half_psnr,
+                                    v->structure, v->explained, v->lpips, v->aligned_psnr, v->aligned_ssim});
         text_add(t, "}");
     }
     text_add(t, "%s]\n", m->count ? "\n  " : "");

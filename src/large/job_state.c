@@ -261,6 +261,7 @@ OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out)
         struct imaging own = {0};
         if (os_is_file(path)) rc = imaging_read(job->ctx, path, job->scene, &own);
         if (rc == OXL_OK && imaging_is_needed(&own)) job_add_imaging(out, count, &own);
+        if (rc == OXL_OK && !out->pose) out->pose = own.pose, own.pose = NULL; /* the same in all blocks */
         imaging_free(job->ctx, &own);
     }
     if (rc == OXL_OK) imaging_centre(out, none);

@@ -13,6 +13,7 @@
     ROW(exposure)       \
     ROW(medium)         \
     ROW(lamp)           \
+    ROW(poses)          \
     ROW(track_depth)    \
     ROW(ssim_contrast)  \
     ROW(antialias)      \

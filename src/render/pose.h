@@ -27,8 +27,8 @@ static void pose_pack_backward(const struct project_job *job, size_t first, unsi
         const struct vec3 q = vec3(in[OXL_ROTATION + 1][i], in[OXL_ROTATION + 2][i], in[OXL_ROTATION + 3][i]);
         const struct vec3 dq =
             vec3(out[OXL_ROTATION + 1][to], out[OXL_ROTATION + 2][to], out[OXL_ROTATION + 3][to]);
-        const struct vec3 axes = add3(add3(scale3(in[OXL_ROTATION][i], dq), scale3(-out[OXL_ROTATION][to], q)),
-                                      cross3(q, dq));
+        const struct vec3 axes =
+            add3(add3(scale3(in[OXL_ROTATION][i], dq), scale3(-out[OXL_ROTATION][to], q)), cross3(q, dq));
         const struct vec3 turn = add3(cross3(arm, force), scale3((real)0.5, axes));
         if (!(seen >> l & 1)) continue;
         sum[0] += (double)turn.x, sum[1] += (double)turn.y, sum[2] += (double)turn.z;

@@ -57,8 +57,8 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     loss_free(ctx, &r->loss);
     oxl_model_free(ctx, &r->part);
     OXL_FREE(ctx, r->splat, r->lobe, r->visible, r->dmean2d, r->rgb, r->drgb, r->transmittance, r->target,
-             r->exposed, r->lamp_map, r->medium_pack, r->medium_sum, r->pose_sum, r->weight, r->sums, r->score,
-             r->tile_range, r);
+             r->exposed, r->lamp_map, r->medium_pack, r->medium_sum, r->pose_sum, r->weight, r->sums,
+             r->score, r->tile_range, r);
 }
 
 /* ---------------- into the kernels' terms */

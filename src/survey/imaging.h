@@ -28,6 +28,9 @@ struct lamp {
     int view; /* the first of the camera's; -1: of all cameras that have none of their own */
     float shape[LAMP_TERMS];
 };
+/* A camera beside its pose in the survey's files: a turn, rad, and a move of its centre, units of the scene,
+ * both in the axes of that pose (pose.c). */
+enum { POSE_TERMS = 6 };
 struct imaging {
     struct medium medium;
     int lamps; /* 0: none */
@@ -38,6 +41,7 @@ struct imaging {
     uint8_t *known;  /* (views) 1: trained; others are interpolated */
     /* (views) equal: images of one camera; 0 unless imaging_set_cameras was called, as below */
     uint64_t *camera;
+    double (*pose)[POSE_TERMS]; /* (views of the scene); NULL: those of the survey */
     int *partner; /* (views) the image of another camera at the same moment; -1: none or several */
 };
 /* Creates an imaging that is off, with no view's gain known. */
@@ -49,7 +53,7 @@ OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view);
 OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m);
 static inline void imaging_free(oxl_context *ctx, struct imaging *m)
 {
-    OXL_FREE(ctx, m->log_gain, m->known, m->camera, m->partner);
+    OXL_FREE(ctx, m->log_gain, m->known, m->camera, m->partner, m->pose);
     *m = (struct imaging){0};
 }
 OXL_INTERNAL void imaging_copy(const struct imaging *from, struct imaging *to);

@@ -34,6 +34,8 @@ struct oxl_scene {
     struct image_cache cache; /* (view_count) */
 
     struct imaging imaging; /* of the model trained on this scene or read for it */
+    /* (view_count) cameras as the survey has them, while imaging.pose moves those of the views; else NULL */
+    oxl_camera *given;
     struct lpips *lpips;    /* network of evaluations, one allocation (src/job/lpips.c), or NULL */
     oxl_result (*lpips_distance)(oxl_context *ctx, const struct lpips *net, const oxl_image *a,
                                  const oxl_image *b, double *out); /* its function */
@@ -60,6 +62,28 @@ OXL_INTERNAL int scene_compare_order(const void *a, const void *b);
 OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, size_t count);
 /* Derives extent, depths and statistics from views and points, for scenes from files and from arrays. */
 OXL_INTERNAL oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene);
+
+/* ---------------- pose.c: a pose beside that of the survey's files */
+
+struct pose {
+    double at[POSE_TERMS]; /* as in struct imaging */
+    double mean[POSE_TERMS],
+        square[POSE_TERMS]; /* Adam's moments, for turns and moves in units of the depth */
+    int visits;             /* steps */
+};
+struct pose_rule {
+    double rate, most; /* of a step, and in all: rad, and as a fraction of the depth */
+    double depth;      /* units: what a move of the centre is measured by */
+    double prior;      /* pull towards the given pose: gradient for 1 rad */
+};
+OXL_INTERNAL int pose_is_moved(const double at[POSE_TERMS]);
+/* Sets rotation and translation of *out. */
+OXL_INTERNAL void pose_apply(const oxl_camera *given, const double at[POSE_TERMS], oxl_camera *out);
+/* Gives the views the poses of scene->imaging, or without any those of the survey. */
+OXL_INTERNAL oxl_result scene_set_poses(oxl_context *ctx, oxl_scene *scene);
+/* Steps along dL/d(pose) as renderer_pose_gradient gives it. */
+OXL_INTERNAL void pose_step(struct pose *p, const oxl_camera *given, const double world[POSE_TERMS],
+                            const struct pose_rule *rule);
 
 /* ---------------- scene.c, scene_make.c, scene_images.c: views, points, images */
 

@@ -1,0 +1,210 @@
+/* poses.c - the pose of each training view's camera, refined with the scene.
+ *
+ * Structure from motion leaves errors in poses, of a pixel or, where it was hurried or its tracks are few, of
+ * several; they blur the model. Each training view has a turn and a move of its own (survey/pose.c), which
+ * take a step at each visit by the exact gradient of the loss (render/pose.h).
+ *
+ * Gauge: poses and scene could drift together, away from the poses of held-out views. After each epoch the
+ * mean turn and the mean move of all training views, in the axes of the world, are set to zero.
+ *
+ * auto: begins as on, and returns to the given poses where, at POSES_DECIDE of the run, the images have not
+ * shifted by more than the noise of the steps.
+ *
+ * In a survey of several blocks the coarse model refines them, and all blocks use its poses.
+ *
+ * Invariant: off changes no byte of the result. The scene keeps the given poses until the run ends or pauses.
+ * The state is archived.
+ */
+#include "poses.h"
+#include "../core/option_rows.h"
+#include "../core/vecmath.h"
+#include "../survey/scene.h"
+
+#define POSES_FROM 0.05    /* of the run: Gaussians are rough before */
+#define POSES_DECIDE 0.4   /* of the run: auto */
+#define POSES_SHIFT 0.2    /* px, root of the mean square: smaller ones are the noise of the steps */
+#define POSES_RATE 1.0     /* px by which the first step shifts an image, at most */
+#define POSES_LAST 0.02    /* of that at the end of the run */
+#define POSES_MOST 0.05    /* rad, of a turn in all; of the depth, of a move */
+#define POSES_PRIOR 2.5e-4 /* gradient by a view's shift of one error of the points, times that error; */
+#define POSES_ERROR 0.25   /* px: instead of a smaller error, or an unknown one */
+
+/* Says why poses stay as they are; NULL: they need not. */
+static const char *poses_fixed(const struct train *t)
+{
+    if (renderer_has_device(t->renderer)) return "a device has no gradient of them (--backend cpu)";
+    return t->task.window || t->task.context ? "of a block, views are seen in part" : NULL;
+}
+
+static oxl_result poses_allocate(oxl_context *ctx, struct poses *p, const oxl_scene *scene)
+{
+    const size_t views = (size_t)oxl_scene_view_count(scene);
+    p->depth = scene_depth_quantile(scene, 0.5);
+    if (!(p->depth > 0)) p->depth = oxl_scene_extent(scene);
+    p->view = oxl_calloc(ctx, views + 1, sizeof *p->view);
+    p->pose = oxl_calloc(ctx, views + 1, sizeof *p->pose);
+    if (p->view && p->pose) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the poses of %zu views", views);
+}
+
+/* Keeps the poses of a continued run, else begins with those of the survey. */
+static oxl_result poses_begin(struct train *t, void *state)
+{
+    struct poses *p = state;
+    struct imaging *m = &t->scene->imaging;
+    const char *fixed = poses_fixed(t);
+    double(*kept)[POSE_TERMS] = t->continues ? m->pose : NULL;
+    oxl_result rc = OXL_OK;
+    p->asked = p->on = t->options->poses != OXL_OFF && !t->continues && !fixed;
+    if (t->options->poses == OXL_ON && !t->continues && fixed)
+        oxl_log(t->ctx, OXL_LOG_WARNING, "poses stay those of the survey: %s", fixed);
+    if (p->asked || kept) rc = poses_allocate(t->ctx, p, t->scene);
+    if (rc != OXL_OK) return rc;
+    if (kept) memcpy(p->pose, kept, (size_t)oxl_scene_view_count(t->scene) * sizeof *kept);
+    if (kept) return OXL_OK;
+    oxl_free(t->ctx, m->pose);
+    m->pose = p->pose; /* zeros: allocates what poses_store needs, which cannot fail */
+    rc = scene_set_poses(t->ctx, t->scene);
+    m->pose = NULL;
+    return rc;
+}
+
+static void poses_free(struct train *t, void *state)
+{
+    struct poses *p = state;
+    OXL_FREE(t->ctx, p->view, p->pose);
+    *p = (struct poses){0};
+}
+
+static void poses_archive(struct archive *a, struct train *t, void *state)
+{
+    struct poses *p = state;
+    if (!p->asked) return;
+    archive_int(a, &p->on);
+    archive_int(a, &p->steps);
+    archive_expect(a, (p->on == 0 || p->on == 1) && p->steps >= 0);
+    for (int i = 0; i < oxl_scene_view_count(t->scene) && a->rc == OXL_OK; i++) {
+        struct pose *v = &p->view[i];
+        archive_doubles(a, v->at, POSE_TERMS);
+        archive_doubles(a, v->mean, POSE_TERMS);
+        archive_doubles(a, v->square, POSE_TERMS);
+        archive_int(a, &v->visits);
+        archive_expect(a, v->visits >= 0);
+        for (int k = 0; k < POSE_TERMS && a->rc == OXL_OK; k++)
+            archive_expect(a, fabs(v->at[k]) <= 2 * POSES_MOST * (k < 3 ? 1 : p->depth) &&
+                                  fabs(v->mean[k]) <= DBL_MAX && v->square[k] >= 0);
+    }
+}
+
+static oxl_result poses_before_render(struct train *t, void *state, struct part_view *v)
+{
+    const struct poses *p = state;
+    if (p->on) pose_apply(&oxl_scene_view(t->scene, v->view)->camera, p->view[v->view].at, &v->camera);
+    renderer_set_pose(t->renderer, p->on && v->learns && v->progress >= POSES_FROM);
+    return OXL_OK;
+}
+
+/* Sets the mean turn and move of the visited views to zero, in the axes of the world. */
+static void poses_centre(struct poses *p, const oxl_scene *scene)
+{
+    double mean[POSE_TERMS] = {0};
+    int count = 0;
+    for (int pass = 0; pass < 2; pass++)
+        for (int v = 0; v < oxl_scene_view_count(scene); v++) {
+            const double *r = oxl_scene_view(scene, v)->camera.rotation;
+            double *at = p->view[v].at;
+            if (p->view[v].visits == 0) continue;
+            count += pass == 0;
+            for (int k = 0; k < POSE_TERMS; k++)
+                for (int i = 0, part = k / 3 * 3; i < 3; i++) {
+                    if (pass == 0) mean[k] += r[3 * i + k % 3] * at[part + i];
+                    else at[k] -= r[3 * (k % 3) + i] * mean[part + i] / count;
+                }
+        }
+}
+
+/* Returns the pull of a view: what its shift by the mean reprojection error of the survey's points costs. */
+static double poses_prior(const oxl_scene *scene, int view)
+{
+    const oxl_camera *c = &oxl_scene_view(scene, view)->camera;
+    const double file = scene_file_pixels(scene, view), shown = (double)c->width * c->height;
+    const double error = scene->stats.mean_error * (file > 0 ? sqrt(shown / file) : 1);
+    const double f = c->fx / OXL_MAX(error, POSES_ERROR);
+    return POSES_PRIOR * f * f;
+}
+
+static void poses_after_backward(struct train *t, void *state, struct part_view *v)
+{
+    struct poses *p = state;
+    const oxl_camera *given = &oxl_scene_view(t->scene, v->view)->camera;
+    const double progress = (v->progress - POSES_FROM) / (1 - POSES_FROM);
+    const struct pose_rule rule = {.rate = POSES_RATE / given->fx *
+                                           vecmath_exp(progress * vecmath_log(POSES_LAST)),
+                                   .most = POSES_MOST,
+                                   .prior = poses_prior(t->scene, v->view),
+                                   .depth = p->depth};
+    if (!p->on || progress < 0) return;
+    pose_step(&p->view[v->view], given, renderer_pose_gradient(t->renderer), &rule);
+    if (++p->steps % t->views == 0) poses_centre(p, t->scene);
+}
+
+/* Returns how far turns and moves shift the images, px, root of the mean square. */
+static double poses_shift(const struct poses *p, const oxl_scene *scene)
+{
+    double sum = 0;
+    int count = 0;
+    for (int v = 0; v < oxl_scene_view_count(scene); v++) {
+        const double f = oxl_scene_view(scene, v)->camera.fx, *at = p->view[v].at;
+        if (p->view[v].visits == 0) continue;
+        count++;
+        for (int k = 0; k < POSE_TERMS; k++) {
+            const double a = f * at[k] / (k < 3 ? 1 : p->depth);
+            sum += a * a;
+        }
+    }
+    return sqrt(count ? sum / count : 0);
+}
+
+/* auto: returns to the given poses where they were not found to be off. */
+static oxl_result poses_after_step(struct train *t, void *state)
+{
+    struct poses *p = state;
+    char why[200];
+    double shift;
+    if (!p->on || t->options->poses != OXL_AUTO || t->step != (int)(POSES_DECIDE * t->options->iterations))
+        return OXL_OK;
+    shift = poses_shift(p, t->scene);
+    snprintf(why, sizeof why, "after %d steps they shift the images by %.2f px (rms); kept from %.2g px",
+             t->step, shift, POSES_SHIFT);
+    p->on = shift >= POSES_SHIFT;
+    selection_record_auto(t, "poses", OXL_AUTO, p->on, why);
+    return OXL_OK;
+}
+
+static void poses_store(struct train *t, void *state, oxl_model *model)
+{
+    struct poses *p = state;
+    (void)model;
+    for (int v = 0; p->on && v < oxl_scene_view_count(t->scene); v++)
+        memcpy(p->pose[v], p->view[v].at, sizeof p->pose[v]);
+    if (!p->asked || p->on) t->scene->imaging.pose = p->pose, p->pose = NULL;
+    scene_set_poses(t->ctx, t->scene);
+}
+
+/* clang-format off */
+static const oxl_option poses_options[] = {
+{"poses", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.poses), 0, 2, EACH("off"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_LOOKED, "Scene content", "turn and move the camera of each training view with the scene, where its pose is off by part of a pixel or more; on the CPU; auto: kept if they move by 0.2 px", NULL},
+{0}};
+/* clang-format on */
+
+OXL_INTERNAL const struct part part_poses = {.name = "poses",
+                                             .size = sizeof(struct poses),
+                                             .option = poses_options,
+                                             .is_branched = 1,
+                                             .begin = poses_begin,
+                                             .free = poses_free,
+                                             .archive = poses_archive,
+                                             .before_render = poses_before_render,
+                                             .after_backward = poses_after_backward,
+                                             .after_step = poses_after_step,
+                                             .store = poses_store};

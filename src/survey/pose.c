@@ -1,0 +1,84 @@
+/* pose.c - a camera's pose beside that of the survey's files: six numbers, and the step that fits them.
+ *
+ * In the axes of the given camera, x_c = C(w) (R x + t - c): the camera is turned about its centre by w, and
+ * its centre moves by c. C is Cayley's: the rotation of the quaternion (1, w / 2), by |w| to third order,
+ * without sines.
+ *
+ * Adam (Kingma & Ba 2015) with a memory of few steps, since an image is visited once an epoch. Its step,
+ * m / sqrt(v), is multiplied by its own size, and m begins at 0 without correction: gradients that agree over
+ * some visits move the camera, those that do not leave it, by a tenth of the rate (docs/log/POSES.md). A move
+ * of the centre by `depth` and a turn by 1 rad shift the image by as much, so one rate serves both.
+ */
+#include "scene.h"
+#include "sparse.h"
+#include "../core/vecmath.h"
+
+#define POSE_BETA1 0.8
+#define POSE_BETA2 0.95
+#define POSE_EPSILON 1e-15     /* against division by 0 */
+#define POSE_GRADIENT_MAX 1e18 /* its square overflows no double; a larger one changes nothing */
+
+OXL_INTERNAL int pose_is_moved(const double at[POSE_TERMS])
+{
+    for (int k = 0; k < POSE_TERMS; k++)
+        if (at[k] != 0) return 1;
+    return 0;
+}
+
+OXL_INTERNAL void pose_apply(const oxl_camera *given, const double at[POSE_TERMS], oxl_camera *out)
+{
+    double turn[9], t[3];
+    camera_rotation_from_quaternion((double[4]){1, at[0] / 2, at[1] / 2, at[2] / 2}, turn);
+    for (int i = 0; i < 3; i++) t[i] = given->translation[i] - at[3 + i];
+    for (int i = 0; i < 3; i++) {
+        for (int k = 0; k < 3; k++)
+            out->rotation[3 * i + k] = turn[3 * i] * given->rotation[k] +
+                                       turn[3 * i + 1] * given->rotation[3 + k] +
+                                       turn[3 * i + 2] * given->rotation[6 + k];
+        out->translation[i] = turn[3 * i] * t[0] + turn[3 * i + 1] * t[1] + turn[3 * i + 2] * t[2];
+    }
+}
+
+OXL_INTERNAL void pose_step(struct pose *p, const oxl_camera *given, const double world[POSE_TERMS],
+                            const struct pose_rule *rule)
+{
+    const double correct = 1 - vecmath_exp(++p->visits * vecmath_log(POSE_BETA2));
+    oxl_camera now = *given;
+    pose_apply(given, p->at, &now);
+    for (int k = 0; k < POSE_TERMS; k++) {
+        const double *row = k < 3 ? now.rotation + 3 * k : given->rotation + 3 * (k - 3),
+                     *d = k < 3 ? world : world + 3, unit = k < 3 ? 1 : rule->depth;
+        const double g = (row[0] * d[0] + row[1] * d[1] + row[2] * d[2]) * unit +
+                         rule->prior * p->at[k] / unit; /* for a turn, and for a move in units of the depth */
+        double agree;
+        if (!(fabs(g) <= POSE_GRADIENT_MAX)) continue;
+        p->mean[k] = POSE_BETA1 * p->mean[k] + (1 - POSE_BETA1) * g;
+        p->square[k] = POSE_BETA2 * p->square[k] + (1 - POSE_BETA2) * g * g;
+        agree = p->mean[k] / (sqrt(p->square[k] / correct) + POSE_EPSILON);
+        p->at[k] -= rule->rate * unit * agree * fabs(agree);
+        p->at[k] = OXL_CLAMP(p->at[k], -rule->most * unit, rule->most * unit);
+    }
+}
+
+/* Allocates before it changes anything. */
+OXL_INTERNAL oxl_result scene_set_poses(oxl_context *ctx, oxl_scene *scene)
+{
+    const size_t views = (size_t)scene->view_count;
+    if (!scene->given && !scene->imaging.pose) return OXL_OK;
+    if (!scene->given) {
+        scene->given = oxl_alloc(ctx, views + 1, sizeof *scene->given);
+        if (!scene->given)
+            return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the poses of %zu views", views);
+        for (size_t v = 0; v < views; v++) scene->given[v] = scene->view[v].camera;
+    }
+    for (size_t v = 0; v < views; v++) {
+        scene->view[v].camera = scene->given[v];
+        if (scene->imaging.pose && pose_is_moved(scene->imaging.pose[v]))
+            pose_apply(&scene->given[v], scene->imaging.pose[v], &scene->view[v].camera);
+    }
+    if (!scene->imaging.pose) {
+        oxl_free(ctx, scene->given);
+        scene->given = NULL;
+    }
+    return OXL_OK;
+}
