@@ -241,7 +241,9 @@ typedef struct synth_options {
     int scene;            /* enum synth_scene (any) */
     long points;          /* sparse points; 0: 400 a view (0) */
     double noise;         /* sigma of the sensor's noise in 8-bit levels (1.5) */
-    int fish;             /* fish in each image (0) */
+    /* of the exported poses: turns, degrees, and moves, % of the distance, root of the mean square (0) */
+    double pose_noise;
+    int fish; /* fish in each image (0) */
     /* images are transparent beyond so many metres from the vertical axis through the centre; 0: nowhere (0) */
     double alpha;
     double origin[3]; /* where the survey's middle lies in the export's world, metres (0 0 0) */

@@ -112,6 +112,7 @@ static const oxl_option CLI_OPTIONS[] = {
 {"sand-contrast", "FRACTION", OXL_OPTION_DOUBLE, FIELD(synth.sand_contrast), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "contrast of bare sand, as a fraction of its own; below 1 it is dark and has few points", NULL},
 {"stereo", "METRES", OXL_OPTION_DOUBLE, FIELD(synth.stereo), 0, 10, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "distance of two cameras that take the images in pairs; 0: one camera", NULL},
 {"water", "none|I|IA|IB|II|III|1C|3C|5C|7C|9C", OXL_OPTION_CHOICE, FIELD(synth.water), 0, 10, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "Jerlov's water type", NULL},
+{"pose-noise", "X", OXL_OPTION_DOUBLE, FIELD(synth.pose_noise), 0, 10, NO_TEXT, OXL_TIER_ADVANCED, IN(SYNTH), "Synthetic survey", "error of the exported poses: turned by X degrees and moved by X % of the distance (rms); truth/poses.txt has the true ones", NULL},
 {"noise", "SIGMA", OXL_OPTION_DOUBLE, FIELD(synth.noise), 0, 100, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "sensor noise, standard deviation in 8-bit levels", NULL},
 {"fish", "N", OXL_OPTION_INT, FIELD(synth.fish), 0, 100, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "fish per image; truth/still/ has the images without them, truth/masks/ their masks", NULL},
 {"alpha", "METRES", OXL_OPTION_DOUBLE, FIELD(synth.alpha), 0, 2000, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "cut out what lies within so many metres of the centre: images are transparent elsewhere, and no points are there; 0: all", NULL},

@@ -13,6 +13,7 @@ struct synth_ids { /* sparse and unordered, as COLMAP's: id(i) = 1 + (i x stride
 };
 
 enum { CAMERA_ID = 3 };
+#define EXPORT_DEGREE 0.017453292519943295 /* rad */
 
 static uint64_t export_common_divisor(uint64_t a, uint64_t b)
 {
@@ -81,6 +82,33 @@ static void export_pose(struct output *to, const struct synth_camera *c, const d
     output_add(to, " %.9f %.9f %.9f", -t.x, -t.y, -t.z);
 }
 
+/* Returns a camera whose pose is off by the noise that is asked for: about and along random directions. */
+static struct synth_camera export_noisy(const struct synth_run *s, int view)
+{
+    const struct synth_points *points = &s->points;
+    const size_t first = points->view_first[view], count = points->view_first[view + 1] - first;
+    struct synth_camera c = s->trajectory.camera[view];
+    double distance = 0, off[6];
+    v3 turn;
+    for (size_t k = 0; k < count; k++) {
+        const v3 ray = v3_sub(points->point[points->by_view[first + k]].position, c.centre);
+        distance += sqrt(v3_dot(ray, ray)) / (double)count;
+    }
+    for (int k = 0; k < 6; k++) /* uniform, of variance 1/3 on each axis */
+        off[k] = s->options->pose_noise *
+                 (2 * random_unit(random_bits(s->options->seed, 900 + k, (uint64_t)view)) - 1);
+    turn = v3_scale(v3_of(off[0], off[1], off[2]), EXPORT_DEGREE);
+    for (int i = 0; i < 3; i++) {
+        const double along = v3_dot(turn, turn), angle = sqrt(along),
+                     sine = along > 0 ? sin(angle) / angle : 1;
+        const v3 row = s->trajectory.camera[view].rotation[i], side = v3_cross(row, turn);
+        c.rotation[i] = v3_add(v3_add(v3_scale(row, cos(angle)), v3_scale(side, sine)),
+                               v3_scale(turn, along > 0 ? v3_dot(turn, row) * (1 - cos(angle)) / along : 0));
+    }
+    c.centre = v3_add(c.centre, v3_scale(v3_of(off[3], off[4], off[5]), distance / 100));
+    return c;
+}
+
 static void export_view(const struct synth_run *s, struct output *t, struct synth_ids ids, int view)
 {
     const struct synth_points *points = &s->points;
@@ -109,10 +137,22 @@ static void export_images(const struct synth_run *s, struct output *t)
         char name[32];
         synth_image_name(s->options, i, name);
         output_add(t, "%llu", synth_id(views, (uint64_t)i));
-        export_pose(t, &s->trajectory.camera[i], s->options->origin);
+        const struct synth_camera noisy = export_noisy(s, i);
+        export_pose(t, s->options->pose_noise > 0 ? &noisy : &s->trajectory.camera[i], s->options->origin);
         output_add(t, " %d %s\n", CAMERA_ID, name);
         export_view(s, t, ids, i);
         output_add(t, "\n");
+    }
+}
+
+static void export_true_poses(const struct synth_run *s, struct output *t)
+{
+    output_add(t, "# QW, QX, QY, QZ, TX, TY, TZ, NAME: poses without the noise of sparse/0/images.txt\n");
+    for (int i = 0; i < s->trajectory.count; i++) {
+        char name[32];
+        synth_image_name(s->options, i, name);
+        export_pose(t, &s->trajectory.camera[i], s->options->origin);
+        output_add(t, " %s\n", name);
     }
 }
 
@@ -184,11 +224,12 @@ static void export_model(const struct synth_run *s, struct output *t)
         "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
         "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
         "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
-        "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are exact.\n"
+        "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are %s.\n"
         "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
         "         outlier: off the surface, found by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
         "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
-        "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n");
+        "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n",
+        o->pose_noise > 0 ? "off; truth/poses.txt has the true ones" : "exact");
     if (o->fish > 0)
         output_add(
             t,
@@ -221,6 +262,7 @@ oxl_result synth_write_files(const struct synth_run *s)
                  {"truth/outliers.txt", export_outliers, 1},
                  {"truth/exposure.txt", synth_write_exposure, o->exposure_jitter > 0 || o->stereo > 0},
                  {"truth/lamp.txt", synth_write_lamp, o->lamp >= 0},
+                 {"truth/poses.txt", export_true_poses, o->pose_noise > 0},
                  {"sparse/0/cameras.txt", export_cameras, 1},
                  {"sparse/0/points3D.txt", export_points, 1},
                  {"sparse/0/images.txt", export_images, 1}};

@@ -693,3 +693,47 @@ TEST(lint_flags_images_that_are_blurred_or_badly_exposed_beside_their_neighbours
     CHECK_OK(oxl_check(test_ctx, out, NULL, &s)); /* headers alone */
     CHECK(s.blurred == 0 && lint_heard[0] == 0);
 }
+
+/* ---------------- poses */
+
+TEST(synth_pose_noise_turns_and_moves_the_exported_poses_alone)
+{
+    synth_options o = synth_test_options("exact");
+    struct colmap exact, noisy;
+    double turn = 0, move = 0;
+    char rows[2000];
+    struct os_file_map truth;
+    int found = 0;
+    o.write_images = 0, o.views = 30;
+    synth_test_make(&o, &exact);
+    o = synth_test_options("noisy");
+    o.write_images = 0, o.views = 30, o.pose_noise = 0.2;
+    synth_test_make(&o, &noisy);
+    CHECK(noisy.image_count == 30 && exact.image_count == 30 && noisy.point_count == exact.point_count);
+    for (size_t i = 0; i < 30; i++) {
+        const struct colmap_image *a = &exact.image[i], *b = &noisy.image[i];
+        oxl_camera from = {0}, to = {0};
+        double centre[2][3], cosine = 0;
+        for (int k = 0; k < 4; k++) cosine += a->rotation[k] * b->rotation[k];
+        turn += 4 * (1 - cosine * cosine) / 30;
+        camera_rotation_from_quaternion(a->rotation, from.rotation);
+        camera_rotation_from_quaternion(b->rotation, to.rotation);
+        memcpy(from.translation, a->translation, sizeof from.translation);
+        memcpy(to.translation, b->translation, sizeof to.translation);
+        camera_position(&from, centre[0]);
+        camera_position(&to, centre[1]);
+        for (int k = 0; k < 3; k++) move += pow(centre[1][k] - centre[0][k], 2) / 30;
+    }
+    CHECK_CLOSE(sqrt(turn) * 57.29578, 0.2, 0.04);
+    CHECK(sqrt(move) > 0.002 && sqrt(move) < 0.02); /* 0.2 % of some metres */
+    snprintf(rows, sizeof rows, "%s/truth/poses.txt", o.out);
+    CHECK_OK(os_read_file(test_ctx, rows, &truth));
+    snprintf(rows, sizeof rows, " %.9f %.9f %.9f", exact.image[0].translation[0],
+             exact.image[0].translation[1], exact.image[0].translation[2]);
+    for (size_t i = 0; i + strlen(rows) < truth.size && !found; i++)
+        found = memcmp((const char *)truth.data + i, rows, strlen(rows)) == 0;
+    CHECK(found);
+    os_release_file(test_ctx, &truth);
+    colmap_free(test_ctx, &exact);
+    colmap_free(test_ctx, &noisy);
+}
