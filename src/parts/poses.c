@@ -43,8 +43,7 @@ static oxl_result poses_allocate(oxl_context *ctx, struct poses *p, const oxl_sc
     if (!(p->depth > 0)) p->depth = oxl_scene_extent(scene);
     p->view = oxl_calloc(ctx, views + 1, sizeof *p->view);
     p->pose = oxl_calloc(ctx, views + 1, sizeof *p->pose);
-    if (p->view && p->pose) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the poses of %zu views", views);
+    return p->view && p->pose ? OXL_OK : OXL_ERR_MEMORY;
 }
 
 /* Keeps the poses of a continued run, else begins with those of the survey. */
@@ -133,18 +132,21 @@ static double poses_prior(const oxl_scene *scene, int view)
     return POSES_PRIOR * f * f;
 }
 
-static void poses_after_backward(struct train *t, void *state, struct part_view *v)
+static void poses_after_loss(struct train *t, void *state, const struct train_deferred *step,
+                             const struct renderer_loss *loss)
 {
     struct poses *p = state;
-    const oxl_camera *given = &oxl_scene_view(t->scene, v->view)->camera;
-    const double progress = (v->progress - POSES_FROM) / (1 - POSES_FROM);
+    const oxl_camera *given = &oxl_scene_view(t->scene, step->view)->camera;
+    const double at = (double)step->step / t->options->iterations,
+                 progress = (at - POSES_FROM) / (1 - POSES_FROM);
     const struct pose_rule rule = {.rate = POSES_RATE / given->fx *
                                            vecmath_exp(progress * vecmath_log(POSES_LAST)),
                                    .most = POSES_MOST,
-                                   .prior = poses_prior(t->scene, v->view),
+                                   .prior = poses_prior(t->scene, step->view),
                                    .depth = p->depth};
-    if (!p->on || progress < 0) return;
-    pose_step(&p->view[v->view], given, renderer_pose_gradient(t->renderer), &rule);
+    (void)loss;
+    if (!p->on || at < POSES_FROM) return;
+    pose_step(&p->view[step->view], given, renderer_pose_gradient(t->renderer), &rule);
     if (++p->steps % t->views == 0) poses_centre(p, t->scene);
 }
 
@@ -205,6 +207,6 @@ OXL_INTERNAL const struct part part_poses = {.name = "poses",
                                              .free = poses_free,
                                              .archive = poses_archive,
                                              .before_render = poses_before_render,
-                                             .after_backward = poses_after_backward,
+                                             .after_loss = poses_after_loss,
                                              .after_step = poses_after_step,
                                              .store = poses_store};

@@ -36,7 +36,7 @@ struct oxl_scene {
     struct imaging imaging; /* of the model trained on this scene or read for it */
     /* (view_count) cameras as the survey has them, while imaging.pose moves those of the views; else NULL */
     oxl_camera *given;
-    struct lpips *lpips;    /* network of evaluations, one allocation (src/job/lpips.c), or NULL */
+    struct lpips *lpips; /* network of evaluations, one allocation (src/job/lpips.c), or NULL */
     oxl_result (*lpips_distance)(oxl_context *ctx, const struct lpips *net, const oxl_image *a,
                                  const oxl_image *b, double *out); /* its function */
 
