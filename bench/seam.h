@@ -57,7 +57,8 @@ static inline void seam_add_view(const struct seam_view *v, struct metrics_sum s
             int beside = 0;
             if (v->depth[i] > 0) {
                 double world[3], frame[3];
-                camera_unproject(v->camera, (double[2]){x + 0.5, y + 0.5}, v->depth[i], v->origin, world);
+                camera_unproject(v->camera, (double[2]){x + 0.5, y + 0.5}, v->depth[i], world);
+                for (int k = 0; k < 3; k++) world[k] += v->origin[k];
                 partition_to_frame(v->partition, world, frame);
                 own = seam_block(v->partition, frame, OXL_MAX(own, 0));
                 beside = own >= 0 && seam_is_near(&v->partition->block[own], frame);

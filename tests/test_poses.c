@@ -186,7 +186,7 @@ static double poses_error(const oxl_scene *scene, const oxl_camera truth[POSES_V
         const oxl_camera *c = &scene->view[v].camera;
         double world[3], x[3], pixel[2];
         if (scene->view[v].is_test) continue;
-        camera_unproject(&truth[v], (double[2]){truth[v].cx, truth[v].cy}, 3, NULL, world);
+        camera_unproject(&truth[v], (double[2]){truth[v].cx, truth[v].cy}, 3, world);
         CHECK(camera_project(c, world, NULL, x, pixel));
         sum += (pixel[0] - c->cx) * (pixel[0] - c->cx) + (pixel[1] - c->cy) * (pixel[1] - c->cy);
         count++;

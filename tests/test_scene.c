@@ -627,7 +627,7 @@ TEST(scene_of_a_real_dive_is_read_and_undistorted)
     CHECK(oxl_scene_view_count(scene) == 61 && scene->stats.test_views == 8 &&
           oxl_scene_point_count(scene) == 16462);
     CHECK(oxl_scene_view(scene, 0)->camera.width == 1028 && oxl_scene_view(scene, 0)->camera.height == 520);
-    CHECK(scene->stats.distorted_cameras == 1);
+    CHECK(scene->colmap.camera_count == 1 && camera_is_distorted(scene->colmap.camera));
     CHECK_CLOSE(scene->stats.mean_error, 0.383, 0.001);
     CHECK(scene_image(test_ctx, scene, 5) != NULL);
     oxl_scene_free(test_ctx, scene);

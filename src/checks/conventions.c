@@ -248,8 +248,7 @@ static oxl_result conventions_find_mixed(struct match *w, int *found)
     struct match_layout *room = oxl_calloc(w->ctx, 1, sizeof *room);
     struct convention_mixed m = {.image = {0}};
     const double high = match_high(w);
-    oxl_result rc =
-        room ? OXL_OK : oxl_fail(w->ctx, OXL_ERR_MEMORY, "no memory to try other conventions of poses");
+    oxl_result rc = room ? OXL_OK : OXL_ERR_MEMORY;
     for (int k = 0; k < w->count && rc == OXL_OK; k++)
         if (match_is_suspect(w, k, high)) rc = convention_place(w, k, high, room, &m);
     for (size_t i = 0; i < OXL_COUNT(conventions) && rc == OXL_OK; i++) {

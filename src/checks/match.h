@@ -62,14 +62,14 @@ struct match {
     int maps;
 };
 
-/* match.c. The points that the camera has in its image. */
+/* Lists the points that the camera has in its image (match.c). */
 OXL_INTERNAL void match_by_projection(struct match *w, struct match_layout *l, const oxl_camera *camera);
-/* The brightness of a view for match_correlate. *has: 0: it cannot be read, which is reported elsewhere. */
+/* Takes a view's brightness for match_correlate. *has 0: it cannot be read, which is reported elsewhere. */
 OXL_INTERNAL oxl_result match_take_image(struct match *w, int view, int *has);
-/* Of the differences of brightness and colour, under a map; 0 with too few points. */
+/* Correlates differences of brightness and colour under a map; 0 with too few points. */
 OXL_INTERNAL double match_correlate(struct match *w, const struct match_layout *l,
                                     const struct match_map *map);
-/* The median over the judged images, as they are; by chance. */
+/* Return the median over the judged images: as they are; by chance. */
 OXL_INTERNAL double match_median(struct match *w);
 OXL_INTERNAL double match_median_by_chance(struct match *w);
 
@@ -80,13 +80,13 @@ OXL_INTERNAL int match_is_suspect(const struct match *w, int k, double high);
 OXL_INTERNAL int match_is_better(double r, double as_is, int count, double high);
 
 enum { MATCH_ENOUGH = 3 }; /* images to be judged; with fewer nothing is said */
-/* The steps of match_check (belongs.c). */
+/* Make the steps of match_check (belongs.c). */
 OXL_INTERNAL oxl_result match_begin(oxl_context *ctx, oxl_scene *scene, struct match *w);
 OXL_INTERNAL oxl_result match_lay_out(struct match *w);
 OXL_INTERNAL oxl_result match_compare(struct match *w, int damaged);
 OXL_INTERNAL int match_judged(const struct match *w);
 OXL_INTERNAL oxl_result match_judge(struct match *w, int *foreign);
-/* conventions.c, for surveys without tracks: *found: 1: poses and points do not fit, which was said. */
+/* Compares poses and points without tracks (conventions.c). *found 1: they do not fit, which was said. */
 OXL_INTERNAL oxl_result conventions_check(struct match *w, int *found);
 
 #endif

@@ -54,8 +54,7 @@ OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, i
 /* Evaluates a source as oxl_evaluate. */
 OXL_INTERNAL oxl_result evaluate_source(oxl_context *ctx, const struct render_source *source,
                                         oxl_scene *scene, oxl_split split, oxl_metrics *out);
-/* Does the same, but without ssim (NaN), ms_ssim, plain_psnr, half_psnr and depths, in a third of the
- * time. */
+/* Does the same without ssim (NaN), ms_ssim, plain_psnr, half_psnr and depths, in a third of the time. */
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
                                        oxl_split split, oxl_metrics *out);
 

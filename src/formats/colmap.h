@@ -11,7 +11,7 @@
 
 #include <inttypes.h>
 
-/* Open addressing over the rows of an array whose elements begin with their int64_t id. */
+/* Finds rows by id, by open addressing over an array whose elements begin with their int64_t id. */
 struct colmap_index {
     uint32_t *slot; /* (slots) row + 1; 0: empty */
     size_t slots;   /* a power of 2, at least twice the rows */
@@ -70,17 +70,17 @@ OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r);
 /* Moves the buffer so that it begins at `next`; enlarges it if it is full from there on. */
 OXL_INTERNAL oxl_result colmap_fill(struct colmap_reader *r);
 OXL_INTERNAL int colmap_next_line(struct colmap_reader *r); /* 0: end of file, or see r->rc */
-/* the next line that is not blank and not a comment */
+/* Moves to the next line that is not blank and no comment. */
 OXL_INTERNAL int colmap_next_record(struct colmap_reader *r);
 
-/* The error of the field at `token`: "found ..., expected WHAT, KIND". */
+/* Fails for the field at `token`: "found ..., expected WHAT, KIND". */
 OXL_INTERNAL oxl_result colmap_fail_token(struct colmap_reader *r, const char *token, const char *what,
                                           const char *kind);
 OXL_INTERNAL void colmap_warn(struct colmap_reader *r, enum colmap_warning kind);
-/* a field, printable in a message */
+/* Writes a field as text for a message. */
 OXL_INTERNAL const char *colmap_printable(const char *p, const char *end, char out[64]);
 
-/* Fields. Each function moves the cursor past its field. */
+/* Read a field each, and move the cursor past it. */
 OXL_INTERNAL int colmap_is_blank(char c);
 OXL_INTERNAL void colmap_skip_blanks(struct colmap_reader *r);
 OXL_INTERNAL int colmap_at_field_end(const struct colmap_reader *r);
@@ -90,29 +90,29 @@ OXL_INTERNAL oxl_result colmap_whole(struct colmap_reader *r, const char *what, 
                                      int64_t *out);
 OXL_INTERNAL oxl_result colmap_id(struct colmap_reader *r, const char *what, int64_t *out);
 
-/* The slot of the id, or the empty slot for it. */
+/* Returns the slot of the id, or the empty slot for it. */
 OXL_INTERNAL uint32_t *colmap_index_slot(const struct colmap_index *x, const void *rows, size_t stride,
                                          int64_t id);
-/* Rows whose id may not be there yet. */
+/* Add a row; an error if its id is there already. */
 OXL_INTERNAL oxl_result colmap_add_camera(struct colmap_reader *r, const struct colmap_camera *camera);
 OXL_INTERNAL oxl_result colmap_add_image(struct colmap_reader *r, const struct colmap_image *image);
-/* 0, with a warning: no finite position. An error that is not finite becomes -1. */
+/* Returns 0, with a warning, for a position that is not finite; sets an error that is not finite to -1. */
 OXL_INTERNAL int colmap_check_point(struct colmap_reader *r, struct colmap_point *point);
-/* the error, at this line */
+/* Fails at this line: the id is there twice. */
 OXL_INTERNAL oxl_result colmap_repeated(struct colmap_reader *r, const char *what, int64_t id);
 
-/* For text and binary files. The name is at r->cursor .. r->end. */
+/* Check and read what text and binary files share. The name is at r->cursor .. r->end. */
 OXL_INTERNAL int colmap_has_camera(const struct colmap_reader *r, int64_t id);
 OXL_INTERNAL oxl_result colmap_check_camera(struct colmap_reader *r, int64_t id);
 OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const double q[4]);
 OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name);
 
-/* colmap_points.c: reads the open file points3D.txt. */
+/* Reads the open file points3D.txt (colmap_points.c). */
 OXL_INTERNAL oxl_result colmap_read_points(struct colmap_reader *r);
 
-/* colmap.c: 1: the file of points is there. */
+/* Returns 1 if the file of points is there (colmap.c). */
 OXL_INTERNAL int colmap_has_points(const char *folder, enum colmap_format format);
-/* colmap_binary.c: the three files of a folder. */
+/* Reads the three binary files of a folder (colmap_binary.c). */
 OXL_INTERNAL oxl_result colmap_read_binary(struct colmap_reader *r, const char *folder);
 
 #endif

@@ -14,8 +14,8 @@
  * below treat what they cannot parse as a missing value. */
 const char *oxl_json_error(const char *text);
 
-/* Find the first element of an array or first key of an object; the element after one, or the key after a
- * value; the value of a key. */
+/* Find the first element of an array, or the first key of an object; the element after one, or the key after
+ * a value; the value of a key. */
 const char *oxl_json_first(const char *value);
 const char *oxl_json_next(const char *value);
 const char *oxl_json_value(const char *key);

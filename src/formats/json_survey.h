@@ -6,13 +6,13 @@
 #include "colmap.h"
 #include "../survey/sparse.h"
 
-/* json_survey.c. The file in memory, with all brackets closed; r->path and r->line (the record) are for
- * messages. */
+/* Reads the file into memory and checks that all brackets are closed (json_survey.c). r->path and r->line,
+ * the record, are for messages. */
 OXL_INTERNAL oxl_result json_survey_open(struct colmap_reader *r, const char *path, struct os_file_map *map);
 OXL_INTERNAL oxl_result json_survey_fail(struct colmap_reader *r, const char *what, const char *seen,
                                          const char *wanted);
 
-/* Rows. The camera's numbers are checked; its id is its row. `name` ends at `end`. */
+/* Add a row each. The camera's numbers are checked; its id is its row. `name` ends at `end`. */
 OXL_INTERNAL oxl_result json_survey_add_camera(struct colmap_reader *r, const struct colmap_camera *camera);
 OXL_INTERNAL oxl_result json_survey_add_image(struct colmap_reader *r, const char *name, const char *end,
                                               int64_t camera, const double rotation[4],
@@ -20,26 +20,26 @@ OXL_INTERNAL oxl_result json_survey_add_image(struct colmap_reader *r, const cha
 OXL_INTERNAL oxl_result json_survey_add_point(struct colmap_reader *r, const double position[3],
                                               const double rgb[3]);
 
-/* Of the image added last: a path from the file's folder. */
+/* Gives the image added last a mask: a path from the file's folder. */
 OXL_INTERNAL oxl_result json_survey_add_mask(struct colmap_reader *r, const char *path);
-/* ply_points.c: the points of a PLY file. */
+/* Reads the points of a PLY file (ply_points.c). */
 OXL_INTERNAL oxl_result ply_points_read(struct colmap_reader *r, const char *path);
 
 OXL_INTERNAL int json_survey_numbers(const char *array, int count, double *out); /* 0: missing */
 
-/* The images to train on, of NeRF synthetic; those to hold out are in a file beside it. */
+/* Names the file of images to train on, of NeRF synthetic; those to hold out are in a file beside it. */
 #define JSON_SURVEY_TRAIN "transforms_train.json"
 
-/* nerfstudio.c, opensfm.c: the whole file. */
+/* Read the whole file (nerfstudio.c, opensfm.c). */
 OXL_INTERNAL oxl_result nerfstudio_read(struct colmap_reader *r, const char *json);
 OXL_INTERNAL oxl_result opensfm_read(struct colmap_reader *r, const char *json);
 
-/* nerfstudio_names.c. An image's path in the file, as the name of an image: from the image folder, with an
- * extension. path (NERFSTUDIO_PATH) holds it; *end: its end. NULL: no text. */
+/* Turns an image's path in the file into a name: from the image folder, with an extension. path
+ * (NERFSTUDIO_PATH) holds it; *end: its end. NULL: no text. (nerfstudio_names.c) */
 enum { NERFSTUDIO_PATH = 1024 };
 OXL_INTERNAL const char *nerfstudio_name(const struct colmap_reader *r, const char *value, char *path,
                                          const char **end);
-/* The folder that names start from, at `out` (PATH_LENGTH). */
+/* Writes the folder that names start from to `out` (PATH_LENGTH). */
 OXL_INTERNAL const char *nerfstudio_folder(const struct colmap_reader *r, char *out);
 /* Sets r->width and r->height from the first image that is there; both stay 0 if there is none. */
 OXL_INTERNAL void nerfstudio_measure_image(struct colmap_reader *r, const char *json);

@@ -11,13 +11,13 @@ struct model_file_column {
     int plane; /* -1: zero on output, not needed on input */
 };
 
-/* The columns of a PLY of `file_degree` for a model of `sh_degree`, in the standard's order. f_rest is
+/* Lists the columns of a PLY of `file_degree` for a model of `sh_degree`, in the standard's order; f_rest is
  * channel-major: all coefficients of red, then of green, then of blue. Returns their number: 62 when
  * file_degree is 3. */
 OXL_INTERNAL int model_file_columns(int file_degree, int sh_degree,
                                     struct model_file_column out[MODEL_FILE_COLUMNS]);
 
-/* The float columns of element dog, one for each plane from OXL_LOBE on. */
+/* Names the float columns of element dog, one for each plane from OXL_LOBE on. */
 static const char *const MODEL_FILE_LOBE[MODEL_LOBE_PLANES] = {"opacity_factor", "scale_factor_0",
                                                                "scale_factor_1", "scale_factor_2"};
 

@@ -103,7 +103,7 @@ static void pages_measure(const oxl_model *m, struct model_page *page)
     }
 }
 
-/* Pages of a file without their spheres; one allocation, which oxl_large_free releases. */
+/* Makes the pages of a file without their spheres, in one allocation, which oxl_large_free releases. */
 static struct oxl_model_pages *pages_create(oxl_context *ctx, const char *path,
                                             const struct model_file_layout *layout, const double origin[3])
 {

@@ -18,7 +18,7 @@
 
 #define NERFSTUDIO_UNIT_ERROR 1e-3 /* by which products of the columns of a rotation may be off 0 and 1 */
 
-/* Members of the file outside of its frames, found in one pass: each frame may ask for all of them. */
+/* Holds the members outside of the frames, found in one pass: each frame may ask for all of them. */
 enum { NERFSTUDIO_MEMBERS = 30 };
 static const char *const nerfstudio_members[NERFSTUDIO_MEMBERS] = {"w",
                                                                    "h",
@@ -150,8 +150,7 @@ static oxl_result nerfstudio_camera(struct colmap_reader *r, const struct nerfst
     const char *model;
     int distorted = 0;
     oxl_result rc;
-    if (isnan(fx) && angle > 0 && angle < 3.1)
-        fx = 0.5 * w * vecmath_sin(angle / 2 + 1.5707963267948966) / vecmath_sin(angle / 2);
+    if (isnan(fx) && angle > 0 && angle < 3.1) fx = 0.5 * w * vecmath_cos(angle / 2) / vecmath_sin(angle / 2);
     for (int i = 0; i < 8; i++) k[i] = nerfstudio_distortion(file, frame, names[0][i]);
     for (int i = 0; i < 8; i++) distorted |= k[i] != 0;
     rc = nerfstudio_model(r, file, frame, distorted, &model);

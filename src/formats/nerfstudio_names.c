@@ -19,7 +19,7 @@ OXL_INTERNAL const char *nerfstudio_folder(const struct colmap_reader *r, char *
     return out;
 }
 
-/* Letters of an extension of images, with the dot; 0: the name has none. */
+/* Counts the letters of an image's extension, with the dot; 0: the name has none. */
 static size_t nerfstudio_extension(const char *name)
 {
     static const char *const known[] = {".png", ".jpg", ".jpeg"};

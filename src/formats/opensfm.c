@@ -69,7 +69,7 @@ static oxl_result opensfm_camera(struct colmap_reader *r, const char *camera)
                             "perspective, simple_radial, radial, brown, fisheye or fisheye_opencv");
 }
 
-/* The cameras' names as they stand in the text, sorted: each shot may have its own. */
+/* Holds the cameras' names as they stand in the text, sorted: each shot may have its own. */
 struct opensfm_name {
     const char *key;
     size_t length; /* of the text, as oxl_json_room gives it */
@@ -115,7 +115,7 @@ static void opensfm_quaternion(const double v[3], double q[4])
 {
     const double angle = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]), half = angle / 2;
     const double scale = half < OPENSFM_SMALL ? 0.5 : vecmath_sin(half) / angle;
-    q[0] = vecmath_sin(half + 1.5707963267948966);
+    q[0] = vecmath_cos(half);
     for (int i = 0; i < 3; i++) q[1 + i] = scale * v[i];
 }
 
@@ -208,7 +208,7 @@ static void opensfm_reference(struct colmap *out, const char *lla)
     out->has_reference = 1;
 }
 
-/* Of the reconstruction itself; else of reference_lla.json beside the file, as OpenDroneMap has it. */
+/* Reads the reference of the reconstruction, or else reference_lla.json beside it, as OpenDroneMap has it. */
 static oxl_result opensfm_read_reference(struct colmap_reader *r, const char *reconstruction)
 {
     char *folder = oxl_strdup(r->ctx, r->path), *path = NULL;

@@ -267,8 +267,8 @@ static void ply_store(const struct ply_target *target, size_t row, double value)
     if (target->as_double) target->as_double[row] = value;
 }
 
-/* State of the three readers: bytes of an element from `cursor`; targets (properties), or NULL to skip the
- * element. */
+/* Holds the state of the three readers: bytes of an element from `cursor`; targets (properties), or NULL to
+ * skip the element. */
 struct ply_rows {
     oxl_context *ctx;
     const struct ply *ply;

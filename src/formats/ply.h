@@ -35,23 +35,23 @@ struct ply {
     int comments;
     size_t comment_capacity;
 };
-/* Destination of a property's values (rows), converted; both NULL: skipped. Lists are always skipped. */
+/* Says where the values (rows) of a property go, converted; both NULL: skipped. Lists are always skipped. */
 struct ply_target {
     float *as_float;
     double *as_double;
 };
-/* reads and checks the header */
+/* Reads the file and checks its header. */
 OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply *out);
-/* no data; not checked */
+/* Reads the header alone, of the first `most` bytes; nothing is checked. */
 OXL_INTERNAL oxl_result ply_open_header(oxl_context *ctx, const char *path, size_t most, struct ply *out);
-/* target: (properties of the element). */
+/* Reads an element. target: (its properties). */
 OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element,
                                  const struct ply_target *target);
-/* The value of full white in colours of this type. */
+/* Returns the value of full white in colours of this type. */
 OXL_INTERNAL double ply_white(enum ply_type type);
 OXL_INTERNAL void ply_close(oxl_context *ctx, struct ply *ply);
 OXL_INTERNAL int ply_find_element(const struct ply *ply, const char *name); /* -1: none */
-/* -1: none, or a list */
+/* Returns -1 for none, or a list. */
 OXL_INTERNAL int ply_find_property(const struct ply_element *element, const char *name);
 
 #endif

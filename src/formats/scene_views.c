@@ -72,7 +72,7 @@ static oxl_camera scene_reduce(const oxl_camera *ideal, int max_side, double on_
     return c;
 }
 
-/* Pixels of the image per pixel of its camera in cameras.txt. Unreadable images are reported later. */
+/* Returns the pixels of the image per pixel of its camera; unreadable images are reported later. */
 static double scene_size_on_disk(oxl_context *ctx, const char *path, const struct colmap_camera *camera,
                                  int *turned)
 {
@@ -211,8 +211,6 @@ OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
     scene->on_disk = oxl_calloc(ctx, c->camera_count + 1, sizeof *scene->on_disk);
     if (rc == OXL_OK && !(b.order && b.ideal && scene->on_disk)) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = scene_add_views(ctx, scene, &b);
-    for (size_t i = 0; rc == OXL_OK && i < c->camera_count; i++)
-        scene->stats.distorted_cameras += b.ideal[i].width && camera_is_distorted(&c->camera[i]);
     if (rc == OXL_OK && b.turned)
         oxl_log(
             ctx, OXL_LOG_INFO,

@@ -9,7 +9,7 @@
 #include "formats.h"
 #include "json_survey.h"
 
-/* The formats of surveys, a row each; the first whose file is there. */
+/* Lists the formats of surveys, a row each; the first whose file is there is taken. */
 static const struct survey_format {
     const char *file[2]; /* a folder with one of them holds such a survey */
     oxl_result (*read)(oxl_context *ctx, const char *folder, struct colmap *out); /* the folder's files; or */

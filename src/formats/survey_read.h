@@ -6,8 +6,7 @@
 
 /* ---------------- colmap_order.c: rows by id */
 
-/* colmap_order sorts cameras and images by id, and renumbers the images of the tracks.
- * colmap_order_points sorts points;
+/* Sorts cameras and images by id, and renumbers the images of the tracks. colmap_order_points sorts points;
  * OXL_ERR_INPUT without a message: two points have the id *repeated. */
 OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
 /* Finds a camera, in order; NULL: none. */

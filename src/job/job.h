@@ -14,7 +14,7 @@ OXL_INTERNAL oxl_result metrics_json_add(struct text *t, const oxl_scene *scene,
 
 struct lpips; /* the network: one allocation, freed by oxl_free */
 OXL_INTERNAL oxl_result lpips_read(oxl_context *ctx, const char *path, struct lpips **out);
-/* Pixels that b masks count as alike. NaN: a layer would have no pixel (below 31 px a side). */
+/* Measures LPIPS; pixels that b masks count as alike. NaN: a side is below 31 px, so a layer has none. */
 OXL_INTERNAL oxl_result lpips_distance(oxl_context *ctx, const struct lpips *net, const oxl_image *a,
                                        const oxl_image *b, double *out);
 
@@ -59,12 +59,12 @@ OXL_INTERNAL int manifest_is_of(const struct oxl_manifest *run, const char *scen
 
 /* ---------------- out_folder.c */
 
-/* OXL_ERR_USAGE: OUT is a folder that the survey is read from, or the survey is one of its blocks. */
+/* Refuses an OUT that the survey is read from, or of which the survey is a block. */
 OXL_INTERNAL oxl_result out_check_inputs(oxl_context *ctx, const char *out, const char *scene,
                                          const oxl_scene_options *o);
-/* OXL_ERR_USAGE: OUT, in which no run is known, holds a file that a run would replace. */
+/* Refuses an OUT in which no run is known and that holds a file, which a run would replace. */
 OXL_INTERNAL oxl_result out_check_files(oxl_context *ctx, const char *out);
-/* OXL_ERR_USAGE: OUT holds a partition, or a file of its name, that no program of ours wrote. */
+/* Refuses an OUT with a partition, or a file of its name, that no program of ours wrote. */
 OXL_INTERNAL oxl_result out_check_partition(oxl_context *ctx, const char *out);
 
 /* ---------------- start.c: a model to start from instead of the points */

@@ -103,7 +103,7 @@ static oxl_result job_make_standard(struct job *job, oxl_large_model *out)
     const int made = !job->unfinished && (job->result.model.lobes > 0 || job_hides(job));
     oxl_result rc = made || job->result.pages ? job_final_model(job, made, out)
                                               : model_copy(job->ctx, &job->result.model, &out->model);
-    if (rc == OXL_OK && !made && !out->pages && job->scene) medium_make_standard(job->scene, &out->model);
+    if (rc == OXL_OK && !made && !out->pages && job->scene) medium_make_standard(job->scene, 0, &out->model);
     else model_drop_lobes(&out->model);
     return rc;
 }

@@ -68,12 +68,12 @@ struct lpips_file {
     const unsigned char *at, *end;
 };
 
-/* Reads `count` uint32, each from 1 to `most`; 0: they are not there. */
-static int lpips_take_sizes(struct lpips_file *f, int count, int most, int out[4])
+/* Reads `count` uint32, each from 1 to LPIPS_CHANNELS_MAX; 0: they are not there. */
+static int lpips_take_sizes(struct lpips_file *f, int count, int out[4])
 {
     for (int k = 0; k < count; k++, f->at += 4) {
         const uint32_t v = f->end - f->at >= 4 ? bytes_u32(f->at) : 0;
-        if (v < 1 || v > (uint32_t)most) return 0;
+        if (v < 1 || v > LPIPS_CHANNELS_MAX) return 0;
         out[k] = (int)v;
     }
     return 1;
@@ -102,8 +102,8 @@ static const char *lpips_parse(struct lpips_file *f, struct lpips *net, const un
     for (int k = 0; k < LPIPS_LAYERS; k++) {
         struct lpips_layer *l = &net->layer[k];
         while (LPIPS_SHAPES[stage].convolution != k) stage++;
-        if (!lpips_take_sizes(f, 4, LPIPS_CHANNELS_MAX, shape) || shape[1] != before ||
-            shape[2] != LPIPS_SHAPES[stage].size || shape[3] != shape[2])
+        if (!lpips_take_sizes(f, 4, shape) || shape[1] != before || shape[2] != LPIPS_SHAPES[stage].size ||
+            shape[3] != shape[2])
             return "a convolution has another shape";
         *l = (struct lpips_layer){.out = shape[0], .in = shape[1], .size = shape[2]};
         before = l->out;
@@ -112,7 +112,7 @@ static const char *lpips_parse(struct lpips_file *f, struct lpips *net, const un
         if (!bias[k]) return "it ends too early, or a weight is not finite";
     }
     for (int k = 0; k < LPIPS_LAYERS; k++) {
-        if (!lpips_take_sizes(f, 1, LPIPS_CHANNELS_MAX, shape) || shape[0] != net->layer[k].out)
+        if (!lpips_take_sizes(f, 1, shape) || shape[0] != net->layer[k].out)
             return "a linear head has another size";
         if (!(head[k] = lpips_take_floats(f, (size_t)shape[0])))
             return "it ends too early, or a weight is not finite";
@@ -332,7 +332,7 @@ static void lpips_advance(struct lpips_run *run, int stage, int last)
 
 /* ---------------- the distance */
 
-/* Sizes of all stages; 0: the images are too small. */
+/* Computes the sizes of all stages; 0: the images are too small. */
 static int lpips_lay_out(const struct lpips *net, struct lpips_run *run)
 {
     for (int k = 0; k < LPIPS_STAGES; k++) {

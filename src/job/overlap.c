@@ -84,7 +84,7 @@ static oxl_result overlap_empty(oxl_context *ctx, const oxl_large_model *model, 
     return OXL_OK;
 }
 
-/* Sizes of the boxes, and the points of the survey in the model's. */
+/* Compares the sizes of the boxes, and counts the points of the survey in the model's. */
 static oxl_result overlap_compare(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                   double *ratio, double *inside)
 {

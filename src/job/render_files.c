@@ -117,7 +117,7 @@ enum {
     RENDER_FILES_BYTES = 52 /* a pixel, until it is on disk: three images, depth, a PNG on its way */
 };
 
-/* What is written of a view. */
+/* Says what is written of a view. */
 struct render_file {
     const char *name;
     int width, height;

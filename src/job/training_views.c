@@ -90,7 +90,7 @@ static double training_limit(struct training_views *t)
 
 /* ---------------- pose */
 
-/* Means of the green channel of n x n pixels. */
+/* Averages the green channel of n x n pixels. */
 static void training_reduce(const oxl_image *image, int n, float *out)
 {
     const int w = image->width / n, h = image->height / n;

@@ -353,8 +353,7 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
     oxl_result rc;
     *done = 0;
     b->before = b->task->train.iterations;
-    medium_make_standard(scene, model);
-    if (drops_gains) medium_bake(scene, &scene->imaging, 0, model);
+    medium_make_standard(scene, drops_gains, model);
     scene->imaging.medium = (struct medium){0};
     o.medium = OXL_OFF;
     if (drops_gains) {

@@ -155,7 +155,7 @@ OXL_INTERNAL size_t budget_limit(const oxl_scene *scene, const oxl_job_options *
     return (size_t)free;
 }
 
-/* Blocks of half the points, until each fits. OXL_ERR_BUDGET: *worst is the load of one that does not. */
+/* Halves the points of a block until each fits. OXL_ERR_BUDGET: *worst is the load of one that does not. */
 static oxl_result budget_halve_blocks(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
                                       struct partition *out, struct cost_load *worst)
 {

@@ -420,7 +420,7 @@ static oxl_result groups_bake(const struct groups *g, int block)
     oxl_result rc =
         oxl_model_read(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[0], g->version[block]), &model);
     if (rc == OXL_OK) {
-        medium_make_standard(g->job->scene, &model);
+        medium_make_standard(g->job->scene, 0, &model);
         rc = model_file_write_ply(g->job->ctx, GROUPS_PATH(g, block, "standard", 1), &model, model.sh_degree);
     }
     oxl_model_free(g->job->ctx, &model);

@@ -47,12 +47,12 @@ OXL_INTERNAL void partition_free(oxl_context *ctx, struct partition *p);
 /* Frees what refers to the scene: the partition no longer does. */
 OXL_INTERNAL void partition_free_plan(oxl_context *ctx, struct partition *p);
 
-/* partition_file.c: partition.txt, which reads back to the same bits. */
+/* Write and read partition.txt, which reads back to the same bits (partition_file.c). */
 OXL_INTERNAL oxl_result partition_write(oxl_context *ctx, const char *path, const struct partition *p);
 OXL_INTERNAL oxl_result partition_read(oxl_context *ctx, const char *path, struct partition *out);
 
-/* partition_export.c: partition.svg and, last, partition.txt into folder `out`; partition_export: before them
- * blocks/KKK, COLMAP text exports for other programs. p is as partition_make left it. */
+/* Writes partition.svg and, last, partition.txt into folder `out`; partition_export writes blocks/KKK before
+ * them, COLMAP text exports for other programs. p is as partition_make left it. (partition_export.c) */
 OXL_INTERNAL oxl_result partition_save(oxl_context *ctx, const struct partition *p, const char *out);
 OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partition *p, const char *out);
 

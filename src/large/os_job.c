@@ -17,7 +17,7 @@ int oxl_is_folder(const char *path)
     return os_is_folder(path);
 }
 
-/* What a walk does at each folder of a path. */
+/* Says what a walk does at each folder of a path. */
 enum { OS_WALK_MAKES = 1, OS_WALK_REFUSES_LINKS = 2 };
 
 /* Walks from `folder` along the parts of `inside`. */
@@ -73,8 +73,8 @@ OXL_INTERNAL int os_link(const char *target, const char *path)
 
 /* ---------------- locks */
 
-/* "process N on HOST" of the text in the file; of another process than that, N alone. 0: the text is not of a
- * lock; one that a full disk or a power cut left is a part of it, empty or of zeros. */
+/* Reads "process N on HOST" from the file; if the system names another process, the holder is N alone.
+ * Returns 0 if the text is not of a lock: a full disk or a power cut leaves a part of it, or zeros. */
 static int os_lock_holder(struct os_lock *lock)
 {
     static const char start[] = "process ";

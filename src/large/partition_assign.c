@@ -50,7 +50,7 @@ static void partition_hull(struct partition_box *hull, const struct partition_bo
     }
 }
 
-/* Boxes of the leaves from the cuts. A child follows its parent in the array, also after undone cuts. */
+/* Sets the leaves' boxes from the cuts. A child follows its parent in the array, also after undone cuts. */
 static oxl_result partition_set_boxes(struct partition_build *b)
 {
     for (int k = 0; k < 3; k++) {

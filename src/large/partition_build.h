@@ -53,14 +53,14 @@ struct partition_build {
 
 /* Returns the first point of a task of PARTITION_TASKS. */
 OXL_INTERNAL size_t partition_task_begin(size_t count, int task);
-/* partition_cut.c: grows a tree of `leaves` leaves; 0: cuts until no leaf has more than N_p points. */
+/* Grows a tree of `leaves` leaves; 0: until no leaf has more than N_p points (partition_cut.c). */
 OXL_INTERNAL oxl_result partition_grow_to(struct partition_build *b, int leaves);
 OXL_INTERNAL oxl_result partition_set_loads(struct partition_build *b, double by_pixels);
 OXL_INTERNAL int partition_depth(size_t count, size_t block_points);
 /* Moves points whose node was cut into its children; those whose node is gone start again from the root. */
 OXL_INTERNAL void partition_update_leaves(const struct partition_build *b);
-/* partition_assign.c: points and views to the leaves; cuts that leave a block too small are undone. largest:
- * points of the largest block. */
+/* Assigns points and views to the leaves, and undoes cuts that leave a block too small (partition_assign.c).
+ * largest: points of the largest block. */
 OXL_INTERNAL oxl_result partition_assign(struct partition_build *b, size_t *largest);
 OXL_INTERNAL oxl_result partition_assign_to_one(struct partition_build *b);
 

@@ -74,8 +74,6 @@ static int partition_gather(struct partition_build *b, struct partition_search *
     return count;
 }
 
-/* Points and their load between two candidate cuts of a box: those at or above k of them are counted at k. */
-
 /* Sums the points between the places of possible cuts. bins (slots, PARTITION_RATIOS + 1) */
 static void partition_count(const struct partition_build *b, const struct partition_search *search, int task,
                             struct partition_bin *bins)

@@ -92,7 +92,7 @@ static double draw_overlap(const struct drawing *d, int i, int j, const int *axi
     return least;
 }
 
-/* Neighbours differ, while the colours last. */
+/* Gives neighbours different colours, while these last. */
 static void draw_choose_colours(struct drawing *d)
 {
     for (int i = 0; i < d->blocks; i++)
@@ -106,9 +106,9 @@ static void draw_choose_colours(struct drawing *d)
 }
 
 /* Bounds the picture by the trimmed extents with a margin, and the cameras near them. */
-static struct drawing_panel draw_open_panel(const struct drawing *d, const char *title, int across, int up)
+static struct drawing_panel draw_open_panel(const struct drawing *d, const char *title, int up)
 {
-    struct drawing_panel panel = {.title = title, .axis = {across, up}};
+    struct drawing_panel panel = {.title = title, .axis = {0, up}};
     for (int k = 0; k < 2; k++) {
         const int axis = panel.axis[k];
         const double low = d->p->plan->finite.low[axis], high = d->p->plan->finite.high[axis];
@@ -340,8 +340,8 @@ OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition 
     if (rc != OXL_OK) goto done;
     draw_find_cameras(&d);
     draw_choose_colours(&d);
-    d.panel[d.panels++] = draw_open_panel(&d, "From above", 0, 1);
-    if (p->dimensions == 3) d.panel[d.panels++] = draw_open_panel(&d, "From the side", 0, 2);
+    d.panel[d.panels++] = draw_open_panel(&d, "From above", 1);
+    if (p->dimensions == 3) d.panel[d.panels++] = draw_open_panel(&d, "From the side", 2);
     draw_lay_out(&d);
     text_add(&d.t, "%s<title>The survey in %d blocks</title>\n<style>%s</style>\n%s",
              SVG_OPEN(d.wide, d.tall, ""), d.blocks, draw_style,

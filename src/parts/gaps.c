@@ -433,11 +433,11 @@ static oxl_result gaps_add(struct gaps *g, const struct gaps_grid *grid, int vie
     oxl_point point = {.error = -1};
     oxl_result rc;
     if (!gaps_fit(g, grid, x, y, &plane)) return OXL_OK;
-    camera_unproject(grid->camera, pixel, 1 / plane.w, NULL, point.position);
+    camera_unproject(grid->camera, pixel, 1 / plane.w, point.position);
     if (*gaps_slot(g, gaps_place(g, point.position)) || !gaps_take_patch(grid, pixel, &patch) ||
         !(gaps_sweep(grid, &patch, &plane) >= GAPS_AGREES))
         return OXL_OK;
-    camera_unproject(grid->camera, pixel, 1 / plane.w, NULL, point.position);
+    camera_unproject(grid->camera, pixel, 1 / plane.w, point.position);
     if (2 * (g->used + 1) > g->slots || !gaps_take(g, gaps_place(g, point.position))) return OXL_OK;
     if (!gaps_colour(g, grid, view, pixel, point.rgb)) return gaps_without_image(g);
     rc = oxl_reserve(g->ctx, &g->out, &g->capacity, g->count + 1, sizeof point);

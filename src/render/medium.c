@@ -101,9 +101,10 @@ OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmitt
         }
 }
 
-OXL_INTERNAL void medium_make_standard(oxl_scene *scene, oxl_model *model)
+OXL_INTERNAL void medium_make_standard(oxl_scene *scene, int with_gains, oxl_model *model)
 {
     const struct imaging medium = {.medium = scene->imaging.medium};
     model_drop_lobes(model);
-    if (imaging_alters_colours(&medium)) medium_bake(scene, &medium, 0, model);
+    if (with_gains) medium_bake(scene, &scene->imaging, 0, model);
+    else if (imaging_alters_colours(&medium)) medium_bake(scene, &medium, 0, model);
 }

@@ -274,7 +274,8 @@ OXL_INTERNAL void renderer_complete_loss(const struct renderer *r, struct render
  * backwards: recovers the colours behind medium and lamp. */
 OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards,
                               oxl_model *model);
-/* Makes the model one for viewers that know neither: drops second lobes, bakes the scene's medium. */
-OXL_INTERNAL void medium_make_standard(oxl_scene *scene, oxl_model *model);
+/* Makes the model one for viewers that know neither: drops second lobes, bakes the scene's medium and, where
+ * `with_gains`, the gains of its images. */
+OXL_INTERNAL void medium_make_standard(oxl_scene *scene, int with_gains, oxl_model *model);
 
 #endif

@@ -235,14 +235,12 @@ OXL_INTERNAL void camera_transform(const oxl_camera *camera, const double world[
     }
 }
 
-OXL_INTERNAL void camera_unproject(const oxl_camera *camera, const double pixel[2], double z,
-                                   const double origin[3], double world[3])
+OXL_INTERNAL void camera_unproject(const oxl_camera *camera, const double pixel[2], double z, double world[3])
 {
     const double *r = camera->rotation, *t = camera->translation;
     const double x[3] = {(pixel[0] - camera->cx) / camera->fx * z - t[0],
                          (pixel[1] - camera->cy) / camera->fy * z - t[1], z - t[2]};
-    for (int k = 0; k < 3; k++)
-        world[k] = r[k] * x[0] + r[3 + k] * x[1] + r[6 + k] * x[2] + (origin ? origin[k] : 0);
+    for (int k = 0; k < 3; k++) world[k] = r[k] * x[0] + r[3 + k] * x[1] + r[6 + k] * x[2];
 }
 
 OXL_INTERNAL int camera_project(const oxl_camera *camera, const double world[3], const double origin[3],

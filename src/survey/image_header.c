@@ -35,7 +35,7 @@ static int header_orientation(const unsigned char *tiff, size_t size)
     return 1;
 }
 
-/* Segments up to the frame header. */
+/* Walks over the segments up to the frame header. */
 static void header_of_jpeg(const unsigned char *data, size_t size, struct image_header *out)
 {
     size_t at = 2;

@@ -19,7 +19,7 @@ OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_imag
         to->mask[i] = !image->weight || image->weight[i] > 0.5f ? 255 : 0;
 }
 
-/* Planes (3,count) as bytes, interleaved; NULL: no memory. */
+/* Interleaves planes (3,count) as bytes; NULL: no memory. */
 static uint8_t *image_interleave(oxl_context *ctx, const float *rgb, size_t count)
 {
     uint8_t *bytes = oxl_alloc(ctx, count, 3);

@@ -375,8 +375,3 @@ OXL_INTERNAL int imaging_alters_colours(const struct imaging *m)
 {
     return m->medium.on || m->medium.has_falloff;
 }
-
-OXL_INTERNAL int imaging_is_gains_alone(const struct imaging *m)
-{
-    return m->on && m->lamps == 0 && !imaging_alters_colours(m);
-}

@@ -105,6 +105,9 @@ OXL_INTERNAL void imaging_centre(struct imaging *m, const double mean[3]);
 OXL_INTERNAL int imaging_alters_colours(const struct imaging *m);
 /* Returns 1 for gains of the images and nothing else: what viewers show is nearer to the images where a model
  * was trained without them at the end. */
-OXL_INTERNAL int imaging_is_gains_alone(const struct imaging *m);
+static inline int imaging_is_gains_alone(const struct imaging *m)
+{
+    return m->on && m->lamps == 0 && !imaging_alters_colours(m);
+}
 
 #endif

@@ -9,7 +9,7 @@
 enum { SCENE_GREY = 128 }; /* of points without colour */
 
 struct scene_stats { /* for `check` and the first message */
-    int images_listed, images_missing, unregistered, views, test_views, distorted_cameras, masks;
+    int images_listed, images_missing, unregistered, views, test_views, masks;
     size_t points, observations; /* observations: (point, image) pairs */
     double mean_track, mean_error;
     /* of the first Gaussians, that training would split at once; 0: not known (src/train/forecast.c) */

@@ -100,7 +100,7 @@ static void start_draw_point(const struct start_draw *d, uint64_t number, struct
     const double pixel[2] = {random_unit(random_bits(seed, number, 2)) * c->width,
                              random_unit(random_bits(seed, number, 3)) * c->height};
     *out = (struct start_point){.number = number};
-    camera_unproject(c, pixel, z, NULL, out->position);
+    camera_unproject(c, pixel, z, out->position);
     for (int i = 0; i < d->views; i++) {
         double p[2];
         out->seen += start_sees(&d->scene->view[d->view[i]].camera, out->position, p);

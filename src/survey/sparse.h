@@ -127,6 +127,6 @@ OXL_INTERNAL int camera_project(const oxl_camera *camera, const double world[3],
                                 double x[3], double pixel[2]);
 /* Returns the point of the world that a pixel shows at camera z. */
 OXL_INTERNAL void camera_unproject(const oxl_camera *camera, const double pixel[2], double z,
-                                   const double origin[3], double world[3]);
+                                   double world[3]);
 
 #endif
