@@ -43,7 +43,8 @@ static oxl_result poses_allocate(oxl_context *ctx, struct poses *p, const oxl_sc
     if (!(p->depth > 0)) p->depth = oxl_scene_extent(scene);
     p->view = oxl_calloc(ctx, views + 1, sizeof *p->view);
     p->pose = oxl_calloc(ctx, views + 1, sizeof *p->pose);
-    return p->view && p->pose ? OXL_OK : OXL_ERR_MEMORY;
+    if (p->view && p->pose) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the poses of %zu views", views);
 }
 
 /* Keeps the poses of a continued run, else begins with those of the survey. */
@@ -137,15 +138,14 @@ static void poses_after_loss(struct train *t, void *state, const struct train_de
 {
     struct poses *p = state;
     const oxl_camera *given = &oxl_scene_view(t->scene, step->view)->camera;
-    const double at = (double)step->step / t->options->iterations,
-                 progress = (at - POSES_FROM) / (1 - POSES_FROM);
+    const double progress = ((double)step->step / t->options->iterations - POSES_FROM) / (1 - POSES_FROM);
     const struct pose_rule rule = {.rate = POSES_RATE / given->fx *
                                            vecmath_exp(progress * vecmath_log(POSES_LAST)),
                                    .most = POSES_MOST,
                                    .prior = poses_prior(t->scene, step->view),
                                    .depth = p->depth};
     (void)loss;
-    if (!p->on || at < POSES_FROM) return;
+    if (!p->on || progress < 0) return;
     pose_step(&p->view[step->view], given, renderer_pose_gradient(t->renderer), &rule);
     if (++p->steps % t->views == 0) poses_centre(p, t->scene);
 }

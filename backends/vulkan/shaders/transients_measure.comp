@@ -4,6 +4,7 @@
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "view.glsl"
+#define INFINITY_BITS view.infinity
 #include "common.glsl"
 
 layout(std430, binding = 1) readonly buffer Rgb { float rgb[]; };
@@ -12,7 +13,7 @@ layout(std430, binding = 3) readonly buffer Weight { float weight[]; };      /* 
 layout(std430, binding = 4) readonly buffer Position { float position[]; };  /* (points,3) */
 layout(std430, binding = 5) readonly buffer Expected { float expected[]; };
 layout(std430, binding = 6) writeonly buffer Place { uint place[]; };        /* a point's square; NOWHERE */
-layout(std430, binding = 7) writeonly buffer Error { float error[]; };       /* of a square; -1: all its pixels are masked */
+layout(std430, binding = 7) writeonly buffer Error { float error[]; };       /* of a square; -1: all its pixels are masked, or it is not finite */
 layout(std430, binding = 8) buffer SquareExpected { uint square_expected[]; }; /* bits of it + 1; 0: no point */
 layout(std430, binding = 9) writeonly buffer Counts { uint counts[]; };
 layout(push_constant) uniform Push { uint side, across, down, points; } push;
@@ -32,7 +33,8 @@ float error_of(uint square)
             count += w;
             for (uint c = 0u; c < 3u; c++) sum[c] += w * (rgb[at + c * plane] - target[at + c * plane]);
         }
-    return count > 0.0 ? (abs(sum.x) + abs(sum.y) + abs(sum.z)) / (3.0 * count) : -1.0;
+    float mean = (abs(sum.x) + abs(sum.y) + abs(sum.z)) / (3.0 * count);
+    return count > 0.0 && is_finite(mean) ? mean : -1.0; /* on the CPU a NaN exceeds nothing; a device need not know */
 }
 
 /* The square that a point lies in. Pixels are compared before they become whole: outside of the image they may be any number. */
