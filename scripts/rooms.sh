@@ -11,7 +11,7 @@ set -eu
 cd "$(dirname "$0")/.."
 layers='core survey model formats render evaluate train parts checks large job'
 trainer='core survey model render evaluate train parts' # behind oceanxl.h, with formats, whose files are a row of a table each
-most_code=17350                                          # lines of code of these, without comments and blanks
+most_code=17000                                          # lines of code of these, without comments and blanks
 most_inner=90                                            # functions of these, and not of oceanxl.h, that the job calls
 page=docs/ARCHITECTURE.md
 table=$(mktemp)

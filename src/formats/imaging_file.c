@@ -151,8 +151,7 @@ static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *s
 }
 
 /* Returns 1 if the line was of a pose and whole; that of a view which the scene has not is passed over. */
-static int imaging_read_pose(oxl_context *ctx, const char *at, const char *end, const oxl_scene *scene,
-                             struct imaging *m)
+static int imaging_read_pose(const char *at, const char *end, const oxl_scene *scene, struct imaging *m)
 {
     double pose[POSE_TERMS];
     int view;
@@ -164,9 +163,8 @@ static int imaging_read_pose(oxl_context *ctx, const char *at, const char *end, 
     }
     while (at < end && *at == ' ') at++;
     view = imaging_find_name(scene, at, end);
-    if (!m->pose) m->pose = oxl_calloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *m->pose);
-    if (m->pose && view >= 0) memcpy(m->pose[view], pose, sizeof pose);
-    return m->pose != NULL;
+    if (view >= 0) memcpy(m->pose[view], pose, sizeof pose);
+    return 1;
 }
 
 OXL_INTERNAL int imaging_is_needed(const struct imaging *m)
@@ -255,10 +253,13 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
         const char *stop = memchr(at, '\n', (size_t)(end - at));
         if (!stop) stop = end;
         line++;
-        if (stop - at > 5 && strncmp(at, "gain ", 5) == 0)
+        if (stop - at > 5 && strncmp(at, "pose ", 5) == 0 && !out->pose)
+            out->pose = oxl_calloc(ctx, (size_t)out->views + 1, sizeof *out->pose);
+        if (stop - at > 5 && strncmp(at, "pose ", 5) == 0 && !out->pose) rc = OXL_ERR_MEMORY;
+        else if (stop - at > 5 && strncmp(at, "gain ", 5) == 0)
             rc = imaging_read_gain(ctx, path, line, at + 5, stop, scene, out);
         else if (stop > at && *at != '#' && *at != '\r' && !imaging_read_medium(at, stop, &out->medium) &&
-                 !imaging_read_lamp(at, stop, scene, out) && !imaging_read_pose(ctx, at, stop, scene, out))
+                 !imaging_read_lamp(at, stop, scene, out) && !imaging_read_pose(at, stop, scene, out))
             rc = oxl_fail(
                 ctx, OXL_ERR_INPUT,
                 "%s:%d: not a complete line of gain, bD, bB, Binf, falloff, lamp, pose or #\nfix: write the file again by training",

@@ -67,8 +67,7 @@ OXL_INTERNAL oxl_result scene_set_poses(oxl_context *ctx, oxl_scene *scene)
     if (!scene->given && !scene->imaging.pose) return OXL_OK;
     if (!scene->given) {
         scene->given = oxl_alloc(ctx, views + 1, sizeof *scene->given);
-        if (!scene->given)
-            return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the poses of %zu views", views);
+        if (!scene->given) return OXL_ERR_MEMORY;
         for (size_t v = 0; v < views; v++) scene->given[v] = scene->view[v].camera;
     }
     for (size_t v = 0; v < views; v++) {
