@@ -25,7 +25,7 @@ static const struct {
     {"scene_standard.ply",
      "the same in the 62 columns that every 3DGS viewer reads, if scene.ply is not that already."},
     {"scene_clear.ply, imaging.txt",
-     "with a medium: the scene without it; with gains of images alone: the scene at mean exposure (scene.ply is then trained on without gains); with exposure, lamp, a medium or refined poses: their parameters. eval and render use both."},
+     "the scene without its medium, or at mean exposure where gains alone differ (scene.ply is then for viewers); parameters of exposure, lamp, medium, poses. eval and render use both."},
     {"metrics.json",
      "psnr, cc_psnr, ssim, ms_ssim, structure, explained of held-out views, each and mean; psnr, cc_psnr, structure, explained of the training views; gaussians, bytes, seconds, iterations, peak_rss_bytes."},
     {"run.json",

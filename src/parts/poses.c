@@ -195,7 +195,7 @@ static void poses_store(struct train *t, void *state, oxl_model *model)
 
 /* clang-format off */
 static const oxl_option poses_options[] = {
-{"poses", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.poses), 0, 2, EACH("off"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_LOOKED, "Scene content", "turn and move the camera of each training view with the scene, where its pose is off by part of a pixel or more; on the CPU; auto: kept if they move by 0.2 px", NULL},
+{"poses", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.poses), 0, 2, EACH("off"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_LOOKED, "Scene content", "refine the poses of training views with the scene, on the CPU; auto: kept if images shift by 0.2 px", NULL},
 {0}};
 /* clang-format on */
 

@@ -145,7 +145,7 @@ static void ssim_contrast_record(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option ssim_contrast_options[] = {
-{"ssim-contrast", "auto|SD", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_contrast), 0.001, 0.1, EACH("auto"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "standard deviation of detail, as a fraction of white, below which SSIM in the loss hardly counts it; auto: the median of the images where it is below 0.011 and a lamp shows in the tracks, so that faint ground is learned; otherwise 0.03", NULL},
+{"ssim-contrast", "auto|SD", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_contrast), 0.001, 0.1, EACH("auto"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "standard deviation of detail, of white, below which SSIM in the loss hardly counts it; auto: the images' median where that is below 0.011 and a lamp shows in the tracks; otherwise 0.03", NULL},
 {0}};
 /* clang-format on */
 
