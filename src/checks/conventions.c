@@ -242,8 +242,9 @@ static oxl_result convention_place(struct match *w, int k, double high, struct m
     return OXL_OK;
 }
 
-/* Says which images fit in another convention than the others. *found: there are some. */
-static oxl_result conventions_find_mixed(struct match *w, int *found)
+/* Says which images fit in another convention. fits: as they were read most images do. *found: there are
+ * some. */
+static oxl_result conventions_find_mixed(struct match *w, int fits, int *found)
 {
     struct match_layout *room = oxl_calloc(w->ctx, 1, sizeof *room);
     struct convention_mixed m = {.image = {0}};
@@ -257,12 +258,13 @@ static oxl_result conventions_find_mixed(struct match *w, int *found)
         for (int n = 0; n < OXL_MIN(m.image[i], (int)CONVENTIONS_NAMED); n++)
             text_add(&names, "%s%s", n ? ", " : "", oxl_scene_view(w->scene, m.named[i][n])->name);
         *found = 1;
-        oxl_log(
-            w->ctx, OXL_LOG_WARNING,
-            "the poses of %d of %d images are in another convention than the others; they would fit as: %s: %s%s\n"
-            "fix: write all poses %s",
-            m.image[i], w->count, convention_name(w, i), names.data ? names.data : "",
-            m.image[i] > CONVENTIONS_NAMED ? ", ..." : "", conventions_wanted(w));
+        oxl_log(w->ctx, OXL_LOG_WARNING,
+                "%s%d of %d images%s: %s: %s%s\n"
+                "fix: write all poses %s",
+                fits ? "the poses of " : "poses and points do not fit; ", m.image[i], w->count,
+                fits ? " are in another convention than the others; they would fit as" : " would as",
+                convention_name(w, i), names.data ? names.data : "",
+                m.image[i] > CONVENTIONS_NAMED ? ", ..." : "", conventions_wanted(w));
         text_free(&names);
     }
     oxl_free(w->ctx, room);
@@ -297,7 +299,7 @@ OXL_INTERNAL oxl_result conventions_check(struct match *w, int *found)
            (!w->coloured || match_median(w) >= match_median_by_chance(w) + MATCH_CHANCE);
     if (fits && !w->coloured) return OXL_OK;
     rc = conventions_find(w, (double)judged / w->count, &name);
-    if (rc == OXL_OK && !name && !w->tracked && w->coloured) rc = conventions_find_mixed(w, found);
+    if (rc == OXL_OK && !name && !w->tracked && w->coloured) rc = conventions_find_mixed(w, fits, found);
     if (rc != OXL_OK || *found || (!name && (w->tracked || 2 * empty <= w->count))) return rc;
     *found = 1;
     conventions_warn(w, name, empty);
