@@ -242,18 +242,21 @@ static oxl_result convention_place(struct match *w, int k, double high, struct m
     return OXL_OK;
 }
 
-/* Says which images fit in another convention. fits: as they were read most images do. *found: there are
- * some. */
-static oxl_result conventions_find_mixed(struct match *w, int fits, int *found)
+/* Says which images fit in another convention, as the exception where the others fit as they were read.
+ * *found: there are some. */
+static oxl_result conventions_find_mixed(struct match *w, int *found)
 {
     struct match_layout *room = oxl_calloc(w->ctx, 1, sizeof *room);
     struct convention_mixed m = {.image = {0}};
     const double high = match_high(w);
+    int fit = 0;
     oxl_result rc = room ? OXL_OK : OXL_ERR_MEMORY;
     for (int k = 0; k < w->count && rc == OXL_OK; k++)
         if (match_is_suspect(w, k, high)) rc = convention_place(w, k, high, room, &m);
+        else fit++;
     for (size_t i = 0; i < OXL_COUNT(conventions) && rc == OXL_OK; i++) {
         struct text names = {.ctx = w->ctx};
+        const int fits = fit + m.image[i] >= CONVENTIONS_FILLED * w->count;
         if (!m.image[i]) continue;
         for (int n = 0; n < OXL_MIN(m.image[i], (int)CONVENTIONS_NAMED); n++)
             text_add(&names, "%s%s", n ? ", " : "", oxl_scene_view(w->scene, m.named[i][n])->name);
@@ -299,7 +302,7 @@ OXL_INTERNAL oxl_result conventions_check(struct match *w, int *found)
            (!w->coloured || match_median(w) >= match_median_by_chance(w) + MATCH_CHANCE);
     if (fits && !w->coloured) return OXL_OK;
     rc = conventions_find(w, (double)judged / w->count, &name);
-    if (rc == OXL_OK && !name && !w->tracked && w->coloured) rc = conventions_find_mixed(w, fits, found);
+    if (rc == OXL_OK && !name && !w->tracked && w->coloured) rc = conventions_find_mixed(w, found);
     if (rc != OXL_OK || *found || (!name && (w->tracked || 2 * empty <= w->count))) return rc;
     *found = 1;
     conventions_warn(w, name, empty);
