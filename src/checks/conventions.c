@@ -256,7 +256,8 @@ static oxl_result conventions_find_mixed(struct match *w, int *found)
         else fit++;
     for (size_t i = 0; i < OXL_COUNT(conventions) && rc == OXL_OK; i++) {
         struct text names = {.ctx = w->ctx};
-        const int fits = fit + m.image[i] >= CONVENTIONS_FILLED * w->count;
+        const int fits =
+            high > 2 * CONVENTIONS_CORRELATION && fit + m.image[i] >= CONVENTIONS_FILLED * w->count;
         if (!m.image[i]) continue;
         for (int n = 0; n < OXL_MIN(m.image[i], (int)CONVENTIONS_NAMED); n++)
             text_add(&names, "%s%s", n ? ", " : "", oxl_scene_view(w->scene, m.named[i][n])->name);
