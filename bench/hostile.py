@@ -331,7 +331,8 @@ def kind_folders():
     os.mkdir('d/empty')
     shutil.copytree('s', 'd/s')
     subprocess.run(['mount', '-o', 'remount,ro', 'd'], check=True)
-    for c in (train('d/empty'), train('d/new'), train('d/part'), train('d/done', '--restart'), command('report', 'd/done'),
+    part = [] if finished('d/part') else [train('d/part')]
+    for c in (train('d/empty'), train('d/new'), *part, train('d/done', '--restart'), command('report', 'd/done'),
             command('render', 'ref_one', 's', '-o', 'd/empty'), command('convert', 'ref_one/scene.ply', 'd/m.spz'),
             train('d/done', '--iterations', 200), command('synth', '-o', 'd/s', '--views', 6)):
         check(f"read-only {' '.join(c[1:4])}", c, (1, 2, 3))

@@ -425,7 +425,7 @@ TEST(masks_that_ignore_most_points_are_said_to)
     char name[40];
     oxl_image mask;
     foreign_survey(1, "1 0 0 0", 0);
-    CHECK_OK(os_make_folder(test_ctx, test_path("survey/masks")));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/masks")));
     CHECK_OK(oxl_image_create(test_ctx, FOREIGN_WIDTH, FOREIGN_HEIGHT, &mask));
     for (int i = 0; i < 3 * FOREIGN_WIDTH * FOREIGN_HEIGHT; i++) mask.rgb[i] = i % FOREIGN_WIDTH < 20;
     for (int i = 0; i < FOREIGN_VIEWS; i++) {
