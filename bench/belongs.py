@@ -121,6 +121,17 @@ def poses(change):
 def untracked(change):
     def do(m): change(m); Model.write(m, tracks=False)
     return do
+transpose = lambda p: np.block([[p[:3, :3].T, p[:3, 3:]], [np.zeros((1, 3)), 1]])
+def some(change):  # a fifth of the poses
+    left = []
+    def do(p): left.append(p); return change(p) if len(left) % 5 == 2 else p
+    return do
+def some_poses(change):
+    def do(m): poses(some(change))(m)
+    return do
+def xyzw_some(m):
+    for i in m.images[::5]: i[1:5] = i[2:5] + [i[1]]
+    m.write()
 flip, axes = np.diag([1., -1, -1, 1]), np.array([[1., 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 def centre_for_translation(m): out = np.eye(4); out[:3, :3] = m[:3, :3]; out[:3, 3] = np.linalg.inv(m)[:3, 3]; return out
 def xyzw(m):
@@ -160,7 +171,12 @@ DAMAGE = {
     "json, points of another frame": lambda m: m.json(place=lambda x: [x[0], x[2], -x[1]]),
     "json, cameras scaled": lambda m: m.json(lambda p: np.array([[*r[:3], r[3] * .1] for r in p[:3]] + [[0, 0, 0, 1]])),
     # of a camera that looks straight down the transposed rotation is the same: no damage in such surveys
-    "json, transposed": lambda m: m.json(lambda p: np.block([[p[:3, :3].T, p[:3, 3:]], [np.zeros((1, 3)), 1]])),
+    "json, transposed": lambda m: m.json(transpose),
+    "json, transposed, OpenCV axes": lambda m: m.json(lambda p: transpose(p @ flip)),
+    "json, some OpenCV axes": lambda m: m.json(some(lambda p: p @ flip)), "json, some transposed": lambda m: m.json(some(transpose)),
+    "rotation transposed": poses(transpose), "no tracks, rotation transposed": untracked(poses(transpose)),
+    "some camera to world": some_poses(np.linalg.inv), "some xyzw": xyzw_some,
+    "no tracks, some OpenGL axes": untracked(some_poses(lambda m: flip @ m)),
     "json, y and z of world exchanged": lambda m: m.json(lambda p: axes @ p),
 }
 

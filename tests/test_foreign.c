@@ -7,6 +7,7 @@
 enum { FOREIGN_VIEWS = 10, FOREIGN_WIDTH = 160, FOREIGN_HEIGHT = 112, FOREIGN_POINTS = 360 };
 
 static char foreign_heard[8192];
+static float foreign_tint = 1; /* times red */
 
 static void foreign_listen(void *user, oxl_log_level level, const char *text)
 {
@@ -67,7 +68,7 @@ static void foreign_image(int view, int shows, foreign_place *place)
         place((i % FOREIGN_WIDTH + 0.5) / FOREIGN_WIDTH, (i / FOREIGN_WIDTH + 0.5) / FOREIGN_HEIGHT, p);
         for (int c = 0; c < 3; c++)
             image.rgb[c * FOREIGN_WIDTH * FOREIGN_HEIGHT + i] =
-                (float)foreign_seen(foreign_camera(shows), p[0], p[1]);
+                (float)foreign_seen(foreign_camera(shows), p[0], p[1]) * (c ? 1 : foreign_tint);
     }
     snprintf(name, sizeof name, "survey/images/%02d.png", view);
     CHECK_OK(oxl_image_write(test_ctx, test_path(name), &image));
@@ -174,6 +175,20 @@ TEST(images_of_one_colour_are_named)
     CHECK(foreign_check() == 1);
     CHECK_TEXT(foreign_heard,
                "1 of 10 images do not show what the model has at their points: 05.png (one colour)");
+}
+
+TEST(images_without_colours_among_others_are_named)
+{
+    foreign_survey(1, "1 0 0 0", 0);
+    foreign_check();
+    CHECK(!foreign_heard[0]); /* all are grey */
+    foreign_tint = 0.9f;
+    foreign_survey(1, "1 0 0 0", 0);
+    foreign_tint = 1;
+    foreign_image(4, 4, foreign_upright);
+    foreign_check();
+    CHECK_TEXT(foreign_heard, "1 of 10 images have no colours, and the others have: 04.png");
+    CHECK(!strstr(foreign_heard, "do not show what"));
 }
 
 TEST(images_whose_pixel_data_are_damaged_are_named_by_a_check)
@@ -403,6 +418,73 @@ TEST(wide_images_of_twelve_bits_are_said_to_be_dark)
     foreign_check();
     CHECK_TEXT(foreign_heard, "the brightest value of the 16-bit images is");
     CHECK_TEXT(foreign_heard, "mogrify -evaluate multiply 16");
+}
+
+TEST(masks_that_ignore_most_points_are_said_to)
+{
+    char name[40];
+    oxl_image mask;
+    foreign_survey(1, "1 0 0 0", 0);
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/masks")));
+    CHECK_OK(oxl_image_create(test_ctx, FOREIGN_WIDTH, FOREIGN_HEIGHT, &mask));
+    for (int i = 0; i < 3 * FOREIGN_WIDTH * FOREIGN_HEIGHT; i++) mask.rgb[i] = i % FOREIGN_WIDTH < 20;
+    for (int i = 0; i < FOREIGN_VIEWS; i++) {
+        snprintf(name, sizeof name, "survey/masks/%02d.png", i);
+        CHECK_OK(oxl_image_write(test_ctx, test_path(name), &mask));
+    }
+    oxl_image_free(test_ctx, &mask);
+    foreign_check();
+    CHECK_TEXT(foreign_heard, "% of the points that images show lie where their masks are black");
+    CHECK_TEXT(foreign_heard, "exchange black and white");
+}
+
+TEST(principal_points_of_another_size_are_said_to_be_far_from_the_middle)
+{
+    foreign_survey(1, "1 0 0 0", 0);
+    test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 160 112 120 120 20 14\n");
+    foreign_check();
+    CHECK_TEXT(
+        foreign_heard,
+        "the principal point of 10 of 10 images is far from the middle (00.png: 20, 14 in 160 x 112 px)");
+}
+
+TEST(files_of_other_programs_in_the_place_of_a_model_are_named)
+{
+    static const char *const files[][2] = {{"cameras.xml", "of Metashape"},
+                                           {"sfm_data.json", "OpenMVG's"},
+                                           {"database.db", "colmap mapper"},
+                                           {"a.xmp", "RealityCapture's"}};
+    oxl_survey s;
+    for (size_t i = 0; i < OXL_COUNT(files); i++) {
+        char name[40];
+        snprintf(name, sizeof name, "f%zu/%s", i, files[i][0]);
+        test_write(name, "x");
+        snprintf(name, sizeof name, "f%zu", i);
+        CHECK(oxl_check(test_ctx, test_path(name), NULL, &s) == OXL_ERR_INPUT);
+        CHECK_TEXT(oxl_error_text(test_ctx), files[i][1]);
+    }
+    foreign_survey(1, "1 0 0 0", 0);
+    CHECK(oxl_check(test_ctx, test_path("survey/images"), NULL, &s) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "/.. is a survey: name that");
+}
+
+TEST(files_that_a_cloud_or_git_has_not_fetched_are_said)
+{
+    static const char pointer[] = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 123\n";
+    oxl_survey s;
+    foreign_survey(1, "1 0 0 0", 0);
+    test_write("survey/images/02.png", "");
+    test_write("survey/images/03.png", pointer);
+    for (int view = 2; view < 4; view++) {
+        char name[40];
+        int width, height;
+        snprintf(name, sizeof name, "survey/images/%02d.png", view);
+        CHECK(image_size(test_ctx, test_path(name), &width, &height) == OXL_ERR_INPUT);
+        CHECK_TEXT(oxl_error_text(test_ctx), view == 2 ? "it is empty" : "fix: git lfs pull");
+    }
+    test_write("survey/sparse/0/points3D.txt", pointer);
+    CHECK(oxl_check(test_ctx, test_path("survey"), NULL, &s) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "points3D.txt: it is a pointer of Git LFS");
 }
 
 TEST(masks_without_a_black_pixel_ignore_nothing_and_that_is_said)

@@ -199,6 +199,14 @@ TEST(nerfstudio_that_is_wrong_is_refused_with_the_frame)
                "expected a path inside the image folder");
 }
 
+TEST(nerfstudio_matrices_that_are_transposed_are_refused)
+{
+    CHECK_TEXT(jsurvey_refused("transforms.json",
+                               "{" JSURVEY_CAMERA ", \"frames\": [{\"file_path\": \"images/a.png\", "
+                               "\"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[3,4,0,1]]}]}"),
+               "found a last row other than 0 0 0 1 for transform_matrix");
+}
+
 TEST(nerfstudio_poses_that_are_mirrored_are_refused)
 {
     CHECK_TEXT(jsurvey_refused("transforms.json",

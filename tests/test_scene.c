@@ -261,6 +261,19 @@ TEST(scene_refuses_two_poses_for_one_image)
 }
 
 /* Black is where the colour's clamp holds and stops the gradient: the model would stay black for good. */
+TEST(scene_points_of_one_grey_are_said_to_have_no_colours)
+{
+    const char *path = scene_survey("s", 2, 0, 1);
+    oxl_scene *scene;
+    scene_listen();
+    test_write("s/sparse/0/points3D.txt",
+               "1 0 0 10 255 255 255 0.5 10 0 11 0\n2 1 0 10 255 255 255 0.5 10 0 11 0\n");
+    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    CHECK_TEXT(scene_log, "the points have no colours (all are 255 255 255), so they start so");
+    CHECK(oxl_scene_points(scene)[0].rgb[1] == 255);
+    oxl_scene_free(test_ctx, scene);
+}
+
 TEST(scene_points_without_colours_start_grey)
 {
     const char *path = scene_survey("s", 2, 0, 1);

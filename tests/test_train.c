@@ -562,7 +562,7 @@ TEST(train_of_a_short_run_starts_from_narrower_and_more_opaque_gaussians)
 TEST(train_auto_halves_large_images_only)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
-    CHECK(schedule_coarse_fraction(&o, 320, 640) == 0.25 && schedule_coarse_fraction(&o, 639, 400) == 0);
+    CHECK(schedule_coarse_fraction(&o, 320, 640) == 0.75 && schedule_coarse_fraction(&o, 639, 400) == 0);
     o.coarse = 0.5f;
     CHECK(schedule_coarse_fraction(&o, 48, 48) == 0.5);
     o = oxl_train_options_default(OXL_PRESET_PAPER);

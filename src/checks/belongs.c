@@ -9,15 +9,16 @@ OXL_INTERNAL oxl_result match_check(oxl_context *ctx, oxl_scene *scene, int dama
 {
     const int misfit = s->missed > LINT_MISSED_SURVEY;
     struct match w;
-    int found = 0;
+    int found = 0, hidden = 0;
     oxl_result rc;
     s->foreign = 0;
     if (!scene_colmap(scene) || scene_colmap(scene)->point_count < MATCH_FEWEST) return OXL_OK;
     rc = match_begin(ctx, scene, &w);
     if (rc == OXL_OK) rc = match_lay_out(&w);
     if (rc == OXL_OK) rc = match_compare(&w, damaged);
-    if (rc == OXL_OK && (!w.tracked || misfit)) rc = conventions_check(&w, &found);
-    if (rc == OXL_OK && !found && !misfit && w.coloured && match_judged(&w) >= MATCH_ENOUGH)
+    if (rc == OXL_OK) hidden = match_check_masks(&w);
+    if (rc == OXL_OK && !hidden && (!w.tracked || misfit)) rc = conventions_check(&w, &found);
+    if (rc == OXL_OK && !hidden && !found && !misfit && w.coloured && match_judged(&w) >= MATCH_ENOUGH)
         rc = match_judge(&w, &s->foreign);
     OXL_FREE(ctx, w.layout, w.score, w.judged, w.work, w.plane.value);
     return rc;

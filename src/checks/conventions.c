@@ -242,27 +242,33 @@ static oxl_result convention_place(struct match *w, int k, double high, struct m
     return OXL_OK;
 }
 
-/* Says which images fit in another convention than the others. *found: there are some. */
+/* Says which images fit in another convention, as the exception where the others fit as they were read.
+ * *found: there are some. */
 static oxl_result conventions_find_mixed(struct match *w, int *found)
 {
     struct match_layout *room = oxl_calloc(w->ctx, 1, sizeof *room);
     struct convention_mixed m = {.image = {0}};
     const double high = match_high(w);
+    int fit = 0;
     oxl_result rc = room ? OXL_OK : OXL_ERR_MEMORY;
     for (int k = 0; k < w->count && rc == OXL_OK; k++)
         if (match_is_suspect(w, k, high)) rc = convention_place(w, k, high, room, &m);
+        else fit++;
     for (size_t i = 0; i < OXL_COUNT(conventions) && rc == OXL_OK; i++) {
         struct text names = {.ctx = w->ctx};
+        const int fits =
+            high > 2 * CONVENTIONS_CORRELATION && fit + m.image[i] >= CONVENTIONS_FILLED * w->count;
         if (!m.image[i]) continue;
         for (int n = 0; n < OXL_MIN(m.image[i], (int)CONVENTIONS_NAMED); n++)
             text_add(&names, "%s%s", n ? ", " : "", oxl_scene_view(w->scene, m.named[i][n])->name);
         *found = 1;
-        oxl_log(
-            w->ctx, OXL_LOG_WARNING,
-            "the poses of %d of %d images are in another convention than the others; they would fit as: %s: %s%s\n"
-            "fix: write all poses %s",
-            m.image[i], w->count, convention_name(w, i), names.data ? names.data : "",
-            m.image[i] > CONVENTIONS_NAMED ? ", ..." : "", conventions_wanted(w));
+        oxl_log(w->ctx, OXL_LOG_WARNING,
+                "%s%d of %d images%s: %s: %s%s\n"
+                "fix: write all poses %s",
+                fits ? "the poses of " : "poses and points do not fit; ", m.image[i], w->count,
+                fits ? " are in another convention than the others; they would fit as" : " would as",
+                convention_name(w, i), names.data ? names.data : "",
+                m.image[i] > CONVENTIONS_NAMED ? ", ..." : "", conventions_wanted(w));
         text_free(&names);
     }
     oxl_free(w->ctx, room);

@@ -220,6 +220,15 @@ OXL_INTERNAL oxl_result match_lay_out(struct match *w)
 
 /* ---------------- brightness of an image */
 
+static int match_is_grey(const struct training_image *image)
+{
+    const size_t pixels = (size_t)image->width * (size_t)image->height;
+    const unsigned char *rgb = image->rgb;
+    for (size_t i = 0; i < pixels; i++)
+        if (rgb[i] != rgb[pixels + i] || rgb[i] != rgb[2 * pixels + i]) return 0;
+    return 1;
+}
+
 static oxl_result match_reduce(struct match *w, const struct training_image *image)
 {
     struct match_plane *p = &w->plane;
@@ -227,6 +236,7 @@ static oxl_result match_reduce(struct match *w, const struct training_image *ima
     const size_t pixels = (size_t)image->width * (size_t)image->height;
     oxl_result rc;
     p->width = OXL_MAX(image->width / step, 1), p->height = OXL_MAX(image->height / step, 1);
+    p->grey = match_is_grey(image);
     rc = oxl_reserve(w->ctx, &p->value, &p->capacity, (size_t)p->width * (size_t)p->height, sizeof *p->value);
     for (int y = 0; y < p->height && rc == OXL_OK; y++)
         for (int x = 0; x < p->width; x++) {
@@ -258,6 +268,14 @@ static float match_brightness(const struct match_plane *p, double u, double v)
             sum += value;
         }
     return sum;
+}
+
+/* Counts points where the image is masked. */
+static int match_count_masked(const struct match *w, const struct match_layout *l)
+{
+    int n = 0;
+    for (int k = 0; k < l->count; k++) n += isnan(match_brightness(&w->plane, l->u[k], l->v[k]));
+    return n;
 }
 
 OXL_INTERNAL double match_correlate(struct match *w, const struct match_layout *l,
@@ -335,6 +353,8 @@ OXL_INTERNAL oxl_result match_compare(struct match *w, int damaged)
         if (!has && damaged) match_warn_damaged(w, w->layout[k].view);
         w->judged[k] = (uint8_t)has;
         w->score[k].blank = has && match_is_blank(&w->plane);
+        w->score[k].grey = has && w->plane.grey;
+        if (has) w->score[k].masked = match_count_masked(w, &w->layout[k]);
         for (int m = 0; has && m < w->maps; m++)
             w->score[k].as_is[m] = match_correlate(w, &w->layout[k], &w->map[m]);
         for (int i = 1; has && i <= MATCH_OTHERS; i++)
@@ -536,6 +556,38 @@ OXL_INTERNAL oxl_result match_judge(struct match *w, int *foreign)
     }
     text_free(&f.names);
     return rc;
+}
+
+/* Says that some images have no colours and others have. */
+static void match_warn_grey(struct match *w)
+{
+    struct text names = {.ctx = w->ctx};
+    const int judged = match_judged(w);
+    int grey = 0;
+    for (int k = 0; k < w->count; k++) {
+        if (!w->judged[k] || !w->score[k].grey || w->score[k].blank || grey++ >= MATCH_NAMED) continue;
+        text_add(&names, "%s%s", grey > 1 ? ", " : "", oxl_scene_view(w->scene, w->layout[k].view)->name);
+    }
+    if (grey > 0 && grey < judged)
+        oxl_log(w->ctx, OXL_LOG_WARNING,
+                "%d of %d images have no colours, and the others have: %s%s\n"
+                "fix: leave them out of the model, or take the colours out of all",
+                grey, judged, names.data ? names.data : "", grey > MATCH_NAMED ? ", ..." : "");
+    text_free(&names);
+}
+
+OXL_INTERNAL int match_check_masks(struct match *w)
+{
+    size_t masked = 0, points = 0;
+    match_warn_grey(w);
+    for (int k = 0; k < w->count; k++)
+        if (w->judged[k]) masked += (size_t)w->score[k].masked, points += (size_t)w->layout[k].count;
+    if (points == 0 || 2 * masked <= points) return 0;
+    oxl_log(w->ctx, OXL_LOG_WARNING,
+            "%.0f %% of the points that images show lie where their masks are black, which is ignored\n"
+            "fix: exchange black and white if the masks mark what is to be ignored in white",
+            100.0 * (double)masked / (double)points);
+    return 10 * masked > 9 * points;
 }
 
 /* ---------------- the check */

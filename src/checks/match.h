@@ -39,12 +39,15 @@ struct match_plane { /* brightness of an image, reduced; below 0: masked */
     int width, height;
     float *value;
     size_t capacity;
+    int grey; /* 1: the image has no colour */
 };
 struct match_score { /* correlations of an image */
     double as_is[MATCH_MAPS], chance;
     double other; /* the best at the points of another image, */
     int fits;     /* and which */
     int blank;    /* 1: the image has one brightness everywhere */
+    int grey;     /* 1: red, green and blue are the same everywhere */
+    int masked;   /* points where the image is masked */
 };
 struct match {
     oxl_context *ctx;
@@ -84,6 +87,9 @@ enum { MATCH_ENOUGH = 3 }; /* images to be judged; with fewer nothing is said */
 OXL_INTERNAL oxl_result match_begin(oxl_context *ctx, oxl_scene *scene, struct match *w);
 OXL_INTERNAL oxl_result match_lay_out(struct match *w);
 OXL_INTERNAL oxl_result match_compare(struct match *w, int damaged);
+/* Says which images have no colours, and that masks ignore most points. 1: so many that colours cannot be
+ * compared. */
+OXL_INTERNAL int match_check_masks(struct match *w);
 OXL_INTERNAL int match_judged(const struct match *w);
 OXL_INTERNAL oxl_result match_judge(struct match *w, int *foreign);
 /* Compares poses and points without tracks (conventions.c). *found 1: they do not fit, which was said. */

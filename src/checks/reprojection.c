@@ -251,15 +251,17 @@ static void reprojection_report(oxl_context *ctx, const oxl_scene *scene, const 
     pose = reprojection_guess(scene, v, count, wrong);
     camera = reprojection_camera(scene, v, count);
     if (pose != REPROJECTION_AS_IS || 10 * wrong >= 9 * judged || camera >= 0)
-        oxl_log(ctx, OXL_LOG_WARNING,
-                "points project %s px from where %d of %d images saw them (%s, median)%s%s%s\n"
-                "fix: %s",
-                first->error[0] < 1e6 ? NUMBER(floor(first->error[0] + 0.5)) : "far more than 1000", wrong,
-                judged, oxl_scene_view(scene, first->view)->name, pose ? ": " : "", reprojection_words[pose],
-                camera >= 0 && wrong < judged ? ": the same camera took all of these and no other" : "",
-                pose          ? "write the poses as COLMAP does"
-                : camera >= 0 ? "look at its focal length and distortion in the file of cameras"
-                              : "take cameras, images and points3D of one model");
+        oxl_log(
+            ctx, OXL_LOG_WARNING,
+            "points project %s px from where %d of %d images saw them (%s, median)%s%s%s\n"
+            "fix: %s",
+            first->error[0] < 1e6 ? NUMBER(floor(first->error[0] + 0.5)) : "far more than 1000", wrong,
+            judged, oxl_scene_view(scene, first->view)->name, pose ? ": " : "", reprojection_words[pose],
+            camera >= 0 && wrong < judged ? ": the same camera took all of these and no other" : "",
+            pose ? "write the poses as COLMAP does"
+            : camera >= 0 && wrong < judged
+                ? "look at its focal length and distortion in the file of cameras"
+                : "take cameras, images and points3D of one model; one wrong focal length or distortion of all images looks the same");
     else
         for (int i = 0; i < count && named <= REPROJECTION_NAMED; i++)
             if (reprojection_is_wrong(scene, &v[i]) && named++ < REPROJECTION_NAMED)

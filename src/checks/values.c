@@ -1,5 +1,5 @@
-/* values.c - images and masks whose values are not what they look like: 16-bit images that use a small part
- * of their range, masks without a black pixel.
+/* values.c - cameras, images and masks whose values are not what they look like: the middle of an image of
+ * another size, 16-bit images that use a small part of their range, masks without a black pixel.
  *
  * Invariant: nothing that is trained changes.
  */
@@ -13,6 +13,31 @@ enum {
     VALUES_DARK = 76,  /* of white: wide images that stay below have values of fewer bits (14 bits: 64) */
     VALUES_NEARLY = 16 /* a mask's darkest value up to this was meant to be black */
 };
+
+#define VALUES_MIDDLE 0.3 /* of the sides: a principal point farther from the middle is warned of */
+
+/* Says that the principal point is far from the middle: that of an image of another size, or with x and y
+ * exchanged. */
+static void values_check_middle(oxl_context *ctx, const oxl_scene *scene)
+{
+    int far = 0, first = -1;
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
+        const oxl_camera *c = &oxl_scene_view(scene, i)->camera;
+        if (fabs(c->cx / c->width - 0.5) <= VALUES_MIDDLE && fabs(c->cy / c->height - 0.5) <= VALUES_MIDDLE)
+            continue;
+        if (far++ == 0) first = i;
+    }
+    if (far > 0) {
+        const oxl_view *v = oxl_scene_view(scene, first);
+        oxl_log(
+            ctx, OXL_LOG_WARNING,
+            "the principal point of %d of %d images is far from the middle (%s: %.0f, %.0f in %d x %d px)\n"
+            "fix: unless these are cut out of larger images, give focal lengths, principal point, width and "
+            "height of one size of the images",
+            far, oxl_scene_view_count(scene), v->name, (double)v->camera.cx, (double)v->camera.cy,
+            v->camera.width, v->camera.height);
+    }
+}
 
 static int values_brightest(const struct training_image *image)
 {
@@ -76,6 +101,8 @@ static oxl_result values_check_masks(oxl_context *ctx, const oxl_scene *scene)
 
 OXL_INTERNAL oxl_result values_check(oxl_context *ctx, oxl_scene *scene)
 {
-    const oxl_result rc = scene_colmap(scene) ? values_check_range(ctx, scene) : OXL_OK;
+    oxl_result rc;
+    values_check_middle(ctx, scene);
+    rc = scene_colmap(scene) ? values_check_range(ctx, scene) : OXL_OK;
     return rc == OXL_OK && scene->stats.masks > 0 ? values_check_masks(ctx, scene) : rc;
 }

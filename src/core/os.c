@@ -37,6 +37,10 @@ OXL_INTERNAL int os_is_compressed(const char *path)
 
 OXL_INTERNAL oxl_result os_refuse_gzip(oxl_context *ctx, const char *path, const void *data, size_t size)
 {
+    static const char pointer[] = "version https://git-lfs";
+    if (size > strlen(pointer) && !memcmp(data, pointer, strlen(pointer)))
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: it is a pointer of Git LFS, not the file\nfix: git lfs pull",
+                        path);
     return size < 3 || memcmp(data, "\x1f\x8b\x08", 3) != 0
                ? OXL_OK
                : oxl_fail(ctx, OXL_ERR_INPUT, "%s: it is compressed by gzip\nfix: gunzip < %s > FILE", path,

@@ -121,7 +121,7 @@ OXL_INTERNAL void colmap_compare(struct colmap_reader *r, const char *what, size
 
 OXL_INTERNAL oxl_result colmap_open_bytes(struct colmap_reader *r, const char *folder, const char *name)
 {
-    char start[3];
+    char start[32];
     size_t wanted;
     r->line = 0;
     r->offset = 0;

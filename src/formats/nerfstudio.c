@@ -203,10 +203,13 @@ static void nerfstudio_quaternion(const double m[9], double q[4])
 static oxl_result nerfstudio_pose(struct colmap_reader *r, const char *frame, double q[4], double t[3])
 {
     const char *row = oxl_json_first(oxl_json_member(frame, "transform_matrix"));
-    double m[3][4], rotation[9];
+    double m[3][4], rotation[9], last[4];
     for (int i = 0; i < 3; i++, row = oxl_json_next(row))
         if (!row || !json_survey_numbers(row, 4, m[i]))
             return json_survey_fail(r, "transform_matrix", "too little", "4 x 4 numbers");
+    if (row && json_survey_numbers(row, 4, last) && fabs(last[0]) + fabs(last[1]) + fabs(last[2]) > 0)
+        return json_survey_fail(r, "transform_matrix", "a last row other than 0 0 0 1",
+                                "translations in the last column: the matrix may be transposed");
     for (int i = 0; i < 3; i++)
         for (int k = 0; k < 3; k++) {
             const double dot = m[0][i] * m[0][k] + m[1][i] * m[1][k] + m[2][i] * m[2][k];

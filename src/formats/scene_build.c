@@ -59,19 +59,21 @@ static oxl_result scene_move_to_origin(oxl_context *ctx, oxl_scene *scene)
     return rc;
 }
 
-/* Makes points grey where all are black, as GLOMAP and others write 0 0 0 for all. Black Gaussians would
- * stay black, since the clamp of colours at 0 has gradient 0. */
+/* Says that all points have one grey, as programs write that have no colours. Makes black ones, as GLOMAP
+ * writes, grey: black Gaussians would stay black, since the clamp of colours at 0 has gradient 0. */
 static void scene_default_colours(oxl_context *ctx, oxl_scene *scene)
 {
+    const uint8_t grey = scene->point_count ? scene->point[0].rgb[0] : 0;
     int coloured = 0;
     for (size_t i = 0; i < scene->point_count && !coloured; i++)
-        for (int k = 0; k < 3; k++) coloured |= scene->point[i].rgb[k] != 0;
+        for (int k = 0; k < 3; k++) coloured |= scene->point[i].rgb[k] != grey;
     if (coloured || scene->point_count == 0) return;
-    for (size_t i = 0; i < scene->point_count; i++)
+    for (size_t i = 0; i < scene->point_count && grey == 0; i++)
         memset(scene->point[i].rgb, SCENE_GREY, sizeof scene->point[i].rgb);
-    oxl_log(
-        ctx, OXL_LOG_WARNING,
-        "the points have no colours (all are 0 0 0), so they start grey; colmap color_extractor gives them theirs");
+    oxl_log(ctx, OXL_LOG_WARNING,
+            "the points have no colours (all are %d %d %d), so they start %s\n"
+            "fix: colmap color_extractor gives them theirs; a PLY has them as uchar red, green, blue",
+            grey, grey, grey, grey ? "so" : "grey");
 }
 
 static oxl_result scene_copy_points(oxl_context *ctx, oxl_scene *scene)

@@ -164,6 +164,61 @@ static oxl_result survey_find_try_json(oxl_context *ctx, const struct survey_for
     return OXL_OK;
 }
 
+/* ---------------- files of programs that are not read */
+
+static const struct survey_foreign {
+    const char *ending,
+        *what; /* of a name in the survey's folder; whose file it is, and what exports a COLMAP model */
+} survey_foreign[] = {
+    {"database.db", "COLMAP's matches, without cameras: colmap mapper finds them"},
+    {"sfm_data.json", "OpenMVG's: openMVG_main_openMVG2Colmap writes a COLMAP model"},
+    {".sfm", "Meshroom's: aliceVision_exportColmap writes a COLMAP model"},
+    {"bundle.out", "Bundler's: export as COLMAP from the program that wrote it"},
+    {".xmp", "RealityCapture's: export the registration as COLMAP"},
+    {".csv", "a table of cameras: export the registration as COLMAP from the program that wrote it"},
+    {".xml", "of Metashape or ContextCapture: in Metashape, File, Export, Export Cameras, COLMAP"},
+};
+
+struct survey_foreign_search {
+    const struct survey_foreign *found;
+    char name[80];
+};
+
+static void survey_find_visit_file(void *user, const char *name)
+{
+    struct survey_foreign_search *s = user;
+    for (size_t i = 0; i < OXL_COUNT(survey_foreign); i++) {
+        const size_t size = strlen(survey_foreign[i].ending), has = strlen(name);
+        if (has < size || strcmp(name + has - size, survey_foreign[i].ending) != 0) continue;
+        if (s->found && s->found <= &survey_foreign[i]) return;
+        s->found = &survey_foreign[i];
+        snprintf(s->name, sizeof s->name, "%s", name);
+        return;
+    }
+}
+
+/* Says that there is no model, and what is there instead. */
+static oxl_result survey_find_fail(oxl_context *ctx, const char *path, const char *sparse, int is_given)
+{
+    static const char *const below[] = {"dense", "colmap", "undistorted", "distorted", ".."};
+    struct survey_foreign_search s = {.found = NULL};
+    struct text there = {.ctx = ctx};
+    oxl_result rc;
+    if (os_is_folder(path)) os_list_folder(ctx, path, survey_find_visit_file, &s);
+    if (s.found) text_add(&there, "; %s there is %s", s.name, s.found->what);
+    for (size_t i = 0; !is_given && i < OXL_COUNT(below) && !there.data; i++)
+        if (os_is_folder(PATH(path, "%s/sparse", below[i])))
+            text_add(&there, "; %s/%s is a survey: name that", path, below[i]);
+    rc = oxl_fail(
+        ctx, OXL_ERR_INPUT,
+        "%s: no COLMAP model (cameras, images and points3D, .txt or .bin) in %s, in a folder there%s\n"
+        "fix: copy the model's files to %s, or name their folder by --sparse%s; photos without cameras: "
+        "examples/from_images.sh PHOTOS SURVEY finds them by COLMAP, then trains",
+        path, sparse, is_given ? "" : ", or beside it", sparse, there.data ? there.data : "");
+    text_free(&there);
+    return rc;
+}
+
 OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse_option,
                                           const char *images, struct colmap *out)
 {
@@ -189,13 +244,7 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
         if (format->read) rc = survey_find_try_folder(ctx, format, path, 0, out, &folder, &models);
         else rc = survey_find_try_json(ctx, format, path, images, out, &models);
     }
-    if (rc == OXL_OK && models == 0)
-        rc = oxl_fail(
-            ctx, OXL_ERR_INPUT,
-            "%s: no COLMAP model (cameras, images and points3D, .txt or .bin) in %s, in a folder there%s\n"
-            "fix: copy the model's files to %s, or name their folder by --sparse; photos without cameras: "
-            "examples/from_images.sh PHOTOS SURVEY finds them by COLMAP, then trains",
-            path, sparse, sparse_option ? "" : ", or beside it", sparse);
+    if (rc == OXL_OK && models == 0) rc = survey_find_fail(ctx, path, sparse, sparse_option != NULL);
     if (rc == OXL_OK && models > 1)
         oxl_log(ctx, OXL_LOG_WARNING,
                 "%d sub-models found; %s has most images (%zu) and is used; --sparse names another", models,

@@ -134,12 +134,16 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
     if (file->size > INT_MAX)
         return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %zu bytes are too many for one image\nfix: re-encode it",
                         path, file->size);
+    if (file->size == 0)
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s: it is empty\nfix: copy it again; a cloud drive may not have downloaded it",
+                        path);
     if (!image_is_png(file) && !image_is_jpeg(file))
         return oxl_fail(
             ctx, OXL_ERR_INPUT,
             "%s: neither a JPEG nor a PNG file (%zu bytes, beginning %02x %02x)\nfix: convert it to one of these, "
             "under the same name in the model",
-            path, file->size, file->size > 0 ? data[0] : 0, file->size > 1 ? data[1] : 0);
+            path, file->size, data[0], file->size > 1 ? data[1] : 0);
     fault = image_is_jpeg(file) ? image_jpeg_error(file) : NULL; /* before stb sees a byte */
     if (image_fail_damaged(ctx, path, file, fault) != OXL_OK) return OXL_ERR_INPUT;
     if (!codec_read_header(ctx, data, file->size, width, height, &channels))
