@@ -321,41 +321,34 @@ static oxl_result run_measure(oxl_context *ctx, const struct arguments *a)
     return rc;
 }
 
-/* Compares two files, byte by byte. */
-static int is_same_file(const char *a, const char *b)
+/* Returns 1 for a file that convert may have written: a model, or a .glb of this program. */
+static int is_model(const char *path)
 {
-    FILE *one = oxl_open(a), *other = oxl_open(b);
-    char piece[2][4096];
-    size_t got = 1;
-    int same = one && other;
-    while (same && got > 0) {
-        got = fread(piece[0], 1, sizeof piece[0], one);
-        same = fread(piece[1], 1, sizeof piece[1], other) == got && memcmp(piece[0], piece[1], got) == 0;
+    const size_t length = strlen(path);
+    oxl_context *quiet = NULL;
+    oxl_model model = {0};
+    int found = 0;
+    if (length > 4 && strcmp(path + length - 4, ".glb") == 0) {
+        char start[4097] = "";
+        FILE *file = oxl_open(path);
+        const size_t count = file ? fread(start, 1, sizeof start - 1, file) : 0;
+        for (size_t i = 0; i < count && !found; i++) found = strncmp(start + i, "OceanXL", 7) == 0;
+        if (file) fclose(file);
+        return found;
     }
-    if (one) fclose(one);
-    if (other) fclose(other);
-    return same;
+    if (oxl_context_create(NULL, &quiet) != OXL_OK) return 0;
+    found = oxl_model_read(quiet, path, &model) == OXL_OK;
+    oxl_model_free(quiet, &model);
+    oxl_context_free(quiet);
+    return found;
 }
 
-/* Writes a model to a file that is not there, or that has the same bytes: nobody's file is replaced. */
+/* Writes a model to a file that is not there, or in the place of another model: no other file is replaced. */
 static oxl_result write_new_model(oxl_context *ctx, const char *path, const oxl_model *model)
 {
-    const char *extension = strrchr(path, '.');
-    char temporary[4128], beside[4200];
-    FILE *file;
-    oxl_result rc;
-    int same;
-    if (!file_exists(path) || !extension || !(file = oxl_create_beside(path, temporary, sizeof temporary)))
-        return oxl_model_write(ctx, path, model);
-    fclose(file);
-    snprintf(beside, sizeof beside, "%s%s", temporary, extension);
-    rc = oxl_model_write(ctx, beside, model);
-    same = rc == OXL_OK && is_same_file(beside, path);
-    remove(beside);
-    remove(temporary);
-    if (rc != OXL_OK || same) return rc;
+    if (!file_exists(path) || is_model(path)) return oxl_model_write(ctx, path, model);
     return oxl_fail(ctx, OXL_ERR_USAGE,
-                    "%s is there, with other contents\nfix: another name, or remove it first", path);
+                    "%s is there, and is no model of Gaussians\nfix: another name, or remove it first", path);
 }
 
 static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)

@@ -258,10 +258,10 @@ promise map_replaces_its_own_and_no_other_programs 2 "mine/height.tif is there, 
      '$program' render out/scene.ply survey -o mine --ortho; code=\$?; grep -qx dem mine/height.tif && exit \$code"
 promise map_keeps_a_picture_that_somebody_made_of_it 2 "mine2/ortho.png is there" sh -c \
     "'$program' render out/scene.ply survey -o mine2 --ortho --pixel 0.1 && echo mine >mine2/ortho.png && '$program' render out/scene.ply survey -o mine2 --ortho --png"
-promise convert_again_is_no_fault 0 "Gaussians in metric2.ply" sh -c "'$program' convert out/scene.ply metric2.ply && '$program' convert out/scene.ply metric2.ply"
-promise convert_replaces_nothing_else 2 "points.ply is there, with other contents" sh -c \
+promise convert_again_is_no_fault 0 "Gaussians in metric2.ply" sh -c "'$program' convert out/scene.ply metric2.ply && '$program' convert out/scene.ply metric2.ply --scale 2"
+promise convert_replaces_models_and_nothing_else 2 "points.ply is there, and is no model of Gaussians" sh -c \
     "echo cloud >points.ply; '$program' convert out/scene.ply points.ply; code=\$?; grep -qx cloud points.ply && ! ls points.ply.* 2>/dev/null && exit \$code"
-promise convert_in_place_with_another_scale_is_refused 2 "metric2.ply is there, with other contents" "$program" convert metric2.ply metric2.ply --scale 2
+promise convert_writes_a_page_model_again 0 "" sh -c "'$program' convert out/scene.ply again.glb && '$program' convert metric2.ply again.glb && echo glTF >mine.glb && ! '$program' convert metric2.ply mine.glb && grep -qx glTF mine.glb"
 promise train_replaces_no_report_of_another_program 2 "mine3/report.html is there" sh -c "mkdir -p mine3 && echo mine >mine3/report.html && '$program' train survey -o mine3"
 promise partition_replaces_no_list_of_another_program 2 "mine3/partition.txt is there, and no partition wrote it" sh -c \
     "echo mine >mine3/partition.txt && '$program' partition survey -o mine3 --blocks 2"
