@@ -204,13 +204,15 @@ enum { RAM_ADVISED = 64 /* MiB; hold any survey that is small, so that one try i
 static oxl_result console_fail(struct console *c, oxl_result rc, const char *text)
 {
     static const char smaller[] = "smaller --max-side, --max-gaussians or --image-cache";
-    const int has_fix = strstr(text, "fix: ") != NULL, over = rc == OXL_ERR_MEMORY && c->memory.refused;
-    const size_t advised = (c->memory.limit >> 19) + 1; /* MiB: twice as much */
+    const char *fix = strstr(text, "\nfix: ");
+    const int over = rc == OXL_ERR_MEMORY && c->memory.refused; /* then the fix is a larger --ram */
+    const size_t advised = (c->memory.limit >> 19) + 1;         /* MiB: twice as much */
     char said[1400];
     int used = 0;
     if (over) used = snprintf(said, sizeof said, "--ram allows %.3g MB: ", (double)c->memory.limit / 1e6);
-    used += snprintf(said + used, sizeof said - (size_t)used, "%s", text[0] ? text : "no memory");
-    if (rc == OXL_ERR_MEMORY && !has_fix && used < (int)sizeof said) {
+    used += snprintf(said + used, sizeof said - (size_t)used, "%.*s", over && fix ? (int)(fix - text) : 1000,
+                     text[0] ? text : "no memory");
+    if (rc == OXL_ERR_MEMORY && (over || !fix) && used < (int)sizeof said) {
         if (over)
             snprintf(said + used, sizeof said - (size_t)used, "\nfix: --ram %zuM, or %s",
                      advised > RAM_ADVISED ? advised : RAM_ADVISED, smaller);
