@@ -20,8 +20,8 @@
 #define COST_GAUSSIAN_COST 6.0e-8 /* s: projection, binning and Adam */
 #define COST_PIXEL_BYTES 160.0    /* of working memory: images, SSIM's maps */
 #define COST_PROGRAM_BYTES 1.2e7  /* measured: 9 to 10 MB */
-/* Of a device, in bytes, as backends/vulkan reserves them: by row and by (tile, splat) pair, of which a view of
- * all Gaussians has so many each; by pixel of loss and image; a quarter more of what grows */
+/* Of a device, in bytes, as backends/vulkan reserves them: by row and by (tile, splat) pair, of which a view
+ * of all Gaussians has so many each; by pixel of loss and image; a quarter more of what grows */
 #define COST_DEVICE_ROW 110.0
 #define COST_DEVICE_PAIR 84.0
 #define COST_DEVICE_PAIRS 8.0
