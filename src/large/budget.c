@@ -114,8 +114,8 @@ OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct cost_load *load
     return 1;
 }
 
-/* Finds a budget that does, in MiB, of the device or of --ram: the least by the predictions, and a tenth more,
- * as they differ between a survey and its one block, and what is read in the meantime counts. */
+/* Finds a budget that does, in MiB, of the device or of --ram: the least by the predictions, and a tenth
+ * more, as they differ between a survey and its one block, and what is read in the meantime counts. */
 static double budget_needed(const oxl_context *ctx, const struct cost_load *load, const oxl_job_options *o,
                             int device)
 {
