@@ -52,6 +52,7 @@ typedef struct oxl_job_options {
     int renders;        /* 1: write renders of the held-out views to OUT/renders */
     /* peak memory allowed, bytes; limits blocks, image cache and Gaussians; 0: what is free */
     size_t ram;
+    size_t device_ram; /* the same of a device's memory; 0: no limit */
     /* images that train.iterations are for: more images raise them, few limit them; 0: neither */
     int iterations_for;
     int block;         /* train only this block and do not merge; -1: all */

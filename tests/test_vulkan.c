@@ -2113,7 +2113,7 @@ static void vulkan_check_near_kinds(struct vulkan *v)
     vulkan_full_kinds = 3;
     vulkan_kinds_tried = 0;
     kinds = vulkan_memory_kinds(v, 31, 0, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
-    CHECK(vulkan_allocate(v, 256, &kinds, &none) == VK_ERROR_DEVICE_LOST && v->lost &&
+    CHECK(vulkan_allocate(v, 256, &kinds, 0, &none) == VK_ERROR_DEVICE_LOST && v->lost &&
           vulkan_kinds_tried == 3);
 }
 
@@ -3264,6 +3264,29 @@ static void vulkan_check_other_device(oxl_context *device)
     for (int k = 0; k < 2; k++) CHECK_CLOSE(psnr[k], psnr[2], 0.5);
 }
 
+/* A device whose memory the survey does not fit trains it by blocks, within --device-ram; one that has no room
+ * for blocks of any size is refused with what it needs. */
+static void vulkan_check_device_ram(oxl_context *device)
+{
+    struct vulkan *v = device->backend->vulkan;
+    oxl_job_options options = job_test_options();
+    const char *survey = job_test_survey_of(5000);
+    char out[512];
+    snprintf(out, sizeof out, "%s", test_path("device_ram"));
+    options.renders = 0;
+    options.device_ram = device->options.device_ram = 10 << 20;
+    v->most_allocated = v->allocated;
+    device->backend->rendered_on = 0;
+    CHECK_OK(oxl_job_run(device, survey, out, &options, NULL));
+    CHECK(os_is_file(PATH(out, "blocks/001/model.ply")));
+    CHECK(device->backend->rendered_on == RENDERED_ON_DEVICE);
+    CHECK(v->most_allocated <= options.device_ram && v->most_allocated > options.device_ram / 4);
+    options.device_ram = 1 << 20;
+    CHECK(oxl_job_run(device, survey, test_path("device_ram_1m"), &options, NULL) == OXL_ERR_BUDGET);
+    CHECK(strstr(oxl_error_text(device), "MB of the device are too little") &&
+          strstr(oxl_error_text(device), "fix: --device-ram "));
+}
+
 static VkPipelineLayout *vulkan_refused;
 static PFN_vkCreateComputePipelines vulkan_real_compile;
 
@@ -3911,6 +3934,11 @@ TEST(vulkan_run_json_says_what_rendered)
 TEST(vulkan_run_that_one_device_began_is_continued_by_another)
 {
     ON_DEVICE(vulkan_check_other_device);
+}
+
+TEST(vulkan_trains_by_blocks_what_device_ram_has_no_room_for)
+{
+    ON_DEVICE(vulkan_check_device_ram);
 }
 
 TEST(vulkan_training_continues_on_the_cpu_when_out_of_memory)

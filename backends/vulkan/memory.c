@@ -9,7 +9,7 @@
 
 /* Free bytes of the heap that memory of this kind lies in: as the driver says, or all that it has. A budget
  * is at most the heap: an RADV once gave 2^64 less a little. */
-OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v, uint32_t kind)
+static size_t vulkan_memory_free(const struct vulkan *v, uint32_t kind)
 {
     VkPhysicalDeviceMemoryBudgetPropertiesEXT budget = {
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_BUDGET_PROPERTIES_EXT};
@@ -22,6 +22,13 @@ OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v, uint32_t kind)
     budget.heapBudget[heap] = OXL_MIN(budget.heapBudget[heap], size);
     if (budget.heapBudget[heap] <= budget.heapUsage[heap]) return 0;
     return (size_t)(budget.heapBudget[heap] - budget.heapUsage[heap]);
+}
+
+/* The same within --device-ram. */
+OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v, uint32_t kind)
+{
+    const size_t free = vulkan_memory_free(v, kind), limit = v->ctx->options.device_ram;
+    return limit ? OXL_MIN(free, limit - OXL_MIN(limit, v->allocated)) : free;
 }
 
 /* The first `close_by` are as good as the first one: of a discrete GPU its own; of others, which share the
@@ -73,6 +80,7 @@ OXL_INTERNAL void vulkan_release(struct vulkan *v, struct vulkan_buffer *b)
 {
     if (b->handle && !v->lost) v->DestroyBuffer(v->device, b->handle, NULL);
     if (b->memory && !v->lost) v->FreeMemory(v->device, b->memory, NULL);
+    v->allocated -= b->counted;
     *b = (struct vulkan_buffer){0};
 }
 
@@ -113,16 +121,25 @@ static VkResult vulkan_allocate_of(struct vulkan *v, VkDeviceSize size, const st
     return result;
 }
 
+/* Allocates memory near the device, within --device-ram; own: bytes that count for it. */
+static VkResult vulkan_allocate_near(struct vulkan *v, VkDeviceSize size, const struct vulkan_kinds *from,
+                                     size_t own, VkDeviceMemory *out)
+{
+    const size_t limit = v->ctx->options.device_ram;
+    if (limit && own > limit - OXL_MIN(limit, v->allocated)) return VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    return vulkan_allocate_of(v, size, from, from->close_by, 0, out);
+}
+
 /* Images that are kept on the device leave it before memory far from it is used, not while there is other
  * memory near it. */
 static VkResult vulkan_allocate(struct vulkan *v, VkDeviceSize size, const struct vulkan_kinds *from,
-                                VkDeviceMemory *out)
+                                size_t own, VkDeviceMemory *out)
 {
-    VkResult result = vulkan_allocate_of(v, size, from, from->close_by, 0, out);
+    VkResult result = vulkan_allocate_near(v, size, from, own, out);
     if (vulkan_is_short(result) && v->evict && v->evict(v, 0) > 0)
-        result = vulkan_allocate_of(v, size, from, from->close_by, 0, out);
+        result = vulkan_allocate_near(v, size, from, own, out);
     if (v->lost) return v->lost; /* while images were waited for */
-    return result == VK_ERROR_OUT_OF_DEVICE_MEMORY
+    return result == VK_ERROR_OUT_OF_DEVICE_MEMORY && !(own && v->ctx->options.device_ram)
                ? vulkan_allocate_of(v, size, from, from->count, !v->portable, out)
                : result;
 }
@@ -136,6 +153,7 @@ OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_
                                               VK_BUFFER_USAGE_TRANSFER_DST_BIT};
     const VkMemoryPropertyFlags host =
         VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
+    const size_t own = for_host ? 0 : size;
     VkMemoryRequirements needs;
     struct vulkan_kinds kinds;
     if (v->rc != OXL_OK || !vulkan_ok(v, v->CreateBuffer(v->device, &info, NULL, &b->handle), "a buffer"))
@@ -146,10 +164,14 @@ OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_
                                          : VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
     if (!for_host && kinds.count > 0) v->kind = vulkan_main_kind(v, &kinds);
     if (kinds.count == 0) vulkan_ok(v, VK_ERROR_FEATURE_NOT_PRESENT, "memory that the host can see");
-    else if (vulkan_ok(v, vulkan_allocate(v, needs.size, &kinds, &b->memory), "memory for a buffer"))
+    else if (vulkan_ok(v, vulkan_allocate(v, needs.size, &kinds, own, &b->memory), "memory for a buffer"))
         vulkan_ok(v, v->BindBufferMemory(v->device, b->handle, b->memory, 0), "memory for a buffer");
-    if (v->rc == OXL_OK) b->size = size;
-    else vulkan_release(v, b);
+    if (v->rc == OXL_OK) {
+        b->size = size;
+        b->counted = own;
+        v->allocated += own;
+        v->most_allocated = OXL_MAX(v->most_allocated, v->allocated);
+    } else vulkan_release(v, b);
 }
 
 /* At least so many elements, and no more; what it held is lost. */

@@ -123,6 +123,7 @@ struct vulkan_buffer {
     VkBuffer handle;
     VkDeviceMemory memory;
     VkDeviceSize size;
+    size_t counted; /* bytes, in vulkan.allocated */
 };
 
 struct vulkan_read { /* something that the host waits for */
@@ -202,13 +203,14 @@ struct vulkan {
     oxl_result rc;
     /* the failure `rc`, even with smaller buffers: what was recorded is lost, or a shader is refused */
     int is_permanent;
-    uint64_t timeout_ns;    /* of a wait, for each submission */
-    size_t range;           /* bytes: the largest array */
-    size_t image_bytes_max; /* bytes of images that a renderer may keep */
-    uint32_t slab_rows;     /* at most */
-    uint32_t groups_max;    /* in one dimension of a dispatch */
-    size_t part;            /* (tile, splat) pairs that a submission draws, about: vulkan_in_parts; 0: any */
-    uint32_t batch;         /* splats that raster_backward.comp holds at a time: 4, 8 or 16 */
+    uint64_t timeout_ns;              /* of a wait, for each submission */
+    size_t range;                     /* bytes: the largest array */
+    size_t allocated, most_allocated; /* bytes of buffers that the host does not see; at most so far */
+    size_t image_bytes_max;           /* bytes of images that a renderer may keep */
+    uint32_t slab_rows;               /* at most */
+    uint32_t groups_max;              /* in one dimension of a dispatch */
+    size_t part;    /* (tile, splat) pairs that a submission draws, about: vulkan_in_parts; 0: any */
+    uint32_t batch; /* splats that raster_backward.comp holds at a time: 4, 8 or 16 */
 };
 
 /* ---------------- frames.c */

@@ -156,12 +156,14 @@ static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, 
     const int set =
         o->partition.kind == OXL_PARTITION_NONE || o->partition.blocks > 0 || o->partition.block_points > 0;
     struct partition p = {0};
-    oxl_result rc = set || limit > 0 ? budget_partition(ctx, scene, o, &p) : OXL_OK;
+    oxl_result rc = set || limit > 0 || o->device_ram ? budget_partition(ctx, scene, o, &p) : OXL_OK;
     if (rc != OXL_OK) return rc;
     survey_write(s, "blocks       %d: %s", OXL_MAX(1, p.block_count), set ? "as set" : "");
     if (!set) survey_write(s, "in one the run takes about %.2f GB", needs / 1e9);
     if (o->ram) survey_write(s, ", --ram is %.2f GB", limit / 1e9);
-    else if (!set && s->memory_free > 0) survey_write(s, ", %.1f GB are free", s->memory_free / 1e9);
+    if (o->device_ram) survey_write(s, ", --device-ram is %.2f GB", (double)o->device_ram / 1e9);
+    else if (!o->ram && !set && s->memory_free > 0)
+        survey_write(s, ", %.1f GB are free", s->memory_free / 1e9);
     survey_write(s, "\n");
     partition_free(ctx, &p);
     return OXL_OK;

@@ -1,5 +1,5 @@
-/* budget.c - limits that fit the training of a block into a memory budget (--ram), by the predictions of
- * cost.c.
+/* budget.c - limits that fit the training of a block into a memory budget (--ram), and into a device's
+ * (--device-ram), by the predictions of cost.c.
  *
  * The image cache is reduced first, then trials are given up (they copy the model; `auto` then decides
  * nothing and depth weights stay fixed), then the SH degree, the expected number of Gaussians and the size of
@@ -32,13 +32,26 @@ OXL_INTERNAL size_t budget_cache(const oxl_job_options *o)
                   : o->scene.image_cache_bytes;
 }
 
-/* Returns the largest count up to `most` that fits --ram, by bisection; 0: none does. */
+static int budget_is_limited(const oxl_job_options *o)
+{
+    return o->ram > 0 || o->device_ram > 0;
+}
+
+/* Returns 1 if so many Gaussians fit --ram and --device-ram. */
+static int budget_holds(const oxl_job_options *o, const struct cost_load *load, double gaussians)
+{
+    return (o->ram == 0 || cost_memory(o, load, gaussians) <= BUDGET_MARGIN * (double)o->ram) &&
+           (o->device_ram == 0 ||
+            cost_device_memory(o, load, gaussians) <= BUDGET_MARGIN * (double)o->device_ram);
+}
+
+/* Returns the largest count up to `most` that fits, by bisection; 0: none does. */
 static double budget_gaussians(const oxl_job_options *o, const struct cost_load *load, double most)
 {
     double low = 0, high = OXL_MIN(JOB_GAUSSIANS_MAX, most) + 1;
     while (high - low > 1) {
         const double middle = floor((low + high) / 2);
-        if (cost_memory(o, load, OXL_MAX(middle, 1)) <= BUDGET_MARGIN * (double)o->ram) low = middle;
+        if (budget_holds(o, load, OXL_MAX(middle, 1))) low = middle;
         else high = middle;
     }
     return low;
@@ -62,7 +75,7 @@ OXL_INTERNAL int budget_fits(const struct cost_load *load, const oxl_job_options
 {
     oxl_job_options bare = *o;
     budget_disable_trials(&bare);
-    return o->ram == 0 || cost_memory(&bare, load, gaussians) <= BUDGET_MARGIN * (double)o->ram;
+    return budget_holds(&bare, load, gaussians);
 }
 
 /* Returns the Gaussians that a run is not expected to exceed; images may allow fewer. */
@@ -78,9 +91,10 @@ OXL_INTERNAL int budget_limit_gaussians(const oxl_context *ctx, const struct cos
     const double most = (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
     const int is_given = o->train.sh_degree >= 0;
     double gaussians;
-    if (o->ram == 0) return 1;
+    if (!budget_is_limited(o)) return 1;
     o->scene.image_cache_bytes = budget_cache(o);
-    if (cost_estimate(ctx, o, load).memory > BUDGET_MARGIN * (double)o->ram) budget_disable_trials(o);
+    if (o->ram && cost_estimate(ctx, o, load).memory > BUDGET_MARGIN * (double)o->ram)
+        budget_disable_trials(o);
     gaussians = budget_gaussians(o, load, most);
     if (!is_given && o->train.sh_degree >= 0 && gaussians < floor(budget_wanted(o, load))) {
         o->train.sh_degree = BUDGET_SH;
@@ -94,22 +108,24 @@ OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct cost_load *load
 {
     oxl_job_options fitted = *o;
     const double needed = OXL_MIN(BUDGET_GROWTH * (double)load->points, budget_wanted(o, load));
-    if (o->ram == 0) return 1;
+    if (!budget_is_limited(o)) return 1;
     if (!budget_limit_gaussians(ctx, load, &fitted) || fitted.train.max_gaussians < floor(needed)) return 0;
     *o = fitted;
     return 1;
 }
 
-/* Finds a budget that does, in MiB: the least by the predictions, and a tenth more, as they differ between a
- * survey and its one block, and what is read in the meantime counts. */
-static double budget_needed(const oxl_context *ctx, const struct cost_load *load, const oxl_job_options *o)
+/* Finds a budget that does, in MiB, of the device or of --ram: the least by the predictions, and a tenth
+ * more, as they differ between a survey and its one block, and what is read in the meantime counts. */
+static double budget_needed(const oxl_context *ctx, const struct cost_load *load, const oxl_job_options *o,
+                            int device)
 {
     double low = 0, high = 1 << 24;
     while (high - low > 1) {
         const double middle = floor((low + high) / 2);
         oxl_job_options tried = *o;
-        tried.ram = (size_t)(middle * 1048576);
-        if (tried.ram > 0 && budget_fit(ctx, load, &tried)) high = middle;
+        tried.ram = device ? 0 : (size_t)(middle * 1048576);
+        tried.device_ram = device ? (size_t)(middle * 1048576) : 0;
+        if (middle > 0 && budget_fit(ctx, load, &tried)) high = middle;
         else low = middle;
     }
     return ceil(BUDGET_ADVICE * high);
@@ -118,12 +134,15 @@ static double budget_needed(const oxl_context *ctx, const struct cost_load *load
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load,
                                       const oxl_job_options *o)
 {
-    const double needed = budget_needed(ctx, load, o);
+    oxl_job_options host = *o;
+    const int device = o->device_ram > 0 && (host.device_ram = 0, budget_fit(ctx, load, &host));
+    const double needed = budget_needed(ctx, load, o, device);
     return oxl_fail(
         ctx, OXL_ERR_BUDGET,
-        "%.0f MB are too little for %zu points and images of %.1f megapixels, which need %.0f MB\n"
-        "fix: --ram %.0fM, or a smaller --max-side, or --sh-degree 0",
-        (double)o->ram / 1e6, load->points, load->largest / 1e6, needed * 1048576 / 1e6, needed);
+        "%.0f MB%s are too little for %zu points and images of %.1f megapixels, which need %.0f MB\n"
+        "fix: --%sram %.0fM, or a smaller --max-side, or --sh-degree 0",
+        (double)(device ? o->device_ram : o->ram) / 1e6, device ? " of the device" : "", load->points,
+        load->largest / 1e6, needed * 1048576 / 1e6, device ? "device-" : "", needed);
 }
 
 /* ---------------- blocks that fit */
@@ -174,8 +193,8 @@ static oxl_result budget_halve_blocks(oxl_context *ctx, const oxl_scene *scene, 
         tried.block_points /= 2;
         if (rc == OXL_OK) rc = partition_make(ctx, scene, &tried, out);
         if (rc == OXL_OK)
-            oxl_log(ctx, OXL_LOG_INFO, "memory of %.0f MB: blocks of at most %d points", (double)o->ram / 1e6,
-                    tried.block_points);
+            oxl_log(ctx, OXL_LOG_INFO, "memory of %.0f MB: blocks of at most %d points",
+                    (double)(o->ram ? o->ram : o->device_ram) / 1e6, tried.block_points);
     }
     return rc;
 }
@@ -194,7 +213,7 @@ static oxl_result budget_refuse_reading(oxl_context *ctx, const oxl_scene *scene
     return oxl_fail(ctx, OXL_ERR_BUDGET,
                     "reading the survey alone takes %.0f MB, --ram allows %.0f MB\nfix: --ram %.0fM",
                     reading / 1e6, (double)o->ram / 1e6,
-                    rc == OXL_OK ? least : OXL_MAX(least, budget_needed(ctx, &worst, &limited)));
+                    rc == OXL_OK ? least : OXL_MAX(least, budget_needed(ctx, &worst, &limited, 0)));
 }
 
 OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
@@ -206,8 +225,9 @@ OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scen
     limited.ram = budget_limit(scene, o);
     if (rc == OXL_OK && o->ram && (double)os_peak_rss() > BUDGET_MARGIN * (double)o->ram)
         rc = budget_refuse_reading(ctx, scene, o, out);
-    if (rc == OXL_OK && limited.ram) rc = budget_halve_blocks(ctx, scene, &limited, out, &worst);
-    if (rc == OXL_ERR_BUDGET && o->ram == 0) { /* not asked for: it may swap */
+    if (rc == OXL_OK && budget_is_limited(&limited))
+        rc = budget_halve_blocks(ctx, scene, &limited, out, &worst);
+    if (rc == OXL_ERR_BUDGET && !budget_is_limited(o)) { /* not asked for: it may swap */
         oxl_log(ctx, OXL_LOG_WARNING, "%.0f MB of memory are free, too little for blocks of any size",
                 (double)limited.ram / 1e6);
         rc = partition_make(ctx, scene, &o->partition, out);

@@ -20,6 +20,14 @@
 #define COST_GAUSSIAN_COST 6.0e-8 /* s: projection, binning and Adam */
 #define COST_PIXEL_BYTES 160.0    /* of working memory: images, SSIM's maps */
 #define COST_PROGRAM_BYTES 1.2e7  /* measured: 9 to 10 MB */
+/* Of a device, in bytes, as backends/vulkan reserves them: by row and by (tile, splat) pair, of which a view
+ * of all Gaussians has so many each; by pixel of loss and image; a quarter more of what grows */
+#define COST_DEVICE_ROW 110.0
+#define COST_DEVICE_PAIR 84.0
+#define COST_DEVICE_PAIRS 8.0
+#define COST_DEVICE_PIXEL 125.0
+#define COST_DEVICE_BYTES 2e6
+#define COST_DEVICE_ROOM 1.25
 /* factor of a run in several blocks, each of which is rendered with Gaussians of others (docs/SCALE.md) */
 #define COST_CONTEXT 1.25
 #define COST_STEPS_PER_IMAGE 700 /* limit of a preset's iterations: more overfit (docs/TRADEOFF.md) */
@@ -87,6 +95,16 @@ OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load
            gaussians * (sets * 4 * planes + COST_SPLAT_BYTES) +
            gaussians * load->context * (4 * planes + COST_SPLAT_BYTES) +
            (double)load->observations * sizeof(struct colmap_track) + depths;
+}
+
+OXL_INTERNAL double cost_device_memory(const oxl_job_options *o, const struct cost_load *load,
+                                       double gaussians)
+{
+    const int degree = o->train.sh_degree < 0 ? 3 : o->train.sh_degree;
+    const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1) + MODEL_LOBE_PLANES;
+    const double a_row = COST_DEVICE_ROW + COST_DEVICE_PAIRS * COST_DEVICE_PAIR;
+    return COST_DEVICE_BYTES + load->largest * COST_DEVICE_PIXEL +
+           COST_DEVICE_ROOM * gaussians * (3 * 4 * planes + a_row + load->context * (4 * planes + a_row));
 }
 
 OXL_INTERNAL double cost_gaussians(const oxl_job_options *o, const struct cost_load *load)

@@ -118,6 +118,9 @@ OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_opt
 OXL_INTERNAL double cost_memory(const oxl_job_options *options, const struct cost_load *load,
                                 double gaussians);
 /* Predicts the Gaussians that a run ends with. */
+/* Predicts the memory that a device takes for training, by kernels' counts. */
+OXL_INTERNAL double cost_device_memory(const oxl_job_options *options, const struct cost_load *load,
+                                       double gaussians);
 OXL_INTERNAL double cost_gaussians(const oxl_job_options *options, const struct cost_load *load);
 /* Predicts the duration for all blocks of the scene, from the steps of a look, or from the cost where there
  * was none. range: lower and upper limit. */

@@ -215,8 +215,9 @@ static oxl_result rounds_budget(const struct job *job, const oxl_model *context,
     oxl_job_options o = job->options;
     o.train = task->train;
     load.points = own->count;
-    if (o.ram) {
-        o.ram = (double)o.ram > beside ? o.ram - (size_t)beside : 1;
+    if (o.ram) o.ram = (double)o.ram > beside ? o.ram - (size_t)beside : 1;
+    if (o.device_ram) load.context = (double)context->count / (double)OXL_MAX(own->count, (size_t)1);
+    if (o.ram || o.device_ram) {
         if (!budget_fit(job->ctx, &load, &o)) return budget_refuse(job->ctx, &load, &o);
         o.train.max_gaussians = OXL_MIN(o.train.max_gaussians, task->train.max_gaussians);
     }
