@@ -192,7 +192,7 @@ static void survey_find_visit_file(void *user, const char *name)
         if (has < size || strcmp(name + has - size, survey_foreign[i].ending) != 0) continue;
         if (s->found && s->found <= &survey_foreign[i]) return;
         s->found = &survey_foreign[i];
-        snprintf(s->name, sizeof s->name, "%s", name);
+        snprintf(s->name, sizeof s->name, "%.*s", (int)sizeof s->name - 1, name);
         return;
     }
 }
