@@ -36,7 +36,9 @@ void main()
 {
     uint i = gl_LocalInvocationIndex;
     if (counts[HALT] != 0u || work_group() >= push.groups) return;
-    for (uint n = first_of[work_group()]; n < first_of[work_group() + 1u]; n++) {
+    /* read before the loop: GPU-assisted validation cannot instrument a loop's condition that reads a buffer */
+    uint last = first_of[work_group() + 1u];
+    for (uint n = first_of[work_group()]; n < last; n++) {
         vec3  p    = point[n].xyz;
         uint  tile = floatBitsToUint(point[n].w), from = start[tile], end = start[tile + 1u];
         float t    = 1.0;
