@@ -1,7 +1,7 @@
 /* poses.c - the pose of each training view's camera, refined with the scene.
  *
- * Structure from motion leaves errors in poses, of a pixel or, where it was hurried or its tracks are few, of
- * several; they blur the model. Each training view has a turn and a move of its own (survey/pose.c), which
+ * Poses estimated by structure from motion shift images by about a pixel, and by several where a survey has
+ * few tracks; such errors blur the model. Each training view has a turn and a move of its own (survey/pose.c), which
  * take a step at each visit by the exact gradient of the loss (render/pose.h).
  *
  * Gauge: poses and scene could drift together, away from the poses of held-out views. After each epoch the
