@@ -1,8 +1,8 @@
 /* poses.c - the pose of each training view's camera, refined with the scene.
  *
  * Poses estimated by structure from motion shift images by about a pixel, and by several where a survey has
- * few tracks; such errors blur the model. Each training view has a turn and a move of its own (survey/pose.c), which
- * take a step at each visit by the exact gradient of the loss (render/pose.h).
+ * few tracks; such errors blur the model. Each training view has a turn and a move of its own
+ * (survey/pose.c), which take a step at each visit by the exact gradient of the loss (render/pose.h).
  *
  * Gauge: poses and scene could drift together, away from the poses of held-out views. After each epoch the
  * mean turn and the mean move of all training views, in the axes of the world, are set to zero.
