@@ -1,8 +1,9 @@
 # OceanXL - `make help` lists the targets. GNU make; a C99 compiler; stb (Debian: libstb-dev).
 
-# DEV=1: for work on the code: objects in build/dev at -O1, for this machine's vectors alone.
+# DEV=1: for work on the code: objects in build/dev at -O1, for a debugger, for this machine's vectors alone. Without it
+# nothing is kept for a debugger: that costs a fifth of the build.
 DEV    ?=
-CFLAGS ?= $(if $(DEV),-O1,-O3) -g
+CFLAGS ?= $(if $(DEV),-O1 -g,-O3)
 WERROR ?=
 BUILD  ?= $(if $(DEV),build/dev,build)
 PREFIX ?= /usr/local
@@ -56,7 +57,7 @@ EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c)
 all: $(BUILD)/oceanxl $(BUILD)/oceanxl-lab ## build/oceanxl, the program, and build/oceanxl-lab, which it executes for synthetic surveys and studies (the default)
 
 help: ## this list
-	@echo 'make TARGET [CC=clang] [CFLAGS="-O3 -g"] [OPENMP=0] [VULKAN=1] [STB=folder] [WERROR=1] [BUILD=build]'
+	@echo 'make TARGET [CC=clang] [CFLAGS=-O3] [OPENMP=0] [VULKAN=1] [STB=folder] [WERROR=1] [BUILD=build]'
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/  \1\t\2/p' Makefile examples/course/course.mk | expand -t 16
 
 # ------------------------------------------------------------------------------------------------ program, library
@@ -104,7 +105,7 @@ $(BUILD)/test_list.h: FORCE
 
 # The reference and the kernels in double: units of their own, see tests/wide.h.
 WIDE := $(BUILD)/tests/wide_splat.o $(BUILD)/tests/wide_kernels.o
-TEST_CFLAGS = $(if $(filter -O3,$(CFLAGS)),-O1 -g,$(CFLAGS)) # of the tests themselves: they are to be built fast
+TEST_CFLAGS = $(if $(filter -O3,$(CFLAGS)),-O1,$(CFLAGS)) # of the tests themselves: they are to be built fast
 TEST_O := $(patsubst %.c,$(BUILD)/%.o,tests/test.c tests/cases.c $(TESTS))
 $(BUILD)/tests/test.o: $(BUILD)/test_list.h
 $(BUILD)/test: $(TEST_O) $(WIDE) $(filter-out $(BUILD)/backends/%,$(LIBRARY)) # the backend is in test_vulkan.o
