@@ -91,7 +91,7 @@ $(BUILD)/flags: FORCE
 
 # ------------------------------------------------------------------------------------------------ tests
 
-test: $(BUILD)/test all ## all tests: of the library, then of the command line (under 3 minutes on 2 cores)
+test: $(BUILD)/test all ## all tests: of the library, then of the command line (under 3 minutes on 2 cores); build/test WORD: some
 	$(BUILD)/test
 	tests/cli.sh $(BUILD)/oceanxl
 	tests/from_images.sh

@@ -468,10 +468,10 @@ typedef struct oxl_train_options {
      * below 0.011, otherwise 0.03 [Wang 2004] */
     float ssim_contrast;
     /* less work per step; docs/TRADEOFF.md has time and accuracy of each */
-    float coarse; /* first fraction of the run, at half resolution; -1: 0.25 for images of at least 640 px */
-    /* Fraction of the Gaussians that a step leaves out [Park 2025], rising from 0 to this during the run; CPU
-     * only. -1: with fewer than 30 training views and fewer than 4.6 images per point 0 at 30 steps per view,
-     * growing to 0.4 at 60; else 0. */
+    float coarse; /* first fraction of the run, at half resolution; -1: 0.75 for images of at least 640 px */
+    /* Fraction of the Gaussians that a step leaves out [Park 2025], rising from 0 to this during the run. -1:
+     * with fewer than 30 training views and fewer than 4.6 images per point 0 at 30 steps per view, growing
+     * to 0.4 at 60; else 0. */
     float dropout;
     float alpha_min;          /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
     float sh_degree_interval; /* fraction of the run after which the SH degree rises by 1 */
@@ -513,6 +513,7 @@ typedef struct oxl_train_options {
     float dog_opacity_factor, dog_scale_factor; /* a new lobe relative to its Gaussian */
     /* in a block: iterations of the whole run, which rates and intervals follow; 0: `iterations` */
     int survey_iterations;
+    float tried[4]; /* values of options that are being tried out: CONTRIBUTING, "An idea of your own" */
 } oxl_train_options;
 
 OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);

@@ -1,7 +1,7 @@
 /* part.h - what a part of training is: the hooks by which lamp, pruning, second lobes and the like take part
  * in a run.
  *
- * A part is one file of src/parts and one row of the table there (src/parts/table.c). The loop, a step,
+ * A part is one file of src/parts and one row of the table there (src/parts/parts.h). The loop, a step,
  * checkpoints, trials, the options and their help know parts as rows alone: with its file and its row
  * removed, everything else builds and passes its tests (make without PART=lamp).
  *
