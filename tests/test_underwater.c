@@ -384,7 +384,7 @@ synth_options photometry_test_make(const char *name, enum synth_type water)
 {
     synth_options o = synth_test_options(name);
     struct colmap survey = {0};
-    o.views = 14, o.width = 160, o.height = 104, o.water = water, o.path = SYNTH_FORWARD, o.threads = 0;
+    o.views = 14, o.width = 96, o.height = 64, o.water = water, o.path = SYNTH_FORWARD, o.threads = 0;
     o.noise = 0.5;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
@@ -422,7 +422,7 @@ TEST(photometry_of_a_lamp_in_air_finds_its_shape_and_no_medium)
     struct colmap survey = {0};
     struct photometry p;
     double truth[N * N], mean = 0, error = 0, square = 0;
-    o.views = 14, o.width = 160, o.height = 104, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.threads = 0;
+    o.views = 14, o.width = 96, o.height = 64, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.threads = 0;
     o.noise = 0.5, o.lamp = 0;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
@@ -448,7 +448,7 @@ TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
     synth_options o = synth_test_options("lamps");
     struct colmap survey = {0};
     struct photometry p;
-    o.views = 28, o.width = 160, o.height = 104, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.threads = 0;
+    o.views = 28, o.width = 96, o.height = 64, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.threads = 0;
     o.noise = 0.5, o.stereo = 0.3, o.lamp = 0;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
@@ -574,7 +574,7 @@ TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
     synth_options o = synth_test_options("tracks");
     struct colmap survey = {0};
     struct photometry p, scaled;
-    o.views = 14, o.width = 160, o.height = 104, o.water = SYNTH_7C, o.path = SYNTH_FORWARD,
+    o.views = 14, o.width = 96, o.height = 64, o.water = SYNTH_7C, o.path = SYNTH_FORWARD,
     o.exposure_jitter = 0.4, o.threads = 0;
     o.noise = 0.5;
     synth_test_make(&o, &survey);
