@@ -59,6 +59,9 @@ static oxl_context *vulkan_test_begin(void)
     return NULL;
 }
 
+/* What a call that fails may leave in the handle that it was to make: anything. */
+#define VULKAN_LEAVE(out) memset(out, 0x10, sizeof *(out))
+
 /* ---------------- scenes */
 
 static double vulkan_random(uint64_t i, uint64_t k)
@@ -530,7 +533,8 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_device_list(VkPhysicalDevice d
 static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_instance(const VkInstanceCreateInfo *info,
                                                            const VkAllocationCallbacks *a, VkInstance *out)
 {
-    (void)a, (void)out;
+    (void)a;
+    VULKAN_LEAVE(out);
     vulkan_seen_flags = info->flags;
     vulkan_note_names(info->ppEnabledExtensionNames, info->enabledExtensionCount);
     return VK_ERROR_INCOMPATIBLE_DRIVER;
@@ -603,6 +607,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_device(VkPhysicalDevice device
                                                          const VkDeviceCreateInfo *info,
                                                          const VkAllocationCallbacks *a, VkDevice *out)
 {
+    VULKAN_LEAVE(out);
     if (device == VULKAN_BROKEN && !vulkan_breaks_late) return VK_ERROR_INITIALIZATION_FAILED;
     vulkan_breaks_late = device == VULKAN_BROKEN;
     return vulkan_behind->CreateDevice(vulkan_behind->physical, info, a, out);
@@ -611,7 +616,8 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_device(VkPhysicalDevice device
 static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_fence(VkDevice device, const VkFenceCreateInfo *info,
                                                         const VkAllocationCallbacks *a, VkFence *out)
 {
-    (void)device, (void)info, (void)a, (void)out;
+    (void)device, (void)info, (void)a;
+    VULKAN_LEAVE(out);
     return VK_ERROR_OUT_OF_HOST_MEMORY;
 }
 
@@ -1555,7 +1561,9 @@ static void vulkan_check_clock(oxl_context *device)
     struct vulkan *v = device->backend->vulkan;
     CHECK(vulkan_stamp_mask(64) == UINT64_MAX && vulkan_stamp_mask(36) == ((uint64_t)1 << 36) - 1 &&
           vulkan_stamp_mask(0) == 0);
+    vulkan_fill(v, &v->dummy, 0, VK_WHOLE_SIZE, 0); /* its commands do not reset the clock */
     if (vulkan_measure(v) != OXL_OK) return;
+    CHECK(!v->recording);
     v->stamp_mask = vulkan_stamp_mask(36);
     v->GetQueryPoolResults = vulkan_play_clock;
     vulkan_check_sort(device, 2048, 255);
@@ -1903,6 +1911,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_allocate(VkDevice device, cons
                                                            const VkAllocationCallbacks *a,
                                                            VkDeviceMemory *out)
 {
+    VULKAN_LEAVE(out);
     if (vulkan_allocations_left-- <= 0) return VK_ERROR_OUT_OF_DEVICE_MEMORY;
     return vulkan_real_allocate(device, info, a, out);
 }
@@ -2038,6 +2047,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_kinds(VkDevice device, const V
     vulkan_kind_last = (int)info->memoryTypeIndex;
     if (!vulkan_kinds_tried) vulkan_first_tried = vulkan_kind_last;
     vulkan_kinds_tried |= 1u << info->memoryTypeIndex;
+    VULKAN_LEAVE(out);
     if (vulkan_full_kinds >> info->memoryTypeIndex & 1) return VK_ERROR_OUT_OF_DEVICE_MEMORY;
     given.allocationSize = 1 << 16, given.memoryTypeIndex = 0;
     return vulkan_real_allocate(device, &given, a, out);
@@ -2259,6 +2269,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_largest(VkDevice device, const
 {
     if (info->allocationSize <= vulkan_largest) return vulkan_real_allocate(device, info, a, out);
     vulkan_refusals++;
+    VULKAN_LEAVE(out);
     return VK_ERROR_OUT_OF_DEVICE_MEMORY;
 }
 
