@@ -665,11 +665,12 @@ static void vulkan_check_next_device(oxl_context *device)
     device->options.log = vulkan_test_log;
 }
 
-/* 16384 bytes is what Vulkan 1.0 promises of any device. */
+/* 16384 bytes is what Vulkan 1.0 promises of any device, and counts as std430 lays arrays out. */
 static void vulkan_check_shared(oxl_context *device)
 {
     const struct vulkan *v = device->backend->vulkan;
     CHECK(vulkan_shared() <= 16384);
+    CHECK(SPIRV_LOSS_TOTAL_SHARED == 256 * (16 + 8)); /* a vec3 of an array takes 16 bytes */
     CHECK(vulkan_batch(16384) == 4 && vulkan_batch(32768) == 8);
     CHECK(v->batch == vulkan_batch(v->properties.limits.maxComputeSharedMemorySize));
 }
