@@ -33,7 +33,7 @@ verdict() { # NAME CODE
     if [ "$2" = 0 ]; then echo "- $1: ok"; else echo "- $1: FAILED ($2), see $log"; failed=1; fi
 }
 
-# One line of the table of passes: what bench/device.c prints, in milliseconds. OXL_BENCH_PARTS=1: with lamp, medium, dropout, depth loss.
+# One line of the table of passes: what bench/device.c prints, in milliseconds. OXL_BENCH_PARTS=1: with lamp, medium, dropout, depth loss, masks of transients.
 times() { # GAUSSIANS:WIDTH:HEIGHT [BATCH]
     local g w h out
     IFS=: read -r g w h <<<"$1"
@@ -49,6 +49,7 @@ times() { # GAUSSIANS:WIDTH:HEIGHT [BATCH]
         END {
             sort = t["scan"] + t["compact"] + t["sort, count"] + t["sort, scatter"] + t["footprint"] + t["ranges"]
             parts = t["lamp"] + t["imaging, pixels"] + t["imaging, rows"] + t["imaging, total"] + t["depth loss"]
+            parts += t["transients, measure"] + t["transients, mark"] + t["transients, apply"]
             loss = t["loss forward"] + t["loss total"] + t["loss backward"] + t["unpack"]
             printf "| %s | %s | %s | %s | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %s | %s |\n", g, size, batch, pairs, t["project"], sort,
                 t["raster"], loss, t["raster backward"], t["backward + Adam"], parts, t["step"], waits, dispatches
@@ -86,12 +87,12 @@ echo '| Gaussians | image | batch | pairs | project | sort | raster | loss | ras
 echo '|---|---|---|---|---|---|---|---|---|---|---|---|---|---|'
 for size in $sizes; do times "$size"; done
 for batch in 4 16; do times "$variants" $batch; done
-echo "The last with lamp, medium, dropout and the loss in front of points (OXL_BENCH_PARTS=1):" >>"$log"
+echo "The last with lamp, medium, dropout, the loss in front of points and masks of transients (OXL_BENCH_PARTS=1):" >>"$log"
 export OXL_BENCH_PARTS=1
 times "$variants"
 unset OXL_BENCH_PARTS
 echo
-echo 'Waits: of the host while the device has nothing else to do. Parts: passes of lamp, medium and the loss in front of points, which the last line has.'
+echo 'Waits: of the host while the device has nothing else to do. Parts: passes of lamp, medium, the loss in front of points and masks of transients, which the last line has.'
 echo
 echo '## Training'
 echo
