@@ -196,7 +196,7 @@ OXL_INTERNAL oxl_result vulkan_imaging_gradient(void *device, double dlamp[LAMP_
 
 /* ---------------- the loss in front of points */
 
-struct vulkan_depths { /* sorted by tile, in the given order in each */
+struct vulkan_depths {               /* sorted by tile, in the given order in each */
     uint32_t point[DEPTH_POINTS][4]; /* bits of x, y, z; the tile's number */
     uint32_t first[DEPTH_POINTS + 1];
     uint32_t groups;
