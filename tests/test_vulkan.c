@@ -3567,9 +3567,22 @@ static void vulkan_check_repeated(oxl_context *device)
 
 /* ---------------- all parts at once */
 
+enum { VULKAN_ALL_VIEWS = 8 };
+
+/* A survey with tracks that all parts can learn from. */
+static void vulkan_make_all(void)
+{
+    synth_options o = synth_test_options("vulkan_all");
+    struct colmap survey = {0};
+    o.views = VULKAN_ALL_VIEWS, o.water = SYNTH_3C, o.path = SYNTH_FORWARD, o.points = 800;
+    o.width = 80, o.height = 56;
+    synth_test_make(&o, &survey);
+    colmap_free(test_ctx, &survey);
+}
+
 /* A run with every part on, up to its first step: survey with tracks, windows, context. */
 static void vulkan_begin_all(oxl_context *ctx, struct train *t, oxl_train_options *o,
-                             struct image_window window[14], const oxl_model *context)
+                             struct image_window window[VULKAN_ALL_VIEWS], const oxl_model *context)
 {
     struct lamp_fit *lamp;
     struct medium_fit *medium;
@@ -3580,9 +3593,9 @@ static void vulkan_begin_all(oxl_context *ctx, struct train *t, oxl_train_option
     o->antialias = 1;
     *t = (struct train){.ctx = ctx, .options = o, .decisions = {.ctx = ctx}, .step = 0};
     CHECK_OK(oxl_scene_load(ctx, test_path("vulkan_all"), NULL, &t->scene));
-    CHECK(oxl_scene_view_count(t->scene) == 14);
-    for (int i = 0; i < 14; i++)
-        window[i] = (struct image_window){.x = 16, .y = 12, .width = 64, .height = 48};
+    CHECK(oxl_scene_view_count(t->scene) == VULKAN_ALL_VIEWS);
+    for (int i = 0; i < VULKAN_ALL_VIEWS; i++)
+        window[i] = (struct image_window){.x = 8, .y = 4, .width = 64, .height = 48};
     t->task = (struct train_task){.window = window, .context = context};
     CHECK_OK(train_begin(t));
     lamp = vulkan_part(t, "lamp", NULL);
@@ -3612,21 +3625,21 @@ static void vulkan_steps_of_all(struct train *t, int steps)
 static void vulkan_check_all_parts(oxl_context *device)
 {
     struct vulkan *v = device->backend->vulkan;
-    struct image_window window[14];
+    struct image_window window[VULKAN_ALL_VIEWS];
     oxl_train_options o;
     oxl_model context;
     struct train t;
     size_t waits, dispatches, read, sent;
-    photometry_test_make("vulkan_all", SYNTH_3C);
+    vulkan_make_all();
     vulkan_scene(333, 1, 0, &context);
     vulkan_begin_all(device, &t, &o, window, &context);
-    vulkan_steps_of_all(&t, 14);
+    vulkan_steps_of_all(&t, VULKAN_ALL_VIEWS);
     waits = v->waits, dispatches = v->dispatches, read = v->read_bytes, sent = v->sent;
     vulkan_steps_of_all(&t, 10);
     CHECK(v->waits == waits && v->read_bytes == read && v->sent == sent);
-    CHECK(v->dispatches - dispatches <= 10 * 45);
+    CHECK(v->dispatches - dispatches <= 10 * 45 && v->dispatches - dispatches >= 10 * 40); /* plain: 30 */
     CHECK_OK(step_flush(&t));
-    CHECK(((const struct medium_fit *)vulkan_part(&t, "medium", NULL))->steps == 23);
+    CHECK(((const struct medium_fit *)vulkan_part(&t, "medium", NULL))->steps == VULKAN_ALL_VIEWS + 9);
     CHECK(((const struct transients *)vulkan_part(&t, "transients", NULL))->masked_fraction >= 0);
     CHECK(device->backend->rendered_on == RENDERED_ON_DEVICE);
     vulkan_end_all(&t);
@@ -3650,12 +3663,12 @@ static void vulkan_numbers_of_all(struct train *t, double number[40], float *exp
 /* The same bytes, whether or not steps find no room and are repeated, and near those of the CPU. */
 static void vulkan_check_all_repeated(oxl_context *device)
 {
-    struct image_window window[14];
+    struct image_window window[VULKAN_ALL_VIEWS];
     double number[3][40] = {{0}};
     float *expected[3];
     oxl_train_options o;
     struct train t[3];
-    photometry_test_make("vulkan_all", SYNTH_3C);
+    vulkan_make_all();
     for (int k = 0; k < 3; k++) {
         vulkan_begin_all(k ? device : test_ctx, &t[k], &o, window, NULL);
         expected[k] = oxl_calloc(test_ctx, oxl_scene_point_count(t[k].scene), sizeof(float));
@@ -3751,20 +3764,20 @@ static void vulkan_listen(void *user, oxl_log_level level, const char *text)
 }
 
 /* A square in one of nine images. Returns the masked pixels of recent images, per cent. */
-static double vulkan_train_masked(oxl_context *ctx, int masked, oxl_metrics *metrics)
+static double vulkan_train_masked(oxl_context *ctx, oxl_metrics *metrics)
 {
     oxl_scene *scene = transients_test_scene(9);
-    oxl_train_options options = train_options(160);
+    oxl_train_options options = train_options(80);
     void (*log)(void *, oxl_log_level, const char *) = ctx->options.log;
     double skipped = 0;
     oxl_model model;
-    options.mask_transients = masked;
+    options.mask_transients = 1;
     options.short_run_exponent = 0;
     ctx->options.log = vulkan_listen;
     vulkan_log[0] = 0;
     CHECK_OK(oxl_train(ctx, scene, &options, NULL, &model));
     CHECK_OK(oxl_evaluate(ctx, &model, scene, OXL_SPLIT_ALL, metrics));
-    if (masked) CHECK(sscanf(vulkan_log, "transients: %lf %%", &skipped) == 1);
+    CHECK(sscanf(vulkan_log, "transients: %lf %%", &skipped) == 1);
     ctx->options.log = log;
     oxl_model_free(ctx, &model);
     oxl_scene_free(ctx, scene);
@@ -3773,16 +3786,15 @@ static double vulkan_train_masked(oxl_context *ctx, int masked, oxl_metrics *met
 
 static void vulkan_check_transients(oxl_context *device)
 {
-    oxl_context *ctx[3] = {test_ctx, device, device};
-    oxl_metrics metrics[3];
-    double skipped[3];
-    for (int k = 0; k < 3; k++) skipped[k] = vulkan_train_masked(ctx[k], k < 2, &metrics[k]);
+    oxl_context *ctx[2] = {test_ctx, device};
+    oxl_metrics metrics[2];
+    double skipped[2];
+    for (int k = 0; k < 2; k++) skipped[k] = vulkan_train_masked(ctx[k], &metrics[k]);
     CHECK(skipped[0] > 0.5);
     CHECK_CLOSE(skipped[1], skipped[0], 0.2);
     for (int i = 0; i < metrics[0].count; i++)
         CHECK_CLOSE(metrics[1].views[i].psnr, metrics[0].views[i].psnr, 0.2);
-    CHECK(metrics[2].psnr != metrics[1].psnr);
-    for (int k = 0; k < 3; k++) oxl_metrics_free(ctx[k], &metrics[k]);
+    for (int k = 0; k < 2; k++) oxl_metrics_free(ctx[k], &metrics[k]);
 }
 
 #endif
