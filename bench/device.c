@@ -288,7 +288,7 @@ static void device_table(const struct vulkan *v, const struct device_run *r,
     for (int p = 0; p < PASS_COUNT; p++) {
         const double each = v->pass_seconds[p] / rounds;
         if (v->pass_runs[p] == 0) continue;
-        printf("  %-18s %9.3f ms %5.1f %%", DEVICE_PASSES[p], 1e3 * each, 100 * v->pass_seconds[p] / all);
+        printf("  %-19s %9.3f ms %5.1f %%", DEVICE_PASSES[p], 1e3 * each, 100 * v->pass_seconds[p] / all);
         if (p == PASS_STEP)
             printf("   %.1f GB/s, %.0f %% of a copy", 6e-9 * touched / each,
                    6e-7 * touched / each / most->copy);
@@ -308,7 +308,7 @@ static void device_table(const struct vulkan *v, const struct device_run *r,
         (double)(now->barriers - before->barriers) / rounds,
         (double)(now->submissions - before->submissions) / rounds,
         (double)(now->sent - before->sent) / rounds, (double)(now->read - before->read) / rounds);
-    printf("  %-18s %9.3f ms\n  %-18s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "passes",
+    printf("  %-19s %9.3f ms\n  %-19s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "passes",
            1e3 * all / rounds, "step", 1e3 * seconds[DEVICE_ROUNDS / 2], 1e3 * seconds[0],
            1 / seconds[DEVICE_ROUNDS / 2]);
 }
@@ -383,7 +383,7 @@ int main(int argc, char **argv)
     device_bench(ctx, count, width, height, &most);
     oxl_context_free(ctx);
     if (argc > 5)
-        printf("  %-18s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "the CPU's step",
+        printf("  %-19s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "the CPU's step",
                1e3 * cpu[DEVICE_ROUNDS / 2], 1e3 * cpu[0], 1 / cpu[DEVICE_ROUNDS / 2]);
     return 0;
 }

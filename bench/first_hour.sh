@@ -98,25 +98,31 @@ echo '## Training'
 echo
 run 60 "$build/oceanxl" synth -o "$build/survey" --views $views --size 320x240 --points 4000 --quiet
 run 60 "$build/oceanxl" synth -o "$build/deep" --views $views --size 320x240 --points 4000 --water II --lamp 1.5 --backscatter 0.08 --stereo 0.3 --quiet
-for name in cpu device-1 device-2; do
+# Trains a survey with a backend.
+train() { # NAME SURVEY BACKEND WORDS [OPTION...]
+    local name=$1 survey=$2 backend=$3 words=$4 begun=$SECONDS code
+    shift 4
+    [ "$backend" = cpu ] || [ "$device" = -1 ] || set -- "$@" --device "$device"
     rm -rf "${build:?}/$name"
-    backend=vulkan
-    [ $name != cpu ] || backend=cpu
-    begun=$SECONDS
-    run $share "$build/oceanxl" train "$build/survey" -o "$build/$name" --iterations $iterations --seed 1 --quiet --backend $backend $([ $name = cpu ] || [ "$device" = -1 ] || echo --device "$device")
+    run $share "$build/oceanxl" train "$build/$survey" -o "$build/$name" --iterations $iterations --seed 1 --quiet --backend "$backend" "$@"
     code=$?
-    verdict "$name, $iterations iterations: $((SECONDS - begun)) s, PSNR $(sed -n 's/^ *"psnr": \([0-9.]*\),$/\1/p' "$build/$name/metrics.json" 2>/dev/null) dB" $code
+    verdict "$name, $words: $((SECONDS - begun)) s, PSNR $(sed -n 's/^ *"psnr": \([0-9.]*\),$/\1/p' "$build/$name/metrics.json" 2>/dev/null) dB" $code
+}
+
+same() { # WORDS NAME NAME
+    cmp -s "$build/$2/scene.ply" "$build/$3/scene.ply"
+    verdict "$1 give the same bytes" $?
+}
+
+train cpu survey cpu "$iterations iterations"
+train device-1 survey vulkan "$iterations iterations"
+train device-2 survey vulkan "$iterations iterations"
+same 'two trainings on the device' device-1 device-2
+train deep-cpu deep cpu 'lamp and medium'
+train deep-1 deep vulkan 'lamp and medium'
+train deep-2 deep vulkan 'lamp and medium'
+same 'two trainings with lamp and medium' deep-1 deep-2
+for backend in cpu vulkan; do
+    train "blocks-$backend" deep $backend 'two blocks in front of each other, masks of transients, dropout' --blocks 2 --mask-transients --dropout 0.1
 done
-cmp -s "$build/device-1/scene.ply" "$build/device-2/scene.ply"
-verdict 'two trainings on the device give the same bytes' $?
-for name in deep-cpu deep-1 deep-2; do
-    rm -rf "${build:?}/$name"
-    backend=vulkan
-    [ $name != deep-cpu ] || backend=cpu
-    run $share "$build/oceanxl" train "$build/deep" -o "$build/$name" --iterations $iterations --seed 1 --quiet --backend $backend $([ $name = deep-cpu ] || [ "$device" = -1 ] || echo --device "$device")
-    code=$?
-    verdict "$name, lamp and medium: PSNR $(sed -n 's/^ *"psnr": \([0-9.]*\),$/\1/p' "$build/$name/metrics.json" 2>/dev/null) dB" $code
-done
-cmp -s "$build/deep-1/scene.ply" "$build/deep-2/scene.ply"
-verdict 'two trainings with lamp and medium give the same bytes' $?
 exit $failed
