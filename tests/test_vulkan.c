@@ -3249,9 +3249,10 @@ static double vulkan_psnr_of(const char *out)
     return psnr;
 }
 
-/* A run that one device began and that was stopped is continued by another from its checkpoint, and is as good
- * as one that was not; it says so, stays what it is once it is finished, and its result is found by both. The
- * result of one device alone is not replaced by another. block_points: 0: one block. */
+/* A run that one device began and that was stopped is continued by another from its checkpoint, at the step
+ * where it was stopped, and is as good as one that was not; it says so, stays what it is once it is finished,
+ * and its result is found by both. The result of one device alone is not replaced by another.
+ * block_points: 0: one block. */
 static void vulkan_check_other_device_of(oxl_context *device, size_t block_points)
 {
     const char *name = device->backend->vulkan->properties.deviceName;
