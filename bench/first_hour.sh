@@ -33,7 +33,7 @@ verdict() { # NAME CODE
     if [ "$2" = 0 ]; then echo "- $1: ok"; else echo "- $1: FAILED ($2), see $log"; failed=1; fi
 }
 
-# One line of the table of passes: what bench/device.c prints, in milliseconds. OXL_BENCH_PARTS=1: with lamp, medium, dropout, depth loss.
+# One line of the table of passes: what bench/device.c prints, in milliseconds. OXL_BENCH_PARTS=1: with lamp, medium, dropout, depth loss, masks of transients.
 times() { # GAUSSIANS:WIDTH:HEIGHT [BATCH]
     local g w h out
     IFS=: read -r g w h <<<"$1"
@@ -49,6 +49,7 @@ times() { # GAUSSIANS:WIDTH:HEIGHT [BATCH]
         END {
             sort = t["scan"] + t["compact"] + t["sort, count"] + t["sort, scatter"] + t["footprint"] + t["ranges"]
             parts = t["lamp"] + t["imaging, pixels"] + t["imaging, rows"] + t["imaging, total"] + t["depth loss"]
+            parts += t["transients, measure"] + t["transients, mark"] + t["transients, apply"]
             loss = t["loss forward"] + t["loss total"] + t["loss backward"] + t["unpack"]
             printf "| %s | %s | %s | %s | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %s | %s |\n", g, size, batch, pairs, t["project"], sort,
                 t["raster"], loss, t["raster backward"], t["backward + Adam"], parts, t["step"], waits, dispatches
@@ -86,36 +87,42 @@ echo '| Gaussians | image | batch | pairs | project | sort | raster | loss | ras
 echo '|---|---|---|---|---|---|---|---|---|---|---|---|---|---|'
 for size in $sizes; do times "$size"; done
 for batch in 4 16; do times "$variants" $batch; done
-echo "The last with lamp, medium, dropout and the loss in front of points (OXL_BENCH_PARTS=1):" >>"$log"
+echo "The last with lamp, medium, dropout, the loss in front of points and masks of transients (OXL_BENCH_PARTS=1):" >>"$log"
 export OXL_BENCH_PARTS=1
 times "$variants"
 unset OXL_BENCH_PARTS
 echo
-echo 'Waits: of the host while the device has nothing else to do. Parts: passes of lamp, medium and the loss in front of points, which the last line has.'
+echo 'Waits: of the host while the device has nothing else to do. Parts: passes of lamp, medium, the loss in front of points and masks of transients, which the last line has.'
 echo
 echo '## Training'
 echo
 run 60 "$build/oceanxl" synth -o "$build/survey" --views $views --size 320x240 --points 4000 --quiet
 run 60 "$build/oceanxl" synth -o "$build/deep" --views $views --size 320x240 --points 4000 --water II --lamp 1.5 --backscatter 0.08 --stereo 0.3 --quiet
-for name in cpu device-1 device-2; do
+# Trains a survey with a backend.
+train() { # NAME SURVEY BACKEND WORDS [OPTION...]
+    local name=$1 survey=$2 backend=$3 words=$4 begun=$SECONDS code
+    shift 4
+    [ "$backend" = cpu ] || [ "$device" = -1 ] || set -- "$@" --device "$device"
     rm -rf "${build:?}/$name"
-    backend=vulkan
-    [ $name != cpu ] || backend=cpu
-    begun=$SECONDS
-    run $share "$build/oceanxl" train "$build/survey" -o "$build/$name" --iterations $iterations --seed 1 --quiet --backend $backend $([ $name = cpu ] || [ "$device" = -1 ] || echo --device "$device")
+    run $share "$build/oceanxl" train "$build/$survey" -o "$build/$name" --iterations $iterations --seed 1 --quiet --backend "$backend" "$@"
     code=$?
-    verdict "$name, $iterations iterations: $((SECONDS - begun)) s, PSNR $(sed -n 's/^ *"psnr": \([0-9.]*\),$/\1/p' "$build/$name/metrics.json" 2>/dev/null) dB" $code
+    verdict "$name, $words: $((SECONDS - begun)) s, PSNR $(sed -n 's/^ *"psnr": \([0-9.]*\),$/\1/p' "$build/$name/metrics.json" 2>/dev/null) dB" $code
+}
+
+same() { # WORDS NAME NAME
+    cmp -s "$build/$2/scene.ply" "$build/$3/scene.ply"
+    verdict "$1 give the same bytes" $?
+}
+
+train cpu survey cpu "$iterations iterations"
+train device-1 survey vulkan "$iterations iterations"
+train device-2 survey vulkan "$iterations iterations"
+same 'two trainings on the device' device-1 device-2
+train deep-cpu deep cpu 'lamp and medium'
+train deep-1 deep vulkan 'lamp and medium'
+train deep-2 deep vulkan 'lamp and medium'
+same 'two trainings with lamp and medium' deep-1 deep-2
+for backend in cpu vulkan; do
+    train "blocks-$backend" deep $backend 'two blocks in front of each other, masks of transients, dropout' --blocks 2 --mask-transients --dropout 0.1
 done
-cmp -s "$build/device-1/scene.ply" "$build/device-2/scene.ply"
-verdict 'two trainings on the device give the same bytes' $?
-for name in deep-cpu deep-1 deep-2; do
-    rm -rf "${build:?}/$name"
-    backend=vulkan
-    [ $name != deep-cpu ] || backend=cpu
-    run $share "$build/oceanxl" train "$build/deep" -o "$build/$name" --iterations $iterations --seed 1 --quiet --backend $backend $([ $name = deep-cpu ] || [ "$device" = -1 ] || echo --device "$device")
-    code=$?
-    verdict "$name, lamp and medium: PSNR $(sed -n 's/^ *"psnr": \([0-9.]*\),$/\1/p' "$build/$name/metrics.json" 2>/dev/null) dB" $code
-done
-cmp -s "$build/deep-1/scene.ply" "$build/deep-2/scene.ply"
-verdict 'two trainings with lamp and medium give the same bytes' $?
 exit $failed

@@ -33,6 +33,15 @@ static unsigned compile_variants(int pass)
     return pass >= PASS_RASTER_BACKWARD_4 && pass <= PASS_RASTER_BACKWARD_8_LOBED ? 1 | 4 : 1;
 }
 
+/* Whether the variant is the plain one and a part of training: dropout, medium, lamp, what is left behind the
+ * last splat. So it has more instructions, or the plain one has them, too. */
+static int compile_adds(int pass, uint32_t variant)
+{
+    if (pass == PASS_PROJECT) return variant & 3;
+    if (pass == PASS_STEP || pass == PASS_PROJECT_BACKWARD) return variant == 2;
+    return variant == 1 && (pass == PASS_RASTER || pass == PASS_RASTER_LOBED || pass == PASS_LOSS_FORWARD);
+}
+
 int main(void)
 {
     oxl_context_options options = oxl_context_options_default();
@@ -49,7 +58,7 @@ int main(void)
         for (uint32_t k = 0; rc == OXL_OK && k < VULKAN_VARIANTS; k++) {
             if (!(compile_variants(pass) >> k & 1)) continue;
             made++;
-            fprintf(stderr, "pass %d, variant %u\n", pass, k);
+            fprintf(stderr, "pass %d, variant %u%s\n", pass, k, compile_adds(pass, k) ? ", with a part" : "");
             vulkan_make_variant(&v, pass, k);
             rc = v.rc;
         }

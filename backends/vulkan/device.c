@@ -181,7 +181,7 @@ static oxl_result vulkan_create_device(struct vulkan *v)
     queue.queueFamilyIndex = v->family;
     vulkan_device_extensions(v, &extensions);
     info.enabledExtensionCount = extensions.enabled;
-    vulkan_ok(v, v->CreateDevice(v->physical, &info, NULL, &v->device), "a device");
+    VULKAN_MADE(v, v->CreateDevice(v->physical, &info, NULL, &v->device), v->device, "a device");
     oxl_free(v->ctx, extensions.there);
     if (v->rc != OXL_OK) return v->rc;
 #define VULKAN_FIND(name) v->name = (PFN_vk##name)v->GetDeviceProcAddr(v->device, "vk" #name);
@@ -203,12 +203,14 @@ static oxl_result vulkan_create_frame(struct vulkan *v, struct vulkan_frame *f)
                                              .maxSets = VULKAN_SETS,
                                              .poolSizeCount = 1,
                                              .pPoolSizes = &size};
-    if (!vulkan_ok(v, v->CreateCommandPool(v->device, &pool, NULL, &f->command_pool), "a command pool"))
+    if (!VULKAN_MADE(v, v->CreateCommandPool(v->device, &pool, NULL, &f->command_pool), f->command_pool,
+                     "a command pool"))
         return v->rc;
     commands.commandPool = f->command_pool;
     if (vulkan_ok(v, v->AllocateCommandBuffers(v->device, &commands, f->command), "a command buffer") &&
-        vulkan_ok(v, v->CreateFence(v->device, &fence, NULL, &f->fence), "a fence"))
-        vulkan_ok(v, v->CreateDescriptorPool(v->device, &sets, NULL, &f->descriptor_pool), "descriptors");
+        VULKAN_MADE(v, v->CreateFence(v->device, &fence, NULL, &f->fence), f->fence, "a fence"))
+        VULKAN_MADE(v, v->CreateDescriptorPool(v->device, &sets, NULL, &f->descriptor_pool),
+                    f->descriptor_pool, "descriptors");
     return v->rc;
 }
 

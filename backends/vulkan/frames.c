@@ -46,6 +46,12 @@ OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what)
     return 0;
 }
 
+OXL_INTERNAL int vulkan_made(struct vulkan *v, VkResult result, void *handle, size_t size, const char *what)
+{
+    if (result != VK_SUCCESS) memset(handle, 0, size);
+    return vulkan_ok(v, result, what);
+}
+
 OXL_INTERNAL int vulkan_may_retry(struct vulkan *v)
 {
     if (v->rc != OXL_ERR_MEMORY || v->is_permanent || v->lost) return 0;
@@ -76,7 +82,7 @@ OXL_INTERNAL int vulkan_record(struct vulkan *v)
 }
 
 /* From now on each pass is timed by the device's own clock, into pass_seconds and pass_runs. For the
- * benchmark. */
+ * benchmark. Submits what was recorded before: its times were not reset. */
 OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v)
 {
     const VkQueryPoolCreateInfo info = {.sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO,
@@ -84,7 +90,8 @@ OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v)
                                         .queryCount = VULKAN_FRAMES * 2 * VULKAN_SETS};
     if (!v->properties.limits.timestampComputeAndGraphics || v->stamp_mask == 0)
         return oxl_fail(v->ctx, OXL_ERR_FAILED, "%s has no clock", v->properties.deviceName);
-    if (!v->clock) vulkan_ok(v, v->CreateQueryPool(v->device, &info, NULL, &v->clock), "a clock");
+    if (!v->clock && vulkan_finish(v) == OXL_OK)
+        VULKAN_MADE(v, v->CreateQueryPool(v->device, &info, NULL, &v->clock), v->clock, "a clock");
     return v->rc;
 }
 

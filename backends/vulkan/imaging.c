@@ -196,8 +196,8 @@ OXL_INTERNAL oxl_result vulkan_imaging_gradient(void *device, double dlamp[LAMP_
 
 /* ---------------- the loss in front of points */
 
-struct vulkan_depths { /* sorted by tile, in the given order in each */
-    float point[DEPTH_POINTS][4];
+struct vulkan_depths {               /* sorted by tile, in the given order in each */
+    uint32_t point[DEPTH_POINTS][4]; /* bits of x, y, z; the tile's number */
     uint32_t first[DEPTH_POINTS + 1];
     uint32_t groups;
 };
@@ -224,10 +224,10 @@ static struct vulkan_depths vulkan_group_depths(const struct vulkan_renderer *r,
         d.first[d.groups++] = at;
         for (int k = i; k < points; k++) {
             if (tile[k] != here) continue;
-            d.point[at][0] = point[k].x;
-            d.point[at][1] = point[k].y;
-            d.point[at][2] = point[k].z;
-            memcpy(&d.point[at++][3], &here, sizeof here);
+            d.point[at][0] = vulkan_bits(point[k].x);
+            d.point[at][1] = vulkan_bits(point[k].y);
+            d.point[at][2] = vulkan_bits(point[k].z);
+            d.point[at++][3] = here;
             tile[k] = UINT32_MAX;
         }
     }

@@ -134,14 +134,16 @@ OXL_INTERNAL oxl_result vulkan_start(struct vulkan *v)
             v->ctx, OXL_ERR_FAILED,
             "no Vulkan loader (libvulkan.so.1) on this machine\nfix: install a driver, or --backend cpu");
     v->validates = vulkan_validates(v);
-    if (!vulkan_ok(v, vulkan_make_instance(v, &listen), "the loader")) return v->rc;
+    if (!VULKAN_MADE(v, vulkan_make_instance(v, &listen), v->instance, "the loader")) return v->rc;
 #define VULKAN_FIND(name) v->name = (PFN_vk##name)v->GetInstanceProcAddr(v->instance, "vk" #name);
     VULKAN_OF_INSTANCE(VULKAN_FIND)
 #undef VULKAN_FIND
     if (!v->validates) return OXL_OK;
     create = (PFN_vkCreateDebugUtilsMessengerEXT)v->GetInstanceProcAddr(v->instance,
                                                                         "vkCreateDebugUtilsMessengerEXT");
-    if (create) vulkan_ok(v, create(v->instance, &listen, NULL, &v->messenger), "the validation layer");
+    if (create)
+        VULKAN_MADE(v, create(v->instance, &listen, NULL, &v->messenger), v->messenger,
+                    "the validation layer");
     return v->rc;
 }
 

@@ -156,7 +156,8 @@ OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_
     const size_t own = for_host ? 0 : size;
     VkMemoryRequirements needs;
     struct vulkan_kinds kinds;
-    if (v->rc != OXL_OK || !vulkan_ok(v, v->CreateBuffer(v->device, &info, NULL, &b->handle), "a buffer"))
+    if (v->rc != OXL_OK ||
+        !VULKAN_MADE(v, v->CreateBuffer(v->device, &info, NULL, &b->handle), b->handle, "a buffer"))
         return;
     v->GetBufferMemoryRequirements(v->device, b->handle, &needs);
     kinds = vulkan_memory_kinds(v, needs.memoryTypeBits, for_host ? host : 0,
@@ -164,7 +165,8 @@ OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_
                                          : VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
     if (!for_host && kinds.count > 0) v->kind = vulkan_main_kind(v, &kinds);
     if (kinds.count == 0) vulkan_ok(v, VK_ERROR_FEATURE_NOT_PRESENT, "memory that the host can see");
-    else if (vulkan_ok(v, vulkan_allocate(v, needs.size, &kinds, own, &b->memory), "memory for a buffer"))
+    else if (VULKAN_MADE(v, vulkan_allocate(v, needs.size, &kinds, own, &b->memory), b->memory,
+                         "memory for a buffer"))
         vulkan_ok(v, v->BindBufferMemory(v->device, b->handle, b->memory, 0), "memory for a buffer");
     if (v->rc == OXL_OK) {
         b->size = size;

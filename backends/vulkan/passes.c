@@ -72,8 +72,9 @@ static void vulkan_make_layout(struct vulkan *v, enum vulkan_pass pass)
     for (uint32_t i = 0; i < VULKAN_PASSES[pass].bindings; i++)
         binding[i] = (VkDescriptorSetLayoutBinding){i, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1,
                                                     VK_SHADER_STAGE_COMPUTE_BIT, NULL};
-    if (p->set || vulkan_ok(v, v->CreateDescriptorSetLayout(v->device, &set, NULL, &p->set), "a layout"))
-        vulkan_ok(v, v->CreatePipelineLayout(v->device, &layout, NULL, &p->layout), "a layout");
+    if (p->set ||
+        VULKAN_MADE(v, v->CreateDescriptorSetLayout(v->device, &set, NULL, &p->set), p->set, "a layout"))
+        VULKAN_MADE(v, v->CreatePipelineLayout(v->device, &layout, NULL, &p->layout), p->layout, "a layout");
 }
 
 static void vulkan_make_variant(struct vulkan *v, enum vulkan_pass pass, uint32_t variant)

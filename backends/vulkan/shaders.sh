@@ -10,7 +10,7 @@ sources=$(cat -- *.comp *.glsl | cksum | tr ' ' '-')
 version=$(glslc --version 2>/dev/null | tr '\n' ' ' | sed 's/ *$//' || true)
 
 # How many storage buffers a shader binds and how many bytes it is pushed, read from its words: the C code takes both from here, so that the
-# host and the shader cannot disagree; and the bytes of its shared memory. What is pushed are numbers of 32 bits; the largest offset tells how many.
+# host and the shader cannot disagree; and the bytes of its shared memory, at most: as std430 lays it out, whatever the order. What is pushed are numbers of 32 bits; the largest offset tells how many.
 tell_size() { # NAME WORDS
     od -An -v -tu4 -w4 "$2" | awk -v name="$1" '
     { word[NR - 1] = $1 }
@@ -22,12 +22,12 @@ tell_size() { # NAME WORDS
             if ((code == 21 || code == 22) && word[i + 2] == 32) number[word[i + 1]] = 1 # OpTypeInt, OpTypeFloat
             if (code == 30) for (k = 2; k < int(word[i] / 65536); k++) others[word[i + 1]] += !(word[i + k] in number) # OpTypeStruct
             if (code == 21 || code == 22) bytes[word[i + 1]] = word[i + 2] / 8 # of shared memory: numbers,
-            if (code == 23) bytes[word[i + 1]] = word[i + 3] * bytes[word[i + 2]] # vectors
+            if (code == 23) bytes[word[i + 1]] = (word[i + 3] == 3 ? 4 : word[i + 3]) * bytes[word[i + 2]] # vectors
             if (code == 43) value[word[i + 2]] = word[i + 3] # OpConstant
             if (code == 28) bytes[word[i + 1]] = bytes[word[i + 2]] * value[word[i + 3]] # arrays
             if (code == 28 && !(word[i + 3] in value)) unsized[word[i + 1]] = 1 # by a specialization constant: see raster.glsl
             if (code == 32 && word[i + 2] == 4) { points[word[i + 1]] = bytes[word[i + 3]]; wrong += unsized[word[i + 3]] }
-            if (code == 59 && word[i + 3] == 4) shared += points[word[i + 1]] # OpVariable Workgroup
+            if (code == 59 && word[i + 3] == 4) shared += 16 * int((points[word[i + 1]] + 15) / 16) # OpVariable Workgroup
             if (code == 32 && word[i + 2] == 9 && word[i + 3] in others) push = word[i + 3] # OpTypePointer PushConstant
         }
         if (wrong) { print "shaders: " name " has a shared array sized by a specialization constant" > "/dev/stderr"; exit 1 }

@@ -219,6 +219,9 @@ OXL_INTERNAL const char *vulkan_word(VkResult result);
 OXL_INTERNAL int vulkan_is_short(VkResult result); /* of memory */
 /* keeps the first failure; 1: none so far */
 OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what);
+/* The same of a call that makes `handle`: where it fails, Vulkan leaves anything there. */
+OXL_INTERNAL int vulkan_made(struct vulkan *v, VkResult result, void *handle, size_t size, const char *what);
+#define VULKAN_MADE(v, result, handle, what) vulkan_made(v, result, &(handle), sizeof(handle), what)
 /* 1: a smaller buffer may do, and the failure is forgotten */
 OXL_INTERNAL int vulkan_may_retry(struct vulkan *v);
 

@@ -7,7 +7,7 @@
 #define INFINITY_BITS view.infinity
 #include "common.glsl"
 
-layout(std430, binding = 1) readonly buffer Points { vec4 point[]; };   /* x y z of the camera, px; bits of its tile's number */
+layout(std430, binding = 1) readonly buffer Points { uvec4 point[]; };  /* bits of x y z of the camera, px; its tile's number: as a float, a device may flush it */
 layout(std430, binding = 2) readonly buffer First { uint first_of[]; }; /* (groups + 1) of each tile's points */
 layout(std430, binding = 3) readonly buffer Start { uint start[]; };
 layout(std430, binding = 4) readonly buffer Sorted { uint sorted[]; };
@@ -39,8 +39,8 @@ void main()
     /* read before the loop: GPU-assisted validation cannot instrument a loop's condition that reads a buffer */
     uint last = first_of[work_group() + 1u];
     for (uint n = first_of[work_group()]; n < last; n++) {
-        vec3  p    = point[n].xyz;
-        uint  tile = floatBitsToUint(point[n].w), from = start[tile], end = start[tile + 1u];
+        vec3  p    = uintBitsToFloat(point[n].xyz);
+        uint  tile = point[n].w, from = start[tile], end = start[tile + 1u];
         float t    = 1.0;
         for (uint pair = from + i; pair < end; pair += 256u) t *= 1.0 - alpha_of(staged[sorted[pair]].x, p);
         barrier();
