@@ -125,7 +125,7 @@ static int colmap_is_pose(const struct colmap_reader *r)
     const char *p = r->cursor;
     int64_t image, camera;
     double v[7], name, square;
-    /* nearly all lines of 2D points return here, at the first number */
+    /* Returns here for nearly all lines of 2D points, whose first number is no integer. */
     if (!colmap_peek_whole(&p, r->end, &image)) return 0;
     for (int i = 0; i < 7; i++)
         if (!colmap_peek_real(&p, r->end, &v[i])) return 0;
@@ -177,11 +177,11 @@ enum { COLMAP_FILES = 3 };
 static const char *const colmap_names[2][COLMAP_FILES] = {{"cameras.txt", "images.txt", "points3D.txt"},
                                                           {"cameras.bin", "images.bin", "points3D.bin"}};
 
-struct colmap_files { /* the three files of one format */
+struct colmap_files { /* Counts the three files of one format that are there. */
     int count;
     const char *missing; /* the first missing file */
-    int has_poses;       /* all but the points */
-    int64_t modified;    /* of the newest */
+    int has_poses;       /* files that poses need, cameras and images: 0 to 2 */
+    int64_t modified;    /* time of the newest file */
 };
 
 static struct colmap_files colmap_find_files(const char *folder, enum colmap_format format)

@@ -22,10 +22,10 @@
 
 enum {
     BINARY_CAMERA_MIN = 24 + 2 * 8,         /* bytes of a camera of the fewest parameters */
-    BINARY_POSE = 4 + 7 * 8 + 4,            /* of an image, before its name */
-    BINARY_IMAGE_MIN = BINARY_POSE + 2 + 8, /* a name of one letter, no 2D points */
+    BINARY_POSE = 4 + 7 * 8 + 4,            /* bytes of an image before its name */
+    BINARY_IMAGE_MIN = BINARY_POSE + 2 + 8, /* bytes of an image with a name of one letter and no 2D points */
     BINARY_OBSERVATION = 24,
-    BINARY_POINT = 51, /* with the length of its track */
+    BINARY_POINT = 51, /* bytes of a point with the length of its track */
     BINARY_TRACK = 8,
     BINARY_NAME_LONGEST = 4096
 };
@@ -103,7 +103,7 @@ static oxl_result binary_finite(struct colmap_reader *r, const char *p, const ch
     return fabs(*out) <= DBL_MAX ? OXL_OK : binary_fail(r, binary_offset(r), what, "%g", *out);
 }
 
-/* Refuses bytes after the last record. */
+/* Warns of bytes after the last record, which are not read. */
 static void binary_end(struct colmap_reader *r)
 {
     if (binary_left(r) == 0) return;
@@ -212,7 +212,8 @@ static oxl_result binary_pose(struct colmap_reader *r, struct colmap_image *imag
     return rc;
 }
 
-/* Ids from 2^63 on mean no point; COLMAP writes 2^64 - 1. */
+/* Reads a point's id. COLMAP's mark of no point, 2^64 - 1, becomes -1; other ids from 2^63 on are an error,
+ * since they do not fit int64_t. */
 static oxl_result binary_point_id(struct colmap_reader *r, const char *p, int64_t *out)
 {
     const uint64_t id = bytes_get(p, 8);
@@ -222,7 +223,7 @@ static oxl_result binary_point_id(struct colmap_reader *r, const char *p, int64_
                : binary_fail(r, binary_offset(r), "a point id below 2^63", "%" PRIu64, id);
 }
 
-/* Keeps the place of an image's 2D points in the file alone: exports copy them. */
+/* Skips an image's 2D points and keeps only their place in the file, from which exports copy them. */
 static oxl_result binary_skip_observations(struct colmap_reader *r, struct colmap_image *image)
 {
     uint64_t count = 0;
@@ -273,8 +274,8 @@ static oxl_result binary_track(struct colmap_reader *r, uint64_t length, struct 
     return OXL_OK;
 }
 
-/* Reads a point's track. more: number of points after this one. A track that leaves no bytes for them would
- * overrun the array of tracks. */
+/* Reads a point and the length of its track. more: number of points after this one. Refuses a track that
+ * leaves no bytes for them, which would overrun the array of tracks. */
 static oxl_result binary_point(struct colmap_reader *r, uint64_t more, struct colmap_point *point,
                                uint64_t *length)
 {
@@ -294,7 +295,7 @@ static oxl_result binary_point(struct colmap_reader *r, uint64_t more, struct co
     return rc;
 }
 
-/* Adds a row, or none. */
+/* Adds a point, or none if its position is not finite. */
 static oxl_result binary_add_point(struct colmap_reader *r, uint64_t more)
 {
     struct colmap *out = r->out;
@@ -310,7 +311,8 @@ static oxl_result binary_add_point(struct colmap_reader *r, uint64_t more)
     return OXL_OK;
 }
 
-/* Allocates points and tracks at once: the bytes of the file beside the points are tracks. */
+/* Reads the points. Allocates rows of points and tracks once: all bytes of the file
+ * beside the points are tracks. */
 static oxl_result binary_points(struct colmap_reader *r)
 {
     struct colmap *out = r->out;

@@ -1,8 +1,7 @@
-/* colmap_order.c - cameras, images and points of a COLMAP model by id.
+/* colmap_order.c - sorts cameras, images and points of a COLMAP model by id.
  *
  * COLMAP writes rows in the order of its hash tables, so its text and binary exports of one model differ in
- * this order. The result
- * depends on it: Gaussians and sums follow the order of the points.
+ * this order. The result depends on it: Gaussians and sums follow the order of the points.
  *
  * Invariant: models that differ only in the order of rows are equal afterwards, except for the positions of
  * tracks.
@@ -21,12 +20,13 @@ static int order_compare(const void *a, const void *b)
 struct order_ranks {
     int64_t low;
     uint64_t *met;    /* (words) */
-    uint32_t *before; /* (words) ids before the word's */
+    uint32_t *before; /* (words) number of ids below the word's first */
 };
 
 static int order_ones(uint64_t x)
 {
-    x = x - (x >> 1 & UINT64_C(0x5555555555555555)); /* population count: pairs, fours, bytes */
+    /* Counts the ones of pairs, then of fours, then of bytes. */
+    x = x - (x >> 1 & UINT64_C(0x5555555555555555));
     x = (x & UINT64_C(0x3333333333333333)) + (x >> 2 & UINT64_C(0x3333333333333333));
     x = (x + (x >> 4)) & UINT64_C(0x0f0f0f0f0f0f0f0f);
     return (int)(x * UINT64_C(0x0101010101010101) >> 56);
@@ -39,8 +39,8 @@ static size_t order_rank(const struct order_ranks *ranks, int64_t id)
            (size_t)order_ones(ranks->met[at / 64] & ((UINT64_C(1) << (at & 63)) - 1));
 }
 
-/* Sorts in place: a second array would take half a gigabyte for 10^7 points. First into buckets of cache
- * size; then each swap within a bucket puts one point in its final position. */
+/* Sorts in place: a second array would take half a gigabyte for 10^7 points. Distributes the points into
+ * buckets of cache size first; then each swap within a bucket puts one point in its final position. */
 static void order_points_by_rank(struct colmap *c, const struct order_ranks *ranks)
 {
     enum { BUCKETS = 512 };
@@ -82,6 +82,7 @@ static oxl_result order_by_rank(oxl_context *ctx, struct colmap *c, int64_t low,
     return rc;
 }
 
+/* Leaves points in order as they are; sorts dense ids by rank, in linear time, and sparse ones by qsort. */
 OXL_INTERNAL oxl_result colmap_order_points(oxl_context *ctx, struct colmap *c, int64_t *repeated)
 {
     int64_t low = INT64_MAX, high = INT64_MIN;
@@ -94,7 +95,8 @@ OXL_INTERNAL oxl_result colmap_order_points(oxl_context *ctx, struct colmap *c, 
     if (sorted >= c->point_count) return OXL_OK;
     if (((uint64_t)high - (uint64_t)low) / 64 <= c->point_count && c->point_count <= UINT32_MAX)
         return order_by_rank(ctx, c, low, (size_t)(((uint64_t)high - (uint64_t)low) / 64) + 1, repeated);
-    qsort(c->point, c->point_count, sizeof *c->point, order_compare); /* sparse ids, not from COLMAP */
+    /* Sorts sparse ids, which COLMAP does not write, without a bit for each possible id. */
+    qsort(c->point, c->point_count, sizeof *c->point, order_compare);
     for (size_t i = 1; i < c->point_count; i++)
         if (c->point[i - 1].id == (*repeated = c->point[i].id)) return OXL_ERR_INPUT;
     return OXL_OK;
@@ -105,6 +107,7 @@ struct order_image {
     uint32_t row;
 };
 
+/* Sorts the images by id, and gives the tracks the new rows. */
 static oxl_result order_images(oxl_context *ctx, struct colmap *c)
 {
     struct order_image *by_id = oxl_alloc(ctx, c->image_count + 1, sizeof *by_id);
@@ -133,7 +136,8 @@ OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap 
                            : NULL;
 }
 
-/* Rejects paths outside the image folder: absolute paths, drives, ".." between slashes of either kind. */
+/* Returns 0 for paths outside the image folder: absolute paths, drives, ".."
+ * between slashes of either kind. */
 OXL_INTERNAL int colmap_name_is_safe(const char *name, const char *end)
 {
     const char *part = name;

@@ -1,4 +1,4 @@
-/* colmap_points.c - points3D.txt, the largest file, read by several threads.
+/* colmap_points.c - reads points3D.txt, the largest file, by several threads.
  *
  *     POINT3D_ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)*
  *
@@ -14,9 +14,9 @@
 
 enum {
     POINTS_PIECES = 16,
-    POINTS_TEXT_MIN = 16,
-    POINTS_TRACK_MIN = 4
-}; /* bytes: "0 0 0 0 0 0 0 0\n", "0 0 " */
+    POINTS_TEXT_MIN = 16, /* bytes of the shortest point, "0 0 0 0 0 0 0 0\n" */
+    POINTS_TRACK_MIN = 4  /* bytes of the shortest entry of a track, "0 0 " */
+};
 
 struct points_piece {
     struct colmap_reader reader; /* a copy with the same tables of ids and its own lines */
@@ -35,7 +35,8 @@ struct points_rows { /* capacity for a full buffer, divided into pieces */
 
 /* ---------------- a line */
 
-/* Parses an integer of at most 9 digits, the fast path. 0: any other field; the cursor stays. */
+/* Parses an integer of at most 9 digits without a check of overflow, which is fast. Returns 0 and leaves the
+ * cursor for any other field. */
 static inline int points_short_integer(const char **cursor, const char *end, uint32_t *out)
 {
     const char *p = *cursor, *first;
@@ -49,6 +50,7 @@ static inline int points_short_integer(const char **cursor, const char *end, uin
     return 1;
 }
 
+/* Takes the fast way for two short integers; otherwise the slow one, which gives the message. */
 static oxl_result points_read_track_entry(struct colmap_reader *r, int64_t *image, uint32_t *observation)
 {
     const char *p = r->cursor;
@@ -98,7 +100,7 @@ static oxl_result points_read_fields(struct colmap_reader *r, struct colmap_poin
     return rc;
 }
 
-/* Adds a row, or none. */
+/* Adds a point, or none if its position is not finite. */
 static oxl_result points_read_record(struct colmap_reader *r, struct points_piece *to)
 {
     struct colmap_point point = {.first_track = to->tracks};
@@ -127,15 +129,15 @@ static void points_read_piece(struct points_piece *p, const char *begin, int is_
         p->rc = points_read_record(&p->reader, p);
 }
 
-/* Returns the position after the last newline before `to`; `from` if there is none. */
+/* Returns the position after the last newline before `to`, or `from` if there is none. */
 static const char *points_line_begin(const char *from, const char *to)
 {
     while (to > from && to[-1] != '\n') to--;
     return to;
 }
 
-/* Divides the buffer into pieces of whole lines; the last line may have no newline. begin (POINTS_PIECES +
- * 1). */
+/* Divides the buffer into pieces of whole lines; the last line may have no newline.
+ * begin: (POINTS_PIECES + 1). */
 static void points_divide_buffer(const struct colmap_reader *r, const char **begin)
 {
     const char *end = r->at_end ? r->limit : points_line_begin(r->next, r->limit);
@@ -157,6 +159,8 @@ static oxl_result points_reserve_rows(struct colmap_reader *r, struct points_row
     return rc;
 }
 
+/* Parses the pieces in parallel. A piece's rows begin where its bytes do, in rows of the shortest lines, so
+ * that no piece reaches another's. */
 static void points_read_pieces(struct colmap_reader *r, const struct points_rows *rows,
                                const char *const *begin, struct points_piece *piece)
 {
@@ -202,6 +206,7 @@ static size_t points_expected(const struct colmap_reader *r, size_t so_far)
     return r->offset == 0 && read > 0 && expected > (double)so_far ? (size_t)expected : so_far;
 }
 
+/* Copies the pieces' rows to their destinations in parallel. */
 static oxl_result points_join(struct colmap_reader *r, const struct points_piece *piece)
 {
     struct colmap *out = r->out;

@@ -1,5 +1,5 @@
-/* colmap_text.c - COLMAP's text files: a buffer that moves over the file, its lines, their fields, and error
- * messages.
+/* colmap_text.c - reads COLMAP's text files: a buffer that moves over the file, its lines, their fields, and
+ * error messages.
  *
  * Only the buffer is in memory, so a file of several gigabytes needs no more than its parsed rows.
  *
@@ -21,7 +21,8 @@ static int64_t colmap_id_at(const void *rows, size_t stride, size_t row)
 OXL_INTERNAL uint32_t *colmap_index_slot(const struct colmap_index *x, const void *rows, size_t stride,
                                          int64_t id)
 {
-    /* Knuth's golden ratio */
+    /* Multiplies by 2^64 divided by the golden ratio (Knuth), which spreads
+     * consecutive ids over the slots. */
     size_t s = (size_t)(((uint64_t)id * UINT64_C(0x9E3779B97F4A7C15)) >> 32) & (x->slots - 1);
     while (x->slot[s] && colmap_id_at(rows, stride, x->slot[s] - 1) != id) s = (s + 1) & (x->slots - 1);
     return &x->slot[s];
@@ -50,7 +51,7 @@ static const char *const colmap_warning_text[WARN_COUNT] = {
     "a track names an image that is not there; that entry is left out",
 };
 
-enum { COLMAP_LOGGED_MAX = 3 }; /* lines of a kind */
+enum { COLMAP_LOGGED_MAX = 3 }; /* messages of one kind per file */
 
 /* ---------------- the buffer */
 
@@ -67,6 +68,8 @@ static oxl_result colmap_grow_buffer(struct colmap_reader *r, size_t room)
     return OXL_OK;
 }
 
+/* Keeps the bytes from `next` on, and reads as many as fit behind them. Widens a buffer that is full of them:
+ * a line is longer than it. */
 OXL_INTERNAL oxl_result colmap_fill(struct colmap_reader *r)
 {
     const size_t rest = (size_t)(r->limit - r->next);
@@ -133,7 +136,7 @@ OXL_INTERNAL oxl_result colmap_open_bytes(struct colmap_reader *r, const char *f
     if (r->rc == OXL_OK) r->rc = os_reader_seek(r->ctx, &r->file, 0);
     if (r->rc != OXL_OK) return r->rc;
     r->limit = r->next = r->buffer;
-    /* one byte to detect the end, and the zero byte */
+    /* Adds a byte to detect the end of the file, and the zero byte. */
     wanted = (size_t)OXL_MIN(r->file.size, (uint64_t)r->buffer_size) + 2;
     return r->room < wanted ? colmap_grow_buffer(r, wanted) : OXL_OK;
 }
@@ -152,7 +155,7 @@ OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r)
     r->limit = r->next = r->buffer;
     if (colmap_fill(r) != OXL_OK) return r->rc;
     if (r->limit - r->next >= 3 && memcmp(r->next, "\xEF\xBB\xBF", 3) == 0)
-        r->next += 3; /* the byte order mark of UTF-8 */
+        r->next += 3; /* Skips the byte order mark of UTF-8. */
     if (r->limit - r->next >= 2 &&
         (memcmp(r->next, "\xFF\xFE", 2) == 0 || memcmp(r->next, "\xFE\xFF", 2) == 0))
         r->rc =
@@ -221,7 +224,7 @@ OXL_INTERNAL const char *colmap_printable(const char *p, const char *end, char o
     return out;
 }
 
-/* Returns 1 for a number with a decimal comma: 0,5 and the like. */
+/* Returns 1 for a number with a decimal comma, such as 0,5. */
 static int colmap_has_comma(const char *p, const char *end)
 {
     for (p++; p + 1 < end && !colmap_is_blank(*p); p++)
@@ -303,7 +306,7 @@ OXL_INTERNAL oxl_result colmap_repeated(struct colmap_reader *r, const char *wha
                     r->path, r->line, what, id);
 }
 
-/* Inserts the last of `count` + 1 rows; a duplicate id is an error. */
+/* Inserts the last of `count` + 1 rows into the table of ids; a duplicate id is an error. */
 static oxl_result colmap_index_insert(struct colmap_reader *r, struct colmap_index *x, const void *rows,
                                       size_t stride, size_t count, const char *what)
 {
@@ -406,7 +409,8 @@ OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name)
     size_t size;
     oxl_result rc;
     colmap_skip_blanks(r);
-    while (r->end - r->cursor > 2 && r->cursor[0] == '.' && r->cursor[1] == '/') /* the same image */
+    /* Removes "./": without it the name is the same image's. */
+    while (r->end - r->cursor > 2 && r->cursor[0] == '.' && r->cursor[1] == '/')
         for (r->cursor += 2; r->cursor < r->end && r->cursor[0] == '/';) r->cursor++;
     size = (size_t)(r->end - r->cursor);
     if (size == 0) return colmap_fail_token(r, r->cursor, "NAME", "a file in the image folder");

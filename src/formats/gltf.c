@@ -76,13 +76,13 @@ static void gltf_write_array(FILE *file, const oxl_model *model, int array)
             for (int k = 0; k < width; k++)
                 bytes_put_float(bytes + 4 * (i * (size_t)width + (size_t)k), value[k]);
         }
-        fwrite(bytes, 4 * (size_t)width, rows, file); /* os_writer_close reports errors */
+        fwrite(bytes, 4 * (size_t)width, rows, file); /* Leaves errors to os_writer_close. */
     }
 }
 
 /* ---------------- the text */
 
-/* Bounds of the positions, required by the specification. */
+/* Adds the bounds of the positions, which the specification requires. */
 static void gltf_add_bounds(struct text *t, const oxl_model *model)
 {
     double low[3] = {0}, high[3] = {0};
@@ -105,6 +105,8 @@ static void gltf_add_semantic(struct text *t, int array)
         text_add(t, "\"KHR_gaussian_splatting:SH_DEGREE_%d_COEF_%d\":%d", degree, k - degree * degree, array);
 }
 
+/* Adds the origin as the node's translation, in the frame of glTF, and what glTF has
+ * no member for as extras. */
 static void gltf_add_origin(struct text *t, const oxl_model *model)
 {
     const double *o = model->origin;

@@ -1,12 +1,13 @@
-/* imaging_file.c - imaging.txt, the formation of images beside a model: gains, medium, lamp.
+/* imaging_file.c - reads and writes imaging.txt, the formation of images beside a model: gains, medium,
+ * lamp, poses.
  */
 #include "formats.h"
 #include "../survey/imaging.h"
 #include "../survey/scene.h"
 #include "../core/vecmath.h"
 
-#define IMAGING_MEDIUM_MAX 1e20   /* of bD, bB (1/unit; units may be tiny) and Binf in a file */
-#define IMAGING_DISTANCE_MAX 1e15 /* units: no camera lies farther */
+#define IMAGING_MEDIUM_MAX 1e20   /* Limits bD and bB (1/unit; units may be tiny) and Binf in a file. */
+#define IMAGING_DISTANCE_MAX 1e15 /* Limits distances (units); no camera lies farther. */
 
 /* Adds a line of the file: a word, `count` numbers, and the name of an image or NULL. */
 static void imaging_write_line(struct text *t, const char *word, const float *values, int count,
@@ -90,7 +91,8 @@ static int imaging_find(const oxl_scene *scene, const char *name, size_t length)
         const int middle = low + (high - low) / 2;
         const char *at = oxl_scene_view(scene, middle)->name;
         int order = strncmp(at, name, length);
-        if (order == 0 && strlen(at) != length) order = strlen(at) > length ? 1 : -1; /* a zero in `name` */
+        /* Orders a view whose name goes on after `length` behind. */
+        if (order == 0 && strlen(at) != length) order = strlen(at) > length ? 1 : -1;
         if (order == 0) return middle;
         if (order < 0) low = middle + 1;
         else high = middle - 1;
@@ -113,7 +115,7 @@ static int imaging_skip_word(const char **at, const char *end, const char *word)
     return 1;
 }
 
-/* Returns 1 if the line was of the medium and whole. */
+/* Returns 1 if the line states the medium and is complete. */
 static int imaging_read_medium(const char *at, const char *end, struct medium *m)
 {
     static const char *const names[3] = {"bD", "bB", "Binf"};
@@ -130,7 +132,8 @@ static int imaging_read_medium(const char *at, const char *end, struct medium *m
     return m->has_falloff = falloff[1] > 0;
 }
 
-/* Returns 1 if the line was of a lamp and whole; that of a camera which the scene has not is passed over. */
+/* Returns 1 if the line states a lamp and is complete; skips the lamp of a view that
+ * the scene does not have. */
 static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *scene, struct imaging *m)
 {
     struct lamp lamp = {.view = -1};
@@ -150,7 +153,8 @@ static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *s
     return 1;
 }
 
-/* Returns 1 if the line was of a pose and whole; that of a view which the scene has not is passed over. */
+/* Returns 1 if the line states a pose and is complete; skips the pose of a view that
+ * the scene does not have. */
 static int imaging_read_pose(const char *at, const char *end, const oxl_scene *scene, struct imaging *m)
 {
     double pose[POSE_TERMS];
@@ -198,7 +202,7 @@ OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const 
     return rc;
 }
 
-/* Refuses a zero byte and, where the file ends in a checksum, another than that of the text. */
+/* Refuses a zero byte and, if the file ends in a checksum, a text with another one. */
 static oxl_result imaging_check_bytes(oxl_context *ctx, const char *path, const struct os_file_map *map)
 {
     const char *zero = memchr(map->data, 0, map->size);
@@ -232,14 +236,14 @@ static oxl_result imaging_read_gain(oxl_context *ctx, const char *path, int line
     }
     while (at < end && *at == ' ') at++;
     view = imaging_find_name(scene, at, end);
-    if (view < 0) return OXL_OK; /* of another part of the survey */
+    if (view < 0) return OXL_OK; /* Skips an image of another block of the survey. */
     out->known[view] = 1;
     out->on = 1;
     for (int c = 0; c < 3; c++) out->log_gain[3 * view + c] = (float)vecmath_log(gain[c]);
     return OXL_OK;
 }
 
-/* Reads the file; names that are not in the scene are skipped. */
+/* Reads the file; skips names that are not in the scene. */
 OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene,
                                      struct imaging *out)
 {
@@ -284,7 +288,8 @@ oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char
         if (rc == OXL_OK) rc = scene_set_poses(ctx, scene);
     }
     if (strncmp(name, "scene.", 6) && strncmp(name, "scene_standard.", 15)) return rc;
-    /* what is in its colours, in whatever format; gains are where train left the model that has them, too */
+    /* Removes from the imaging model what scene.* and scene_standard.* have in their colours: the medium, and
+     * gains if train left scene_clear.ply, the model that goes with them. */
     if (imaging_is_gains_alone(&scene->imaging) &&
         os_is_file(PATH("", "%.*sscene_clear.ply", (int)(name - model_path), model_path)))
         scene->imaging.on = 0;

@@ -1,4 +1,4 @@
-/* json.c - see json.h. */
+/* json.c - reads JSON text (json.h). */
 #include "json.h"
 #include "../core/core.h"
 
@@ -7,7 +7,7 @@ static const char *json_blank(const char *at)
     return at + strspn(at, " \t\r\n");
 }
 
-/* Skips the string at p. */
+/* Returns the position after the string at `at`. */
 static const char *json_past_string(const char *at)
 {
     for (at++; *at && *at != '"'; at++)
@@ -37,6 +37,7 @@ const char *oxl_json_end(const char *at)
     return at;
 }
 
+/* Counts brackets and skips strings; a text whose root is no object and no array is an error at its start. */
 const char *oxl_json_error(const char *text)
 {
     const char *at = json_blank(text);
@@ -76,6 +77,7 @@ const char *oxl_json_value(const char *key)
     return at && *at == ':' ? json_blank(at + 1) : NULL;
 }
 
+/* Goes through the object's keys in order: of equal ones the first counts. */
 const char *oxl_json_member(const char *object, const char *name)
 {
     const size_t length = strlen(name);
@@ -114,9 +116,9 @@ int oxl_json_is_true(const char *object, const char *name)
 
 /* ---------------- strings */
 
-/* Writes a byte that is not of UTF-8 as the surrogate DC00 + byte, which text cannot hold alone (Python's
- * surrogateescape): names of files come back as they were. */
-/* Writes a character as UTF-8; returns its length, at most half of the escapes'. */
+/* Writes a character as UTF-8; returns its length, at most half of the escapes'. Surrogates DC80 to DCFF,
+ * which no text holds alone, become the bytes 80 to FF (Python's surrogateescape): names of files that are
+ * not UTF-8 come back as they were. */
 static size_t json_put(char *out, unsigned long code)
 {
     if (code < 0x80 || (code >= JSON_LOW + 0x80 && code <= JSON_LOW + 0xFF)) {
@@ -136,7 +138,7 @@ static size_t json_put(char *out, unsigned long code)
     return 3;
 }
 
-/* Reads uXXXX at `at`; 0: something else. */
+/* Reads uXXXX at `at`; returns 0 for anything else. */
 static unsigned long json_code(const char *at)
 {
     char digits[5] = {0};
@@ -153,7 +155,7 @@ static size_t json_unescape(const char **cursor, char *out)
     if (code) {
         *cursor = at + 5;
         second = code - JSON_HIGH < JSON_SURROGATES && at[5] == '\\' ? json_code(at + 6) : 0;
-        if (second - JSON_LOW < JSON_SURROGATES) { /* two of them are one character */
+        if (second - JSON_LOW < JSON_SURROGATES) { /* Joins two surrogates into one character. */
             *cursor = at + 11;
             code = 0x10000 + ((code - JSON_HIGH) << 10) + (second - JSON_LOW);
         }

@@ -1,9 +1,8 @@
-/* json_survey.c - surveys in JSON: nerfstudio's transforms.json and OpenSfM's reconstruction.json, read into
- * the struct of COLMAP's files.
+/* json_survey.c - adds rows for the readers of surveys in JSON: nerfstudio's transforms.json and OpenSfM's
+ * reconstruction.json, read into the struct of COLMAP's files.
  *
  * Invariant: as in colmap.c: finite numbers, rotations, names inside the image folder, each image's camera
- * exists. There are no
- * 2D points and no tracks, so such a survey is one block.
+ * exists. There are no 2D points and no tracks, so such a survey is one block.
  */
 #include "json_survey.h"
 
@@ -23,8 +22,8 @@ OXL_INTERNAL oxl_result json_survey_open(struct colmap_reader *r, const char *pa
     r->rc = os_read_file(r->ctx, path, map);
     if (r->rc == OXL_OK) r->rc = os_refuse_gzip(r->ctx, path, map->data, map->size);
     if (r->rc != OXL_OK) return r->rc;
-    if (map->size >= 3 && !memcmp(map->data, "\xef\xbb\xbf", 3)) /* byte order mark of Windows' programs */
-        memset((char *)map->data, ' ', 3);
+    /* Blanks the byte order mark, which programs of Windows write. */
+    if (map->size >= 3 && !memcmp(map->data, "\xef\xbb\xbf", 3)) memset((char *)map->data, ' ', 3);
     fault = memchr(map->data, 0, map->size) ? map->data + strlen(map->data) : oxl_json_error(map->data);
     if (!fault) return OXL_OK;
     return r->rc = oxl_fail(

@@ -4,11 +4,11 @@
 
 #include "formats.h"
 
-enum { MODEL_FILE_COLUMNS = 62 /* of the standard layout */ };
+enum { MODEL_FILE_COLUMNS = 62 /* columns of the standard layout */ };
 
 struct model_file_column {
     char name[20];
-    int plane; /* -1: zero on output, not needed on input */
+    int plane; /* plane of the model; -1: written as 0, not needed when read */
 };
 
 /* Lists the columns of a PLY of `file_degree` for a model of `sh_degree`, in the standard's order; f_rest is

@@ -15,13 +15,13 @@
 #include "../core/bytes.h"
 
 #define MODEL_FILE_SCALE_MAX 88.7f /* log of the largest size that a float holds */
-#define MODEL_FILE_FLAT -87.0f     /* of the smallest: a width of 0 */
-enum { MODEL_FILE_JUDGED = 100 };  /* Gaussians: files with fewer are not judged by their ranges */
-#define MODEL_FILE_OPAQUE 20.0f    /* logit of alpha 1, to the last bit of a float */
+#define MODEL_FILE_FLAT -87.0f     /* log of the smallest size, in the place of a width of 0 */
+enum { MODEL_FILE_JUDGED = 100 };  /* least number of Gaussians by whose ranges a file is judged */
+#define MODEL_FILE_OPAQUE 20.0f    /* logit whose alpha is 1 to the last bit of a float */
 
 enum {
-    MODEL_FILE_ROWS = 256,      /* converted at a time */
-    MODEL_FILE_HEADER = 1 << 16 /* bytes: longer ones are not read some rows at a time */
+    MODEL_FILE_ROWS = 256,      /* rows converted at a time */
+    MODEL_FILE_HEADER = 1 << 16 /* bytes; a file with a longer header is read as a whole */
 };
 
 /* ---------------- the columns of the standard PLY */
@@ -36,7 +36,7 @@ static struct model_file_column model_file_column(const char *prefix, int index,
 OXL_INTERNAL int model_file_columns(int file_degree, int sh_degree,
                                     struct model_file_column out[MODEL_FILE_COLUMNS])
 {
-    const int rest = (file_degree + 1) * (file_degree + 1) - 1; /* coefficients a channel */
+    const int rest = (file_degree + 1) * (file_degree + 1) - 1; /* coefficients per channel past degree 0 */
     const int kept = (sh_degree + 1) * (sh_degree + 1);
     int n = 0;
     for (int i = 0; i < 3; i++) out[n++] = (struct model_file_column){{(char)('x' + i)}, OXL_MEAN + i};
@@ -54,15 +54,14 @@ OXL_INTERNAL int model_file_columns(int file_degree, int sh_degree,
 
 /* ---------------- rows that are not finite */
 
-/* Replaces infinities that are limits: opacity is a logit and size a logarithm, so alpha 0 and 1 and a
- * width of 0 are infinite there, and become finite values that give the same. Returns the number of rows
- * with one of them. */
+/* Replaces infinities that are limits: opacity is a logit and size a logarithm, so alpha 0 and 1 and a width
+ * of 0 are infinite there; the finite values give the same image. Returns the number of rows changed. */
 OXL_INTERNAL size_t model_file_settle_limits(oxl_model *model)
 {
     size_t settled = 0;
     for (size_t i = 0; i < model->count; i++) {
         float *opacity = &model->plane[OXL_OPACITY][i];
-        int has = isinf(*opacity) != 0; /* isinf(-INFINITY) may be -1 */
+        int has = isinf(*opacity) != 0; /* Makes 1 of isinf(-INFINITY), which may be -1. */
         if (has) *opacity = *opacity > 0 ? MODEL_FILE_OPAQUE : -MODEL_FILE_OPAQUE;
         for (int a = 0; a < 3; a++) {
             float *scale = &model->plane[OXL_LOG_SCALE + a][i];
@@ -99,9 +98,9 @@ static void model_file_find_range(const oxl_model *m, int plane, int planes, flo
         }
 }
 
-/* Says where opacities look like alphas, not logits, or scales like sizes, not their logarithms, as some
- * programs export them: trained models have logits of both signs, and sizes that differ by more than a factor
- * of e. */
+/* Warns if opacities look like alphas instead of logits, or scales like sizes instead of logarithms, as
+ * some programs export them: trained models have logits of both signs, and sizes that differ by more than
+ * a factor of e. */
 static void model_file_check_units(oxl_context *ctx, const char *path, const oxl_model *m)
 {
     float low, high;
@@ -130,7 +129,7 @@ static size_t model_file_count_unturned(const oxl_model *m)
     return count;
 }
 
-/* Keeps the rows of finite values and sizes in their order. */
+/* Keeps the rows with finite values and sizes, in their order. */
 OXL_INTERNAL oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_model *model)
 {
     const size_t count = model->count, limits = model_file_settle_limits(model);
@@ -186,7 +185,7 @@ static oxl_result model_file_no_property(oxl_context *ctx, const struct ply *ply
     return rc;
 }
 
-/* Returns the SH degree for a number of f_rest columns. */
+/* Finds the SH degree from the number of f_rest columns. */
 static oxl_result model_file_read_degree(oxl_context *ctx, const struct ply *ply,
                                          const struct ply_element *vertex, int *degree)
 {
@@ -200,7 +199,7 @@ static oxl_result model_file_read_degree(oxl_context *ctx, const struct ply *ply
         ply->path, rest);
 }
 
-/* Models without f_dc_* may have red green blue instead, as nerfstudio writes them in its mode rgb. */
+/* Names the columns that a model may have in the place of f_dc_*, as nerfstudio writes it in its mode rgb. */
 static const char *const MODEL_FILE_RGB[3] = {"red", "green", "blue"};
 
 static int model_file_has_rgb(const struct ply_element *vertex)
@@ -226,6 +225,7 @@ static void model_file_from_rgb(const struct ply_element *vertex, oxl_model *mod
     }
 }
 
+/* Reads the planes of element vertex, each straight from its column. */
 static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *ply, int element,
                                            oxl_model *out)
 {
@@ -256,7 +256,7 @@ static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *p
 
 /* ---------------- PLY in, some rows at a time */
 
-/* Counts the bytes before each plane's value; 0: a property is missing, or not a float. */
+/* Sets the bytes before each plane's value in its row; returns 0 if a property is missing or not a float. */
 static int model_file_offsets(const struct ply_element *vertex, const struct ply_element *dog,
                               struct model_file_layout *out)
 {
@@ -285,7 +285,7 @@ OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, st
     struct os_reader file = {0};
     *out = (struct model_file_layout){0};
     *has = 0;
-    /* its reader reports the error */
+    /* Returns without a message: model_file_read_ply, which reads the file instead, reports the error. */
     if (ply_open_header(ctx, path, MODEL_FILE_HEADER, &ply) != OXL_OK) return OXL_OK;
     if (os_reader_open(ctx, path, &file) != OXL_OK) goto done;
     e = ply.element;
@@ -334,8 +334,8 @@ OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct mode
 
 /* ---------------- second lobes in */
 
-/* Reads the rows of element dog: index (rows) as double, the row number without vertex_index; factor (4,
- * rows). */
+/* Reads the rows of element dog. index: (rows) vertex of each row, as double; the row number without
+ * vertex_index. factor: (4,rows). */
 static oxl_result model_file_read_factors(oxl_context *ctx, const struct ply *ply, int element, double *index,
                                           float *factor)
 {
@@ -367,7 +367,7 @@ done:
     return rc;
 }
 
-/* Marks the vertices of element dog; each at most once. */
+/* Marks the vertices that rows of element dog name, each at most once. */
 static oxl_result model_file_mark_lobes(oxl_context *ctx, const struct ply *ply, const double *index,
                                         size_t rows, size_t vertices, uint8_t *active)
 {
@@ -391,13 +391,14 @@ static oxl_result model_file_mark_lobes(oxl_context *ctx, const struct ply *ply,
 static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply, int element,
                                         oxl_model *model)
 {
-    /* rows without properties need no bytes, so the header can state any number */
+    /* Limits the rows by the vertices: rows without properties need no bytes, so the
+     * header can state any number. */
     const uint64_t declared = ply->element[element].rows;
     const size_t vertices = model->count, rows = (size_t)OXL_MIN(declared, vertices);
     double *index = oxl_alloc(ctx, rows + 1, sizeof *index);
     float *factor = oxl_alloc(ctx, rows + 1, MODEL_LOBE_PLANES * sizeof *factor);
     uint8_t *active = oxl_calloc(ctx, vertices + 1, 1);
-    /* (vertices) row in dog, for vertices with a lobe */
+    /* (vertices) row in dog of a vertex with a second lobe */
     size_t *row = oxl_alloc(ctx, vertices + 1, sizeof *row);
     oxl_result rc = index && factor && active && row ? OXL_OK : OXL_ERR_MEMORY;
     if (rc == OXL_OK && declared > vertices)

@@ -5,13 +5,13 @@
 #include "formats.h"
 
 struct model_format {
-    const char *ending;   /* of the file's name; of two that fit, the first row's */
-    const char *begin[2]; /* of the file, bytes; NULL: anything */
+    const char *ending;   /* end of the file's name; the first row that fits is taken */
+    const char *begin[2]; /* first bytes of the file; NULL: any */
     oxl_result (*read)(oxl_context *ctx, const char *path, oxl_model *out);
     oxl_result (*write)(oxl_context *ctx, const char *path, const oxl_model *model);
     int has_lobes; /* 1: it stores second lobes */
-    int degree;    /* of SH that it stores; -1: `write` itself checks that all values are finite */
-    const char *unread, *refuse; /* without a function: why not, and the fix */
+    int degree; /* SH degree that the format stores; -1: `write` itself checks that all values are finite */
+    const char *unread, *refuse; /* reason and fix if `read`, or `write`, is NULL */
 };
 
 static oxl_result model_write_ply(oxl_context *ctx, const char *path, const oxl_model *model)
@@ -71,7 +71,7 @@ static int model_format_ends(const char *path, const char *ending)
     return n >= m;
 }
 
-/* Finds the row by the file's name. NULL: no row has this ending. */
+/* Finds the format by the file's name; NULL: no row has this ending. */
 static const struct model_format *model_format_by_name(const char *path)
 {
     for (size_t i = 0; i < OXL_COUNT(MODEL_FORMATS); i++)
@@ -79,6 +79,7 @@ static const struct model_format *model_format_by_name(const char *path)
     return NULL;
 }
 
+/* Finds the format by the file's first bytes, or else by its name. */
 static const struct model_format *model_format_of_file(const char *path)
 {
     char head[4] = {0};
@@ -122,7 +123,7 @@ oxl_result oxl_large_open(oxl_context *ctx, const char *path, size_t max_bytes, 
 oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model)
 {
     const struct model_format *format = model_format_by_name(path);
-    oxl_model stored = *model; /* with borrowed planes */
+    oxl_model stored = *model; /* a copy that shares its planes, for model_drop_lobes */
     oxl_result rc;
     if (format && !format->write && format->refuse)
         return oxl_fail(ctx, OXL_ERR_USAGE, "%s: not written: %s", path, format->refuse);

@@ -12,9 +12,12 @@
 
 #include "../core/vecmath.h"
 
-#define PAGES_REACH 3.34 /* standard deviations: at opacity 1, alpha is 1/255 at 3.33 */
-#define PAGES_BLUR 2.0   /* px: as much of the renderer's low pass */
-#define PAGES_SLOPE 1.5  /* half images: the renderer's Jacobian is evaluated at most 1.3 from the centre */
+/* Reaches, in standard deviations, where alpha at opacity 1 is below 1/255 (3.33). */
+#define PAGES_REACH 3.34
+#define PAGES_BLUR 2.0 /* Widens the view (px) by the reach of the renderer's low pass. */
+/* Bounds the slope at which a Gaussian is projected, in half images: the renderer evaluates its Jacobian at
+ * most 1.3 of them from the centre. */
+#define PAGES_SLOPE 1.5
 
 enum { PAGES_ROWS = 1024 };
 
@@ -65,7 +68,8 @@ static size_t pages_rows(const struct oxl_model_pages *p, size_t page)
     return OXL_MIN(p->layout.rows - page * PAGES_ROWS, PAGES_ROWS);
 }
 
-/* Reads the finite rows of a page, as a model relative to the file's origin. lobes: of the whole model. */
+/* Reads the finite rows of a page, as a model relative to the file's origin. lobed: rows with second lobes in
+ * the whole file, which come first in it. */
 static oxl_result pages_read(oxl_context *ctx, const struct oxl_model_pages *p, struct os_reader *file,
                              size_t page, size_t lobed, oxl_model *out)
 {
@@ -83,6 +87,8 @@ static oxl_result pages_read(oxl_context *ctx, const struct oxl_model_pages *p, 
     return rc;
 }
 
+/* Measures the sphere around the means of a page, slightly widened against rounding, and its
+ * largest standard deviation. */
 static void pages_measure(const oxl_model *m, struct model_page *page)
 {
     const float *scale[] = {m->plane[OXL_LOG_SCALE], m->plane[OXL_LOG_SCALE + 1],
@@ -103,7 +109,8 @@ static void pages_measure(const oxl_model *m, struct model_page *page)
     }
 }
 
-/* Makes the pages of a file without their spheres, in one allocation, which oxl_large_free releases. */
+/* Allocates the pages of a file, without their spheres, and its path in one block, which
+ * oxl_large_free releases. */
 static struct oxl_model_pages *pages_create(oxl_context *ctx, const char *path,
                                             const struct model_file_layout *layout, const double origin[3])
 {
@@ -175,7 +182,8 @@ OXL_INTERNAL oxl_result model_pages_get(oxl_context *ctx, const oxl_large_model 
     return rc;
 }
 
-/* Appends the rows of a page that may show; those with second lobes come first in the file. */
+/* Appends the `kept` rows of a page that may show; rows with second lobes stay first, as
+ * they are first in the file. */
 static oxl_result pages_append(oxl_context *ctx, const oxl_model *page, const uint8_t *keep, size_t kept,
                                oxl_model *out)
 {
@@ -200,7 +208,7 @@ OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_large_model
 {
     const oxl_model *model = &large->model;
     const struct oxl_model_pages *p = large->pages;
-    oxl_camera moved = *camera; /* to the file's origin */
+    oxl_camera moved = *camera; /* the same camera around the file's origin */
     struct os_reader file = {0};
     oxl_result rc = oxl_model_create(ctx, 0, p->layout.degree, out);
     for (int a = 0; a < 3; a++)

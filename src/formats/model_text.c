@@ -1,5 +1,5 @@
-/* model_text.c - what the formats of models share: origin, scale, background and first view as comments, and
- * values as bytes.
+/* model_text.c - shares among the formats of models: origin, scale, background and first view as comments,
+ * and values as bytes.
  */
 #include "formats.h"
 
@@ -23,9 +23,9 @@ OXL_INTERNAL unsigned char model_byte(double x)
 
 /* ---------------- origin, scale and background as text, in comments of files */
 
-#define MODEL_ORIGIN_MAX 1e15 /* limit of |origin| */
+#define MODEL_ORIGIN_MAX 1e15 /* Limits |origin| and the other numbers. */
 
-/* Parses `count` finite numbers after blanks; 0: malformed. */
+/* Parses `count` finite numbers after blanks; returns 0 if they are malformed. */
 static int model_read_numbers(const char *text, double *value, int count)
 {
     const char *end = text + strlen(text);
@@ -53,12 +53,13 @@ OXL_INTERNAL void model_write_view(struct text *t, const char *before, const oxl
     text_add(t, "%sview", before);
     for (size_t k = 0; k < OXL_COUNT(model->view); k++) {
         if (k < 10) format_float(number, (float)model->view[k]);
-        else format_double(number, model->view[k]); /* of a world that may be far away */
+        /* Writes the position in double, since the world's origin may be far away. */
+        else format_double(number, model->view[k]);
         text_add(t, " %s", number);
     }
 }
 
-/* Reads "view FOCAL R11 .. R33 X Y Z"; 0: the comment is another. */
+/* Reads "view FOCAL R11 .. R33 X Y Z"; returns 0 for another comment. */
 static int model_read_view(const char *comment, oxl_model *model)
 {
     double value[OXL_COUNT(model->view)];
@@ -69,7 +70,7 @@ static int model_read_view(const char *comment, oxl_model *model)
     return 1;
 }
 
-/* Reads "background R G B"; 0: the comment is another. */
+/* Reads "background R G B"; returns 0 for another comment. */
 static int model_read_background(const char *comment, oxl_model *model)
 {
     double value[3];
@@ -78,7 +79,7 @@ static int model_read_background(const char *comment, oxl_model *model)
     return model->has_background = 1;
 }
 
-/* Reads Brush's "SplatRenderMode: mip" or Postshot's "antialiased 1"; 0: it is neither. */
+/* Reads Brush's "SplatRenderMode: mip" or Postshot's "antialiased 1"; returns 0 for another comment. */
 static int model_read_antialias(const char *comment, oxl_model *model)
 {
     const size_t length = strlen(MODEL_RENDER_MODE);

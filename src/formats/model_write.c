@@ -8,7 +8,7 @@
 #include "../core/bytes.h"
 
 enum {
-    MODEL_WRITE_ROWS = 256 /* converted at a time */
+    MODEL_WRITE_ROWS = 256 /* rows converted at a time */
 };
 
 /* ---------------- values that are not finite */
@@ -114,7 +114,8 @@ static oxl_result model_write_lobes(oxl_context *ctx, const struct os_writer *w,
 
 enum model_write_which { ROWS_WITH_LOBES, ROWS_WITHOUT, ROWS_LOBES };
 
-/* Writes some rows of a model, page by page if they are in a file. */
+/* Writes one kind of a model's rows, page by page if they are in a file: in the file, vertices with second
+ * lobes come before all others. */
 static oxl_result model_write_part(oxl_context *ctx, const struct os_writer *w, const oxl_large_model *large,
                                    enum model_write_which which, int file_degree)
 {
@@ -132,6 +133,7 @@ static oxl_result model_write_part(oxl_context *ctx, const struct os_writer *w, 
     return rc;
 }
 
+/* Goes through all models three times: vertices with second lobes, vertices without, the lobes. */
 OXL_INTERNAL oxl_result model_file_write_large(oxl_context *ctx, const char *path,
                                                const oxl_large_model *large, int count, int file_degree)
 {
@@ -144,7 +146,7 @@ OXL_INTERNAL oxl_result model_file_write_large(oxl_context *ctx, const char *pat
     model_copy_rendering(&large[0].model, &all);
     for (int m = 0; m < count && rc == OXL_OK; m++) {
         all.count += large[m].model.count, all.lobes += large[m].model.lobes;
-        /* pages leave such rows out */
+        /* Checks models in memory alone: pages_read drops rows that are not finite. */
         if (!large[m].pages) rc = model_write_check_finite(ctx, path, &large[m].model, file_degree);
     }
     if (rc == OXL_OK) rc = os_writer_open(ctx, path, &w);

@@ -1,5 +1,5 @@
-/* nerfstudio.c - transforms.json of nerfstudio and instant-ngp, with the points of a PLY file if it names
- * one.
+/* nerfstudio.c - reads transforms.json of nerfstudio and instant-ngp, with the points of a PLY file if it
+ * names one.
  *
  * Source: docs.nerf.studio, "Data conventions". Intrinsics are at the top or in each frame (fl_x fl_y cx cy w
  * h; k1 k2 k3 p1 p2, or k1-k4 of OPENCV_FISHEYE; camera_angle_x in radians where there is no fl_x).
@@ -16,9 +16,10 @@
 #include "../core/vecmath.h"
 #include "survey_read.h"
 
-#define NERFSTUDIO_UNIT_ERROR 1e-3 /* by which products of the columns of a rotation may be off 0 and 1 */
+#define NERFSTUDIO_UNIT_ERROR 1e-3 /* Limits how far products of a rotation's columns may be off 0 and 1. */
 
-/* Holds the members outside of the frames, found in one pass: each frame may ask for all of them. */
+/* Bounds the list of members outside of the frames, NULL at its end. They are found in one pass, since each
+ * frame may ask for all of them. */
 enum { NERFSTUDIO_MEMBERS = 30 };
 static const char *const nerfstudio_members[NERFSTUDIO_MEMBERS] = {"w",
                                                                    "h",
@@ -50,7 +51,7 @@ static const char *const nerfstudio_members[NERFSTUDIO_MEMBERS] = {"w",
                                                                    "fisheye_crop_radius"};
 
 struct nerfstudio_file {
-    const char *value[NERFSTUDIO_MEMBERS]; /* NULL: none */
+    const char *value[NERFSTUDIO_MEMBERS]; /* values of nerfstudio_members; NULL: missing */
 };
 
 static const char *nerfstudio_member(const struct nerfstudio_file *file, const char *name)
@@ -60,7 +61,7 @@ static const char *nerfstudio_member(const struct nerfstudio_file *file, const c
     return NULL;
 }
 
-/* Finds a member; of equal ones the first counts, as in oxl_json_member. */
+/* Finds all members in one pass; of equal ones the first counts, as in oxl_json_member. */
 static void nerfstudio_begin(const char *json, struct nerfstudio_file *out)
 {
     *out = (struct nerfstudio_file){{NULL}};
@@ -73,7 +74,7 @@ static void nerfstudio_begin(const char *json, struct nerfstudio_file *out)
     }
 }
 
-/* Finds a member of the frame, otherwise of the file. */
+/* Returns a number of the frame, or else of the file, or else `otherwise`. */
 static double nerfstudio_number(const struct nerfstudio_file *file, const char *frame, const char *name,
                                 double otherwise)
 {
@@ -83,7 +84,7 @@ static double nerfstudio_number(const struct nerfstudio_file *file, const char *
     return isnan(value) ? otherwise : value;
 }
 
-/* Reads distortion_params, an array of coefficients. */
+/* Returns a coefficient by its name, or else from the array distortion_params, or else 0. */
 static double nerfstudio_distortion(const struct nerfstudio_file *file, const char *frame, const char *name)
 {
     static const char *const order[6] = {"k1", "k2", "k3", "k4", "p1", "p2"};
@@ -96,14 +97,14 @@ static double nerfstudio_distortion(const struct nerfstudio_file *file, const ch
     return isnan(value) ? 0 : value;
 }
 
-/* Returns 1 if is_fisheye is true, instant-ngp's word for OPENCV_FISHEYE. */
+/* Returns 1 if is_fisheye is true, with which instant-ngp means OPENCV_FISHEYE. */
 static int nerfstudio_is_fisheye(const struct nerfstudio_file *file, const char *frame)
 {
     const char *value = nerfstudio_member(file, "is_fisheye");
     return oxl_json_is_true(frame, "is_fisheye") || (value && !strncmp(value, "true", 4));
 }
 
-/* Names members, of the file or its frames, that change what images show and that nothing here reads. */
+/* Warns of members, of the file or its frames, that change what images show and that nothing here reads. */
 static void nerfstudio_name_ignored(struct colmap_reader *r, const struct nerfstudio_file *file)
 {
     static const char *const ignored[] = {
@@ -138,6 +139,7 @@ static oxl_result nerfstudio_model(struct colmap_reader *r, const struct nerfstu
     return OXL_OK;
 }
 
+/* Reads a frame's camera; measured sizes and centres stand for those that the file does not state. */
 static oxl_result nerfstudio_camera(struct colmap_reader *r, const struct nerfstudio_file *file,
                                     const char *frame, struct colmap_camera *c)
 {
@@ -199,7 +201,8 @@ static void nerfstudio_quaternion(const double m[9], double q[4])
         q[3] = 0.25 / s, q[0] = s * (m[3] - m[1]), q[1] = s * (m[2] + m[6]), q[2] = s * (m[5] + m[7]);
 }
 
-/* Turns camera to world, y up, into world to camera, y down: R = diag(1,-1,-1) M^T, t = -R c. */
+/* Reads a pose: turns camera to world, y up, into world to camera, y down, R = diag(1,-1,-1) M^T, t = -R c.
+ * Refuses matrices that are no rotation: they would bend the scene. */
 static oxl_result nerfstudio_pose(struct colmap_reader *r, const char *frame, double q[4], double t[3])
 {
     const char *row = oxl_json_first(oxl_json_member(frame, "transform_matrix"));
@@ -230,8 +233,8 @@ static oxl_result nerfstudio_pose(struct colmap_reader *r, const char *frame, do
     return OXL_OK;
 }
 
-/* Returns 0 if all names begin with "images/", which then is the image folder; 1: names start from the
- * file's folder. */
+/* Returns 0 if all names begin with "images/", which is the image folder then; 1: names
+ * start in the file's folder. */
 static int nerfstudio_beside(const struct nerfstudio_file *file)
 {
     for (const char *frame = oxl_json_first(nerfstudio_member(file, "frames")); frame;
@@ -264,8 +267,7 @@ static oxl_result nerfstudio_frame(struct colmap_reader *r, const struct nerfstu
 
 /* ---------------- points */
 
-/* Returns 1 for a file of the survey: the name leads neither out of its folder nor to a pipe, which would
- * never end. */
+/* Refuses a name that leads out of the survey, or to a pipe, which would never end. */
 static oxl_result nerfstudio_check_points(struct colmap_reader *r, const char *name, const char *path)
 {
     if (!colmap_name_is_safe(name, name + strlen(name)))

@@ -1,5 +1,5 @@
-/* nerfstudio_names.c - names of images in a transforms.json: their extension, the size of the first image,
- * and the images that the file holds out.
+/* nerfstudio_names.c - finds names of images in a transforms.json: their extension, the size of the first
+ * image, and the images that the file holds out.
  *
  * Source: docs.nerf.studio, "Data conventions": train_filenames, val_filenames and test_filenames repeat the
  * file_path of frames.
@@ -32,8 +32,8 @@ static size_t nerfstudio_extension(const char *name)
     return 0;
 }
 
-/* Adds the extension that Blender's files leave out: the one of a file that is there, else .png. `room`
- * bytes follow the name. */
+/* Adds the extension that Blender's files leave out: that of a file that exists, else
+ * .png. room: bytes at `at`. */
 static size_t nerfstudio_add_extension(const struct colmap_reader *r, const char *name, char *at, size_t room)
 {
     static const char *const tried[] = {"", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"};
@@ -78,8 +78,8 @@ struct nerfstudio_list {
     oxl_context *ctx;
     struct nerfstudio_entry {
         size_t name;      /* offset in `names` */
-        const char *text; /* it, when all are there */
-        int of;           /* index in NERFSTUDIO_LISTS */
+        const char *text; /* the name; set when `names` grows no more */
+        int of;           /* list that names it, an index in NERFSTUDIO_LISTS */
     } * entry;
     size_t count, capacity;
     struct text names; /* zero-terminated, one after the other */
@@ -109,14 +109,14 @@ static oxl_result nerfstudio_list_add(const struct colmap_reader *r, const char 
     return rc == OXL_OK && list->names.failed ? OXL_ERR_MEMORY : rc;
 }
 
-/* Maps a list to a split: images of val_filenames are held out where there are no test_filenames. */
+/* Returns the split of a list: val_filenames are held out if there are no test_filenames. */
 static enum colmap_split nerfstudio_split_of(int of, const size_t listed[3])
 {
     if (of == NERFSTUDIO_TRAIN) return COLMAP_TRAIN;
     return of == NERFSTUDIO_TEST || listed[NERFSTUDIO_TEST] == 0 ? COLMAP_TEST : COLMAP_UNSPLIT;
 }
 
-/* Leaves one entry for each image; one that is in several lists is held out if one of them says so. */
+/* Leaves one entry for each image; an image in several lists is held out if one of them holds it out. */
 static void nerfstudio_list_unite(struct nerfstudio_list *list)
 {
     const size_t all = list->count;
@@ -130,7 +130,8 @@ static void nerfstudio_list_unite(struct nerfstudio_list *list)
     }
 }
 
-/* Keeps the images that are trained on or held out. */
+/* Keeps the images that are trained on or held out; without train_filenames, images
+ * in no list are trained on. */
 static void nerfstudio_keep_listed(struct colmap_reader *r, const struct nerfstudio_list *list,
                                    const size_t listed[3])
 {

@@ -1,4 +1,5 @@
-/* opensfm.c - reconstruction.json of OpenSfM and OpenDroneMap: the reconstruction with most shots in it.
+/* opensfm.c - reads reconstruction.json of OpenSfM and OpenDroneMap: the reconstruction with most shots in
+ * it.
  *
  * Source: opensfm.org, "Dataset structure" and "Camera models" (mapillary/OpenSfM). The normalised image has
  * its origin in the middle and the longer side as its unit: px = size x + w/2, in COLMAP's pixels. Poses are
@@ -17,7 +18,7 @@
 
 static const struct opensfm_model {
     const char *name, *colmap;
-    int focals;                /* 1: focal, and the axis in the middle; 2: focal_x, focal_y, c_x, c_y */
+    int focals; /* 1: `focal`, the axis in the middle; 2: focal_x, focal_y, c_x, c_y; 0: no focal length */
     const char *distortion[5]; /* in COLMAP's order */
 } opensfm_models[] = {
     {"perspective", "RADIAL", 1, {"k1", "k2"}},
@@ -69,11 +70,11 @@ static oxl_result opensfm_camera(struct colmap_reader *r, const char *camera)
                             "perspective, simple_radial, radial, brown, fisheye or fisheye_opencv");
 }
 
-/* Holds the cameras' names as they stand in the text, sorted: each shot may have its own. */
+/* Holds a camera's name as it stands in the text; the names are sorted, since each shot searches them. */
 struct opensfm_name {
     const char *key;
-    size_t length; /* of the text, as oxl_json_room gives it */
-    int64_t row;   /* of the camera */
+    size_t length; /* bytes by oxl_json_room */
+    int64_t row;   /* row of the camera */
 };
 
 static int opensfm_compare(const void *a, const void *b)
@@ -96,7 +97,7 @@ struct opensfm_cameras {
     size_t count, capacity;
 };
 
-/* Returns the row of a name; -1: none has it. */
+/* Returns the row of the camera with a name; -1: no camera has it. */
 static int64_t opensfm_camera_row(const struct opensfm_cameras *cameras, const char *value)
 {
     const struct opensfm_name wanted = {value, oxl_json_room(value), 0};
@@ -108,7 +109,7 @@ static int64_t opensfm_camera_row(const struct opensfm_cameras *cameras, const c
     return found ? found->row : -1;
 }
 
-#define OPENSFM_SMALL 1e-12 /* radians: below it sin x / x is 1 to the last bit */
+#define OPENSFM_SMALL 1e-12 /* Bounds the half angles (radians) below which sin x / x is 1 to the last bit. */
 
 /* Computes the quaternion of the rotation by |v| about v. */
 static void opensfm_quaternion(const double v[3], double q[4])
@@ -138,7 +139,7 @@ static oxl_result opensfm_shot(struct colmap_reader *r, const struct opensfm_cam
     return json_survey_add_image(r, name, name + length, camera, q, t);
 }
 
-/* Returns full white of the points' colours: 255, or 1 where none of the first points has more. */
+/* Returns full white of the points' colours: 255, or 1 if none of the first points has more. */
 static double opensfm_white(const char *points)
 {
     enum { FIRST = 1000 };
@@ -179,6 +180,7 @@ static size_t opensfm_count(const char *object)
     return count;
 }
 
+/* Reads the cameras and keeps their names; a camera's row is its place in the object. */
 static oxl_result opensfm_read_cameras(struct colmap_reader *r, const char *object,
                                        struct opensfm_cameras *out)
 {
@@ -199,7 +201,7 @@ static oxl_result opensfm_read_cameras(struct colmap_reader *r, const char *obje
     return rc;
 }
 
-/* Reads where the world's origin lies: {"latitude": , "longitude": } in degrees. */
+/* Reads the place of the world's origin, {"latitude": , "longitude": } in degrees. */
 static void opensfm_reference(struct colmap *out, const char *lla)
 {
     const double latitude = oxl_json_number(lla, "latitude"), longitude = oxl_json_number(lla, "longitude");
@@ -208,7 +210,8 @@ static void opensfm_reference(struct colmap *out, const char *lla)
     out->has_reference = 1;
 }
 
-/* Reads the reference of the reconstruction, or else reference_lla.json beside it, as OpenDroneMap has it. */
+/* Reads the reference of the reconstruction, or else reference_lla.json of its folder,
+ * where OpenDroneMap writes it. */
 static oxl_result opensfm_read_reference(struct colmap_reader *r, const char *reconstruction)
 {
     char *folder = oxl_strdup(r->ctx, r->path), *path = NULL;

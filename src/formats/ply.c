@@ -1,8 +1,7 @@
-/* ply.c - a small PLY reader: any property order and type, lists, ascii and both byte orders.
+/* ply.c - reads PLY files: any property order and type, lists, ascii and both byte orders.
  *
  * Source: Turk, "The PLY Polygon File Format" (1994), and common extensions: int8..float64 as type names, CR
- * LF, `obj_info`.
- * Usage: ply_open reads the header, ply_read the columns of one element, ply_close.
+ * LF, `obj_info`. Usage: ply_open reads the header, ply_read the columns of one element, ply_close.
  * Invariant: ply_open compares the header with the size of the file, so memory allocated by `rows` is at most
  * a multiple of the file size.
  */
@@ -32,7 +31,7 @@ struct ply_header {
     const char *cursor, *end; /* the rest of the file */
     const char *line_start, *line_end;
     int line;
-    const char *word[6]; /* of the line; only the first six are read */
+    const char *word[6]; /* first words of the line */
     size_t length[6];
     int words;
 };
@@ -206,8 +205,8 @@ static oxl_result ply_read_header(oxl_context *ctx, struct ply *ply)
     return rc;
 }
 
-/* Compares the header with the size of the file; in double, which does not overflow and is exact below
- * 2^53. */
+/* Compares the header with the size of the file, in double, which does not overflow
+ * and is exact below 2^53. */
 static oxl_result ply_check_size(oxl_context *ctx, const struct ply *ply)
 {
     const double there = (double)(ply->file.size - ply->data);
@@ -217,7 +216,7 @@ static oxl_result ply_check_size(oxl_context *ctx, const struct ply *ply)
         const double row = ply->format == PLY_ASCII ? 2.0 * element->properties /* one digit and one blank */
                                                     : (double)element->row_bytes;
         need += (double)element->rows * row;
-        if (need > there + (ply->format == PLY_ASCII)) /* the last line may have no newline */
+        if (need > there + (ply->format == PLY_ASCII)) /* Allows that the last line has no newline. */
             return oxl_fail(
                 ctx, OXL_ERR_INPUT,
                 "%s: element %s announces %llu rows, with which the data need at least %.0f bytes; there are %.0f\n"
@@ -267,8 +266,8 @@ static void ply_store(const struct ply_target *target, size_t row, double value)
     if (target->as_double) target->as_double[row] = value;
 }
 
-/* Holds the state of the three readers: bytes of an element from `cursor`; targets (properties), or NULL to
- * skip the element. */
+/* Holds the state of the three readers. cursor: the element's bytes; target: (properties), or
+ * NULL to skip the element. */
 struct ply_rows {
     oxl_context *ctx;
     const struct ply *ply;
@@ -286,14 +285,15 @@ static oxl_result ply_cut_short(const struct ply_rows *r, uint64_t row)
         (unsigned long long)r->element->rows, r->element->name);
 }
 
-/* Reads rows of fixed size, in tiles that stay in the L1 cache while their columns are extracted. */
+/* Reads binary rows of fixed size, in tiles that stay in the L1 cache while their columns are extracted. */
 static oxl_result ply_read_fixed(struct ply_rows *r)
 {
     enum { TILE = 64 };
     const struct ply_element *element = r->element;
-    const size_t rows = (size_t)element->rows; /* fits: ply_check_size */
+    const size_t rows = (size_t)element->rows; /* fits, as ply_check_size found */
     const int big_endian = r->ply->format == PLY_BIG;
-    /* lists of earlier elements used the bytes */
+    /* Compares again: lists of earlier elements may have used bytes that
+     * ply_check_size counted for these rows. */
     if ((size_t)(r->end - r->cursor) / element->row_bytes < rows) return ply_cut_short(r, 0);
     for (size_t first = 0; r->target && first < rows; first += TILE) {
         const size_t last = OXL_MIN(first + TILE, rows);
@@ -304,7 +304,7 @@ static oxl_result ply_read_fixed(struct ply_rows *r)
             const unsigned char *value = tile;
             tile += ply_size(type);
             if (!target.as_float && !target.as_double) continue;
-            /* the common case, several times as fast */
+            /* Copies floats, the common case, several times as fast. */
             if (type == PLY_FLOAT32 && !big_endian && !target.as_double) {
                 for (size_t i = first; i < last; i++, value += element->row_bytes)
                     target.as_float[i] = ply_float(value, 0);
@@ -362,7 +362,7 @@ static int ply_ascii_number(struct ply_rows *r, double *out)
            (r->cursor == r->end || ply_blank(*r->cursor) || *r->cursor == '\n');
 }
 
-/* Reads one row per line, as the format requires, so an error names the row with a missing value. */
+/* Reads one row per line, as the format requires, so that an error names the row with a missing value. */
 static oxl_result ply_read_ascii(struct ply_rows *r)
 {
     for (uint64_t row = 0; row < r->element->rows; row++) {
@@ -388,7 +388,7 @@ static oxl_result ply_read_ascii(struct ply_rows *r)
 
 static oxl_result ply_rows(struct ply_rows *r)
 {
-    if (r->element->properties == 0) return OXL_OK; /* rows without bytes */
+    if (r->element->properties == 0) return OXL_OK; /* Skips rows without bytes. */
     if (r->ply->format == PLY_ASCII) return ply_read_ascii(r);
     if (r->element->has_list) return ply_read_lists(r);
     return ply_read_fixed(r);
@@ -424,6 +424,7 @@ OXL_INTERNAL oxl_result ply_open_header(oxl_context *ctx, const char *path, size
     return rc;
 }
 
+/* Skips the elements before the wanted one by reading them: lists have no size in advance. */
 OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element,
                                  const struct ply_target *target)
 {

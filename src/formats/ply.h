@@ -1,4 +1,4 @@
-/* ply.h - a small PLY reader (ply.c): points of a survey, and models. */
+/* ply.h - reads PLY files (ply.c): points of a survey, and models. */
 #ifndef OXL_PLY_H
 #define OXL_PLY_H
 
@@ -11,7 +11,7 @@ enum ply_format { PLY_NO_FORMAT, PLY_ASCII, PLY_LITTLE, PLY_BIG };
 struct ply_property {
     char name[PLY_NAME];
     enum ply_type type;
-    enum ply_type count_type; /* of a list */
+    enum ply_type count_type; /* type of a list's length */
     int is_list;
 };
 struct ply_element {
@@ -20,7 +20,7 @@ struct ply_element {
     struct ply_property *property;
     int properties, has_list;
     size_t capacity;
-    size_t row_bytes; /* in binary files; the minimum if there are lists */
+    size_t row_bytes; /* bytes of a binary row; the least if there are lists */
 };
 struct ply {
     char *path;
@@ -31,27 +31,28 @@ struct ply {
     struct ply_element *element;
     int elements;
     size_t element_capacity;
-    char **comment; /* without the word "comment" */
+    char **comment; /* comments without the word "comment" */
     int comments;
     size_t comment_capacity;
 };
-/* Says where the values (rows) of a property go, converted; both NULL: skipped. Lists are always skipped. */
+/* Receives the values (rows) of a property, converted; both NULL: the property is
+ * skipped, as lists always are. */
 struct ply_target {
     float *as_float;
     double *as_double;
 };
 /* Reads the file and checks its header. */
 OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply *out);
-/* Reads the header alone, of the first `most` bytes; nothing is checked. */
+/* Reads the header from the first `most` bytes, without comparing it with the size of the file. */
 OXL_INTERNAL oxl_result ply_open_header(oxl_context *ctx, const char *path, size_t most, struct ply *out);
-/* Reads an element. target: (its properties). */
+/* Reads an element. target: (properties of the element). */
 OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element,
                                  const struct ply_target *target);
 /* Returns the value of full white in colours of this type. */
 OXL_INTERNAL double ply_white(enum ply_type type);
 OXL_INTERNAL void ply_close(oxl_context *ctx, struct ply *ply);
 OXL_INTERNAL int ply_find_element(const struct ply *ply, const char *name); /* -1: none */
-/* Returns -1 for none, or a list. */
+/* Returns -1 if there is no such property, or it is a list. */
 OXL_INTERNAL int ply_find_property(const struct ply_element *element, const char *name);
 
 #endif

@@ -1,14 +1,17 @@
-/* ply_points.c - points of a PLY file: that a transforms.json names, or in the place of points3D.txt.
+/* ply_points.c - reads the points of a PLY file that a transforms.json names, or that stands for a missing
+ * points3D.
  *
- * Invariant: colours of any type are scaled by their own white, as other programs write them.
+ * Invariant: colours of any type become 0 to 255, by the white that their values show.
  */
 #include "json_survey.h"
 #include "ply.h"
 
 enum { PLY_POINTS_PLANES = 6 }; /* x y z, red green blue */
-#define PLY_POINTS_NARROW 255.0 /* the largest colour of 8 bits, whatever the type */
+/* Names the largest colour of 8 bits; wider types may hold such colours, too. */
+#define PLY_POINTS_NARROW 255.0
 
-/* Returns full white of the colours: floats are 0 to 1 or, like wide integers, 0 to 255. */
+/* Returns full white of the colours: floats are 0 to 1 or 0 to 255, integers 0 to 255 or, if
+ * one is larger, 0 to 65535. */
 static double ply_points_white(enum ply_type type, const double *colour, size_t count)
 {
     double most = 0;
@@ -18,7 +21,7 @@ static double ply_points_white(enum ply_type type, const double *colour, size_t 
     return most > PLY_POINTS_NARROW ? ply_white(PLY_UINT16) : PLY_POINTS_NARROW;
 }
 
-/* Finds the column of a plane, by any of its names; -1: none. */
+/* Finds the column of a plane by any of its names; -1: there is none. */
 static int ply_points_column(const struct ply_element *vertex, int plane)
 {
     static const char *const names[PLY_POINTS_PLANES][3] = {{"x"},
@@ -33,7 +36,7 @@ static int ply_points_column(const struct ply_element *vertex, int plane)
     return found;
 }
 
-/* Reads the columns of all rows. value: (6, rows) */
+/* Reads the columns of all rows. value: (6,rows). */
 static oxl_result ply_points_columns(struct colmap_reader *r, const struct ply *ply, int element,
                                      double *value, double *white)
 {

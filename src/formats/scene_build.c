@@ -1,8 +1,8 @@
-/* scene_build.c - a scene from the rows of a survey's files: points around a local origin, masks; its views:
- * scene_views.c.
+/* scene_build.c - builds a scene from the rows of a survey's files: points around a local origin, masks.
+ * scene_views.c makes its views.
  *
  * Coordinates are read in double and centred on a local origin before conversion to float, so that UTM
- * coordinates (4 200 000 m) lose no precision:  x_local = x_world - origin,  t_local = t + R origin.
+ * coordinates (4 200 000 m) lose no precision: x_local = x_world - origin, t_local = t + R origin.
  */
 #include "survey_read.h"
 #include "../survey/scene.h"
@@ -33,8 +33,8 @@ static oxl_result scene_count_masks(oxl_context *ctx, oxl_scene *scene)
     return OXL_OK;
 }
 
-/* Makes all coordinates relative to the origin: the median of the points, or of the camera centres without
- * points. */
+/* Moves the views to the origin, the median of the points, or of the camera centres if there are no points;
+ * points follow in scene_copy_points. */
 static oxl_result scene_move_to_origin(oxl_context *ctx, oxl_scene *scene)
 {
     const struct colmap *c = &scene->colmap;
@@ -59,8 +59,8 @@ static oxl_result scene_move_to_origin(oxl_context *ctx, oxl_scene *scene)
     return rc;
 }
 
-/* Says that all points have one grey, as programs write that have no colours. Makes black ones, as GLOMAP
- * writes, grey: black Gaussians would stay black, since the clamp of colours at 0 has gradient 0. */
+/* Warns if all points have the same grey, which programs without colours write. Makes black points grey, as
+ * GLOMAP writes them: black Gaussians would stay black, since the clamp of colours at 0 has gradient 0. */
 static void scene_default_colours(oxl_context *ctx, oxl_scene *scene)
 {
     const uint8_t grey = scene->point_count ? scene->point[0].rgb[0] : 0;

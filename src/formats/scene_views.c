@@ -1,4 +1,4 @@
-/* scene_views.c - the views of a survey: COLMAP's images that exist on disk, with undistorted, reduced
+/* scene_views.c - makes the views of a survey: COLMAP's images that exist on disk, with undistorted, reduced
  * cameras.
  *
  * Invariant: views and the test split follow the bytewise order of names, not the order in images.txt.
@@ -9,13 +9,13 @@
 #include "../survey/tracks.h"
 
 enum {
-    SCENE_TEST_EVERY = 8,    /* views, by name [Barron 2022] */
-    SCENE_NAMED_MISSING = 10 /* missing images that are listed by name */
+    SCENE_TEST_EVERY = 8,    /* of so many views by name, the first is held out [Barron 2022] */
+    SCENE_NAMED_MISSING = 10 /* most missing images that are named */
 };
 
 /* ---------------- missing images */
 
-/* Says how an image is taken out of the survey's files. */
+/* Returns how to remove an image from the survey's files. */
 static const char *scene_removal(const struct colmap *c)
 {
     return c->format != COLMAP_JSON                        ? "colmap image_deleter"
@@ -23,7 +23,7 @@ static const char *scene_removal(const struct colmap *c)
                                                            : "delete its shot in the file";
 }
 
-/* Names of Windows: "a\\b.jpg" is a/b.jpg where that is the file. */
+/* Turns the backslashes of a name from Windows, "a\\b.jpg", into slashes, if that names a file. */
 static void scene_convert_backslashes(const oxl_scene *scene, char *name)
 {
     char path[PATH_LENGTH];
@@ -72,7 +72,8 @@ static oxl_camera scene_reduce(const oxl_camera *ideal, int max_side, double on_
     return c;
 }
 
-/* Returns the pixels of the image per pixel of its camera; unreadable images are reported later. */
+/* Returns the pixels of the image per pixel of its camera; 1 if the image is unreadable, which is reported
+ * later. *turned: its EXIF orientation turns it into the camera's shape. */
 static double scene_size_on_disk(oxl_context *ctx, const char *path, const struct colmap_camera *camera,
                                  int *turned)
 {
@@ -85,11 +86,11 @@ static double scene_size_on_disk(oxl_context *ctx, const char *path, const struc
     return OXL_MAX((double)h.width / camera->width, (double)h.height / camera->height);
 }
 
-struct scene_build { /* working data of scene construction */
+struct scene_build { /* Holds the working data of scene construction. */
     const oxl_scene_options *options;
     struct scene_order *order; /* (images) */
     oxl_camera *ideal;         /* (cameras) undistorted and reduced; width 0: not yet */
-    int turned;                /* cameras whose images are turned as their EXIF orientation says */
+    int turned;                /* number of cameras whose images are turned by their EXIF orientation */
 };
 
 /* Prefixes an error about a line of the survey's files with the folder. */
@@ -123,6 +124,8 @@ static int scene_is_finite_pose(const struct colmap_image *image)
     return size <= TRACKS_FARTHEST;
 }
 
+/* Adds the view of an image. A missing image is counted, and no error yet: scene_add_views compares the
+ * count with --missing-images. */
 static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scene_build *b,
                                  const struct scene_order *o, int *missing)
 {
@@ -220,7 +223,8 @@ OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
     return rc;
 }
 
-/* Marks the views that the survey's files hold out. */
+/* Marks the views that the survey's files hold out. Refuses --test-every beside them, since one of
+ * the two would be ignored. */
 static oxl_result scene_mark_stated_views(oxl_context *ctx, oxl_scene *scene, int test_every)
 {
     const struct colmap *c = &scene->colmap;
@@ -240,7 +244,7 @@ static oxl_result scene_mark_stated_views(oxl_context *ctx, oxl_scene *scene, in
                     test_every, scene->stats.test_views, scene->view_count, c->folder, c->images_file);
 }
 
-/* Holds out views as 3DGS: index 0, 8, 16... by name. A single view is a training view. */
+/* Holds out the views with index 0, 8, 16... by name, as 3DGS does. A single view is a training view. */
 OXL_INTERNAL oxl_result scene_mark_test_views(oxl_context *ctx, oxl_scene *scene, int test_every)
 {
     const int every = test_every < 0 ? SCENE_TEST_EVERY : test_every;

@@ -1,5 +1,5 @@
-/* splat_file.c - models as .splat, the format of web viewers: 32 bytes per Gaussian, no view-dependent
- * colour.
+/* splat_file.c - reads and writes models as .splat, the format of web viewers: 32 bytes per Gaussian, no
+ * view-dependent colour.
  *
  *     byte  0  position  3 float        24  colour   R G B A, 8 bits each
  *          12  scale     3 float        28  rotation w x y z, q * 128 + 128
@@ -27,8 +27,8 @@ static void splat_file_put(const oxl_model *model, size_t row, unsigned char *p)
     for (int i = 0; i < 4; i++) p[28 + i] = model_byte(128 * q[i] + 128);
 }
 
-/* Limits have no finite raw value: alpha 0 and 255 move inwards by a quarter step, scale 0 becomes the
- * smallest normal float, so that both convert back to the same byte. */
+/* Reads a Gaussian. Its limits have no finite raw value: alpha 0 and 255 move inwards by a quarter step,
+ * which converts back to the same byte, and scale 0 becomes the smallest normal float. */
 static void splat_file_get(const unsigned char *p, oxl_model *model, size_t row)
 {
     const double alpha = OXL_CLAMP(p[27], 0.25, 254.75) / 255;
@@ -58,7 +58,7 @@ static int splat_file_by_weight(const void *a, const void *b)
     return x->row < y->row ? -1 : x->row > y->row;
 }
 
-/* Warns that a .splat stores neither origin nor scale. */
+/* Warns of what a .splat does not store: origin, scale, anti-aliasing, background. */
 static void splat_file_warn_place(oxl_context *ctx, const char *path, const oxl_model *model)
 {
     const double *o = model->origin;
@@ -86,7 +86,7 @@ static void splat_file_warn_place(oxl_context *ctx, const char *path, const oxl_
                 path);
 }
 
-/* Writes the most visible first, for viewers that load a .splat progressively. */
+/* Writes the most visible Gaussians first, for viewers that load a .splat progressively. */
 OXL_INTERNAL oxl_result splat_file_write(oxl_context *ctx, const char *path, const oxl_model *model)
 {
     struct splat_file_rank *rank = oxl_alloc(ctx, model->count, sizeof *rank);
@@ -108,7 +108,7 @@ OXL_INTERNAL oxl_result splat_file_write(oxl_context *ctx, const char *path, con
         for (size_t i = 0; i < model->count; i++) {
             unsigned char splat[SPLAT_FILE_BYTES];
             splat_file_put(model, rank[i].row, splat);
-            fwrite(splat, 1, sizeof splat, w.file); /* os_writer_close reports errors */
+            fwrite(splat, 1, sizeof splat, w.file); /* Leaves errors to os_writer_close. */
         }
         rc = os_writer_close(ctx, &w, rc);
     }

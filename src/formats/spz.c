@@ -1,4 +1,4 @@
-/* spz.c - models as SPZ version 3, read and written; version 2 read.
+/* spz.c - reads models as SPZ version 2 and 3, and writes version 3.
  *
  * Source: nianticlabs/spz (README.md, src/cc/load-spz.cc). One gzip member around 16 bytes and six arrays,
  * little endian:
@@ -11,8 +11,8 @@
  *     buckets of 2 (degree 1) and 4
  *
  * The frame is converted (frame_flip.h). Origin and scale are in the comment of the gzip header (RFC 1952,
- * 2.3.1), "origin X Y Z", "scale S" and others separated by newlines, which other readers skip. The format has no
- * second lobes.
+ * 2.3.1), "origin X Y Z", "scale S" and others separated by newlines, which other readers skip. The format
+ * has no second lobes.
  *
  * Invariant: lengths are checked against the file size before allocation; deflate expands a byte to at most
  * 1032 bytes.
@@ -26,23 +26,24 @@
 #include "../core/vecmath.h"
 #include "frame_flip.h"
 
-#define SPZ_COLOUR 0.15       /* range for colours slightly below 0 and above 1 */
-#define SPZ_QUANTILE 0.99     /* of the coordinates: nearly all Gaussians */
-#define SPZ_ROOM 16.0         /* times their extent: as much is in range */
-#define SPZ_COARSE 1e-4       /* of their extent: a step that shows */
-#define SPZ_FIXED_MAX 8388606 /* of 24 bits */
-#define SPZ_FEW 1000          /* one of so many Gaussians may be limited without a word */
+#define SPZ_COLOUR 0.15   /* Scales colours so that those slightly below 0 and above 1 are in range. */
+#define SPZ_QUANTILE 0.99 /* Quantile of the coordinates that counts as nearly all Gaussians. */
+#define SPZ_ROOM 16.0     /* Range that must be representable, in extents of nearly all Gaussians. */
+#define SPZ_COARSE 1e-4   /* Step of positions, in the same extents, above which it shows and is warned of. */
+#define SPZ_FIXED_MAX 8388606 /* Largest coordinate in 24 bits. */
+#define SPZ_FEW 1000          /* One of so many Gaussians may be limited without a warning. */
 #define SPZ_LOG_SCALE_MIN -10.0
 #define SPZ_LOG_SCALE_MAX 5.9375
 #define SPZ_DEFLATE_MAX 1032 /* largest expansion of deflate (258 bytes from 2 bits) */
 
 enum {
     SPZ_HEADER = 16,
-    SPZ_ANTIALIASED = 1, /* of its flags */
-    SPZ_BITS_MAX = 20,   /* fractional; the reference writes 12 */
-    SPZ_BUCKET_1 = 2,    /* of 1/128; the reference has 8 and 16, which lose 0.7 dB for a model of degree 3 */
-    SPZ_BUCKET = 4,      /* these lose 0.07 dB, at 1.6 times the size */
-    SPZ_DEGREES = 4      /* the reference has degree 4, whose coefficients are skipped */
+    SPZ_ANTIALIASED = 1, /* bit of the flags */
+    SPZ_BITS_MAX = 20,   /* most fractional bits; the reference writes 12 */
+    /* bucket of degree 1, in 1/128; the reference's 8 (and 16 above) lose 0.7 dB for a model of degree 3 */
+    SPZ_BUCKET_1 = 2,
+    SPZ_BUCKET = 4, /* bucket of higher degrees; both together lose 0.07 dB, at 1.6 times the size */
+    SPZ_DEGREES = 4 /* highest degree of the reference; coefficients of degree 4 are skipped */
 };
 
 /* ---------------- gzip (RFC 1952) */
@@ -66,14 +67,14 @@ static oxl_result spz_fail(oxl_context *ctx, const char *path, const char *seen,
         path, seen, wanted);
 }
 
-/* Finds the deflate data; 0: truncated header. *comment: offset of the comment; 0: none. */
+/* Returns the offset of the deflate data; 0: truncated header. *comment: offset of the comment; 0: none. */
 static size_t spz_gzip_header(const unsigned char *p, size_t size, size_t *comment)
 {
     const int flags = p[3];
     size_t at = 10;
     *comment = 0;
     if (flags & 4) at += 2 + (size_t)(p[10] | p[11] << 8);
-    for (int i = 8; i <= 16; i *= 2) { /* a file's name, a comment */
+    for (int i = 8; i <= 16; i *= 2) { /* Skips the name of a file (8) and the comment (16). */
         if (!(flags & i)) continue;
         if (i == 16) *comment = at;
         while (at < size && p[at]) at++;
@@ -83,7 +84,7 @@ static size_t spz_gzip_header(const unsigned char *p, size_t size, size_t *comme
     return at + 8 < size ? at : 0;
 }
 
-/* Inflates the data. *out by oxl_alloc. */
+/* Inflates the data into *out, allocated by oxl_alloc, and compares length and checksum. */
 static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os_file_map *file,
                              unsigned char **out, size_t *size)
 {
@@ -101,7 +102,7 @@ static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os
         return spz_fail(ctx, path, "a gzip length that its data cannot have", "an SPZ file of at most 2 GB");
     *out = oxl_alloc(ctx, *size, 1);
     if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its %zu bytes", path, *size);
-    /* with the 8 bytes that follow: stb 2.27 looks ahead past the last code */
+    /* Passes the 8 bytes that follow, too: stb 2.27 looks ahead past the last code. */
     if (!codec_inflate(ctx, *out, *size, p + at, packed + 8))
         return strcmp(codec_failure(), "outofmem") == 0
                    ? oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to inflate it", path)
@@ -122,7 +123,7 @@ static void spz_read_comment(oxl_context *ctx, const char *path, const char *com
     }
 }
 
-/* Writes the header with the comment; without one when there is no origin, scale, background or view. */
+/* Writes the gzip header, with a comment if there is an origin, scale, background or view. */
 static void spz_add_header(struct text *t, const oxl_model *model)
 {
     const int placed = model->origin[0] != 0 || model->origin[1] != 0 || model->origin[2] != 0;
@@ -161,7 +162,7 @@ static oxl_result spz_pack(oxl_context *ctx, const char *path, const oxl_model *
 /* ---------------- where things lie */
 
 struct spz_layout {
-    int version, degree, bits, flags, coefficients; /* past degree 0, a channel, as the file has them */
+    int version, degree, bits, flags, coefficients; /* per channel past degree 0, in the file */
     size_t count, alphas, colours, scales, rotations, sh, end;
 };
 
@@ -178,8 +179,10 @@ static void spz_lay_out(struct spz_layout *l)
 
 /* ---------------- rotations: x y z w */
 
-#define SPZ_HALF_ROOT 0.70710678118654752 /* the second largest component is at most this */
+#define SPZ_HALF_ROOT 0.70710678118654752 /* Bounds the second largest component of a unit quaternion. */
 
+/* Stores the index of the largest component and the other three; the signs are those of the quaternion that
+ * makes the largest positive. */
 static uint32_t spz_put_rotation(const double q[4])
 {
     uint32_t bits = 0;
@@ -208,6 +211,7 @@ static void spz_get_rotation(uint32_t bits, double q[4])
     q[largest] = sqrt(OXL_MAX(1 - sum, 0));
 }
 
+/* Reads a rotation of version 2: three components of 8 bits. */
 static void spz_get_first_three(const unsigned char *p, double q[4])
 {
     double sum = 0;
@@ -239,7 +243,8 @@ static oxl_result spz_read_header(oxl_context *ctx, const char *path, const unsi
         snprintf(seen, sizeof seen, "degree %d and %d fractional bits", l->degree, l->bits);
         return spz_fail(ctx, path, seen, "degree 0 to 4 and 0 to 23 bits");
     }
-    if (l->count <= (size - SPZ_HEADER) / 19) spz_lay_out(l); /* 19: the least a Gaussian has in version 2 */
+    /* Guards spz_lay_out against overflow; 19: least bytes of a Gaussian, in version 2. */
+    if (l->count <= (size - SPZ_HEADER) / 19) spz_lay_out(l);
     if (l->end == 0 || l->end > size) {
         snprintf(seen, sizeof seen, "%zu Gaussians of degree %d in %zu bytes", l->count, l->degree, size);
         return spz_fail(ctx, path, seen, "the bytes for them");
@@ -250,7 +255,8 @@ static oxl_result spz_read_header(oxl_context *ctx, const char *path, const unsi
 static void spz_get(const unsigned char *data, const struct spz_layout *l, oxl_model *model, size_t row)
 {
     const double turn[3] = {1, -1, -1}, step = 1.0 / (1 << l->bits);
-    const double alpha = OXL_CLAMP(data[l->alphas + row], 0.25, 254.75) / 255; /* the ends have no logit */
+    /* Moves the ends inwards, since they have no logit. */
+    const double alpha = OXL_CLAMP(data[l->alphas + row], 0.25, 254.75) / 255;
     double q[4];
     for (int i = 0; i < 3; i++) {
         const unsigned char *p = data + SPZ_HEADER + 9 * row + 3 * (size_t)i;
@@ -298,15 +304,16 @@ OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *
 
 /* ---------------- writing */
 
-/* Quantises a coefficient, for better compression; 0 is the centre of a bucket. */
+/* Quantises a coefficient to buckets, which compress better; 0 is the centre of a bucket. */
 static unsigned char spz_coefficient(double value, int bucket)
 {
-    const int q = (int)(OXL_CLAMP(value, -2, 2) * 128 + 128.5 + 1024) - 1024; /* rounded, below 0 too */
+    /* Rounds; 1024 keeps the cast from truncating towards 0 below 0. */
+    const int q = (int)(OXL_CLAMP(value, -2, 2) * 128 + 128.5 + 1024) - 1024;
     return (unsigned char)OXL_CLAMP((q + bucket / 2 + 1024) / bucket * bucket - 1024, 0, 255);
 }
 
-/* Draws a Gaussian beyond the range in to its border, and makes it smaller by that factor: from the scene it
- * looks the same. */
+/* Returns the factor by which a Gaussian beyond the range is drawn in to its border and made smaller: from
+ * the scene it looks the same. */
 static double spz_shrink(const oxl_model *model, const struct spz_layout *l, size_t row)
 {
     const double range = (double)SPZ_FIXED_MAX / (1 << l->bits);
@@ -340,8 +347,8 @@ static void spz_put(const oxl_model *model, const struct spz_layout *l, size_t r
                                 k < 3 ? SPZ_BUCKET_1 : SPZ_BUCKET);
 }
 
-/* Chooses the fractional bits with which SPZ_ROOM times the extent of nearly all Gaussians is in range: a
- * few that lie far out must not cost the others their precision. *spread: that extent. */
+/* Chooses the fractional bits so that SPZ_ROOM times the extent of nearly all Gaussians is in range: a few
+ * that lie far out must not cost the others their precision. *spread: that extent. */
 static oxl_result spz_bits(oxl_context *ctx, const oxl_model *model, int *bits, double *spread)
 {
     double *value = oxl_alloc(ctx, model->count + 1, sizeof *value), farthest = 0, size = 0;
@@ -367,7 +374,7 @@ static oxl_result spz_bits(oxl_context *ctx, const oxl_model *model, int *bits, 
     return OXL_OK;
 }
 
-/* Warns of what the format cannot hold, each kind once. */
+/* Warns of what the format cannot hold, once per kind. */
 static void spz_warn(oxl_context *ctx, const char *path, const oxl_model *model, const struct spz_layout *l,
                      double spread)
 {

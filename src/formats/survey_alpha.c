@@ -1,4 +1,5 @@
-/* survey_alpha.c - transparent pixels of a survey's images: composited over the background, or masked.
+/* survey_alpha.c - decides on the transparent pixels of a survey's images: composited over the background, or
+ * masked.
  *
  * An object cut out of its background has no points where its images are transparent: there, the background
  * is what the model must show. Where points of the scene project onto transparent pixels, these hide a part
@@ -14,11 +15,12 @@ enum {
     ALPHA_POINTS = 20000, /* points that are projected into each */
     ALPHA_OPAQUE = 128    /* least alpha of a pixel that is not transparent */
 };
-/* density of points on transparent pixels, relative to that on opaque ones, above which they hide the scene
- * */
+/* Bounds the density of points on transparent pixels, relative to that on opaque ones, above which
+ * transparent pixels hide the scene. */
 #define ALPHA_HIDES 0.1
 
-struct alpha_sum { /* over the sample; [1]: of transparent pixels */
+/* Sums pixels and points over the sample; [0]: on opaque pixels, [1]: on transparent ones. */
+struct alpha_sum {
     double pixels[2], points[2];
 };
 
@@ -37,6 +39,8 @@ static void alpha_add_pixels(const struct pixels *image, struct alpha_sum *sum)
     sum->pixels[0] += (double)(count - transparent);
 }
 
+/* Projects up to ALPHA_POINTS points into the distorted image, evenly, and counts those
+ * on either kind of pixel. */
 static void alpha_add_points(const oxl_scene *scene, int view, const struct pixels *image,
                              struct alpha_sum *sum)
 {
@@ -54,8 +58,8 @@ static void alpha_add_points(const oxl_scene *scene, int view, const struct pixe
     }
 }
 
-/* Measures up to ALPHA_SAMPLE of the `count` training views with alpha, evenly. Unreadable images are
- * reported where they are trained on. */
+/* Measures up to ALPHA_SAMPLE of the `count` training views with alpha, evenly. Skips unreadable
+ * images, which training reports. */
 static oxl_result alpha_measure(oxl_context *ctx, const oxl_scene *scene, const int *view, int count,
                                 struct alpha_sum *sum)
 {
@@ -74,7 +78,7 @@ static oxl_result alpha_measure(oxl_context *ctx, const oxl_scene *scene, const 
     return OXL_OK;
 }
 
-/* Decides whether the transparent pixels hide a part of the scene, and says why. */
+/* Returns 1 if the transparent pixels hide a part of the scene, and writes the reason to `why`. */
 static int alpha_hides_scene(const struct alpha_sum *s, char *why, size_t size)
 {
     const double points = s->points[0] + s->points[1], pixels = s->pixels[0] + s->pixels[1];
@@ -85,7 +89,8 @@ static int alpha_hides_scene(const struct alpha_sum *s, char *why, size_t size)
     return s->points[1] * s->pixels[0] > ALPHA_HIDES * s->points[0] * s->pixels[1] && s->points[1] > 0;
 }
 
-/* Lists the training views whose images have alpha in view (view_count); returns their number. */
+/* Counts all views with alpha in scene->transparent, and lists the training views among them in view
+ * (view_count); returns their number. */
 static int alpha_find_views(oxl_scene *scene, int *view)
 {
     int count = 0;

@@ -1,4 +1,5 @@
-/* survey_files.c - image files of a survey: search for missing ones, count of those that the model lacks.
+/* survey_files.c - searches image files of a survey that are missing, and counts those that the model
+ * lacks.
  */
 #include "survey_read.h"
 #include "../survey/scene.h"
@@ -9,7 +10,7 @@ struct survey_find_search {
     oxl_context *ctx;
     const char *folder, *wanted; /* wanted: base name */
     int depth;
-    char found[256]; /* path; "": none yet */
+    char found[256]; /* path of the file found; "": none yet */
 };
 
 /* Returns 1 if names are equal except for extension and case. */
@@ -54,9 +55,9 @@ OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const c
 struct survey_unregistered {
     oxl_context *ctx;
     const oxl_scene *scene;
-    char inside[PATH_LENGTH]; /* of the image folder: "", or "a/b/" */
+    char inside[PATH_LENGTH]; /* folder inside the image folder: "", or "a/b/" */
     int depth, count;
-    int has_views; /* 1: an image of the model is in this very folder */
+    int has_views; /* 1: an image of the model is in `inside` itself */
 };
 
 static int survey_is_image_name(const char *name)
@@ -85,6 +86,8 @@ static int survey_has_views_in(const oxl_scene *scene, const char *inside)
     return 0;
 }
 
+/* Counts an image that no view has, or those of a sub-folder. If names start in the survey's folder, only
+ * folders with views count, since it may hold any image. */
 static void survey_visit_unregistered(void *user, const char *name)
 {
     struct survey_unregistered *u = user;

@@ -1,4 +1,5 @@
-/* survey_find.c - the cameras, images and points of a survey's folder, by the reader that knows its files.
+/* survey_find.c - finds the cameras, images and points of a survey's folder, by the reader that knows its
+ * files.
  *
  * COLMAP's mapper writes sparse/0, sparse/1, ... for disconnected groups of images; the one with the most
  * images is used.
@@ -9,25 +10,28 @@
 #include "formats.h"
 #include "json_survey.h"
 
-/* Lists the formats of surveys, a row each; the first whose file is there is taken. */
+/* Lists the formats of surveys, a row each; the first row whose file exists is taken. */
 static const struct survey_format {
     const char *file[2]; /* a folder with one of them holds such a survey */
-    oxl_result (*read)(oxl_context *ctx, const char *folder, struct colmap *out); /* the folder's files; or */
-    oxl_result (*read_json)(struct colmap_reader *r, const char *json);           /* the text of this file */
+    /* reads the folder's files; NULL: read_json is set */
+    oxl_result (*read)(oxl_context *ctx, const char *folder, struct colmap *out);
+    oxl_result (*read_json)(struct colmap_reader *r, const char *json); /* reads the text of file[0] */
 } SURVEY_FORMATS[] = {
     {{"images.txt", "images.bin"}, colmap_read, NULL},
-    {{"cameras.txt", "cameras.bin"}, colmap_read, NULL}, /* incomplete, which the reader explains */
+    /* an incomplete model, whose reader says what is missing */
+    {{"cameras.txt", "cameras.bin"}, colmap_read, NULL},
     {{"transforms.json", NULL}, NULL, nerfstudio_read},
     {{JSON_SURVEY_TRAIN, NULL}, NULL, nerfstudio_read},
     {{"reconstruction.json", NULL}, NULL, opensfm_read},
-    {{"opensfm/reconstruction.json", NULL}, NULL, opensfm_read}, /* of an OpenDroneMap project */
+    {{"opensfm/reconstruction.json", NULL}, NULL, opensfm_read}, /* an OpenDroneMap project */
 };
 
 static int survey_holds(const struct survey_format *format, const char *folder)
 {
     for (int i = 0; i < 2 && format->file[i]; i++) {
         const char *path = PATH(folder, "%s", format->file[i]);
-        if (os_is_file(path) || os_is_compressed(path)) return 1; /* which the reader refuses */
+        /* Accepts compressed files, too: their reader says how to unpack them. */
+        if (os_is_file(path) || os_is_compressed(path)) return 1;
     }
     return 0;
 }
@@ -74,7 +78,7 @@ static oxl_result survey_find_try_model(oxl_context *ctx, const struct survey_fo
     return *best_folder ? OXL_OK : OXL_ERR_MEMORY;
 }
 
-/* Reads the folder itself and, when `inside`, each folder in it that holds such a survey. */
+/* Reads the folder itself and, if `inside` is 1, each folder in it that holds a survey of this format. */
 static oxl_result survey_find_try_folder(oxl_context *ctx, const struct survey_format *format,
                                          const char *folder, int inside, struct colmap *best,
                                          char **best_folder, int *models)
@@ -114,7 +118,7 @@ static oxl_result json_survey_add_file(struct colmap_reader *r, const struct sur
     return rc;
 }
 
-/* Reads the row's file and, of NeRF synthetic, the one of the images to hold out. */
+/* Reads the format's file and, for NeRF synthetic, also the file of the held-out images. */
 static oxl_result survey_read_json(oxl_context *ctx, const struct survey_format *format, const char *folder,
                                    const char *images, struct colmap *out)
 {
@@ -134,7 +138,8 @@ static oxl_result survey_read_json(oxl_context *ctx, const struct survey_format 
             out->image[k].split = k < trained ? COLMAP_TRAIN : COLMAP_TEST;
         break;
     }
-    if (rc == OXL_OK && (slash = strrchr(path, '/')) != NULL) *slash = 0; /* the folder alone */
+    /* Cuts the file's name off the path, which leaves the folder. */
+    if (rc == OXL_OK && (slash = strrchr(path, '/')) != NULL) *slash = 0;
     out->folder = path;
     out->warnings += r.warned[WARN_QUATERNION];
     oxl_free(ctx, r.path);
@@ -150,7 +155,7 @@ OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, c
     return survey_read_json(ctx, &SURVEY_FORMATS[i], folder, images, out);
 }
 
-/* Reads the survey's folder as one of a single file. */
+/* Reads a survey of a single file, if the folder holds it. */
 static oxl_result survey_find_try_json(oxl_context *ctx, const struct survey_format *format, const char *path,
                                        const char *images, struct colmap *out, int *models)
 {
@@ -168,7 +173,9 @@ static oxl_result survey_find_try_json(oxl_context *ctx, const struct survey_for
 
 static const struct survey_foreign {
     const char *ending,
-        *what; /* of a name in the survey's folder; whose file it is, and what exports a COLMAP model */
+        /* ending of a file's name in the survey's folder; the program that writes it, and how
+         * it exports a COLMAP model */
+        *what;
 } survey_foreign[] = {
     {"database.db", "COLMAP's matches, without cameras: colmap mapper finds them"},
     {"sfm_data.json", "OpenMVG's: openMVG_main_openMVG2Colmap writes a COLMAP model"},
@@ -184,6 +191,7 @@ struct survey_foreign_search {
     char name[80];
 };
 
+/* Keeps the file that the first row of the table fits: names come in no particular order. */
 static void survey_find_visit_file(void *user, const char *name)
 {
     struct survey_foreign_search *s = user;
@@ -197,7 +205,7 @@ static void survey_find_visit_file(void *user, const char *name)
     }
 }
 
-/* Says that there is no model, and what is there instead. */
+/* Fails because there is no model, and names what is there instead. */
 static oxl_result survey_find_fail(oxl_context *ctx, const char *path, const char *sparse, int is_given)
 {
     static const char *const below[] = {"dense", "colmap", "undistorted", "distorted", ".."};

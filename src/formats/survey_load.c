@@ -1,12 +1,12 @@
-/* survey_load.c - a scene from a survey's folder: its files are found and read here, the scene is built by
- * scene_build.c.
+/* survey_load.c - loads a scene from a survey's folder: finds and reads its files, from which scene_build.c
+ * builds the scene.
  */
 #include "formats.h"
 #include "survey_read.h"
 #include "../survey/scene.h"
 
-/* Refuses a folder that is not there. The fix names the same folder in the survey's, as other programs take
- * the option; else one that holds an image of the model. */
+/* Refuses a folder that does not exist. The fix names the same folder inside the survey's, since other
+ * programs take the option so, or else the folder that holds an image of the model. */
 static oxl_result scene_fail_folder(oxl_context *ctx, const char *path, const char *option,
                                     const char *folder, const struct colmap *c)
 {
@@ -22,7 +22,7 @@ static oxl_result scene_fail_folder(oxl_context *ctx, const char *path, const ch
                     like[0] ? "; the first image of the model may be in " : "", like);
 }
 
-/* Says where masks may be that are not used. */
+/* Warns of a folder that may hold masks and is not used. */
 static void scene_name_masks(oxl_context *ctx, const char *path)
 {
     static const char *const others[] = {"mask", "Masks", "Mask", "segmentation", "images_mask"};
@@ -37,6 +37,7 @@ static void scene_name_masks(oxl_context *ctx, const char *path)
     }
 }
 
+/* Reads the survey's files and finds the folders of images and masks. */
 static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene_options *o, oxl_scene *scene)
 {
     oxl_result rc = survey_find_model(ctx, path, o->sparse, o->images, &scene->colmap);

@@ -1,5 +1,5 @@
-/* block.c - the training of one block, in its folder OUT/blocks/KKK: checkpoint.oxl while it runs, then
- * model.ply, log.csv, block.json.
+/* block.c - trains one block in its folder OUT/blocks/KKK: checkpoint.oxl while it runs, then model.ply,
+ * log.csv, block.json.
  *
  * A model with second lobes or a medium may be followed by model_standard.ply, for viewers that support
  * neither: the lobes are dropped, the medium is baked into the colours, the rest is refined for a twentieth
@@ -17,27 +17,30 @@
 #include "../model/model.h"
 #include "os_job.h"
 
-#define BLOCK_LOG_ROWS 200     /* rows of log.csv in a whole run */
-#define BLOCK_LOG_SECONDS 30.0 /* log.csv on disk is at most this old */
-#define BLOCK_REFINE 0.05      /* of the run: how long a model for viewers is refined, */
-/* and where it had a medium or gains, twice as long, or three times up to so many steps (docs/IMAGING.md); */
+#define BLOCK_LOG_ROWS 200     /* Limits the rows of log.csv in a whole run. */
+#define BLOCK_LOG_SECONDS 30.0 /* Limits the age of log.csv on disk. */
+/* Fraction of the run's steps for which the standard model is refined. With a medium or gains it takes twice
+ * as many steps, or three times as many up to BLOCK_REFINE_MORE (docs/IMAGING.md). */
+#define BLOCK_REFINE 0.05
 #define BLOCK_REFINE_MORE 300
-#define BLOCK_REFINE_SH 10      /* its SH then learn what they showed, at such a multiple of their rate; */
-#define BLOCK_REFINE_GAINS_SH 3 /* of gains at these of theirs and the base colours' */
+/* Multiplies the learning rate of SH where the standard model learns the colours that a medium gave. */
+#define BLOCK_REFINE_SH 10
+/* Multiplies the learning rates of SH and of the base colours where it learns what gains gave. */
+#define BLOCK_REFINE_GAINS_SH 3
 #define BLOCK_REFINE_GAINS_SH0 2
 
 struct block {
     oxl_context *ctx;
     const struct block_task *task;
     oxl_progress last;
-    int before; /* iterations of the run, while its standard model is refined */
+    int before; /* iterations of the run that precede those of the standard model */
     struct text log, notes;
     struct text decisions; /* members of a JSON object */
-    double log_written;    /* seconds */
+    double log_written;    /* seconds of the run at the last writing of log.csv */
     oxl_nonfinite nonfinite;
 };
 
-/* Writes a file of the block's folder, which may have been deleted. */
+/* Writes a file of the block's folder, which is made again if it was deleted meanwhile. */
 static oxl_result block_write(struct block *b, const char *name, const struct text *t)
 {
     const oxl_result rc = oxl_make_folder(b->ctx, b->task->folder);
@@ -52,7 +55,7 @@ static oxl_result block_write_model(struct block *b, const char *name, const oxl
                : rc;
 }
 
-/* Writes the gains of the images, lamp and medium; without any, no file. */
+/* Writes gains, lamp and medium; removes the file if there are none. */
 static oxl_result block_write_imaging(struct block *b, oxl_scene *scene)
 {
     const char *path = PATH(b->task->folder, "imaging.txt");
@@ -67,7 +70,7 @@ static oxl_result block_write_imaging(struct block *b, oxl_scene *scene)
 
 static const char BLOCK_CHECKSUM[] = "  \"checksum\": \"";
 
-/* Returns 1 if the member "checksum", the last one, is that of all before it. */
+/* Returns 1 if the last member, "checksum", is the checksum of all text before it. */
 static int block_has_checksum(const char *json)
 {
     const char *at = NULL;
@@ -93,7 +96,7 @@ static const struct {
                               {"imaging.txt", "imaging_checksum"},
                               {"model_standard.ply", "standard_checksum"}};
 
-/* Sums files of the folder; 0: one that is not there. */
+/* Computes the checksums of the files in the folder; 0: the file does not exist. */
 static oxl_result block_sums(oxl_context *ctx, const char *folder, uint64_t sum[BLOCK_SUMS])
 {
     oxl_result rc = OXL_OK;
@@ -105,7 +108,8 @@ static oxl_result block_sums(oxl_context *ctx, const char *folder, uint64_t sum[
     return rc;
 }
 
-/* The standard model counts once the block has finished: one that is there before was not yet noted. */
+/* Compares the files with the record. The standard model counts only in a finished record: before,
+ * its checksum was not noted. */
 OXL_INTERNAL oxl_result block_check(oxl_context *ctx, const char *folder, const struct block_record *r,
                                     int *whole)
 {
@@ -124,8 +128,7 @@ static double block_number(const char *object, const char *name)
     return fabs(value) <= DBL_MAX ? value : 0;
 }
 
-/* Returns 1 if the members "job" and "found" are those of the key, which is their text as block.json has it.
- */
+/* Returns 1 if the members "job" and "found" are those of the key, their text in block.json. */
 static int block_has_key(const char *json, const char *key)
 {
     static const char begin[] = "\"job\": ";
@@ -233,13 +236,14 @@ static int block_progress(void *user, const oxl_progress *progress)
     struct block *b = user;
     oxl_progress p = *progress;
     const int every = OXL_MAX(1, p.iterations / BLOCK_LOG_ROWS);
-    /* that row is there */
+    /* Marks steps whose row a resumed log.csv has already. */
     const int again = (b->last.iteration == 0 && p.iteration > 1) || p.iteration <= b->last.iteration;
-    if (p.trial) return context_report(b->task->callback, &p); /* the log and the record hold what stays */
+    /* Keeps trials, which are taken back, out of log and record. */
+    if (p.trial) return context_report(b->task->callback, &p);
     if (!again && (p.iteration / every > b->last.iteration / every || p.iteration == p.iterations))
         block_log_row(b, &p);
     if (p.seconds - b->log_written > BLOCK_LOG_SECONDS) {
-        block_write(b, "log.csv", &b->log); /* a full disk is reported at the end, where it matters */
+        block_write(b, "log.csv", &b->log); /* Ignores a full disk, which the end of the run reports. */
         b->log_written = p.seconds;
     }
     b->last = p;
@@ -260,7 +264,7 @@ static struct block_record block_record_of(const struct block *b, const oxl_mode
                                  .nonfinite = b->nonfinite};
 }
 
-/* Trains the block, or goes on with it. */
+/* Trains the block, or resumes its training; writes its files even if the callback stopped it. */
 static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct block_record *record,
                                     oxl_model *model)
 {
@@ -284,12 +288,14 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
     if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || model->count == 0)) return rc;
     *record = block_record_of(b, model);
     record->trained = train.finished;
-    os_remove(PATH(task->folder, "model_standard.ply")); /* it is of another model.ply */
+    /* Removes the standard model of an earlier model.ply. */
+    os_remove(PATH(task->folder, "model_standard.ply"));
     written = block_write(b, "log.csv", &b->log);
     if (written == OXL_OK) written = block_write_model(b, "model.ply", model);
     if (written == OXL_OK) written = block_write_imaging(b, scene);
     if (written == OXL_OK) written = block_write_record(b, record);
-    if (written == OXL_OK && train.finished) checkpoint_remove(task->folder, 0); /* spent */
+    /* Removes the checkpoint, since the model is complete. */
+    if (written == OXL_OK && train.finished) checkpoint_remove(task->folder, 0);
     return written == OXL_OK ? rc : written;
 }
 
@@ -311,8 +317,8 @@ OXL_INTERNAL int block_standard_steps(const oxl_train_options *run)
     return OXL_MAX(1, (int)(BLOCK_REFINE * run->iterations));
 }
 
-/* Keeps the learning rates of the whole run before its cool-down, not those of a run of `steps`; momentum as
- * in Kerbl 2023. */
+/* Returns the options of `steps` further steps. Keeps the learning rates that the whole run has before its
+ * cool-down, not those of a run of `steps`; momentum as in Kerbl 2023. */
 OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, int sh_degree, int steps)
 {
     const double short_run_factor = schedule_short_run_factor(run);
@@ -325,18 +331,18 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
     o.lr_scale = schedule_scale_rate(run);
     o.lr_rotation = (float)(short_run_factor * run->lr_rotation);
     o.lr_sh = (float)(sqrt(short_run_factor) * run->lr_sh);
-    if (o.medium == OXL_ON) o.medium = OXL_AUTO; /* as the model has it */
+    if (o.medium == OXL_ON) o.medium = OXL_AUTO; /* Keeps the medium that the model has. */
     return o;
 }
 
-/* Returns 1 if the block, which is the whole survey, has gains that viewers know nothing of. */
+/* Returns 1 if the block is the whole survey and has gains, which viewers do not know. */
 static int block_drops_gains(const struct block *b, const oxl_scene *scene)
 {
     return imaging_is_gains_alone(&scene->imaging) && !b->task->context && !b->task->window;
 }
 
-/* Trains the model on without lobes and medium, and where there are only gains, without these. *done:
- * model_standard.ply is there. */
+/* Trains the standard model: without second lobes and medium, and without gains if there is nothing else.
+ * *done: model_standard.ply is written. */
 static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *model, int *done)
 {
     oxl_train_options o = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
@@ -382,7 +388,7 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
 
 /* ---------------- both */
 
-/* Reads a model that was trained to its end by a process that did not come further. */
+/* Reads the trained model of an earlier process, which did not finish the standard model. */
 static oxl_result block_reopen(struct block *b, oxl_scene *scene, oxl_model *model)
 {
     const char *path = PATH(b->task->folder, "model.ply");
@@ -403,7 +409,8 @@ static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_r
         b->nonfinite = (oxl_nonfinite){0};
         rc = block_refine(b, scene, model, &done);
         record->seconds += block_round(b->last.seconds, 1e3);
-        b->nonfinite.images -= OXL_MIN(b->nonfinite.images, record->nonfinite.images); /* the same ones */
+        /* Counts an image that both runs left out only once. */
+        b->nonfinite.images -= OXL_MIN(b->nonfinite.images, record->nonfinite.images);
         nonfinite_add(&record->nonfinite, &b->nonfinite);
     }
     if (rc != OXL_OK || !done) return rc;

@@ -1,12 +1,12 @@
-/* block_plan.c - the part of each block in the run: its Gaussians, its window in each view, its steps, its
- * fraction of the budget.
+/* block_plan.c - plans the part of each block in the run: its Gaussians, its window in each view, its steps,
+ * its fraction of the budget.
  *
  * All of it follows from the coarse model. A block's fraction of a pixel is the blend weight of its Gaussians
  * there. Its window in a view is the rectangle that maximises the sum of (fraction - PLAN_PIXEL_COST) over
  * its pixels.
  *
- * Invariant: the work of all blocks, in pixels, is that of the steps which the coarse model leaves of the
- * run.
+ * Invariant: the work of all blocks, in pixels, is that of the steps which the coarse
+ * model leaves of the run.
  */
 #include "job_state.h"
 #include "../formats/formats.h"
@@ -14,14 +14,16 @@
 #include "../survey/scene.h"
 #include "../model/model.h"
 
-#define PLAN_PIXEL_COST 0.35 /* docs/log/SCALE.md */
-#define PLAN_MIN 0.002       /* of an image's pixels: views that are worth less to a block are left out */
-/* of the Gaussians that memory holds, in one view: views differ in how they grow */
+#define PLAN_PIXEL_COST 0.35 /* Price of a pixel of a window, in fractions of a pixel (docs/log/SCALE.md). */
+/* Least gain of a window, as a fraction of the image's pixels; the block does
+ * without views that give less. */
+#define PLAN_MIN 0.002
+/* A view may show this fraction of the Gaussians that memory holds: views differ in how they grow. */
 #define PLAN_VIEW_FRACTION 0.8
 #define PLAN_VIEWS_MAX (1 << 24)
-#define PLAN_GAUSSIANS_MAX 1e15 /* of a file that is believed */
-#define PLAN_VIEW_TEXT 10       /* bytes of a view's line, at least */
-#define PLAN_TILE 16            /* px: windows begin and end at multiples of it, or at the image's borders */
+#define PLAN_GAUSSIANS_MAX 1e15 /* Limits the number of Gaussians in a file. */
+#define PLAN_VIEW_TEXT 10       /* Least number of bytes in a view's line. */
+#define PLAN_TILE 16            /* Step (px) of the edges of windows, besides the image's borders. */
 
 OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan)
 {
@@ -95,7 +97,7 @@ static int plan_is_in_range(const struct block_plan *p)
            p->work >= 0 && p->work <= 1 && p->views >= 0 && p->views <= PLAN_VIEWS_MAX;
 }
 
-/* Returns 1 if the plan is of these views and its windows lie in their images. */
+/* Returns 1 if the plan has as many views as the scene, and its windows lie in their images. */
 OXL_INTERNAL int block_plan_fits(const struct block_plan *plan, const oxl_scene *scene)
 {
     if (plan->views != oxl_scene_view_count(scene)) return 0;
@@ -129,7 +131,7 @@ static oxl_result plan_parse(struct job *job, const char *s, struct block_plan *
     return plan_read_windows(s + used, out) ? OXL_OK : OXL_ERR_INPUT;
 }
 
-/* Reads a block's plan; a damaged file, or one of another run, is ignored. */
+/* Reads a block's plan. Ignores a damaged file, or one of another run: the plan is made again. */
 OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block_plan *out)
 {
     struct os_file_map map = {0};
@@ -171,8 +173,8 @@ OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_m
 
 /* ---------------- windows */
 
-/* Finds the rectangle of tiles with the largest sum of value (height, width); returns the sum. For each
- * pair of rows, the best run of columns (Kadane). */
+/* Finds the rectangle of tiles with the largest sum of value (height,width), and returns the sum. For each
+ * pair of rows it takes the best run of columns (Kadane). */
 OXL_INTERNAL double plan_best_rectangle(const double *value, int width, int height, struct image_window *best)
 {
     double most = 0;
@@ -191,7 +193,7 @@ OXL_INTERNAL double plan_best_rectangle(const double *value, int width, int heig
     return most;
 }
 
-/* Finds the window of a block's blend weight, fraction (H,W), and adds the whole weight to *sum. */
+/* Finds the window of a block from its blend weight, fraction (H,W), and adds the whole weight to *sum. */
 static oxl_result plan_window(oxl_context *ctx, const float *fraction, int width, int height,
                               struct image_window *out, double *sum)
 {
@@ -220,10 +222,10 @@ static void plan_paint(oxl_model *model, double colour)
             model->plane[OXL_SH + c][i] = (float)((colour - 0.5) / MODEL_SH0);
 }
 
-struct plan_sum {        /* over the views of a block */
-    double pixels, area; /* the block's fraction of them; of the windows */
+struct plan_sum {        /* Sums over the views of a block. */
+    double pixels, area; /* blend weight of the block; area of its windows */
     size_t rows;
-    int views; /* with a window */
+    int views; /* views with a window */
 };
 
 static int plan_may_show(const oxl_camera *camera, double near_plane, const oxl_model *own)
@@ -233,8 +235,8 @@ static int plan_may_show(const oxl_camera *camera, double near_plane, const oxl_
     return 0;
 }
 
-/* Finds the windows of a block, in the coarse model with the block's Gaussians in white, all others in
- * black. */
+/* Finds the windows of a block: renders the coarse model with the block's Gaussians in white and all others
+ * in black, so that the image is the block's blend weight. */
 static oxl_result plan_views(struct job *job, oxl_model *own, oxl_model *others, struct block_plan *plan,
                              struct plan_sum *sum)
 {
@@ -300,7 +302,7 @@ static double plan_largest_fraction(const struct job *job, const oxl_model *coar
     return (double)most / (double)OXL_MAX(coarse->count, (size_t)1);
 }
 
-/* Returns the most Gaussians of the merged model: of those, memory must hold what a view shows. */
+/* Returns the limit of Gaussians in the merged model: memory need hold only those that one view shows. */
 static double plan_cap(const struct job *job, const oxl_model *coarse)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
@@ -310,13 +312,13 @@ static double plan_cap(const struct job *job, const oxl_model *coarse)
                             plan_largest_fraction(job, coarse));
 }
 
-/* Gives all blocks the same number of epochs, such number of epochs, such that all pixels are those of the
+/* Gives all blocks the same number of epochs, such that the pixels of all blocks' steps are those of the
  * run's steps between coarse and merged model. */
 static void plan_divide(const struct job *job, double cap, struct block_plan *plan,
                         const struct plan_sum *sum)
 {
     const int blocks = job->partition.block_count;
-    /* of a view */
+    /* px of a view, on average */
     const double pixels = schedule_pixels(job->scene) / OXL_MAX(1, schedule_training_views(job->scene));
     const double part = 1 - JOB_COARSE - block_plan_merged_fraction(job);
     double area = 0, sum_of_pixels = 0, rows = 0, epochs;

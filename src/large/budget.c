@@ -1,29 +1,31 @@
-/* budget.c - limits that fit the training of a block into a memory budget (--ram), and into a device's
- * (--device-ram), by the predictions of cost.c.
+/* budget.c - finds limits by which the training of a block fits into a memory budget (--ram), and into a
+ * device's (--device-ram), by the predictions of cost.c.
  *
  * The image cache is reduced first, then trials are given up (they copy the model; `auto` then decides
  * nothing and depth weights stay fixed), then the SH degree, the expected number of Gaussians and the size of
- * the blocks are reduced.
- * Without --ram, a run that would exceed the free memory is planned as if --ram were that much; partition.txt
- * records the number.
+ * the blocks are reduced. Without --ram, a run that would exceed the free memory is planned as if --ram were
+ * that much; partition.txt records the number.
  *
- * Invariant: the result depends on the survey, the options and that number alone, not on the memory that a
- * later machine has free.
+ * Invariant: the result depends on the survey, the options and that number alone, not on the memory that
+ * a later machine has free.
  */
 #include "large.h"
 #include "../survey/scene.h"
 #include "os_job.h"
 
-#define BUDGET_MARGIN 0.9 /* of the budget is planned with: the arithmetic is right within about 10 % */
-/* of the budget at most goes to images: others are read from files (docs/SCALE.md) */
+/* Fraction of the budget that is planned with: predictions are right within about 10 %. */
+#define BUDGET_MARGIN 0.9
+/* Limits the fraction of the budget for decoded images: others are read from files (docs/SCALE.md). */
 #define BUDGET_CACHE 0.1
-#define BUDGET_GROWTH 1.25 /* a block must have room for so many times the Gaussians that it starts with, */
-/* or, where that is less, so many times those that it is expected to end with; where it has room for these,
- * nothing gives way (docs/log/FORECAST.md) */
+/* Growth for which a block needs room: this factor of the Gaussians that it starts with, or
+ * BUDGET_EXPECTED, if that is less. */
+#define BUDGET_GROWTH 1.25
+/* Factor of the Gaussians that a block is expected to end with; if these fit, no limit is
+ * reduced (docs/log/FORECAST.md). */
 #define BUDGET_EXPECTED 1.5
-#define BUDGET_ADVICE 1.1
-#define BUDGET_POINTS 1000 /* smaller blocks are not tried */
-/* SH degree where memory is short: more Gaussians are worth more than degree 3 (docs/log/SCALE.md) */
+#define BUDGET_ADVICE 1.1  /* Factor of the least budget that is named in an error. */
+#define BUDGET_POINTS 1000 /* Least number of points in a block. */
+/* SH degree if memory is short: more Gaussians are worth more than degree 3 (docs/log/SCALE.md). */
 #define BUDGET_SH 1
 
 OXL_INTERNAL size_t budget_cache(const oxl_job_options *o)
@@ -37,7 +39,7 @@ static int budget_is_limited(const oxl_job_options *o)
     return o->ram > 0 || o->device_ram > 0;
 }
 
-/* Returns 1 if so many Gaussians fit --ram and --device-ram. */
+/* Returns 1 if `gaussians` fit --ram and --device-ram. */
 static int budget_holds(const oxl_job_options *o, const struct cost_load *load, double gaussians)
 {
     return (o->ram == 0 || cost_memory(o, load, gaussians) <= BUDGET_MARGIN * (double)o->ram) &&
@@ -45,7 +47,7 @@ static int budget_holds(const oxl_job_options *o, const struct cost_load *load, 
             cost_device_memory(o, load, gaussians) <= BUDGET_MARGIN * (double)o->device_ram);
 }
 
-/* Returns the largest count up to `most` that fits, by bisection; 0: none does. */
+/* Returns the largest count up to `most` that fits, by bisection; 0: not even one fits. */
 static double budget_gaussians(const oxl_job_options *o, const struct cost_load *load, double most)
 {
     double low = 0, high = OXL_MIN(JOB_GAUSSIANS_MAX, most) + 1;
@@ -78,7 +80,7 @@ OXL_INTERNAL int budget_fits(const struct cost_load *load, const oxl_job_options
     return budget_holds(&bare, load, gaussians);
 }
 
-/* Returns the Gaussians that a run is not expected to exceed; images may allow fewer. */
+/* Returns the Gaussians that a run is not expected to exceed, or fewer if the images allow fewer. */
 static double budget_wanted(const oxl_job_options *o, const struct cost_load *load)
 {
     const double most = (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
@@ -114,8 +116,8 @@ OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct cost_load *load
     return 1;
 }
 
-/* Finds a budget that does, in MiB, of the device or of --ram: the least by the predictions, and a tenth
- * more, as they differ between a survey and its one block, and what is read in the meantime counts. */
+/* Returns a sufficient budget in MiB, of the device or of --ram: a tenth above the least that the predictions
+ * allow, since they differ between a survey and its one block, and files are read meanwhile. */
 static double budget_needed(const oxl_context *ctx, const struct cost_load *load, const oxl_job_options *o,
                             int device)
 {
@@ -147,7 +149,7 @@ OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *
 
 /* ---------------- blocks that fit */
 
-/* Returns 1 if each block fits; else *worst is the load of one that does not. */
+/* Returns 1 if each block fits; otherwise *worst is the load of one that does not. */
 static int budget_fits_all(const oxl_context *ctx, const struct partition *p, const oxl_job_options *o,
                            struct cost_load *worst)
 {
@@ -159,7 +161,7 @@ static int budget_fits_all(const oxl_context *ctx, const struct partition *p, co
     return 1;
 }
 
-/* Returns 1 if the number of blocks is left to memory, and that is known. */
+/* Returns 1 if memory decides on the number of blocks, and the free memory is known. */
 static int budget_may_choose_blocks(const oxl_job_options *o)
 {
     return o->ram == 0 && o->partition.kind != OXL_PARTITION_NONE && o->partition.blocks == 0 &&
@@ -174,7 +176,8 @@ OXL_INTERNAL size_t budget_limit(const oxl_scene *scene, const oxl_job_options *
     return (size_t)free;
 }
 
-/* Halves the points of a block until each fits. OXL_ERR_BUDGET: *worst is the load of one that does not. */
+/* Halves the points of a block until each block fits. OXL_ERR_BUDGET: *worst is the
+ * load of one that does not. */
 static oxl_result budget_halve_blocks(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
                                       struct partition *out, struct cost_load *worst)
 {
@@ -183,7 +186,7 @@ static oxl_result budget_halve_blocks(oxl_context *ctx, const oxl_scene *scene, 
     oxl_result rc = OXL_OK;
     if (tried.blocks == 0 && tried.block_points == 0) tried.block_points = (int)OXL_CLAMP(points, 1, INT_MAX);
     while (rc == OXL_OK && !budget_fits_all(ctx, out, o, worst)) {
-        if (tried.blocks > 0) { /* more than were asked for */
+        if (tried.blocks > 0) { /* Makes more blocks than were requested. */
             tried.block_points = (int)(points / (size_t)tried.blocks);
             tried.blocks = 0;
         }
@@ -199,7 +202,7 @@ static oxl_result budget_halve_blocks(oxl_context *ctx, const oxl_scene *scene, 
     return rc;
 }
 
-/* Refuses a budget that reading alone exceeds. The fix names one that blocks fit, too. */
+/* Refuses a budget that reading alone exceeds. The fix names a budget that blocks fit, too. */
 static oxl_result budget_refuse_reading(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
                                         struct partition *out)
 {
@@ -227,7 +230,8 @@ OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scen
         rc = budget_refuse_reading(ctx, scene, o, out);
     if (rc == OXL_OK && budget_is_limited(&limited))
         rc = budget_halve_blocks(ctx, scene, &limited, out, &worst);
-    if (rc == OXL_ERR_BUDGET && !budget_is_limited(o)) { /* not asked for: it may swap */
+    /* Continues without a limit that nobody set: the run may swap. */
+    if (rc == OXL_ERR_BUDGET && !budget_is_limited(o)) {
         oxl_log(ctx, OXL_LOG_WARNING, "%.0f MB of memory are free, too little for blocks of any size",
                 (double)limited.ram / 1e6);
         rc = partition_make(ctx, scene, &o->partition, out);

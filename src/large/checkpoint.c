@@ -1,4 +1,4 @@
-/* checkpoint.c - the training state in a file, from which a killed run resumes.
+/* checkpoint.c - keeps the training state in a file, from which a killed run resumes.
  *
  *     8  "OXLSTATE"        8  version of this layout        8 + n  key: the options and the scene that the
  *     run depends on
@@ -41,9 +41,10 @@ static void checkpoint_add_key(struct archive *a, const char *key)
 
 static const char *const checkpoint_names[] = {
     "checkpoint.oxl", "checkpoint.prev.oxl", "checkpoint.oxl.other",
-    "checkpoint.prev.oxl.other"}; /* the latter two: see checkpoint_rename */
+    "checkpoint.prev.oxl.other"}; /* the latter two are written by checkpoint_rename */
 
-/* Renames a checkpoint of another run to NAME.other, which replaces an earlier one. */
+/* Renames a checkpoint of another run to NAME.other, which replaces an earlier one:
+ * the user may still want it. */
 static oxl_result checkpoint_rename(oxl_context *ctx, const char *path)
 {
     const char *renamed = PATH("", "%s.other", path);
@@ -67,7 +68,7 @@ static oxl_result checkpoint_write_once(oxl_context *ctx, const char *folder, co
     const char *path = PATH(folder, "%s", checkpoint_names[0]);
     struct os_writer writer;
     struct archive a = {.ctx = ctx, .path = path, .sum = ARCHIVE_SEED};
-    oxl_result rc = oxl_make_folder(ctx, folder); /* it may have been deleted */
+    oxl_result rc = oxl_make_folder(ctx, folder); /* Makes the folder again if it was deleted. */
     if (rc == OXL_OK) rc = os_writer_open(ctx, path, &writer);
     if (rc != OXL_OK) return rc;
     a.file = writer.file;
@@ -79,8 +80,8 @@ static oxl_result checkpoint_write_once(oxl_context *ctx, const char *folder, co
     checkpoint_number(&a, &sum);
     if (a.rc == OXL_OK && fflush(writer.file) != 0)
         archive_fail(&a, OXL_ERR_IO, "cannot write; the disk may be full");
-    if (a.rc == OXL_OK)
-        os_rename(path, PATH(folder, "%s", checkpoint_names[1])); /* there is none before the first */
+    if (a.rc == OXL_OK) /* Fails before the second checkpoint, without harm. */
+        os_rename(path, PATH(folder, "%s", checkpoint_names[1]));
     return os_writer_close(ctx, &writer, a.rc);
 }
 
@@ -88,7 +89,7 @@ OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, c
                                          archive_state *state, void *user)
 {
     oxl_result rc = checkpoint_write_once(ctx, folder, key, state, user);
-    /* it was deleted meanwhile, and is made again */
+    /* Writes again if the folder was deleted meanwhile; it is made anew. */
     if (rc == OXL_ERR_IO && !os_is_folder(folder)) rc = checkpoint_write_once(ctx, folder, key, state, user);
     return rc;
 }
@@ -100,14 +101,15 @@ OXL_INTERNAL struct train_store checkpoint_in(const char *folder, const char *ke
 
 /* ---------------- reading */
 
-/* Reads the file through once: 1 when it ends in the sum of its bytes. */
+/* Reads the file once; returns 1 if it ends in the checksum of its bytes. */
 static int checkpoint_is_whole(FILE *file, uint64_t *size)
 {
     unsigned char chunk[CHECKPOINT_CHUNK + 8];
     uint64_t sum = ARCHIVE_SEED, stored = 0;
     size_t held = 0, got;
     *size = 0;
-    while ((got = fread(chunk + held, 1, CHECKPOINT_CHUNK, file)) > 0) { /* the last 8 bytes are held back */
+    /* Holds the last 8 bytes back: they may be the checksum. */
+    while ((got = fread(chunk + held, 1, CHECKPOINT_CHUNK, file)) > 0) {
         const size_t body = held + got > 8 ? held + got - 8 : 0;
         sum = archive_hash(sum, chunk, body);
         *size += got;
@@ -118,7 +120,7 @@ static int checkpoint_is_whole(FILE *file, uint64_t *size)
     return held == 8 && *size >= 40 && stored == sum && !ferror(file);
 }
 
-/* Returns 1 if the checkpoint has this key. */
+/* Returns 1 if the checkpoint has the key `key`. */
 static int checkpoint_has_key(struct archive *a, const char *key)
 {
     uint64_t length = 0;
@@ -167,6 +169,7 @@ OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, co
     return rc;
 }
 
+/* Reads the step alone, without the state behind it. */
 OXL_INTERNAL int checkpoint_step(oxl_context *ctx, const char *folder, const char *key)
 {
     uint64_t step = 0;
@@ -180,7 +183,7 @@ OXL_INTERNAL int checkpoint_step(oxl_context *ctx, const char *folder, const cha
             checkpoint_number(&a, &magic);
             checkpoint_number(&a, &version);
             if (magic == CHECKPOINT_MAGIC && version == CHECKPOINT_VERSION && checkpoint_has_key(&a, key))
-                checkpoint_number(&a, &step); /* the first number of train_archive */
+                checkpoint_number(&a, &step); /* Reads the step, the first number of train_archive. */
         }
         fclose(a.file);
     }

@@ -1,4 +1,4 @@
-/* cost.c - predicted Gaussians, memory and time of training.
+/* cost.c - predicts Gaussians, memory and time of training.
  *
  * Gaussians follow from a first look (src/train/forecast.c), memory from counts, with the measured constants
  * below. Time is extrapolated from the steps of the look; for blocks, and without a look, it is computed from
@@ -11,28 +11,33 @@
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
 
-/* Measured on 2 cores with AVX-512 on surveys of 5 000 to 30 000 points; see docs/log/SPEED.md. */
-/* (Gaussian, pixel) pairs evaluated forward; backward costs 2.5 times as much */
+/* Lists constants measured on 2 cores with AVX-512, on surveys of 5 000 to 30 000
+ * points (docs/log/SPEED.md). */
+/* (Gaussian, pixel) pairs evaluated forward per pixel; backward costs 2.5 times as much. */
 #define COST_PAIRS_PER_PIXEL 40.0
-#define COST_PAIR_RATE 1.0e9      /* pairs a second and thread, AVX2 or better */
-#define COST_PAIR_RATE_BASE 0.2e9 /* without AVX2 */
-#define COST_PIXEL_COST 1.0e-7    /* s: SSIM forward and backward, image to float */
-#define COST_GAUSSIAN_COST 6.0e-8 /* s: projection, binning and Adam */
-#define COST_PIXEL_BYTES 160.0    /* of working memory: images, SSIM's maps */
-#define COST_PROGRAM_BYTES 1.2e7  /* measured: 9 to 10 MB */
-/* Of a device, in bytes, as backends/vulkan reserves them: by row and by (tile, splat) pair, of which a view
- * of all Gaussians has so many each; by pixel of loss and image; a quarter more of what grows */
+#define COST_PAIR_RATE 1.0e9      /* Pairs per second and thread, with AVX2 or better. */
+#define COST_PAIR_RATE_BASE 0.2e9 /* Pairs per second and thread without AVX2. */
+/* s per pixel for SSIM forward and backward, and for the image's conversion to float. */
+#define COST_PIXEL_COST 1.0e-7
+#define COST_GAUSSIAN_COST 6.0e-8 /* s per Gaussian for projection, binning and Adam. */
+#define COST_PIXEL_BYTES 160.0    /* Bytes of working memory per pixel: images, SSIM's maps. */
+#define COST_PROGRAM_BYTES 1.2e7  /* Bytes of the program itself; measured: 9 to 10 MB. */
+/* Lists bytes of a device, as backends/vulkan reserves them: per row; per (tile, splat) pair, of which a view
+ * of all Gaussians has COST_DEVICE_PAIRS each; per pixel of loss and image; in all. COST_DEVICE_ROOM is a
+ * quarter more of what grows. */
 #define COST_DEVICE_ROW 110.0
 #define COST_DEVICE_PAIR 84.0
 #define COST_DEVICE_PAIRS 8.0
 #define COST_DEVICE_PIXEL 125.0
 #define COST_DEVICE_BYTES 2e6
 #define COST_DEVICE_ROOM 1.25
-/* factor of a run in several blocks, each of which is rendered with Gaussians of others (docs/SCALE.md) */
+/* Factor of the time of a run in several blocks, each of which is rendered with Gaussians
+ * of others (docs/SCALE.md). */
 #define COST_CONTEXT 1.25
-#define COST_STEPS_PER_IMAGE 700 /* limit of a preset's iterations: more overfit (docs/TRADEOFF.md) */
-#define COST_WITHIN 3.0          /* factor of uncertainty of times computed from counts, */
-#define COST_WITHIN_LOOK 1.7     /* and of those from steps of a look */
+/* Limits a preset's iterations per image: more overfit (docs/TRADEOFF.md). */
+#define COST_STEPS_PER_IMAGE 700
+#define COST_WITHIN 3.0      /* Times computed from counts are right within this factor. */
+#define COST_WITHIN_LOOK 1.7 /* Times extrapolated from the steps of a look are right within this factor. */
 
 OXL_INTERNAL int cost_iterations(const oxl_job_options *o, int images)
 {
@@ -89,7 +94,7 @@ OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load
     const double cache =
         image_cache_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
     const double depths = parts_bytes(&o->train, (double)load->observations, load->views);
-    /* sets of planes: parameters and two moments; a trial holds three copies */
+    /* Counts sets of planes: parameters and two moments; a trial keeps two more copies of each. */
     const int sets = parts_trials(&o->train) > 0 ? 9 : 3;
     return COST_PROGRAM_BYTES + cache + load->largest * COST_PIXEL_BYTES +
            gaussians * (sets * 4 * planes + COST_SPLAT_BYTES) +
@@ -128,7 +133,7 @@ OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_opt
     return cost;
 }
 
-/* Returns 1 if the options ask for several blocks. */
+/* Returns 1 if the options request several blocks. */
 static int cost_has_blocks(const oxl_job_options *o, size_t points)
 {
     const size_t most = (size_t)o->partition.block_points;

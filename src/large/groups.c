@@ -1,5 +1,5 @@
-/* groups.c - the last stage of a run in blocks, where the merged model does not fit into memory: it is
- * trained in groups of views.
+/* groups.c - trains the merged model in groups of views, the last stage of a run in blocks, if the model does
+ * not fit into memory.
  *
  * Memory holds the Gaussians visible in the views of one group, with gradients and moments. A task trains
  * them, whichever block they belong to, on the group's views. Moments are stored with the Gaussians and each
@@ -17,21 +17,21 @@
 #include "../model/model.h"
 #include "os_job.h"
 
-#define GROUPS_PASSES 8 /* turns of each group */
+#define GROUPS_PASSES 8 /* Turns of each group. */
 
 struct groups {
     struct job *job;
     const char *folder;
-    double limit; /* Gaussians that fit */
-    int views;    /* of the survey */
-    int count;    /* groups */
-    int done;     /* tasks */
-    int step;     /* of the task, as reported last */
+    double limit; /* number of Gaussians that fit into memory */
+    int views;    /* views of the survey */
+    int count;    /* number of groups */
+    int done;     /* number of tasks done */
+    int step;     /* step of the task that was reported last */
     int gains;    /* version of imaging.V.txt; 0: none */
-    int *of;      /* (views) group; -1: none */
-    int *version; /* (blocks) 0: the block's own model */
+    int *of;      /* (views) the view's group; -1: none */
+    int *version; /* (blocks) version of the block's files; 0: the block's own model.ply */
     double seconds;
-    uint8_t **keep; /* (blocks) (rows) 1: in the task's model */
+    uint8_t **keep; /* (blocks)(rows) 1: the row is in the task's model */
 };
 
 static void groups_free(struct groups *g)
@@ -53,8 +53,8 @@ static const char *groups_path(char out[PATH_LENGTH], const struct groups *g, in
 
 static const char *const GROUPS_PART[TRAINED_PARTS] = {"model", "mean", "square"};
 
-/* Reads parameters and moments of a block. Moments are not judged as a model is: they may have rotations of
- * zeros. */
+/* Reads parameters and moments of a block. Moments are not checked as a model is:
+ * their rotations may be zeros. */
 static oxl_result groups_read(const struct groups *g, int block, struct trained_model *m)
 {
     oxl_context *ctx = g->job->ctx;
@@ -107,7 +107,7 @@ static oxl_result groups_write_state(const struct groups *g)
     return rc;
 }
 
-/* Reads groups.txt; a damaged file, or one of another run, is ignored: count stays 0. */
+/* Reads groups.txt. Ignores a damaged file, or one of another run: count stays 0. */
 static oxl_result groups_read_state(struct groups *g)
 {
     struct os_file_map map = {0};
@@ -134,7 +134,7 @@ static oxl_result groups_read_state(struct groups *g)
     return rc;
 }
 
-/* Removes a file of another version than in groups.txt: it is left by a process that was killed before it
+/* Removes a file of another version than that in groups.txt: a process was killed before it
  * removed or named the file. */
 static void groups_remove_other_version(void *user, const char *name)
 {
@@ -155,7 +155,7 @@ static oxl_result groups_remove_temporaries(struct groups *g)
 
 /* ---------------- groups */
 
-/* Marks in keep (rows) those that one of `count` views may show. Returns their number. */
+/* Marks in keep (rows) the rows that one of `count` views may show, and returns their number. */
 static size_t groups_mark_visible(const struct groups *g, const int *view, int count, const oxl_model *m,
                                   uint8_t *keep)
 {
@@ -188,7 +188,7 @@ static oxl_result groups_count(const struct groups *g, const int *view, int coun
     return rc;
 }
 
-/* Makes one group of the views, or halves them until each fits. */
+/* Makes one group of the views, or halves them until each part fits. */
 static oxl_result groups_divide(struct groups *g, const int *view, int count)
 {
     double rows = 0;
@@ -211,7 +211,8 @@ static oxl_result groups_divide(struct groups *g, const int *view, int count)
     return OXL_OK;
 }
 
-/* Orders the training views, those of a block together: it has the largest window in them. */
+/* Orders the training views by the block that has the largest window in them, so that a group's
+ * views show few Gaussians. */
 static oxl_result groups_order(const struct groups *g, int *view, int *count)
 {
     const int blocks = g->job->partition.block_count;
@@ -252,7 +253,7 @@ static oxl_result groups_make(struct groups *g)
 
 /* ---------------- a task */
 
-/* Returns the last step of a task; steps are divided by views. */
+/* Returns the last step of a task. Each task has steps in proportion to its views. */
 static int groups_last_step(const struct groups *g, int task, int steps)
 {
     int below = 0, all = 0;
@@ -263,6 +264,7 @@ static int groups_last_step(const struct groups *g, int task, int steps)
     return (int)(steps * (task / g->count + (double)below / OXL_MAX(all, 1)) / GROUPS_PASSES + 0.5);
 }
 
+/* Merges the rows of all blocks that the views may show, with their moments. */
 static oxl_result groups_load(struct groups *g, const int *view, int views, struct trained_model *all)
 {
     oxl_context *ctx = g->job->ctx;
@@ -293,8 +295,8 @@ static void groups_copy_row(const oxl_model *all, size_t from, oxl_model *m, siz
     for (int p = OXL_LOBE; p < OXL_PLANES && to < m->lobes; p++) m->plane[p][to] = all->plane[p][from];
 }
 
-/* Takes the rows of a block from the task's model, in which those with lobes come first. A row that is not
- * finite stays as it was. */
+/* Takes the rows of a block from the task's model, in which rows with second lobes come first. A row that is
+ * not finite keeps its values. */
 static oxl_result groups_store_block(struct groups *g, int block, int version, struct trained_model *all,
                                      size_t at[2])
 {
@@ -315,6 +317,8 @@ static oxl_result groups_store_block(struct groups *g, int block, int version, s
     return rc;
 }
 
+/* Writes all blocks as a new version, then groups.txt, and only then removes the old version: a killed
+ * process loses the task alone. */
 static oxl_result groups_store(struct groups *g, struct trained_model *all)
 {
     const int blocks = g->job->partition.block_count, version = g->done + 1;
@@ -396,7 +400,7 @@ static oxl_result groups_task(struct groups *g, int from, int until)
     if (rc == OXL_OK) rc = groups_load(g, view, views, &all);
     if (rc == OXL_OK) rc = groups_train(g, window, &all, from, until);
     if (rc == OXL_OK && g->step >= until) rc = groups_store(g, &all);
-    else if (rc == OXL_OK) g->job->unfinished++; /* the time allowed is over */
+    else if (rc == OXL_OK) g->job->unfinished++; /* Ends the run early: the time allowed is over. */
     model_trained_free(ctx, &all);
     OXL_FREE(ctx, window, view);
     return rc;
@@ -404,7 +408,7 @@ static oxl_result groups_task(struct groups *g, int from, int until)
 
 /* ---------------- all tasks */
 
-/* Reads the gains as the last task has left them, or the blocks'. */
+/* Reads the imaging that the last task left, or that of the blocks. */
 static oxl_result groups_read_gains(const struct groups *g)
 {
     const char *path = GROUPS_PATH(g, -1, "imaging", g->gains);
@@ -413,7 +417,7 @@ static oxl_result groups_read_gains(const struct groups *g)
     return imaging_read(g->job->ctx, path, g->job->scene, &g->job->scene->imaging);
 }
 
-/* Writes a block's model with the medium in its colours, for viewers; not refined. */
+/* Writes a block's model with the medium in its colours, for viewers; it is not refined. */
 static oxl_result groups_bake(const struct groups *g, int block)
 {
     oxl_model model = {0};
@@ -427,7 +431,7 @@ static oxl_result groups_bake(const struct groups *g, int block)
     return rc;
 }
 
-/* Merges the blocks' models, or with `standard` those for viewers. */
+/* Merges the blocks' models, or with `standard` the models for viewers. */
 static oxl_result groups_merge(const struct groups *g, int standard)
 {
     const int blocks = g->job->partition.block_count;
@@ -450,7 +454,7 @@ static oxl_result groups_merge(const struct groups *g, int standard)
     return rc;
 }
 
-/* Writes model.ply and block.json of blocks/whole; then the blocks' files are not needed. */
+/* Writes model.ply and block.json of blocks/whole; then removes the blocks' files. */
 static oxl_result groups_finish(struct groups *g)
 {
     const int blocks = g->job->partition.block_count;

@@ -1,17 +1,18 @@
-/* job_state.c - what the files of a job share: names in OUT, the survey, decoded images, progress, records,
- * the blocks' models.
+/* job_state.c - holds what the files of a job share: names in OUT, the survey, decoded images, progress,
+ * records, the blocks' models.
  *
- * Invariant: nothing here trains; job_run.c, rounds.c and groups.c call these functions, but none of theirs
- * is called here.
+ * Invariant: nothing here trains; job_run.c, rounds.c and groups.c call these functions, but none
+ * of theirs is called here.
  */
 #include "job_state.h"
 #include "../formats/formats.h"
 #include "../survey/scene.h"
 #include "os_job.h"
 
-#define JOB_MEMORY_FRACTION 4 /* a merged model of more than --ram over this stays in its file */
-#define JOB_SECONDS_MIN 1e-3  /* of the time left: 0 would be no limit */
-#define JOB_DISK 4            /* times the files' size must be free: a full disk must not stop the run */
+#define JOB_MEMORY_FRACTION 4 /* A merged model of more than --ram divided by this stays in its file. */
+#define JOB_SECONDS_MIN 1e-3  /* Least time left, since 0 would be no limit. */
+/* Free disk that decoded images need, in their own size: a full disk must not stop the run. */
+#define JOB_DISK 4
 
 /* ---------------- files of OUT */
 
@@ -81,8 +82,7 @@ OXL_INTERNAL oxl_result job_load(struct job *job)
     return rc == OXL_OK ? job_use_decoded(job) : rc;
 }
 
-/* Returns 1 for a file of decoded images: KEY of scene_images.c, or KEY.PID.tmp of a process that was
- * killed. */
+/* Removes a file of decoded images: KEY of scene_images.c, or KEY.PID.tmp of a process that was killed. */
 static void job_remove_decoded_file(void *user, const char *name)
 {
     size_t digits = strspn(name, "0123456789abcdef");
@@ -99,14 +99,14 @@ OXL_INTERNAL void job_remove_decoded(struct job *job)
     os_remove_folder(job->decoded);
 }
 
-/* Decides whether decoded images are kept in files: where each would be decoded several times, in blocks,
- * or when memory does not hold them all. */
+/* Decides whether decoded images are kept in files: if each would be decoded several times, since there are
+ * blocks or memory does not hold all images. */
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
 {
     const double bytes = job->scene ? 3 * schedule_pixels(job->scene) : 0;
     const char *folder = PATH(job->out, "blocks/decoded");
     oxl_result rc = OXL_OK;
-    if (!os_is_folder(folder)) { /* else another process has decided */
+    if (!os_is_folder(folder)) { /* Leaves the decision to the process that has made the folder. */
         const int wanted =
             job->scene && (job->partition.block_count > 1 || bytes > (double)budget_cache(&job->options));
         if (wanted) rc = oxl_make_folder(job->ctx, folder);
@@ -121,7 +121,7 @@ OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
 
 /* ---------------- progress and records */
 
-/* Reports the run's progress from the block's. */
+/* Reports the run's progress from that of the block in training. */
 OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
 {
     struct job *job = user;
@@ -135,7 +135,8 @@ OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
               : job->block == JOB_MERGED_MODEL ? OXL_STAGE_MERGED
                                                : OXL_STAGE_BLOCK;
     p.blocks = job->partition.block_count;
-    if (p.blocks > 1 && done > job->done_before) /* the rest as what this process has done */
+    /* Extrapolates the time left from what this process has done. */
+    if (p.blocks > 1 && done > job->done_before)
         p.seconds_left = here * OXL_MAX(0, 1 - done) / (done - job->done_before);
     if (limit > 0) p.seconds_left = OXL_MIN(p.seconds_left, OXL_MAX(0, limit - here));
     return context_report(job->callback, &p);
@@ -148,7 +149,7 @@ OXL_INTERNAL oxl_result job_read_record(struct job *job, const char *folder, str
     if (rc == OXL_OK && out->exists && checkpoint_step(job->ctx, folder, job->key.data) <= out->iterations)
         rc = block_check(job->ctx, folder, out, &whole);
     if (rc == OXL_OK && out->trained &&
-        out->nonfinite.images > 0) /* an earlier process said so, this one did not */
+        out->nonfinite.images > 0) /* Repeats the warning of an earlier process. */
         oxl_log(job->ctx, OXL_LOG_WARNING,
                 "%s was trained without %zu images that could not be read\n"
                 "fix: if they are back, --restart trains with them",
@@ -175,7 +176,7 @@ OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
     job->unfinished += !r->finished;
 }
 
-/* Limits a part of the run to the time that is left of the whole. */
+/* Limits a part of the run to the time that the whole run has left. */
 OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *o)
 {
     if (o->max_seconds > 0)
@@ -200,7 +201,7 @@ OXL_INTERNAL void job_drop_records(struct job *job)
     if (os_is_folder(blocks)) os_list_folder(job->ctx, blocks, job_drop_record, job);
 }
 
-/* Discards what is unfinished, at --restart of a whole run. */
+/* Removes the checkpoints of all blocks, for --restart of a whole run. */
 OXL_INTERNAL void job_drop_checkpoints(struct job *job)
 {
     const char *blocks = PATH(job->out, "blocks");
@@ -209,13 +210,14 @@ OXL_INTERNAL void job_drop_checkpoints(struct job *job)
 
 /* ---------------- models of the blocks */
 
-/* Finds the file of a block's model, or of the merged one: the standard one if that is wanted and it has
- * second lobes. */
+/* Finds the file of a block's model, or of the merged one; with `standard`
+ * model_standard.ply, if it exists. */
 static const char *job_model_file(char path[PATH_LENGTH], const struct job *job, int block, int standard)
 {
     const char *folder = JOB_BLOCK(job, block);
     if (standard && os_is_file(path_in(path, folder, "model_standard.ply"))) return path;
-    return path_in(path, folder, "model.ply"); /* it has no lobes, or was not refined */
+    /* Takes model.ply: viewers know all of it, or it was not refined. */
+    return path_in(path, folder, "model.ply");
 }
 
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out)
@@ -261,7 +263,8 @@ OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out)
         struct imaging own = {0};
         if (os_is_file(path)) rc = imaging_read(job->ctx, path, job->scene, &own);
         if (rc == OXL_OK && imaging_is_needed(&own)) job_add_imaging(out, count, &own);
-        if (rc == OXL_OK && !out->pose) out->pose = own.pose, own.pose = NULL; /* the same in all blocks */
+        /* Takes the poses, the same in all blocks, from the first. */
+        if (rc == OXL_OK && !out->pose) out->pose = own.pose, own.pose = NULL;
         imaging_free(job->ctx, &own);
     }
     if (rc == OXL_OK) imaging_centre(out, none);
@@ -269,7 +272,7 @@ OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out)
     return rc;
 }
 
-/* Makes the blocks' gains, lamp and medium the scene's. */
+/* Merges the blocks' models, and makes their gains, lamp and medium the scene's. */
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out)
 {
     oxl_result rc = oxl_model_create(job->ctx, 0, 0, out);

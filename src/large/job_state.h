@@ -1,4 +1,4 @@
-/* job_state.h - shared by the files of a job: its state, its files, the training of its blocks. */
+/* job_state.h - declares what the files of a job share: its state, its files, the training of its blocks. */
 #ifndef OXL_JOB_STATE_H
 #define OXL_JOB_STATE_H
 
@@ -7,14 +7,15 @@
 #include "../survey/image.h"
 #include "../survey/imaging.h"
 
-/* Fractions of a run in blocks (docs/SCALE.md). */
-#define JOB_COARSE 0.15      /* the coarse model of the survey */
-#define JOB_MERGED 0.35      /* the merged model */
-#define JOB_MERGED_LATER 0.2 /* with pruning or second lobes, which must end before */
-#define JOB_ROUNDS 4         /* rounds of each block between the two */
-#define JOB_WAIT 0.5         /* s between checks of what other processes have done */
+/* Lists fractions of a run in blocks (docs/SCALE.md). */
+#define JOB_COARSE 0.15 /* Fraction of the coarse model of the survey. */
+#define JOB_MERGED 0.35 /* Fraction of the merged model. */
+/* Fraction of the merged model with pruning or second lobes, which must end before it. */
+#define JOB_MERGED_LATER 0.2
+#define JOB_ROUNDS 4 /* Rounds of each block between coarse and merged model. */
+#define JOB_WAIT 0.5 /* s between checks of the work of other processes. */
 
-/* Files of OUT that are written under a temporary name; renders/ has RENDER_FILES. */
+/* Lists the files of OUT that are written under a temporary name; those of renders/ are RENDER_FILES. */
 #define JOB_FILES                                                                              \
     "run.json metrics.json partition.txt partition.svg imaging.txt scene.ply scene_clear.ply " \
     "scene_standard.ply report.html"
@@ -35,99 +36,100 @@ struct job {
     double origin[3];
     oxl_large_model result;
     struct text line, found;   /* "job": {...} and "found": {...} of run.json */
-    struct text key;           /* both: what a block depends on */
-    struct text device;        /* line of the run that another device began; or empty */
+    struct text key;           /* both lines: all that a block depends on */
+    struct text device;        /* line of a run that began on another device; or empty */
     int is_mixed;              /* 1: the run was begun on one device and continued on another */
     struct text notes;         /* log lines outside of the blocks' training */
-    struct block_record total; /* over the blocks */
-    int block;                 /* now in training; or JOB_COARSE_MODEL, JOB_MERGED_MODEL */
-    int unfinished;            /* blocks that were stopped by --max-time */
+    struct block_record total; /* sum of the records of blocks, coarse and merged model */
+    int block;                 /* the block in training, JOB_COARSE_MODEL or JOB_MERGED_MODEL */
+    int unfinished;            /* blocks that are not finished, e.g. stopped by --max-time */
     char *decoded;             /* OUT/blocks/decoded, for decoded images; or NULL */
     double started;
     double done_before;           /* fraction of the run that earlier processes did */
-    double done, stage;           /* fractions of the run: before the present stage; of the stage */
-    int stage_first, stage_until; /* steps of the present stage */
-    uint64_t seed;                /* of the context, restored at the end */
+    double done, stage;           /* fractions of the run: before this stage; of this stage */
+    int stage_first, stage_until; /* first and last step of this stage */
+    uint64_t seed;                /* seed of the context, restored at the end */
     struct start start;
-    oxl_lock *lock;   /* on OUT: shared by processes that train single blocks, else exclusive */
+    oxl_lock *lock;   /* lock of OUT: shared by processes that train single blocks, otherwise exclusive */
     int is_read_only; /* OUT holds a finished run and cannot be written to: lock is NULL */
 };
 
 /* ---------------- job_state.c */
 
-/* Refuses folders of the run that are links: OUT itself may be one, as its user has chosen it. */
+/* Refuses folders of the run that are links: only OUT itself may be one, as its user has chosen it. */
 OXL_INTERNAL oxl_result job_refuse_links(struct job *job);
-/* Names what is trained in a folder beside blocks 0 .. block_count - 1; takes the place of a block's number.
- */
+/* Stands in the place of a block's number for the two models that are not blocks. */
 enum { JOB_COARSE_MODEL = -2, JOB_MERGED_MODEL = -3 };
-/* Makes OUT/blocks/KKK, OUT/blocks/coarse or OUT/blocks/whole, a temporary like PATH. */
+/* Returns the path OUT/blocks/KKK, OUT/blocks/coarse or OUT/blocks/whole, in a temporary like PATH. */
 OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block);
 #define JOB_BLOCK(job, block) job_block_folder((char[PATH_LENGTH]){0}, job, block)
-OXL_INTERNAL oxl_result job_load(struct job *job); /* the survey */
-/* Reads the record of the one block, the coarse or the merged model: none, with a warning, if the record or
- * a model that is used as it is was damaged. It is trained again, and becomes the same. */
+OXL_INTERNAL oxl_result job_load(struct job *job); /* Loads the survey, or maps blocks/survey.oxl. */
+/* Reads the record of the one block, the coarse or the merged model. If the record or its files are damaged,
+ * it warns and returns no record: the training is repeated and gives the same bytes. */
 OXL_INTERNAL oxl_result job_read_record(struct job *job, const char *folder, struct block_record *out);
+/* Adds a record to job->total. */
 OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *record);
 OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress);
 OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *options);
 /* Decides whether decoded images are kept in files. */
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job);
-/* Limits the images in memory to `most` bytes, and in blocks to a block's part of the images that have a
- * file. Limits on Gaussians do
- * not depend on that: a machine with a full disk has no files. */
+/* Limits decoded images in memory to `most` bytes; if they have files, in blocks also to the average
+ * size of a block's images. Limits on Gaussians do not depend on that, since a machine with a full
+ * disk has no files. */
 OXL_INTERNAL void job_set_cache(const struct job *job, size_t most);
 /* Merges the blocks' models and imaging. */
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out);
-/* Adds a block's gains to the mean over blocks, and copies its lamp and medium; count (views): blocks that
- * contained the view so far. */
+/* Adds a block's gains to the mean over blocks, and copies its lamp and medium. count: (views) blocks
+ * so far that have the view. */
 OXL_INTERNAL void job_add_imaging(struct imaging *all, int *count, const struct imaging *block);
-/* Joins the imaging of several blocks: log gains of mean 0, lamp and medium. */
+/* Joins the imaging of all blocks: log gains of mean 0, lamp, medium and poses. */
 OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out);
-/* Reads a block's model, the coarse or the merged one; its standard model, where there is one. */
+/* Reads a block's model, the coarse or the merged one; standard: model_standard.ply, if it exists. */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);
 OXL_INTERNAL oxl_result job_open_model(struct job *job, int block, int standard, oxl_large_model *out);
 /* Writes a file of OUT. */
 OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struct text *t);
 OXL_INTERNAL void job_remove_decoded(struct job *job);
 OXL_INTERNAL void job_drop_checkpoints(struct job *job);
-/* Forgets that models are trained, at --restart of a finished run. */
+/* Removes the blocks' records, for --restart of a finished run. */
 OXL_INTERNAL void job_drop_records(struct job *job);
 
 /* ---------------- block_plan.c: windows, steps and budget of each block */
 
 struct block_plan {
-    /* of the block's run; the coarse model stands for its steps up to `first`, */
+    /* steps of the block's run; the coarse model stands for those up to `first`, the merged
+     * model for those after `last` */
     int iterations;
-    int first, last;             /* the merged model for those after `last` */
-    int views;                   /* of the survey */
-    double gaussians;            /* limit of their number */
-    double fraction;             /* of the survey's pixels, by blend weight */
+    int first, last;             /* first and last step of the block's own training */
+    int views;                   /* views of the survey */
+    double gaussians;            /* limit of the number of Gaussians */
+    double fraction;             /* fraction of the survey's pixels, by blend weight */
     double work;                 /* fraction of all blocks' pixels */
     struct image_window *window; /* (views) trained part of each view; width 0: none */
     uint8_t *shows;              /* (views) 1: the block's Gaussians may be visible in it */
-    uint8_t *neighbour;          /* (blocks) 1: shares a view */
+    uint8_t *neighbour;          /* (blocks) 1: both blocks have a window in one view */
 };
-/* Plans all blocks; writes plan.txt of each. */
+/* Plans all blocks and writes plan.txt of each. */
 OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse);
 /* Reads a block's plan; views 0: there is none. */
 OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block_plan *out);
-/* Returns 0 if the plan is not of these views. */
+/* Returns 1 if the plan fits the scene's views. */
 OXL_INTERNAL int block_plan_fits(const struct block_plan *plan, const oxl_scene *scene);
 /* Returns the merged model's fraction of the run. */
 OXL_INTERNAL double block_plan_merged_fraction(const struct job *job);
 OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan);
-OXL_INTERNAL int block_plan_until(const struct block_plan *plan, int round); /* the last step of a round */
-/* Splits the coarse model into the Gaussians in a block's box, and all others. */
+OXL_INTERNAL int block_plan_until(const struct block_plan *plan, int round); /* last step of a round */
+/* Splits the coarse model into the Gaussians in a block's box and all others. */
 OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_model *coarse, oxl_model *own,
                                          oxl_model *others);
 
 /* ---------------- rounds.c: several blocks, trained as one model */
 
 OXL_INTERNAL oxl_result rounds_run(struct job *job);
-/* groups.c: the merged model, where it does not fit into memory */
+/* Trains the merged model in groups of views if it does not fit into memory (groups.c). */
 OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder);
-OXL_INTERNAL oxl_result
-/* Trains the merged model after all blocks of `--block`; an error if a block is not finished. */
-rounds_collect(struct job *job);
+/* Trains the merged model after processes with --block have trained all blocks; fails if
+ * a block is not finished. */
+OXL_INTERNAL oxl_result rounds_collect(struct job *job);
 
 #endif

@@ -1,19 +1,18 @@
-/* lock.c - a folder that one process writes to at a time.
+/* lock.c - locks a folder, so that one process at a time writes to it.
  *
  * FOLDER/.lock is locked by the operating system, which releases it when the process ends, however it ends:
  * so a lock without a holder is free, and the text in the file, "process N on HOST", only names the process
- * that holds it or was killed with it.
- * Processes that train different blocks of one run share OUT's lock and hold one of their own in each
- * blocks/KKK.
+ * that holds it or was killed with it. Processes that train different blocks of one run share OUT's lock and
+ * hold one of their own in each blocks/KKK.
  *
- * Invariant: the lock is held on the file that FOLDER/.lock names, not on one that its last holder has
- * removed.
+ * Invariant: the lock is held on the file that FOLDER/.lock names, not on one that its
+ * last holder has removed.
  */
 #include "large.h"
 #include "os_job.h"
 #include <errno.h>
 
-enum { LOCK_TRIES = 1000 /* each stands for a process that ended meanwhile */ };
+enum { LOCK_TRIES = 1000 /* tries; in each a process removed the file meanwhile */ };
 
 struct oxl_lock {
     struct os_lock file;
@@ -27,7 +26,7 @@ static oxl_result lock_refuse(oxl_context *ctx, const char *folder, const char *
                     file->holder[0] ? file->holder : "another process");
 }
 
-/* Closes a file that was removed after it was opened, and opens the new one. */
+/* Opens the lock's file, again as long as its last holder has removed the file meanwhile. */
 static enum os_locked lock_open(const char *path, int shared, struct os_lock *file)
 {
     enum os_locked got = OS_LOCK_REMOVED;
@@ -36,6 +35,7 @@ static enum os_locked lock_open(const char *path, int shared, struct os_lock *fi
     return got;
 }
 
+/* Takes the lock; *busy: another process holds it, and the error names that process. */
 static oxl_result lock_take(oxl_context *ctx, const char *folder, int shared, int *busy, oxl_lock **out)
 {
     oxl_lock *lock = oxl_calloc(ctx, 1, sizeof *lock);
@@ -88,7 +88,7 @@ OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char
                : OXL_OK;
 }
 
-/* Returns the parent folder; from the path's text if the folder does not exist. */
+/* Returns the parent folder, from the path's text if the folder does not exist. */
 static char *lock_parent(oxl_context *ctx, const char *folder)
 {
     char *up = oxl_path_join(ctx, folder, ".."), *slash;
@@ -100,9 +100,9 @@ static char *lock_parent(oxl_context *ctx, const char *folder)
     return up;
 }
 
-/* Refuses a folder within the OUT of a run that another process has, such as OUT/renders and OUT/blocks/KKK.
- * A folder of runs that this process itself has locked holds no run.json and is not opened: that would end
- * the lock. */
+/* Refuses a folder within OUT of a run that another process has, such as OUT/renders and OUT/blocks/KKK.
+ * Opens no .lock of a folder without run.json, such as a folder of runs that this process has locked itself:
+ * closing it would end that lock. */
 OXL_INTERNAL oxl_result lock_check_parents(oxl_context *ctx, const char *folder)
 {
     char *up = lock_parent(ctx, folder);
@@ -134,7 +134,7 @@ oxl_result oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out)
     return rc == OXL_OK ? lock_folder(ctx, folder, 0, out) : rc;
 }
 
-/* Leaves the lock; the last one who does removes the file. */
+/* Releases the lock; the last holder removes the file. */
 void oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock)
 {
     if (!*lock) return;

@@ -1,7 +1,7 @@
-/* merge.c - rows of one model into another, and which block owns a Gaussian (OceanXL sec. 3.1).
+/* merge.c - merges rows of one model into another, and tells which block owns a Gaussian (OceanXL sec. 3.1).
  *
- * Invariant: the boxes are disjoint and cover all space, so each Gaussian with a finite centre belongs to
- * exactly one block.
+ * Invariant: the boxes are disjoint and cover all space, so each Gaussian with a finite centre
+ * belongs to exactly one block.
  */
 #include "large.h"
 #include "../formats/formats.h"
@@ -21,14 +21,15 @@ static int merge_is_inside(const struct partition *p, int block, const oxl_model
     return partition_contains(&p->block[block].box, frame);
 }
 
-/* Lists the rows kept of a block's model. Rows with a second lobe come first in a model, so the block's are
- * inserted after the existing ones, and its other rows are appended. */
+/* Lists the rows of a block's model that are merged. Rows with a second lobe come first in a model, so the
+ * block's are inserted behind those of `into`, and its other rows are appended. */
 struct merge_rows {
-    size_t *row;                 /* (kept) of the block's model, ascending */
-    size_t kept, lobes;          /* the first `lobes` of them carry one */
-    size_t old_count, old_lobes; /* of the model that they come into */
+    size_t *row;                 /* (kept) rows of the block's model, ascending */
+    size_t kept, lobes;          /* number of rows; the first `lobes` have a second lobe */
+    size_t old_count, old_lobes; /* counts of `into` before the merge */
 };
 
+/* Writes each row at the end of the list and moves the end only if it is kept; `row` has room for all. */
 static void merge_select(const oxl_model *from, const uint8_t *keep, struct merge_rows *m)
 {
     for (size_t i = 0; i < from->count; i++) {
@@ -39,18 +40,19 @@ static void merge_select(const oxl_model *from, const uint8_t *keep, struct merg
     }
 }
 
+/* Returns the row of `into` at which the k-th row is stored. */
 static size_t merge_slot(const struct merge_rows *m, size_t k)
 {
     return k < m->lobes ? m->old_lobes + k : m->old_count + k;
 }
 
-/* Reserves all rows and lobes of `into`; existing rows keep their indices, and on failure their values. */
+/* Reserves the rows and lobes of `into`; its rows keep their indices, and on failure their values. */
 static oxl_result merge_make_room(oxl_context *ctx, const struct merge_rows *m, int sh_degree,
                                   oxl_model *into)
 {
     oxl_result rc = OXL_OK;
     if (sh_degree > into->sh_degree) rc = model_set_degree(ctx, into, sh_degree);
-    /* no spare capacity: the model may fill most of the memory */
+    /* Reserves no spare capacity, since the model may fill most of the memory. */
     if (rc == OXL_OK) rc = model_reserve(ctx, into, m->old_count + m->kept);
     if (rc != OXL_OK) return rc;
     into->count = m->old_count + m->kept;
@@ -59,8 +61,8 @@ static oxl_result merge_make_room(oxl_context *ctx, const struct merge_rows *m, 
     return rc;
 }
 
-/* Moves a position to another origin. It computes the difference of the origins first, so that equal ones
- * change no bit. */
+/* Inserts the rows, and moves positions to into's origin. Computes the difference of the origins first, so
+ * that equal origins change no bit. */
 static void merge_insert(const struct merge_rows *m, const oxl_model *from, oxl_model *into)
 {
     const int planes = oxl_model_planes(into), carried = oxl_model_planes(from);

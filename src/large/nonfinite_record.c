@@ -1,11 +1,12 @@
-/* nonfinite_record.c - the counts of values that are not finite, over blocks and in block.json and run.json.
+/* nonfinite_record.c - adds counts of values that are not finite over blocks, and keeps them in
+ * block.json and run.json.
  */
 #include "large.h"
 #include "../formats/json.h"
 
 #include <stddef.h>
 
-#define NONFINITE_COUNT_MAX 1e9 /* of a count in a file: it fits 32 bits */
+#define NONFINITE_COUNT_MAX 1e9 /* Limits a count in a file, so that it fits 32 bits. */
 
 OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from)
 {

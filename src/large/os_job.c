@@ -1,5 +1,5 @@
-/* os_job.c - files and folders of a job, in C99 on top of the system: links refused, files of
- * killed processes removed, locks, names for the command line.
+/* os_job.c - handles files and folders of a job, in C99 on top of the system: refuses links, removes files of
+ * killed processes, locks.
  */
 #include "os_job.h"
 #include "../../oceanxl_job.h"
@@ -17,10 +17,10 @@ int oxl_is_folder(const char *path)
     return os_is_folder(path);
 }
 
-/* Says what a walk does at each folder of a path. */
+/* Names what a walk does at each folder of a path; the values may be added. */
 enum { OS_WALK_MAKES = 1, OS_WALK_REFUSES_LINKS = 2 };
 
-/* Walks from `folder` along the parts of `inside`. */
+/* Walks from `folder` into `inside`, folder by folder. */
 static oxl_result os_walk_in(oxl_context *ctx, const char *folder, const char *inside, int does)
 {
     char *path = oxl_path_join(ctx, folder, inside);
@@ -36,7 +36,8 @@ static oxl_result os_walk_in(oxl_context *ctx, const char *folder, const char *i
                           "%s is a link: what is written or removed there would lie elsewhere\n"
                           "fix: remove the link, or choose another folder",
                           path);
-        /* mkdir of an existing parent can fail with other errors than EEXIST (read-only disk, "C:") */
+        /* Looks for the folder itself: mkdir of an existing one may fail with other errors than
+         * EEXIST (read-only disk, "C:"). */
         else if (does & OS_WALK_MAKES && os_make_one_folder(path) != 0) {
             const int error = errno;
             if (!os_is_folder(path)) rc = os_fail(ctx, OXL_ERR_IO, path, "cannot make the folder", error);
@@ -73,8 +74,9 @@ OXL_INTERNAL int os_link(const char *target, const char *path)
 
 /* ---------------- locks */
 
-/* Reads "process N on HOST" from the file; if the system names another process, the holder is N alone.
- * Returns 0 if the text is not of a lock: a full disk or a power cut leaves a part of it, or zeros. */
+/* Reads "process N on HOST" from the file; if the system names another process, the holder is "process N"
+ * alone. Returns 0 if the file is no lock's. A part of the text, or zeros, which a full disk or a power cut
+ * leaves, count as a lock's. */
 static int os_lock_holder(struct os_lock *lock)
 {
     static const char start[] = "process ";
@@ -90,6 +92,8 @@ static int os_lock_holder(struct os_lock *lock)
     return is_own;
 }
 
+/* Opens and locks the file, unless its text says that it is another program's, which
+ * must not be overwritten. */
 OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, int create, struct os_lock *out)
 {
     enum os_locked got;
@@ -152,7 +156,8 @@ struct os_sweeping {
     const char *folder, *names;
 };
 
-/* Returns 1 if the `size` bytes at `name` are one of the names, "*" and an ending, or that name. */
+/* Returns 1 if `name` (size) is one of the names, which are separated by blanks; "*.ply" is
+ * any name that ends in .ply. */
 static int os_is_named(const char *names, const char *name, size_t size)
 {
     for (size_t length; *names; names += length, names += *names == ' ') {
@@ -165,7 +170,7 @@ static int os_is_named(const char *names, const char *name, size_t size)
     return 0;
 }
 
-/* Removes NAME.PID.tmp, as os_writer_open names it. */
+/* Removes NAME.PID.tmp, the name that os_writer_open gives. */
 static void os_remove_temporary(void *user, const char *name)
 {
     const struct os_sweeping *s = user;

@@ -1,54 +1,56 @@
-/* os_job.h - files, locks and memory of a job: what one scene in memory does not need of the system. */
+/* os_job.h - declares files, locks and memory of a job: what one scene in memory
+ * does not need of the system. */
 #ifndef OXL_OS_JOB_H
 #define OXL_OS_JOB_H
 
 #include "../core/os.h"
 
-/* Sleeps, then does as context_stopped. */
+/* Sleeps, then returns context_stopped. */
 OXL_INTERNAL oxl_result os_wait(oxl_context *ctx, double seconds);
 
-/* Reads the last bytes of a file; returns its size, 0 where there is none or it cannot be read. */
+/* Reads the last bytes of a file; returns its size, or 0 if it is missing or unreadable. */
 OXL_INTERNAL uint64_t os_read_end(const char *path, void *data, size_t size, size_t *got);
 
-/* Removes the temporary files of `names` that a killed process left in a folder: "run.json *.png" are
- * run.json.PID.tmp and all whose name ends in .png.PID.tmp. No other process may be writing there. */
+/* Removes the temporary files of `names` that a killed process left in a folder: "run.json *.png" means
+ * run.json.PID.tmp and all names that end in .png.PID.tmp. No other process may be writing there. */
 OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder, const char *names);
 
-/* Makes `inside`, a path without "..", in `folder` with its parents. A link among them is an error: what a
- * run writes or removes there would lie elsewhere. */
+/* Makes the folder `inside`, a path without "..", in `folder`, with its parents. A link among them is an
+ * error: what a run writes or removes there would lie elsewhere. */
 OXL_INTERNAL oxl_result os_make_folder_in(oxl_context *ctx, const char *folder, const char *inside);
-/* Makes the same check of what is there already, and no folder. */
+/* Refuses links among the folders of `inside` that exist, and makes none. */
 OXL_INTERNAL oxl_result os_refuse_links(oxl_context *ctx, const char *folder, const char *inside);
-OXL_INTERNAL int os_is_link(const char *path); /* a symbolic link, wherever it leads */
-/* Creates a symbolic link at `path` to the folder `target`; replaces an existing link only; 0: failed. */
+OXL_INTERNAL int os_is_link(const char *path); /* 1: a symbolic link, wherever it leads */
+/* Creates a symbolic link at `path` to the folder `target`, and replaces only a
+ * link; returns 0 if it failed. */
 OXL_INTERNAL int os_link(const char *target, const char *path);
-/* Returns 1 if both are there and are one file or folder, whatever the names. */
+/* Returns 1 if both paths exist and lead to one file or folder. */
 OXL_INTERNAL int os_is_same(const char *a, const char *b);
 OXL_INTERNAL double os_disk_free(const char *folder); /* bytes; 0: unknown */
-OXL_INTERNAL int os_remove_folder(const char *path);  /* an empty one; 0: success */
+OXL_INTERNAL int os_remove_folder(const char *path);  /* an empty folder; 0: success */
 OXL_INTERNAL size_t os_peak_rss(void);                /* bytes; 0 when unknown */
 
 /* ---------------- locks; see lock.c */
 
-/* Says how a lock on a file went, exclusive or shared between processes; see lock.c. */
+/* Names the result of locking a file, exclusively or shared between processes (lock.c). */
 enum os_locked {
     OS_LOCK_TAKEN,
     OS_LOCK_BUSY,    /* `holder` holds it; the file is closed, or the lock is unchanged */
-    OS_LOCK_REMOVED, /* taken, but its last holder has removed the file; closed */
-    OS_LOCK_NONE,    /* the file system has no locks; the file is open */
-    OS_LOCK_FAILED   /* the file cannot be opened: errno */
+    OS_LOCK_REMOVED, /* its last holder has removed the file, which is closed */
+    OS_LOCK_NONE,    /* the file system has no locks; the file stays open */
+    OS_LOCK_FAILED   /* the file cannot be opened, or is no lock's: errno */
 };
 struct os_lock {
     intptr_t file;
-    long process; /* that holds it, as reported by the system; 0: unknown */
+    long process; /* process that holds the lock, by the system; 0: unknown */
     char holder
         [128]; /* "process 17 on reef": the holder (BUSY), or a killed former holder (TAKEN); "": unknown */
 };
-/* Locks a file. create: 0 only looks whether another process holds it, and changes nothing. */
+/* Locks a file. create 0: only looks whether another process holds it, and changes nothing. */
 OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, int create, struct os_lock *out);
 OXL_INTERNAL enum os_locked os_lock_change(struct os_lock *lock, int shared);
-OXL_INTERNAL void os_lock_write_owner(const struct os_lock *lock); /* writes this process into the file */
-/* Releases the lock. remove: its path, or NULL. */
+OXL_INTERNAL void os_lock_write_owner(const struct os_lock *lock); /* names this process in the file */
+/* Releases the lock. remove: path of the file to remove first, or NULL. */
 OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove);
 
 /* ---------------- os_job_posix.c or os_job_windows.c: what a port provides; os_job.c alone uses these */
@@ -56,14 +58,14 @@ OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove);
 OXL_INTERNAL int os_make_one_folder(const char *path); /* 0: success */
 OXL_INTERNAL int os_is_absolute(const char *path);
 OXL_INTERNAL int os_working_folder(char *out, size_t size);          /* 0: success, here and below */
-OXL_INTERNAL int os_make_link(const char *target, const char *path); /* replaces a link, nothing else */
-OXL_INTERNAL void os_host_name(char *out, size_t size);              /* the name of this machine */
-OXL_INTERNAL void os_sleep(double seconds);                          /* a signal ends it */
-/* Opens it, or creates it with `create`; a link, a pipe and a file of several names are refused, as writing
- * to them would change what lies elsewhere. */
+OXL_INTERNAL int os_make_link(const char *target, const char *path); /* replaces only a link */
+OXL_INTERNAL void os_host_name(char *out, size_t size);              /* name of this machine */
+OXL_INTERNAL void os_sleep(double seconds);                          /* returns early after a signal */
+/* Opens the file, or creates it with `create`. Refuses a link, a pipe and a file of several names, since
+ * writing to them would change what lies elsewhere. */
 OXL_INTERNAL int os_lock_file(const char *path, int create, struct os_lock *lock);
 OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared);
 OXL_INTERNAL size_t os_lock_read(const struct os_lock *lock, char *text, size_t size); /* bytes read */
-OXL_INTERNAL void os_lock_write(const struct os_lock *lock, const char *text);         /* replaces the text */
+OXL_INTERNAL void os_lock_write(const struct os_lock *lock, const char *text); /* replaces the file's text */
 
 #endif

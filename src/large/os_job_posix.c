@@ -1,4 +1,4 @@
-/* os_job_posix.c - the operating system through POSIX: the functions of os_job.h. Each sets errno on failure.
+/* os_job_posix.c - implements os_job.h through POSIX. Each function sets errno on failure.
  */
 #include "os_job.h" /* asks for POSIX before any system header */
 #include "../../oceanxl_job.h"
@@ -92,13 +92,14 @@ OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared)
     return OS_LOCK_BUSY;
 }
 
-/* Users with different umask take over each other's: the mode of a new one is for all. */
+/* Opens or creates the file. A new one is writable for all, so that users with different umask take
+ * over each other's locks. */
 OXL_INTERNAL int os_lock_file(const char *path, int create, struct os_lock *lock)
 {
     enum { flags = O_RDWR | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC };
     struct stat s;
     int file = create ? open(path, flags | O_CREAT | O_EXCL, 0666) : -1;
-    if (file >= 0 && fchmod(file, 0666) != 0) errno = 0; /* a file system without modes */
+    if (file >= 0 && fchmod(file, 0666) != 0) errno = 0; /* Ignores file systems without modes. */
     if (file < 0) file = open(path, flags | (create ? O_CREAT : 0), 0666);
     if (file >= 0 && (fstat(file, &s) != 0 || !S_ISREG(s.st_mode) || s.st_nlink > 1)) {
         close(file);
@@ -117,13 +118,13 @@ OXL_INTERNAL size_t os_lock_read(const struct os_lock *lock, char *text, size_t 
 
 OXL_INTERNAL void os_lock_write(const struct os_lock *lock, const char *text)
 {
-    /* a full disk */
+    /* Ignores a full disk: the lock holds without its text. */
     if (ftruncate((int)lock->file, 0) != 0 || pwrite((int)lock->file, text, strlen(text), 0) < 0) errno = 0;
 }
 
 OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove)
 {
-    if (remove) unlink(remove); /* while it is locked */
+    if (remove) unlink(remove); /* Removes the file while it is locked. */
     close((int)lock->file);
 }
 

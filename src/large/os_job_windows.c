@@ -1,5 +1,4 @@
-/* os_job_windows.c - the operating system through the Windows API: the functions of os_job.h. Each sets errno
- * on failure.
+/* os_job_windows.c - implements os_job.h through the Windows API. Each function sets errno on failure.
  */
 #include "os_job.h"
 #include "../../oceanxl_job.h"
@@ -36,7 +35,7 @@ OXL_INTERNAL int os_is_link(const char *path)
 
 OXL_INTERNAL int os_make_link(const char *target, const char *path)
 {
-    (void)target, (void)path; /* needs rights that programs rarely have */
+    (void)target, (void)path; /* Makes no links, which need rights that programs rarely have. */
     return -1;
 }
 
@@ -98,7 +97,8 @@ OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared)
     OVERLAPPED place = {.Offset = 0x7fffffff};
     const DWORD how = LOCKFILE_FAIL_IMMEDIATELY | (shared ? 0 : LOCKFILE_EXCLUSIVE_LOCK);
     lock->process = 0;
-    UnlockFileEx((HANDLE)lock->file, 0, 1, 0, &place); /* what this handle holds: it cannot be changed */
+    /* Releases the handle's own lock first, since a lock cannot be changed. */
+    UnlockFileEx((HANDLE)lock->file, 0, 1, 0, &place);
     if (LockFileEx((HANDLE)lock->file, how, 0, 1, 0, &place)) return OS_LOCK_TAKEN;
     return GetLastError() == ERROR_LOCK_VIOLATION || GetLastError() == ERROR_IO_PENDING ? OS_LOCK_BUSY
                                                                                         : OS_LOCK_NONE;
@@ -109,7 +109,7 @@ OXL_INTERNAL int os_lock_file(const char *path, int create, struct os_lock *lock
     wchar_t wide[OS_PATH_MAX];
     lock->file = (intptr_t)CreateFileW(
         os_wide(path, wide), GENERIC_READ | GENERIC_WRITE, FILE_SHARE_READ | FILE_SHARE_WRITE, NULL,
-        /* it cannot be removed while it is open */
+        /* Omits FILE_SHARE_DELETE, so that the file cannot be removed while it is open. */
         create ? OPEN_ALWAYS : OPEN_EXISTING, FILE_ATTRIBUTE_NORMAL | FILE_FLAG_OPEN_REPARSE_POINT, NULL);
     return os_done((HANDLE)lock->file != INVALID_HANDLE_VALUE);
 }
@@ -132,7 +132,7 @@ OXL_INTERNAL void os_lock_write(const struct os_lock *lock, const char *text)
 OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove)
 {
     CloseHandle((HANDLE)lock->file);
-    if (remove) os_remove(remove); /* fails where another process has opened it */
+    if (remove) os_remove(remove); /* Fails if another process has the file open. */
 }
 
 OXL_INTERNAL void os_host_name(char *out, size_t size)

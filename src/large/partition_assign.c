@@ -1,21 +1,22 @@
-/* partition_assign.c - the boxes of the blocks, the points in them and in their margins, and the views each
- * block is trained on
- * (OceanXL Alg. 1; shares of BlockGaussian).
+/* partition_assign.c - finds the boxes of the blocks, the points in them and in their margins, and the views
+ * that each block is trained on (OceanXL Alg. 1; shares of BlockGaussian).
  *
- * Invariant: the boxes of the leaves tile space, also after cuts are undone.
+ * Invariant: the boxes of the leaves tile space, also after cuts are
+ * undone.
  */
 #include "partition_build.h"
 
 enum {
-    PARTITION_DEPTH = 96, /* of the tree at most: 32 + 4 levels, see partition_depth */
-    /* fewer views overfit: such a block takes more border views (docs/SCALE.md) */
+    /* nodes on the stack of a walk; a tree has at most 32 + 4 levels (partition_depth) */
+    PARTITION_DEPTH = 96,
+    /* views; a block with fewer overfits, and takes more border views (docs/SCALE.md) */
     PARTITION_ENOUGH_VIEWS = 50
 };
-#define PARTITION_MARGIN 0.05 /* of a box's size, on each side [BlockGaussian] */
+#define PARTITION_MARGIN 0.05 /* Margin on each side, in sizes of the box [BlockGaussian]. */
 
 /* ---------------- boxes */
 
-/* Lists the leaves below a node in order. */
+/* Lists the leaves below a node, the low side of each cut first. */
 static oxl_result partition_list_leaves(struct partition_build *b, int node)
 {
     const struct partition_node *n = &b->node[node];
@@ -50,7 +51,8 @@ static void partition_hull(struct partition_box *hull, const struct partition_bo
     }
 }
 
-/* Sets the leaves' boxes from the cuts. A child follows its parent in the array, also after undone cuts. */
+/* Sets the leaves' boxes from the cuts. A child follows its parent in the array, also after undone cuts, so
+ * one pass down and one back suffice. */
 static oxl_result partition_set_boxes(struct partition_build *b)
 {
     for (int k = 0; k < 3; k++) {
@@ -75,7 +77,7 @@ static oxl_result partition_set_boxes(struct partition_build *b)
 
 /* ---------------- which points lie in a block and in its margin */
 
-/* Lists the blocks in whose expanded box p lies, ascending; out NULL: counts alone. */
+/* Lists the blocks whose expanded box contains p, ascending; out NULL: only counts them. */
 static uint32_t partition_find_blocks(const struct partition_build *b, const double *p, uint32_t *out)
 {
     int stack[PARTITION_DEPTH], height = 0;
@@ -95,8 +97,8 @@ static uint32_t partition_find_blocks(const struct partition_build *b, const dou
     return count;
 }
 
-/* Cuts from `deep` what the margins of other blocks below `node` cover of it: along the axis on which each
- * reaches in least. */
+/* Cuts from `deep` what the margins of other blocks below `node` cover of it, each along the axis on
+ * which it reaches in least. */
 static void partition_shrink_interior(const struct partition_build *b, int node, int leaf,
                                       struct partition_box *deep)
 {
@@ -118,7 +120,8 @@ static void partition_shrink_interior(const struct partition_build *b, int node,
     }
 }
 
-/* Returns 1 if the point lies deeper in its owner than any neighbour's margin reaches, as most do. */
+/* Lists the blocks of point i like partition_find_blocks. A point deeper in its owner than any neighbour's
+ * margin reaches, as most are, needs no search. */
 static uint32_t partition_find_all_blocks(const struct partition_build *b, size_t i, uint32_t *out)
 {
     const struct partition_node *owner = &b->node[b->owner[i]];
@@ -128,6 +131,7 @@ static uint32_t partition_find_all_blocks(const struct partition_build *b, size_
     return 1;
 }
 
+/* Lists the blocks of all points: counts them, turns counts into offsets, and fills the lists. */
 static oxl_result partition_find_members(struct partition_build *b)
 {
     size_t total = 0;
@@ -177,9 +181,9 @@ static oxl_result partition_count_points(struct partition_build *b)
 
 /* ---------------- which views a block is trained on */
 
-/* Admits a view to a block by the paper's two rules, exactly, in integers. all: different points that the
- * view sees; inside: points of the block; both: of those the view sees. few_views: the block has few views,
- * and takes also those that see a tenth of what they see in it. */
+/* Decides on a view of a block by the paper's two rules, exactly, in integers. all: different points that the
+ * view sees; inside: points of the block; both: points of the block that the view sees. few_views: the block
+ * has few views, and also takes views with more than a tenth of their points in it. */
 static enum partition_role partition_role(size_t both, size_t all, size_t inside, int few_views)
 {
     if (10 * both > 3 * all) return PARTITION_BASE;
@@ -212,7 +216,7 @@ static oxl_result partition_assign_views(struct partition_build *b)
         return OXL_ERR_MEMORY;
     }
 #pragma omp parallel for schedule(dynamic) num_threads(b->ctx->threads)
-    /* strided: views with neighbouring names observe the same points */
+    /* Strides, since views with neighbouring names observe the same points. */
     for (int task = 0; task < PARTITION_TASKS; task++)
         for (size_t v = (size_t)task; v < views; v += PARTITION_TASKS)
             partition_assign_view(b, v, seen + (size_t)task * blocks);
@@ -228,7 +232,7 @@ static int partition_count_views(const struct partition_build *b, int block)
     return count;
 }
 
-/* Gives blocks of few views more of them. */
+/* Assigns all views again, now that blocks with few views are known, and take more. */
 static oxl_result partition_assign_more_views(struct partition_build *b)
 {
     b->few_views = oxl_alloc(b->ctx, (size_t)b->leaf_count, sizeof *b->few_views);
@@ -240,8 +244,8 @@ static oxl_result partition_assign_more_views(struct partition_build *b)
 
 /* ---------------- cuts that are undone */
 
-/* Undoes the cut above `leaf`: its sibling replaces the parent, and divides the leaf's region among its
- * blocks. */
+/* Undoes the cut above `leaf`: its sibling replaces the parent, and the sibling's blocks
+ * divide the leaf's region. */
 static void partition_undo_split(struct partition_build *b, int leaf)
 {
     const int parent = b->node[leaf].parent;
@@ -257,14 +261,15 @@ static void partition_undo_split(struct partition_build *b, int leaf)
     b->node[leaf].removed = b->node[sibling].removed = 1;
 }
 
-/* Returns the number of blocks removed for too few views. */
+/* Undoes cuts that made blocks of too few points or views; returns the number of blocks removed. */
 static int partition_undo_small(struct partition_build *b)
 {
     int taken = 0;
     for (int i = 0; i < b->leaf_count; i++) {
         const int leaf = b->leaf[i];
         const struct partition_node *n = &b->node[leaf];
-        if (n->removed || leaf == 0 || n->child[0]) continue; /* went with its sibling */
+        /* Skips a leaf that an undone cut has removed or cut anew. */
+        if (n->removed || leaf == 0 || n->child[0]) continue;
         if (n->points >= b->min_points && partition_count_views(b, i) >= b->min_views) continue;
         partition_undo_split(b, leaf);
         taken++;
@@ -272,8 +277,8 @@ static int partition_undo_small(struct partition_build *b)
     return taken;
 }
 
-/* Assigns points and views to the leaves; cuts that leave a block too small are undone. largest: points of
- * the largest block. */
+/* Assigns points and views to the leaves, and undoes cuts that leave a block too small, until none is.
+ * largest: points of the largest block. */
 OXL_INTERNAL oxl_result partition_assign(struct partition_build *b, size_t *largest)
 {
     oxl_result rc = OXL_OK;
@@ -297,7 +302,7 @@ OXL_INTERNAL oxl_result partition_assign(struct partition_build *b, size_t *larg
     return rc;
 }
 
-/* Makes one block of all points and every training view, whatever it sees. */
+/* Makes one block of all points and every training view, whatever the view sees. */
 OXL_INTERNAL oxl_result partition_assign_to_one(struct partition_build *b)
 {
     oxl_result rc = partition_set_boxes(b);

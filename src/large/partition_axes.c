@@ -1,4 +1,5 @@
-/* partition_axes.c - the frame of the partition: principal axes of the survey and its extents along them.
+/* partition_axes.c - finds the frame of the partition: principal axes of the survey and its extents along
+ * them.
  *
  * Source: principal components (Pearson 1901). Outliers are trimmed first: the axes are those of the points
  * within 1.5 times the 90 % quantile of the distances. Uniform point clouds are not trimmed, and up to 10 %
@@ -21,14 +22,14 @@ enum { AXES_SAMPLE = 1 << 18 };
 
 /* ---------------- the sample */
 
-/* Copies positions relative to the scene's origin, the median of the points, without the points that the
- * scene drops. */
+/* Copies positions relative to the scene's origin, the median of the points; leaves out
+ * points that the scene drops. */
 static size_t axes_sample(const struct colmap *c, const double origin[3], double *sample)
 {
     const size_t step = c->point_count / AXES_SAMPLE + 1;
     size_t count = 0;
     for (size_t first = 0; first + step <= c->point_count; first += step) {
-        /* random within the section, against periodic files */
+        /* Takes a random point of the section, against periodic files. */
         const size_t i = first + random_bits(1, first, 0) % step;
         double *p = sample + 3 * count;
         for (int k = 0; k < 3; k++) p[k] = c->point[i].position[k] - origin[k];
@@ -37,7 +38,7 @@ static size_t axes_sample(const struct colmap *c, const double origin[3], double
     return count;
 }
 
-/* Moves the kept points to the front; returns their number. scratch (n). */
+/* Moves the kept points to the front and returns their number. scratch: (n). */
 static size_t axes_trim(double *sample, size_t n, double *scratch)
 {
     size_t kept = 0;
@@ -96,7 +97,7 @@ static void axes_flip(struct axes_reach *r)
     r->high = -low;
 }
 
-/* Counts the cameras on the positive side of an axis less those on the negative side. */
+/* Returns the number of cameras on the positive side of an axis less that on the negative side. */
 static int axes_side_of_cameras(const oxl_scene *scene, const double axis[3])
 {
     int balance = 0;
@@ -109,8 +110,8 @@ static int axes_side_of_cameras(const oxl_scene *scene, const double axis[3])
     return balance;
 }
 
-/* Orients the axes: the third points to the cameras, and the second makes the frame right-handed, so that a
- * map of the first two axes is not mirrored. */
+/* Orients the axes: the third points to the cameras, the first forward (eigen_is_backward), and the second
+ * makes the frame right-handed, so that a map of the first two is not mirrored. */
 static void axes_orient(const oxl_scene *scene, struct axes_reach r[3])
 {
     const double *a = r[0].axis, *b = r[1].axis, *c = r[2].axis;

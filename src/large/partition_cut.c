@@ -1,21 +1,21 @@
-/* partition_cut.c - where the boxes of a partition are cut: the ratio whose sides come nearest to their
+/* partition_cut.c - cuts the boxes of a partition, each at the ratio whose sides come nearest to their
  * fraction of the load (OceanXL sec. 3.1, eq. 1, Alg. 1).
  *
- * Invariant: counts are whole numbers, summed over tasks in order, so the cuts do not depend on the number of
- * threads.
+ * Invariant: counts are whole numbers, summed over tasks in order, so the cuts do not depend
+ * on the number of threads.
  */
 #include "partition_build.h"
 
 enum {
-    PARTITION_LOWEST = 30, /* the first, and the distance between two, in hundredths */
-    PARTITION_STEP = 2,
-    PARTITION_BATCH = 4096, /* boxes whose cuts are searched in one pass over the points */
-    PARTITION_SHRINKS = 48, /* of a box, at most: all points in one place would never end */
+    PARTITION_LOWEST = 30,  /* first ratio, in hundredths */
+    PARTITION_STEP = 2,     /* distance between two ratios, in hundredths */
+    PARTITION_BATCH = 4096, /* boxes that are searched in one pass over the points */
+    PARTITION_SHRINKS = 48, /* most shrinks of a box: with all points in one place they would never end */
     PARTITION_LOAD = 256,   /* mean load of a point */
     PARTITION_DEPTH_MIN = 10,
-    PARTITION_SPARE_LEVELS = 4 /* for uneven cuts */
+    PARTITION_SPARE_LEVELS = 4 /* levels for uneven cuts */
 };
-#define PARTITION_LOAD_MAX 1e9 /* of a point, which is kept in 32 bits */
+#define PARTITION_LOAD_MAX 1e9 /* Limits the load of a point, so that it fits 32 bits. */
 
 OXL_INTERNAL size_t partition_task_begin(size_t count, int task)
 {
@@ -24,7 +24,7 @@ OXL_INTERNAL size_t partition_task_begin(size_t count, int task)
 
 /* ---------------- the search */
 
-struct partition_search { /* of one box of the batch */
+struct partition_search { /* Holds the search of one box of the batch. */
     int node, axis;
     double cut[PARTITION_RATIOS];
 };
@@ -55,7 +55,7 @@ static int partition_is_open(const struct partition_build *b, const struct parti
            n->finite.low[axis] < n->finite.high[axis];
 }
 
-/* Fills the batch with boxes that are to be cut; returns how many. */
+/* Fills the batch with boxes to cut and returns their number. */
 static int partition_gather(struct partition_build *b, struct partition_search *search)
 {
     int count = 0;
@@ -74,7 +74,7 @@ static int partition_gather(struct partition_build *b, struct partition_search *
     return count;
 }
 
-/* Sums the points between the places of possible cuts. bins (slots, PARTITION_RATIOS + 1) */
+/* Sums points and load between the places of possible cuts. bins: (slots, PARTITION_RATIOS + 1). */
 static void partition_count(const struct partition_build *b, const struct partition_search *search, int task,
                             struct partition_bin *bins)
 {
@@ -95,7 +95,7 @@ static void partition_count(const struct partition_build *b, const struct partit
 
 /* ---------------- the choice */
 
-/* Rates one ratio with low_leaves leaves on its low side. */
+/* Rates the ratio with low_leaves leaves on its low side. */
 static struct partition_candidate partition_rate(const struct partition_build *b,
                                                  const struct partition_node *n, int ratio,
                                                  const struct partition_bin *low, uint64_t load,
@@ -111,8 +111,8 @@ static struct partition_candidate partition_rate(const struct partition_build *b
     return s;
 }
 
-/* Returns 1 if a is the better cut: it fits, then its load is nearer to the wanted fractions, then its
- * ratio nearer to 0.5. */
+/* Returns 1 if `a` is the better cut: one that fits, then one whose load is nearer to the wanted fractions,
+ * then one whose ratio is nearer to 0.5. */
 static int partition_is_better(const struct partition_build *b, const struct partition_candidate *a,
                                const struct partition_candidate *than)
 {
@@ -123,8 +123,7 @@ static int partition_is_better(const struct partition_build *b, const struct par
     return abs(2 * a->ratio - ratios + 1) < abs(2 * than->ratio - ratios + 1);
 }
 
-/* Chooses the best cut of a box; ratio -1: none is allowed. bins (ratios + 1) as partition_count leaves them.
- * */
+/* Chooses the best cut of a box; ratio -1: no cut is allowed. bins: (ratios + 1) from partition_count. */
 OXL_INTERNAL struct partition_candidate partition_choose(const struct partition_build *b,
                                                          const struct partition_node *n,
                                                          const struct partition_bin *bins)
@@ -166,8 +165,8 @@ static oxl_result partition_add_children(struct partition_build *b, int parent, 
     return OXL_OK;
 }
 
-/* Shrinks a box of which no cut leaves enough on both sides: most points lie near one end, and the search
- * goes on in that half. */
+/* Shrinks a box that no cut leaves enough points on both sides of: most points lie near one end, and the
+ * search goes on in that half. */
 static void partition_shrink(const struct partition_build *b, const struct partition_search *s,
                              const struct partition_bin *bins)
 {
@@ -179,10 +178,9 @@ static void partition_shrink(const struct partition_build *b, const struct parti
     n->shrinks++;
 }
 
-/* Cuts each box of the batch: counts points and load between its candidate cuts, and cuts it in two at the
- * best one
- * (partition_choose); a box without an allowed cut is shrunk. bins (PARTITION_TASKS, count, PARTITION_RATIOS
- * + 1): scratch. */
+/* Cuts each box of the batch in two: counts points and load between its candidate cuts, and takes the best
+ * cut (partition_choose); shrinks a box without an allowed cut. bins: (PARTITION_TASKS, count,
+ * PARTITION_RATIOS + 1) scratch. */
 static oxl_result partition_cut_batch(struct partition_build *b, const struct partition_search *search,
                                       int count, struct partition_bin *bins)
 {
@@ -217,7 +215,7 @@ static uint32_t partition_leaf_of(const struct partition_build *b, uint32_t from
     return from;
 }
 
-/* Moves points whose node was cut into its children; those whose node is gone start again from the root. */
+/* Moves points whose node was cut into its children; points whose node is gone start again from the root. */
 OXL_INTERNAL void partition_update_leaves(const struct partition_build *b)
 {
 #pragma omp parallel for schedule(static) num_threads(b->ctx->threads)
@@ -235,7 +233,8 @@ OXL_INTERNAL void partition_update_leaves(const struct partition_build *b)
 OXL_INTERNAL int partition_depth(size_t count, size_t block_points)
 {
     int halves = 0;
-    while (halves < 32 && block_points << halves < count) halves++; /* 32: the shift does not overflow */
+    /* Stops at 32, before the shift could overflow. */
+    while (halves < 32 && block_points << halves < count) halves++;
     return OXL_MAX((int)PARTITION_DEPTH_MIN, halves + PARTITION_SPARE_LEVELS);
 }
 
@@ -265,8 +264,8 @@ OXL_INTERNAL oxl_result partition_grow_to(struct partition_build *b, int leaves)
     return partition_grow(b);
 }
 
-/* Sets the load of each point. by_pixels: fraction of the load that is pixels, which each view distributes
- * evenly over the points it sees; the rest is the point. */
+/* Sets the load of each point. by_pixels: fraction of the load that stands for pixels, which each view
+ * distributes evenly over the points that it sees; the rest is equal for all points. */
 OXL_INTERNAL oxl_result partition_set_loads(struct partition_build *b, double by_pixels)
 {
     const struct partition_visibility *vis = b->visibility;

@@ -1,8 +1,9 @@
 /* partition_export.c - writes each block as a COLMAP text export, readable by COLMAP and other trainers.
  *
  *     OUT/blocks/KKK/sparse/0/   cameras.txt, images.txt, points3D.txt
- *     OUT/blocks/KKK/images      a link to the survey's images, and masks likewise, where the system has
- *     links OUT/partition.svg, and OUT/partition.txt, which is written last and marks the export as complete
+ *     OUT/blocks/KKK/images      a link to the survey's images, where the system has links; masks likewise
+ *     OUT/partition.svg
+ *     OUT/partition.txt          written last: it marks the export as complete
  *
  * A block holds its training views and initial points, in the world coordinates, camera models, names and ids
  * of the survey; numbers as %.17g. Tracks are reduced to the block's views. A view keeps all 2D points,
@@ -22,20 +23,20 @@ enum { EXPORT_BUFFER = 1 << 20, EXPORT_WAVE = 32, EXPORT_FILES = 3 };
 
 static const char *const exporter_name[EXPORT_FILES] = {"cameras.txt", "images.txt", "points3D.txt"};
 
-struct exporter_files { /* of a block */
+struct exporter_files { /* Holds the three files of a block. */
     struct os_writer writer[EXPORT_FILES];
 };
 
-struct exporter_worker { /* buffers of a thread, allocated before the threads start */
-    uint64_t *bits;      /* (points) 1: initial point of the block */
-    uint8_t *image;      /* (images) 1: its view is in the block */
-    uint8_t *camera;     /* (cameras) 1: camera of one of these views */
+struct exporter_worker { /* Holds the buffers of a thread, allocated before the threads start. */
+    uint64_t *bits;      /* (points) bit 1: the block starts from the point */
+    uint8_t *image;      /* (images) 1: the image's view is in the block */
+    uint8_t *camera;     /* (cameras) 1: a view of the block has the camera */
     int64_t *slot;       /* (slots) POINT3D_ID of each 2D point of the current view; -1: none */
-    char *list;          /* (list_room) the text of a view's 2D points */
+    char *list;          /* (list_room) text of a view's 2D points */
     char *buffer;        /* (EXPORT_BUFFER) */
     size_t used;
     FILE *file;
-    struct os_reader reader; /* of the file of images */
+    struct os_reader reader; /* reads images.txt or images.bin */
     size_t loose;            /* track entries without a matching 2D point */
     oxl_result rc;
 };
@@ -54,7 +55,7 @@ struct exporter {
 
 static void exporter_flush(struct exporter_worker *w)
 {
-    fwrite(w->buffer, 1, w->used, w->file); /* os_writer_close reports errors */
+    fwrite(w->buffer, 1, w->used, w->file); /* Leaves errors to os_writer_close. */
     w->used = 0;
 }
 
@@ -79,7 +80,7 @@ static void exporter_put_text(struct exporter_worker *w, const char *text)
     exporter_put(w, text, strlen(text));
 }
 
-/* Adds a number with `before` in front of it; 0: adds nothing. */
+/* Adds a number after the character `before`; before 0: the number alone. */
 static void exporter_put_whole(struct exporter_worker *w, char before, int64_t value)
 {
     char *to = exporter_reserve(w, NUMBER_TEXT_MAX + 1);
@@ -137,7 +138,7 @@ static void exporter_cameras(const struct exporter *e, struct exporter_worker *w
     exporter_put_text(w, "\n");
 }
 
-/* Finds by the tracks which point each 2D point of the view belongs to. */
+/* Finds from the tracks the point of each 2D point of the view. */
 static void exporter_fill_slots(const struct exporter *e, struct exporter_worker *w, size_t view)
 {
     const struct partition_visibility *vis = e->p->plan->visibility;
@@ -147,6 +148,7 @@ static void exporter_fill_slots(const struct exporter *e, struct exporter_worker
     }
 }
 
+/* Clears slots that no 2D point of the file took: their track entries match none. */
 static void exporter_clear_slots(const struct exporter *e, struct exporter_worker *w, size_t view)
 {
     const struct partition_visibility *vis = e->p->plan->visibility;
@@ -157,7 +159,8 @@ static void exporter_clear_slots(const struct exporter *e, struct exporter_worke
         }
 }
 
-/* Blanks are spaces, tabs and carriage returns, and the text ends in a zero. */
+/* Finds the next field: *begin is its first byte, the result its end. Any byte up to the blank separates
+ * fields; the text ends in a zero. */
 static const char *exporter_next_field(const char *p, const char **begin)
 {
     while (*p && (unsigned char)*p <= ' ') p++;
@@ -166,7 +169,7 @@ static const char *exporter_next_field(const char *p, const char **begin)
     return p;
 }
 
-/* Copies X and Y as text, and writes a new POINT3D_ID. */
+/* Copies X and Y of each 2D point as text, with the POINT3D_ID of the block. */
 static void exporter_list(const struct exporter *e, struct exporter_worker *w, const char *p)
 {
     for (size_t k = 0;; k++) {
@@ -180,13 +183,15 @@ static void exporter_list(const struct exporter *e, struct exporter_worker *w, c
             exporter_put(w, " ", 1);
             x = y;
         }
-        exporter_put(w, x, (size_t)(y_end - x)); /* both at once, as nearly all of them stand */
+        /* Copies X and Y at once if one byte separates them, as nearly always. */
+        exporter_put(w, x, (size_t)(y_end - x));
         exporter_put_whole(w, ' ', k < e->slots ? w->slot[k] : -1);
         if (k < e->slots) w->slot[k] = -1;
     }
 }
 
-/* Reads the same from images.bin: X and Y in 8 bytes each, little endian, and 8 bytes that are not needed. */
+/* Writes the 2D points of images.bin, X and Y of 8 bytes each, with the POINT3D_ID of the block in
+ * the place of the file's. */
 static void exporter_list_binary(const struct exporter *e, struct exporter_worker *w, const char *p,
                                  size_t size)
 {
@@ -213,7 +218,7 @@ static void exporter_image(const struct exporter *e, struct exporter_worker *w, 
     exporter_put_text(w, e->colmap->names + image->name);
     exporter_put_text(w, "\n");
 #ifdef _OPENMP
-#pragma omp critical(exporter_read) /* a failure writes to the context */
+#pragma omp critical(exporter_read) /* Serialises reading, since a failure writes to the context. */
 #endif
     {
         if (image->points_size) w->rc = os_reader_seek(e->ctx, &w->reader, image->points_at);
@@ -266,7 +271,7 @@ static void exporter_points(const struct exporter *e, struct exporter_worker *w,
         "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n# Number of points:");
     exporter_put_whole(w, ' ', (int64_t)e->p->block[block].start_points);
     exporter_put_text(w, "\n");
-    /* most words are 0 where blocks are many */
+    /* Goes through words first: most are 0 if there are many blocks. */
     for (size_t word = 0; 64 * word < e->colmap->point_count; word++) {
         size_t i = 64 * word;
         for (uint64_t rest = w->bits[word]; rest; rest >>= 1, i++)
@@ -308,7 +313,7 @@ static void exporter_link(const struct exporter *e, int block, const char *name,
         oxl_log(e->ctx, OXL_LOG_DEBUG, "%s: no link could be made; name the images by --images", path);
 }
 
-/* Removes what an earlier partition into more blocks has left. Models that were trained there stay. */
+/* Removes the exports of an earlier partition into more blocks. Models that were trained there stay. */
 static void exporter_remove_old(const struct exporter *e)
 {
     static const char *const old[] = {"sparse/0/cameras.txt",
@@ -324,7 +329,7 @@ static void exporter_remove_old(const struct exporter *e)
              os_refuse_links(e->ctx, e->out, PATH("", "blocks/%03d/sparse/0", block)) == OXL_OK &&
              k < OXL_COUNT(old);
              k++)
-            remove(PATH(EXPORTER_BLOCK(e, block), "%s", old[k])); /* a folder only when it is empty */
+            remove(PATH(EXPORTER_BLOCK(e, block), "%s", old[k])); /* removes a folder only if it is empty */
 }
 
 /* ---------------- workers */
@@ -335,7 +340,7 @@ static oxl_result exporter_prepare(struct exporter *e)
     const size_t views = e->p->plan->visibility->views;
     for (size_t v = 0; v < views; v++)
         e->list_room = OXL_MAX(e->list_room, scene_source_image(e->p->plan->scene, (int)v)->points_size);
-    e->slots = e->list_room / 6 + 1; /* "0 0 0 " is the shortest */
+    e->slots = e->list_room / 6 + 1; /* Counts 2D points of at least 6 bytes, "0 0 0 ". */
     e->images_file = oxl_path_join(e->ctx, c->folder, c->images_file);
     e->worker = oxl_calloc(e->ctx, (size_t)e->ctx->threads, sizeof *e->worker);
     if (!e->images_file || !e->worker) return OXL_ERR_MEMORY;
@@ -365,8 +370,7 @@ static void exporter_free(struct exporter *e)
     OXL_FREE(e->ctx, e->worker, e->images_file);
 }
 
-/* Writes the blocks from `first` on, as many as there are writers for. Each thread takes the next one that
- * is left. */
+/* Writes `count` blocks from `first` on. Each thread takes the next block that is left. */
 static void exporter_batch_write(const struct exporter *e, int first, int count, struct exporter_files *files)
 {
     int next = 0;

@@ -1,21 +1,22 @@
-/* partition_file.c - partition.txt: the frame, then one line per block.
+/* partition_file.c - writes and reads partition.txt: the frame, then one line per block.
  *
  *     # comments
  *     FRAME DIMENSIONS R[9] ORIGIN[3] EXTENT[3] MEMORY
  *     BLOCK_ID LOW[3] HIGH[3] EXPANDED_LOW[3] EXPANDED_HIGH[3] POINTS BASE_VIEWS BORDER_VIEWS START_POINTS
  *     FINITE_LOW[3] FINITE_HIGH[3]
  *
- * Invariant: what is written reads back to the same bits (%.17g, inf); the locale has no effect.
+ * Invariant: values are read back to the same bits (%.17g, inf); the
+ * locale has no effect.
  */
 #include "large.h"
 
-enum {                 /* places in the numbers of a line */
-       FRAME_AXES = 1, /* after DIMENSIONS */
+enum {                 /* Lists places in the numbers of a line. */
+       FRAME_AXES = 1, /* R, after DIMENSIONS */
        FRAME_ORIGIN = 10,
        FRAME_EXTENT = 13,
        FRAME_MEMORY = 16,
        FRAME_NUMBERS = 17,
-       FILE_BOX = 1,     /* after BLOCK_ID; then the expanded one */
+       FILE_BOX = 1,     /* LOW, after BLOCK_ID; the expanded box follows */
        FILE_COUNTS = 13, /* POINTS to START_POINTS */
        FILE_FINITE = 17,
        FILE_NUMBERS = 23
@@ -72,7 +73,7 @@ OXL_INTERNAL oxl_result partition_write(oxl_context *ctx, const char *path, cons
 
 struct file_reader {
     oxl_context *ctx;
-    const char *path, *cursor, *end, *next; /* of the line; the first byte after it */
+    const char *path, *cursor, *end, *next; /* position and end of the line; first byte after it */
     int line;
     size_t capacity;
 };
@@ -100,7 +101,8 @@ static oxl_result file_wrong(struct file_reader *r, const char *wanted)
                     r->path, r->line, seen, r->cursor, wanted);
 }
 
-/* Reads the numbers up to the end of the line; `count` from place `counts` on are whole and not negative. */
+/* Reads `numbers` numbers, up to the end of the line; `count` of them from place `counts` on must
+ * be whole and not negative. */
 static oxl_result file_get(struct file_reader *r, double *out, int numbers, int counts, int count)
 {
     for (int i = 0; i < numbers; i++) {

@@ -25,7 +25,7 @@
 #include "../survey/tracks.h"
 
 enum { PARTITION_MIN_POINTS = 100, PARTITION_MIN_VIEWS = 20 };
-#define PARTITION_FLAT 0.3 /* l3 / l2 below it: 2D [OceanXL] */
+#define PARTITION_FLAT 0.3 /* Bounds l3 / l2 of a survey that is cut in 2D [OceanXL]. */
 
 OXL_INTERNAL void partition_to_frame(const struct partition *p, const double world[3], double out[3])
 {
@@ -37,8 +37,8 @@ OXL_INTERNAL void partition_to_frame(const struct partition *p, const double wor
 
 /* ---------------- so many blocks */
 
-/* Partitions into `leaves` blocks (0: until none has more than N_p points), then undoes cuts that leave a
- * block too small. */
+/* Cuts into `leaves` blocks (0: until none has more than N_p points), then undoes cuts that
+ * leave a block too small. */
 static oxl_result partition_try(struct partition_build *b, oxl_cut cut, int leaves, size_t *largest)
 {
     oxl_result rc;
@@ -48,7 +48,7 @@ static oxl_result partition_try(struct partition_build *b, oxl_cut cut, int leav
 }
 
 /* Finds the fewest blocks of at most N_p points, but never more than cuts at the midpoint give. Where a
- * balanced load leaves blocks too small, points alone are balanced, as in the paper. */
+ * balanced load does not succeed, points alone are balanced, as in the paper. */
 static oxl_result partition_balance(struct partition_build *b)
 {
     const size_t limit = (size_t)b->options.block_points;
@@ -68,7 +68,8 @@ static oxl_result partition_balance(struct partition_build *b)
 
 /* ---------------- the plan */
 
-/* Lists by block the points in its expanded box, ascending. */
+/* Lists the points in each block's expanded box, ascending: counts become offsets, which filling moves by one
+ * block and the last loop moves back. */
 static oxl_result partition_list_members(const struct partition_build *b, struct partition_plan *plan)
 {
     const size_t blocks = (size_t)b->leaf_count, total = b->first[b->count];
@@ -135,7 +136,7 @@ static void partition_fill_blocks(const struct partition_build *b, struct partit
     }
 }
 
-/* Moves the result to p. */
+/* Moves the result from the build to the partition. */
 static oxl_result partition_finish(struct partition_build *b, struct partition *p)
 {
     oxl_result rc = partition_list_members(b, p->plan);
@@ -160,9 +161,9 @@ static int partition_train_views(const oxl_scene *scene)
     return scene->stats.views - scene->stats.test_views;
 }
 
-/* Lowers the minimum for a small survey: a quarter of a small block's points; one image in ten, and at most
- * the block's fraction of all images, or small blocks, which are requested on purpose, would all be
- * joined. */
+/* Sets the least points and views of a block: lower in a small survey, and at most a quarter of a block's
+ * points and the block's fraction of all images, or small blocks, which are requested on purpose, would
+ * all be joined. */
 static void partition_set_minimum(struct partition_build *b)
 {
     const size_t n = (size_t)b->options.block_points;
@@ -223,7 +224,7 @@ static void partition_set_frame(const oxl_scene *scene, const oxl_partition_opti
                                                                                         : 2;
 }
 
-/* Says why the survey stays whole; NULL: it is cut. */
+/* Returns why the survey stays one block; NULL: it is cut. */
 static const char *partition_reason_for_one(const struct partition_build *b)
 {
     if (b->options.kind == OXL_PARTITION_NONE) return "as set";
@@ -310,7 +311,7 @@ static oxl_result partition_check(oxl_context *ctx, const oxl_scene *scene, cons
     return OXL_OK;
 }
 
-/* Turns a number of blocks, or no limit, into the most points of one. */
+/* Turns a number of blocks, or no limit, into the limit of points in a block. */
 static oxl_partition_options partition_resolve_options(const oxl_scene *scene,
                                                        const oxl_partition_options *options)
 {

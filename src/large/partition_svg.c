@@ -1,5 +1,5 @@
-/* partition_svg.c - partition.svg: the survey from above, and from the side when it is cut in 3D, with its
- * blocks, points and cameras.
+/* partition_svg.c - draws partition.svg: the survey from above, and from the side when it is cut in 3D, with
+ * its blocks, points and cameras.
  *
  * A plain SVG: shapes and text, no script, no font of its own. Points and cameras are thinned at a fixed
  * stride, so that the file of a large survey stays small and the same survey gives the same bytes. No number
@@ -11,23 +11,24 @@
 #include "../survey/scene.h"
 
 enum {
-    DRAW_POINTS = 12000, /* in all panels together; 13 bytes each */
-    DRAW_CAMERAS = 4000,
-    DRAW_WIDTH = 1120, /* px of a panel, at most */
+    DRAW_POINTS = 12000, /* most points in all panels together; 13 bytes each */
+    DRAW_CAMERAS = 4000, /* most cameras in all panels together */
+    DRAW_WIDTH = 1120,   /* px; greatest width of a panel */
     DRAW_HEIGHT = 760,
-    DRAW_MIN = 612, /* px minimum width of panels or table, for the text */
+    DRAW_MIN = 612, /* px; least width of panels and table, for the text */
     DRAW_EDGE = 44,
-    DRAW_BEYOND = 4, /* px that an unbounded block is drawn past its panel, where the clip hides its line */
-    DRAW_MANY = 300, /* views, from which on their marks are small */
+    /* px by which an unbounded block extends past its panel, where the clip hides its line */
+    DRAW_BEYOND = 4,
+    DRAW_MANY = 300, /* views; with more, their marks are small */
     DRAW_COLOURS = 12,
-    DRAW_COLUMN = 190, /* px of a column of the table */
+    DRAW_COLUMN = 190, /* px; width of a column of the table */
     DRAW_ROW = 18,
-    DRAW_DIGITS = 20, /* px that a block's number takes */
-    DRAW_ROOM = 96    /* bytes of a number or a look as text */
+    DRAW_DIGITS = 20, /* px; width of a block's number */
+    DRAW_ROOM = 96    /* bytes of a count or of the attributes of a shape */
 };
-#define DRAW_MARGIN 0.05 /* of the extents, around them */
-#define DRAW_POINT 1e-9  /* units: extent of points that are all in one place */
-#define DRAW_FLAT 1e-3   /* of the largest extent: a smaller one is drawn as this */
+#define DRAW_MARGIN 0.05 /* Margin around the extents, as a fraction of them. */
+#define DRAW_POINT 1e-9  /* Extent (units) of points that are all in one place. */
+#define DRAW_FLAT 1e-3   /* Least extent that is drawn, as a fraction of the largest extent. */
 
 static const char *const draw_colour[DRAW_COLOURS] = {"#1f77a8", "#e07b39", "#3a9d6e", "#b5507f",
                                                       "#7a68b3", "#c9a227", "#3fa7b5", "#c4504b",
@@ -35,11 +36,11 @@ static const char *const draw_colour[DRAW_COLOURS] = {"#1f77a8", "#e07b39", "#3a
 
 struct drawing_panel {
     const char *title;
-    int axis[2];            /* of the frame: to the right, up */
-    double low[2], high[2]; /* of the frame, that are shown */
-    double scale;           /* px a unit */
+    int axis[2];            /* axes of the frame that point right and up */
+    double low[2], high[2]; /* range of the frame that is shown */
+    double scale;           /* px per unit */
     double top, wide, tall; /* px */
-    int stacked;            /* blocks lie behind each other, as seen from here */
+    int stacked;            /* 1: blocks lie behind each other in this view */
 };
 
 enum { DRAW_NO_BLOCK = -1, DRAW_TEST_VIEW = -2 };
@@ -48,14 +49,14 @@ struct drawing {
     const struct partition *p;
     size_t views;
     int blocks;
-    int *colour;    /* (blocks) */
-    double *camera; /* (views,3) in the frame */
-    int *base;      /* (views) first block that has it as a base view */
-    int *border;    /* (views) as a border view */
+    int *colour;    /* (blocks) index of draw_colour */
+    double *camera; /* (views,3) camera centres in the frame */
+    int *base;      /* (views) first block that has the view as a base view */
+    int *border;    /* (views) first block that has it as a border view */
     struct drawing_panel panel[2];
     int panels;
-    int rows;                 /* of the table */
-    double wide, tall, below; /* px of the image; where the panels end */
+    int rows;                 /* rows of the table */
+    double wide, tall, below; /* px; size of the image, and the end of the panels */
 };
 
 /* ---------------- numbers and looks */
@@ -81,7 +82,7 @@ static const char *draw_look(char out[DRAW_ROOM], const char *class, int colour)
 
 /* ---------------- layout */
 
-/* Returns the least overlap of two blocks along n axes; 0: they touch. */
+/* Returns the least overlap of two blocks along n axes; 0: they touch; below 0: they are apart. */
 static double draw_overlap(const struct drawing *d, int i, int j, const int *axis, int n)
 {
     const struct partition_box *a = &d->p->block[i].box, *b = &d->p->block[j].box;
@@ -92,7 +93,7 @@ static double draw_overlap(const struct drawing *d, int i, int j, const int *axi
     return least;
 }
 
-/* Gives neighbours different colours, while these last. */
+/* Gives neighbours different colours, as long as there are unused ones. */
 static void draw_choose_colours(struct drawing *d)
 {
     for (int i = 0; i < d->blocks; i++)
@@ -105,7 +106,7 @@ static void draw_choose_colours(struct drawing *d)
         }
 }
 
-/* Bounds the picture by the trimmed extents with a margin, and the cameras near them. */
+/* Opens a panel bounded by the trimmed extents with a margin, and by the cameras near them. */
 static struct drawing_panel draw_open_panel(const struct drawing *d, const char *title, int up)
 {
     struct drawing_panel panel = {.title = title, .axis = {0, up}};
@@ -129,7 +130,7 @@ static struct drawing_panel draw_open_panel(const struct drawing *d, const char 
 static void draw_lay_out(struct drawing *d)
 {
     double scale = INFINITY, wide = DRAW_MIN;
-    d->below = 92; /* of the title */
+    d->below = 92; /* px; end of the title */
     for (int i = 0; i < d->panels; i++) {
         const struct drawing_panel *p = &d->panel[i];
         scale = OXL_MIN(
@@ -151,14 +152,15 @@ static void draw_lay_out(struct drawing *d)
 
 /* ---------------- what is drawn in a panel */
 
-/* Converts a place to px of the panel. */
+/* Converts a point of the frame to px of the panel. */
 static void draw_place(const struct drawing_panel *p, const double frame[3], double at[2])
 {
     at[0] = p->scale * (frame[p->axis[0]] - p->low[0]);
     at[1] = p->tall - p->scale * (frame[p->axis[1]] - p->low[1]);
 }
 
-/* Computes x, y, width, height of the part of a box that the panel shows, and a little beyond it. */
+/* Computes x, y, width and height of the part of a box that the panel shows,
+ * extended by DRAW_BEYOND at most. */
 static void draw_place_box(const struct drawing_panel *p, const struct partition_box *box, double out[4])
 {
     double low[2], high[2];
@@ -170,7 +172,7 @@ static void draw_place_box(const struct drawing_panel *p, const struct partition
     out[3] = OXL_MIN(low[1], p->tall + DRAW_BEYOND) - out[1];
 }
 
-/* Draws a mark. mark: commands of a path, from the middle on. */
+/* Draws a mark at a point of the frame. mark: commands of an SVG path, from the middle on. */
 static void draw_mark(struct text *t, const struct drawing_panel *p, const double frame[3], const char *mark)
 {
     double at[2];
@@ -185,7 +187,7 @@ static void draw_points(struct drawing *d, const struct drawing_panel *panel)
     const double count = (double)c->point_count, step = OXL_MAX(1, count * d->panels / DRAW_POINTS);
     for (int block = 0; block < d->blocks; block++) {
         text_add(&d->t, "<path %s d='", LOOK("point", d->colour[block]));
-        /* one of each stretch: files have their own rhythm */
+        /* Draws a random point of each section, against periodic files. */
         for (size_t k = 0; (double)(k + 1) * step <= count; k++) {
             const size_t i = (size_t)(((double)k + random_unit(random_bits(1, k, 0))) * step);
             double frame[3];
@@ -217,8 +219,8 @@ static void draw_cameras(struct drawing *d, const struct drawing_panel *panel)
     for (int i = 0; i < blocks; i++) draw_cameras_of(d, panel, d->base, i, "camera", "h0");
 }
 
-/* Writes a block's number in its corner; numbers of blocks with the same corner stand side by side, as many
- * as fit. */
+/* Writes a block's number in its corner; numbers of blocks with the same corner stand side
+ * by side, as many as fit. */
 static void draw_number(struct drawing *d, const struct drawing_panel *panel, int block)
 {
     double at[4], other[4], x = 4;
@@ -237,10 +239,10 @@ static void draw_panel(struct drawing *d, const struct drawing_panel *p)
     const double length = svg_scale_bar(DRAW_WIDTH / 7.0 / p->scale), y = p->tall + 18;
     text_add(&d->t, "<g transform='translate(%d %s)'>%s%s</text>\n", DRAW_EDGE, PX(p->top),
              SVG_TEXT(0, -10, "class='head'"), p->title);
-    text_add(
-        &d->t, "%s%s",
-        SVG_OPEN(p->wide, p->tall, d->views > DRAW_MANY ? "class='many'" : ""), /* it clips what it holds */
-        SVG_RECTANGLE(0, 0, p->wide, p->tall, "fill='#fff'"));
+    text_add(&d->t, "%s%s",
+             /* an inner svg, which clips its content */
+             SVG_OPEN(p->wide, p->tall, d->views > DRAW_MANY ? "class='many'" : ""),
+             SVG_RECTANGLE(0, 0, p->wide, p->tall, "fill='#fff'"));
     draw_points(d, p);
     for (int i = 0; i < d->blocks; i++) {
         double at[4];

@@ -1,7 +1,7 @@
-/* partition_visibility.c - points observed by each view, from the tracks of points3D.txt.
+/* partition_visibility.c - lists the points observed by each view, from the tracks of points3D.
  *
- * Invariant: only training views have lists. What a test view observes must not influence
- * the blocks, or it would not be held out.
+ * Invariant: only training views have lists. What a test view observes must not influence the blocks, or
+ * it would not be held out.
  */
 #include "partition.h"
 #include "../survey/sparse.h"
@@ -13,11 +13,12 @@
 struct visibility_build {
     const struct colmap *colmap;
     const double *origin;
-    int *view; /* (images of the COLMAP model) -1: none for training */
+    int *view; /* (images of the COLMAP model) training view of the image; -1: none */
     struct partition_visibility *visibility;
-    size_t *next; /* (PARTITION_TASKS, views) entries of a part, then where its next entry goes */
+    size_t *next; /* (PARTITION_TASKS, views) number of a task's entries, then the place of its next entry */
 };
 
+/* Goes through a task's points: counts the entries of each view, or with `fill` writes them. */
 static void visibility_scan(const struct visibility_build *b, int task, int fill)
 {
     const struct colmap *c = b->colmap;
@@ -35,7 +36,8 @@ static void visibility_scan(const struct visibility_build *b, int task, int fill
     }
 }
 
-/* Turns counts into places: a view's list holds its points of the first part, then those of the second... */
+/* Turns counts into places: a view's list holds the points of the first task, then those
+ * of the second, and so on. */
 static void visibility_offsets(const struct visibility_build *b)
 {
     size_t total = 0;

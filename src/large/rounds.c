@@ -1,21 +1,17 @@
-/* rounds.c - several blocks, trained as one model (docs/SCALE.md).
+/* rounds.c - trains several blocks as one model (docs/SCALE.md).
  *
- * 1. The coarse model: the first JOB_COARSE of the run, on the whole survey, in blocks/coarse.
+ * 1. The coarse model takes the first JOB_COARSE of the run, on the whole survey, in blocks/coarse.
  * 2. Each block continues the run with the coarse model's Gaussians in its box, on the windows of the views
- * in which they are visible.
- *    The context, all other Gaussians, is rendered and not trained. So the merged model is the blocks' models
- *    side by side.
+ *    in which they are visible. The context, all other Gaussians, is rendered and not trained. So the merged
+ *    model is the blocks' models side by side.
  * 3. The runs of the blocks pause JOB_ROUNDS times. In a round a block sees its neighbours, the blocks with
- * which it shares a view, as of
- *    this round if they precede it, else as of the round before: two neighbours never correct the same error
- *    at the same time. It sees other blocks in the coarse model.
+ *    which it shares a view, as of this round if they precede it, otherwise as of the round before: two
+ *    neighbours never correct the same error at the same time. It sees other blocks in the coarse model.
  * 4. The last stage of the run trains the merged model on all views, in blocks/whole, and lets it grow once
- * to the allowed number; if the
- *    model does not fit into memory, in groups (groups.c).
+ *    to the allowed number; if memory does not hold the model, it is trained in groups (groups.c).
  *
  * Invariant: the context of a round is a function of survey and options, not of the process or the order of
- * training. A process with
- * --block K trains that block, and others while it waits for them.
+ * training. A process with --block K trains that block, and others while it waits for them.
  */
 #include "job_state.h"
 #include "../formats/formats.h"
@@ -24,19 +20,20 @@
 #include "../model/model.h"
 #include "os_job.h"
 
-#define ROUNDS_GROWTH 0.25 /* of the merged model's part: Gaussians split once more (docs/log/SCALE.md) */
+/* Fraction of the merged model's steps after which its Gaussians split once more (docs/log/SCALE.md). */
+#define ROUNDS_GROWTH 0.25
 
 struct rounds {
     struct job *job;
     struct block_plan *plan; /* (blocks) */
-    uint8_t *checked;        /* (blocks) 1: by rounds_check_shared */
-    oxl_model coarse;        /* relative to the survey's origin */
+    uint8_t *checked;        /* (blocks) 1: rounds_check_shared has checked the block */
+    oxl_model coarse;        /* around the survey's origin */
 };
 
 /* ---------------- the coarse model */
 
-/* Warns of a medium that the tracks do not give: it is trained from MEDIUM_FIT_FROM of a run on; the coarse
- * model ends before. */
+/* Warns if a medium is requested and the tracks do not give it: training would fit it from MEDIUM_FIT_FROM of
+ * a run on, and the coarse model ends before. */
 static void rounds_warn_of_medium(const struct job *job)
 {
     if (job->options.train.medium != OXL_ON || job->scene->imaging.medium.on) return;
@@ -66,7 +63,7 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
         task.predicted_peak = cost_estimate(job->ctx, &o, &load).memory;
     }
     task.train.keep.kind = OXL_KEEP_ALL;
-    if (task.train.dropout < 0) task.train.dropout = 0; /* of blocks, `auto` is off */
+    if (task.train.dropout < 0) task.train.dropout = 0; /* In blocks `auto` is off. */
     job_limit_time(job, &task.train);
     if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "coarse model of the survey: %d steps", task.until);
     if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
@@ -87,7 +84,7 @@ static oxl_result rounds_prepare(struct job *job)
     struct block_record record = {0};
     struct block_plan last = {0};
     oxl_model coarse = {0};
-    int missing = 0; /* a plan; a damaged one is made again from the same model */
+    int missing = 0; /* 1: a plan is missing or damaged; all are made again from the same coarse model */
     oxl_result rc = job_read_record(job, folder, &record);
     if (rc == OXL_OK && !rounds_coarse_is_done(job, &record)) {
         rc = rounds_train_coarse(job, folder);
@@ -111,7 +108,7 @@ static oxl_result rounds_prepare(struct job *job)
     return rc;
 }
 
-/* Does the same by several processes: one trains, the others wait. */
+/* Trains the coarse model and makes the plans in one of several processes, while the others wait. */
 static oxl_result rounds_prepare_shared(struct job *job)
 {
     const char *folder = JOB_BLOCK(job, JOB_COARSE_MODEL);
@@ -148,7 +145,7 @@ static void rounds_mark_visible(const struct rounds *r, const struct block_plan 
 }
 
 /* Appends the Gaussians of another block that may be visible: of its model, if it is a neighbour and has
- * begun, else of the coarse model. */
+ * begun, otherwise of the coarse model. */
 static oxl_result rounds_add_block(struct rounds *r, int block, int of, oxl_model *context)
 {
     struct job *job = r->job;
@@ -182,8 +179,8 @@ static oxl_result rounds_context(struct rounds *r, int block, oxl_model *context
 
 /* ---------------- a block's round */
 
-/* Returns the options of the block's part of the run Numbers of Gaussians and bytes are divided by the
- * blocks' fractions of the pixels. */
+/* Returns the options of the block's part of the run. Divides numbers of Gaussians and bytes by the blocks'
+ * fractions of the pixels. */
 static oxl_train_options rounds_options(const struct job *job, const struct block_plan *plan)
 {
     oxl_train_options o = job->options.train;
@@ -194,19 +191,19 @@ static oxl_train_options rounds_options(const struct job *job, const struct bloc
     o.max_gaussians = (int)OXL_MIN(plan->gaussians, INT_MAX);
     if (o.keep.kind == OXL_KEEP_COUNT) o.keep.value = OXL_MAX(1, floor(o.keep.value * plan->fraction));
     if (o.keep.kind == OXL_KEEP_BYTES) o.keep.value *= plan->fraction;
-    if (o.medium == OXL_ON) o.medium = OXL_AUTO; /* as the coarse model has it */
+    if (o.medium == OXL_ON) o.medium = OXL_AUTO; /* Keeps the medium that the coarse model has. */
     if (o.dropout < 0) o.dropout = 0;
     return o;
 }
 
-/* Reads the coarse model's gains, with which the block begins; it keeps that model's lamp and medium. */
+/* Reads the coarse model's gains, with which the block begins, and its lamp and medium, which it keeps. */
 static oxl_result rounds_read_imaging(struct job *job)
 {
     imaging_free(job->ctx, &job->scene->imaging);
     return oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, JOB_COARSE_MODEL), "model.ply"));
 }
 
-/* Fits the block into --ram, less what the context takes. */
+/* Fits the block into --ram, less the bytes of the context, and into --device-ram. */
 static oxl_result rounds_budget(const struct job *job, const oxl_model *context, const oxl_model *own,
                                 struct block_task *task)
 {
@@ -227,8 +224,8 @@ static oxl_result rounds_budget(const struct job *job, const oxl_model *context,
     return OXL_OK;
 }
 
-/* Finishes a block without Gaussians, or with too little in every view, as of a survey that is wholly
- * black: it stays as the coarse model has it. */
+/* Returns 1 for a block without Gaussians, or without a window in any view, as in a survey that is wholly
+ * black: it keeps the coarse model's Gaussians. */
 static int rounds_has_nothing_to_train(const struct block_plan *plan, const oxl_model *own)
 {
     int windows = 0;
@@ -236,6 +233,7 @@ static int rounds_has_nothing_to_train(const struct block_plan *plan, const oxl_
     return own->count == 0 || windows == 0;
 }
 
+/* Writes the files of a block that has nothing to train. */
 static oxl_result rounds_write_block(struct job *job, int block, const struct block_task *task,
                                      const oxl_model *own)
 {
@@ -310,9 +308,8 @@ static oxl_result rounds_step(struct rounds *r, int block, int round)
 
 /* ---------------- what a fault has changed */
 
-/* Returns 1 if the block's files are those of the rounds that its record states, and those of its
- * neighbours are as far as they were then. A model that is newer than its record will be written again,
- * from the checkpoint. */
+/* Sets *good to 1 if the block's files are those of the rounds in its record, and its neighbours have done
+ * the rounds that it saw. A model newer than its record is good: it is written again from the checkpoint. */
 static oxl_result rounds_check_block(struct rounds *r, int block, int *good)
 {
     struct job *job = r->job;
@@ -335,7 +332,8 @@ static oxl_result rounds_check_block(struct rounds *r, int block, int *good)
     return rc;
 }
 
-/* Sends all blocks back to the coarse model: the same bytes again take the same context again. */
+/* Removes the progress of all blocks after the coarse model: a block gives the same bytes again
+ * only with the same context. */
 static void rounds_go_back(struct rounds *r, int block)
 {
     struct job *job = r->job;
@@ -363,7 +361,8 @@ static oxl_result rounds_check_all(struct rounds *r)
     return rc;
 }
 
-/* Checks the block of one process of several: others may be at work on the other blocks. */
+/* Checks a block in one of several processes, and fails instead of going back: others may be
+ * training the other blocks. */
 static oxl_result rounds_check_shared(struct rounds *r, int block)
 {
     int good = 1;
@@ -393,7 +392,7 @@ static oxl_result rounds_run_blocks(struct rounds *r)
     return rc;
 }
 
-/* Returns 1 if the neighbours are as far as the block's next round needs. */
+/* Sets *ready to 1 if the neighbours have done the rounds that the block's next round sees. */
 static oxl_result rounds_is_ready(struct rounds *r, int block, int round, int *ready)
 {
     oxl_result rc = OXL_OK;
@@ -406,7 +405,8 @@ static oxl_result rounds_is_ready(struct rounds *r, int block, int round, int *r
     return rc;
 }
 
-/* Trains the next round of a block, if that can be done now. *trained: it was. */
+/* Trains the next round of a block, if no other process does and its neighbours are ready.
+ * *trained: it was trained. */
 static oxl_result rounds_try(struct rounds *r, int block, int *trained)
 {
     struct job *job = r->job;
@@ -426,8 +426,8 @@ static oxl_result rounds_try(struct rounds *r, int block, int *trained)
     return rc;
 }
 
-/* Trains one block to its end; while it waits for others, they are trained unless another process does
- * that. */
+/* Trains one block to its end; while it waits for other blocks, it trains them
+ * unless another process does. */
 static oxl_result rounds_run_block(struct rounds *r, int block)
 {
     const int blocks = r->job->partition.block_count;
@@ -485,7 +485,8 @@ static int rounds_merged_fits(const struct job *job)
     return budget_fits(&load, &job->options, (double)job->total.gaussians);
 }
 
-/* Lets the merged model have the Gaussians that blocks have left of what is allowed, and memory holds. */
+/* Returns the options of the merged model, which grows once by the Gaussians that the blocks have left of the
+ * allowed number and memory holds. */
 static oxl_train_options rounds_merged_options(const struct job *job, int sh_degree)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
@@ -494,7 +495,8 @@ static oxl_train_options rounds_merged_options(const struct job *job, int sh_deg
     o.train = block_refinement(&job->options.train, sh_degree, job->stage_until);
     if (block_plan_merged_fraction(job) == JOB_MERGED && job->options.train.densify_until > 0 &&
         budget_limit_gaussians(job->ctx, &load, &o)) {
-        job_set_cache(job, o.scene.image_cache_bytes); /* beside which the Gaussians have to fit */
+        /* Sets the image cache, which the Gaussians have to fit beside. */
+        job_set_cache(job, o.scene.image_cache_bytes);
         o.train.densify_every = step;
         o.train.densify_until = (float)((step + 0.5) / job->stage_until);
     }
@@ -519,7 +521,7 @@ static oxl_result rounds_run_merged(struct job *job, const char *folder)
     return rc;
 }
 
-/* Trains the merged model, after all blocks. */
+/* Trains the merged model after all blocks, in memory or in groups. */
 static oxl_result rounds_train_merged(struct job *job)
 {
     const char *folder = JOB_BLOCK(job, JOB_MERGED_MODEL);
@@ -557,8 +559,8 @@ static oxl_result rounds_block_is_missing(struct job *job, int block, const stru
     return rc;
 }
 
-/* Adds the records of coarse model and blocks; `missing` names the first block that is not finished, or
- * NULL. */
+/* Adds the records of the coarse model and the blocks; *missing: the first block
+ * that is not finished, or -1. */
 static oxl_result rounds_add_records(struct job *job, int *missing)
 {
     oxl_result rc = OXL_OK;
@@ -570,10 +572,10 @@ static oxl_result rounds_add_records(struct job *job, int *missing)
         if (block == JOB_COARSE_MODEL)
             record.predicted_seconds = JOB_COARSE * job->survey.seconds, record.gaussians = 0;
         else if (rc == OXL_OK) rc = rounds_block_is_missing(job, block, &record, missing);
-        record.finished = 1; /* as far as it is asked for */
+        record.finished = 1; /* Counts the record as finished; *missing says if it is not. */
         if (rc == OXL_OK) job_add_record(job, &record);
     }
-    /* a step on a window counts as its fraction of the image */
+    /* Counts a step on a window as its fraction of the image. */
     job->total.iterations = job->options.train.iterations;
     return rc;
 }

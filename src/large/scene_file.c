@@ -1,5 +1,5 @@
-/* scene_file.c - a loaded survey in one file, which is then mapped: points and tracks take memory only while
- * they are used.
+/* scene_file.c - keeps a loaded survey in one file, which is then mapped: points and tracks take memory only
+ * while they are used.
  *
  * The file is a head and arrays of rows without addresses, each from a multiple of SCENE_FILE_ALIGN bytes on.
  * Rows are as they are in memory, so only the same build on the same kind of machine reads them: the head has
@@ -16,11 +16,12 @@
 
 enum {
     SCENE_FILE_ALIGN = 64,
-    SCENE_FILE_CHUNK = 1 << 16 /* bytes that are checked at once: mapped pages would count as memory */
+    /* bytes that are read and checked at a time, since mapped pages would count as memory */
+    SCENE_FILE_CHUNK = 1 << 16
 };
 
 enum scene_array {
-    SCENE_FACTS, /* one row */
+    SCENE_FACTS, /* struct scene_facts, one row */
     SCENE_VIEWS,
     SCENE_CAMERAS,
     SCENE_DEPTHS,
@@ -28,9 +29,9 @@ enum scene_array {
     SCENE_IMAGES,
     SCENE_POINTS,
     SCENE_TRACKS,
-    SCENE_NAMES, /* of images; bytes, like all that follow */
+    SCENE_NAMES, /* names of images, as bytes, like all that follow */
     SCENE_IMAGE_FOLDER,
-    SCENE_MASK_FOLDER, /* 0 rows: none */
+    SCENE_MASK_FOLDER, /* 0 rows: there is no folder */
     SCENE_FOLDER,
     SCENE_IMAGES_FILE,
     SCENE_CAMERAS_FILE,
@@ -38,7 +39,7 @@ enum scene_array {
     SCENE_ARRAYS
 };
 
-struct scene_facts { /* what a scene has once */
+struct scene_facts { /* Holds the members that a scene has once. */
     double origin[3], extent, may_miss, reference[2];
     struct scene_stats stats;
     struct image_alpha alpha;
@@ -47,7 +48,7 @@ struct scene_facts { /* what a scene has once */
 };
 struct scene_view_row {
     oxl_camera camera;
-    uint64_t image, source; /* rows of SCENE_IMAGES, SCENE_CAMERAS */
+    uint64_t image, source; /* rows in SCENE_IMAGES and SCENE_CAMERAS */
     int32_t is_test;
 };
 struct scene_camera_row {
@@ -74,11 +75,12 @@ static const size_t SCENE_ROW[SCENE_ARRAYS] = {sizeof(struct scene_facts),
 
 struct scene_head {
     char magic[32];
-    uint64_t row[SCENE_ARRAYS], count[SCENE_ARRAYS]; /* SCENE_ROW of the build that wrote it */
+    /* bytes of a row, SCENE_ROW of the build that wrote it; number of rows */
+    uint64_t row[SCENE_ARRAYS], count[SCENE_ARRAYS];
 };
 static const char SCENE_FILE_MAGIC[32] = "oceanxl survey " OXL_VERSION;
 
-struct scene_rows { /* the arrays, in a scene or in a file */
+struct scene_rows { /* Points to the arrays, in a scene or in a file. */
     const void *data[SCENE_ARRAYS];
     size_t count[SCENE_ARRAYS];
 };
@@ -101,7 +103,7 @@ static int scene_file_put_all(struct scene_file_writer *out, const void *data, s
     return bytes == 0 || fwrite(data, 1, bytes, out->w.file) == bytes;
 }
 
-/* Writes data, and adds it to the checksum; the last bytes are padded with zeros. */
+/* Writes data padded with zeros to a multiple of SCENE_FILE_ALIGN, and adds it to the checksum. */
 static oxl_result scene_file_put(oxl_context *ctx, struct scene_file_writer *out, const void *data,
                                  size_t bytes)
 {
@@ -141,7 +143,7 @@ static void scene_rows_set_text(struct scene_rows *rows, enum scene_array k, con
     scene_rows_set(rows, k, s, s ? strlen(s) + 1 : 0);
 }
 
-/* Lists the arrays that a scene has as they are in the file. */
+/* Lists the arrays of a scene that go to the file as they are. */
 static void scene_rows_of(const oxl_scene *s, const char *key, struct scene_rows *rows)
 {
     const struct colmap *c = &s->colmap;
@@ -195,7 +197,8 @@ OXL_INTERNAL oxl_result scene_file_write(oxl_context *ctx, const char *path, con
                                          const char *key)
 {
     const size_t views = (size_t)scene->view_count, cameras = scene->colmap.camera_count;
-    struct scene_facts *facts = oxl_calloc(ctx, 1, sizeof *facts); /* zeros between members, too */
+    /* zeros between the members, too, for the same bytes */
+    struct scene_facts *facts = oxl_calloc(ctx, 1, sizeof *facts);
     struct scene_view_row *view = oxl_calloc(ctx, views + 1, sizeof *view);
     struct scene_camera_row *camera = oxl_calloc(ctx, cameras + 1, sizeof *camera);
     struct scene_rows rows = {{0}, {0}};
@@ -217,7 +220,8 @@ done:
 
 /* ---------------- the rows of a file, and what is checked of them */
 
-/* Returns 1 if the file's bytes are those that the head announces, and of this build; finds its rows. */
+/* Finds the rows of the file; returns 0 if the file is of another build, or not of the
+ * size that its head states. */
 static int scene_rows_find(const struct os_file_map *map, struct scene_rows *rows)
 {
     const struct scene_head *head = (const void *)map->data;
@@ -233,7 +237,7 @@ static int scene_rows_find(const struct os_file_map *map, struct scene_rows *row
     return map->size - at == SCENE_FILE_ALIGN;
 }
 
-/* Calls `check` with the bytes from `offset` on, in pieces. 1: read, and each was right. */
+/* Calls `check` with the bytes from `offset` on, in pieces; returns 1 if all were read and right. */
 static int scene_file_pieces(oxl_context *ctx, const char *path, uint64_t offset, uint64_t bytes,
                              size_t piece, int (*check)(void *user, const void *data, size_t size),
                              void *user)
@@ -287,7 +291,7 @@ static int scene_rows_track_is_good(void *user, const void *data, size_t size)
     return 1;
 }
 
-/* Returns 1 if the bytes are one text with its end. */
+/* Returns 1 if the bytes are one text and its terminating 0. */
 static int scene_rows_have_text(const struct scene_rows *rows, enum scene_array k)
 {
     const char *s = rows->data[k];
@@ -330,7 +334,7 @@ static int scene_rows_have_views(const struct scene_rows *rows)
     return rows->count[SCENE_VIEWS] >= 1 && rows->count[SCENE_VIEWS] < INT_MAX;
 }
 
-/* Returns 1 if the rows are of this run, and all indices, counts and texts in them are whole. */
+/* Returns 1 if the rows have the key of this run, and all indices, counts and texts in them are valid. */
 static int scene_rows_are_good(oxl_context *ctx, const char *path, const char *key, const char *start,
                                struct scene_rows *rows)
 {
@@ -373,7 +377,7 @@ static void scene_use_facts(const struct scene_facts *f, oxl_scene *s)
     s->from_files = 1;
 }
 
-/* Makes arrays in the map the scene's own: they are read only. */
+/* Makes the arrays of the map the scene's own, which only reads them. */
 static void scene_use_rows(const struct scene_rows *rows, oxl_scene *s)
 {
     struct colmap *c = &s->colmap;
@@ -413,7 +417,7 @@ static void scene_use_cameras(const struct scene_camera_row *row, const char *fi
     }
 }
 
-/* Makes the scene of the file; the map becomes its own, on error too. */
+/* Makes a scene of the file's rows; the map becomes the scene's own, on error too. */
 static oxl_result scene_of_rows(oxl_context *ctx, const struct scene_rows *rows, struct os_file_map *map,
                                 oxl_scene **out)
 {
