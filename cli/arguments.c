@@ -1,7 +1,7 @@
 /* arguments.c - parses the command line into a command, paths and options, by the tables of options.c.
  *
- * Invariant: the options of the job are applied in the table's order, independent of the command line's: the
- * preset first.
+ * Invariant: the options of the job are applied in the table's order, whatever the command line's, so that
+ * the preset, which is first there, does not overwrite the others.
  */
 #include "cli.h"
 
@@ -10,7 +10,7 @@
 
 /* ---------------- names */
 
-/* Edits between two words (Levenshtein), enough for names of up to 31 letters. */
+/* Counts the edits between two words (Levenshtein); 99: `b` is longer than 31 letters, which no name is. */
 static int distance(const char *a, const char *b)
 {
     int row[32];
@@ -31,7 +31,7 @@ static int distance(const char *a, const char *b)
     return row[nb];
 }
 
-/* Keeps the nearest of the names that it is called with, and its distance. */
+/* Keeps `name` as the best suggestion for `word` if fewer edits lead to it than to the best so far. */
 static void suggest(const char *word, const char *name, char best[40], int *least)
 {
     const int d = distance(word, name);
@@ -40,7 +40,7 @@ static void suggest(const char *word, const char *name, char best[40], int *leas
     snprintf(best, 40, "%s", name);
 }
 
-/* Returns 1. */
+/* Writes the message to a->error and returns 1, so that a caller can return its result. */
 static int fail(struct arguments *a, const char *format, ...)
 {
     va_list list;
@@ -58,11 +58,11 @@ static int fail_unknown(struct arguments *a, const char *what, const char *word,
                 command[0] ? " all" : "");
 }
 
-/* Refuses a word that is no option; word: as typed, without a value. */
+/* Refuses a word that is no option, with the nearest name; word: as typed, without a value. */
 static int unknown_option(const char *word, struct arguments *a)
 {
     char other[40], best[40] = "";
-    int least = 4; /* more edits: no suggestion */
+    int least = 4; /* a name four edits away or more is no suggestion */
     if (a->command == COMMAND_ABLATE && cli_is_study_variable(word + strspn(word, "-")))
         return fail(
             a,
@@ -87,7 +87,7 @@ static int find_command(const char *word, struct arguments *a)
 
 /* ---------------- parsing */
 
-/* Finds the option of the command that `word` names, or -1; a former name is noted. */
+/* Finds the option of the command that `word` names, or returns -1; writes a note about a former name. */
 static int find_option(const char *word, struct arguments *a)
 {
     char name[40];
@@ -113,7 +113,8 @@ static int parse_help(int argc, char **argv, int *at, struct arguments *a)
     return 0;
 }
 
-/* Parses one option at argv[*at], as "--name value" or "--name=value". */
+/* Parses one option at argv[*at], as "--name value" or "--name=value". Tries a value of the job on a copy,
+ * and keeps its text: arguments_apply sets all of them in the table's order. */
 static int parse_option(int argc, char **argv, int *at, struct arguments *a)
 {
     const char *value = strchr(argv[*at], '=');
@@ -165,7 +166,7 @@ const char *arguments_given(const struct arguments *a, const char *name)
     return NULL;
 }
 
-/* Options in place of a command. */
+/* Reads the options that stand in place of a command. */
 static void parse_first(int argc, char **argv, struct arguments *a)
 {
     int at = 1;
@@ -193,7 +194,7 @@ int arguments_parse(int argc, char **argv, struct arguments *a)
     }
     if (find_command(argv[1], a)) return 1;
     for (int i = 2; i < argc; i++) {
-        if (!ended && strcmp(argv[i], "--") == 0) ended = 1; /* names that begin with a dash follow */
+        if (!ended && strcmp(argv[i], "--") == 0) ended = 1; /* paths that follow may begin with a dash */
         else if (!ended && argv[i][0] == '-' && argv[i][1]) {
             if (parse_option(argc, argv, &i, a)) return 1;
         } else if (a->path_count < 2) a->path[a->path_count++] = argv[i];

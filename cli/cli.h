@@ -1,6 +1,7 @@
-/* cli.h - the parts of the command line beyond parsing, calling and printing. They use the public headers and
- * json.h of src/formats, eigen.h, random.h, svg.h of src/core, and are not in the library. One section for each file of
- * cli/; synth_options is here because arguments holds it.
+/* cli.h - the parts of the command line beyond parsing, calling and printing.
+ *
+ * They use the public headers and json.h of src/formats, eigen.h, random.h, svg.h of src/core, and are not in
+ * the library. Each file of cli/ has a section; synth_options is here because `struct arguments` holds it.
  */
 #ifndef CLI_H
 #define CLI_H
@@ -12,69 +13,74 @@
 
 struct arguments;
 
-struct cli_memory {           /* of the library, in bytes, as main.c counts it */
-    size_t used, peak, limit; /* limit: --ram; 0: none */
+/* Counts the bytes that the library has allocated; console.c limits them. */
+struct cli_memory {
+    size_t used, peak, limit; /* limit: --ram; 0: no limit */
     int refused;              /* 1: an allocation would have exceeded the limit */
 };
 
 /* ---------------- info.c: statistics of a model, tables of a partition */
 
-struct spread { /* 5th, 50th and 95th percentile of the finite values; 0 of none */
+struct spread { /* 5th, 50th and 95th percentile of the finite values; 0 if there are none */
     float low, middle, high;
 };
-/* sorted (count): scratch, may be value itself */
+/* Measures the spread of the values. sorted (count): scratch, may be `value` itself. */
 struct spread info_spread(const float *value, size_t count, float *sorted);
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
-/* Copies imaging.txt from beside one model to beside another, unless one is there; of a model for viewers,
- * the gains alone. */
+/* Copies imaging.txt from beside one model to beside another, unless one is there; for a model for viewers
+ * without the medium, which its colours hold. */
 oxl_result info_copy_imaging(oxl_context *ctx, const char *from, const char *to, int *copied);
-/* Returns 1 for a model whose name does not say whether it has learned the medium of the imaging.txt beside it. */
+/* Returns 1 for a model whose name does not say whether its colours hold the medium of
+ * the imaging.txt beside it. */
 int info_takes_medium(const char *model);
-/* Returns 1 beside a scene_clear.ply whose imaging.txt has gains and nothing else: models called scene.* there
- * have learned what the gains are for. */
+/* Returns 1 for a model beside a scene_clear.ply whose imaging.txt has gains, perhaps poses, and nothing
+ * else: models called scene.* there have learned what the gains are for. */
 int info_has_gains_alone(const char *model);
-/* Refuses a place where a medium would be applied twice, or not at all; *is_other: gains and lamp there differ. */
+/* Refuses to write a model where the imaging.txt would apply a medium twice, or not at all; sets *is_other to
+ * 1 where its gains, lamp or poses differ from those beside `from`. */
 oxl_result info_check_imaging(oxl_context *ctx, const char *from, const char *to, int *is_other);
 void info_print_blocks(FILE *to, const oxl_partition_report *report);
 
 /* ---------------- output.c: text and files independent of the locale */
 
-struct output { /* text in memory; once it is opened as a file, what is not written yet */
-    char *data; /* terminated; free() it */
+/* Text in memory; once a file is opened, the text that is not written yet. */
+struct output {
+    char *data; /* text, terminated; the caller frees it */
     size_t used, capacity;
-    int failed; /* an allocation or a write */
-    FILE *file; /* atomic: renamed to its name on close */
+    int failed; /* 1: an allocation or a write failed */
+    FILE *file; /* file under a temporary name, renamed when it is closed: it is whole or not there */
     char path[4096], temporary[4128];
 };
-/* The conversions are printf's %s %-*s %*s %.*s %d %.5d %zu %llu %.2f %.*f (rounded half up; nothing if not
- * finite or, with its decimals, of more than 18 digits); %S: a string escaped for XML and HTML, also within
- * quotes; %J: likewise the value of a member of JSON, or "unknown". %S of NULL is nothing. */
+/* Adds text. The conversions are printf's %s %-*s %*s %.*s %d %.5d %zu %llu %.2f %.*f (rounded half
+ * up; nothing if not finite or, with its decimals, of more than 18 digits); %S: a string escaped for
+ * XML and HTML, also within quotes; %J: a member of JSON, escaped the same way, or "unknown". %S of
+ * NULL is nothing. */
 void output_add(struct output *t, const char *format, ...);
 void output_bytes(struct output *t, const void *data, size_t size);
-/* t is empty, or its text is the beginning */
+/* Opens a file for t, whose text becomes the file's beginning. */
 void output_open(struct output *t, const char *path);
 /* Closes the file and empties t. Returns 1 if it was written whole. */
 int output_close(struct output *t);
-int output_save(struct output *t, const char *path); /* open and close */
+int output_save(struct output *t, const char *path); /* opens a file, writes the text and closes it */
 /* Reads a file into fresh memory, or returns NULL; size may be NULL. */
 char *output_read(const char *folder, const char *name, size_t *size);
 
-/* Refuses to replace FOLDER/NAME where it is there without `mark`, which our own files of that name hold. Mark
- * NULL: any file, "": none. */
+/* Refuses to replace FOLDER/NAME where it is there without `mark`, which our own files of that name hold.
+ * Mark NULL: refuses any file; "": refuses none that can be opened. */
 oxl_result output_check_own(oxl_context *ctx, const char *folder, const char *name, const char *mark);
 
-/* Prints text with names, of files, folders and images; all such text goes through these: control
- * characters, which a survey from elsewhere may hold, are shown as \xNN. */
+/* Prints text that holds names of files, folders or images. It shows control characters, which a survey from
+ * elsewhere may hold, as \xNN, so that they cannot control the terminal. */
 void print_text(FILE *to, const char *text);
 void print_format(FILE *to, const char *format, ...);
-/* A path in a command to copy, as a temporary of the enclosing block. */
+/* Quotes a path for a command to copy, in an array of the enclosing block. */
 #define PRINT_WORD(path) oxl_shell_word(path, (char[8192]){0}, 8192)
 
-/* Writes one number the same way, and figures for people; returns out. */
+/* Write a number for people to read, the same in any locale; return out. */
 const char *output_fixed(char out[32], double value, int decimals);
-const char *output_count(char out[40], double value);   /* 22 400 */
-const char *output_size(char out[40], double value);    /* bytes: 5.7 MB */
-const char *output_seconds(char out[40], double value); /* 15 s, 3.2 min, 1.5 h */
+const char *output_count(char out[40], double value);   /* e.g. 22 400 */
+const char *output_size(char out[40], double value);    /* of bytes, e.g. 5.7 MB */
+const char *output_seconds(char out[40], double value); /* e.g. 15 s, 3.2 min, 1.5 h */
 #define OUTPUT_FIXED(value, decimals) output_fixed((char[32]){0}, value, decimals)
 #define OUTPUT_COUNT(value) output_count((char[40]){0}, value)
 #define OUTPUT_SIZE(value) output_size((char[40]){0}, value)
@@ -83,29 +89,31 @@ const char *output_seconds(char out[40], double value); /* 15 s, 3.2 min, 1.5 h 
 /* Returns the distance of grid lines: 1, 2 or 5 times a power of ten, at most 5 lines in the span. */
 double axis_step(double span);
 
-void json_print(FILE *to, const char *text); /* as a JSON string, in quotes */
-/* Copies a string into fresh memory, free() it; NULL: it is no string, or there is no memory. */
+void json_print(FILE *to, const char *text); /* prints a JSON string, in quotes */
+/* Copies a string of JSON into fresh memory, which the caller frees; NULL: it is no
+ * string, or there is no memory. */
 char *json_string(const char *value);
 
 /* ---------------- frame.c: the axes right, up and above of a survey */
 
 struct frame {
-    double centre[3], axis[3][3]; /* local coordinates; rows: right, up, above, of unit length */
-    int is_world;                 /* they are the world's x, y and z */
+    double centre[3], axis[3][3]; /* in local coordinates; rows of axis: right, up, above, of unit length */
+    int is_world;                 /* 1: the axes are the world's x, y and z */
     double spread;                /* standard deviation of the points along the widest axis */
 };
 enum frame_kind { FRAME_AUTO, FRAME_WORLD_AXES, FRAME_SURVEY_AXES };
-void frame_of(const oxl_scene *scene, struct frame *out); /* of the kind auto */
+void frame_of(const oxl_scene *scene, struct frame *out); /* chooses a frame of the kind auto */
 /* Chooses a frame. up (3): above, in the world's axes, for any kind; or NULL. */
 void frame_choose(const oxl_scene *scene, enum frame_kind kind, const double *up, struct frame *out);
-double frame_along(const struct frame *f, const double p[3], int axis); /* from the centre */
+/* measures along an axis from the centre */
+double frame_along(const struct frame *f, const double p[3], int axis);
 double frame_camera_height(const struct frame *f, const oxl_scene *scene);
-void frame_eye(const oxl_view *view, double out[3]); /* where the camera stood */
-/* Does the inverse: sets the translation, for its rotation. */
+void frame_eye(const oxl_view *view, double out[3]); /* sets `out` to the camera's centre */
+/* Moves the camera to `eye`: sets its translation, and keeps its rotation. */
 void frame_place(oxl_camera *c, const double eye[3]);
 void frame_cross(const double a[3], const double b[3], double out[3]);
-/* Bounds along right and up all points but the outermost 1/200 on each side, and all cameras if they are
- * wanted. 0: no memory. */
+/* Bounds, along right and up, all points but the outermost 1/200 on each side, and all cameras if they are
+ * wanted. Returns 0 without memory. */
 int frame_bounds(const struct frame *f, const oxl_scene *scene, int with_cameras, double low[2],
                  double high[2]);
 
@@ -113,77 +121,82 @@ int frame_bounds(const struct frame *f, const oxl_scene *scene, int with_cameras
 
 struct geotiff {
     int width, height, is_height;
-    double pixel, corner[2]; /* size; x and y of the top-left pixel's outer corner */
+    double pixel, corner[2]; /* size of a pixel; x and y of the top-left pixel's outer corner */
     int epsg;                /* code of a projected CRS; 0: none */
     const double *reference; /* (2) latitude and longitude in degrees of (0, 0); NULL: not known */
-    const char *citation;    /* what x and y are, in words */
+    const char *citation;    /* meaning of x and y, in words */
     int is_metric;           /* 1: x and y are metres, even if no CRS says so */
 };
-/* data (height,width,4): bytes of RGBA, alpha 0 or 255; is_height: (height,width) floats, NaN: no data. */
+/* Writes a raster as a GeoTIFF. data (height,width,4): bytes of RGBA, alpha 0 or 255; if is_height,
+ * (height,width) floats, NaN: no data. */
 oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotiff *g, const void *data);
 
 /* ---------------- ground.c: the places of a map, and which of them the views saw */
 
 struct ground {
     const struct frame *frame;
-    double corner[2]; /* of the top-left pixel, outer: along right and up from the frame's centre, units */
-    double pixel;     /* units */
-    double usual;     /* units: distance of the ground from the cameras, HUGE_VAL: not known */
+    /* units; outer corner of the top-left pixel, along right and up from the frame's centre */
+    double corner[2];
+    double pixel; /* units; side of a pixel */
+    double usual; /* units; usual distance of the ground from the cameras; HUGE_VAL: not known */
     int width, height;
-    const float *level;   /* (height,width) above the frame's centre, units; NaN: no ground */
-    unsigned short *seen; /* (height,width) number of training views */
-    /* (height,width) of these, the views whose own depth is the place's; NULL: not wanted */
+    /* (height,width) units; height of the ground above the frame's centre; NaN: no ground */
+    const float *level;
+    unsigned short *seen; /* (height,width) number of training views that see the place */
+    /* (height,width) number of the views that see the place and whose own depth is the
+     * place's; NULL: not wanted */
     unsigned short *confirmed;
 };
-/* Projects p into the camera, px; returns camera z, at most 0 behind it. */
+/* Projects p into the camera, at: px; returns camera z, which is 0 or less behind the camera. */
 double ground_see(const oxl_camera *c, const double p[3], double at[2]);
-/* Returns the place at x, y px of the map, in the scene's coordinates. */
+/* Sets `out` to the place at x, y px of the map, in the scene's coordinates. */
 void ground_place(const struct ground *g, double x, double y, double height, double out[3]);
-/* Sets the median distance of what the training views show of the model, in units, and what a pixel of theirs
- * is of it; 0: they show nothing. */
+/* Sets the median distance of the ground that training views show, and the median size of their pixels on it,
+ * in units; 0: they show nothing of the model. */
 oxl_result ground_measure_distance(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
                                    double *distance, double *pixel);
-/* Sets `seen`: the training views with the place in their image, not too far, and nothing of the model before
- * it; model NULL: whatever is before it. */
+/* Counts into `seen` and `confirmed` the training views that see each place (ground.c). Without a
+ * model, nothing hides a place. */
 oxl_result ground_count_views(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
                               const struct ground *g);
 
 /* ---------------- ortho.c: an orthomosaic and a height model */
 
 /* Writes ortho.tif, height.tif and frame.txt to -o, with --png ortho.png, ortho.pgw and ortho.height.pfm too,
- * by --pixel (0: the median ground sampling distance), --scale (0: not known) and --min-views. Gaussians that
- * no training view shows are made invisible in the model. */
+ * by --pixel (0: the median ground sampling distance), --scale (0: not known) and --min-views. Makes
+ * Gaussians that no training view shows invisible in the model. */
 oxl_result ortho_write(oxl_context *ctx, oxl_large_model *model, const oxl_scene *scene,
                        const struct arguments *a, FILE *to);
 
-enum { OVERVIEW_VIEWS = 2 /* training views that a place of the overview is in, at least */ };
+enum { OVERVIEW_VIEWS = 2 /* least training views that see a place of the overview */ };
 struct overview {
-    oxl_image image; /* the map; dark where it has no ground */
-    double sampling; /* median ground sampling distance of the training views, units a pixel; 0: not known */
-    double area;     /* of the ground in it, square units */
-    double covered, high; /* shares of the ground in any training view: in two or more; with a height too */
-    double height_error;  /* units: median difference of heights from the survey's points; NaN: none */
-    double distance;      /* units: median distance of the ground from the cameras; 0: not known */
+    oxl_image image; /* map, dark where it has no ground */
+    double sampling; /* units a pixel; median ground sampling distance of the training views; 0: not known */
+    double area;     /* square units; area of the ground on the map */
+    /* shares of the ground that any training view sees: seen by OVERVIEW_VIEWS or more; with a height */
+    double covered, high;
+    double height_error; /* units; median difference of heights from the survey's points; NaN: not known */
+    double distance;     /* units; median distance of the ground from the cameras; 0: not known */
 };
-/* Renders the map at a side of at most so many px, along the frame of the kind auto. Gaussians that no
- * training view shows are made invisible in the model. The caller frees the image, also on error. */
+/* Renders the map along the frame of the kind auto; side: px, at most. Makes Gaussians that no training view
+ * shows invisible in the model. The caller frees the image, also on error. */
 oxl_result ortho_overview(oxl_context *ctx, oxl_large_model *model, const oxl_scene *scene, int side,
                           struct overview *out);
 
 /* ---------------- flight.c: frames along a path */
 
-/* Writes --frames of --flight to -o. A nonzero result of stop stops it. */
+/* Writes --frames images along --flight to -o. A nonzero result of `stop` ends the flight. */
 oxl_result flight_write(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
                         const struct arguments *a,
                         int (*stop)(void *user, const char *what, long done, long total), void *user);
 
 /* ---------------- scale_bar.c: metres per unit */
 
-/* Prints ends and lengths of bars, "ENDS=METRES;ENDS=METRES", metres a unit by those of known length, and what
- * that leaves of each. length: of bars without METRES; 0: not known. */
+/* Prints the ends and lengths of bars, "ENDS=METRES;ENDS=METRES", the metres a unit that fit the known
+ * lengths best, and what is left of each. length: metres of the bars without METRES; 0: not known. */
 oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bars, double length, FILE *to);
-/* Finds the place of "IMG,X,Y,IMG,X,Y..." or "X,Y,Z", in the scene's coordinates; by how much its rays miss
- * it, and its distance from the nearest of the cameras, 0 without. */
+/* Finds the place of "IMG,X,Y,IMG,X,Y..." or "X,Y,Z", in the scene's coordinates. Sets by how much its rays
+ * miss it, and its distance from the nearest of the cameras that mark it; both 0 for "X,Y,Z". */
 oxl_result scale_place(oxl_context *ctx, const oxl_scene *scene, const char *text, size_t length,
                        double out[3], double *miss, double *distance);
 
@@ -194,20 +207,20 @@ oxl_result control_check(oxl_context *ctx, const oxl_scene *scene, const char *p
 
 /* ---------------- report.c: one page about a run */
 
-/* Writes OUT/report.html, whole or not at all. Absent parts are left out. scale: metres a unit; 0: lengths are in
- * the survey's unit. */
+/* Writes OUT/report.html, whole or not at all, without the parts that OUT has no data for. scale: metres a
+ * unit; 0: lengths are in the survey's unit. */
 oxl_result report_write(oxl_context *ctx, const char *out, double scale);
 
 /* ---------------- synth_options.c: options of a procedural survey, which oceanxl-lab makes */
 
 enum synth_path { SYNTH_LAWNMOWER, SYNTH_ORBIT, SYNTH_FORWARD, SYNTH_ROV };
 enum synth_scene {
-    SYNTH_ANY_SCENE, /* reef; of the path rov ridge */
+    SYNTH_ANY_SCENE, /* reef, but ridge for the path rov */
     SYNTH_REEF,      /* reef patches, boulders, corals and a wreck */
     SYNTH_WRECK,     /* the wreck, overgrown, on a plain of bare sand: the points are uneven */
     SYNTH_RIDGE      /* a ridge: a wall of 60 degrees on one side, a slope on the other, sand at their feet */
 };
-/* Jerlov's, of water. */
+/* Names Jerlov's types of water. */
 enum synth_type {
     SYNTH_AIR,
     SYNTH_I,
@@ -222,40 +235,42 @@ enum synth_type {
     SYNTH_9C
 };
 
-/* Ranges are checked by the table of options. */
+/* Options of a synthetic survey, with defaults in parentheses; the table of options checks their ranges. */
 typedef struct synth_options {
     const char *out;   /* folder */
     int views;         /* images (40) */
     int width, height; /* px (400 x 260) */
-    /* side of the area flown over, metres; orbit: its diameter. 0: as the overlap requires (0) */
+    /* metres; side of the area flown over; orbit: its diameter; 0: as the overlap requires (0) */
     double extent;
     int water;              /* enum synth_type (1C) */
     int path;               /* enum synth_path (lawnmower) */
-    double exposure_jitter; /* stops by which images are brighter or darker, at most (0) */
-    /* light that moves with the camera: the power by which it falls off with range; -1: none (-1) */
+    double exposure_jitter; /* stops; most by which an image is brighter or darker (0) */
+    /* power by which the light of a lamp on the camera falls off with range; -1: no lamp (-1) */
     double lamp;
-    /* of that lamp: what the water near the camera adds, of full white, at most (0) */
+    /* fraction of full white; most that water near the camera adds, lit by the lamp (0) */
     double backscatter;
-    double sand_contrast; /* of bare sand, a fraction of its own; below 1 it is dark and has few points (1) */
-    double stereo;        /* metres between the two cameras of a rig; 0: one camera (0) */
-    int scene;            /* enum synth_scene (any) */
-    long points;          /* sparse points; 0: 400 a view (0) */
-    double noise;         /* sigma of the sensor's noise in 8-bit levels (1.5) */
-    /* of the exported poses: turns, degrees, and moves, % of the distance, root of the mean square (0) */
+    /* fraction of its own contrast that bare sand has; below 1 it is dark and has few points (1) */
+    double sand_contrast;
+    double stereo; /* metres; distance between the two cameras of a rig; 0: one camera (0) */
+    int scene;     /* enum synth_scene (any) */
+    long points;   /* sparse points; 0: 400 a view (0) */
+    double noise;  /* 8-bit levels; sigma of the sensor's noise (1.5) */
+    /* degrees, and % of the distance; root of the mean square of the exported poses' turns and moves (0) */
     double pose_noise;
-    int fish; /* fish in each image (0) */
-    /* images are transparent beyond so many metres from the vertical axis through the centre; 0: nowhere (0) */
+    int fish; /* number of fish in each image (0) */
+    /* metres; images are transparent farther than this from the vertical axis through
+     * the centre; 0: nowhere (0) */
     double alpha;
-    double origin[3]; /* where the survey's middle lies in the export's world, metres (0 0 0) */
-    uint64_t seed;    /* (1) */
-    int write_images; /* 0: the COLMAP model alone, for load tests (1) */
-    int threads;      /* 0: as many as OpenMP offers; the files do not depend on it */
-    /* nonzero stops the run; may be NULL */
+    double origin[3]; /* metres; place of the survey's middle in the export's world (0 0 0) */
+    uint64_t seed;    /* seed of all random choices (1) */
+    int write_images; /* 0: writes the COLMAP model alone, for load tests (1) */
+    int threads;      /* 0: as many as OpenMP offers; the files do not depend on their number */
+    /* called with the progress; a nonzero result stops the run; may be NULL */
     int (*progress)(void *user, const char *what, long done, long total);
     void *user;
 } synth_options;
 
-synth_options synth_options_default(void); /* everything but out */
+synth_options synth_options_default(void); /* sets all but `out` */
 
 /* ---------------- options.c: commands and options */
 
@@ -268,27 +283,29 @@ enum exit_code {
     EXIT_STOPPED = 130
 };
 
-enum { CLI_JOB_OPTIONS = 96, CLI_SEEDS = 99 /* of a study, at most */ };
+enum { CLI_JOB_OPTIONS = 96, CLI_SEEDS = 99 /* most seeds of a study */ };
 
-enum command { /* in the order of the help */
-               COMMAND_NONE,
-               COMMAND_TRAIN,
-               COMMAND_MERGE,
-               COMMAND_CHECK,
-               COMMAND_PARTITION,
-               COMMAND_RENDER,
-               COMMAND_MEASURE,
-               COMMAND_EVAL,
-               COMMAND_INFO,
-               COMMAND_CONVERT,
-               COMMAND_REPORT,
-               COMMAND_SYNTH,
-               COMMAND_ABLATE,
-               COMMAND_TRADEOFF,
-               COMMANDS
+/* Commands, in the order of the help. */
+enum command {
+    COMMAND_NONE,
+    COMMAND_TRAIN,
+    COMMAND_MERGE,
+    COMMAND_CHECK,
+    COMMAND_PARTITION,
+    COMMAND_RENDER,
+    COMMAND_MEASURE,
+    COMMAND_EVAL,
+    COMMAND_INFO,
+    COMMAND_CONVERT,
+    COMMAND_REPORT,
+    COMMAND_SYNTH,
+    COMMAND_ABLATE,
+    COMMAND_TRADEOFF,
+    COMMANDS
 };
 
-struct arguments { /* as given, or the default; NULL: not given */
+/* The command line: each field is as given, or the default; NULL: not given. */
+struct arguments {
     enum command command;
     const char *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
     int path_count;
@@ -297,51 +314,54 @@ struct arguments { /* as given, or the default; NULL: not given */
     int dry_run, quality, progress_json;
     int split, backend;         /* enum oxl_split, enum oxl_backend */
     int device, threads, seeds; /* -1: the best, all */
-    double budget;              /* s */
+    double budget;              /* s; time for all rows of a study */
     int ortho, frames, png, min_views, epsg;
     int frame;                   /* enum frame_kind */
-    double up[3];                /* 0 0 0: not given */
-    double pixel, scale, length; /* of --ortho; metres a unit; metres. 0: not given */
-    const char *flight, *bar;    /* --flight of render, --scale-bar */
-    const char *control;         /* file of check */
+    double up[3];                /* direction of --up; 0 0 0: not given */
+    double pixel, scale, length; /* units of the map; metres a unit; metres; 0: not given */
+    const char *flight, *bar;    /* --flight of render; --scale-bar of measure */
+    const char *control;         /* file of --control of check */
     const char *out, *rows;
     synth_options synth;
-    oxl_job_options job;                /* the preset's defaults, and what was given */
-    const char *given[CLI_JOB_OPTIONS]; /* text of each option of the job, in the library's order */
-    char note[160], error[512];         /* a former name was used; what is wrong. "" */
+    oxl_job_options job; /* defaults of the preset, replaced by what was given */
+    /* text of each option of the job, in the order of the library's table; NULL: not given */
+    const char *given[CLI_JOB_OPTIONS];
+    /* note: an option was given by its former name; error: what is wrong; "": nothing */
+    char note[160], error[512];
 };
 struct arguments arguments_default(void);
 
 struct cli_command {
     const char *name;
-    int paths, needs_out; /* words that are paths; 1: -o is not optional */
+    int paths, needs_out; /* number of paths; needs_out 1: -o is required */
     const char *usage, *purpose, *example, *more;
 };
-extern const struct cli_command CLI_COMMANDS[COMMANDS]; /* of COMMAND_NONE: empty */
+extern const struct cli_command CLI_COMMANDS[COMMANDS]; /* the row of COMMAND_NONE is empty */
 
-/* Lists the program's options and the job's as one. */
+/* List the program's options and the job's as one table. */
 int cli_option_count(void);
 const oxl_option *cli_option_at(int index);
-int cli_option_of_job(int index); /* its place in the library's table; -1: the field is in struct arguments */
+/* returns its index in the library's table; -1: the field is in struct arguments */
+int cli_option_of_job(int index);
 int cli_option_is_of(int index, enum command command);
-/* Returns 1 for options that differ between the rows of ablate. */
+/* Returns 1 for an option that ablate sets itself: its rows differ by it. */
 int cli_is_study_variable(const char *name);
-const char *cli_option_word(const oxl_option *o, char out[40]); /* "--name", "-o"; returns out */
+const char *cli_option_word(const oxl_option *o, char out[40]); /* writes "--name" or "-o"; returns out */
 
 /* ---------------- arguments.c: parsing of the command line */
 
-/* Parses the command line. 0, or 1: out->error says what is wrong. */
+/* Parses the command line. Returns 0, or 1 where out->error says what is wrong. */
 int arguments_parse(int argc, char **argv, struct arguments *out);
-/* Overrides what is there by what was given. */
+/* Replaces in `o` each option of the job that was given. */
 void arguments_apply(const struct arguments *a, oxl_job_options *o);
-/* Returns the text of an option of the job; NULL: not given. */
+/* Returns the text that was given for an option of the job; NULL: not given. */
 const char *arguments_given(const struct arguments *a, const char *name);
 
 /* ---------------- help.c: text generated from the tables */
 
 void complete_print(FILE *to);
-void help_print(FILE *to, enum command command, int all); /* COMMAND_NONE: the overview */
-void help_manual(FILE *to);                               /* docs/oceanxl.1: roff, man(7) */
-void help_page(FILE *to);                                 /* docs/OPTIONS.md */
+void help_print(FILE *to, enum command command, int all); /* prints the overview for COMMAND_NONE */
+void help_manual(FILE *to);                               /* prints docs/oceanxl.1: roff, man(7) */
+void help_page(FILE *to);                                 /* prints docs/OPTIONS.md */
 
 #endif

@@ -1,8 +1,8 @@
-/* console.c - what the programs oceanxl and oceanxl-lab have in common: arguments in, log lines and progress on
- * standard error, memory counted and limited, signals, exit codes.
+/* console.c - runs a command for the programs oceanxl and oceanxl-lab: reads arguments, writes log lines and
+ * progress to standard error, counts and limits memory, handles signals, returns exit codes.
  */
 #ifndef _DEFAULT_SOURCE
-/* glibc's signal() in strict C99 drops the handler at the first signal; with this it stays */
+/* Keeps the handler after the first signal: glibc's signal() in strict C99 would drop it. */
 #define _DEFAULT_SOURCE 1
 #endif
 #include "console.h"
@@ -20,16 +20,21 @@
 
 /* ---------------- standard error: log lines and the progress */
 
-#define LIVE_SECONDS 0.2   /* between two states of the live line */
-#define PLAIN_SECONDS 10.0 /* between two lines in a pipe, unless a twentieth of the run comes first */
+#define LIVE_SECONDS 0.2 /* Seconds between two states of the live line, or two lines of JSON. */
+/* Seconds between two lines in a pipe, unless a twentieth of the run ends first. */
+#define PLAIN_SECONDS 10.0
 
-enum { ALLOCATION_HEAD = 16, ALLOCATION_MAPPED = 4 << 20, ALLOCATION_TRIM = 32 << 20 };
+enum {
+    ALLOCATION_HEAD = 16,        /* bytes before each allocation, which hold its size */
+    ALLOCATION_MAPPED = 4 << 20, /* bytes from which glibc maps an allocation by itself */
+    ALLOCATION_TRIM = 32 << 20   /* bytes of free memory that glibc keeps at most */
+};
 
 static volatile sig_atomic_t stop_requested;
 static time_t stop_time;
 
-/* Stops the run. A second Ctrl-C within a fraction of a second is a duplicate: timeout, for example, signals
- * the program and then its group. */
+/* Stops the run; a second Ctrl-C ends the program. One that comes within a second or two is a duplicate:
+ * timeout, for example, signals the program and then its group. */
 static void on_signal(int number)
 {
     const time_t now = time(NULL);
@@ -50,11 +55,11 @@ void console_catch_signals(void)
     signal(SIGINT, on_signal);
     signal(SIGTERM, on_signal);
 #ifdef SIGHUP
-    /* a closed terminal; nohup ignores it */
+    /* Stops the run when the terminal closes, but not under nohup, which ignores the signal. */
     if (signal(SIGHUP, SIG_IGN) != SIG_IGN) signal(SIGHUP, on_signal);
 #endif
 #ifdef SIGPIPE
-    signal(SIGPIPE, SIG_IGN); /* the reader of a pipe has ended; training continues */
+    signal(SIGPIPE, SIG_IGN); /* the reader of a pipe has ended, but training continues */
 #endif
 }
 
@@ -64,7 +69,7 @@ void console_clear(struct console *c)
     c->shown = 0;
 }
 
-/* Prints an error; further lines are indented below. */
+/* Prints an error, its further lines indented below the first. */
 void console_error(const char *kind, const char *text)
 {
     fprintf(stderr, "oxl: %s", kind);
@@ -98,7 +103,8 @@ void console_log(void *user, oxl_log_level level, const char *text)
     console_error(level == OXL_LOG_WARNING ? "warning: " : "", text);
 }
 
-/* Counts the library's memory and limits it by --ram: the size of each allocation stands before it. */
+/* Counts the library's memory and limits it by --ram. The size of each allocation stands before it, because
+ * its owner does not give it back. */
 static void *reallocate(void *user, void *old, size_t size)
 {
     struct cli_memory *m = &((struct console *)user)->memory;
@@ -125,7 +131,7 @@ static void print_progress(struct console *c, const oxl_progress *p)
     static const char *const stages[] = {"block", "coarse", "merged"}; /* enum oxl_stage */
     const double rate =
         (p->iteration - c->iteration) / (p->seconds > c->seconds ? p->seconds - c->seconds : 1e-9);
-    /* a trial starts at an earlier step */
+    /* Leaves the rate as it is where the iteration fell: a trial starts at an earlier step. */
     if (rate > 0) c->rate = c->rate > 0 ? 0.7 * c->rate + 0.3 * rate : rate;
     c->iteration = p->iteration;
     c->seconds = p->seconds;
@@ -155,7 +161,7 @@ int console_progress(void *user, const oxl_progress *p)
     const int twentieth = (int)(20.0 * p->iteration / (p->iterations > 0 ? p->iterations : 1));
     double since;
     int due;
-    if (p->seconds < c->seconds) { /* another block or job */
+    if (p->seconds < c->seconds) { /* another block or job has begun */
         c->iteration = p->iteration;
         c->seconds = p->seconds;
         c->twentieth = 0;
@@ -198,15 +204,15 @@ static int exit_code_of(oxl_result rc)
     }
 }
 
-enum { RAM_ADVISED = 64 /* MiB; hold any survey that is small, so that one try is enough */ };
+enum { RAM_ADVISED = 64 /* MiB; enough for any small survey, so that the second try succeeds */ };
 
-/* Prints the error; memory that --ram refused is the budget's, not the machine's. */
+/* Prints the error; memory that --ram refused is an error of the budget, not of the machine. */
 static oxl_result console_fail(struct console *c, oxl_result rc, const char *text)
 {
     static const char smaller[] = "smaller --max-side, --max-gaussians or --image-cache";
     const char *fix = strstr(text, "\nfix: ");
-    const int over = rc == OXL_ERR_MEMORY && c->memory.refused; /* then the fix is a larger --ram */
-    const size_t advised = (c->memory.limit >> 19) + 1;         /* MiB: twice as much */
+    const int over = rc == OXL_ERR_MEMORY && c->memory.refused; /* 1: the fix is a larger --ram */
+    const size_t advised = (c->memory.limit >> 19) + 1;         /* MiB; twice the limit */
     char said[1400];
     int used = 0;
     if (over) used = snprintf(said, sizeof said, "--ram allows %.3g MB: ", (double)c->memory.limit / 1e6);
@@ -222,7 +228,7 @@ static oxl_result console_fail(struct console *c, oxl_result rc, const char *tex
     return over ? OXL_ERR_BUDGET : rc;
 }
 
-#define SPIN_COUNT "500" /* polls of a waiting thread before it sleeps (docs/log/SPEED.md) */
+#define SPIN_COUNT "500" /* Polls of a waiting thread before it sleeps (docs/log/SPEED.md). */
 
 /* Makes OpenMP threads that wait for others sleep: on a busy machine, polling makes a run three times as
  * long. The OpenMP runtime reads its settings before main(), so the program executes itself again with
@@ -232,18 +238,18 @@ static void wait_passively(char **argv)
 {
 #if defined(_OPENMP) && !defined(_WIN32)
     char self[4096];
-    const char *wanted = getenv("OMP_WAIT_POLICY"); /* empty counts as not set */
+    const char *wanted = getenv("OMP_WAIT_POLICY"); /* an empty value counts as not set */
     const ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
     if (length <= 0 || (wanted && *wanted)) return;
     self[length] = 0;
     if (setenv("OMP_WAIT_POLICY", "passive", 1) != 0 || setenv("GOMP_SPINCOUNT", SPIN_COUNT, 0) != 0) return;
-    execv(self, argv); /* returns only on failure */
+    execv(self, argv); /* the call returns only on failure */
 #else
     (void)argv;
 #endif
 }
 
-/* Makes the end of a command that printed in vain a failure. */
+/* Turns success into a failure if standard output could not be written. */
 static oxl_result console_flush(struct console *console, oxl_result rc)
 {
     if ((fflush(stdout) == 0 && !ferror(stdout)) || rc != OXL_OK) return rc;
@@ -276,12 +282,13 @@ int console_main(int argc, char **argv, const struct program *program)
     if (code >= 0) return code;
     wait_passively(argv);
 #ifdef __GLIBC__
-    /* larger ones return to the system when freed: --ram counts on that */
+    /* Maps large allocations one by one, so that they return to the system when
+     * freed: --ram counts on that. */
     mallopt(M_MMAP_THRESHOLD, ALLOCATION_MAPPED);
     mallopt(M_TRIM_THRESHOLD, ALLOCATION_TRIM);
 #endif
 #ifdef SIGXFSZ
-    signal(SIGXFSZ, SIG_IGN); /* past ulimit -f a write fails, as on a full disk */
+    signal(SIGXFSZ, SIG_IGN); /* a write past ulimit -f then fails, as on a full disk */
 #endif
     console.quiet = a.quiet;
     console.json = a.progress_json;

@@ -1,17 +1,17 @@
-/* console.h - a program on a console: what main.c and lab/main.c call of console.c. */
+/* console.h - runs a program on a console: what main.c and lab/main.c call of console.c. */
 #ifndef CONSOLE_H
 #define CONSOLE_H
 
 #include "cli.h"
 
 struct console {
-    int json;        /* standard error is JSON lines */
-    int quiet, live; /* live: standard error is a terminal, one line is rewritten */
-    int shown;       /* the live line has no newline yet */
-    int twentieth;   /* of the run, last shown */
-    int iteration;   /* at the last line */
+    int json;        /* 1: standard error is JSON lines */
+    int quiet, live; /* live: 1: standard error is a terminal, on which one line is rewritten */
+    int shown;       /* 1: the live line has no newline yet */
+    int twentieth;   /* last twentieth of the run that was shown */
+    int iteration;   /* iteration and seconds at the last line */
     double seconds;
-    double rate; /* iterations a second, smoothed */
+    double rate; /* iterations a second, smoothed over the lines */
     struct cli_memory memory;
 };
 
@@ -27,7 +27,7 @@ int console_main(int argc, char **argv, const struct program *program);
 void console_clear(struct console *c); /* erases the live line */
 void console_error(const char *kind, const char *text);
 void console_log(void *user, oxl_log_level level, const char *text);
-void console_catch_signals(void); /* the progress functions return 1 after Ctrl-C */
+void console_catch_signals(void); /* makes the progress functions return 1 after Ctrl-C */
 int console_progress(void *user, const oxl_progress *p);
 int console_count(void *user, const char *what, long done, long total);
 

@@ -1,8 +1,9 @@
-/* control.c - the accuracy of a georeferenced survey: control points of known coordinates, marked in its
- * images, against where its cameras see them.
+/* control.c - measures the accuracy of a georeferenced survey: compares control points of known coordinates
+ * with the places where its cameras see them.
  *
- * A line of the file is NAME,X,Y,Z,IMG,X,Y,IMG,X,Y...: coordinates in the survey's world, and the point's pixels
- * in two original images or more. '#' begins a comment; a first line whose X is no number is a header.
+ * A line of the file is NAME,X,Y,Z,IMG,X,Y,IMG,X,Y...: coordinates in the survey's world, and the point's
+ * pixels in two original images or more. '#' begins a comment; a first line whose X is no number is a
+ * header.
  */
 #include "cli.h"
 
@@ -15,7 +16,7 @@ struct control_sum {
     int count;
 };
 
-/* Reads "NAME,X,Y,Z," of a line: 0 where it is something else; *at: behind it. */
+/* Reads "NAME,X,Y,Z,", and moves *at behind it. Returns 0 where the line begins otherwise. */
 static int control_read_place(const char **at, double place[3])
 {
     *at += strcspn(*at, ",\n");
@@ -30,6 +31,7 @@ static int control_read_place(const char **at, double place[3])
     return 1;
 }
 
+/* Prints the residuals of one line, and adds them to the sum. Skips comments and a header. */
 static oxl_result control_line(oxl_context *ctx, const oxl_scene *scene, const char *line, size_t size,
                                int is_first, struct control_sum *sum, FILE *to)
 {

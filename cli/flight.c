@@ -1,8 +1,9 @@
-/* flight.c - frames along a camera path: through the survey's cameras, or an orbit around its centre.
+/* flight.c - renders frames along a camera path: through the survey's cameras, or on an orbit around its
+ * centre.
  *
- * Through the cameras: positions on a Catmull-Rom spline (1974), constant speed; rotations are interpolated
- * from one camera to the next. Intrinsics and size are those of the first view. Frames are PNG, numbered from
- * 0, as ffmpeg takes them.
+ * The path through the cameras is a Catmull-Rom spline (1974) of their positions at about constant speed;
+ * rotations are interpolated from one camera to the next. Frames have the intrinsics and size of the first
+ * view. They are PNG, numbered from 0, as ffmpeg takes them.
  */
 #include "cli.h"
 
@@ -34,6 +35,8 @@ static void flight_look(const double eye[3], double forward[3], double down[3], 
 
 /* ---------------- around the centre */
 
+/* Places the camera on a circle around the survey's centre, at least 0.6 of its radius above it, looking at
+ * the centre. Returns 0 without memory. */
 static int flight_orbit(const oxl_scene *scene, double fraction, oxl_camera *c)
 {
     struct frame f;
@@ -70,6 +73,8 @@ static double flight_leg(const oxl_scene *scene, int i)
                 (a[2] - b[2]) * (a[2] - b[2]));
 }
 
+/* Places the camera at t, 0 to 1, between the views i and i + 1. `ease` has slope 0 at both ends, so that
+ * turns do not begin abruptly. */
 static void flight_between(const oxl_scene *scene, int i, double t, oxl_camera *c)
 {
     const oxl_camera *a = &flight_view(scene, i)->camera, *b = &flight_view(scene, i + 1)->camera;
@@ -85,7 +90,7 @@ static void flight_between(const oxl_scene *scene, int i, double t, oxl_camera *
         down[k] = (1 - ease) * a->rotation[3 + k] + ease * b->rotation[3 + k];
         length += down[k] * down[k];
     }
-    /* opposite directions */
+    /* Takes the nearer camera's down where the two are opposite and cancel. */
     if (length < 1e-3) memcpy(down, t < 0.5 ? a->rotation + 3 : b->rotation + 3, sizeof down);
     flight_look(eye, forward, down, c);
 }
@@ -103,7 +108,8 @@ static void flight_survey(const oxl_scene *scene, double fraction, oxl_camera *c
 
 /* ---------------- the frames */
 
-/* Lists the frames, in the place of an earlier flight's. A frame past the last would join a film of these. */
+/* Lists the frames in the folder, and removes those of an earlier flight. Refuses a folder with another
+ * program's frame behind the last, which a film of these would show. */
 static oxl_result flight_list_frames(oxl_context *ctx, const char *folder, int count)
 {
     struct output list = {0};

@@ -1,10 +1,11 @@
-/* frame.c - the axes right, up and above of a survey, for maps, orthomosaics and camera paths.
+/* frame.c - finds the axes right, up and above of a survey, for maps, orthomosaics and camera paths.
  *
- * A survey is assumed to be georeferenced, and right, up and above are the world's x, y and z, where the
- * narrowest principal axis of the points on the side of the cameras, or the mean direction from which the
- * cameras look, is the world's z to within 20 degrees, or where the world's origin is far away; not where z is
- * down, so that the cameras are below the points and look up. Otherwise above is that narrowest axis, and right
- * the widest, in the direction that partition_axes.c gives it.
+ * Right, up and above are the world's x, y and z where the survey is taken to be georeferenced: where the
+ * world's origin is far away, or where z is, to within 20 degrees, the narrowest principal axis of the points
+ * on the side of the cameras, or the mean of the directions against which the cameras look. It is not where z
+ * is down, so that the cameras are below the points and look up. Otherwise above is that narrowest axis, and
+ * right the widest, in the direction that eigen_is_backward gives it.
+ *
  * Invariant: the frame is right-handed: no rendering is mirrored.
  */
 #include "cli.h"
@@ -15,10 +16,12 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Most points that the axes and the bounds are found from. */
 enum { FRAME_SAMPLE = 100000 };
-#define FRAME_WORLD 0.94 /* cos 20 degrees */
-#define FRAME_DISTANT \
-    200 /* standard deviations of the points: a model in its own units has its origin nearer */
+#define FRAME_WORLD 0.94 /* Cosine of 20 degrees, within which the world's z counts as above. */
+/* Distance of the world's origin, in standard deviations of the points, from which a survey is
+ * georeferenced: a model in its own units has its origin nearer. */
+#define FRAME_DISTANT 200
 
 double frame_along(const struct frame *f, const double p[3], int axis)
 {
@@ -52,7 +55,7 @@ static size_t frame_stride(const oxl_scene *scene)
     return 1 + oxl_scene_point_count(scene) / FRAME_SAMPLE;
 }
 
-/* Averages the cameras' height, in units of the scene. */
+/* Returns the mean height of the cameras above the frame's centre, in units of the scene. */
 double frame_camera_height(const struct frame *f, const oxl_scene *scene)
 {
     double sum = 0;
@@ -65,6 +68,8 @@ double frame_camera_height(const struct frame *f, const oxl_scene *scene)
     return views > 0 ? sum / views : 0;
 }
 
+/* Sets the centre, and the principal axes of a sample of the points: right the
+ * widest, above the narrowest. */
 static void frame_axes(struct frame *f, const oxl_scene *scene)
 {
     const oxl_point *point = oxl_scene_points(scene);
@@ -89,12 +94,13 @@ static void frame_axes(struct frame *f, const oxl_scene *scene)
     f->spread = sqrt(fmax(a[wide][wide], 0) / (n > 0 ? n : 1));
 }
 
-/* Returns 1 if the world's z is up, by what the survey shows. */
+/* Returns 1 if the world's z is up, as far as the survey shows. */
 static int frame_is_world(const struct frame *f, const oxl_scene *scene)
 {
     const double *origin = oxl_scene_origin(scene);
     const int views = oxl_scene_view_count(scene);
-    double down = 0, height = 0; /* of the cameras along z */
+    /* means over the cameras, along z: of the direction they look against, of their height */
+    double down = 0, height = 0;
     for (int i = 0; i < views; i++) {
         double eye[3];
         frame_eye(oxl_scene_view(scene, i), eye);
@@ -107,7 +113,8 @@ static int frame_is_world(const struct frame *f, const oxl_scene *scene)
                FRAME_DISTANT * f->spread;
 }
 
-/* Sets above, and right: of the two axes the one less along it, without what it has along it. */
+/* Sets above to `up`, and right to the widest axis less its part along `up`; to the second axis where the
+ * widest is nearly along `up` and would leave nothing. */
 static void frame_turn_up(struct frame *f, const double up[3])
 {
     double along[2] = {0, 0}, right[3], length[2] = {0, 0};

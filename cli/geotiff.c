@@ -1,8 +1,8 @@
 /* geotiff.c - writes a raster of bytes or floats as a GeoTIFF that GIS programs open at its place.
  *
- * Baseline TIFF 6.0, little endian, in tiles without compression, with overviews of half the size down to
- * about one tile; the place as OGC GeoTIFF 1.1 (ModelPixelScale, ModelTiepoint, GeoKeys); no data as GDAL's
- * tag 42113.
+ * The file is baseline TIFF 6.0, little endian, in tiles without compression, with overviews of half the size
+ * down to about one tile. It has the place as OGC GeoTIFF 1.1 (ModelPixelScale, ModelTiepoint, GeoKeys), and
+ * the value of pixels without data as GDAL's tag 42113.
  *
  * Invariant: the file is whole or absent, and the same bytes on any machine.
  */
@@ -14,30 +14,30 @@
 
 enum {
     GEOTIFF_TILE = 256,
-    GEOTIFF_LEVELS = 16, /* the image and its overviews, at most */
+    GEOTIFF_LEVELS = 16, /* most levels: the image and its overviews */
     GEOTIFF_TAGS = 20,
     GEOTIFF_KEYS = 16
 };
-#define GEOTIFF_MOST 4.0e9 /* bytes: offsets in a TIFF have 32 bits */
+#define GEOTIFF_MOST 4.0e9 /* Most bytes of a file: offsets in a TIFF have 32 bits. */
 
 enum { TIFF_ASCII = 2, TIFF_SHORT = 3, TIFF_LONG = 4, TIFF_DOUBLE = 12 };
 
 struct geotiff_level {
     int width, height;
-    const unsigned char *data; /* (height,width,4): RGBA, or a float in the machine's order */
-    unsigned char *own;        /* what of it is freed */
-    uint32_t first;            /* offset of its first tile */
+    const unsigned char *data; /* (height,width,4) bytes of RGBA, or of a float in the machine's order */
+    unsigned char *own;        /* data if this file frees it, else NULL */
+    uint32_t first;            /* offset of the level's first tile */
 };
 
 struct geotiff_tag {
     int tag, type;
-    uint32_t count, value; /* value: itself where it fits 4 bytes, else its offset */
+    uint32_t count, value; /* value: the value itself where it fits 4 bytes, else its offset */
 };
 
 struct geotiff_file {
     const struct geotiff *g;
     struct output out;
-    uint32_t at; /* bytes written */
+    uint32_t at; /* number of bytes written */
     struct geotiff_level level[GEOTIFF_LEVELS];
     int levels;
 };
@@ -76,7 +76,8 @@ static uint32_t geotiff_tiles(const struct geotiff_level *l)
     return (uint32_t)(geotiff_across(l->width) * geotiff_across(l->height));
 }
 
-/* Averages the valid ones of the 2 x 2 pixels; without two of them the pixel is empty. */
+/* Averages those of 2 x 2 pixels that have data; the mean has none where fewer than two have, so
+ * that the rim does not grow. */
 static void geotiff_halve_pixel(const struct geotiff *g, const unsigned char *const from[4],
                                 unsigned char out[4])
 {
@@ -98,7 +99,7 @@ static void geotiff_halve_pixel(const struct geotiff *g, const unsigned char *co
     out[3] = count < 2 ? 0 : 255;
 }
 
-/* Appends the level of half the last one's size. 0: no memory. */
+/* Appends the level of half the last one's size. Returns 0 without memory. */
 static int geotiff_halve(struct geotiff_file *f)
 {
     const struct geotiff_level *a = &f->level[f->levels - 1];
@@ -120,6 +121,8 @@ static int geotiff_halve(struct geotiff_file *f)
     return 1;
 }
 
+/* Writes one tile, without data where it is outside the level. A height goes byte by byte, so that the file
+ * is little endian on any machine. */
 static void geotiff_write_tile(struct geotiff_file *f, const struct geotiff_level *l, int left, int top)
 {
     for (int y = top; y < top + GEOTIFF_TILE; y++)
@@ -148,7 +151,8 @@ static void geotiff_write_level(struct geotiff_file *f, struct geotiff_level *l)
 /* ---------------- the place: GeoKeys */
 
 struct geotiff_keys {
-    uint16_t key[GEOTIFF_KEYS][4]; /* id, tag of the value (0: here), count, value or index */
+    /* id, tag that holds the value (0: the key does), count, value or index in the tag */
+    uint16_t key[GEOTIFF_KEYS][4];
     int count;
     double number[8];
     int numbers;
@@ -177,7 +181,8 @@ static void geotiff_key_text(struct geotiff_keys *k, int id, const char *text)
     memcpy(k->key[k->count++], key, sizeof key);
 }
 
-/* Adds keys by rising id: an EPSG code, or a transverse Mercator around a reference, or no CRS but words. */
+/* Adds keys by rising id, as the standard demands: an EPSG code, or a transverse Mercator around a
+ * reference, or no CRS but words. */
 static void geotiff_place(const struct geotiff *g, struct geotiff_keys *k)
 {
     *k = (struct geotiff_keys){.count = 0};
@@ -221,7 +226,8 @@ static uint32_t geotiff_write_doubles(struct geotiff_file *f, const double *valu
     return at;
 }
 
-/* Writes the values that do not fit a tag before the directory, which has their offsets. */
+/* Adds the tags of the place. Writes their values first: they do not fit a tag, and the
+ * directory has their offsets. */
 static void geotiff_place_tags(struct geotiff_file *f, struct geotiff_directory *d)
 {
     const struct geotiff *g = f->g;
@@ -245,7 +251,8 @@ static void geotiff_place_tags(struct geotiff_file *f, struct geotiff_directory 
     if (f->at % 2) geotiff_integer(f, 0, 1);
 }
 
-/* Writes an array of the level's tiles; that of one tile is its value. */
+/* Writes an array of first + i step for the level's tiles, and returns its offset; for one tile returns
+ * `first`, which fits the tag. */
 static uint32_t geotiff_write_tiles(struct geotiff_file *f, uint32_t first, uint32_t step, uint32_t tiles)
 {
     const uint32_t at = f->at;
@@ -254,6 +261,7 @@ static uint32_t geotiff_write_tiles(struct geotiff_file *f, uint32_t first, uint
     return at;
 }
 
+/* Lists the tags of a level's directory, and writes the values that do not fit a tag. */
 static void geotiff_describe(struct geotiff_file *f, int level, struct geotiff_directory *d)
 {
     const struct geotiff_level *l = &f->level[level];
@@ -294,7 +302,8 @@ static void geotiff_write_directory(struct geotiff_file *f, int level)
     }
 }
 
-/* Counts the directory's bytes, and those of the values before it. */
+/* Returns the offset that the level's directory has if its values are written from `from` on. Writes them
+ * to memory to count them. */
 static uint32_t geotiff_directory_at(const struct geotiff_file *f, int level, uint32_t from)
 {
     struct geotiff_file dry = {.g = f->g, .at = from, .levels = f->levels};
@@ -305,6 +314,8 @@ static uint32_t geotiff_directory_at(const struct geotiff_file *f, int level, ui
     return dry.at + dry.at % 2;
 }
 
+/* Writes the header, the tiles of all levels and then the directories. Computes the offset of each directory
+ * before it writes the link to it, so that the file is written from front to back. */
 static void geotiff_write_all(struct geotiff_file *f)
 {
     uint32_t at = 8, directory;

@@ -1,4 +1,4 @@
-/* ground.c - which places of a map the training views saw.
+/* ground.c - counts the training views that see each place of a map.
  *
  * A view sees a place that lies in its image, no farther than GROUND_FAR times the usual distance, with
  * nothing before it: the depth that the model has there in that view is at least the place's, less
@@ -7,8 +7,8 @@
  * is behind them, low ridges nothing.
  *
  * A view confirms a place that it sees where its own depth, clear or not, is that of the place to within
- * GROUND_AGREES: what images see past, or through, is no surface of theirs, and its height is a guess. Where
- * the view has no detail, it confirms nothing: the depth of haze and of even ground is whatever fits its colour.
+ * GROUND_AGREES: where images see past a surface, or through it, its height is a guess. Where the view has no
+ * detail, it confirms nothing: the depth of haze and of even ground is whatever fits its colour.
  * docs/log/HEIGHTS.md has what this changes.
  */
 #include "cli.h"
@@ -16,15 +16,22 @@
 #include <math.h>
 #include <stdlib.h>
 
-#define GROUND_TOLERANCE 0.05 /* of the depth: a place on a slope is not at the middle of its pixel */
-#define GROUND_AGREES 0.04    /* likewise; of the ground's usual distance where that is less */
-#define GROUND_FAR 2.0 /* times the ground's usual distance: the horizon of oblique views is not mapped */
-#define GROUND_CONTRAST 0.005 /* of the mean grey: least rms of detail; 0.0025 to 0.01: no difference */
+/* Fraction of its depth by which a place may be behind what the view sees: on a slope it is not at
+ * the middle of its pixel. */
+#define GROUND_TOLERANCE 0.05
+/* Fraction of the depth, or of the ground's usual distance where that is less, by which
+ * the two depths may differ. */
+#define GROUND_AGREES 0.04
+/* Farthest that a place is seen, in usual distances of the ground: the horizon of
+ * oblique views is not mapped. */
+#define GROUND_FAR 2.0
+/* Least rms of detail as a fraction of the mean grey; 0.0025 and 0.01 give the same heights. */
+#define GROUND_CONTRAST 0.005
 enum {
     GROUND_SIDE = 320,         /* px */
-    GROUND_REACH = 4,          /* px: detail is what differs from the mean so far around it */
+    GROUND_REACH = 4,          /* px; detail is what differs from the mean within this reach */
     GROUND_DISTANCE_SIDE = 64, /* px */
-    GROUND_DISTANCE_VIEWS = 50 /* that the ground's distance is measured in */
+    GROUND_DISTANCE_VIEWS = 50 /* most views, about, that the ground's distance is measured in */
 };
 
 static oxl_camera ground_camera(const oxl_camera *full, int side)
@@ -36,8 +43,9 @@ static oxl_camera ground_camera(const oxl_camera *full, int side)
     return c;
 }
 
-/* Bounds the pixels of the map that the view may see: the places where the rays of its image's corners pass
- * the lowest and the highest ground. A ray that does not go down passes none: the whole map. */
+/* Bounds the pixels of the map that the view may see: those between the places where the rays of its image's
+ * corners pass the lowest and the highest ground. Takes the whole map where a ray does not go down, because
+ * it passes none. */
 static void ground_window(const struct ground *g, const oxl_camera *c, const double height[2], int first[2],
                           int last[2])
 {
@@ -66,12 +74,14 @@ static void ground_window(const struct ground *g, const oxl_camera *c, const dou
     }
 }
 
-struct ground_buffers { /* (height,width) of a view, GROUND_SIDE x GROUND_SIDE at most */
+/* Arrays (height,width) of a view, GROUND_SIDE x GROUND_SIDE at most. */
+struct ground_buffers {
     float depth[GROUND_SIDE * GROUND_SIDE], distance[GROUND_SIDE * GROUND_SIDE];
     float grey[GROUND_SIDE * GROUND_SIDE], turned[GROUND_SIDE * GROUND_SIDE], mean[GROUND_SIDE * GROUND_SIDE];
 };
 
-/* Sets out to the means of the rows of `from` over GROUND_REACH to both sides, turned: out (width,height). */
+/* Sets `out` (width,height) to the means over GROUND_REACH on both sides along the rows of `from`,
+ * transposed, so that a second call averages the columns. */
 static void ground_mean_rows(const float *from, int width, int height, float *out)
 {
     for (int y = 0; y < height; y++)
@@ -84,7 +94,7 @@ static void ground_mean_rows(const float *from, int width, int height, float *ou
         }
 }
 
-/* Sets a view's buffers but depth: distance is |depth| where the image has detail, else 0. */
+/* Sets all of a view's buffers but depth: distance to |depth| where the image has detail, else to 0. */
 static void ground_find_detail(const oxl_image *image, struct ground_buffers *b)
 {
     const int width = image->width, height = image->height;
@@ -101,7 +111,8 @@ static void ground_find_detail(const oxl_image *image, struct ground_buffers *b)
         b->distance[i] = sqrt((double)grey[i]) > GROUND_CONTRAST * (double)mean[i] ? fabsf(b->depth[i]) : 0;
 }
 
-/* Where a camera has the places of the map: a place is `at[0]` + x `at[1]` + y `at[2]` + height `at[3]`. */
+/* Maps a place to the camera's coordinates: `at[0]` + x `at[1]` + y `at[2]` + height `at[3]`. It is computed
+ * once a view, because the map has many places. */
 struct ground_sight {
     double at[4][3];
 };
@@ -120,7 +131,8 @@ static struct ground_sight ground_sight_of(const struct ground *g, const oxl_cam
     return s;
 }
 
-/* Returns camera z of the map's pixel x, y, and sets where the view has it, px; at most 0 outside of it. */
+/* Returns camera z of the map's place x, y, and sets its pixel in the view, px; 0 where the
+ * place is not in the image. */
 static double ground_sees(const struct ground_sight *s, const oxl_camera *c, double x, double y,
                           double height, double at[2])
 {
@@ -133,7 +145,8 @@ static double ground_sees(const struct ground_sight *s, const oxl_camera *c, dou
     return p[2];
 }
 
-/* Adds a view; NULL: nothing lies before a place. */
+/* Counts a view at the places that it sees or confirms. buffers NULL: nothing hides a place, and all
+ * that are seen are confirmed. */
 static void ground_add(const struct ground *g, const oxl_camera *c, const struct ground_buffers *buffers,
                        const int first[2], const int last[2])
 {
@@ -142,7 +155,8 @@ static void ground_add(const struct ground *g, const oxl_camera *c, const struct
         for (int x = first[0]; x < last[0]; x++) {
             const size_t to = (size_t)y * (size_t)g->width + (size_t)x;
             double at[2], z;
-            float own = 0, distance = 0; /* the view's at the place */
+            /* depths of the view at the place, as it is rendered and where it has detail */
+            float own = 0, distance = 0;
             if (isnan(g->level[to])) continue;
             z = ground_sees(&sight, c, x + 0.5, y + 0.5, (double)g->level[to], at);
             if (!(z > 0 && z <= GROUND_FAR * g->usual)) continue;
@@ -216,7 +230,7 @@ static int ground_compare(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* The median of the depths that are not 0; changes depth. */
+/* Returns the median of the |depth| that are not 0; 0: all are 0. */
 static double ground_median(float *depth, size_t count)
 {
     double z[GROUND_DISTANCE_SIDE * GROUND_DISTANCE_SIDE];

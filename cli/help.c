@@ -43,8 +43,8 @@ enum { HELP_DEFAULT = 160, HELP_NOTE = 240, HELP_COLUMN = 31 };
 
 /* ---------------- one option in words */
 
-/* Words the default: "8", "170, paper 2800", "draft on, otherwise off", "draft 2000, standard 7000, paper
- * 40000", or "". */
+/* Writes the default in words: "8", "170, paper 2800", "draft on, otherwise off", "draft 2000, standard
+ * 7000, paper 40000", or "". */
 static const char *help_default(int index, char out[HELP_DEFAULT])
 {
     const oxl_option *o = cli_option_at(index);
@@ -53,7 +53,7 @@ static const char *help_default(int index, char out[HELP_DEFAULT])
     if (o->kind == OXL_OPTION_FLAG) return out;
     if (cli_option_of_job(index) < 0) {
         oxl_option_get(o, &defaults, out, HELP_DEFAULT);
-        if (o->low > 0 && strcmp(out, "0") == 0) out[0] = 0; /* 0: not given */
+        if (o->low > 0 && strcmp(out, "0") == 0) out[0] = 0; /* 0 means that it is not given */
     } else if (o->kind == OXL_OPTION_PRESET) snprintf(out, HELP_DEFAULT, "%s", o->preset[0]);
     else if (o->preset[0] && strcmp(o->preset[0], o->preset[1]) == 0 &&
              strcmp(o->preset[0], o->preset[2]) == 0)
@@ -76,14 +76,14 @@ static const char *help_option_text(const oxl_option *o, char out[100])
     return out;
 }
 
-/* Says where the option is limited to: "one block only" or "". */
+/* Returns the option's limit in words: "one block only" or "". */
 static const char *help_limit(int index)
 {
     const unsigned use = cli_option_of_job(index) < 0 ? 0 : cli_option_at(index)->use;
     return use & OXL_OPTION_ONE_BLOCK ? "one block only" : "";
 }
 
-/* Writes "DEFAULT RANGE; LIMIT", of the parts that there are. */
+/* Writes "DEFAULT RANGE; LIMIT", without the parts that are empty. */
 static const char *help_note(int index, const char *standard, const char *range, char out[HELP_NOTE])
 {
     const char *limit = help_limit(index);
@@ -105,7 +105,7 @@ static int help_group_begins(int index)
 
 /* ---------------- --help */
 
-/* Prints two columns; a first that is too long has its own line. */
+/* Prints two columns; gives a first column that is too long a line of its own. */
 static void help_row(FILE *to, const char *left, const char *right, const char *standard)
 {
     if (strlen(left) > HELP_COLUMN) fprintf(to, "  %s\n  %*s", left, HELP_COLUMN, "");
@@ -135,8 +135,7 @@ static void help_option(FILE *to, int index)
     help_row(to, help_option_text(o, left), o->help, help_note(index, standard, "", note));
 }
 
-/* Prints the options of a command, or of all commands that have any, group by group. Returns how many were
- * left out. */
+/* Prints the options of a command, or of all commands, group by group. Returns how many it left out. */
 static int help_options(FILE *to, enum command command, int all)
 {
     int left_out = 0;
@@ -154,7 +153,7 @@ static int help_options(FILE *to, enum command command, int all)
     return left_out;
 }
 
-/* Prints what may stand in place of a command; arguments.c parses these. */
+/* Prints the options that may stand in place of a command; arguments.c parses these. */
 static void help_first(FILE *to)
 {
     fputs("\nIn place of a command\n", to);
@@ -180,7 +179,8 @@ void help_print(FILE *to, enum command command, int all)
 
 /* ---------------- all options and outputs, for the manual page and docs/OPTIONS.md */
 
-/* Minus signs that can be copied, backslashes that are one, and no line that looks like a request. */
+/* Prints text for roff: with minus signs that can be copied, with backslashes that stay, and with no line
+ * that looks like a request. */
 static void manual_text(FILE *to, const char *text)
 {
     for (const char *at = text; *at; at++) {
@@ -198,7 +198,7 @@ static void manual_lines(FILE *to, const char *before, const char *text)
     if (text[0] && text[strlen(text) - 1] != '\n') fputc('\n', to);
 }
 
-/* Begins a group. page: 1: of docs/OPTIONS.md, in Markdown; 0: of the manual page. */
+/* Begins a group of docs/OPTIONS.md in Markdown (page 1), or of the manual page (page 0). */
 static void help_group(FILE *to, int page, const char *title)
 {
     if (page) fprintf(to, "\n## %s\n\n", title);
@@ -215,8 +215,8 @@ static void help_entry(FILE *to, int page, const char *name, const char *what)
     manual_lines(to, "", what);
 }
 
-/* Prints "HELP (default; range; limit). Advanced. Also --NAME." A former name is in the warning that its use
- * gives. */
+/* Prints "HELP (default; range; limit). Advanced. Also --NAME." Leaves out a former name, which the
+ * warning about its use has. */
 static void help_full_option(FILE *to, int page, int index)
 {
     const char *const quote = page ? "`" : "";
@@ -226,7 +226,7 @@ static void help_full_option(FILE *to, int page, int index)
         o->kind == OXL_OPTION_INT || o->kind == OXL_OPTION_FLOAT || o->kind == OXL_OPTION_DOUBLE;
     char name[100], standard[HELP_DEFAULT], range[40] = "", note[HELP_NOTE], alias[60] = "", text[1000];
     help_default(index, standard);
-    /* else not worth stating */
+    /* Leaves out a range that says nothing: none, a huge one, or 0 to 1. */
     if (has_range && o->high > o->low && o->high < 1e6 && !(o->low == 0 && o->high == 1))
         snprintf(range, sizeof range, "; %g to %g", o->low, o->high);
     if (o->alias && o->alias[0] == '=')
@@ -322,7 +322,8 @@ void help_page(FILE *to)
 
 /* ---------------- completion in bash, and in zsh by its bashcompinit */
 
-/* Words that an option accepts, separated by blanks; 0: any value, so file names are offered. */
+/* Lists the words that an option accepts, separated by blanks. Returns 0 for an option of any value: the
+ * shell then offers file names. */
 static int complete_choices(const oxl_option *o, char out[200])
 {
     size_t n = 0;

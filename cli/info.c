@@ -1,5 +1,5 @@
-/* info.c - statistics of a model: number of Gaussians, position, size, opacity, nonfinite values; tables of a
- * partition. */
+/* info.c - prints statistics of a model (number of Gaussians, position, size, opacity, nonfinite values) and
+ * tables of a partition; compares and copies the imaging.txt beside models. */
 #include "cli.h"
 
 #include <math.h>
@@ -83,7 +83,7 @@ static void info_imaging_path(const char *model, char path[4096])
     snprintf(path, 4096, "%.*simaging.txt", base ? (int)(base + 1 - model) : 0, model);
 }
 
-/* Opens the imaging.txt beside `model`; NULL: there is none. */
+/* Opens the imaging.txt beside `model`; returns NULL if there is none. */
 static FILE *info_open_imaging(const char *model)
 {
     char path[4096];
@@ -91,7 +91,7 @@ static FILE *info_open_imaging(const char *model)
     return oxl_open(path);
 }
 
-/* Returns 1 for a model that has learned what the medium shows: scene.ply. */
+/* Returns 1 for scene.* and scene_standard.*, whose colours hold the medium, as viewers need it. */
 static int info_is_for_viewers(const char *model)
 {
     const char *base = strrchr(model, '/');
@@ -109,7 +109,7 @@ static int info_is_pose(const char *line)
     return strncmp(line, "pose ", 5) == 0;
 }
 
-static int info_is_medium(const char *line) /* bD, bB, Binf, falloff */
+static int info_is_medium(const char *line) /* of bD, bB, Binf or falloff */
 {
     return line[0] == 'b' || line[0] == 'B' || line[0] == 'f';
 }
@@ -130,13 +130,13 @@ int info_has_gains_alone(const char *model)
     return clear != NULL;
 }
 
-/* Returns 1 for a line that models for viewers have in their colours; gains: info_has_gains_alone. */
+/* Returns 1 for a line whose effect the colours of a model for viewers hold; gains: info_has_gains_alone. */
 static int info_is_hidden(const char *line, int gains)
 {
     return info_is_medium(line) || (gains && info_is_gain(line));
 }
 
-/* Finds the checksum of the file as it was written: a copy may lack lines. */
+/* Returns 1 for the line with the file's checksum, which a copy without some of the lines must not have. */
 static int info_is_checksum(const char *line)
 {
     return strncmp(line, "# checksum ", 11) == 0;
@@ -166,7 +166,8 @@ static void info_write_imaging(FILE *to, const char *path, int json)
     if (file) fclose(file);
 }
 
-/* Adds the lines of imaging.txt beside `model`, the hidden or all others. Returns 1 if there is the file. */
+/* Adds the lines of the imaging.txt beside `model` that are hidden, or all the others. Returns 1
+ * if there is such a file. */
 static int info_take_lines(struct output *t, const char *model, int hidden)
 {
     FILE *file = info_open_imaging(model);
@@ -178,12 +179,14 @@ static int info_take_lines(struct output *t, const char *model, int hidden)
     return file != NULL;
 }
 
-/* Compares what `from` and, once written, `to` are rendered with. Returns 1 for the same. */
+/* Compares the lines that `from` is rendered with and those that `to` will be.
+ * Returns 1 if they are the same. */
 static int info_is_same_imaging(const char *from, const char *to, int hidden, struct output *a,
                                 struct output *b)
 {
     if (!hidden || !info_is_for_viewers(from)) info_take_lines(a, from, hidden);
-    if (!info_take_lines(b, to, hidden)) output_bytes(b, a->data ? a->data : "", a->used); /* is copied */
+    /* from's is copied there */
+    if (!info_take_lines(b, to, hidden)) output_bytes(b, a->data ? a->data : "", a->used);
     if (hidden && info_is_for_viewers(to)) b->used = 0;
     return a->failed || b->failed || (a->used == b->used && (!a->used || !memcmp(a->data, b->data, a->used)));
 }
@@ -260,7 +263,7 @@ oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json)
 
 /* ---------------- a partition: each block, and the balance beside the baseline's */
 
-enum { INFO_BLOCKS = 60 }; /* blocks that are listed; partition.txt has them all */
+enum { INFO_BLOCKS = 60 }; /* most blocks that are printed; partition.txt has them all */
 
 static void info_print_balance(FILE *to, const char *what, const char *balanced, const char *midpoint)
 {

@@ -1,6 +1,7 @@
-/* options.c - the commands, and the options that are the program's alone: two tables. The options of a
- * training job are the library's (src/core/options.c); both tables have the same type of row, and parsing,
- * help, the manual page and docs/OPTIONS.md are made from both.
+/* options.c - holds two tables: the commands, and the options that are the program's alone.
+ *
+ * The options of a training job are the library's (src/core/options.c). Both tables have the same type of
+ * row, and parsing, help, the manual page and docs/OPTIONS.md are made from both.
  *
  * Invariant: an option that is in neither table is an error. Nothing is ignored silently.
  */
@@ -82,7 +83,8 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
 /* ---------------- options of the program */
 
 #define STUDIES (IN(ABLATE) | IN(TRADEOFF))
-/* the same options each time: what decides nothing yet is accepted */
+/* Commands that accept all options of train, with or without effect, so that only
+ * the command's name changes. */
 #define TRAINS (IN(TRAIN) | IN(CHECK) | IN(PARTITION))
 #define DRAWS (IN(TRAIN) | IN(CHECK) | IN(MERGE) | IN(RENDER) | IN(EVAL) | STUDIES)
 #define EVERYWHERE (~0u)
@@ -91,10 +93,10 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
     {                    \
         NULL, NULL, NULL \
     }
-#define LEAST 1e-9 /* metres: of what is not 0 */
-#define MOST 1e15  /* metres, seconds: limit of plausible values */
+#define LEAST 1e-9 /* Limits, in metres, a length that may not be 0. */
+#define MOST 1e15  /* Limits plausible values, in metres or seconds. */
 
-/* Defaults are in arguments_default; `use` has a bit for each command. */
+/* Lists the program's options. arguments_default has their defaults; `use` has a bit for each command. */
 /* clang-format off */
 static const oxl_option CLI_OPTIONS[] = {
 /* name, value, kind, field, lowest, highest, default, tier, use, group, help, former name */
@@ -185,7 +187,7 @@ int cli_option_of_job(int index)
     return index < oxl_option_count() ? index : -1;
 }
 
-/* Names the commands that take an option of the job, by its use. */
+/* Returns the commands, a bit each, that take an option of the job with this use. */
 static unsigned cli_commands_of(unsigned use)
 {
     unsigned commands = 0;
@@ -198,7 +200,7 @@ static unsigned cli_commands_of(unsigned use)
     return commands;
 }
 
-/* Returns 1 for what the rows of an ablation differ by. */
+/* Returns 1 for the options by which the rows of an ablation differ. */
 int cli_is_study_variable(const char *name)
 {
     static const char *const names[] = {"ucd", "keep", "dog", "cut"};

@@ -1,17 +1,17 @@
-/* ortho.c - a map of a model: the orthomosaic and the height of the ground, from straight above.
+/* ortho.c - renders a map of a model from straight above: the orthomosaic and the height of the ground.
  *
  * Rays are parallel to the frame's above axis, so a place is at one pixel whatever its height. They begin at
- * the highest camera: what floats above it is not seen. The map is rendered in patches, each a view of its
- * own. A pixel is empty where the model is see-through, or where fewer than --min-views training views saw
- * the place (ground.c); it has a colour but no height where no layer of the model is the surface, or where fewer
- * views confirm it.
+ * the highest camera, so that what floats above it is not seen. The map is rendered in patches, each a view
+ * of its own. A pixel is empty where the model is see-through, or where fewer than --min-views training views
+ * see the place (ground.c). It has a colour but no height where no layer of the model is the surface, or
+ * where fewer views confirm it.
  *
- * Map coordinates are the world's x and y, or distances along the frame's axes from its centre, in metres with
- * --scale. World file: ESRI's six lines, pixel size, two turns (0), minus pixel size, and the place of the
- * top-left pixel's centre.
+ * Map coordinates are the world's x and y, or distances along the frame's axes from its centre, in metres
+ * with --scale. The world file has ESRI's six lines: pixel size, two turns (0), minus pixel size, and the
+ * place of the top-left pixel's centre.
  *
- * Invariant: pixel corners lie at multiples of the pixel size in map coordinates, so maps of one frame and
- * pixel size fit each other.
+ * Invariant: pixel corners lie at multiples of the pixel size in map coordinates, so that maps of one frame
+ * and pixel size fit each other.
  */
 #include "cli.h"
 
@@ -20,34 +20,38 @@
 #include <string.h>
 
 enum {
-    ORTHO_PATCH = 1024,     /* px: side of a patch */
-    ORTHO_SIDE_MAX = 32768, /* px */
-    ORTHO_CHECKED = 100000  /* points that the heights are compared with */
+    ORTHO_PATCH = 1024,     /* px; side of a patch */
+    ORTHO_SIDE_MAX = 32768, /* px; longest side of a map */
+    ORTHO_CHECKED = 100000  /* most points that the heights are compared with */
 };
 #define ORTHO_FRAME "# map x, y and height = this matrix times the survey's X, Y, Z, 1\n"
-#define ORTHO_RIM 0.1 /* of an image's sides: a Gaussian whose centre is this near beside it may show in it */
+/* Rim around an image, as a fraction of its sides: a Gaussian whose centre lies in
+ * it may show in the image. */
+#define ORTHO_RIM 0.1
 
 struct ortho {
     oxl_context *ctx;
     const oxl_scene *scene;
     struct frame frame;
-    double unit;     /* metres a unit, or 1 */
-    double pixel;    /* units */
-    double sampling; /* units: median ground sampling distance of the training views; 0: not known */
-    int fit;         /* px that the longer side has at most; 0: as the pixel size requires */
-    /* pixels with ground: that any training view sees, that --min-views see, and of these with a height */
+    double unit;     /* metres a unit; 1 without --scale */
+    double pixel;    /* units; side of a pixel */
+    double sampling; /* units; median ground sampling distance of the training views; 0: not known */
+    int fit;         /* px; most that the longer side has; 0: as many as the pixel size requires */
+    /* numbers of pixels with ground that any training view sees; that --min-views see; that have a height */
     size_t ground_seen, ground_covered, ground_high;
-    double ground; /* units: median distance of the ground from the cameras */
-    double top;    /* above the frame's centre: the highest camera, units */
+    double ground; /* units; median distance of the ground from the cameras; 0: not known */
+    double top;    /* units; height of the highest camera above the frame's centre */
     double low[2], high[2];
     int width, height;
-    double corner[2]; /* of the top-left pixel, outer: along right and up from the frame's centre, units */
-    double shift[3];  /* of map coordinates: the centre's, units */
-    int *order;       /* training views */
+    /* units; outer corner of the top-left pixel, along right and up from the frame's centre */
+    double corner[2];
+    double shift[3]; /* units; map coordinates of the frame's centre */
+    int *order;      /* indices of the training views */
     int views;
     unsigned char *rgba; /* (height,width,4) */
-    float *ground_level; /* (height,width) of what has a colour, above the frame's centre, units; NaN: none */
-    float *level;        /* (height,width) heights in map units, NaN: none */
+    /* (height,width) units; height above the frame's centre where there is a colour; NaN: there is none */
+    float *ground_level;
+    float *level; /* (height,width) map units; height; NaN: none */
 };
 
 /* ---------------- what the views see */
@@ -65,7 +69,7 @@ static int ortho_compare(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Sets the training views and their height. 0: no memory. */
+/* Lists the training views, and finds the height of the highest of all cameras. Returns 0 without memory. */
 static int ortho_list_views(struct ortho *o)
 {
     const int all = oxl_scene_view_count(o->scene);
@@ -80,7 +84,8 @@ static int ortho_list_views(struct ortho *o)
     return o->order != NULL;
 }
 
-/* Makes Gaussians invisible whose centres lie in no training view's image, nor near it. Returns their number. */
+/* Makes Gaussians invisible whose centres lie in no training view's image, nor near it. Returns their number.
+ * Leaves a model in pages as it is: its Gaussians are not in memory. */
 static size_t ortho_hide_unseen(const struct ortho *o, oxl_large_model *large)
 {
     oxl_model *model = &large->model;
@@ -98,7 +103,7 @@ static size_t ortho_hide_unseen(const struct ortho *o, oxl_large_model *large)
 
 /* ---------------- the map's place */
 
-/* Sets size and corner, with pixel corners at multiples of the pixel size. */
+/* Sets the map's size and corner, with pixel corners at multiples of the pixel size. */
 static void ortho_lay_out(struct ortho *o)
 {
     const double *origin = oxl_scene_origin(o->scene);
@@ -114,8 +119,8 @@ static void ortho_lay_out(struct ortho *o)
     o->corner[1] = (double)last[1] * o->pixel - o->shift[1];
 }
 
-/* Of the pixels; level (height,width), seen (2,height,width) with the confirmed behind the seen; both NULL where
- * places alone are wanted. */
+/* Describes the map to ground.c. level (height,width); seen (2,height,width), the views that see a place and
+ * then those that confirm it; both NULL where only places are wanted. */
 static struct ground ortho_ground(const struct ortho *o, float *level, unsigned short *seen)
 {
     return (struct ground){&o->frame,
@@ -156,7 +161,7 @@ static unsigned char ortho_byte(float value)
     return (unsigned char)(255 * fminf(fmaxf(value, 0), 1) + 0.5f);
 }
 
-/* Copies a patch; pixels without depth stay empty. */
+/* Copies a patch into the map; pixels without depth stay empty. */
 static void ortho_take(struct ortho *o, const oxl_image *image, const float *depth, int left, int top)
 {
     const size_t plane = (size_t)image->width * (size_t)image->height;
@@ -174,13 +179,14 @@ static void ortho_take(struct ortho *o, const oxl_image *image, const float *dep
     }
 }
 
-/* Empties pixels that fewer views saw, takes the heights of those that fewer confirm, and counts the others. */
+/* Empties pixels that fewer than min_views see, removes the heights that fewer
+ * confirm, and counts the others. */
 static oxl_result ortho_keep_seen(struct ortho *o, const oxl_large_model *model, int min_views)
 {
     const size_t pixels = (size_t)o->width * (size_t)o->height;
     unsigned short *seen = malloc(2 * sizeof *seen * pixels);
     const struct ground g = ortho_ground(o, o->ground_level, seen);
-    /* an overview is quick: what is hidden counts as seen */
+    /* Takes hidden places as seen in an overview (o->fit), so that it is quick. */
     oxl_result rc =
         seen ? ground_count_views(o->ctx, o->fit ? NULL : model, o->scene, &g)
              : oxl_fail(o->ctx, OXL_ERR_MEMORY, "ortho: no memory for %d x %d px", o->width, o->height);
@@ -229,7 +235,7 @@ static oxl_result ortho_draw(struct ortho *o, const oxl_large_model *model, int 
 
 /* ---------------- files */
 
-/* 1: map coordinates are metres east and north of a known place. */
+/* Returns 1 if map coordinates are metres east and north of a known place. */
 static int ortho_reference(const struct ortho *o)
 {
     return oxl_scene_reference(o->scene) && o->frame.is_world && !(fabs(o->unit - 1) > 0);
@@ -261,7 +267,7 @@ static oxl_result ortho_write_tiffs(const struct ortho *o, const struct argument
     return rc == OXL_OK ? geotiff_write(o->ctx, path, &g, o->level) : rc;
 }
 
-/* The 3 x 4 matrix from the world's coordinates to the map's x, y and height. */
+/* Writes the 3 x 4 matrix from the world's coordinates to the map's x, y and height. */
 static oxl_result ortho_write_frame(const struct ortho *o, const char *folder)
 {
     const double *origin = oxl_scene_origin(o->scene);
@@ -294,7 +300,8 @@ static int ortho_write_world_file(const struct ortho *o, const char *folder)
     return output_save(&t, path);
 }
 
-/* Empty pixels are black in the PNG, NaN in the float map. */
+/* Writes the map as ortho.png, ortho.pgw and ortho.height.pfm. Empty pixels are black in the
+ * PNG, NaN in the float map. */
 static oxl_result ortho_write_png(const struct ortho *o, const char *folder)
 {
     const size_t plane = (size_t)o->width * (size_t)o->height;
@@ -314,8 +321,8 @@ static oxl_result ortho_write_png(const struct ortho *o, const char *folder)
 
 /* ---------------- what it says */
 
-/* The heights against the survey's points. Returns the median difference in units, NaN: none has a height; of
- * the points in the map, *none is the share without. */
+/* Compares the heights with the survey's points. Returns the median difference in units, NaN: none has a
+ * height. Sets the number compared, and *none to the share without a height of the points on the map. */
 static double ortho_compare_points(const struct ortho *o, size_t *compared, double *none)
 {
     const size_t count = oxl_scene_point_count(o->scene), stride = 1 + count / ORTHO_CHECKED;
@@ -375,8 +382,9 @@ static void ortho_say(const struct ortho *o, const struct arguments *a, size_t h
     ortho_say_heights(o, to);
 }
 
-/* ---------------- */
+/* ---------------- the whole map */
 
+/* Chooses the frame, the pixel size and the bounds of the map, and refuses what cannot be mapped. */
 static oxl_result ortho_open(struct ortho *o, const oxl_large_model *model, const struct arguments *a)
 {
     oxl_result rc;
@@ -430,8 +438,8 @@ static int ortho_has(const char *folder, const char *name)
     return file != NULL;
 }
 
-/* Refuses to replace a map of another program: one of ours has our words in its GeoKeys, and what --png adds
- * has ortho.height.pfm beside it. */
+/* Refuses to replace a map of another program. One of ours has our words in its GeoKeys; the files of --png
+ * hold no words, so they are ours where ortho.tif and ortho.height.pfm are there. */
 static oxl_result ortho_check_files(const struct ortho *o, const struct arguments *a)
 {
     static const char *const with_png[] = {"ortho.png", "ortho.pgw", "ortho.height.pfm"};
@@ -473,7 +481,7 @@ oxl_result ortho_overview(oxl_context *ctx, oxl_large_model *model, const oxl_sc
                           struct overview *out)
 {
     const struct arguments a = {.out = ""};
-    static const float empty[3] = {0.035f, 0.10f, 0.14f}; /* the report's map has the same */
+    static const float empty[3] = {0.035f, 0.10f, 0.14f}; /* the colour of the report's map */
     struct ortho o = {.ctx = ctx, .scene = scene, .unit = 1, .fit = side};
     size_t compared;
     double none;

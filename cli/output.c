@@ -1,7 +1,8 @@
-/* output.c - text that grows in memory or goes to a file; its numbers do not depend on the locale. Strings of
- * JSON.
+/* output.c - writes text in memory or to a file, with numbers that do not depend on the locale; reads and
+ * writes strings of JSON.
  *
  * A load test writes gigabytes of digits; printf would take most of the time and may write decimal commas.
+ *
  * Invariant: files are atomic; errors are kept and reported on close.
  */
 #include "cli.h"
@@ -12,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { OUTPUT_FLUSH = 1 << 16 }; /* bytes: a file is written in pieces of about so many */
+enum { OUTPUT_FLUSH = 1 << 16 }; /* Size, in bytes, of the pieces in which a file is written. */
 
 static void output_flush(struct output *t)
 {
@@ -37,7 +38,7 @@ void output_bytes(struct output *t, const void *data, size_t size)
 
 /* ---------------- numbers */
 
-/* Writes at least `least` digits of value before `end`. Returns their start. */
+/* Writes the digits of `value` before `end`, `least` of them or more. Returns their start. */
 static char *output_digits(char *end, unsigned long long value, int least)
 {
     char *at = end;
@@ -48,8 +49,8 @@ static char *output_digits(char *end, unsigned long long value, int least)
     return at;
 }
 
-/* Writes digits before `end`, rounded half up. Returns their start: `end` if |value| x 10^decimals is not
- * below 9e18. */
+/* Writes a number before `end`, rounded half up. Returns its start; `end` if |value| x
+ * 10^decimals is not below 9e18. */
 static char *output_fixed_before(char *end, double value, int decimals)
 {
     unsigned long long power = 1, scaled;
@@ -76,7 +77,7 @@ const char *output_fixed(char out[32], double value, int decimals)
 
 /* ---------------- formats */
 
-/* Adds text without the control characters that XML does not have. */
+/* Adds text, escaped, without the control characters that XML does not have. */
 static void output_escaped(struct output *t, const char *text, size_t size)
 {
     static const char special[] = "&<>\"'";
@@ -98,7 +99,7 @@ static void output_json(struct output *t, const char *value)
     free(text);
 }
 
-/* Adds the conversion at `at`, a percent sign. Returns what follows it. */
+/* Adds the conversion at `at`, which is a percent sign. Returns what follows the conversion. */
 static const char *output_convert(struct output *t, const char *at, va_list *list)
 {
     char digits[32], *last = digits + sizeof digits;
@@ -155,7 +156,7 @@ void output_add(struct output *t, const char *format, ...)
     va_end(list);
 }
 
-/* Groups of three digits, with narrow spaces that do not break. */
+/* Writes a count; numbers of more than four digits have narrow no-break spaces between groups of three. */
 const char *output_count(char out[40], double value)
 {
     char digits[32];
@@ -221,7 +222,8 @@ char *output_read(const char *folder, const char *name, size_t *size)
     return text;
 }
 
-/* Searches a file piece by piece for `mark`, shorter than a piece. */
+/* Returns 1 if the file holds `mark`, which is shorter than a piece. Keeps the end of each
+ * piece, where a mark may begin. */
 static int output_has(FILE *file, const char *mark)
 {
     enum { PIECE = 1 << 14 };
@@ -269,7 +271,7 @@ int output_close(struct output *t)
     if (t->file) {
         output_flush(t);
         written = fclose(t->file) == 0 && !t->failed;
-        if (written && rename(t->temporary, t->path) != 0) /* Windows replaces no file */
+        if (written && rename(t->temporary, t->path) != 0) /* Windows does not replace a file */
             written = remove(t->path) == 0 && rename(t->temporary, t->path) == 0;
         if (!written) remove(t->temporary);
     }
@@ -286,8 +288,8 @@ int output_save(struct output *t, const char *path)
 
 /* ---------------- what a terminal shows */
 
-/* Counts the bytes of the UTF-8 character at s, or 0: it is none. Overlong and too large ones count as
- * characters. */
+/* Returns the number of bytes of the UTF-8 character at s; 0: it is none. Overlong characters and those past
+ * U+10FFFF count as characters, except where their first byte alone gives them away. */
 static size_t print_character(const unsigned char *s)
 {
     const size_t size = s[0] < 0x80   ? 1
@@ -301,8 +303,8 @@ static size_t print_character(const unsigned char *s)
     return size;
 }
 
-/* Returns 1 if a character moves the cursor, changes the terminal, or the order in which it shows
- * characters. */
+/* Returns 1 if a character moves the cursor, or changes the terminal or the order in
+ * which it shows characters. */
 static int print_controls(const unsigned char *s, size_t size)
 {
     if (size == 1) return (s[0] < ' ' && s[0] != '\n' && s[0] != '\t') || s[0] == 0x7F;

@@ -1,9 +1,11 @@
-/* report.c - report.html: quality, decisions with evidence, curves and the command that repeats a run, on one
- * page.
+/* report.c - writes report.html: quality, decisions with evidence, curves and the command that repeats a run,
+ * on one page.
  *
- * It reads OUT's run.json, metrics.json, partition.svg, blocks/KKK/{block.json,log.csv} and renders/, and the
- * survey for the map. Invariant: every figure on the page is from one of these files; what is absent is left
- * out or reported as missing.
+ * It reads OUT's run.json, metrics.json, partition.svg, blocks/KKK/{block.json,log.csv}, renders/,
+ * training_views/ and scene.ply, and the survey for the map.
+ *
+ * Invariant: every figure on the page is from one of these files; what is absent is left out or reported as
+ * missing.
  */
 #include "report_state.h"
 
@@ -12,9 +14,9 @@
 #include <string.h>
 
 enum {
-    REPORT_EVIDENCE = 3,
-    REPORT_NOTES = 12,    /* lines that are shown at once */
-    REPORT_LINES = 100000 /* at all */
+    REPORT_EVIDENCE = 3,  /* lines of evidence that are shown at once */
+    REPORT_NOTES = 12,    /* lines of warnings that are shown at once */
+    REPORT_LINES = 100000 /* most lines of a list */
 };
 
 /* ---------------- at the top */
@@ -69,11 +71,11 @@ static void report_head(struct report *r)
 
 struct report_list {
     struct report *r;
-    const char *tag;   /* of a line: "small", "li" */
-    int folded, count; /* lines from the one on that only a click shows; so far */
+    const char *tag;   /* tag of a line: "small" or "li" */
+    int folded, count; /* number of lines before those that a click shows; number of lines so far */
 };
 
-/* block -1: of the whole job. */
+/* Adds a line about a block; block -1: about the whole job. */
 static void report_line(struct report_list *list, int block, const char *text)
 {
     struct output *t = &list->r->page;
@@ -84,7 +86,7 @@ static void report_line(struct report_list *list, int block, const char *text)
     output_add(t, "%S</%s>\n", text, list->tag);
 }
 
-/* The warnings among the log lines. */
+/* Adds the warnings among the log lines of the job and of each part. */
 static void report_notes(struct report_list *list)
 {
     struct report *r = list->r;
@@ -139,7 +141,7 @@ static void report_survey(struct report *r)
 
 /* ---------------- decisions */
 
-/* "CHOSEN: EVIDENCE" of a decision, from run.json (block -1) or block.json. */
+/* Adds "CHOSEN: EVIDENCE" of a decision from run.json (block -1) or block.json. */
 static void report_decision(struct report_list *list, int block, const char *name)
 {
     const char *json = block < 0 ? list->r->run : list->r->block[block].json;
@@ -153,7 +155,7 @@ static void report_decision(struct report_list *list, int block, const char *nam
     free(evidence);
 }
 
-/* What was set is written above; this is what was decided, in each part. */
+/* Adds what was decided in each part; the caller has written what the option was set to. */
 static void report_evidence(struct report *r, const char *name, int first, int end)
 {
     struct report_list list = {r, "small", REPORT_EVIDENCE, 0};
@@ -249,8 +251,8 @@ static void report_shell(struct output *t, const char *word)
     output_add(t, "%S", PRINT_WORD(word));
 }
 
-/* Adds the options that differ from the preset's; of_survey: those alone that eval and render need, too, for
- * the same images. */
+/* Adds the options that differ from the preset's; of_survey: only those that eval and render need too,
+ * to have the same images. */
 static void report_options(struct report *r, int of_survey)
 {
     const unsigned uses = OXL_OPTION_OF_SURVEY | OXL_OPTION_OF_TRAINING | OXL_OPTION_OF_RESULT,
@@ -272,7 +274,7 @@ static void report_options(struct report *r, int of_survey)
     }
 }
 
-/* Adds the command that gives the same bytes. */
+/* Adds the command that gives the same bytes as this run. */
 static void report_command(struct report *r)
 {
     output_add(&r->page, "oceanxl train ");

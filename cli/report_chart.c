@@ -1,7 +1,8 @@
-/* report_chart.c - curves over the iterations as inline SVG: loss, PSNR, Gaussians, depth weights, memory; a
- * line for each block.
+/* report_chart.c - draws curves over the iterations as inline SVG: loss, PSNR, Gaussians, depth weights,
+ * memory; a line for each block.
  *
- * Lengths are in the drawing's own units; rendered 420 wide it is read on a phone as it is.
+ * Lengths are in the drawing's own units; at a width of 420 px a phone shows it unscaled.
+ *
  * Invariant: an axis begins and ends on a multiple of its step, and every value lies within.
  */
 #include "report_state.h"
@@ -16,14 +17,15 @@ enum {
     CURVE_RIGHT = 14,
     CURVE_TOP = 12,
     CURVE_FOOT = 28,
-    CURVE_NAMED = 6,    /* as many colours as the style has; with more blocks, all lines are alike */
-    CURVE_POINTS = 4000 /* of a chart at most, over all blocks */
+    /* most blocks with a colour each, as the style has them; with more, all lines are alike */
+    CURVE_NAMED = 6,
+    CURVE_POINTS = 4000 /* most points of a chart, about, over all blocks */
 };
 
 static const struct curve {
-    const char *title, *unit;  /* the unit with its comma */
-    enum log_column column[2]; /* the second: dashed, when it is another */
-    double scale;              /* shown = value / scale */
+    const char *title, *unit;  /* unit: with the comma before it */
+    enum log_column column[2]; /* the second is drawn dashed, if it is another column */
+    double scale;              /* divisor of the values that are shown */
     int from_zero;
 } CURVES[] = {
     {"Loss, smoothed", "", {LOG_LOSS, LOG_LOSS}, 1, 1},
@@ -48,7 +50,7 @@ static struct curve_axis curve_axis_round(double low, double high)
     return a;
 }
 
-/* 0: there is no value. */
+/* Sets the axes of a chart. Returns 0 if it has no values to show. */
 static int curve_axes(const struct report *r, const struct curve *c, struct curve_axis *x,
                       struct curve_axis *y)
 {
@@ -63,7 +65,7 @@ static int curve_axes(const struct report *r, const struct curve *c, struct curv
                 if (value > high) high = value;
             }
         }
-    /* weights that stayed at 1 are no curve */
+    /* Shows no curve of depth weights that stayed at 1. */
     if (!(low <= high) || (c->column[0] == LOG_F_MID && high <= 1)) return 0;
     *x = curve_axis_round(0, last);
     *y = curve_axis_round(c->from_zero && low > 0 ? 0 : low, high);
@@ -97,6 +99,7 @@ static void curve_grid(struct output *t, const struct curve_axis *x, const struc
                    OUTPUT_COUNT(x->low + i * x->step));
 }
 
+/* Draws the curve of a block; leaves out rows, but not the last, so that the chart has about CURVE_POINTS. */
 static void curve_line(struct output *t, const struct report *r, int block, const struct curve *c, int second,
                        const struct curve_axis *x, const struct curve_axis *y)
 {

@@ -1,19 +1,20 @@
-/* report_ground.c - the survey and the model from above: the orthomosaic reduced to the page, ground sampling
- * distance, area and coverage.
+/* report_ground.c - writes the survey and the model from above: the orthomosaic reduced to the page, ground
+ * sampling distance, area and coverage.
  *
- * Lengths are in the survey's unit, metres if it is georeferenced, or with --scale. Invariant: without a survey, a model or
- * points the page has no figure of the ground, and says so.
+ * Lengths are in the survey's unit, or in metres with --scale.
+ *
+ * Invariant: without a survey, a model or points the page has no figure of the ground, and says so.
  */
 #include "report_state.h"
 
 #include <math.h>
 #include <string.h>
 
-enum { GROUND_SIDE = 800 /* px */ };
-#define GROUND_LITTLE 0.6 /* of the ground: fewer heights are shown as a warning */
+enum { GROUND_SIDE = 800 /* px; longest side of the orthomosaic on the page */ };
+#define GROUND_LITTLE 0.6 /* Share of the ground with a height below which the page warns. */
 
-/* Opens the model that other viewers show, and renders it from above; one that does not fit in memory has no
- * overview. */
+/* Opens the model that other viewers show, and renders it from above. Gives no overview of one
+ * that does not fit in memory. */
 static void ground_render(struct report *r)
 {
     char path[4200];
@@ -53,7 +54,7 @@ void ground_close(struct report *r)
     oxl_context_free(r->silent);
 }
 
-/* Decimals for two digits or more of a value above 0. */
+/* Returns the decimals that show two digits or more of a value above 0. */
 static int ground_digits(double value)
 {
     return (int)fmin(9, fmax(0, 1 - floor(log10(value))));

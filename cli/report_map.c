@@ -1,7 +1,7 @@
-/* report_map.c - the survey from above (frame.c): its points in their colours, the cameras on top.
+/* report_map.c - draws the survey from above (frame.c): its points in their colours, the cameras on top.
  *
- * The points become one image, so the page does not grow with them; cameras are drawn on it, so they are
- * distinguishable at any size.
+ * The points become one image, so that the page does not grow with them; cameras are drawn over it as
+ * circles, so that they are distinguishable at any size.
  */
 #include "report_state.h"
 #include "../src/core/svg.h"
@@ -15,11 +15,13 @@ enum { MAP_WIDTH = 960, MAP_CAMERAS = 4000 };
 struct map {
     const oxl_scene *scene;
     struct frame frame;
-    double low[2], high[2]; /* along right and up */
+    double low[2], high[2]; /* bounds of the map along right and up, units */
     double scale;           /* px a unit */
     int width, height;
 };
 
+/* Sets the scale and the size of the map, with a margin. Reduces the scale where the map would be
+ * higher than twice its width. */
 static void map_size(struct map *m)
 {
     const double wide = fmax(m->high[0] - m->low[0], 1e-9), tall = fmax(m->high[1] - m->low[1], 1e-9),
@@ -43,7 +45,8 @@ static double map_y(const struct map *m, const double p[3])
 
 /* ---------------- the image of the points */
 
-/* The highest point shows; top (H,W). */
+/* Draws the points as squares, which are larger where there are few. The highest point of a pixel
+ * shows. top (H,W): its height. */
 static void map_draw_points(const struct map *m, oxl_image *image, double *top)
 {
     const oxl_point *point = oxl_scene_points(m->scene);
@@ -101,7 +104,7 @@ static void map_cameras(struct output *t, const struct map *m)
         }
 }
 
-/* A bar of 1, 2 or 5 times a power of ten, a fifth of the width at most. */
+/* Draws a scale bar of 1, 2 or 5 times a power of ten, a fifth of the width at most. */
 static void map_ruler(struct report *r, const struct map *m)
 {
     struct output *t = &r->page;

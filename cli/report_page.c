@@ -1,13 +1,14 @@
-/* report_page.c - the frame of the page: style, base64, JPEG.
+/* report_page.c - writes the frame of the page: style, base64, JPEG.
  *
- * One column that fits a phone, wider where there is room; light or dark as the reader's system is; black on
- * white on paper.
+ * The page has one column, which fits a phone and is wider where there is room; it is light or dark as the
+ * reader's system is, and black on white on paper.
+ *
  * Invariant: the page asks the network for nothing, and no name from outside reaches it unescaped.
  */
 #include "report_state.h"
 
-/* Ink on paper has a contrast of at least 7 : 1 in both themes, the pale ink 4.5 : 1 (WCAG 2.1, levels AAA
- * and AA). */
+/* Styles the page. Ink on its ground has a contrast of at least 7 : 1 in both themes, the pale ink 4.5 : 1
+ * (WCAG 2.1, levels AAA and AA). */
 static const char *const PAGE_STYLE[] = {
     ":root{--paper:#f5f8f9;--card:#fff;--ink:#14232b;--pale:#506470;--line:#d5dfe4;--sea:#0a6781;--warn:#9a4a00;--good:#1d6b3a;"
     "--s0:#0a6781;--s1:#b4530f;--s2:#5b4bb4;--s3:#2c7a3f;--s4:#a32b62;--s5:#6b6b00;color-scheme:light dark}",
@@ -66,7 +67,7 @@ void page_section(struct report *r, const char *title)
     output_add(&r->page, "%s<section>\n<h2>%s</h2>\n", r->sections++ ? "</section>\n" : "", title);
 }
 
-/* RFC 4648, table 1. */
+/* Writes a data: URI in base64 (RFC 4648, table 1). */
 void page_data(struct output *t, const char *type, const void *data, size_t size)
 {
     static const char digit[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";

@@ -11,7 +11,7 @@ enum { REPORT_BLOCKS = 100000 };
 static const char *const REPORT_NAMES[LOG_COLUMNS] = {"iteration", "loss",  "psnr",          "gaussians",
                                                       "f_mid",     "f_far", "peak_rss_bytes"};
 
-/* The position of a column in the first line; -1: there is none. */
+/* Returns the position of a column in the first line; -1: there is no such column. */
 static int report_place(const char *line, const char *name)
 {
     for (int i = 0;; i++, line++) {

@@ -1,11 +1,11 @@
-/* report_verdict.c - what the figures of the evaluated views mean, in words.
+/* report_verdict.c - says in words what the figures of the evaluated views mean.
  *
- * The grade is the lower of two: of structure, the correlation of detail, and of explained contrast, the share
- * of the images' variance that the model accounts for. PSNR takes no part: it is high where images are dark or
- * even, whatever the model shows.
+ * The grade is the lower of two: of structure, the correlation of detail, and of explained contrast, the
+ * share of the images' variance that the model accounts for. PSNR takes no part: it is high where images are
+ * dark or even, whatever the model shows.
  *
- * The limits are chosen, not derived: round numbers between drafts of eight surveys, which were looked at.
- * Structure, explained contrast: caliterra 0.99, 0.97 and subvo_pool 0.98, 0.96 are very good; synth 0.93,
+ * The limits are chosen, not derived: round numbers between drafts of eight surveys, which were looked at. By
+ * structure and explained contrast, caliterra 0.99, 0.97 and subvo_pool 0.98, 0.96 are very good; synth 0.93,
  * 0.94, haltbrekken_a 0.92, 0.88 and seneca 0.88, 0.89 good; brighton_beach, 15 images, 0.62, 0.80 poor. No
  * survey at hand is fair by structure (0.70 to 0.85) but the ridge of synth, at its upper end: 0.85, 0.87.
  */
@@ -14,11 +14,14 @@
 #include <math.h>
 #include <string.h>
 
-#define VERDICT_GAP 0.08     /* of structure, training less held-out views: the model fits its images only */
-#define VERDICT_EXPOSURE 0.5 /* dB that one factor a channel mends */
+/* Gap of structure, training less held-out views, from which the page says that the
+ * model fits its images only. */
+#define VERDICT_GAP 0.08
+/* dB that one factor a channel must mend for the page to say that brightness differs, not shape. */
+#define VERDICT_EXPOSURE 0.5
 
 struct verdict {
-    double structure, explained; /* at least; explained: share of the variance */
+    double structure, explained; /* least values of the grade; explained: share of the variance */
     const char *word, *mark, *meaning;
 };
 
@@ -108,7 +111,7 @@ void verdict_section(struct report *r)
     const double structure = oxl_json_number(r->metrics, "structure"),
                  explained = oxl_json_number(r->metrics, "explained"), share = 1 - pow(10, -explained / 10);
     const struct verdict *v = verdict_of(structure, isfinite(explained) ? share : HUGE_VAL);
-    if (!r->metrics || !isfinite(structure)) return; /* of a run before it was measured */
+    if (!r->metrics || !isfinite(structure)) return; /* a run from before structure was measured has none */
     page_section(r, "Verdict");
     output_add(&r->page, "<p><b class=\"%s\">Image quality: %s.</b> In the mean of the views, %s.</p>\n",
                v->mark, v->word, v->meaning);

@@ -1,8 +1,8 @@
-/* report_views.c - every evaluated view by PSNR; the worst beside their images, with an error map, and those
- * without structure, brightened, with a map of it.
+/* report_views.c - lists every evaluated view by PSNR; shows the worst beside their images, with an error
+ * map, and those without structure, brightened, with a map of it.
  *
- * Images are those of OUT/renders, reduced for the page. The error is the mean over the channels of |rendered
- * - image|.
+ * Images are those of OUT/renders and OUT/training_views, reduced for the page. The error is the mean over
+ * the channels of |rendered - image|.
  */
 #include "report_state.h"
 
@@ -10,14 +10,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { VIEWS_SHOWN = 4, VIEWS_SIDE = 560, VIEWS_OPEN = 12 /* rows that are seen at once */ };
-#define VIEWS_ERROR_FULL 0.25f /* of full white: the brightest colour of the error map */
+enum { VIEWS_SHOWN = 4, VIEWS_SIDE = 560, VIEWS_OPEN = 12 /* rows that are seen without a click */ };
+/* Error, as a fraction of full white, that has the brightest colour of the error map. */
+#define VIEWS_ERROR_FULL 0.25f
 
 struct views_row {
     char *name;
     double psnr, ssim, structure,
-        plain;  /* plain: of scene.ply alone; NaN: not known, as SSIM of training views */
-    char *flag; /* of a training view: "pose", "exposure", "blur", "no structure"; NULL: none */
+        plain; /* plain: PSNR of scene.ply alone; NaN: not known, as is the SSIM of training views */
+    /* what to look at in a training view: "pose", "exposure", "blur", "no structure"; NULL: nothing */
+    char *flag;
 };
 
 struct views {
@@ -34,7 +36,7 @@ static int views_compare(const void *a, const void *b)
     return strcmp(x->name, y->name);
 }
 
-/* In the list's order. */
+/* Reads the rows of a list, in its order, without those that have no name or no PSNR. */
 static struct views views_read(struct report *r, const char *list)
 {
     struct views v = {0};
@@ -63,7 +65,7 @@ static void views_free(struct views *v)
 
 /* ---------------- images */
 
-/* OUT/FOLDER/NAME + suffix, as the library names it. 0: it is not there. */
+/* Reads the image OUT/FOLDER/NAME + suffix, as the library names it. Returns 0 if it is not there. */
 static int views_image(struct report *r, const char *folder, const char *name, const char *suffix,
                        oxl_image *out)
 {
@@ -78,7 +80,7 @@ static int views_image(struct report *r, const char *folder, const char *name, c
     return found;
 }
 
-/* The mean of n x n pixels becomes one, until the longer side is at most VIEWS_SIDE. */
+/* Reduces an image to the means of n x n pixels, so that the longer side is at most VIEWS_SIDE. */
 static oxl_result views_reduce(struct report *r, oxl_image *image)
 {
     const int longer = image->width > image->height ? image->width : image->height,
@@ -102,7 +104,8 @@ static oxl_result views_reduce(struct report *r, oxl_image *image)
     return OXL_OK;
 }
 
-/* From black over blue and green to pale yellow: it grows in brightness, so it reads without colour too. */
+/* Colours of the error map, from black over blue and green to pale yellow. They grow in brightness, so that
+ * the map can be read without colour. */
 static const float VIEWS_RAMP[5][3] = {
     {.02f, .03f, .08f}, {.10f, .22f, .52f}, {.10f, .55f, .53f}, {.55f, .80f, .30f}, {1.f, .97f, .70f}};
 
@@ -134,7 +137,7 @@ static int views_is_fog(const struct views_row *row)
     return row->structure < OXL_STRUCTURE_NONE;
 }
 
-/* Returns a value that `rank` others are not above [Hoare 1961]; the array is reordered. */
+/* Returns the value that would be at `rank` if the array was sorted [Hoare 1961]; reorders the array. */
 static float views_ranked(float *value, size_t count, size_t rank)
 {
     size_t first = 0, end = count;
@@ -154,8 +157,8 @@ static float views_ranked(float *value, size_t count, size_t rank)
     return value[rank];
 }
 
-/* Stretches both to the range of the image, without its darkest and brightest hundredth: a dark image of low
- * contrast hides what its render lacks. */
+/* Stretches both images to the range of `image`, without its darkest and brightest hundredth: a dark image of
+ * low contrast hides what its render lacks. */
 static void views_brighten(struct report *r, oxl_image *image, oxl_image *rendered)
 {
     const size_t values = 3 * (size_t)image->width * (size_t)image->height;
@@ -174,7 +177,8 @@ static void views_brighten(struct report *r, oxl_image *image, oxl_image *render
     }
 }
 
-/* Black: nothing of the image's structure, white: all of it; grey where the image has none. */
+/* Draws a map of structure: black where the render has nothing of the image's, white where it has all, grey
+ * where the image has none. */
 static oxl_result views_structure(struct report *r, const oxl_image *rendered, const oxl_image *image,
                                   oxl_image *out)
 {
@@ -198,6 +202,8 @@ static void views_figure(struct report *r, const oxl_image *image, const char *w
     output_add(&r->page, "\"><figcaption>%s</figcaption></figure>\n", what);
 }
 
+/* Shows a view: image, render and error, brightened and with structure where the render has none; without
+ * medium, and as other viewers show it, where there is such an image. */
 static void views_show(struct report *r, const char *folder, const struct views_row *row)
 {
     struct output *t = &r->page;
@@ -237,7 +243,7 @@ static void views_show(struct report *r, const char *folder, const struct views_
 
 /* ---------------- the section */
 
-/* flags: with a column for what is wrong with a view. */
+/* Writes a table of the views from `from` to `to` - 1. flags: with a column for what is wrong with a view. */
 static void views_rows(struct output *t, const struct views *v, int from, int to, int flags)
 {
     const int with_ssim = from < to && !isnan(v->row[from].ssim);
@@ -262,7 +268,8 @@ static int views_compare_structure(const void *a, const void *b)
     return strcmp(x->name, y->name);
 }
 
-/* Those below OXL_STRUCTURE_NONE, and pictures of the least; sorts the rows. what: "held-out". */
+/* Lists the views below OXL_STRUCTURE_NONE, and shows the worst of them; sorts the rows. what:
+ * "held-out" or "training". */
 static void views_fog(struct report *r, const char *folder, const char *what, struct views *v)
 {
     struct output *t = &r->page;

@@ -1,9 +1,9 @@
-/* scale_bar.c - the scale of a survey in metres per unit: from scale bars in two images or more, or from known
- * distances.
+/* scale_bar.c - measures the scale of a survey in metres per unit, from scale bars in two images or more, or
+ * from known distances.
  *
- * Each end of a bar is seen along a ray in each image; the point nearest to the rays in the least-squares
- * sense is the end. The scale is the one by which the lengths in units fit those in metres best; what is left
- * of each bar tells a wrong click, or a bent model.
+ * Each end of a bar is seen along a ray in each image; the end is the point nearest to the rays in the
+ * least-squares sense. The scale is the one by which the lengths in units fit those in metres best; what is
+ * left of each bar tells a wrong click, or a bent model.
  */
 #include "cli.h"
 
@@ -11,20 +11,20 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define SCALE_MISS \
-    0.03 /* of the bar's length, and of the camera's distance, by which a ray may miss its end */
-#define SCALE_LEFT 0.03 /* of a bar's length: a larger residual is a warning */
+/* Fraction of the bar's length, and of the camera's distance, by which a ray may miss its end. */
+#define SCALE_MISS 0.03
+#define SCALE_LEFT 0.03 /* Fraction of a bar's length from which its residual is a warning. */
 
 enum { SCALE_BARS = 100 };
 
 struct scale_bar {
     double end[2][3], miss[2];
-    double distance[2];   /* of each end from the nearest camera that marks it; 0: none does */
-    double units, metres; /* metres: 0: not known */
+    double distance[2];   /* distance of each end from the nearest camera that marks it; 0: none does */
+    double units, metres; /* length; metres 0: not known */
 };
 
 struct scale_end {
-    /* of the normal equations: sum of (I - d d^T), and of it times the ray's origin */
+    /* normal equations: the sum of (I - d d^T), and the sum of that times the ray's origin */
     double sum[3][3], right[3];
     int rays;
 };
@@ -40,7 +40,7 @@ static void scale_add_ray(struct scale_end *e, const double origin[3], const dou
     e->rays++;
 }
 
-/* Solves the normal equations by Cramer's rule; 0: the rays are parallel. */
+/* Solves the normal equations by Cramer's rule. Returns 0 if the rays are parallel. */
 static int scale_solve(const struct scale_end *e, double out[3])
 {
     double c[3][3], det;
@@ -76,6 +76,8 @@ static int scale_comma(const char **at, const char *end)
     return 1;
 }
 
+/* Takes three numbers alone as X,Y,Z, even if an image has a number for a name: a place in
+ * images needs two of them. */
 oxl_result scale_place(oxl_context *ctx, const oxl_scene *scene, const char *text, size_t length,
                        double out[3], double *miss, double *distance)
 {
@@ -123,7 +125,7 @@ oxl_result scale_place(oxl_context *ctx, const oxl_scene *scene, const char *tex
     return OXL_OK;
 }
 
-/* Reads a bar of `size` bytes, its length in metres behind '='. */
+/* Reads the bar in `size` bytes, with its length in metres behind '='. */
 static oxl_result scale_read_bar(oxl_context *ctx, const oxl_scene *scene, const char *text, size_t size,
                                  struct scale_bar *out)
 {
@@ -147,8 +149,8 @@ static oxl_result scale_read_bar(oxl_context *ctx, const oxl_scene *scene, const
     return rc;
 }
 
-/* Refuses rays that do not meet, measured by the bar, and by the distance from which they were seen: a wrong
- * click far away makes a long bar, of which the miss is a small part. */
+/* Refuses rays that miss each other by too much of the bar, or of the distance from which they were seen: a
+ * wrong click far away makes a long bar, of which the miss is a small part. */
 static oxl_result scale_check(oxl_context *ctx, const struct scale_bar *b)
 {
     if (b->metres > 0 && !(b->units > 0))
@@ -170,7 +172,8 @@ static oxl_result scale_check(oxl_context *ctx, const struct scale_bar *b)
     return OXL_OK;
 }
 
-/* Measures the diagonal of the box of the points, without the outermost on each side. */
+/* Returns the diagonal, seen from above, of the box of the cameras and of the points without the
+ * outermost; 0: not known. */
 static double scale_survey_size(const oxl_scene *scene)
 {
     struct frame f;
@@ -192,7 +195,8 @@ static void scale_print(const oxl_scene *scene, const struct scale_bar *b, doubl
         fprintf(to, "warning   the survey is only %.3g units long: an end may be marked wrongly\n", survey);
 }
 
-/* Fits the scale to all bars of known length by least squares, and prints what it leaves of each. */
+/* Fits the scale to all bars of known length by least squares, and prints it, and what it leaves of each
+ * bar if there are several. */
 static void scale_print_fit(const struct scale_bar *bar, int count, FILE *to)
 {
     double products = 0, squares = 0, scale;

@@ -1,4 +1,5 @@
-/* synth_options.c - what a synthetic survey is like without options: the help of both programs states it. */
+/* synth_options.c - sets the defaults of a synthetic survey. They are not in lab/, because the help of
+ * both programs states them. */
 #include "cli.h"
 
 synth_options synth_options_default(void)

@@ -1,5 +1,5 @@
-/* belongs.c - checks whether images, points and poses belong together: colours (match.c), and where that or
- * the tracks say that they do not, the conventions of poses (conventions.c).
+/* belongs.c - checks whether images, points and poses belong together: by colours (match.c) and, if these or
+ * the tracks say that they do not, by the conventions of poses (conventions.c).
  */
 #include "checks.h"
 #include "match.h"

@@ -8,36 +8,40 @@
 
 /* ---------------- lint.c: contradictions between readable files */
 
-/* fraction of observations outside their image from which the whole survey is reported */
+/* Fraction of observations outside their image from which on the whole survey is reported. */
 #define LINT_MISSED_SURVEY 0.1
-/* Sets s->missed; s->unusable and s->masked. Findings are logged. OXL_ERR_INPUT: no image can be used. */
+/* Sets s->missed, the fraction of observations outside their image, and logs wrong poses. */
 OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
+/* Sets s->unusable and s->masked, and logs what is wrong with images and masks.
+ * OXL_ERR_INPUT: no image can be used. */
 OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
-/* Compares the sizes of masks and images, from the files' headers. */
+/* Compares the shapes of masks and images by the files' headers. */
 OXL_INTERNAL oxl_result lint_masks(oxl_context *ctx, const oxl_scene *scene);
-/* Checks the header and segments of an image. */
+/* Checks the header and segments of an image, and its shape. */
 OXL_INTERNAL oxl_result lint_image(oxl_context *ctx, const oxl_scene *scene, int view);
-/* Compares where points project with where images saw them, and logs what does not fit (reprojection.c). */
+/* Compares the pixels that points project to with those where images saw them, and logs what does
+ * not fit (reprojection.c). */
 OXL_INTERNAL oxl_result reprojection_check(oxl_context *ctx, const oxl_scene *scene);
-/* (match.c) Compares images with the points, and poses where s->missed says so or there are no tracks; logs
- * what does not fit. Sets s->foreign. damaged: 1: logs images that cannot be decoded, as training does. */
+/* Compares images with the points and, if s->missed says so or there are no tracks, poses; logs what does not
+ * fit and sets s->foreign (belongs.c). damaged 1: logs images that cannot be decoded, as training does. */
 OXL_INTERNAL oxl_result match_check(oxl_context *ctx, oxl_scene *scene, int damaged, oxl_survey *s);
-/* Finds 16-bit images of fewer bits, and masks without a black pixel (values.c). */
+/* Finds principal points far from the middle, 16-bit images of fewer bits, and masks without
+ * a black pixel (values.c). */
 OXL_INTERNAL oxl_result values_check(oxl_context *ctx, oxl_scene *scene);
-/* Decodes every image; logs and counts blurred and badly exposed ones (quality.c). */
+/* Decodes every image; logs and counts blurred and badly exposed images (quality.c). */
 OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_survey *s);
 
 /* ---------------- quality.c: images that differ from those taken next to them */
 
 enum { QUALITY_NEIGHBOURS = 8 };
-#define QUALITY_BLUR 0.6 /* an image below this fraction of its neighbours' sharpness is blurred */
-/* Lists the indices, among `count` views, of the cameras nearest to `of` that look the same way, nearest
- * first; returns their number. */
+#define QUALITY_BLUR 0.6 /* Counts an image as blurred below this fraction of its neighbours' sharpness. */
+/* Lists the cameras nearest to `of` that look the same way, nearest first, as indices among `count`
+ * views; returns their number. */
 OXL_INTERNAL int quality_nearest(const oxl_scene *scene, const int *view, int count, int of,
                                  int out[QUALITY_NEIGHBOURS]);
-/* Returns the sharpness, whatever the exposure: the mean absolute second difference of the green channel
- * along the axis where it is less (motion blurs one), over the mean. fine: the same over that of differences
- * over 2 px, which blur lowers and a plain surface does not; or NULL. */
+/* Returns the sharpness, independent of exposure: the mean absolute second difference of the green channel
+ * over the channel's mean, along the axis where it is less, since motion blurs one axis. fine: this
+ * difference over that of pixels 2 px apart, which blur lowers and a plain surface does not; or NULL. */
 OXL_INTERNAL double quality_sharpness(const struct training_image *image, double *fine);
 
 #endif

@@ -1,5 +1,5 @@
-/* conventions.c - for surveys without tracks: do poses and points fit, and if not, in which convention were
- * the poses written?
+/* conventions.c - finds whether poses and points of a survey without tracks fit, and if not, in which
+ * convention the poses were written.
  *
  * Tracks would tell which points an image observes (lint.c). Without them, points in front of the cameras and
  * inside the images are counted, and their colours compared with the images. Where that fails, the poses are
@@ -12,30 +12,32 @@
 #include "../survey/survey.h"
 
 enum {
-    CONVENTIONS_VIEWS = 24,   /* images in which others are tried */
-    CONVENTIONS_EMPTY = 8,    /* points: an image with fewer shows nothing of the model */
-    CONVENTIONS_POINTS = 100, /* surveys with fewer are not judged by their number */
-    CONVENTIONS_LEAST = 3,    /* images */
-    CONVENTIONS_NAMED = 3     /* images named of each convention */
+    CONVENTIONS_VIEWS = 24,   /* most images in which other conventions are tried */
+    CONVENTIONS_EMPTY = 8,    /* points; an image with fewer shows nothing of the model */
+    CONVENTIONS_POINTS = 100, /* points; a survey with fewer is not judged */
+    CONVENTIONS_LEAST = 3,    /* images; a survey with fewer is not judged */
+    CONVENTIONS_NAMED = 3     /* images that are named for each convention */
 };
-#define CONVENTIONS_CORRELATION 0.15 /* that another convention must have in the median, */
-#define CONVENTIONS_FILLED 0.8       /* or fraction of the images that must have points, */
-#define CONVENTIONS_UNFILLED 0.2     /* where at most this fraction has as it was read */
+#define CONVENTIONS_CORRELATION 0.15 /* Least median correlation of another convention. */
+/* Least fraction of the images that must have points in another convention, if few have them as read. */
+#define CONVENTIONS_FILLED 0.8
+/* Greatest fraction of the images with points as read, at which points alone may decide. */
+#define CONVENTIONS_UNFILLED 0.2
 
-/* What is done to a pose between the two changes of axes; x: the rotation, t: the translation. */
+/* Names what is done to a pose between the two changes of axes, with x the rotation and t the translation. */
 enum convention_turn {
     TURN_NONE,
     TURN_INVERTED,   /* x^T, -x^T t */
-    TURN_TRANSPOSED, /* x^T, with the camera's centre where it is */
+    TURN_TRANSPOSED, /* x^T; the camera's centre stays */
     TURN_ROTATION,   /* x^T, t */
     TURN_CENTRE,     /* x, -x t */
     TURN_XYZW        /* the quaternion's parts in the order x y z w */
 };
 static const struct convention {
     enum convention_turn turn;
-    int flip_first, flip; /* 1: y and z negated before, after */
-    int world[3];         /* axis of the points for each of the poses' world, from 1; negative: negated */
-    const char *of_json, *of_colmap; /* what it is called; NULL: none writes it */
+    int flip_first, flip; /* 1: y and z are negated before, after the turn */
+    int world[3]; /* axis of the points for each axis of the poses' world, from 1; negative: negated */
+    const char *of_json, *of_colmap; /* name of the convention in messages; NULL: no program writes it */
 } conventions[] = {
     {TURN_NONE,
      0,
@@ -96,14 +98,14 @@ static void convention_transpose(double r[9])
         }
 }
 
-/* t = -r t */
+/* Sets t = -r t. */
 static void convention_minus(const double r[9], double t[3])
 {
     const double x[3] = {t[0], t[1], t[2]};
     for (int i = 0; i < 3; i++) t[i] = -(r[3 * i] * x[0] + r[3 * i + 1] * x[1] + r[3 * i + 2] * x[2]);
 }
 
-/* q: the quaternion as it was read */
+/* Applies a turn to a pose. q: the quaternion as read. */
 static void convention_turn(enum convention_turn turn, const double q[4], double r[9], double t[3])
 {
     double centre[9];
@@ -122,7 +124,7 @@ static void convention_flip(double r[9], double t[3])
     t[1] = -t[1], t[2] = -t[2];
 }
 
-/* Returns the camera of a view, read in another way. */
+/* Returns the camera of a view whose pose is read in another convention. */
 static oxl_camera convention_apply(const struct convention *c, const oxl_scene *scene, int view)
 {
     const oxl_camera *as_read = &oxl_scene_view(scene, view)->camera;
@@ -139,7 +141,7 @@ static oxl_camera convention_apply(const struct convention *c, const oxl_scene *
     if (c->flip) convention_flip(r, t);
     for (int i = 0; i < 3; i++) {
         for (int k = 0; k < 3; k++) {
-            const int axis = abs(c->world[k]) - 1; /* p'[k] = +-p[axis] */
+            const int axis = abs(c->world[k]) - 1; /* since p'[k] = +-p[axis] */
             out.rotation[3 * i + axis] = r[3 * i + k] * (c->world[k] < 0 ? -1 : 1);
         }
         out.translation[i] = t[i];
@@ -155,7 +157,8 @@ static const char *convention_name(const struct match *w, size_t i)
     return json ? conventions[i].of_json : conventions[i].of_colmap;
 }
 
-/* Computes the correlation of the image that was taken last under a convention; room: its points there. */
+/* Correlates the image that match_take_image took last with the points under a convention.
+ * room: gets these points. */
 static double convention_correlate(struct match *w, size_t i, int view, struct match_layout *room)
 {
     const oxl_camera camera = convention_apply(&conventions[i], w->scene, view);
@@ -164,8 +167,8 @@ static double convention_correlate(struct match *w, size_t i, int view, struct m
 }
 
 struct convention_trial {
-    double r[OXL_COUNT(conventions)][CONVENTIONS_VIEWS]; /* correlations */
-    int full[OXL_COUNT(conventions)];                    /* images that have points */
+    double r[OXL_COUNT(conventions)][CONVENTIONS_VIEWS]; /* correlations of the images */
+    int full[OXL_COUNT(conventions)];                    /* number of images that have points */
     struct match_layout room;
 };
 
@@ -186,7 +189,8 @@ static oxl_result conventions_try(struct match *w, int tried, struct convention_
     return OXL_OK;
 }
 
-/* Finds which other convention fits; NULL: none. filled: of the images as read. */
+/* Finds the other convention that fits; NULL: none does. filled: fraction of the
+ * images with points as read. */
 static oxl_result conventions_find(struct match *w, double filled, const char **name)
 {
     const int tried = OXL_MIN(w->count, (int)CONVENTIONS_VIEWS);
@@ -219,11 +223,11 @@ static const char *conventions_wanted(const struct match *w)
 /* ---------------- poses of which some are in another convention */
 
 struct convention_mixed {
-    int image[OXL_COUNT(conventions)];                    /* images that fit it */
-    int named[OXL_COUNT(conventions)][CONVENTIONS_NAMED]; /* the first of these, by their views */
+    int image[OXL_COUNT(conventions)];                    /* number of images that fit the convention */
+    int named[OXL_COUNT(conventions)][CONVENTIONS_NAMED]; /* first of these images, as views */
 };
 
-/* Finds the convention of an image that does not fit as it was read. */
+/* Finds the convention of an image that does not fit as read. */
 static oxl_result convention_place(struct match *w, int k, double high, struct match_layout *room,
                                    struct convention_mixed *m)
 {
@@ -242,8 +246,8 @@ static oxl_result convention_place(struct match *w, int k, double high, struct m
     return OXL_OK;
 }
 
-/* Says which images fit in another convention, as the exception where the others fit as they were read.
- * *found: there are some. */
+/* Warns of images that fit in another convention while the other images fit as read. *found
+ * 1: there are such images. */
 static oxl_result conventions_find_mixed(struct match *w, int *found)
 {
     struct match_layout *room = oxl_calloc(w->ctx, 1, sizeof *room);
@@ -275,7 +279,7 @@ static oxl_result conventions_find_mixed(struct match *w, int *found)
     return rc;
 }
 
-/* Says that poses and points do not fit, and in which convention they would. */
+/* Warns that poses and points do not fit, and names the convention in which they would. */
 static void conventions_warn(const struct match *w, const char *name, int empty)
 {
     struct text how = {.ctx = w->ctx};
@@ -288,6 +292,7 @@ static void conventions_warn(const struct match *w, const char *name, int empty)
     text_free(&how);
 }
 
+/* Looks for a convention for all poses first, then for single poses among poses that fit. */
 OXL_INTERNAL oxl_result conventions_check(struct match *w, int *found)
 {
     const char *name = NULL;

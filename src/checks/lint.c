@@ -14,17 +14,17 @@
 #include "../survey/tracks.h"
 
 enum {
-    LINT_SAMPLE = 1 << 16, /* track entries checked, at a fixed stride */
-    LINT_MIN = 4,          /* minimum of entries to check an image */
-    LINT_NAMED = 3         /* images or masks named per message */
+    LINT_SAMPLE = 1 << 16, /* most track entries that are checked, at a fixed stride */
+    LINT_MIN = 4,          /* least entries by which an image is judged */
+    LINT_NAMED = 3         /* images or masks that are named per message */
 };
-#define LINT_MARGIN 0.05 /* tolerance outside the image, of the longer side */
-#define LINT_MISSED 0.5  /* fraction of points outside an image from which its pose counts as wrong */
+#define LINT_MARGIN 0.05 /* Tolerance outside the image, as a fraction of its longer side. */
+#define LINT_MISSED 0.5  /* Fraction of points outside an image from which on its pose counts as wrong. */
 
 /* ---------------- poses and points */
 
 struct lint_view {
-    size_t seen, missed; /* entries checked; of these, outside the image */
+    size_t seen, missed; /* number of entries checked; number of these outside the image */
 };
 
 static int lint_is_in_frame(const oxl_scene *scene, int view, const double world[3])
@@ -42,7 +42,7 @@ static int lint_is_in_frame(const oxl_scene *scene, int view, const double world
            pixel[1] <= from->height + margin;
 }
 
-/* Counts observations outside their image. view_of: (images) each image's view, -1: none. */
+/* Counts observations outside their image. view_of: (images) view of each image; -1: none. */
 static void lint_count(const oxl_scene *scene, const int *view_of, struct lint_view *views)
 {
     const struct colmap *c = scene_colmap(scene);
@@ -60,7 +60,8 @@ static int lint_has_misses(const struct lint_view *v)
     return v->seen >= LINT_MIN && (double)v->missed > LINT_MISSED * (double)v->seen;
 }
 
-/* Names a few wrong poses; if the remaining views do not fit either, the whole survey is reported. */
+/* Names a few wrong poses, unless so many views do not fit that the whole survey is reported. Without the
+ * wrong ones, s->missed is the fraction of the other views. */
 static void lint_sum_up(oxl_context *ctx, const oxl_scene *scene, const struct lint_view *views,
                         oxl_survey *s)
 {
@@ -101,7 +102,7 @@ OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *sce
 
 /* ---------------- images and masks */
 
-/* Damaged pixel data are found on decoding. */
+/* Checks what an image's header and segments tell; damaged pixel data are found by decoding. */
 OXL_INTERNAL oxl_result lint_image(oxl_context *ctx, const oxl_scene *scene, int view)
 {
     const char *name = oxl_scene_view(scene, view)->name;
@@ -120,7 +121,7 @@ static void lint_warn_aspect(oxl_context *ctx, const char *path, int width, int 
                 path, width, height);
 }
 
-/* Reads a mask. *counts: the fraction of pixels that are not black. */
+/* Reads a mask and checks it. *counts: fraction of pixels that are not black. */
 static oxl_result lint_mask(oxl_context *ctx, const oxl_scene *scene, int view, int *stretched,
                             double *counts)
 {

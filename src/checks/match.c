@@ -15,26 +15,31 @@
 #include "../survey/tracks.h"
 
 enum {
-    MATCH_VIEWS = 256,   /* limit of images */
-    MATCH_SIDE = 320,    /* px: longer side of the brightness that is compared */
-    MATCH_OTHERS = 4,    /* images whose points give the correlation by chance */
-    MATCH_POINTS = 8192, /* limit of points to project where there are no tracks */
-    MATCH_NAMED = 3,     /* images named */
-    MATCH_MANY = 12
+    MATCH_VIEWS = 256,   /* most images */
+    MATCH_SIDE = 320,    /* px; longer side of the brightness that is compared */
+    MATCH_OTHERS = 4,    /* number of other images whose points give the correlation by chance */
+    MATCH_POINTS = 8192, /* most points to project if there are no tracks */
+    MATCH_NAMED = 3,     /* images that are named */
+    MATCH_MANY = 12      /* images from which on MATCH_ALWAYS decides */
 };
-#define MATCH_CLIP 1.5    /* times the median of the absolute differences */
-#define MATCH_BORDER 0.01 /* of the side: points so close to it are left out */
-#define MATCH_BETTER 0.06 /* by which another map must be better in the median */
-#define MATCH_WINS 0.7    /* and the fraction of the images in which it is; */
-#define MATCH_STEADY 0.03 /* or this, */
-#define MATCH_ALWAYS 0.9  /* in this fraction of at least MATCH_MANY images */
-/* of the correlation that a tenth of the images exceeds: images below are looked at */
+#define MATCH_CLIP 1.5    /* Limit of differences, in medians of their absolute values. */
+#define MATCH_BORDER 0.01 /* Border of an image, as a fraction of its sides, whose points are left out. */
+/* Gain of the median correlation by which another map is accepted, if it wins in the fraction
+ * MATCH_WINS of the images. */
+#define MATCH_BETTER 0.06
+#define MATCH_WINS 0.7    /* Least fraction of the images in which a map wins. */
+#define MATCH_STEADY 0.03 /* Least gain of another map in any case. */
+/* Fraction of the images in which a map wins that is accepted whatever its gain, with
+ * MATCH_MANY images or more. */
+#define MATCH_ALWAYS 0.9
+/* Fraction of the correlation that a tenth of the images exceeds, below which an image is looked at. */
 #define MATCH_SUSPECT 0.5
-#define MATCH_ELSEWHERE 0.25  /* by which such an image must fit better turned, or at another place */
-#define MATCH_DEVIATIONS 4.0  /* or be below the other images, and within */
-#define MATCH_NOISE 3.0       /* standard deviations of what chance gives */
-#define MATCH_SIGNIFICANT 5.0 /* standard deviations: what the best of hundreds of places must have */
-#define MATCH_LOW 0.3         /* of the median */
+#define MATCH_ELSEWHERE 0.25 /* Gain by which such an image must fit better turned, or at another place. */
+#define MATCH_DEVIATIONS 4.0 /* Number of spreads by which an image that fits nowhere is below the median. */
+#define MATCH_NOISE 3.0      /* Bound of what chance gives, in standard deviations. */
+/* Least correlation of the best of hundreds of places, in standard deviations. */
+#define MATCH_SIGNIFICANT 5.0
+#define MATCH_LOW 0.3 /* Fraction of the median correlation below which an image that fits nowhere must be. */
 
 /* ---------------- maps */
 
@@ -45,7 +50,7 @@ static void match_add_map(struct match *w, enum match_kind kind, const double m[
     memcpy(map->m, m, sizeof map->m);
 }
 
-/* Finds the part of the image that is left: its size, and where it begins along both sides. */
+/* Adds the map of a cropped image: `size` of its sides is left, from `left` and `top` on. */
 static void match_add_crop(struct match *w, double size, double left, double top)
 {
     match_add_map(w, MATCH_CROPPED, (const double[6]){1 / size, 0, -left / size, 0, 1 / size, -top / size},
@@ -64,7 +69,7 @@ static void match_fill_maps(struct match *w)
     for (int i = 0; i < 2; i++) match_add_map(w, MATCH_QUARTER, quarter[i], 0);
     for (int i = 0; i < 2; i++) match_add_map(w, MATCH_MIRRORED, mirror[i], 0);
     for (size_t i = 0; i < OXL_COUNT(left); i++)
-        for (int k = 0; k < 5; k++) /* the middle, and the corners */
+        for (int k = 0; k < 5; k++) /* Takes the corners, then the middle. */
             match_add_crop(w, left[i], (1 - left[i]) * (k == 4 ? 0.5 : k % 2),
                            (1 - left[i]) * (k == 4 ? 0.5 : k / 2));
     for (size_t i = 0; i < OXL_COUNT(more); i++)
@@ -91,7 +96,8 @@ static void match_apply(const struct match_map *map, const double focal[2], doub
 
 /* ---------------- points of an image */
 
-/* Limits the differences of the values to those of the near points, in place; a NaN: not known. */
+/* Computes the difference of each value to the mean of its near points', limited to MATCH_CLIP medians; NaN:
+ * not known. work: (count) scratch. */
 static void match_differences(const struct match_layout *l, const float *value, double *work, float *out)
 {
     size_t known = 0;
@@ -111,6 +117,7 @@ static void match_differences(const struct match_layout *l, const float *value, 
         if (!isnan(out[k])) out[k] = (float)OXL_CLAMP(out[k], -limit, limit);
 }
 
+/* Finds the nearest points of each point, by insertion into a short sorted list. */
 static void match_find_near(struct match_layout *l)
 {
     for (int k = 0; k < l->count; k++) {
@@ -130,7 +137,7 @@ static void match_find_near(struct match_layout *l)
     }
 }
 
-/* Replaces the colours by their differences. */
+/* Replaces the colours of a layout by their differences. */
 static void match_finish_layout(struct match_layout *l, double *work)
 {
     float difference[MATCH_SAMPLES];
@@ -158,7 +165,7 @@ static void match_add_point(struct match_layout *l, const oxl_camera *c, const d
     l->colour[l->count++] = (float)(point->rgb[0] + point->rgb[1] + point->rgb[2]);
 }
 
-/* Takes every k-th observation of each image; of_image: the layout of each image, or -1. */
+/* Takes every k-th observation of each image. of_image: (images) layout of each image, or -1. */
 static void match_from_tracks(struct match *w, const int *of_image, uint32_t *seen)
 {
     const struct colmap *c = w->colmap;
@@ -175,7 +182,7 @@ static void match_from_tracks(struct match *w, const int *of_image, uint32_t *se
     }
 }
 
-/* Takes every k-th point that the camera has in its image, in the file's order. */
+/* Takes every k-th point that the camera has in its image, in the file's order: counts them first. */
 OXL_INTERNAL void match_by_projection(struct match *w, struct match_layout *l, const oxl_camera *camera)
 {
     const struct colmap *c = w->colmap;
@@ -254,7 +261,7 @@ static oxl_result match_reduce(struct match *w, const struct training_image *ima
     return rc;
 }
 
-/* Returns the mean of 3 x 3 px; NaN: outside, or masked. */
+/* Returns the sum of 3 x 3 px; NaN: outside the image, or masked. */
 static float match_brightness(const struct match_plane *p, double u, double v)
 {
     const int x = (int)(u * p->width), y = (int)(v * p->height);
@@ -270,7 +277,7 @@ static float match_brightness(const struct match_plane *p, double u, double v)
     return sum;
 }
 
-/* Counts points where the image is masked. */
+/* Counts the points at which the image is masked. */
 static int match_count_masked(const struct match *w, const struct match_layout *l)
 {
     int n = 0;
@@ -331,7 +338,8 @@ static void match_images_ahead(struct match *w, int from)
     scene_images_ahead(w->ctx, w->scene, view, n);
 }
 
-/* Says that the pixel data of an image are damaged; what lint_image finds has been said. */
+/* Warns that the pixel data of an image are damaged, unless lint_image finds the same,
+ * which is reported already. */
 static void match_warn_damaged(struct match *w, int view)
 {
     char *text = oxl_strdup(w->ctx, oxl_error_text(w->ctx));
@@ -340,7 +348,7 @@ static void match_warn_damaged(struct match *w, int view)
     oxl_free(w->ctx, text);
 }
 
-/* Compares each image under each map, and by chance. */
+/* Correlates each image with its points under each map, and with other images' points for chance. */
 OXL_INTERNAL oxl_result match_compare(struct match *w, int damaged)
 {
     for (int k = 0; k < w->count; k++) {
@@ -413,7 +421,7 @@ OXL_INTERNAL int match_judged(const struct match *w)
     return n;
 }
 
-/* Finds the map under which the images fit better than as they are; 0: none. */
+/* Finds the map under which the images fit better than as they are; 0: none does. */
 static int match_best_map(struct match *w)
 {
     const double as_is = match_quantile(w, 0, 0.5);
@@ -452,7 +460,7 @@ static const char *match_kind_fix(enum match_kind kind)
                : "use the images that the model was made from, whole and under the same names";
 }
 
-/* Looks for the place of image k: under maps, and at the points of other images. */
+/* Looks for a better fit of image k: at the points of other images, and turned or mirrored. */
 static oxl_result match_find_place(struct match *w, int k, int *fits_map)
 {
     struct match_score *s = &w->score[k];
@@ -472,9 +480,9 @@ static oxl_result match_find_place(struct match *w, int k, int *fits_map)
     return rc;
 }
 
-struct match_found { /* images that do not fit */
+struct match_found { /* Collects images that do not fit. */
     struct text names;
-    int count, elsewhere; /* elsewhere: of these, fit in another way */
+    int count, elsewhere; /* number of images; number of these that fit in another way */
 };
 
 static void match_name(struct match *w, int k, int map, int elsewhere, struct match_found *f)
@@ -490,7 +498,8 @@ static void match_name(struct match *w, int k, int map, int elsewhere, struct ma
                  oxl_scene_view(w->scene, w->layout[s->fits].view)->name);
 }
 
-/* Finds images that fit elsewhere, or nowhere while the others fit well. all: of a survey where none fits. */
+/* Finds images that fit elsewhere, or nowhere while the others fit well. all 1: no
+ * image of the survey fits. */
 static oxl_result match_find_images(struct match *w, int all, struct match_found *f)
 {
     const double high = match_quantile(w, 0, 0.9), median = match_quantile(w, 0, 0.5);
@@ -520,7 +529,7 @@ static oxl_result match_find_images(struct match *w, int all, struct match_found
     return OXL_OK;
 }
 
-/* Writes one message about the whole survey, or about some images. */
+/* Warns once, about the whole survey or about some images. */
 OXL_INTERNAL oxl_result match_judge(struct match *w, int *foreign)
 {
     const int judged = match_judged(w), best = match_best_map(w);
@@ -558,7 +567,7 @@ OXL_INTERNAL oxl_result match_judge(struct match *w, int *foreign)
     return rc;
 }
 
-/* Says that some images have no colours and others have. */
+/* Warns if some images have no colours and others have. */
 static void match_warn_grey(struct match *w)
 {
     struct text names = {.ctx = w->ctx};

@@ -1,5 +1,5 @@
-/* quality.c - images that differ from those taken beside them: blurred, too dark, too bright. Before any
- * training.
+/* quality.c - finds images that differ from those taken beside them, before any training: blurred, too dark,
+ * too bright.
  *
  * Sharpness and light depend on what an image shows, so each view is compared with the median of the 8
  * nearest views with the same direction. The logarithm of that ratio is divided by its spread over all views
@@ -16,31 +16,33 @@
 #include "../core/vecmath.h"
 
 enum {
-    QUALITY_MIN = 6,   /* views; with fewer none is reported */
-    QUALITY_NAMED = 5, /* images per message */
+    QUALITY_MIN = 6,   /* views; with fewer no image is reported */
+    QUALITY_NAMED = 5, /* images that are named per message */
     QUALITY_WHITE = 254,
     QUALITY_BLACK = 4
 };
-#define QUALITY_SPREADS 4.5 /* standard deviations: one of 10^5 views of a normal distribution */
-#define QUALITY_STOPS 1.0   /* of light, more or less than the neighbours */
-/* x the neighbours' fraction of the finest detail, at most: a plain surface has little detail, and it is
- * fine */
+/* Standard deviations from which on an image is reported: one of 10^5 views of a normal distribution. */
+#define QUALITY_SPREADS 4.5
+#define QUALITY_STOPS 1.0 /* Least difference to the neighbours' light, in stops. */
+/* Greatest fraction of the finest detail, in fractions of the neighbours', of a blurred image: a plain
+ * surface has little detail, but it is fine. */
 #define QUALITY_FINE 0.85
-/* against the logarithm of 0 and division by it: an image of one colour has no detail; */
+/* Keeps the logarithm and division from 0, since an image of one colour has no detail. */
 #define QUALITY_TINY 1e-9
-#define QUALITY_DARKEST 1.0  /* a black one no light, of 255 squared */
-#define QUALITY_CLIPPED 0.25 /* fraction of the pixels that are white or black beyond the neighbours' */
+#define QUALITY_DARKEST 1.0 /* Keeps the logarithm from 0 for a black image, in units of 255 squared. */
+/* Fraction of pixels that are white or black beyond the neighbours', from which on an image is reported. */
+#define QUALITY_CLIPPED 0.25
 
 struct quality {
-    double sharpness, fine;     /* of quality_sharpness */
+    double sharpness, fine;     /* from quality_sharpness */
     double light, white, black; /* mean square of the values, as linear light; fractions of clipped pixels */
     int known;
-    double finer, whiter, blacker; /* than the neighbours: quotient, differences */
+    double finer, whiter, blacker; /* compared with the neighbours: quotient, differences */
 };
 
 /* ---------------- neighbours */
 
-/* Computes the distance in extents, and how differently they look: 2 for opposite ways. */
+/* Returns the distance of two cameras in extents, plus how differently they look: 2 for opposite ways. */
 static double quality_distance(const oxl_scene *scene, int a, int b)
 {
     const oxl_camera *x = &oxl_scene_view(scene, a)->camera, *y = &oxl_scene_view(scene, b)->camera;
@@ -77,7 +79,7 @@ OXL_INTERNAL int quality_nearest(const oxl_scene *scene, const int *view, int co
 OXL_INTERNAL double quality_sharpness(const struct training_image *image, double *fine)
 {
     const size_t w = (size_t)image->width, h = (size_t)image->height;
-    uint64_t second[2][2] = {{0}}, sum = 0; /* along x and y; over 1 and 2 px */
+    uint64_t second[2][2] = {{0}}, sum = 0; /* along x and y; 1 and 2 px apart */
     int axis;
     for (size_t y = 2; y + 2 < h; y++)
         for (size_t x = 2; x + 2 < w; x++) {
@@ -122,9 +124,9 @@ static struct quality quality_measure(const struct training_image *image)
 
 struct quality_check {
     oxl_context *ctx;
-    const int *view; /* (count) that can be read */
+    const int *view; /* (count) views that can be read */
     struct quality *image;
-    double *sharp, *light, *work; /* (count) log ratios to the neighbours' medians */
+    double *sharp, *light, *work; /* (count) log ratios to the neighbours' medians; scratch */
     int count;
 };
 
@@ -136,14 +138,15 @@ static double quality_median(const struct quality_check *q, const int *near, int
     return stats_select(value, (size_t)neighbours, 0.5);
 }
 
-/* Returns the distance from the median of all ratios that counts as an outlier, at least `least`. */
+/* Returns the distance from the median of all ratios from which on a view is an outlier, at least
+ * `least`. *middle: the median. */
 static double quality_limit(const struct quality_check *q, const double *ratio, double least, double *middle)
 {
     return OXL_MAX(least, QUALITY_SPREADS * stats_spread(ratio, (size_t)q->count, q->work, middle));
 }
 
-/* Writes one message for the views of a kind, the worst first. by: (count) size of the deviation; 0: not of
- * this kind. */
+/* Warns once of the views of a kind, the worst first. by: (count) size of the
+ * deviation; 0: not of this kind. */
 static int quality_report(const struct quality_check *q, const oxl_scene *scene, double *by, const char *kind,
                           const char *fix)
 {
@@ -165,6 +168,7 @@ static int quality_report(const struct quality_check *q, const oxl_scene *scene,
     return found;
 }
 
+/* Compares each view with its neighbours. Dark or bright images are not reported as blurred, too. */
 static void quality_compare(const struct quality_check *q, const oxl_scene *scene, oxl_survey *s)
 {
     double sharp_middle, light_middle, sharp_limit, light_limit;
@@ -225,7 +229,8 @@ OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_su
         if ((rc = context_stopped(ctx)) != OXL_OK) break;
         scene_images_ahead(ctx, scene, list + i, views - i);
         image = scene_image(ctx, scene, i);
-        if (!image && ctx->failed != OXL_ERR_INPUT) rc = ctx->failed; /* others are named elsewhere */
+        /* Leaves unreadable images to lint_images. */
+        if (!image && ctx->failed != OXL_ERR_INPUT) rc = ctx->failed;
         if (!image) continue;
         q.image[q.count] = quality_measure(image);
         if (q.image[q.count].known) view[q.count++] = i;

@@ -1,11 +1,11 @@
-/* reprojection.c - how far points project from where the images saw them.
+/* reprojection.c - measures how far points project from where the images saw them.
  *
  * COLMAP's images list their 2D points, each with the point that it is of. Camera, pose and point of one
  * model agree to a pixel or two. A wrong focal length or distortion, a pose in another convention, or points
  * of another run are off by many, though they may still project inside the image, where lint.c sees nothing
  * wrong.
  *
- * Invariant: no check changes what is trained. A file that cannot be read any more is for other checks.
+ * Invariant: no check changes what is trained. A file that has become unreadable is left to other checks.
  */
 #include "checks.h"
 #include "../core/bytes.h"
@@ -14,23 +14,24 @@
 #include "../survey/survey.h"
 
 enum {
-    REPROJECTION_VIEWS = 64,     /* limit of images, evenly spaced, */
-    REPROJECTION_POINTS = 256,   /* and of their 2D points */
-    REPROJECTION_FEWEST = 12,    /* images with fewer are not judged */
-    REPROJECTION_NAMED = 3,      /* images named */
-    REPROJECTION_BYTES = 1 << 17 /* of an image's 2D points, which are read from their beginning */
+    REPROJECTION_VIEWS = 64,     /* most images, evenly spaced */
+    REPROJECTION_POINTS = 256,   /* most 2D points of an image */
+    REPROJECTION_FEWEST = 12,    /* 2D points; an image with fewer is not judged */
+    REPROJECTION_NAMED = 3,      /* images that are named */
+    REPROJECTION_BYTES = 1 << 17 /* most bytes of an image's 2D points, from their beginning */
 };
-/* images are reduced by this factor at least; a smaller one is a wrong focal length */
+/* Least factor by which images are reduced; a smaller one is a wrong focal length. */
 #define REPROJECTION_REDUCED 1.25
-#define REPROJECTION_PIXELS 4.0 /* a median error from which an image is wrong, */
-#define REPROJECTION_SIDE 0.004 /* and the same, of the image's longer side */
+#define REPROJECTION_PIXELS 4.0 /* Median error (px) from which on an image is wrong. */
+/* The same limit as a fraction of the image's longer side; the larger one holds. */
+#define REPROJECTION_SIDE 0.004
 
 enum reprojection_pose {
     REPROJECTION_AS_IS,
     REPROJECTION_XYZW,
     REPROJECTION_INVERSE,
-    REPROJECTION_ROTATION, /* transposed, with its translation */
-    REPROJECTION_CENTRE,   /* the camera's place for a translation */
+    REPROJECTION_ROTATION, /* rotation transposed, translation as it is */
+    REPROJECTION_CENTRE,   /* the camera's centre in the place of the translation */
     REPROJECTION_OPENGL,
     REPROJECTION_POSES
 };
@@ -42,12 +43,12 @@ static const char *const reprojection_words[REPROJECTION_POSES] = {
     "the cameras' places stand as translations, and these are -R times the place",
     "the camera axes are those of OpenGL (y up, z back), and y down, z ahead is wanted"};
 
-struct reprojection_seen { /* a 2D point, and the point that it is of */
+struct reprojection_seen { /* Holds a 2D point, and the point that it belongs to. */
     double pixel[2], world[3];
 };
 struct reprojection_view {
     int view, judged;
-    double error[REPROJECTION_POSES]; /* px: medians */
+    double error[REPROJECTION_POSES]; /* px; median errors */
 };
 
 /* ---------------- the 2D points of an image */
@@ -69,7 +70,7 @@ static const char *reprojection_skip(const char *p, const char *end)
     return p;
 }
 
-/* Reads the next of the list. 0: it has ended. */
+/* Reads the next 2D point of the list; 0: the list has ended. */
 static int reprojection_next(enum colmap_format format, const char **p, const char *end, double pixel[2],
                              int64_t *id)
 {
@@ -102,7 +103,7 @@ static int reprojection_list(const struct colmap *c, const char *p, const char *
 
 /* ---------------- errors */
 
-/* Computes the pose, world to camera, that an image would have in another convention. */
+/* Computes the pose, world to camera, that an image has if its file is in another convention. */
 static void reprojection_convert(const struct colmap_image *image, enum reprojection_pose pose, double r[9],
                                  double t[3])
 {
@@ -123,7 +124,7 @@ static void reprojection_convert(const struct colmap_image *image, enum reprojec
     }
 }
 
-/* Computes where the points project, in px of the camera; those behind it have NaN. */
+/* Projects the points to px of the camera; NaN: behind the camera. */
 static void reprojection_project(const oxl_scene *scene, int view, enum reprojection_pose pose,
                                  const struct reprojection_seen *seen, int count, double (*pixel)[2])
 {
@@ -140,7 +141,8 @@ static void reprojection_project(const oxl_scene *scene, int view, enum reprojec
     }
 }
 
-/* Computes the median distance in px, of 2D points times a factor; what has none counts as farthest. */
+/* Returns the median distance in px to the 2D points times `factor`; a point without a
+ * projection counts as farthest. */
 static double reprojection_median(const struct reprojection_seen *seen, int count, double (*pixel)[2],
                                   double factor)
 {
@@ -152,8 +154,8 @@ static double reprojection_median(const struct reprojection_seen *seen, int coun
     return stats_select(error, (size_t)count, 0.5);
 }
 
-/* Returns the median of the ratio of distances from the corner of the image. Who reduces images writes new
- * cameras, and often leaves the 2D points as they were: training does not use them. */
+/* Returns the median ratio of distances from the image's corner. Programs that reduce images write new
+ * cameras, and often leave the 2D points as they were; training does not use these. */
 static double reprojection_factor(const struct reprojection_seen *seen, int count, double (*pixel)[2])
 {
     double ratio[REPROJECTION_POINTS];
@@ -176,7 +178,7 @@ static int reprojection_is_wrong(const oxl_scene *scene, const struct reprojecti
     return v->judged && v->error[REPROJECTION_AS_IS] > reprojection_limit(scene, v->view);
 }
 
-/* Computes the errors of an image, in the other conventions where it is wrong as it was read. */
+/* Computes the errors of an image as read, and in the other conventions if it is wrong as read. */
 static void reprojection_judge(oxl_context *ctx, const oxl_scene *scene, struct os_reader *file, char *text,
                                struct reprojection_view *v)
 {
@@ -203,7 +205,7 @@ static void reprojection_judge(oxl_context *ctx, const oxl_scene *scene, struct 
 
 /* ---------------- messages */
 
-/* Returns the convention by which nine of ten of the wrong images are right; as they are: none. */
+/* Returns the convention in which nine of ten wrong images are right; REPROJECTION_AS_IS: there is none. */
 static enum reprojection_pose reprojection_guess(const oxl_scene *scene, const struct reprojection_view *v,
                                                  int count, int wrong)
 {
@@ -217,7 +219,7 @@ static enum reprojection_pose reprojection_guess(const oxl_scene *scene, const s
     return REPROJECTION_AS_IS;
 }
 
-/* Returns the id of the camera that all wrong images and no other have; -1: there is none. */
+/* Returns the id of the camera that all wrong images have and no other image; -1: there is none. */
 static int64_t reprojection_camera(const oxl_scene *scene, const struct reprojection_view *v, int count)
 {
     int64_t camera = -1;

@@ -1,4 +1,4 @@
-/* values.c - cameras, images and masks whose values are not what they look like: the middle of an image of
+/* values.c - finds cameras, images and masks whose values are not what they look like: a principal point for
  * another size, 16-bit images that use a small part of their range, masks without a black pixel.
  *
  * Invariant: nothing that is trained changes.
@@ -8,16 +8,17 @@
 #include "../survey/scene.h"
 
 enum {
-    VALUES_IMAGES = 16, /* images, and masks, that are looked at */
+    VALUES_IMAGES = 16, /* most images, and most masks, that are looked at */
     VALUES_WHITE = 255,
-    VALUES_DARK = 76,  /* of white: wide images that stay below have values of fewer bits (14 bits: 64) */
-    VALUES_NEARLY = 16 /* a mask's darkest value up to this was meant to be black */
+    /* 16-bit images whose brightest value is at most this, of 255, have values of fewer bits (14 bits: 64) */
+    VALUES_DARK = 76,
+    VALUES_NEARLY = 16 /* a mask's darkest value that was meant to be black */
 };
 
-#define VALUES_MIDDLE 0.3 /* of the sides: a principal point farther from the middle is warned of */
+/* Greatest distance of a principal point from the middle without a warning, in sides. */
+#define VALUES_MIDDLE 0.3
 
-/* Says that the principal point is far from the middle: that of an image of another size, or with x and y
- * exchanged. */
+/* Warns if the principal point is far from the middle: that of another size, or with x and y exchanged. */
 static void values_check_middle(oxl_context *ctx, const oxl_scene *scene)
 {
     int far = 0, first = -1;

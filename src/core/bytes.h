@@ -1,4 +1,4 @@
-/* bytes.h - little-endian numbers in files, whatever the machine's own order. */
+/* bytes.h - reads and writes little-endian numbers in files, whatever the machine's own order. */
 #ifndef OXL_BYTES_H
 #define OXL_BYTES_H
 

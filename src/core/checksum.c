@@ -1,8 +1,8 @@
-/* checksum.c - checksums of working files: what a fault of the disk or another program has changed is not
- * believed.
+/* checksum.c - computes checksums of working files, so that files which a disk's fault or another program has
+ * changed are not used.
  *
- * Fowler, Noll & Vo's FNV-1a, by words of eight bytes, low byte first, the rest by bytes. It finds accidents;
- * who means harm can make a sum, so readers check ranges, too.
+ * Fowler, Noll & Vo's FNV-1a, by words of eight bytes, low byte first, the rest by bytes. It finds accidents,
+ * not forgeries, so readers check ranges, too.
  */
 #include "core.h"
 #include "bytes.h"

@@ -1,9 +1,9 @@
 /* codec.c - wraps stb_image and stb_image_write, the project's decoder and encoder of JPEG, PNG and deflate.
  *
  * stb's SSE2 and NEON paths give the bytes of its C path (integer IDCT, fixed-point colour), which a test
- * checks. Its hooks have no context, so that of the call is kept for its thread; what a call has allocated is
- * in a list, and freed when it ends. stb does not always look at what its allocator returns: where memory is
- * refused, the call is left by longjmp.
+ * checks. Its hooks have no context, so the call's context is kept for its thread; the memory that a call has
+ * allocated is in a list, and freed when the call ends. stb does not always look at what its allocator
+ * returns: if memory is refused, longjmp leaves the call.
  *
  * Invariant: the bytes do not depend on the machine or on the number of threads.
  */
@@ -18,20 +18,20 @@
 #elif defined(__GNUC__)
 #define CODEC_OF_THREAD __thread
 #else
-#define CODEC_OF_THREAD /* a compiler without threads, such as tcc */
+#define CODEC_OF_THREAD /* for a compiler without threads, such as tcc */
 #endif
 
-struct codec_block { /* before the memory that stb gets */
+struct codec_block { /* Stands before the memory that stb gets. */
     struct codec_block *before, *after;
     size_t size;
-    size_t unused; /* the memory is aligned to 16 bytes */
+    size_t unused; /* aligns the memory to 16 bytes */
 };
 
 static CODEC_OF_THREAD struct {
     oxl_context *ctx;
     struct codec_block *newest;
-    jmp_buf *refused;  /* where the call is left when memory is refused */
-    int out_of_memory; /* 1: the last call was */
+    jmp_buf *refused;  /* place to which a call returns if memory is refused */
+    int out_of_memory; /* 1: the last call was refused memory */
 } codec_call;
 
 static void codec_link(struct codec_block *block)
@@ -55,7 +55,7 @@ static void codec_refuse(void)
     longjmp(*codec_call.refused, 1);
 }
 
-/* Zeros: the decoder reads tables that a damaged file does not define. */
+/* Allocates zeros, since the decoder reads tables that a damaged file does not define. */
 static void *codec_malloc(size_t size)
 {
     struct codec_block *block =
@@ -95,7 +95,7 @@ static void codec_enter(oxl_context *ctx, jmp_buf *refused)
     codec_call.out_of_memory = 0;
 }
 
-/* The result leaves the list; all else is freed. */
+/* Ends a call: takes the result out of the list and frees all other memory. */
 static void *codec_leave(void *result)
 {
     if (result) codec_unlink((struct codec_block *)result - 1);
@@ -111,7 +111,7 @@ static int codec_leave_with(int result)
     return result;
 }
 
-/* Begins the function of a call; `otherwise` is its result without memory. */
+/* Begins a call; `otherwise` is the function's result if memory is refused. */
 #define CODEC_ENTER(ctx, otherwise) \
     jmp_buf refused;                \
     codec_enter(ctx, &refused);     \
@@ -129,8 +129,8 @@ static int codec_leave_with(int result)
 #pragma GCC diagnostic ignored "-Wsign-compare"
 #pragma GCC diagnostic ignored "-Wmissing-field-initializers"
 #endif
-/* gcc warns about declared and undefined functions in spite of these pragmas; hence NO_GIF beside ONLY_JPEG
- * and ONLY_PNG, and a macro for a function misspelt in stb_image 2.27. */
+/* Avoids warnings of gcc about declared and undefined functions, which these pragmas do not stop: hence
+ * NO_GIF beside ONLY_JPEG and ONLY_PNG, and a macro for a function misspelt in stb_image 2.27. */
 #define STB_IMAGE_STATIC
 #define STB_IMAGE_IMPLEMENTATION
 #define STBI_NO_STDIO
@@ -143,14 +143,15 @@ static int codec_leave_with(int result)
 #define STBIW_MALLOC(size) codec_malloc(size)
 #define STBIW_REALLOC(old, size) codec_realloc(old, size)
 #define STBIW_FREE(old) codec_release(old)
-#ifdef __TINYC__ /* defines x86-64 without intrinsics */
+#ifdef __TINYC__ /* tcc defines x86-64 and has no intrinsics */
 #define STBI_NO_SIMD
 #endif
 #define stbi_set_unpremultiply_on_load_thread stbi__unpremultiply_on_load_thread
 #include <stb/stb_image.h>
 #define STB_IMAGE_WRITE_STATIC
 #define STB_IMAGE_WRITE_IMPLEMENTATION
-/* Its JPEG encoder shifts bits out of a signed number on purpose: sanitizers must not stop there. */
+/* Keeps sanitizers from stopping at stb's JPEG encoder, which shifts bits out of a
+ * signed number on purpose. */
 #ifdef __clang__
 #pragma clang attribute push(__attribute__((no_sanitize("shift"))), apply_to = function)
 #elif defined(__GNUC__)
@@ -207,7 +208,7 @@ OXL_INTERNAL void codec_free(oxl_context *ctx, void *memory)
 }
 
 /* Sets one filter for all rows and a short search: all five filters and a longer search take 1.6 times as
- * long for the same size (docs/log/SPEED.md). */
+ * long and give the same size (docs/log/SPEED.md). */
 OXL_INTERNAL void codec_begin(void)
 {
     enum { AVERAGE = 3, SEARCH = 5 };
@@ -235,7 +236,8 @@ OXL_INTERNAL unsigned codec_png_checksum(const uint8_t *data, int size)
 OXL_INTERNAL void codec_encode_jpeg(codec_sink *sink, void *user, const uint8_t *rows, int width, int height,
                                     int quality)
 {
-    stbi_write_jpg_to_func(sink, user, width, height, 3, rows, quality); /* allocates nothing */
+    /* Needs no CODEC_ENTER: the encoder allocates nothing. */
+    stbi_write_jpg_to_func(sink, user, width, height, 3, rows, quality);
 }
 
 OXL_INTERNAL int codec_inflate(oxl_context *ctx, void *out, size_t size, const void *data, size_t data_size)

@@ -1,11 +1,12 @@
-/* codec.h - JPEG, PNG and deflate, by stb. codec.c alone includes stb, so that no other file waits for it.
- * Memory is the context's. */
+/* codec.h - declares JPEG, PNG and deflate, by stb. codec.c alone includes stb, so that no other file waits
+ * for it. Memory is the context's. */
 #ifndef OXL_CODEC_H
 #define OXL_CODEC_H
 
 #include "core.h"
 
-/* Reads the size in px and the channels (1 to 4) from the header; 0: damaged, see codec_failure. */
+/* Reads the size in px and the channels (1 to 4) from the header; returns 0 for a damaged
+ * file, see codec_failure. */
 OXL_INTERNAL int codec_read_header(oxl_context *ctx, const void *file, size_t size, int *width, int *height,
                                    int *channels);
 OXL_INTERNAL int codec_is_16_bit(oxl_context *ctx, const void *file, size_t size);
@@ -15,11 +16,11 @@ OXL_INTERNAL uint8_t *codec_decode(oxl_context *ctx, const void *file, size_t si
                                    int *height);
 OXL_INTERNAL uint16_t *codec_decode_16(oxl_context *ctx, const void *file, size_t size, int channels,
                                        int *width, int *height);
-/* Says why the last call of this thread failed; "outofmem": memory was refused. */
+/* Returns why the last call of this thread failed; "outofmem": memory was refused. */
 OXL_INTERNAL const char *codec_failure(void);
 OXL_INTERNAL void codec_free(oxl_context *ctx, void *memory); /* NULL is ignored */
 
-OXL_INTERNAL void codec_begin(void); /* sets stb's PNG parameters; the other functions only read them */
+OXL_INTERNAL void codec_begin(void); /* sets stb's PNG parameters, which the other functions only read */
 /* Encodes interleaved rows of `channels`; NULL: no memory. Free the result with codec_free. */
 OXL_INTERNAL uint8_t *codec_encode_png(oxl_context *ctx, const uint8_t *rows, int width, int height,
                                        int channels, int *size);
@@ -29,7 +30,7 @@ typedef void codec_sink(void *user, void *part, int size);
 OXL_INTERNAL void codec_encode_jpeg(codec_sink *sink, void *user, const uint8_t *rows, int width, int height,
                                     int quality);
 
-/* Inflates raw deflate data to exactly `size` bytes; 0: damaged. */
+/* Inflates raw deflate data to exactly `size` bytes; returns 0 for damaged data. */
 OXL_INTERNAL int codec_inflate(oxl_context *ctx, void *out, size_t size, const void *data, size_t data_size);
 /* Deflates into a zlib stream of *zlib_size bytes; NULL: no memory. Free the result with codec_free. */
 OXL_INTERNAL uint8_t *codec_deflate(oxl_context *ctx, const void *data, size_t size, int *zlib_size);

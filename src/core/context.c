@@ -1,4 +1,4 @@
-/* context.c - the context: options, threads, interruption.
+/* context.c - opens the context: options, threads, interruption.
  *
  * Invariant: all memory of the library comes from ctx->options.reallocate, so that a caller can count it,
  * limit it or make it fail.
@@ -21,8 +21,8 @@ oxl_context_options oxl_context_options_default(void)
     return (oxl_context_options){.seed = 1, .reallocate = context_reallocate, .device = -1};
 }
 
-/* Limits the number of threads, on which the result does not depend: the OpenMP runtime crashes with 100 000.
- * */
+/* Limits the number of threads, since the OpenMP runtime crashes with 100 000;
+ * results do not depend on it. */
 enum { BASE_THREADS_MAX = 1024 };
 
 static int context_threads(int wanted, int *available)
@@ -91,7 +91,7 @@ const char *oxl_isa_name(const oxl_context *ctx)
     return simd_name(ctx->isa);
 }
 
-/* Calls the caller's allocator, one thread at a time. */
+/* Calls the caller's allocator from one thread at a time: it need not be thread-safe. */
 static void *context_reallocate_in_turn(void *user, void *old, size_t size)
 {
     const oxl_context_options *caller = user;

@@ -3,26 +3,26 @@
  *
  * Names: oxl_* is public; OXL_INTERNAL functions start with their module's name and may be called by other
  * modules; static functions belong to their file. In the single translation unit
- * (OXL_UNITY) OXL_INTERNAL is static; in
- * objects per file it is extern, so every dependency must be declared in a header.
+ * (OXL_UNITY) OXL_INTERNAL is static; in objects per file it is extern, so every dependency must be declared
+ * in a header.
  */
 #ifndef OXL_CORE_H
 #define OXL_CORE_H
 
-/* os_posix.c needs POSIX under -std=c99, and the first system header decides, so core.h is included before
- * any system header. */
+/* Selects POSIX for os_posix.c under -std=c99. The first system header decides, so core.h is included
+ * before any system header. */
 #if !defined(_WIN32) && !defined(_POSIX_C_SOURCE)
 #define _POSIX_C_SOURCE 200809L
 #endif
 #if !defined(_WIN32) && !defined(_FILE_OFFSET_BITS)
-/* on 32-bit machines too: files past 2 GB, folders of file systems with large offsets */
+/* Allows files past 2 GB, and folders of file systems with large offsets, on 32-bit machines, too. */
 #define _FILE_OFFSET_BITS 64
 #endif
 #if defined(__MINGW32__) && !defined(__USE_MINGW_ANSI_STDIO)
-#define __USE_MINGW_ANSI_STDIO 1 /* printf as C99 has it: %zu */
+#define __USE_MINGW_ANSI_STDIO 1 /* selects printf of C99: %zu */
 #endif
 #if defined(__APPLE__) && !defined(_DARWIN_C_SOURCE)
-#define _DARWIN_C_SOURCE /* ru_maxrss */
+#define _DARWIN_C_SOURCE /* for ru_maxrss */
 #endif
 
 #include "../../oceanxl.h"
@@ -43,12 +43,12 @@
 #if !defined(OXL_UNITY)
 #define OXL_INTERNAL
 #elif defined(__GNUC__)
-#define OXL_INTERNAL static __attribute__((unused)) /* some functions are used only by tests or benchmarks */
+#define OXL_INTERNAL static __attribute__((unused)) /* some functions are used by tests or benchmarks alone */
 #else
 #define OXL_INTERNAL static
 #endif
 
-/* Declares a constant table ahead of its definition. */
+/* Declares a constant table before its definition. */
 #ifdef OXL_UNITY
 #define OXL_TABLE static
 #else
@@ -70,41 +70,41 @@
 
 struct oxl_context {
     oxl_context_options options;
-    int threads;             /* resolved: at least 1 */
+    int threads;             /* threads in use, at least 1 */
     int isa;                 /* enum isa of simd.h */
-    struct backend *backend; /* of the renderer; NULL: not opened */
+    struct backend *backend; /* backend of the renderer; NULL: not opened */
     char error[1024];
-    struct text *notes; /* copies of log lines, as elements of a JSON array; NULL: not kept */
-    oxl_result failed;  /* code of `error`, for functions that return a pointer or NULL */
+    struct text *notes; /* copies of log lines, as elements of a JSON array; NULL: none are kept */
+    oxl_result failed;  /* code of `error`, for callers of functions that return a pointer */
 };
 
-/* Opens and closes the context without its backend, which is backend.c's. */
+/* Open and close a context without its backend, which backend.c opens. */
 OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_context **out);
 OXL_INTERNAL void context_close(oxl_context *ctx);
 
 OXL_INTERNAL int context_thread(void); /* index of this thread in a parallel region, from 0 */
 
-/* Returns OXL_ERR_INTERRUPTED when the caller asks to stop. For loops over files, images and blocks that
- * report no progress; not while the state is saved, and on one thread only. */
+/* Returns OXL_ERR_INTERRUPTED if the caller asks to stop. Loops over files, images and blocks that report no
+ * progress call it, on one thread only, and never while the state is saved. */
 OXL_INTERNAL oxl_result context_stopped(oxl_context *ctx);
-/* Reports progress; callback may be NULL. Nonzero: the caller stops the run. */
+/* Reports progress; callback may be NULL. Returns nonzero if the caller stops the run. */
 OXL_INTERNAL int context_report(const oxl_callback *callback, const oxl_progress *progress);
 /* Makes a context for one of several threads, with memory from ctx. It does not log and keeps its own
  * errors. */
 OXL_INTERNAL oxl_context context_for_thread(oxl_context *ctx);
 
-/* All memory comes from these, aligned to 64 bytes; NULL if the allocator fails or count x size overflows:
- * then the context has the error, and the caller returns OXL_ERR_MEMORY. */
+/* Allocate all memory of the library, aligned to 64 bytes; NULL if the allocator fails or count x size
+ * overflows: the context then has the error, and the caller returns OXL_ERR_MEMORY. */
 OXL_INTERNAL void *oxl_alloc(oxl_context *ctx, size_t count, size_t size);
 OXL_INTERNAL void *oxl_calloc(oxl_context *ctx, size_t count, size_t size);
-/* Keeps min(old, new) elements; on failure `old` stays valid. */
+/* Changes the number of elements and keeps min(old, new) of them; on failure `old` stays valid. */
 OXL_INTERNAL void *oxl_regrow(oxl_context *ctx, void *old, size_t old_count, size_t new_count, size_t size);
 OXL_INTERNAL void oxl_free(oxl_context *ctx, void *memory);
 OXL_INTERNAL void oxl_free_all(oxl_context *ctx, void *const *memory, size_t count);
 #define OXL_FREE(ctx, ...) oxl_free_all(ctx, (void *[]){__VA_ARGS__}, OXL_COUNT(((void *[]){__VA_ARGS__})))
 
-/* Grows an array until it holds at least `needed` elements of `size` bytes, by a quarter where memory
- * allows, and keeps its contents. array: the address of the pointer to them. */
+/* Grows an array until it holds at least `needed` elements of `size` bytes, by a quarter if memory allows,
+ * and keeps its elements. array: address of the pointer to them. */
 OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capacity, size_t needed,
                                     size_t size);
 
@@ -116,51 +116,51 @@ OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capac
 #define OXL_PRINTF(at, first)
 #endif
 
-/* `return oxl_fail(ctx, OXL_ERR_INPUT, "%s:%d: ...", path, line);`: public, here with its check of the
- * format. */
+/* Sets the context's error and returns rc: `return oxl_fail(ctx, OXL_ERR_INPUT, "%s:%d: ...", path, line);`.
+ * Declares the public function again, with a check of its format. */
 OXL_API oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...) OXL_PRINTF(3, 4);
 OXL_INTERNAL void oxl_log(oxl_context *ctx, oxl_log_level level, const char *format, ...) OXL_PRINTF(3, 4);
 
 /* ---------------- text.c */
 
-/* Holds growing text. A failed allocation sets `failed`, which is tested once at the end. */
+/* Holds growing text. A failed allocation sets `failed`, which callers test once at the end. */
 struct text {
     oxl_context *ctx;
-    char *data; /* terminated; NULL before the first addition */
+    char *data; /* zero-terminated; NULL before the first addition */
     size_t size, capacity;
     int failed;
 };
 OXL_INTERNAL void text_add(struct text *t, const char *format, ...) OXL_PRINTF(2, 3);
 OXL_INTERNAL void text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
-/* Adds the shortest text that parses to the same value; null: not finite. */
+/* Adds a number as text that parses to the same value; "null" if it is not finite. */
 OXL_INTERNAL void text_add_number(struct text *t, double value);
-/* Adds a member of a JSON object, on a line of its own. */
+/* Adds a number as a member of a JSON object, on a line of its own. */
 OXL_INTERNAL void text_add_member(struct text *t, const char *name, double value);
-OXL_INTERNAL int text_has_line(const char *text, const char *line); /* line: without its end */
+OXL_INTERNAL int text_has_line(const char *text, const char *line); /* line: without its newline */
 OXL_INTERNAL void text_free(struct text *t);
 /* Moves the text to *out and empties t; OXL_ERR_MEMORY if an addition failed. */
 OXL_INTERNAL oxl_result text_take(struct text *t, char **out);
 
-/* Copies the text; NULL: no memory. */
+/* Copies text; NULL: no memory. */
 OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s);
 /* Allocates "a/b"; a may be "" or end in a slash. */
 OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b);
-/* Makes the same as a temporary of the enclosing block, the second part from a format: PATH(folder,
- * "blocks/%03d", k). A path that is too long becomes one that cannot exist. */
+/* Makes a path like oxl_path_join in a temporary of the enclosing block, its second part from a format:
+ * PATH(folder, "blocks/%03d", k). A path that is too long becomes one that cannot exist. */
 enum { PATH_LENGTH = 4096 };
 OXL_INTERNAL const char *path_in(char out[PATH_LENGTH], const char *folder, const char *format, ...)
     OXL_PRINTF(3, 4);
 #define PATH(...) path_in((char[PATH_LENGTH]){0}, __VA_ARGS__)
-/* oxl_shell_word as such a temporary, for the commands in messages. */
+/* Makes oxl_shell_word's text in a temporary, for the commands in messages. */
 #define SHELL_WORD(path) oxl_shell_word(path, (char[PATH_LENGTH]){0}, PATH_LENGTH)
 OXL_API const char *oxl_shell_word(const char *path, char *out, size_t size);
 OXL_INTERNAL const char *path_base_name(const char *path); /* part after the last slash */
 
 /* ---------------- number.c: fast, exact, locale-independent number parsing */
 
-/* Parses one decimal number at *cursor, independent of the locale and correctly rounded, as strtod in the C
- * locale; 0: no number.
- * Accepts signs, exponents, nan and inf in the usual spellings, also "-nan(ind)". *cursor moves past it. */
+/* Parses one decimal number at *cursor, which moves past it; returns 0 if there is none. Independent of the
+ * locale and correctly rounded, as strtod in the C locale. Accepts signs, exponents, nan and inf in the usual
+ * spellings, also "-nan(ind)". */
 OXL_INTERNAL int parse_double(const char **cursor, const char *end, double *out);
 OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out);
 
@@ -174,32 +174,35 @@ OXL_INTERNAL void format_shortest(char out[NUMBER_TEXT_MAX], double value);
 /* Writes the shortest text that parses to the same float. */
 OXL_INTERNAL void format_float(char out[NUMBER_TEXT_MAX], float value);
 
-/* Writes the value as text, for %s in a format: it parses to the same value; "null" if it is not finite. */
+/* Returns the value as text for %s in a format, which parses to the same value;
+ * "null" if it is not finite. */
 OXL_INTERNAL const char *number_text(char out[NUMBER_TEXT_MAX], double value);
 #define NUMBER(value) number_text((char[NUMBER_TEXT_MAX]){0}, value)
 
 /* ---------------- options.c: the table of options; other functions are public */
 
 #define UCD_CAP 5.0 /* largest depth weight of UCD */
-/* Sets the options with this flag of `use` to off. */
+/* Turns the options off whose `use` has this flag. */
 OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag);
 
 /* ---------------- os.c, and os_posix.c or os_windows.c: what C99 lacks */
 
-struct os_file_map { /* a whole file in memory, read-only, with one zero byte after it */
+struct os_file_map { /* Holds a whole file in memory, read-only, followed by a zero byte. */
     const char *data;
     size_t size;
 };
 OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out);
-/* Fails for the first bytes of a file that gzip wrote; readers of text, images and PLY files ask. */
+/* Fails if the first bytes are those of a file by gzip, or of a Git LFS pointer; readers of text,
+ * images and PLY files call it. */
 OXL_INTERNAL oxl_result os_refuse_gzip(oxl_context *ctx, const char *path, const void *data, size_t size);
-OXL_INTERNAL int os_is_compressed(const char *path); /* not there, but with .gz behind its name */
-/* Reads a file, but only its first bytes if it does not begin with `start`. */
+/* 1: missing, but there is one with .gz behind its name */
+OXL_INTERNAL int os_is_compressed(const char *path);
+/* Reads a file, or only its first bytes if it does not begin with `start`. */
 OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start,
                                           struct os_file_map *out);
 OXL_INTERNAL void os_release_file(oxl_context *ctx, struct os_file_map *map);
-/* Maps the file: pages are read on use and may be dropped again; no zero byte follows. Systems without
- * mapping read it. */
+/* Maps a file: pages are read on use and may be dropped again; no zero byte follows. Reads it on
+ * systems without mapping. */
 OXL_INTERNAL oxl_result os_map_file(oxl_context *ctx, const char *path, struct os_file_map *out);
 OXL_INTERNAL void os_unmap_file(oxl_context *ctx, struct os_file_map *map);
 
@@ -207,18 +210,18 @@ OXL_INTERNAL void os_unmap_file(oxl_context *ctx, struct os_file_map *map);
 struct os_reader {
     FILE *file;
     const char *path;
-    uint64_t size; /* a hint: a file may grow */
+    uint64_t size; /* bytes; only a hint, since a file may grow */
 };
 OXL_INTERNAL oxl_result os_reader_open(oxl_context *ctx, const char *path, struct os_reader *out);
 OXL_INTERNAL oxl_result os_reader_read(oxl_context *ctx, struct os_reader *r, void *data, size_t size,
-                                       size_t *got); /* *got < size: end of file */
+                                       size_t *got); /* *got < size: the end of the file */
 OXL_INTERNAL oxl_result os_reader_seek(oxl_context *ctx, struct os_reader *r, uint64_t offset);
 OXL_INTERNAL void os_reader_close(struct os_reader *r);
-/* Writes a file whole or not at all: temporary name in the same folder, write, fsync, rename, fsync of the
- * folder. */
+/* Writes a file completely or not at all: temporary name in the same folder, write, fsync,
+ * rename, fsync of the folder. */
 OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size);
 OXL_INTERNAL oxl_result os_write_text(oxl_context *ctx, const char *path, const struct text *t);
-/* Does the same for a file that is produced piece by piece. */
+/* Writes a file as os_write_file does, piece by piece. */
 struct os_writer {
     FILE *file;
     char *path, *temporary;
@@ -226,33 +229,35 @@ struct os_writer {
     int unsynced; /* 1: no fsync, for files that a crash of the machine may lose */
 };
 OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struct os_writer *out);
-OXL_INTERNAL void os_writer_sync(struct os_writer *writer); /* fsync; os_writer_close reports a failure */
-/* Ends the file and gives it its name; rc other than OXL_OK: discards it. */
+/* calls fsync; os_writer_close reports its failure */
+OXL_INTERNAL void os_writer_sync(struct os_writer *writer);
+/* Closes the file and gives it its name; rc other than OXL_OK: discards it. */
 OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writer, oxl_result rc);
 
-/* Opens a file to read; NULL: errno; ENXIO for a pipe, a socket or a device. */
+/* Opens a file to read; NULL: errno has the reason, ENXIO for a pipe, a socket or a device. */
 OXL_INTERNAL FILE *os_open(const char *path);
 OXL_INTERNAL int os_rename(const char *from, const char *to); /* replaces `to`; 0: success */
 OXL_INTERNAL int os_remove(const char *path);                 /* 0: success */
 
-/* Fails with "PATH: WHAT: REASON" of an errno, and what the user can do about it. */
+/* Fails with "PATH: WHAT: REASON" of an errno, and a fix for the user. */
 OXL_INTERNAL oxl_result os_fail(oxl_context *ctx, oxl_result rc, const char *path, const char *what,
                                 int error);
 #ifdef OXL_VULKAN
-/* Opens a library at run time; NULL: not found. */
+/* Opens a shared library at run time; NULL: it is not found. */
 OXL_INTERNAL void *os_library_open(const char *name);
-/* Finds a symbol. out: a function pointer. */
+/* Finds a symbol of the library. out: (size) a function pointer. */
 OXL_INTERNAL void os_library_symbol(void *library, const char *name, void *out, size_t size);
 OXL_INTERNAL void os_library_close(void *library);
 #endif
 
 OXL_INTERNAL int os_is_file(const char *path);
 OXL_INTERNAL int os_is_folder(const char *path);
-OXL_INTERNAL int os_is_special(const char *path);   /* there, and neither file nor folder: a pipe, a device */
+/* 1: exists and is neither file nor folder, e.g. a pipe or a device */
+OXL_INTERNAL int os_is_special(const char *path);
 OXL_INTERNAL int64_t os_modified(const char *path); /* modification time in the system's unit; 0: unknown */
-/* Returns the processors that the process may use (Linux cgroups); 0: no limit known. */
+/* Returns the number of processors that the process may use (Linux cgroups); 0: no limit is known. */
 OXL_INTERNAL int os_processor_quota(void);
-OXL_INTERNAL double os_seconds(void);     /* monotonic clock */
+OXL_INTERNAL double os_seconds(void);     /* seconds of a monotonic clock */
 OXL_INTERNAL size_t os_memory_free(void); /* bytes available without swapping; 0: unknown */
 /* Calls `visit` with the name of each entry of a folder, in any order. */
 OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path,
@@ -261,10 +266,12 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path,
 /* ---------------- checksum.c: checksums of working files */
 
 #define CHECKSUM_SEED UINT64_C(14695981039346656037)
-OXL_INTERNAL uint64_t checksum_add(uint64_t sum, const void *data, size_t size); /* from CHECKSUM_SEED on */
+/* begins with CHECKSUM_SEED */
+OXL_INTERNAL uint64_t checksum_add(uint64_t sum, const void *data, size_t size);
 OXL_INTERNAL oxl_result checksum_of_file(oxl_context *ctx, const char *path, uint64_t *sum);
 
-/* Ends a text with the line "# checksum HEX" of all before it, and reads it back. */
+/* Ends a text with the line "# checksum HEX", the checksum of all text before it;
+ * checksum_of_text compares it. */
 enum checksum_found { CHECKSUM_RIGHT, CHECKSUM_NONE /* the text does not end in one */, CHECKSUM_WRONG };
 OXL_INTERNAL void checksum_end_text(struct text *t);
 OXL_INTERNAL enum checksum_found checksum_of_text(const char *data, size_t size);

@@ -1,4 +1,5 @@
-/* eigen.h - eigenvectors of a symmetric 3 x 3 matrix, for principal axes. The library and the program use it.
+/* eigen.h - computes eigenvectors of a symmetric 3 x 3 matrix, for principal axes. The library and the
+ * program use it.
  *
  * Source: Jacobi rotations (1846). They use only + - * / and the square root, so the result has the same bits
  * on all machines.
@@ -8,8 +9,8 @@
 
 #include <math.h>
 
-enum { EIGEN_SWEEPS = 30 }; /* three or four suffice: convergence is quadratic */
-#define EIGEN_ZERO 1e-30    /* of the trace: an element below it is 0 */
+enum { EIGEN_SWEEPS = 30 }; /* most sweeps; three or four suffice, since convergence is quadratic */
+#define EIGEN_ZERO 1e-30    /* Fraction of the trace below which an element counts as 0. */
 
 /* Rotates rows and columns i and j of a, and rows i and j of v, so that a[i][j] becomes 0. */
 static inline void eigen_rotate(double a[3][3], double v[3][3], int i, int j)
@@ -31,8 +32,8 @@ static inline void eigen_rotate(double a[3][3], double v[3][3], int i, int j)
     }
 }
 
-/* Turns the rows of v into the unit eigenvectors of the symmetric a, in no order, and the diagonal of a into
- * the eigenvalues. */
+/* Makes the rows of v the unit eigenvectors of the symmetric matrix a, in no order, and the
+ * diagonal of a the eigenvalues. */
 static inline void eigen_symmetric(double a[3][3], double v[3][3])
 {
     const double scale = fabs(a[0][0]) + fabs(a[1][1]) + fabs(a[2][2]);
@@ -45,7 +46,7 @@ static inline void eigen_symmetric(double a[3][3], double v[3][3])
 }
 
 /* Returns 1 if the largest element of an axis is negative. An eigenvector has no sign of its own; one rule
- * gives all maps of a survey the same. */
+ * gives all maps of a survey the same orientation. */
 static inline int eigen_is_backward(const double axis[3])
 {
     int largest = 0;

@@ -1,4 +1,4 @@
-/* log.c - log lines: to the caller, and for run.json into the context's notes. */
+/* log.c - writes log lines to the caller, and into the context's notes for run.json. */
 #include "core.h"
 
 OXL_INTERNAL void oxl_log(oxl_context *ctx, oxl_log_level level, const char *format, ...)

@@ -1,4 +1,4 @@
-/* memory.c - errors and allocation, used by every other file. */
+/* memory.c - sets errors and allocates memory for all other files. */
 #include "core.h"
 
 /* ---------------- errors */
@@ -6,7 +6,7 @@
 oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...)
 {
     va_list args;
-    if (!ctx) return rc; /* no context, no text */
+    if (!ctx) return rc; /* Sets no text without a context. */
     va_start(args, format);
     vsnprintf(ctx->error, sizeof ctx->error, format, args);
     va_end(args);
@@ -16,10 +16,10 @@ oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...)
 
 /* ---------------- memory */
 
-/* Blocks are aligned to a cache line; the allocator's pointer is stored directly before the block. */
+/* Aligns blocks to a cache line; the allocator's pointer is stored directly before the block. */
 enum { MEMORY_ALIGN = 64 };
 
-/* Returns the aligned block in `raw`, whose contents move there from `offset`. */
+/* Returns the aligned block in `raw`, and moves the contents there from `offset`. */
 static void *memory_align(char *raw, size_t offset, size_t bytes)
 {
     const uintptr_t aligned =
@@ -42,8 +42,8 @@ OXL_INTERNAL void *oxl_calloc(oxl_context *ctx, size_t count, size_t size)
     return memory;
 }
 
-/* Uses the caller's reallocate, which moves pages of large blocks instead of copying them, where it is
- * realloc of a usual libc. */
+/* Changes a block's size by the caller's reallocate, since realloc of a usual libc moves pages of large
+ * blocks instead of copying them. */
 OXL_INTERNAL void *oxl_regrow(oxl_context *ctx, void *old, size_t old_count, size_t new_count, size_t size)
 {
     const size_t overhead = MEMORY_ALIGN + sizeof(void *);
@@ -77,6 +77,7 @@ OXL_INTERNAL void oxl_free_all(oxl_context *ctx, void *const *memory, size_t cou
     for (size_t i = 0; i < count; i++) oxl_free(ctx, memory[i]);
 }
 
+/* Grows by a quarter, or by as much as is needed if memory refuses more. */
 OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capacity, size_t needed,
                                     size_t size)
 {

@@ -1,9 +1,10 @@
-/* number.c - decimal text to numbers and back, independent of the locale and correctly rounded.
+/* number.c - converts decimal text to numbers and back, independent of the locale and correctly rounded.
  *
  * A decimal number is w x 10^e with an integer w. Of three methods the fastest exact one is used:
  *
- *     w <= 2^53, |e| <= 22    both are doubles without error, so one division or product rounds once (Clinger
- *     1990) w < 2^64, |e| <= 27     5^|e| has 63 bits: 128-bit integers hold all digits that rounding needs
+ *     w <= 2^53, |e| <= 22    both are doubles without error, so one division or product rounds once
+ *                             (Clinger 1990)
+ *     w < 2^64, |e| <= 27     5^|e| has 63 bits: 128-bit integers hold all digits that rounding needs
  *     otherwise               strtod on text without a decimal point, which is the same in every locale
  *
  * Invariant: equal to strtod in the "C" locale; hexadecimal numbers and leading blanks are not accepted.
@@ -37,7 +38,8 @@ OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out)
     for (first = p; p < end && number_is_digit(*p); p++) w = 10 * w + (uint64_t)(*p - '0');
     if (p == first) return 0;
     if (p - first > 18 && !number_fits(first, p, (uint64_t)INT64_MAX + (uint64_t)negative)) return 0;
-    *out = negative && w > 0 ? -(int64_t)(w - 1) - 1 : (int64_t)w; /* -INT64_MIN is not an int64_t */
+    /* Avoids -INT64_MIN, which int64_t does not hold. */
+    *out = negative && w > 0 ? -(int64_t)(w - 1) - 1 : (int64_t)w;
     *cursor = p;
     return 1;
 }
@@ -45,19 +47,20 @@ OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out)
 /* ---------------- w x 10^e to the nearest double */
 
 enum {
-    NUMBER_DIGITS_MAX = 19, /* always fit into 64 bits */
-    /* a midpoint between two doubles has at most 767 digits; further digits only break ties */
+    NUMBER_DIGITS_MAX = 19, /* digits that always fit into 64 bits */
+    /* digits that are kept: a midpoint between two doubles has at most 767, and
+     * further digits only break ties */
     NUMBER_DIGITS_KEPT = 800,
-    NUMBER_POWER10_MAX = 22, /* the last power of 10 that is a double */
-    NUMBER_POWER5_MAX = 27   /* the last power of 5 below 2^63 */
+    NUMBER_POWER10_MAX = 22, /* exponent of the last power of 10 that is a double */
+    NUMBER_POWER5_MAX = 27   /* exponent of the last power of 5 below 2^63 */
 };
 
 OXL_INTERNAL const double number_power10[NUMBER_POWER10_MAX + 1] = {
     1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
     1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
 
-/* Parses by the C library: (digits .. end read as one integer) x 10^exponent. A decimal point among them is
- * skipped. */
+/* Parses by the C library: (digits .. end as one integer) x 10^exponent. Skips a
+ * decimal point among the digits. */
 static double number_by_strtod(const char *digits, const char *end, int64_t exponent)
 {
     char text[NUMBER_DIGITS_KEPT + 32];
@@ -77,7 +80,8 @@ static double number_by_strtod(const char *digits, const char *end, int64_t expo
         text[size++] = '1';
         exponent--;
     }
-    exponent = OXL_CLAMP(exponent, -9999, 9999); /* beyond, the result is 0 or infinity */
+    /* Limits the exponent: beyond, the result is 0 or infinity. */
+    exponent = OXL_CLAMP(exponent, -9999, 9999);
     snprintf(text + size, sizeof text - size, "e%d", (int)exponent);
     return strtod(text, NULL);
 }
@@ -95,7 +99,7 @@ static const uint64_t number_power5[NUMBER_POWER5_MAX + 1] = {
 };
 /* clang-format on */
 
-static double number_power2(int exponent) /* -1022 .. 1023 */
+static double number_power2(int exponent) /* exponent: -1022 .. 1023 */
 {
     const uint64_t bits = (uint64_t)(exponent + 1023) << 52;
     double value;
@@ -103,9 +107,9 @@ static double number_power2(int exponent) /* -1022 .. 1023 */
     return value;
 }
 
-/* With w and 5^|e| shifted to their top bits, the product or quotient fills 63 or 64 bits; lower bits become
- * one sticky bit, and the conversion to double rounds once. The remaining power of 2 is exact: results stay
- * away from 2^-1022 and 2^1023. */
+/* Returns w x 10^e, rounded once. With w and 5^|e| shifted to their top bits, the product or quotient fills
+ * 63 or 64 bits; lower bits become one sticky bit, and the conversion to double rounds. The remaining power
+ * of 2 is exact, since results stay away from 2^-1022 and 2^1023. */
 static double number_scale_wide(uint64_t w, int e)
 {
     const uint64_t power = number_power5[e < 0 ? -e : e];
@@ -124,10 +128,11 @@ static double number_scale_wide(uint64_t w, int e)
 #endif
 
 #ifndef FLT_EVAL_METHOD
-#define FLT_EVAL_METHOD -1 /* not defined by the compiler */
+#define FLT_EVAL_METHOD -1 /* for compilers that do not define it */
 #endif
 
-/* w: value of the digits, modulo 2^64 if there are more than NUMBER_DIGITS_MAX. */
+/* Chooses the fastest exact method. w: value of the digits, modulo 2^64 if there are
+ * more than NUMBER_DIGITS_MAX. */
 static double number_scale(uint64_t w, const char *digits, const char *end, int count, int64_t exponent)
 {
     const int64_t size = exponent < 0 ? -exponent : exponent;
@@ -143,7 +148,7 @@ static double number_scale(uint64_t w, const char *digits, const char *end, int 
 
 /* ---------------- the text of a double */
 
-/* Returns the position after `word`, ignoring case; NULL: no match. */
+/* Returns the position after `word`, without regard to case; NULL: no match. */
 static const char *number_skip_word(const char *p, const char *end, const char *word)
 {
     for (; *word; word++, p++)
@@ -177,7 +182,7 @@ static const char *number_parse_sharp(const char *p, const char *end, double *ou
     return p;
 }
 
-/* Parses an exponent. p is at the 'e'; it stays there when no digit follows. */
+/* Parses an exponent at the 'e' at p; returns p if no digit follows. */
 static const char *number_parse_exponent(const char *p, const char *end, int64_t *exponent)
 {
     const char *digit = p + 1;
@@ -191,6 +196,7 @@ static const char *number_parse_exponent(const char *p, const char *end, int64_t
     return digit;
 }
 
+/* Counts digits without leading zeros and point, up to one more than NUMBER_DIGITS_MAX. */
 static int number_significant(const char *digits, const char *end)
 {
     ptrdiff_t point = 0;
@@ -239,7 +245,7 @@ static const char number_pairs[] =
     "40414243444546474849505152535455565758596061626364656667686970717273747576777879"
     "8081828384858687888990919293949596979899";
 
-/* Writes the digits before `end`, two at a time; returns their start. */
+/* Writes the digits so that they finish before `end`, two at a time; returns their start. */
 static char *number_put_digits(char *end, uint64_t w)
 {
     for (; w >= 100; w /= 100) memcpy(end -= 2, number_pairs + 2 * (w % 100), 2);
@@ -263,7 +269,7 @@ OXL_INTERNAL size_t format_int64(char out[NUMBER_TEXT_MAX], int64_t value)
 /* ---------------- a double to text */
 
 #ifdef __SIZEOF_INT128__
-/* Rounds m 2^e x 10^scale to the nearest integer, ties to even; exact, since m 5^scale fits 128 bits. The
+/* Rounds m 2^e x 10^scale to the nearest integer, ties to even: exact, since m 5^scale fits 128 bits. The
  * result has at most 18 digits. */
 static uint64_t number_scale_up(uint64_t m, int e, int scale)
 {
@@ -278,8 +284,8 @@ static uint64_t number_scale_up(uint64_t m, int e, int scale)
     return q + (rest > half || (rest == half && (q & 1)));
 }
 
-/* Finds the 17 significant digits of a positive number in 1e-5 .. 1e16 and the exponent of the first; 0: out
- * of range. */
+/* Finds the 17 significant digits of a number in 1e-5 .. 1e16 and the exponent of the first digit;
+ * returns 0 for other numbers. */
 static int number_digits(double value, char digits[17], int *exponent)
 {
     const uint64_t limit = UINT64_C(100000000000000000); /* 10^17 */
@@ -290,7 +296,7 @@ static int number_digits(double value, char digits[17], int *exponent)
     memcpy(&bits, &value, sizeof bits);
     e = (int)(bits >> 52) - 1075;
     bits = (bits & (((uint64_t)1 << 52) - 1)) | (uint64_t)1 << 52;
-    guess = (e + 52) * 0.30102999; /* below log10(2): the guess is exact or one too low */
+    guess = (e + 52) * 0.30102999; /* a factor below log10(2), so the guess is exact or one too low */
     ten = (int)guess - (guess < 0);
     w = number_scale_up(bits, e, 16 - ten);
     if (w >= limit) w = number_scale_up(bits, e, 16 - ++ten);
@@ -299,7 +305,8 @@ static int number_digits(double value, char digits[17], int *exponent)
     return 1;
 }
 
-/* Writes as %.17g without trailing zeros of the fraction; 0: %.17g would write an exponent. */
+/* Writes as %.17g does, without trailing zeros of the fraction; returns 0 if %.17g
+ * would write an exponent. */
 static size_t number_format_plain(char *out, double value)
 {
     char digits[17], *p = out;
@@ -307,7 +314,7 @@ static size_t number_format_plain(char *out, double value)
     if (!number_digits(value, digits, &ten) || ten < -4 || ten > 16) return 0;
     while (count > 1 && digits[count - 1] == '0') count--;
     if (ten < 0) {
-        memcpy(p, "0.000", 5); /* up to four zeros, as needed */
+        memcpy(p, "0.000", 5); /* Writes up to three zeros behind the point; digits overwrite the others. */
         p += 1 - ten;
     }
     memcpy(p, digits, 17);
@@ -316,7 +323,7 @@ static size_t number_format_plain(char *out, double value)
         p[ten + 1] = '.';
         count++;
     }
-    p += OXL_MAX(count, ten + 1); /* a large integer keeps its zeros */
+    p += OXL_MAX(count, ten + 1); /* Keeps the zeros of a large integer. */
     *p = 0;
     return (size_t)(p - out);
 }
@@ -332,7 +339,7 @@ OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value)
 {
     char text[48];
     size_t size = value < 0;
-    /* ten times as fast as snprintf */
+    /* Takes a way that is ten times as fast as snprintf. */
     const size_t plain = number_format_plain(out + size, value < 0 ? -value : value);
     if (plain) {
         if (size) out[0] = '-';
@@ -343,7 +350,7 @@ OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value)
     for (const char *p = text; *p; p++) {
         if (number_is_digit(*p) || *p == '-' || *p == '+' || ((*p | 0x20) >= 'a' && (*p | 0x20) <= 'z'))
             out[size++] = *p;
-        /* the locale's decimal point can have several bytes */
+        /* Replaces the locale's decimal point, which may have several bytes. */
         else if (size == 0 || out[size - 1] != '.') out[size++] = '.';
     }
     out[size] = 0;
@@ -352,7 +359,7 @@ OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value)
 
 /* ---------------- the shortest text */
 
-/* Writes as %.*g does in the C locale. */
+/* Writes as %.*g does in the C locale, if the locale's decimal point is a comma. */
 OXL_INTERNAL void format_digits(char out[NUMBER_TEXT_MAX], double value, int precision)
 {
     snprintf(out, NUMBER_TEXT_MAX, "%.*g", precision, value);

@@ -1,5 +1,5 @@
-/* option_rows.h - words for rows of the table of options, for options.c and the parts of training, which
- * bring rows of their own. A row is
+/* option_rows.h - defines words for rows of the table of options, for options.c and the parts of training,
+ * which add rows of their own. A row is
  *
  *     {name, value, kind, field, lowest, highest, default, tier, use, group, help, former name}
  */
@@ -28,8 +28,8 @@
 #define NOT_LOOKED OXL_OPTION_NOT_LOOKED
 #define ONE_BLOCK OXL_OPTION_ONE_BLOCK
 
-/* Returns the index-th row that a part brings, or NULL; from src/parts/table.c, which this layer reads as
- * data. */
+/* Returns the index-th row that the parts of training add, or NULL; from src/parts/table.c, which
+ * this layer reads as data. */
 OXL_INTERNAL const oxl_option *parts_option(int index);
 
 #endif

@@ -1,11 +1,11 @@
-/* os.c - files and folders, in C99 on top of the system's functions (os.h): atomic writes, reading,
- * errors with a fix.
+/* os.c - reads and writes files and folders, in C99 on top of the system's functions (os.h): atomic writes,
+ * reading, errors with a fix.
  *
  * Invariant: after a failed or interrupted write, the file at the path is unchanged.
  */
 #include "os.h"
 
-enum { OS_START = 64 }; /* bytes that identify a format */
+enum { OS_START = 64 }; /* bytes of a file that identify its format */
 
 /* ---------------- errors and folders */
 
@@ -71,7 +71,8 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path,
 
 /* ---------------- reading */
 
-/* Says that a folder lies in the place of a file: that is what the user named, not a fault of the disk. */
+/* Fails after a read. A folder in the place of a file is OXL_ERR_INPUT: the user named it,
+ * and the disk has no fault. */
 static oxl_result os_fail_to_read(oxl_context *ctx, const char *path)
 {
     return os_fail(ctx, errno == EISDIR ? OXL_ERR_INPUT : OXL_ERR_IO, path, "cannot read", errno);
@@ -88,12 +89,12 @@ OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, co
     oxl_result rc = OXL_OK;
     char *data = NULL;
     size_t capacity = 0, size = 0, got = 0;
-    uint64_t expected = 0; /* a hint: the file may grow */
+    uint64_t expected = 0; /* only a hint, since the file may grow */
     FILE *file = os_open(path);
     *out = (struct os_file_map){0};
     if (!file) return os_fail(ctx, OXL_ERR_INPUT, path, "cannot open", errno);
     expected = os_kind_of(path, &expected) == OS_FILE ? OXL_MIN(expected, SIZE_MAX / 2) : 0;
-    /* the zero byte, and one byte to detect the end without growing */
+    /* Adds the zero byte, and a byte to detect the end without growing. */
     capacity = (start[0] ? OS_START : (size_t)expected) + 2;
     data = oxl_alloc(ctx, capacity, 1);
     if (!data) rc = OXL_ERR_MEMORY;
@@ -141,7 +142,7 @@ OXL_INTERNAL oxl_result os_reader_open(oxl_context *ctx, const char *path, struc
     *out = (struct os_reader){.file = os_open(path), .path = path};
     if (!out->file) return os_fail(ctx, OXL_ERR_INPUT, path, "cannot open", errno);
     if (os_kind_of(path, &out->size) != OS_FILE) out->size = 0;
-    setvbuf(out->file, NULL, _IONBF, 0); /* pieces are large: no buffer needed */
+    setvbuf(out->file, NULL, _IONBF, 0); /* Needs no buffer: pieces are large. */
     return OXL_OK;
 }
 
@@ -180,7 +181,7 @@ OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struc
     struct text name = {.ctx = ctx};
     *out = (struct os_writer){.path = oxl_strdup(ctx, path)};
     text_add(&name, "%s.%ld.tmp", path,
-             os_process()); /* unique among processes that share an output folder */
+             os_process()); /* The name is unique among processes that share an output folder. */
     out->temporary = name.data;
     if (!out->path || name.failed) rc = OXL_ERR_MEMORY;
     if (rc != OXL_OK) goto done;
@@ -191,7 +192,7 @@ done:
     return rc;
 }
 
-/* Shortens a path to its folder, in place. */
+/* Syncs the folder of a path, which is cut to the folder in place. */
 static void os_sync_parent(char *path)
 {
     size_t end = strlen(path);
@@ -209,7 +210,7 @@ OXL_INTERNAL void os_writer_sync(struct os_writer *writer)
 OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writer, oxl_result rc)
 {
     int failed = rc != OXL_OK, error = 0;
-    if (!writer->file) return rc; /* not open */
+    if (!writer->file) return rc; /* Returns if the writer is not open. */
     errno = writer->error;
     if (!failed && (writer->error || ferror(writer->file) || fflush(writer->file) != 0 ||
                     (!writer->unsynced && os_sync(writer->file) != 0)))
@@ -217,7 +218,8 @@ OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writ
     if (fclose(writer->file) != 0 && !failed) failed = 1, error = errno;
     if (!failed && os_rename(writer->temporary, writer->path) != 0) failed = 1, error = errno;
     if (failed) os_remove(writer->temporary);
-    if (failed && rc == OXL_OK) /* errno of an earlier fwrite is lost; a full disk is the most likely cause */
+    /* Assumes a full disk, the most likely cause, since errno of an earlier fwrite is lost. */
+    if (failed && rc == OXL_OK)
         rc = os_fail(ctx, OXL_ERR_IO, writer->path, "cannot write", error ? error : ENOSPC);
     if (!failed && !writer->unsynced) os_sync_parent(writer->path);
     os_writer_free(ctx, writer);

@@ -1,7 +1,7 @@
-/* os.h - what a port to another system has to provide, besides the functions under "system" in core.h:
+/* os.h - declares what a port to another system has to provide, besides the functions under os.c in core.h:
  * os_posix.c or os_windows.c.
  *
- * os.c uses these, and large/os_job.c. They set errno where they fail.
+ * os.c and large/os_job.c use these functions, which set errno on failure.
  */
 #ifndef OXL_OS_H
 #define OXL_OS_H
@@ -12,20 +12,21 @@
 enum os_kind { OS_NOTHING, OS_FILE, OS_FOLDER, OS_SPECIAL /* a pipe, socket or device */ };
 
 OXL_INTERNAL int os_is_separator(char c);
-/* Returns the kind of a path. size: of a file in bytes, or NULL. */
+/* Returns the kind of a path. size: gets the bytes of a file; or NULL. */
 OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size);
-/* Opens a new file for writing. What has its name is removed first, a link itself and not what it leads to.
- * */
+/* Opens a new file for writing. Removes a file with its name first; of a link the
+ * link itself, not its target. */
 OXL_INTERNAL FILE *os_create(const char *path);
 /* Calls `visit` with the name of each entry but "." and "..". */
 OXL_INTERNAL int os_list(const char *path, void (*visit)(void *user, const char *name), void *user);
-OXL_INTERNAL long os_process(void); /* the id of this process */
+OXL_INTERNAL long os_process(void); /* id of this process */
 
-OXL_INTERNAL const char *os_map(const char *path, size_t *size); /* read-only; NULL: cannot be mapped */
-OXL_INTERNAL int os_unmap(const char *data, size_t size);        /* 1: success */
-OXL_INTERNAL int os_seek(FILE *file, uint64_t offset);           /* from the start */
-OXL_INTERNAL int os_sync(FILE *file);                            /* written data reach the disk */
-/* Sends renames in the folder to the disk, if the system supports this. */
+/* read-only; NULL: the file cannot be mapped */
+OXL_INTERNAL const char *os_map(const char *path, size_t *size);
+OXL_INTERNAL int os_unmap(const char *data, size_t size); /* 1: success */
+OXL_INTERNAL int os_seek(FILE *file, uint64_t offset);    /* offset: from the start */
+OXL_INTERNAL int os_sync(FILE *file);                     /* makes written data reach the disk */
+/* Makes renames in the folder reach the disk, if the system supports this. */
 OXL_INTERNAL void os_sync_folder(const char *path);
 
 #endif

@@ -1,4 +1,4 @@
-/* os_posix.c - the operating system through POSIX: the functions of os.h. Each sets errno on failure. */
+/* os_posix.c - implements os.h through POSIX. Each function sets errno on failure. */
 #include "os.h" /* asks for POSIX before any system header */
 
 #ifndef _WIN32
@@ -26,7 +26,7 @@ OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size)
     return S_ISREG(s.st_mode) ? OS_FILE : S_ISDIR(s.st_mode) ? OS_FOLDER : OS_SPECIAL;
 }
 
-/* Returns a time in nanoseconds. */
+/* Returns the time in nanoseconds. */
 OXL_INTERNAL int64_t os_modified(const char *path)
 {
     struct stat s;
@@ -38,7 +38,8 @@ OXL_INTERNAL int64_t os_modified(const char *path)
 #endif
 }
 
-/* Opens a regular file to read; -1: errno. A pipe would wait for a writer, and a device has no end. */
+/* Opens a regular file to read; -1: errno has the reason. Refuses a pipe, which would wait for a writer, and
+ * a device, which has no end. */
 static int os_open_regular(const char *path)
 {
     const int file = open(path, O_RDONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
@@ -89,7 +90,7 @@ OXL_INTERNAL int os_remove(const char *path)
     return unlink(path);
 }
 
-/* Syncs a file. Some network file systems cannot and return EINVAL, which is ignored. */
+/* Syncs a file. Ignores EINVAL, which some network file systems return since they cannot sync. */
 OXL_INTERNAL int os_sync(FILE *file)
 {
     return fsync(fileno(file)) == 0 || errno == EINVAL ? 0 : -1;
@@ -105,8 +106,8 @@ OXL_INTERNAL int os_seek(FILE *file, uint64_t offset)
     return fseeko(file, (off_t)offset, SEEK_SET);
 }
 
-/* Makes the rename durable. Errors are ignored: not all file systems support it, and the data are on disk
- * already. */
+/* Makes a rename durable. Ignores errors: not all file systems support it, and the
+ * data are on disk already. */
 OXL_INTERNAL void os_sync_folder(const char *path)
 {
     const int fd = open(path, O_RDONLY);
@@ -127,7 +128,8 @@ OXL_INTERNAL double os_seconds(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Reads the number after `name` in a file of a folder, or its first one with name ""; -1: none, or "max". */
+/* Reads the number after `name` in a file of a folder, or the file's first number with
+ * name ""; -1: none, or "max". */
 static double os_number_in(const char *folder, const char *file, const char *name)
 {
     char path[3200], line[300];
@@ -142,8 +144,8 @@ static double os_number_in(const char *folder, const char *file, const char *nam
     return value;
 }
 
-/* Returns the least of `limit` over the control group of the process and those above it, of version 2; 0:
- * none has a limit. In a container, and of version 1, the root's files are the container's. */
+/* Returns the least `limit` of the process's control group and those above it, in cgroups version 2; 0: none
+ * has a limit. In a container, and in version 1, the root's files are the container's. */
 static double os_least_limit(double (*limit)(const char *folder), double of_version_1)
 {
     FILE *file = fopen("/proc/self/cgroup", "r");
@@ -170,7 +172,7 @@ static double os_processors_of(double quota, double period)
     return quota > 0 && period > 0 ? ceil(quota / period) : 0;
 }
 
-/* Reads "QUOTA PERIOD" in microseconds, QUOTA "max" when there is none. */
+/* Reads "QUOTA PERIOD" in microseconds; QUOTA is "max" if there is none. */
 static double os_processors_in(const char *folder)
 {
     char path[3200];
@@ -191,7 +193,7 @@ OXL_INTERNAL int os_processor_quota(void)
     return (int)OXL_MIN(os_least_limit(os_processors_in, os_processors_of(quota, period)), INT_MAX);
 }
 
-/* Returns the limit, less what is used and is not a cache of files that can be dropped. */
+/* Returns the limit less the memory used, without counting file caches that can be dropped. */
 static double os_memory_of(double limit, double used, double cache)
 {
     return limit > 0 && used >= 0 ? OXL_MAX(limit - used + OXL_MAX(cache, 0), 1) : 0;
@@ -205,9 +207,8 @@ static double os_memory_in(const char *folder)
 
 OXL_INTERNAL size_t os_memory_free(void)
 {
-    static const char root[] = "/sys/fs/cgroup/memory"; /* of version 1 */
-    const double free =
-        1024 * os_number_in("/proc", "meminfo", "MemAvailable:"); /* Linux; elsewhere unknown */
+    static const char root[] = "/sys/fs/cgroup/memory";                           /* cgroups version 1 */
+    const double free = 1024 * os_number_in("/proc", "meminfo", "MemAvailable:"); /* known on Linux only */
     const double limit =
         os_least_limit(os_memory_in, os_memory_of(os_number_in(root, "memory.limit_in_bytes", ""),
                                                   os_number_in(root, "memory.usage_in_bytes", ""),
@@ -232,7 +233,8 @@ OXL_INTERNAL void *os_library_open(const char *name)
     return dlopen(name, RTLD_NOW | RTLD_LOCAL);
 }
 
-/* ISO C has no cast from an object pointer to a function pointer; POSIX guarantees equal bits. */
+/* Copies the bits, since ISO C has no cast from an object pointer to a function pointer;
+ * POSIX guarantees equal bits. */
 OXL_INTERNAL void os_library_symbol(void *library, const char *name, void *out, size_t size)
 {
     void *symbol = dlsym(library, name);

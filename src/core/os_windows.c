@@ -1,5 +1,4 @@
-/* os_windows.c - the operating system through the Windows API: the functions of os.h. Each sets errno on
- * failure.
+/* os_windows.c - implements os.h through the Windows API. Each function sets errno on failure.
  *
  * Paths are UTF-8 here and UTF-16 in the API.
  */
@@ -43,7 +42,7 @@ OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size)
     return data.dwFileAttributes & FILE_ATTRIBUTE_DIRECTORY ? OS_FOLDER : OS_FILE;
 }
 
-/* Tenths of microseconds. */
+/* Returns the time in tenths of microseconds. */
 OXL_INTERNAL int64_t os_modified(const char *path)
 {
     wchar_t wide[OS_PATH_MAX];
@@ -91,7 +90,7 @@ OXL_INTERNAL int os_rename(const char *from, const char *to)
 
 OXL_INTERNAL void os_sync_folder(const char *path)
 {
-    (void)path; /* MOVEFILE_WRITE_THROUGH did it */
+    (void)path; /* MOVEFILE_WRITE_THROUGH has done it */
 }
 
 OXL_INTERNAL long os_process(void)
@@ -115,7 +114,7 @@ OXL_INTERNAL int os_processor_quota(void)
 OXL_INTERNAL const char *os_map(const char *path, size_t *size)
 {
     (void)path, (void)size;
-    return NULL; /* it is read */
+    return NULL; /* the caller reads the file instead */
 }
 
 OXL_INTERNAL int os_unmap(const char *data, size_t size)

@@ -1,4 +1,4 @@
-/* simd.h - run-time selection of the instruction set, and arithmetic that vectorises.
+/* simd.h - selects the instruction set at run time, for arithmetic that vectorises.
  *
  * A kernel is written once, as an always-inlined body over a struct of its arguments:
  *
@@ -6,9 +6,8 @@
  *     SIMD_DISPATCH(static, blur, struct blur)      makes   static void blur(int isa, const struct blur *job)
  *
  * Each wrapper is compiled for its own target. `fused` is a constant there: 1 where the target has fused
- * multiply-add.
- * Invariant: AVX2 and AVX-512 (and every machine with FMA) give the same bytes for any vector width: all sums
- * have a fixed order, and every fused operation is explicit.
+ * multiply-add. Invariant: AVX2 and AVX-512 (and every machine with FMA) give the same bytes for any vector
+ * width: all sums have a fixed order, and every fused operation is explicit.
  */
 #ifndef OXL_SIMD_H
 #define OXL_SIMD_H
@@ -27,7 +26,7 @@ enum isa { ISA_BASE, ISA_AVX2, ISA_AVX512 };
 #endif
 #define SIMD_BODY SIMD_INLINE
 
-/* aarch64, and x86 with -mfma: the baseline has FMA. */
+/* Tells whether the baseline has FMA, as on aarch64, and on x86 with -mfma. */
 #ifdef __FP_FAST_FMAF
 #define SIMD_BASE_FUSED 1
 #else
@@ -41,13 +40,13 @@ enum isa { ISA_BASE, ISA_AVX2, ISA_AVX512 };
 #define SIMD_TARGET_AVX512 \
     __attribute__((target("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl"), min_vector_width(512)))
 #else
-/* tune: with generic costs gcc reloads a vector at each use, even across cache lines, instead of keeping it
- * in a register. */
+/* Tunes for AVX-512: with generic costs gcc reloads a vector at each use, even across cache lines, instead of
+ * keeping it in a register. */
 #define SIMD_TARGET_AVX512 \
     __attribute__((        \
         target("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,prefer-vector-width=512,tune=skylake-avx512")))
 #endif
-#ifdef OXL_ONE_ISA /* make DEV=1: each body is compiled once, for the machine that builds it */
+#ifdef OXL_ONE_ISA /* make DEV=1 compiles each body once, for the machine that builds it */
 #if OXL_ONE_ISA == 2
 #define SIMD_TARGET_ONE SIMD_TARGET_AVX512
 #elif OXL_ONE_ISA == 1

@@ -1,4 +1,4 @@
-/* svg.h - elements of SVG drawings as text, for %s in a format. The library and the program use it.
+/* svg.h - writes elements of SVG drawings as text, for %s in a format. The library and the program use it.
  *
  * Lengths are px, written with at most one decimal, independent of the locale; `look` is further attributes,
  * as class='grid'. The macros make temporaries of the enclosing block.
@@ -11,7 +11,8 @@
 #include <stdlib.h>
 
 enum { SVG_ROOM = 320, SVG_PX = 24 };
-#define SVG_FARTHEST 1e8 /* px: what is farther, or nan, is written as this; nothing is visible there */
+/* Bounds coordinates (px): farther ones, and nan, are written as this, where nothing is visible. */
+#define SVG_FARTHEST 1e8
 
 static inline const char *svg_px(char out[SVG_PX], double px)
 {
@@ -50,7 +51,7 @@ static inline const char *svg_rectangle(char out[SVG_ROOM], double x, double y, 
 }
 #define SVG_RECTANGLE(x, y, wide, tall, look) svg_rectangle((char[SVG_ROOM]){0}, x, y, wide, tall, look)
 
-/* Opens a circle, so that it can hold a title: </circle> closes it. */
+/* Opens a circle, so that it can hold a title; </circle> closes it. */
 static inline const char *svg_circle(char out[SVG_ROOM], double x, double y, double radius, const char *look)
 {
     snprintf(out, SVG_ROOM, "<circle cx=\"%s\" cy=\"%s\" r=\"%s\" %s>", PX(x), PX(y), PX(radius), look);
@@ -58,8 +59,8 @@ static inline const char *svg_circle(char out[SVG_ROOM], double x, double y, dou
 }
 #define SVG_CIRCLE(x, y, radius, look) svg_circle((char[SVG_ROOM]){0}, x, y, radius, look)
 
-/* Opens a text: words, escaped, and </text> follow. (x, y): the left end of the base line, or where the look
- * anchors it. */
+/* Opens a text; escaped words and </text> follow. (x, y): the left end of the base line, or the place
+ * where `look` anchors it. */
 static inline const char *svg_text(char out[SVG_ROOM], double x, double y, const char *look)
 {
     snprintf(out, SVG_ROOM, "<text x=\"%s\" y=\"%s\" %s>", PX(x), PX(y), look);
@@ -67,11 +68,12 @@ static inline const char *svg_text(char out[SVG_ROOM], double x, double y, const
 }
 #define SVG_TEXT(x, y, look) svg_text((char[SVG_ROOM]){0}, x, y, look)
 
-/* Chooses the length of a scale bar: of 1, 2 and 5 times the powers of ten the largest that is not above
- * `most`. */
+/* Chooses the length of a scale bar: the largest of 1, 2 and 5 times the powers of ten
+ * that is not above `most`. */
 static inline double svg_scale_bar(double most)
 {
-    double above = 1, below = 1; /* powers: quotients of them are the doubles next to 0.1, 0.02 and so on */
+    /* powers of ten, whose quotients are the doubles next to 0.1, 0.02 and so on */
+    double above = 1, below = 1;
     if (!(most > 1e-20 && most < 1e20)) return 1;
     while (1 / below > most) below *= 10;
     while (10 * above <= most) above *= 10;

@@ -1,4 +1,4 @@
-/* text.c - growing text, copies of text, paths. */
+/* text.c - makes growing text, copies of text, and paths. */
 #include "core.h"
 #include "json_text.h"
 
@@ -23,7 +23,7 @@ OXL_INTERNAL void text_add(struct text *t, const char *format, ...)
 
 /* ---------------- JSON */
 
-/* Counts the bytes of the UTF-8 character at s; 0: s begins none. */
+/* Counts the bytes of the UTF-8 character at s; 0: no character begins there. */
 static size_t json_character(const unsigned char *s)
 {
     const size_t size = s[0] < 0x80   ? 1
@@ -43,7 +43,7 @@ size_t oxl_json_escape(const char *s, char out[8])
     const unsigned char c = (unsigned char)*s;
     const size_t size = json_character((const unsigned char *)s);
     if (c == '"' || c == '\\') snprintf(out, 8, "\\%c", c);
-    else if (c == 0xC2 && size == 2 && (unsigned char)s[1] < 0xA0) /* a control character, of two bytes */
+    else if (c == 0xC2 && size == 2 && (unsigned char)s[1] < 0xA0) /* a control character of two bytes */
         snprintf(out, 8, "\\u%04x", (unsigned)(unsigned char)s[1]);
     else if (c < 0x20 || c == 0x7F || size == 0)
         snprintf(out, 8, "\\u%04x", size ? (unsigned)c : JSON_LOW + (unsigned)c);
@@ -143,11 +143,11 @@ OXL_INTERNAL const char *path_in(char out[PATH_LENGTH], const char *folder, cons
     return rest >= 0 && at + (size_t)rest < PATH_LENGTH ? out : "/dev/null/a path of more than 4095 bytes";
 }
 
-/* Adds text after `used` bytes; the quote that ends the word always has room. */
+/* Adds text after `used` bytes, if room remains for the quote that ends the word. */
 static size_t path_add(char *out, size_t size, size_t used, const char *text)
 {
     const size_t length = strlen(text);
-    if (used + length + 2 > size) return size; /* nothing more */
+    if (used + length + 2 > size) return size; /* Stops all further additions. */
     memcpy(out + used, text, length + 1);
     return used + length;
 }

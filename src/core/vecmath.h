@@ -1,4 +1,4 @@
-/* vecmath.h - exp, log, sin, cos, sigmoid and logit in double that give the same bits everywhere.
+/* vecmath.h - computes exp, log, sin, cos, sigmoid and logit in double, with the same bits everywhere.
  *
  * libm's functions differ between machines and versions, so training does not call them. These use only + - *
  * /, casts and bit operations, which IEEE 754 defines exactly without contraction (-ffp-contract=off).
@@ -14,9 +14,9 @@
 #include <string.h>
 
 #define VECMATH_LN2 0.6931471805599453
-#define VECMATH_LN2_HIGH 6.93147180369123816490e-01 /* ln 2 cut to 32 bits: k times it is exact */
-#define VECMATH_LN2_LOW 1.90821492927058770002e-10  /* and the rest */
-/* 10 / ln 10: dB of a factor e, so PSNR = -this x ln(mean square error) */
+#define VECMATH_LN2_HIGH 6.93147180369123816490e-01 /* ln 2 cut to 32 bits, so that k times it is exact */
+#define VECMATH_LN2_LOW 1.90821492927058770002e-10  /* ln 2 less VECMATH_LN2_HIGH */
+/* 10 / ln 10, the dB of a factor e: PSNR = -this x ln(mean square error) */
 #define VECMATH_DECIBEL_OF_E 4.342944819032518
 
 static inline double vecmath_from_bits(uint64_t bits)
@@ -43,12 +43,12 @@ static inline double vecmath_exp(double x)
 {
     double r, p;
     int k;
-    /* ln of the largest double is 709.78: larger results overflow below */
+    /* Leaves infinity for results past the largest double, whose ln is 709.78. */
     if (!(x < 710.0)) return x != x ? x : HUGE_VAL;
     if (x < -746.0) return 0;
     k = (int)(x * 1.44269504088896340736 + (x < 0 ? -0.5 : 0.5)); /* 1 / ln 2 */
     r = (x - k * VECMATH_LN2_HIGH) - k * VECMATH_LN2_LOW;
-    p = 1.0 / 6227020800; /* Taylor to r^13/13!: the rest is below 1e-17 */
+    p = 1.0 / 6227020800; /* Taylor series to r^13/13!; the rest is below 1e-17 */
     p = p * r + 1.0 / 479001600;
     p = p * r + 1.0 / 39916800;
     p = p * r + 1.0 / 3628800;
@@ -61,7 +61,7 @@ static inline double vecmath_exp(double x)
     p = p * r + 1.0 / 6;
     p = p * r + 0.5;
     p = 1 + (r + r * r * p);
-    /* in two steps: k reaches 1024 and -1076 */
+    /* Multiplies in two steps, since k reaches 1024 and -1076. */
     return p * vecmath_power_of_two(k / 2) * vecmath_power_of_two(k - k / 2);
 }
 
@@ -89,7 +89,7 @@ static inline double vecmath_log(double x)
     f -= 1;
     s = f / (2 + f);
     z = s * s;
-    r = 2.0 / 21; /* the series 2 s^2/3 + 2 s^4/5 + ...: the rest is below 1e-18 */
+    r = 2.0 / 21; /* series 2 s^2/3 + 2 s^4/5 + ...; the rest is below 1e-18 */
     r = r * z + 2.0 / 19;
     r = r * z + 2.0 / 17;
     r = r * z + 2.0 / 15;
@@ -110,7 +110,7 @@ static inline int vecmath_quarters(double x, double *rest)
 {
     const double turn = 6.28318530717958647693;
     double quarter;
-    if (!(fabs(x) < 1e6)) x = fmod(x, turn); /* exact for the rounded value of 2 pi; infinity gives NaN */
+    if (!(fabs(x) < 1e6)) x = fmod(x, turn); /* exact for the rounded value of 2 pi; NaN for infinity */
     if (x != x) {
         *rest = x;
         return 0;
@@ -148,7 +148,7 @@ static inline double vecmath_cos_rest(double x)
     return 1 - (0.5 * z - z * z * p);
 }
 
-/* Computes sin x with an absolute error below 3e-16 for |x| < 1e6; above, it grows as 4e-17 |x|. */
+/* Computes sin x with an absolute error below 3e-16 for |x| < 1e6; beyond, the error grows as 4e-17 |x|. */
 static inline double vecmath_sin(double x)
 {
     double r;
@@ -172,7 +172,7 @@ static inline double vecmath_sigmoid(double x)
     return (x < 0 ? e : 1) / (1 + e);
 }
 
-/* Computes the inverse of sigmoid; -inf at 0, inf at 1, NaN outside. */
+/* Computes the inverse of vecmath_sigmoid; -inf at 0, inf at 1, NaN outside. */
 static inline double vecmath_logit(double p)
 {
     return vecmath_log(p / (1 - p));

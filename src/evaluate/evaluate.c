@@ -1,5 +1,4 @@
-/* evaluate.c - compares a model's renders with a survey's images, view by view, and writes the result as
- * JSON. */
+/* evaluate.c - compares a model's renders with a survey's images, view by view. */
 #include "evaluate.h"
 #include "../render/render.h"
 #include "../survey/scene.h"
@@ -8,7 +7,7 @@
 
 /* ---------------- a view as its image was taken */
 
-/* Returns the background: the model's, or where it has none the scene's. */
+/* Returns the model's background, or the scene's if the model has none. */
 static void evaluate_background(const struct render_source *source, const oxl_scene *scene, float out[3])
 {
     static const float none[3] = {-1, -1, -1};
@@ -30,7 +29,7 @@ static oxl_render_options evaluate_options(const struct drawn *d)
     return options;
 }
 
-/* Renders without the lamp and the gains. */
+/* Renders a view with the medium, without lamp and gains. */
 static oxl_result evaluate_draw_medium(oxl_context *ctx, const struct drawn *d, const oxl_camera *camera,
                                        oxl_image *out, float *depth)
 {
@@ -50,7 +49,7 @@ OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, i
 
 /* ---------------- what is measured of a view */
 
-struct evaluate_bands { /* what is summed over all views */
+struct evaluate_bands { /* Holds the depth bands, and sums over the pixels of all views in each. */
     struct depth_bands of;
     struct metrics_sum sum[3];
 };
@@ -68,16 +67,16 @@ static oxl_result evaluate_add_bands(oxl_context *ctx, const oxl_scene *scene, i
     return rc;
 }
 
-/* What is measured of each view. */
+/* Holds what the evaluation of all views shares. */
 struct evaluate_pass {
     struct renderer *r;
     const struct render_source *source;
     oxl_scene *scene;
-    struct evaluate_bands *bands; /* NULL: as evaluate_quick */
-    oxl_model gradient;           /* of aligned views */
+    struct evaluate_bands *bands; /* NULL: measures as evaluate_quick */
+    oxl_model gradient;           /* gradient of the model, for aligned views */
 };
 
-/* Computes what the light alone explains: a white scene, through the view's lamp and gains. */
+/* Computes row->explained against the light alone: a white scene through the view's lamp and gains. */
 static oxl_result evaluate_explained(oxl_context *ctx, const struct evaluate_pass *p,
                                      const oxl_image *rendered, const oxl_image *image, oxl_view_metrics *row)
 {
@@ -112,7 +111,8 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
     return rc == OXL_OK ? evaluate_add_bands(ctx, p->scene, row->view, rendered, image, p->bands) : rc;
 }
 
-/* Measures a held-out view again from where its image fits best, if training views were refined. */
+/* Measures a held-out view again from the pose at which its image fits best, if poses of
+ * training views were refined. */
 static oxl_result evaluate_aligned(oxl_context *ctx, struct evaluate_pass *p, const struct drawn *d,
                                    const oxl_image *image, oxl_view_metrics *row)
 {
@@ -151,7 +151,7 @@ static oxl_result evaluate_view(oxl_context *ctx, struct evaluate_pass *p, const
     return rc;
 }
 
-/* Adds a view's row; an unreadable or completely masked image is logged and left out, as in training. */
+/* Adds a view's row; logs and leaves out an unreadable or completely masked image, as training does. */
 static oxl_result evaluate_add_view(oxl_context *ctx, struct evaluate_pass *p, int view, oxl_metrics *out)
 {
     oxl_image image = {0};
@@ -167,7 +167,7 @@ static oxl_result evaluate_add_view(oxl_context *ctx, struct evaluate_pass *p, i
     return OXL_OK;
 }
 
-/* Averages what every pass measures, over the views that have it. */
+/* Averages the values that every pass measures over the views that have them. */
 static void evaluate_sum_up_views(oxl_metrics *m)
 {
     int with = 0, explained = 0;
@@ -195,7 +195,7 @@ static void evaluate_sum_up(oxl_metrics *m, const struct evaluate_bands *bands)
         m->plain_psnr += m->views[i].plain_psnr / m->count;
         m->half_psnr += m->views[i].half_psnr / m->count;
         m->ms_ssim += m->views[i].ms_ssim / m->count;
-        m->lpips += m->views[i].lpips / m->count; /* NaN if a view's is */
+        m->lpips += m->views[i].lpips / m->count; /* NaN if a view's value is */
         m->aligned_psnr += m->views[i].aligned_psnr / m->count;
         m->aligned_ssim += m->views[i].aligned_ssim / m->count;
     }
@@ -203,7 +203,7 @@ static void evaluate_sum_up(oxl_metrics *m, const struct evaluate_bands *bands)
     for (int k = 0; k < 3; k++) m->by_depth[k] = metrics_decibel(bands->sum[k].error, bands->sum[k].weight);
 }
 
-/* bands: summed over all views; NULL: see evaluate_pass */
+/* Evaluates the views of a split. bands: sums over all views; NULL: measures as evaluate_quick. */
 static oxl_result evaluate_views(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
                                  oxl_split split, struct evaluate_bands *bands, oxl_metrics *out)
 {

@@ -9,52 +9,53 @@
 
 /* ---------------- metrics.c */
 
-/* Returns the PSNR of weighted squared errors; NaN of none. */
+/* Returns the PSNR of weighted squared errors; NaN without weight. */
 OXL_INTERNAL double metrics_decibel(double error, double weight);
 
 struct metrics_sum {
     double error, weight; /* weighted sum of squared differences; sum of the weights */
-    size_t pixels;        /* with a weight above 0 */
+    size_t pixels;        /* number of pixels with a weight above 0 */
 };
-/* Adds pixel i, three channels, with the image's weight. */
+/* Adds the three channels of pixel i, with the image's weight. */
 OXL_INTERNAL void metrics_add_pixel(const oxl_image *rendered, const oxl_image *image, size_t i,
                                     struct metrics_sum *sum);
-/* Returns the PSNR of the right half, after a gain per channel that is fitted on the left half. */
+/* Returns the PSNR of the right half, after a gain per channel that is fitted to the left half. */
 OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b);
 
 /* ---------------- structure.c */
 
-/* Returns oxl_view_metrics.explained; light (3,H,W): what a white scene looks like, before clamping. */
+/* Returns oxl_view_metrics.explained. light: (3,H,W) image of a white scene, before clamping. */
 OXL_INTERNAL double structure_explained(const oxl_image *rendered, const oxl_image *image,
                                         const oxl_image *light);
 
 /* ---------------- align.c */
 
 struct drawn;
-/* Returns the camera of a view, moved onto its image; d->imaging: not NULL, d->r: on the CPU.
- * gradient: of the shape of d->source->model; overwritten. */
+/* Finds the camera of a view that fits its image best, from its pose on. d->imaging: not NULL; d->r: on the
+ * CPU; gradient: of the shape of d->source->model, overwritten. */
 OXL_INTERNAL oxl_result align_view(oxl_context *ctx, const struct drawn *d, int view, const oxl_image *image,
                                    const oxl_render_options *options, oxl_model *gradient, oxl_camera *out);
 
 /* ---------------- evaluate.c */
 
-struct drawn { /* what evaluate_draw renders */
+struct drawn { /* Names what evaluate_draw renders. */
     struct renderer *r;
     const struct render_source *source;
     const oxl_scene *scene;
-    /* with its medium, lamp and gains, as the images were taken; NULL: without */
+    /* medium, lamp and gains with which the images were taken; NULL: none */
     const struct imaging *imaging;
 };
-/* Composites the scene's images over the model's background from now on; before the first image is compared.
- * */
+/* Composites the scene's images over the model's background from now on; called before the
+ * first image is compared. */
 OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const struct render_source *source, oxl_scene *scene);
 /* Renders a view; depth (H,W), or NULL. */
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
                                       float *depth);
-/* Evaluates a source as oxl_evaluate. */
+/* Evaluates a source like oxl_evaluate. */
 OXL_INTERNAL oxl_result evaluate_source(oxl_context *ctx, const struct render_source *source,
                                         oxl_scene *scene, oxl_split split, oxl_metrics *out);
-/* Does the same without ssim (NaN), ms_ssim, plain_psnr, half_psnr and depths, in a third of the time. */
+/* Evaluates a source without ssim (NaN), ms_ssim, lpips, plain_psnr, half_psnr, alignment and
+ * depths, in a third of the time. */
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
                                        oxl_split split, oxl_metrics *out);
 

@@ -14,9 +14,9 @@ enum { METRICS_RADIUS = 5, METRICS_WINDOW = 2 * METRICS_RADIUS + 1 };
 #define METRICS_SIGMA 1.5
 #define METRICS_C1 (0.01 * 0.01) /* (k1 L)^2 with L = 1 [Wang 2004] */
 #define METRICS_C2 (0.03 * 0.03)
-#define METRICS_BEST_PSNR 100.0 /* dB, of identical images */
+#define METRICS_BEST_PSNR 100.0 /* PSNR (dB) of identical images. */
 
-/* Values are clamped to 0..1; NaN is 0, as in written images. */
+/* Clamps a value to 0..1; NaN is 0, as in written images. */
 SIMD_INLINE double metrics_shown(float v)
 {
     return v > 0 ? OXL_MIN((double)v, 1.0) : 0;
@@ -59,8 +59,8 @@ static oxl_result metrics_fail_masked(oxl_context *ctx, const char *what)
 
 /* ---------------- PSNR */
 
-/* Computes the PSNR of a times gain, channel by channel, against b, from column `from` up to `to`. NaN:
- * every pixel there is masked. Serial: it takes a hundredth of the rendering. */
+/* Returns the PSNR of `a` times gain, channel by channel, against b, from column `from` up to `to`; NaN:
+ * every pixel there is masked. It is serial, since it takes a hundredth of the rendering. */
 static double metrics_psnr(const oxl_image *a, const oxl_image *b, const double gain[3], int from, int to)
 {
     const size_t plane = (size_t)a->width * a->height;
@@ -83,7 +83,7 @@ static double metrics_psnr(const oxl_image *a, const oxl_image *b, const double 
     return metrics_decibel(error, weight);
 }
 
-/* Computes the least-squares factor of a channel of a, up to column `to`. */
+/* Returns the least-squares factor of a channel of `a` up to column `to`. */
 static double metrics_gain(const oxl_image *a, const oxl_image *b, int channel, int to)
 {
     const size_t plane = (size_t)a->width * a->height;
@@ -121,8 +121,8 @@ oxl_result oxl_cc_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b,
     return metrics_compare(ctx, a, b, 1, out);
 }
 
-/* Computes the PSNR of the right half, a's channels multiplied channels multiplied by what brings its left
- * half nearest to b's. NaN of images one pixel wide, or masked there. */
+/* Fits the gains to the left half and measures the right half, which they have not seen. Returns NaN for
+ * images one pixel wide, or masked there. */
 OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b)
 {
     double gain[3];
@@ -133,17 +133,17 @@ OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b)
 
 /* ---------------- windows */
 
-struct metrics_row { /* sums over the windows that are centred in a row, by channel */
+struct metrics_row { /* Holds sums over the windows that are centred in a row, by channel. */
     double ssim[3], contrast[3];
-    size_t windows; /* of one channel */
+    size_t windows; /* number of windows of one channel */
 };
 
 struct metrics_windows {
     const oxl_image *a, *b;
-    int whole; /* 1: windows that reach over the edge are left out; 0: outside is black */
+    int whole; /* 1: leaves out windows that reach over the edge; 0: outside is black */
     double kernel[METRICS_WINDOW];
-    double *scratch;         /* (threads, METRICS_LINES, W + 2 METRICS_RADIUS) */
-    struct metrics_row *row; /* (H) */
+    double *scratch;         /* (threads, METRICS_LINES, W + 2 METRICS_RADIUS) lines of each thread */
+    struct metrics_row *row; /* (H) sums of each row */
 };
 
 static void metrics_kernel(double kernel[METRICS_WINDOW])
@@ -157,19 +157,19 @@ static void metrics_kernel(double kernel[METRICS_WINDOW])
     for (int i = 0; i < METRICS_WINDOW; i++) kernel[i] /= sum;
 }
 
-/* One row of windows, and lines to work on. Those of METRICS_RADIUS columns more to either side hold 0 there:
- * outside is black. */
+/* Holds a row of windows and its lines. Lines with METRICS_RADIUS more columns on either side hold 0
+ * there: outside is black. */
 struct metrics_line {
     const struct metrics_windows *s;
     int y;
-    /* (W + 2 METRICS_RADIUS) moments blurred along y; masked pixels there */
+    /* (W + 2 METRICS_RADIUS) moments blurred along y; number of masked pixels along y */
     double *column[5], *masked;
-    double *ssim, *contrast, *touches; /* (W) of the window around each pixel */
+    double *ssim, *contrast, *touches; /* (W) values of the window around each pixel */
 };
 enum { METRICS_LINES = 9, METRICS_RUN = 16 };
 
-/* Computes the five moments of one channel, blurred along y around the row: of a, b, aa, bb, ab. Outside of
- * the image is black. */
+/* Computes the five moments of one channel, of a, b, aa, bb and ab, blurred along y around the row;
+ * outside of the image is black. */
 SIMD_INLINE void metrics_blur_columns(const struct metrics_line *line, int channel)
 {
     const struct metrics_windows *s = line->s;
@@ -205,8 +205,8 @@ SIMD_INLINE void metrics_mark_columns(const struct metrics_line *line)
         for (int x = 0; x < b->width; x++) masked[x] += b->weight[(size_t)j * b->width + x] <= 0.5f;
 }
 
-/* Computes Wang 2004, eq. 13 with its exponents 1. *contrast: without the luminance, the c s of Wang 2003,
- * eq. 7. */
+/* Computes Wang 2004, eq. 13, with its exponents 1. *contrast: the same without luminance,
+ * c s of Wang 2003, eq. 7. */
 SIMD_INLINE double metrics_similarity(const double m[5], double *contrast)
 {
     const double mean_ab = m[0] * m[1], mean_aa = m[0] * m[0], mean_bb = m[1] * m[1];
@@ -215,7 +215,7 @@ SIMD_INLINE double metrics_similarity(const double m[5], double *contrast)
     return (2 * mean_ab + METRICS_C1) / (mean_aa + mean_bb + METRICS_C1) * *contrast;
 }
 
-/* Compares the windows around METRICS_RUN pixels of the row from x on, blurred along x. */
+/* Blurs along x and compares the windows around METRICS_RUN pixels of the row from x on. */
 SIMD_INLINE void metrics_compare_run(const struct metrics_line *line, int x)
 {
     double m[5][METRICS_RUN] = {{0}}, touches[METRICS_RUN] = {0};
@@ -243,7 +243,7 @@ SIMD_INLINE void metrics_compare_run(const struct metrics_line *line, int x)
     memcpy(line->touches + x, touches, sizeof touches);
 }
 
-/* Adds the windows of one channel; those that touch a masked pixel are left out. */
+/* Adds the windows of one channel; leaves out those that touch a masked pixel. */
 static void metrics_add_windows(const struct metrics_line *line, int channel, struct metrics_row *row)
 {
     const int edge = line->s->whole ? METRICS_RADIUS : 0;
@@ -269,7 +269,7 @@ SIMD_BODY void metrics_line_body(const int fused, const struct metrics_line *lin
 
 SIMD_DISPATCH(static, metrics_line, struct metrics_line)
 
-/* Returns the room of a line: whole runs, and METRICS_RADIUS columns to either side. */
+/* Returns the columns of a line: whole runs, and METRICS_RADIUS columns on either side. */
 static size_t metrics_room(int width)
 {
     return ((size_t)width + METRICS_RUN - 1) / METRICS_RUN * METRICS_RUN + 2 * METRICS_RADIUS;
@@ -290,7 +290,7 @@ static void metrics_rows(oxl_context *ctx, const struct metrics_windows *s)
     }
 }
 
-/* Sums the windows of the image. */
+/* Sums the windows of the image, row by row. */
 static oxl_result metrics_sum_windows(oxl_context *ctx, const oxl_image *a, const oxl_image *b, int whole,
                                       struct metrics_row *out)
 {
@@ -333,10 +333,11 @@ oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, do
 
 /* ---------------- MS-SSIM */
 
-/* exponents, the finest first [Wang 2003] */
+/* Lists the exponents of the scales, the finest first [Wang 2003]. */
 static const double METRICS_SCALES[] = {0.0448, 0.2856, 0.3001, 0.2363, 0.1333};
 
-/* Means of 2 x 2 pixels; a last odd row or column is dropped. A pixel counts when its four do. */
+/* Halves an image to means of 2 x 2 pixels; drops a last odd row or column. A pixel
+ * counts if its four pixels do. */
 static oxl_result metrics_halve(oxl_context *ctx, const oxl_image *in, oxl_image *out)
 {
     const int w = in->width / 2, h = in->height / 2;
@@ -361,8 +362,8 @@ static oxl_result metrics_halve(oxl_context *ctx, const oxl_image *in, oxl_image
     return OXL_OK;
 }
 
-/* Computes the product over scales for each channel, and its mean. Exponents are divided by the sum of
- * those that are used. */
+/* Computes the product over scales for each channel, and the mean of these. Divides the exponents by the
+ * sum of those that are used. */
 static double metrics_over_scales(const struct metrics_row *sum, int scales)
 {
     double used = 0, mean = 0;
@@ -370,7 +371,7 @@ static double metrics_over_scales(const struct metrics_row *sum, int scales)
     for (int c = 0; c < 3; c++) {
         double log_product = 0;
         for (int k = 0; k < scales; k++) {
-            /* luminance counts at the coarsest scale only */
+            /* Takes luminance at the coarsest scale only. */
             const double of = k < scales - 1 ? sum[k].contrast[c] : sum[k].ssim[c];
             log_product +=
                 of > 0 ? METRICS_SCALES[k] / used * vecmath_log(of / (double)sum[k].windows) : -HUGE_VAL;
@@ -380,7 +381,7 @@ static double metrics_over_scales(const struct metrics_row *sum, int scales)
     return mean;
 }
 
-/* Multiplies over the scales, which end where not one whole window is left. */
+/* Multiplies over the scales, which end when no whole window is left. */
 oxl_result oxl_ms_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
 {
     enum { MOST = OXL_COUNT(METRICS_SCALES) };

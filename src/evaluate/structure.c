@@ -16,25 +16,25 @@
 #include "../core/vecmath.h"
 
 enum { STRUCTURE_FINE, STRUCTURE_COARSE, STRUCTURE_LOCAL, STRUCTURE_WIDTHS };
-static const double STRUCTURE_SIGMA[STRUCTURE_WIDTHS] = {1, 6, 6}; /* px; of the map, the third */
-#define STRUCTURE_REACH 4                                          /* sigma: where a window ends */
-enum { STRUCTURE_HALF_MAX = 24 };                                  /* px: STRUCTURE_REACH of the widest */
-enum { STRUCTURE_RUN = 64 };                                       /* columns whose sums stay in registers */
-/* A band with less, as mean square, is the rounding of images to 8 bits: (1/255)^2 / 12 */
+static const double STRUCTURE_SIGMA[STRUCTURE_WIDTHS] = {1, 6, 6}; /* px; the third one is of the map */
+#define STRUCTURE_REACH 4                                          /* Reach of a window, in sigma. */
+enum { STRUCTURE_HALF_MAX = 24 }; /* px; STRUCTURE_REACH of the widest window */
+enum { STRUCTURE_RUN = 64 };      /* columns whose sums stay in registers */
+/* Mean square of a band below which it is the rounding of images to 8 bits: (1/255)^2 / 12. */
 #define STRUCTURE_NOISE 1.2816e-6
-#define STRUCTURE_DARK 1e-20 /* of a product of mean squares: against division by 0 */
+#define STRUCTURE_DARK 1e-20 /* Keeps a product of mean squares from 0, against division by it. */
 
 struct structure_work {
     int width, height;
-    double *weight;             /* (H,W) NULL: all pixels count */
-    double *band[2], *plane[3]; /* (H,W) of a and b; to work on */
-    double *line;               /* (threads, W + 2 STRUCTURE_HALF_MAX) */
-    double *memory;             /* of all of these */
+    double *weight;             /* (H,W) weights; NULL: all pixels count */
+    double *band[2], *plane[3]; /* (H,W) bands of a and b; (H,W) scratch */
+    double *line;               /* (threads, W + 2 STRUCTURE_HALF_MAX) a line of each thread */
+    double *memory;             /* the one allocation of all these arrays */
 };
 
 struct structure_window {
     int half;
-    double tap[2 * STRUCTURE_HALF_MAX + 1]; /* from -half to half; their sum is 1 */
+    double tap[2 * STRUCTURE_HALF_MAX + 1]; /* taps from -half to half, whose sum is 1 */
 };
 
 static struct structure_window structure_window(int which)
@@ -50,25 +50,25 @@ static struct structure_window structure_window(int which)
     return w;
 }
 
-/* Reflects a place outside 0..n-1 at the edge it passed: -1 is 0, n is n - 1. */
+/* Reflects an index outside 0..n-1 at the edge that it passed: -1 becomes 0, n becomes n - 1. */
 static int structure_reflect(int i, int n)
 {
     const int period = 2 * n, at = ((i % period) + period) % period;
     return at < n ? at : period - 1 - at;
 }
 
-/* One row of a blur: along y, then along x. */
+/* Holds one row of a blur, along y and then along x. */
 struct structure_row {
     int width;
     const struct structure_window *w;
-    const double *row[2 * STRUCTURE_HALF_MAX + 1]; /* (W) under each tap of the column */
-    /* (W + 2 STRUCTURE_HALF_MAX) blurred along y: its columns 0..W-1 begin at STRUCTURE_HALF_MAX */
+    const double *row[2 * STRUCTURE_HALF_MAX + 1]; /* (W) input row under each tap of the column */
+    /* (W + 2 STRUCTURE_HALF_MAX) row blurred along y; its columns 0..W-1 begin at STRUCTURE_HALF_MAX */
     double *line;
     double *out; /* (W) */
 };
 
-/* Adds the taps of n columns from x on in registers: lines in memory would be loaded and stored at each
- * tap. */
+/* Adds the taps of n columns from x on in registers; lines in memory would be
+ * loaded and stored at each tap. */
 SIMD_INLINE void structure_blur_columns(const struct structure_row *r, int x, const int n)
 {
     double sum[STRUCTURE_RUN] = {0};
@@ -92,7 +92,8 @@ SIMD_INLINE void structure_blur_along(const struct structure_row *r, int x, cons
     memcpy(r->out + x, sum, (size_t)n * sizeof *sum);
 }
 
-/* The last run ends with the row, over columns that the one before has done. */
+/* Returns the first column of the next run. The last run ends with the row and repeats
+ * columns of the run before. */
 SIMD_INLINE int structure_next(int x, int width)
 {
     return x + STRUCTURE_RUN < width ? OXL_MIN(x + STRUCTURE_RUN, width - STRUCTURE_RUN) : width;
@@ -132,8 +133,8 @@ static void structure_blur(oxl_context *ctx, const struct structure_work *s, int
     }
 }
 
-/* Computes the mean of the pixels that count, each window for itself. `in` is spent; weighted: (H,W) to
- * work on. */
+/* Computes the mean of the pixels that count in each window; `in` is 0 where none counts.
+ * weighted: (H,W) scratch. */
 static void structure_mean(oxl_context *ctx, const struct structure_work *s, int which, const double *in,
                            double *out, double *weighted)
 {
@@ -180,7 +181,7 @@ static oxl_result structure_begin(oxl_context *ctx, const oxl_image *a, const ox
     return OXL_OK;
 }
 
-/* Computes mean products of the bands over the pixels that count: aa, bb, ab. */
+/* Computes mean products of the bands over the pixels that count: aa, bb, ab. Returns their number. */
 static double structure_products(const struct structure_work *s, double product[3])
 {
     double counted = 0;
@@ -199,8 +200,7 @@ static double structure_products(const struct structure_work *s, double product[
     return counted;
 }
 
-/* Computes the same around each pixel: the correlation of what is there. NaN: the image has no detail
- * there. */
+/* Computes the correlation of the bands around each pixel; NaN: the image has no detail there. */
 static void structure_map(oxl_context *ctx, const struct structure_work *s, float *map)
 {
     const size_t pixels = (size_t)s->width * (size_t)s->height;
@@ -241,7 +241,8 @@ oxl_result oxl_structure(oxl_context *ctx, const oxl_image *a, const oxl_image *
 
 /* ---------------- decibels of the image's own contrast */
 
-/* Computes the contrast: what is left of the image when its channels are fitted by the light. */
+/* Divides the squared error by the image's contrast: the rest of the image after its channels
+ * are fitted by the light. */
 OXL_INTERNAL double structure_explained(const oxl_image *rendered, const oxl_image *image,
                                         const oxl_image *light)
 {

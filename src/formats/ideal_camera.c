@@ -1,4 +1,4 @@
-/* ideal_camera.c - the pinhole camera of the undistorted images of a survey's camera.
+/* ideal_camera.c - finds the pinhole camera of the undistorted images of a survey's camera.
  *
  * Invariant: all pixels of an undistorted camera lie inside the field of view of the real one. A distortion
  * polynomial is not monotonic beyond some radius; directions beyond it are outside the field of view.
@@ -6,21 +6,22 @@
 #include "survey_read.h"
 
 enum {
-    CAMERA_SIDE_MAX = 32768, /* px; the same limit as for images */
-    CAMERA_SIDE_MIN = 16,
-    CAMERA_RAYS = 128, /* towards each side of the image */
-    CAMERA_STEPS = 32, /* along a ray, to find the first direction outside the field of view */
-    CAMERA_SHRINK = 64 /* px by which a side may be corrected at the end */
+    CAMERA_SIDE_MAX = 32768, /* px; greatest side, as of images */
+    CAMERA_SIDE_MIN = 16,    /* px; least side of an undistorted image */
+    CAMERA_RAYS = 128,       /* rays towards each side of the image */
+    CAMERA_STEPS = 32,       /* steps along a ray to the first direction outside the field of view */
+    CAMERA_SHRINK = 64       /* px; most by which a side is corrected at the end */
 };
-#define CAMERA_PX_MAX 1e9      /* px: limit of plausible focal lengths and principal points */
-#define CAMERA_FOCAL_MIN 0.002 /* x the longer side: 179.5 degrees */
-/* largest distance of a side relative to the image's; COLMAP uses the same limit */
+#define CAMERA_PX_MAX 1e9      /* Bounds plausible focal lengths and principal points (px). */
+#define CAMERA_FOCAL_MIN 0.002 /* Least focal length, in longer sides of the image: 179.5 degrees. */
+/* Greatest distance of a side from the principal point, relative to the image's;
+ * COLMAP uses the same limit. */
 #define CAMERA_GROWTH 2.0
 
 enum camera_side { CAMERA_LEFT, CAMERA_RIGHT, CAMERA_TOP, CAMERA_BOTTOM, CAMERA_FOLD };
 
-/* Returns 1 if the direction is inside the field of view: within the centres of the outermost pixels, and
- * where the polynomial is monotonic. */
+/* Returns 1 if the direction is inside the field of view: its pixel is within the centres of the outermost
+ * pixels, and the polynomial is monotonic there. */
 static int camera_in_field(const struct colmap_camera *camera, const double direction[2], double pixel[2])
 {
     const double farther[2] = {direction[0] * 1.001, direction[1] * 1.001};
@@ -34,8 +35,8 @@ static int camera_in_field(const struct colmap_camera *camera, const double dire
            pixel[1] <= camera->height - 0.5 && beyond2 > r2;
 }
 
-/* Steps from the axis towards `target`; `end` receives the limit of the field of view. Returns the kind of
- * limit, or -1: none. */
+/* Steps from the axis towards `target`, then bisects; `end` receives the limit of the field of view. Returns
+ * the kind of limit; -1: there is none. */
 static int camera_trace(const struct colmap_camera *camera, const double target[2], double end[2])
 {
     double pixel[2], good = 0, bad = 0;
@@ -61,8 +62,8 @@ static int camera_trace(const struct colmap_camera *camera, const double target[
 }
 
 /* Measures the distance in px from the principal point to each side of a rectangle inside the field of view.
- * Where the image border is the limit, that side moves inwards; where the polynomial is (a curve around the
- * axis), all four sides move inwards by the same factor. */
+ * A side moves inwards if the image's border is the limit; all four sides move inwards by the same factor if
+ * the polynomial is, whose limit is a curve around the axis. */
 static void camera_rectangle(const struct colmap_camera *camera, double side[4])
 {
     double k[4], folded = 1, fold_at[4 * CAMERA_RAYS][2];
@@ -75,7 +76,8 @@ static void camera_rectangle(const struct colmap_camera *camera, double side[4])
     side[CAMERA_BOTTOM] = CAMERA_GROWTH * (h - k[3]);
     for (int i = 0; i < 4 * CAMERA_RAYS; i++) {
         const double along = (i / 4 + 0.5) / CAMERA_RAYS;
-        const double x = (i % 4 < 2 ? along : i % 4 - 2) * w - k[2]; /* a point on the image's border */
+        /* (x, y): a point on the image's border, from the principal point */
+        const double x = (i % 4 < 2 ? along : i % 4 - 2) * w - k[2];
         const double y = (i % 4 < 2 ? i % 4 : along) * h - k[3];
         double end[2], target[2] = {CAMERA_GROWTH * x / k[0], CAMERA_GROWTH * y / k[1]};
         switch (camera_trace(camera, target, end)) {
@@ -100,7 +102,7 @@ static void camera_rectangle(const struct colmap_camera *camera, double side[4])
     for (int i = 0; i < 4; i++) side[i] *= folded;
 }
 
-/* Rounds to whole pixels; the remainder is divided between both sides. */
+/* Rounds to whole pixels and divides the remainder between both sides. */
 static void camera_round(const double side[4], oxl_camera *c)
 {
     c->width = (int)OXL_CLAMP(side[CAMERA_LEFT] + side[CAMERA_RIGHT], 0, 2 * CAMERA_SIDE_MAX);
@@ -116,9 +118,8 @@ static int camera_covers_pixel(const struct colmap_camera *camera, const oxl_cam
     return camera_in_field(camera, direction, pixel);
 }
 
-/* Checks all border pixels and removes a pixel row or column from each side that has one outside the field of
- * view.
- * Returns 1 if there was none. */
+/* Checks all border pixels, and removes a row or column of pixels from each side that has one outside the
+ * field of view. Returns 1 if there was none. */
 static int camera_shrink(const struct colmap_camera *camera, const oxl_camera *c, double side[4])
 {
     int bad[4] = {0, 0, 0, 0};

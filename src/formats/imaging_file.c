@@ -1,5 +1,10 @@
-/* imaging_file.c - reads and writes imaging.txt, the formation of images beside a model: gains, medium,
- * lamp, poses.
+/* imaging_file.c - reads and writes imaging.txt, the formation of images beside a model: gains, medium, lamp,
+ * poses.
+ *
+ *     # comment
+ *     gain 1.0231 0.9877 1.0102 dive1/IMG 0001.JPG      red green blue, then the name to the end of the line
+ *
+ * Lines of the medium, lamps and poses begin with bD, bB, Binf, falloff, lamp and pose.
  */
 #include "formats.h"
 #include "../survey/imaging.h"

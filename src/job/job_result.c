@@ -1,4 +1,4 @@
-/* job_result.c - the result of a job: the model in its files, metrics.json, run.json, renders.
+/* job_result.c - writes the result of a job: the model in its files, metrics.json, run.json, renders.
  *
  * Invariant: run.json says "finished": true after everything else is in place.
  */
@@ -10,14 +10,15 @@
 #include "../model/model.h"
 #include "../large/os_job.h"
 
-enum { JOB_STEPS_A_VIEW = 40 }; /* of training, for each view that unseen_drop renders */
-#define JOB_EXPOSURE 0.5        /* dB: cc_psnr is logged when it is so much above PSNR */
+enum { JOB_STEPS_A_VIEW = 40 }; /* least training steps for each view that unseen_drop renders */
+#define JOB_EXPOSURE 0.5        /* Least difference (dB) of cc_psnr to PSNR with which it is logged. */
 
 /* ---------------- models */
 
-/* Removes what no training view shows: nothing trained it, and it floats before other cameras. Only finished
- * runs of one block with JOB_STEPS_A_VIEW steps for each view do so: in others rendering all views, for each
- * model, takes more than 2 % of the time for some 30 rows, and the rows of merged blocks may be in files. */
+/* Removes Gaussians that no training view shows: nothing trained them, and they float before other cameras.
+ * Only finished runs of one block with JOB_STEPS_A_VIEW steps for each view do so: in others rendering all
+ * views, for each model, takes more than 2 % of the time for some 30 rows, and rows of merged blocks may be
+ * in files. */
 static oxl_result job_drop_unseen(struct job *job, oxl_large_model *large)
 {
     size_t dropped = 0;
@@ -31,7 +32,7 @@ static oxl_result job_drop_unseen(struct job *job, oxl_large_model *large)
     return rc;
 }
 
-/* Reads the model of the one block, or of all, trained after merging. */
+/* Reads the model of the one block, or the merged model, and its imaging. */
 static oxl_result job_final_model(struct job *job, int standard, oxl_large_model *out)
 {
     const int one = job->partition.block_count == 1 ? 0 : JOB_MERGED_MODEL;
@@ -46,8 +47,8 @@ static oxl_result job_final_model(struct job *job, int standard, oxl_large_model
     return rc;
 }
 
-/* Returns 1 if scene.ply is a model for viewers: where a medium lies between the model's colours and the
- * images, or gains do and the only block has a model without them. */
+/* Returns 1 if scene.ply is a model for viewers: if a medium lies between the model's colours and the images,
+ * or gains do and the only block has a model without them. */
 static int job_hides(const struct job *job)
 {
     if (!job->scene) return 0;
@@ -56,7 +57,7 @@ static int job_hides(const struct job *job)
            job->partition.block_count == 1 && os_is_file(PATH(JOB_BLOCK(job, 0), "model_standard.ply"));
 }
 
-/* Sets the view from which viewers begin: that of the training view nearest to the cameras' centre. */
+/* Sets the view with which viewers begin: that of the training view nearest to the cameras' centre. */
 static void job_choose_view(const oxl_scene *scene, oxl_model *model)
 {
     const int views = oxl_scene_view_count(scene);
@@ -97,7 +98,7 @@ static oxl_result job_write_ply(struct job *job, const char *name, const oxl_lar
     return rc;
 }
 
-/* Makes the model without lobes and medium; of an unfinished run, not refined. */
+/* Makes the model without second lobes and medium; in an unfinished run it is not refined. */
 static oxl_result job_make_standard(struct job *job, oxl_large_model *out)
 {
     const int made = !job->unfinished && (job->result.model.lobes > 0 || job_hides(job));
@@ -108,9 +109,9 @@ static oxl_result job_make_standard(struct job *job, oxl_large_model *out)
     return rc;
 }
 
-/* Writes scene.ply with the model's SH degree, and the lobes, or with a medium the standard model;
- * scene_clear.ply then has the former. Unless scene.ply has the standard columns already,
- * scene_standard.ply has. bytes: of the file that the metrics are of, and of the standard model's. */
+/* Writes scene.ply: the model with its SH degree and lobes, or with a medium the standard model;
+ * scene_clear.ply then has the former. Writes scene_standard.ply unless scene.ply has the standard columns
+ * already. bytes: of the file that the metrics are of, and of the standard model's. */
 static oxl_result job_write_models(struct job *job, oxl_large_model *standard, size_t bytes[2])
 {
     const int hides = job_hides(job),
@@ -150,7 +151,7 @@ static oxl_split job_evaluated_split(const struct job *job)
     return job->survey.test_views > 0 ? OXL_SPLIT_TEST : OXL_SPLIT_TRAIN;
 }
 
-/* Evaluates what a viewer without second lobes and medium renders: *m gets its PSNR at mean exposure. */
+/* Evaluates the image of a viewer without second lobes and medium; *m gets its PSNR at mean exposure. */
 static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_large_model *standard,
                                    size_t bytes, oxl_metrics *m)
 {
@@ -250,7 +251,7 @@ static void job_add_partition_decision(const struct job *job, struct text *t)
         job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as set");
 }
 
-/* Adds what was decided, and on what evidence, block by block. */
+/* Adds the decisions and their evidence, block by block. */
 static oxl_result job_add_decisions(struct job *job, struct text *t)
 {
     oxl_result rc = OXL_OK;
@@ -315,7 +316,7 @@ static oxl_result job_render_views(struct job *job)
     return oxl_render_views(job->ctx, &job->result, job->scene, &what, PATH(job->out, "renders"), &rendered);
 }
 
-/* Writes imaging.txt beside scene.ply, where the run has gains. */
+/* Writes imaging.txt beside scene.ply, or removes it if the run has no imaging. */
 static oxl_result job_write_gains(struct job *job)
 {
     const char *path = PATH(job->out, "imaging.txt");
@@ -325,8 +326,8 @@ static oxl_result job_write_gains(struct job *job)
     return OXL_OK;
 }
 
-/* Writes everything that belongs to the result; of an unfinished run of one block, the model as far as it
- * is. */
+/* Writes the result; see job.h. run.json comes last, so that it never says "finished" before
+ * the other files are there. */
 OXL_INTERNAL oxl_result job_finish(struct job *job, int evaluate)
 {
     oxl_large_model standard = {.pages = NULL};
@@ -339,7 +340,8 @@ OXL_INTERNAL oxl_result job_finish(struct job *job, int evaluate)
     if (rc == OXL_OK && evaluate && job->options.renders) rc = job_render_views(job);
     if (rc == OXL_OK) rc = job_write_run(job, !job->unfinished);
     if (rc == OXL_OK && !job->unfinished) {
-        if (job->partition.block_count > 1) job_drop_checkpoints(job); /* of paused blocks */
+        /* Removes the checkpoints of paused blocks. */
+        if (job->partition.block_count > 1) job_drop_checkpoints(job);
         os_remove(PATH(job->out, "blocks/survey.oxl"));
         job_remove_decoded(job);
     }

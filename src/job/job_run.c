@@ -1,9 +1,9 @@
-/* job_run.c - the whole job: a survey in, a folder with the model, its metrics and renders out.
+/* job_run.c - runs the whole job: a survey in, a folder with the model, its metrics and renders out.
  *
  * OUT/run.json is written first, as the key of the run, and last, when everything else is in place.
  * Invariant: a run.json that says "finished": true describes the scene.ply beside it. Its lines "job" and
- * "found" hold all that the result depends
- * on: a second run with the same lines resumes the first, or has nothing to do.
+ * "found" hold all that the result depends on: a second run with the same lines resumes the first, or has
+ * nothing to do.
  */
 #include "job.h"
 #include "../render/render.h"
@@ -14,7 +14,8 @@
 
 /* ---------------- run.json */
 
-/* Lists the properties of a survey that identify a job: another export in the same place is another job. */
+/* Writes the line "found", the properties of a survey that identify a job: another export in the
+ * same place is another job. */
 static oxl_result job_describe_found(struct job *job)
 {
     uint64_t sum = 0;
@@ -32,7 +33,7 @@ static oxl_result job_make_key(struct job *job)
     return job->found.failed || job->key.failed ? OXL_ERR_MEMORY : OXL_OK;
 }
 
-/* Writes the run's line, with the device that began the run. */
+/* Writes the line "job", with the device that began the run. */
 static void job_describe(struct job *job, const char *scene)
 {
     struct text line = {.ctx = job->ctx};
@@ -68,7 +69,7 @@ void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run)
 
 /* ---------------- what is there already */
 
-/* Locks OUT. A finished run in a folder that cannot be written to is looked at without a lock. */
+/* Locks OUT. A finished run in a folder that cannot be written to needs no lock. */
 static oxl_result job_lock(struct job *job)
 {
     struct oxl_manifest run = {0};
@@ -83,8 +84,8 @@ static oxl_result job_lock(struct job *job)
     return rc == OXL_OK ? job_refuse_links(job) : rc;
 }
 
-/* Lets a run of --block K replace what OUT held, and train a survey of one block, only when no other
- * process is at work there. */
+/* Makes the lock of a run of --block K exclusive if `alone`, so that it replaces results in OUT, or trains a
+ * survey of one block, only while no other process works there. */
 static oxl_result job_lock_alone(struct job *job, int alone)
 {
     return job->options.block >= 0 ? lock_change(job->ctx, job->lock, job->out, !alone) : OXL_OK;
@@ -103,8 +104,8 @@ static int job_has_blocks(struct job *job)
     return blocks > 0;
 }
 
-/* Returns 1 for a survey of another folder and with other contents: one that moved, or has grown, is no
- * other. */
+/* Returns 1 if the survey is in another folder and has other contents; one that moved,
+ * or has grown, is the same. */
 static int job_is_of_another_survey(const struct job *job, const struct oxl_manifest *run)
 {
     return run->scene && run->found && strcmp(run->scene, job->scene_path) != 0 &&
@@ -116,7 +117,7 @@ static int job_is_of_another_run(const struct job *job, const struct oxl_manifes
     return strcmp(run->line, job->line.data) || !run->found || strcmp(run->found, job->found.data);
 }
 
-/* Refuses OUT; the error names the options, or what of the survey, that differ. */
+/* Refuses OUT; the error names the options, or properties of the survey, that differ. */
 static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
 {
     struct text t = {.ctx = job->ctx}, there = t;
@@ -139,14 +140,16 @@ static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
     return rc;
 }
 
-/* Keeps the line of a run of the same folders by other names, by which its blocks and checkpoints know it. */
+/* Keeps the line of a run that names the same folders otherwise, since its blocks and
+ * checkpoints are found by it. */
 static oxl_result job_adopt_names(struct job *job, const struct oxl_manifest *run)
 {
     const int found = run->found && !strcmp(run->found, job->found.data);
     int same = 0;
     oxl_result rc;
     if (!run->line[0] || !strcmp(run->line, job->line.data)) return OXL_OK;
-    if (run->scene && (found || os_is_same(run->scene, job->scene_path))) { /* other options may differ */
+    /* Other options may still differ. */
+    if (run->scene && (found || os_is_same(run->scene, job->scene_path))) {
         text_free(&job->key);
         job_describe(job, run->scene);
         rc = job->line.failed ? OXL_ERR_MEMORY : job_make_key(job);
@@ -178,8 +181,8 @@ static void job_say_other_device(struct job *job, const struct oxl_manifest *run
     text_free(&began);
 }
 
-/* Continues a run that another device began: its blocks and checkpoints know it by that one. A finished
- * result is left to that device, unless it is of both. */
+/* Continues a run that another device began, under the line with that device, since its blocks and
+ * checkpoints are found by it. Leaves a finished result to that device, unless the result is of both. */
 static oxl_result job_adopt_device(struct job *job, const struct oxl_manifest *run)
 {
     oxl_result rc;
@@ -189,7 +192,7 @@ static oxl_result job_adopt_device(struct job *job, const struct oxl_manifest *r
     text_add(&job->device, "%s", run->line);
     rc = job->device.failed ? OXL_ERR_MEMORY : job_describe_anew(job);
     if (rc == OXL_OK) rc = job_adopt_names(job, run);
-    if (rc == OXL_OK && strcmp(run->line, job->line.data) != 0) { /* other options differ, too */
+    if (rc == OXL_OK && strcmp(run->line, job->line.data) != 0) { /* Gives up if other options differ, too. */
         text_free(&job->device);
         rc = job_describe_anew(job);
         return rc == OXL_OK ? job_adopt_names(job, run) : rc;
@@ -200,8 +203,8 @@ static oxl_result job_adopt_device(struct job *job, const struct oxl_manifest *r
     return OXL_OK;
 }
 
-/* Removes the result of another survey, a finished result with other options, or unfinished work of another
- * run with --restart alone. */
+/* Removes the records of another run: only with --restart, unless its finished result is continued or
+ * there is no work of it yet. */
 static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *run)
 {
     oxl_result rc;
@@ -213,7 +216,7 @@ static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *ru
     if (run->finished ? job->start.after == 0 && !job->options.restart
                       : job_has_blocks(job) && !job->options.restart)
         return job_refuse(job, run);
-    /* a folder that could not be locked: says why it cannot be written to */
+    /* Locks a folder that could not be locked before; the error says why it cannot be written to. */
     rc = job->is_read_only ? lock_folder(job->ctx, job->out, 0, &job->lock) : job_lock_alone(job, 1);
     if (rc != OXL_OK) return rc;
     if (!run->finished && job->options.block < 0 && job_is_of_another_run(job, run))
@@ -226,7 +229,7 @@ static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *ru
     return OXL_OK;
 }
 
-/* Finds the model that training starts from, if it is not the points. */
+/* Finds the model that training starts from, if it does not start from the points. */
 static oxl_result job_find_start(struct job *job, const struct oxl_manifest *run)
 {
     oxl_result rc =
@@ -243,7 +246,7 @@ static oxl_result job_find_start(struct job *job, const struct oxl_manifest *run
     return job_make_key(job);
 }
 
-/* Says that scene.ply is not what the finished run wrote: it may be damaged, or edited, so it is kept. */
+/* Warns if scene.ply is not what the finished run wrote: it may be damaged or edited, so it is kept. */
 static oxl_result job_check_result(struct job *job, const struct oxl_manifest *run)
 {
     const char *path = PATH(job->out, "scene.ply");
@@ -259,7 +262,7 @@ static oxl_result job_check_result(struct job *job, const struct oxl_manifest *r
     return rc;
 }
 
-/* Compares the run with what OUT holds. *done: nothing is left to do. */
+/* Compares the run with the run in OUT. *done: nothing is left to do. */
 static oxl_result job_find_earlier(struct job *job, int *done)
 {
     struct oxl_manifest run = {0};
@@ -287,7 +290,7 @@ static void job_log_lines(struct job *job, oxl_log_level level, const char *s)
     for (; *s; s += strcspn(s, "\n") + 1) oxl_log(job->ctx, level, "%.*s", (int)strcspn(s, "\n"), s);
 }
 
-/* Sets the preset's iterations for this survey; options in run.json have that number. */
+/* Sets the preset's iterations for this number of images, which run.json then states. */
 static void job_count_iterations(struct job *job, int images)
 {
     job->options.train.iterations = cost_iterations(&job->options, images);
@@ -312,8 +315,8 @@ static oxl_result job_open(struct job *job)
 
 /* ---------------- blocks */
 
-/* Writes what was read of the survey to a file, which is mapped instead while several blocks are trained. A
- * full disk must not stop the run. */
+/* Writes the survey to a file, which is mapped instead of it while several blocks are trained. A full disk
+ * only costs memory: it must not stop the run. */
 static oxl_result job_map_survey(struct job *job)
 {
     const char *path = PATH(job->out, "blocks/survey.oxl");
@@ -336,8 +339,8 @@ static oxl_result job_map_survey(struct job *job)
     return rc;
 }
 
-/* Reads the blocks from partition.txt, or makes and writes them: the first of several processes does, as
- * they may find different memory; the others wait. One block that fits in any case has no file. */
+/* Reads the blocks from partition.txt, or makes and writes them. Of several processes the first one does,
+ * since they may find different free memory; the others wait. One block that fits in any case has no file. */
 static oxl_result job_make_partition(struct job *job)
 {
     const char *path = PATH(job->out, "partition.txt");
@@ -371,7 +374,7 @@ static oxl_result job_partition(struct job *job)
     return rc;
 }
 
-/* Fits the one block into the budget, and predicts its cost. */
+/* Fits the one block into the budget and predicts its cost. */
 static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_job_options *o)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
@@ -385,7 +388,7 @@ static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_
     cost = cost_estimate(job->ctx, o, &load);
     task->train = o->train;
     task->predicted_peak = cost.memory;
-    task->predicted_seconds = job->survey.seconds; /* 0: it was not described in this process */
+    task->predicted_seconds = job->survey.seconds; /* 0: another process described the survey */
     if (!(job->survey.seconds > 0)) task->predicted_seconds = cost.seconds;
     job_limit_time(job, &task->train);
     return OXL_OK;
@@ -413,7 +416,8 @@ static oxl_result job_run_single(struct job *job)
     struct block_record record;
     oxl_result rc = job_lock_alone(job, 1), trained = OXL_OK;
     if (rc == OXL_OK) rc = job_read_record(job, folder, &record);
-    if (rc == OXL_OK && !record.finished && !job->scene) rc = job_load(job); /* --block 0, resumed */
+    /* Loads the survey for a resumed --block 0. */
+    if (rc == OXL_OK && !record.finished && !job->scene) rc = job_load(job);
     if (rc == OXL_OK && !record.finished) {
         trained = job_train_single(job, folder);
         rc = trained == OXL_ERR_INTERRUPTED ? OXL_OK : trained;
@@ -423,7 +427,8 @@ static oxl_result job_run_single(struct job *job)
     return rc == OXL_OK ? trained : rc;
 }
 
-/* Writes the result if all blocks have finished, else a partial one. rc: how their training ended. */
+/* Writes the result if all blocks have finished, or the partial result of one block. rc:
+ * the end of their training. */
 static oxl_result job_finish_if_complete(struct job *job, oxl_result rc)
 {
     const int one = job->partition.block_count == 1;
@@ -481,8 +486,8 @@ static void job_end(struct job *job)
     text_free(&job->notes);
 }
 
-/* Locks OUT: a run of all blocks is alone there; one of a single block may have neighbours that are just
- * writing. */
+/* Removes temporary files of killed processes. A run of all blocks is alone in OUT; beside one of a single
+ * block, others may be writing. */
 static oxl_result job_remove_temporaries(struct job *job)
 {
     oxl_result rc = OXL_OK;
@@ -491,7 +496,7 @@ static oxl_result job_remove_temporaries(struct job *job)
     return rc == OXL_OK ? os_remove_temporaries(job->ctx, PATH(job->out, "renders"), RENDER_FILES) : rc;
 }
 
-/* Goes from the survey to the blocks; *done: nothing is left to do. */
+/* Prepares a run, from the survey to the partition; *done: nothing is left to do. */
 static oxl_result job_prepare(struct job *job, int *done)
 {
     oxl_result rc = job_open(job);
@@ -510,8 +515,8 @@ static oxl_result job_prepare(struct job *job, int *done)
     return rc == OXL_OK ? job_lock_alone(job, 0) : rc;
 }
 
-/* Opens one block of a run whose partition is there: what is in its folder suffices, the whole survey is
- * not read again. */
+/* Prepares one block of a run that has a partition: the files in OUT suffice, so the survey is not read.
+ * *ready 0: this is another run. */
 static oxl_result job_prepare_block(struct job *job, int *ready)
 {
     const oxl_job_options requested = job->options;
@@ -536,7 +541,7 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
                        const oxl_callback *callback)
 {
     struct job job;
-    oxl_result rc = oxl_backend_begin(ctx); /* the device is part of what the result depends on */
+    oxl_result rc = oxl_backend_begin(ctx); /* Opens the device first, since the result depends on it. */
     int ready = 0, done = 0;
     if (rc != OXL_OK) return rc;
     job_begin(&job, ctx, scene, out, options, callback);
@@ -575,7 +580,7 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *call
         return rc;
     }
     manifest_options(&run, &options);
-    options.scene.allow_truncated = 1; /* as its training was allowed to */
+    options.scene.allow_truncated = 1; /* Allows what the training was allowed. */
     job_begin(&job, ctx, run.scene, out, &options, callback);
     rc = job_check(&job);
     if (rc == OXL_OK) rc = job_lock(&job);

@@ -1,4 +1,4 @@
-/* lpips.c - LPIPS v0.1: the distance of two images in the features of AlexNet's five convolutions.
+/* lpips.c - computes LPIPS v0.1: the distance of two images in the features of AlexNet's five convolutions.
  *
  * Source: Zhang et al. 2018, The Unreasonable Effectiveness of Deep Features as a Perceptual Metric; weights:
  * examples/lpips_weights.py. For evaluation only. A file of weights, little-endian:
@@ -8,10 +8,11 @@
  *     5 heads          uint32 n;  n float32 weights
  *
  * The layers are a pipeline: a row is computed when the next layer needs it, from rings that hold as many
- * rows as a kernel is high. So memory grows with the width of the images only. Rows of both images lie side
+ * rows as a kernel is high. So memory grows only with the width of the images. Rows of both images lie side
  * by side.
  *
- * Invariant: each feature is a sum in a written order; the distance does not depend on the number of threads.
+ * Invariant: each feature is a sum in a written order; the distance does not depend on the number of
+ * threads.
  */
 #include "../core/bytes.h"
 #include "../core/simd.h"
@@ -20,18 +21,18 @@
 
 enum {
     LPIPS_LAYERS = 5,
-    LPIPS_STAGES = 8, /* the image, five convolutions, two poolings */
+    LPIPS_STAGES = 8, /* stages: the image, five convolutions, two poolings */
     LPIPS_CHANNELS_MAX = 4096,
-    LPIPS_RING = 11,  /* rows: of the highest kernel */
-    LPIPS_BLOCK = 4,  /* channels computed together, */
-    LPIPS_LANES = 16, /* and columns */
-    LPIPS_PAD = 2     /* columns of zeros on either side, at least those of a convolution */
+    LPIPS_RING = 11,  /* most rows of a ring, those of the highest kernel */
+    LPIPS_BLOCK = 4,  /* channels that are computed together */
+    LPIPS_LANES = 16, /* columns that are computed together */
+    LPIPS_PAD = 2     /* columns of zeros on either side, at least the padding of a convolution */
 };
-#define LPIPS_EPSILON 1e-10 /* added to the length of a feature vector [lpips 0.1] */
+#define LPIPS_EPSILON 1e-10 /* Added to the length of a feature vector, against division by 0 [lpips 0.1]. */
 
-/* A stage reads the one before it. Pooling is a stage of its own: 3 x 3, stride 2. */
+/* Lists the stages; each reads the one before it. Pooling is a stage of its own: 3 x 3, stride 2. */
 static const struct lpips_shape {
-    int convolution; /* its index; -1: pooling; -2: the image */
+    int convolution; /* index of the convolution; -1: pooling; -2: the image */
     int size, stride, padding;
 } LPIPS_SHAPES[LPIPS_STAGES] = {{-2, 1, 1, 0}, {0, 11, 4, 2}, {-1, 3, 2, 0}, {1, 5, 1, 2},
                                 {-1, 3, 2, 0}, {2, 3, 1, 1},  {3, 3, 1, 1},  {4, 3, 1, 1}};
@@ -45,7 +46,7 @@ struct lpips_layer {
 
 struct lpips {
     struct lpips_layer layer[LPIPS_LAYERS];
-    float data[]; /* one allocation, so that whoever holds the network frees it by oxl_free */
+    float data[]; /* weights of all layers, in the network's own allocation, so that oxl_free frees all */
 };
 
 /* ---------------- the file */
@@ -68,7 +69,7 @@ struct lpips_file {
     const unsigned char *at, *end;
 };
 
-/* Reads `count` uint32, each from 1 to LPIPS_CHANNELS_MAX; 0: they are not there. */
+/* Reads `count` uint32, each from 1 to LPIPS_CHANNELS_MAX; returns 0 if they are missing or out of range. */
 static int lpips_take_sizes(struct lpips_file *f, int count, int out[4])
 {
     for (int k = 0; k < count; k++, f->at += 4) {
@@ -79,7 +80,7 @@ static int lpips_take_sizes(struct lpips_file *f, int count, int out[4])
     return 1;
 }
 
-/* Returns the floats at f->at, which moves past them; NULL: they are not there. */
+/* Returns the floats at f->at, which moves past them; NULL: they are missing or not finite. */
 static const unsigned char *lpips_take_floats(struct lpips_file *f, size_t count)
 {
     const unsigned char *from = f->at;
@@ -90,7 +91,7 @@ static const unsigned char *lpips_take_floats(struct lpips_file *f, size_t count
     return from;
 }
 
-/* Returns what is wrong; NULL: nothing. weight, bias, head: where the file has them. */
+/* Returns what is wrong with the file; NULL: nothing. weight, bias, head: places in the file. */
 static const char *lpips_parse(struct lpips_file *f, struct lpips *net, const unsigned char *weight[],
                                const unsigned char *bias[], const unsigned char *head[])
 {
@@ -120,7 +121,8 @@ static const char *lpips_parse(struct lpips_file *f, struct lpips *net, const un
     return f->at == f->end ? NULL : "more follows the weights";
 }
 
-/* Packs weights of LPIPS_BLOCK channels side by side; channels that fill the last block are 0. */
+/* Packs the weights of LPIPS_BLOCK channels side by side, so that a kernel loads them together; channels that
+ * fill the last block are 0. */
 static void lpips_pack(const unsigned char *from, struct lpips_layer *l)
 {
     const size_t taps = (size_t)l->in * (size_t)(l->size * l->size);
@@ -170,20 +172,21 @@ OXL_INTERNAL oxl_result lpips_read(oxl_context *ctx, const char *path, struct lp
 
 struct lpips_stage {
     const struct lpips_shape *shape;
-    const struct lpips_layer *layer;   /* of a convolution */
-    int channels, width, height, next; /* next: first row that is not computed */
-    /* A row: by image and channel, columns in `phases` (those of the next stage's stride) of `pitch` columns;
-     * column x of the padded row is at [x % phases][x / phases]. */
+    const struct lpips_layer *layer;   /* layer of a convolution; NULL: another stage */
+    int channels, width, height, next; /* next: first row that is not computed yet */
+    /* Describes a row: by image and channel, columns in `phases` (as many as the next stage's stride) of
+     * `pitch` columns; column x of the padded row is at [x % phases][x / phases], so that a strided
+     * convolution reads neighbours. */
     int phases, pitch, ring;
     float *row;      /* (ring, 2, channels, phases, pitch) */
-    double distance; /* sum over pixels */
+    double distance; /* sum of the distances of all pixels */
 };
 
 struct lpips_run {
     oxl_context *ctx;
     const oxl_image *image[2]; /* a, b */
     struct lpips_stage stage[LPIPS_STAGES];
-    float *length; /* (2,width of the first convolution) of the feature vectors, then their inverse */
+    float *length; /* (2,width of the first convolution) lengths of feature vectors, then their inverses */
 };
 
 static size_t lpips_channel_floats(const struct lpips_stage *s)
@@ -191,14 +194,14 @@ static size_t lpips_channel_floats(const struct lpips_stage *s)
     return (size_t)s->phases * (size_t)s->pitch;
 }
 
-/* Returns a channel of row y of image 0 or 1. */
+/* Returns a channel of row y of image 0 or 1 in the ring. */
 SIMD_INLINE float *lpips_channel(const struct lpips_stage *s, int y, int image, int channel)
 {
     const size_t row = (size_t)(y % s->ring) * 2 + (size_t)image;
     return s->row + (row * (size_t)s->channels + (size_t)channel) * (size_t)s->phases * (size_t)s->pitch;
 }
 
-/* Returns where column x of the image is in a channel. */
+/* Returns the place of the image's column x in a channel. */
 SIMD_INLINE size_t lpips_column(const struct lpips_stage *s, int x)
 {
     const int at = x + LPIPS_PAD;
@@ -212,7 +215,8 @@ static void lpips_copy_image_row(const struct lpips_run *run, struct lpips_stage
     const float *weight = run->image[1]->weight;
     for (int i = 0; i < 2; i++)
         for (int c = 0; c < 3; c++)
-            for (int x = 0; x < s->width; x++) { /* a masked pixel is alike in both */
+            /* Takes masked pixels of both images from image 1, so that they are equal. */
+            for (int x = 0; x < s->width; x++) {
                 const size_t at = first + (size_t)x;
                 const int of = weight && weight[at] <= 0.5f ? 1 : i;
                 const float v = run->image[of]->rgb[(size_t)c * plane + at];
@@ -221,7 +225,7 @@ static void lpips_copy_image_row(const struct lpips_run *run, struct lpips_stage
             }
 }
 
-struct lpips_task { /* a block of channels of a row of an image */
+struct lpips_task { /* Names a block of channels of a row of an image. */
     const struct lpips_stage *from, *to;
     int y, image, block;
 };
@@ -276,7 +280,7 @@ static void lpips_pool_row(const struct lpips_stage *s, int y)
     const struct lpips_stage *from = s - 1;
     for (int k = 0; k < 2 * s->channels; k++)
         for (int x = 0; x < s->width; x++) {
-            float most = 0; /* features are not negative */
+            float most = 0; /* starts at 0, since features are not negative */
             for (int v = 0; v < 3; v++) {
                 const float *in = lpips_channel(from, 2 * y + v, k / s->channels, k % s->channels);
                 for (int u = 0; u < 3; u++) most = OXL_MAX(most, in[lpips_column(from, 2 * x + u)]);
@@ -285,7 +289,7 @@ static void lpips_pool_row(const struct lpips_stage *s, int y)
         }
 }
 
-/* Adds the row's distances: of the feature vectors of both images, each divided by its length. */
+/* Adds the distances of a row: of the feature vectors of both images, each divided by its length. */
 static void lpips_add_distance(const struct lpips_run *run, struct lpips_stage *s, int y)
 {
     float *inverse[2] = {run->length, run->length + s->width};
@@ -313,7 +317,7 @@ static void lpips_add_distance(const struct lpips_run *run, struct lpips_stage *
     }
 }
 
-/* Computes the rows of a stage up to `last`, and of those before it what they need. */
+/* Computes the rows of a stage up to `last`, after those that they need of the stages before it. */
 static void lpips_advance(struct lpips_run *run, int stage, int last)
 {
     struct lpips_stage *s = &run->stage[stage];
@@ -332,7 +336,7 @@ static void lpips_advance(struct lpips_run *run, int stage, int last)
 
 /* ---------------- the distance */
 
-/* Computes the sizes of all stages; 0: the images are too small. */
+/* Computes the sizes of all stages; returns 0 if the images are too small. */
 static int lpips_lay_out(const struct lpips *net, struct lpips_run *run)
 {
     for (int k = 0; k < LPIPS_STAGES; k++) {
@@ -346,7 +350,8 @@ static int lpips_lay_out(const struct lpips *net, struct lpips_run *run)
         if (k > 0) s->width = s->width / shape->stride + 1, s->height = s->height / shape->stride + 1;
         s->phases =
             k + 1 < LPIPS_STAGES && LPIPS_SHAPES[k + 1].convolution >= 0 ? LPIPS_SHAPES[k + 1].stride : 1;
-        s->pitch = (s->width + 2 * LPIPS_PAD) / s->phases + 2 * LPIPS_LANES; /* lanes read past the row */
+        /* has room for lanes that read past the row */
+        s->pitch = (s->width + 2 * LPIPS_PAD) / s->phases + 2 * LPIPS_LANES;
         s->ring = k + 1 < LPIPS_STAGES ? LPIPS_SHAPES[k + 1].size : 1;
     }
     return 1;

@@ -1,9 +1,8 @@
-/* manifest.c - run.json: all inputs of a run's result, written, read and compared.
+/* manifest.c - writes, reads and compares the inputs of a run's result in run.json.
  *
  * Invariant: runs with equal members "job" on the same files end in the same bytes, unless one says by
- * "began_on" that it was continued on another device. Options that only affect
- * speed or memory
- * (threads, --max-time, --image-cache) are not in it.
+ * "began_on" that it was continued on another device. Options that only affect speed or memory (threads,
+ * --max-time, --image-cache) are not in it.
  */
 #include "job.h"
 #include "../render/render.h"
@@ -22,7 +21,7 @@ static int manifest_is_json(const char *text)
            parse_double(&end, text + strlen(text), &value) && !*end;
 }
 
-/* Adds a member: numbers, true and false unquoted, others as strings. */
+/* Adds a member: numbers, true and false unquoted, other values as strings. */
 static void manifest_add_value(struct text *t, const char *name, const char *value)
 {
     text_add(t, ", \"%s\": ", name);
@@ -51,13 +50,13 @@ OXL_INTERNAL void manifest_describe(struct text *t, const char *scene, const oxl
     text_add_json_string(t, scene);
     for (int i = 0; i < oxl_option_count(); i++)
         if (oxl_option_at(i)->use & OXL_OPTION_OF_RESULT) manifest_add_option(t, oxl_option_at(i), o);
-    if (backend_device(t->ctx))
-        manifest_add_value(t, "device", backend_device(t->ctx)); /* results depend on the device */
+    if (backend_device(t->ctx)) /* Adds the device, since results depend on it. */
+        manifest_add_value(t, "device", backend_device(t->ctx));
     text_add(t, "}");
 }
 
-/* Returns where the device of a line "job": {...} begins, its last member, or the bracket behind the others.
- * Quotes inside of strings are escaped, so the name is found as a member alone. */
+/* Returns the place of the device, the last member of a line "job": {...}, or that of the closing bracket.
+ * Quotes inside of strings are escaped, so the text is found as a member only. */
 static const char *manifest_end(const char *line)
 {
     const char *at = strstr(line, ", \"device\": ");
@@ -83,7 +82,7 @@ OXL_INTERNAL void manifest_add_device(struct text *t, const char *line)
 
 /* ---------------- text to options */
 
-/* Finds a member of one of the objects of `"job": {...}, "found": {...}`, or NULL. */
+/* Finds a member of one of the objects of `"job": {...}, "found": {...}`; NULL: there is none. */
 static const char *manifest_find(const char *line, const char *name)
 {
     const char *found = NULL;
@@ -95,7 +94,7 @@ static const char *manifest_find(const char *line, const char *name)
     return found;
 }
 
-/* Reads a JSON value as text, a string unescaped, allocated; *out = NULL for null or a missing value. */
+/* Reads a JSON value as allocated text, a string unescaped; *out NULL: null or missing. */
 static oxl_result manifest_read_value(oxl_context *ctx, const char *value, char **out)
 {
     const size_t room = value ? OXL_MAX(oxl_json_room(value), (size_t)(oxl_json_end(value) - value) + 1) : 0;
@@ -118,8 +117,7 @@ static oxl_result manifest_read_values(oxl_context *ctx, const char *job, struct
     return rc;
 }
 
-/* Copies `"name": {...}` with the object's text, allocated; "" for a truncated object; *out = NULL if there
- * is none. */
+/* Copies `"name": {...}` into allocated text; "": the object is truncated; *out NULL: there is none. */
 static oxl_result manifest_copy_member(oxl_context *ctx, const char *root, const char *name, char **out)
 {
     struct text t = {.ctx = ctx};
@@ -162,8 +160,8 @@ OXL_INTERNAL void manifest_free(oxl_context *ctx, struct oxl_manifest *run)
     *run = (struct oxl_manifest){0};
 }
 
-/* Applies the run's options. Invalid values are ignored; the run then counts as one with other options
- * (job_run.c). */
+/* Applies the run's options. Ignores invalid values; the run then counts as one with
+ * other options (job_run.c). */
 OXL_INTERNAL void manifest_options(const struct oxl_manifest *run, oxl_job_options *o)
 {
     const char *const none = NULL;
@@ -180,12 +178,12 @@ OXL_INTERNAL void manifest_options(const struct oxl_manifest *run, oxl_job_optio
 
 struct manifest_comparison {
     oxl_context *ctx;
-    const char *old, *current; /* "job": {...} and "found": {...} of both */
-    struct text *t;            /* or NULL */
+    const char *old, *current; /* "job": {...} and "found": {...} of each run */
+    struct text *t;            /* gets a line for each difference; or NULL */
     struct manifest_changes changes;
 };
 
-/* Counts a member with different values, and adds its line. */
+/* Counts a member whose values differ, and adds its line. */
 static oxl_result manifest_compare(struct manifest_comparison *c, const char *member, const char *label)
 {
     char *old = NULL, *current = NULL;
@@ -238,8 +236,8 @@ OXL_INTERNAL int manifest_is_of(const struct oxl_manifest *run, const char *scen
                           (!os_is_folder(run->scene) && os_is_folder(scene)));
 }
 
-/* Compares the values of a member of both lines. is_path: those of one folder are the same, and where what
- * was `found` is, those of a folder that is no longer there. */
+/* Compares a member's values in both lines. is_path: names of the same folder are equal and, if `found` is
+ * the same, names of a folder that no longer exists. */
 static oxl_result manifest_same_member(oxl_context *ctx, const char *const line[2], const char *member,
                                        int is_path, int found, int *same)
 {

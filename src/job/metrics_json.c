@@ -1,4 +1,5 @@
-/* metrics_json.c - metrics of a model as members of a JSON object: metrics.json, and the program's output.
+/* metrics_json.c - writes metrics of a model as members of a JSON object, for metrics.json and the program's
+ * output.
  */
 #include "job.h"
 
@@ -11,9 +12,10 @@ static void metrics_json_add_depths(struct text *t, const oxl_metrics *m)
     text_add(t, "},\n");
 }
 
-enum { METRICS_ALWAYS = 8, METRICS_WRITTEN = 11 }; /* those after the first are left out if they are NaN */
+/* number of values that are always written, and of all; the others are left out if they are NaN */
+enum { METRICS_ALWAYS = 8, METRICS_WRITTEN = 11 };
 
-/* Adds members of a JSON object; `between` them. */
+/* Adds values as members of a JSON object, separated by `between`. */
 static void metrics_json_add_values(struct text *t, const char *between, const double values[METRICS_WRITTEN])
 {
     static const char *const names[] = {"psnr",       "cc_psnr",      "ssim",        "ms_ssim",

@@ -1,8 +1,9 @@
-/* out_folder.c - what OUT may not be: a folder that the survey is read from, or one with files of a run's
- * names that no run wrote.
+/* out_folder.c - refuses folders as OUT: one that the survey is read from, or one with files of a run's names
+ * that no run wrote.
  *
- * Both would lose what cannot be made again: points of transforms.json that are named scene.ply, the block of
- * a partition that is cut anew in its own place, the model, the report or the blocks of another program.
+ * Both would lose files that cannot be made again: points of transforms.json that are named scene.ply, the
+ * block of a partition that is cut anew in its own place, the model, the report or the blocks of another
+ * program.
  */
 #include "job.h"
 #include "../large/os_job.h"

@@ -3,27 +3,28 @@
  * the model.
  *
  * Another origin moves the box away, another scale changes its size, another frame empties the pixels. A
- * warning, never an error:
- * the survey may be a part of the model's.
+ * warning, never an error: the survey may be a part of the model's.
  */
 #include "job.h"
 #include "../survey/scene.h"
 #include "../survey/scene_alpha.h"
 #include "../survey/survey.h"
 
-/* Twelve trained models have 1.0 to 1.1 of the diagonal, 95 to 99 % of the points and no empty pixel. */
-#define OVERLAP_SMALL 0.75  /* of the diagonal of the survey's box, at least */
-#define OVERLAP_LARGE 1.5   /* at most: Gaussians of the background lie far out */
-#define OVERLAP_INSIDE 0.6  /* of the survey's points are in the model's box, at least */
-#define OVERLAP_EMPTY 0.5   /* of the pixels show nothing, at most; */
-#define OVERLAP_OBJECT 0.98 /* of those of an object in front of a background: 0.65 of Lego's show it */
+/* Lists limits of a model that belongs to a survey. Twelve trained models have 1.0 to 1.1 of the diagonal, 95
+ * to 99 % of the points and no empty pixel. */
+#define OVERLAP_SMALL 0.75 /* Least diagonal of the model's box, in diagonals of the survey's. */
+#define OVERLAP_LARGE 1.5 /* Greatest diagonal of the model's box: Gaussians of the background lie far out. */
+#define OVERLAP_INSIDE 0.6 /* Least fraction of the survey's points in the model's box. */
+#define OVERLAP_EMPTY 0.5  /* Greatest fraction of the pixels without a Gaussian. */
+/* The same of an object in front of a background: 0.65 of Lego's pixels show only the background. */
+#define OVERLAP_OBJECT 0.98
 enum {
-    OVERLAP_POINTS = 20, /* fewer have no box */
-    OVERLAP_VIEWS = 4,   /* are rendered, */
-    OVERLAP_SIDE = 160   /* reduced to so many px on the longer side */
+    OVERLAP_POINTS = 20, /* least points, or Gaussians, that have a box */
+    OVERLAP_VIEWS = 4,   /* views that are rendered */
+    OVERLAP_SIDE = 160   /* px; longer side to which they are reduced */
 };
 
-struct overlap_box { /* nine tenths along each axis */
+struct overlap_box { /* Holds nine tenths of the values along each axis. */
     double low[3], high[3];
 };
 
@@ -55,7 +56,7 @@ static double overlap_inside(const struct overlap_box *box, const oxl_point *poi
     return (double)inside / (double)count;
 }
 
-/* Counts the pixels of a few views, reduced, in which no Gaussian is met. */
+/* Computes the fraction of the pixels of a few reduced views in which no Gaussian is met. */
 static oxl_result overlap_empty(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
                                 double *fraction)
 {
@@ -84,7 +85,7 @@ static oxl_result overlap_empty(oxl_context *ctx, const oxl_large_model *model, 
     return OXL_OK;
 }
 
-/* Compares the sizes of the boxes, and counts the points of the survey in the model's. */
+/* Compares the sizes of the boxes, and the fraction of the survey's points in the model's box. */
 static oxl_result overlap_compare(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                   double *ratio, double *inside)
 {

@@ -1,4 +1,5 @@
-/* partition_balance.c - balance of the blocks, predicted cost of each, and the command `partition`.
+/* partition_balance.c - measures the balance of the blocks and predicts the cost of each, for the command
+ * `partition`.
  *
  * Measures: largest / mean, the relative run time with one machine per block, and the coefficient of
  * variation. Both kinds of cut are measured, balanced and midpoint.
@@ -63,7 +64,7 @@ OXL_INTERNAL oxl_balance balance_summary(const oxl_block *block, int count)
     return b;
 }
 
-/* Predicts the cost of each block; *blocks is allocated. */
+/* Predicts the cost of each block into *blocks, which is allocated. */
 static oxl_result balance_blocks(oxl_context *ctx, const struct partition *p, const oxl_job_options *o,
                                  oxl_block **blocks)
 {
@@ -73,7 +74,7 @@ static oxl_result balance_blocks(oxl_context *ctx, const struct partition *p, co
     return OXL_OK;
 }
 
-/* Measures what the other cut would give. */
+/* Measures the balance of the other kind of cut. */
 static oxl_result balance_alternative(oxl_context *ctx, const struct partition *p, const oxl_job_options *o,
                                       oxl_balance *out)
 {
@@ -115,7 +116,7 @@ void oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report)
 
 /* ---------------- the command */
 
-/* Lets the COLMAP model alone be enough when the images are elsewhere. */
+/* Reads no images if they are elsewhere, since the COLMAP model alone suffices. */
 static oxl_result balance_check_images(oxl_context *ctx, const char *scene, oxl_scene_options *o)
 {
     char *images = o->images ? oxl_strdup(ctx, o->images) : oxl_path_join(ctx, scene, "images");

@@ -1,4 +1,4 @@
-/* render_files.c - renders of the views and depth maps, as files.
+/* render_files.c - writes renders of the views and depth maps as files.
  *
  * Invariant: no name of an image leads out of the folder.
  */
@@ -9,8 +9,8 @@
 #include "../survey/scene.h"
 #include "../large/os_job.h"
 
-/* Joins FOLDER and FILE, FILE without the folder; the folders in FILE are made with `make`, and none may be
- * a link. NULL with the error set. */
+/* Joins the names of a folder and a file in it; makes the file's own folders with `make`. Refuses links among
+ * them, which would lead elsewhere. NULL: the error is set. */
 static char *render_file_in(oxl_context *ctx, const char *folder, const char *file, int make)
 {
     char *inside = oxl_strdup(ctx, file), *path = oxl_path_join(ctx, folder, file), *slash;
@@ -26,7 +26,7 @@ static char *render_file_in(oxl_context *ctx, const char *folder, const char *fi
     return NULL;
 }
 
-/* Returns the file of a view; makes the folders in its name. NULL with the error set. */
+/* Returns the path of a view's file, and makes the folders in its name. NULL: the error is set. */
 OXL_INTERNAL char *render_file_path(oxl_context *ctx, const char *folder, const char *view,
                                     const char *suffix)
 {
@@ -46,11 +46,11 @@ static oxl_result render_file_write_image(oxl_context *ctx, const char *folder, 
     return rc;
 }
 
-/* Writes a PFM: rows from the bottom; the sign of the scale is the byte order. */
+/* Writes a PFM: rows from the bottom; the sign of the scale states the byte order. */
 oxl_result oxl_write_pfm(oxl_context *ctx, const char *path, const float *value, int width, int height)
 {
     const uint16_t one = 1;
-    const int small = *(const unsigned char *)&one; /* little endian */
+    const int small = *(const unsigned char *)&one; /* 1: the machine is little endian */
     struct os_writer writer = {0};
     const oxl_result rc = os_writer_open(ctx, path, &writer);
     if (rc != OXL_OK) return rc;
@@ -69,12 +69,11 @@ static oxl_result render_file_write_pfm(oxl_context *ctx, const char *folder, co
     return rc;
 }
 
-/* Encodes 8-bit grey with alpha, which has the same bytes per pixel, and then changes the header to 16-bit
- * grey. */
+/* Encodes 8-bit grey with alpha, which has as many bytes per pixel, and changes the header to 16-bit grey. */
 OXL_INTERNAL oxl_result render_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey,
                                            int width, int height)
 {
-    /* byte offsets in a PNG [RFC 2083] */
+    /* Names byte offsets in a PNG [RFC 2083]. */
     enum { HEADER = 12, HEADER_SIZE = 17, BITS = 24, COLOUR = 25, SUM = 29 };
     const size_t count = (size_t)width * (size_t)height;
     uint8_t *bytes = oxl_alloc(ctx, count, 2);
@@ -96,8 +95,8 @@ OXL_INTERNAL oxl_result render_write_png16(oxl_context *ctx, const char *path, c
     return rc;
 }
 
-/* Writes depth in thousandths, so millimetres where depth is in metres; 0: nothing there, 65535: that or
- * more. */
+/* Writes depth in thousandths, which are millimetres if depth is in metres; 0: nothing is
+ * there; 65535: at least so far. */
 static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder, const char *name,
                                             const float *depth, int width, int height)
 {
@@ -113,8 +112,8 @@ static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder
     return rc;
 }
 
-/* Writes depth as a grey image without limits: mean / (mean + z), so 1 at the camera, 1/2 at the mean
- * depth, 0 at infinity or without depth. */
+/* Writes depth as a grey image for any range: mean / (mean + z), which is 1 at the camera, 1/2 at the mean
+ * depth, 0 at infinity or without depth; then as PFM and as 16-bit PNG. */
 OXL_INTERNAL oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, const char *name,
                                                 const float *depth, int width, int height)
 {
@@ -142,18 +141,18 @@ OXL_INTERNAL oxl_result render_file_write_depth(oxl_context *ctx, const char *fo
 
 enum {
     RENDER_FILES_AT_ONCE = 16,
-    RENDER_FILES_BYTES = 52 /* a pixel, until it is on disk: three images, depth, a PNG on its way */
+    RENDER_FILES_BYTES = 52 /* bytes per pixel until it is on disk: three images, depth, a PNG under way */
 };
 
-/* Says what is written of a view. */
+/* Holds what is written of a view. */
 struct render_file {
     const char *name;
     int width, height;
-    oxl_image rendered, image; /* image: empty if not requested or not readable */
-    /* beside an image, where a medium is fitted: without lamp and medium; else empty */
+    oxl_image rendered, image; /* image: empty if it is not requested or not readable */
+    /* the model without lamp and medium, if there is an image and a medium; otherwise empty */
     oxl_image clear;
     float *depth;    /* (H,W) or NULL */
-    oxl_context own; /* of the thread that writes it */
+    oxl_context own; /* context of the thread that writes it */
 };
 
 static void render_file_free(oxl_context *ctx, struct render_file *file)
@@ -170,7 +169,7 @@ static oxl_result render_file_reserve_depth(oxl_context *ctx, struct render_file
     return file->depth ? OXL_OK : OXL_ERR_MEMORY;
 }
 
-/* Reads the original; an unreadable image is skipped, the evaluation has reported it. */
+/* Reads the view's image; skips an unreadable one, which the evaluation has reported. */
 static oxl_result render_file_copy_image(oxl_context *ctx, oxl_scene *scene, int view,
                                          struct render_file *file)
 {
@@ -214,8 +213,8 @@ static oxl_result render_file_write(struct render_file *file, const char *folder
     return rc;
 }
 
-/* Renders the views from `first` on, as many as may be in memory at once: one for each thread, within a
- * quarter of the cache. *rendered: without the one that failed. */
+/* Renders views from `first` on: one for each thread, as many as a quarter of the cache holds. *rendered:
+ * number of views, without one that failed. */
 static oxl_result render_files_render(oxl_context *ctx, const struct render_files *f, struct renderer *r,
                                       int first, struct render_file *out, int *rendered)
 {
@@ -236,7 +235,7 @@ static oxl_result render_files_render(oxl_context *ctx, const struct render_file
     return rc;
 }
 
-/* Writes the rendered views. *written: those before the first that could not be. */
+/* Writes the rendered views. *written: number of views before the first failure. */
 static oxl_result render_files_write(oxl_context *ctx, struct render_file *file, int count,
                                      const char *folder, int *written)
 {
@@ -252,8 +251,8 @@ static oxl_result render_files_write(oxl_context *ctx, struct render_file *file,
 
 /* ---------------- FOLDER/.renders lists the files that the last call wrote there */
 
-/* Copies the next line of a list, without its end; NULL after the last. A line that no call has written, of
- * another folder or kind of file, is skipped: the list may be another program's. */
+/* Copies the next line of a list, without its end; NULL: there is none. Skips lines that no call has written,
+ * of another folder or kind of file, since the list may be another program's. */
 static char *render_list_line(oxl_context *ctx, const char **at)
 {
     while (**at) {
@@ -272,8 +271,8 @@ static char *render_list_line(oxl_context *ctx, const char **at)
     return NULL;
 }
 
-/* Tells whether the list has the line *at: where the search begins and where it ends, as lists mostly have
- * the same order. */
+/* Returns 1 if the list has the line. *at: where the search begins, then where it found the line, since lists
+ * mostly have the same order. */
 static int render_list_has(const char *list, const char *line, const char **at)
 {
     const size_t size = strlen(line);
@@ -286,7 +285,7 @@ static int render_list_has(const char *list, const char *line, const char **at)
     return 0;
 }
 
-/* Refuses when a file of the new list is there and the old list does not have it. */
+/* Refuses to replace a file of the new list that the old list does not have. */
 static oxl_result render_list_check(oxl_context *ctx, const char *folder, const char *old, const char *list)
 {
     const char *at = old;

@@ -1,20 +1,22 @@
-/* render_names.c - names of the files that are rendered of views.
+/* render_names.c - makes the names of files that are rendered of views.
  *
  * Invariant: no name leads out of its folder, by ".." or through a link, none is longer than file systems
- * take, and those of two views differ.
+ * take, and names of two views differ.
  */
 #include "job.h"
 #include "../survey/scene.h"
 
 enum {
-    /* bytes of a name without its suffix; that, ".PID.tmp" and the limit of file systems, 255, leave more */
+    /* bytes of a name without its suffix; the limit of file systems, 255, leaves room
+     * for suffix and ".PID.tmp" */
     RENDER_NAME_LENGTH = 200,
-    RENDER_NAME_DIGITS = 16 /* of the whole name's checksum, where it is cut */
+    RENDER_NAME_DIGITS = 16 /* digits of the checksum of the whole name, in a name that is cut */
 };
 
 /* ---------------- a view's file */
 
-/* Copies the last part of NAME, cut before it is too long, at the beginning of a character. */
+/* Adds the last part of a name. Cuts a long one at the beginning of a character, and adds a checksum of the
+ * whole name, so that names stay different. */
 static void render_name_add_last(struct text *t, const char *name, const char *whole)
 {
     size_t size = strlen(name);
@@ -69,7 +71,7 @@ struct render_name_of {
     int view;
 };
 
-/* Compares names so that a folder comes directly before what is in it. */
+/* Compares names so that a folder comes directly before its contents. */
 static int render_names_order(const void *a, const void *b)
 {
     const unsigned char *s = (const void *)((const struct render_name_of *)a)->file,
@@ -78,8 +80,7 @@ static int render_names_order(const void *a, const void *b)
     return (*s == '/' ? 1 : *s == 0 ? 0 : *s + 1) - (*t == '/' ? 1 : *t == 0 ? 0 : *t + 1);
 }
 
-/* Returns 1 for two sorted names that are one file, or of which the first is a file where the second needs
- * a folder. */
+/* Returns 1 if two sorted names are the same file, or the first is a file where the second needs a folder. */
 static int render_names_collide(const char *a, const char *b)
 {
     const size_t size = strlen(a);

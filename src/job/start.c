@@ -1,4 +1,4 @@
-/* start.c - a start other than the survey's points: the model of --from, or the finished result in OUT.
+/* start.c - finds a start other than the survey's points: the model of --from, or the finished result in OUT.
  *
  * A larger --iterations on a finished OUT of one block continues it: blocks/000/model.ply and imaging.txt are
  * copied to blocks/start, and the missing steps are those of a refinement (block_refinement): the number of
@@ -13,7 +13,7 @@
 
 #include "../formats/json.h"
 
-/* Copies a file, whole or not at all; one that is not there is removed there, too. */
+/* Copies a file completely or not at all; removes the target if the file is missing. */
 static oxl_result start_copy(oxl_context *ctx, const char *from, const char *to, const char *name)
 {
     struct os_file_map map = {0};
@@ -34,8 +34,8 @@ static oxl_result start_back_up(oxl_context *ctx, const char *out, const char *s
     return rc == OXL_OK ? start_copy(ctx, PATH(out, "blocks/000"), start, "model.ply") : rc;
 }
 
-/* Finds the iterations of the finished run that is continued; 0: it is none that differs by more iterations
- * alone. */
+/* Finds the iterations of the finished run that is continued; *after 0: the runs differ by more than a
+ * larger number of iterations. */
 static oxl_result start_of_finished(oxl_context *ctx, const char *out, const struct oxl_manifest *run,
                                     const char *key, int iterations, int *after)
 {
@@ -48,7 +48,7 @@ static oxl_result start_of_finished(oxl_context *ctx, const char *out, const str
     if (!run->finished || !run->found || was <= 0 || was >= iterations) return OXL_OK;
     text_add(&there, "%s, %s", run->line, run->found);
     rc = there.failed ? OXL_ERR_MEMORY : manifest_differences(ctx, there.data, key, NULL, &changes);
-    /* a run that was continued itself differs by its start, too */
+    /* Allows another start, too: a run that was continued itself has one. */
     if (rc == OXL_OK && changes.iterations && changes.count == 1 + changes.start) *after = was;
     if (*after && os_is_file(PATH(out, "partition.txt")))
         rc = oxl_fail(
@@ -60,14 +60,14 @@ static oxl_result start_of_finished(oxl_context *ctx, const char *out, const str
     return rc;
 }
 
-/* Reads the model; "found" gets its size and checksum. */
+/* Reads the model to start from; adds its size and checksum to "found". */
 static oxl_result start_read(oxl_context *ctx, const char *path, int after, struct text *found,
                              oxl_model *model)
 {
     struct os_file_map map = {0};
     oxl_result rc = os_read_file(ctx, path, &map);
     if (rc != OXL_OK) return rc;
-    found->data[found->size - 1] = 0; /* the brace */
+    found->data[found->size - 1] = 0; /* Removes the closing brace. */
     found->size--;
     text_add(found, ", \"start\": {\"after\": %d, \"bytes\": %zu, \"checksum\": \"%016llx\"}}", after,
              map.size, (unsigned long long)checkpoint_sum(map.data, map.size));
@@ -89,8 +89,8 @@ OXL_INTERNAL oxl_result start_find(oxl_context *ctx, const char *out, const stru
     oxl_result rc = OXL_OK;
     *start = (struct start){0};
     if (!o->restart && o->block < 0) {
-        /* one that was under way, or is finished */
-        if (same && was >= 0) start->after = (int)OXL_MIN(was, INT_MAX); /* of --from: 0 */
+        /* Continues the same run if it was under way or is finished, or else a finished one. */
+        if (same && was >= 0) start->after = (int)OXL_MIN(was, INT_MAX); /* 0: a start by --from */
         else rc = start_of_finished(ctx, out, run, key, o->train.iterations, &start->after);
         if (rc == OXL_OK && start->after > 0 && !same) rc = start_back_up(ctx, out, folder);
         if (rc == OXL_OK && start->after > 0) path = kept;

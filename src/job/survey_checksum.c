@@ -10,7 +10,7 @@
 #include "../survey/scene.h"
 #include "../large/os_job.h"
 
-enum { CHECKSUM_END = 256 }; /* bytes of an image that are read */
+enum { CHECKSUM_END = 256 }; /* bytes at the end of an image that are read */
 
 static uint64_t checksum_add_number(uint64_t sum, double number)
 {

@@ -1,5 +1,5 @@
-/* survey_report.c - content of a survey and predicted cost of training: the first message of `train`, and
- * `check`.
+/* survey_report.c - describes the content of a survey and the predicted cost of training, for `check` and the
+ * first message of `train`.
  *
  * Invariant: nothing here changes what is trained.
  */
@@ -9,8 +9,8 @@
 #include "../survey/scene_alpha.h"
 #include "../checks/checks.h"
 
-#define SURVEY_LOOK_MEMORY 0.9 /* of the memory allowed, or free */
-enum { SURVEY_LOOK_POINTS = 1000000 };
+#define SURVEY_LOOK_MEMORY 0.9         /* Fraction of the allowed, or free, memory that a look may take. */
+enum { SURVEY_LOOK_POINTS = 1000000 }; /* most points of a survey that is looked at */
 
 static int survey_is_distorted(const struct colmap *c)
 {
@@ -32,7 +32,7 @@ static void survey_cameras(const struct colmap *c, oxl_survey *s)
              s->cameras_distorted ? "distorted (undistorted on load)" : "without distortion");
 }
 
-/* Finds the size of the largest view, which most of the memory is for. */
+/* Finds the size of the largest view, on which most of the memory depends. */
 static void survey_largest(const oxl_scene *scene, oxl_survey *s)
 {
     for (int i = 0; i < oxl_scene_view_count(scene); i++) {
@@ -42,7 +42,7 @@ static void survey_largest(const oxl_scene *scene, oxl_survey *s)
     }
 }
 
-/* Returns 1 if a look takes no long time and fits into the memory that the run may take. */
+/* Returns 1 if a look is short and fits into the memory that the run may take. */
 static int survey_has_room(const oxl_job_options *o, const struct cost_load *load)
 {
     const double most = o->ram ? (double)o->ram : (double)os_memory_free();
@@ -62,7 +62,7 @@ static oxl_result survey_predict(oxl_context *ctx, oxl_scene *scene, const oxl_j
     cost =
         budget_fit(ctx, &load, &fitted) ? cost_estimate(ctx, &fitted, &load) : cost_estimate(ctx, o, &load);
     s->gaussians = cost.gaussians;
-    /* in blocks, if not in one */
+    /* Assumes blocks if one block does not fit. */
     s->memory = fitted.ram ? OXL_MIN(cost.memory, (double)fitted.ram) : cost.memory;
     s->seconds = cost_seconds(scene, &fitted, &cost, &look, s->seconds_range);
     s->look_steps = look.steps;
@@ -86,7 +86,8 @@ static void survey_write(oxl_survey *s, const char *format, ...)
 static void survey_warn(oxl_survey *s, const char *format, ...) OXL_PRINTF(2, 3);
 static void survey_warn(oxl_survey *s, const char *format, ...)
 {
-    const size_t used = strlen(s->warnings), room = sizeof s->warnings - 1 - used; /* one for the newline */
+    /* leaves a byte for the newline */
+    const size_t used = strlen(s->warnings), room = sizeof s->warnings - 1 - used;
     int size;
     va_list args;
     va_start(args, format);
@@ -133,7 +134,7 @@ static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
     else survey_write(s, ", from counts: no step was tried\n");
 }
 
-/* States how many steps, and why. */
+/* Writes the number of steps and its reason. */
 static void survey_write_iterations(const oxl_job_options *o, int iterations, oxl_survey *s)
 {
     const int images = s->images - s->images_missing;
@@ -146,7 +147,7 @@ static void survey_write_iterations(const oxl_job_options *o, int iterations, ox
     survey_write(s, "\n");
 }
 
-/* States how many blocks, and why. */
+/* Writes the number of blocks and its reason. */
 static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
                                       oxl_survey *s)
 {
@@ -169,7 +170,7 @@ static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, 
     return OXL_OK;
 }
 
-/* Returns 1 if all camera centres coincide, within a millionth of the points' extent. */
+/* Returns 1 if all camera centres coincide within a millionth of the points' extent. */
 static int survey_has_no_baseline(const oxl_scene *scene, const oxl_survey *s)
 {
     double apart = 0, size = 0;

@@ -1,11 +1,10 @@
-/* training_views.c - how well each training view is fitted, and which fit far worse than their neighbours: a
- * wrong pose, another exposure, or blur; and which renders have not the structure of their images.
+/* training_views.c - tells how well each training view fits, which views fit far worse than their neighbours
+ * (a wrong pose, another exposure, or blur), and which renders lack the structure of their images.
  *
  * A view is compared with the 8 nearest of similar direction. The gain of one factor for each channel beyond
  * their median is set against its spread over all views (median absolute deviation, 1.4826 of it is a
- * standard deviation [Rousseeuw & Croux 1993]).
- * A view that lacks decibels has a wrong pose when a shift of the image explains them, and is blurred when it
- * is less sharp.
+ * standard deviation [Rousseeuw & Croux 1993]). A view that lacks decibels has a wrong pose when a shift of
+ * the image explains them, and is blurred when it is less sharp.
  *
  * Invariant: nothing here changes the model; no view is left out of training.
  */
@@ -17,34 +16,35 @@
 #include "../survey/survey.h"
 
 enum {
-    TRAINING_STEPS = 5, /* of each view, before its error is evidence */
-    TRAINING_MIN = 6 /* views; among fewer none is reported */,
-    TRAINING_SHOWN = 4,
-    TRAINING_SMALLEST = 24,
-    TRAINING_LARGEST = 200 /* px, of the longer side */
+    TRAINING_STEPS = 5, /* steps per view, from which on its error is evidence */
+    TRAINING_MIN = 6 /* views; with fewer no view is flagged */,
+    TRAINING_SHOWN = 4,     /* worst views, and views of least structure, that are rendered */
+    TRAINING_SMALLEST = 24, /* px; longer side of the smallest image in which a shift is sought */
+    TRAINING_LARGEST = 200  /* px; longer side of the largest one */
 };
-#define TRAINING_DECIBEL 2.5 /* that a view lacks at least, to be flagged... */
-#define TRAINING_SPREADS 4.5 /* ...and of spreads: one of 10^5 views of a normal distribution */
-/* fraction of the error that a shift explains: 0.09 to 0.52 of displaced views, 0.05 at most of a sound
- * survey */
+#define TRAINING_DECIBEL 2.5 /* Least decibels that a flagged view lacks. */
+/* Least excess of its exposure in spreads: one of 10^5 views of a normal distribution. */
+#define TRAINING_SPREADS 4.5
+/* Fraction of the error that a shift explains, from which on a pose is wrong: displaced views have 0.09 to
+ * 0.52, a sound survey at most 0.05. */
 #define TRAINING_SHIFTED 0.07
-#define TRAINING_NO_STRUCTURE "no structure" /* the flag of views below OXL_STRUCTURE_NONE */
+#define TRAINING_NO_STRUCTURE "no structure" /* Flags views below OXL_STRUCTURE_NONE. */
 
 struct training_row {
-    int at; /* in the metrics */
-    /* dB to the neighbours' median: of cc_psnr; of what one factor for each channel mends */
+    int at; /* index in the metrics */
+    /* dB to the neighbours' median: of cc_psnr; of the gain by one factor per channel */
     double lacks, exposure;
     double structure;
-    const char *flag; /* NULL: none */
+    const char *flag; /* NULL: the view has no flag */
 };
 
 struct training_views {
     oxl_context *ctx;
     oxl_scene *scene;
     const oxl_metrics *m;
-    struct training_row *row; /* (m->count) worst first, once sorted */
-    double *work;             /* (2, m->count) */
-    int *view;                /* (m->count) */
+    struct training_row *row; /* (m->count) the worst first, once sorted */
+    double *work;             /* (2,m->count) scratch */
+    int *view;                /* (m->count) views of the metrics */
 };
 
 /* ---------------- neighbours */
@@ -90,7 +90,7 @@ static double training_limit(struct training_views *t)
 
 /* ---------------- pose */
 
-/* Averages the green channel of n x n pixels. */
+/* Averages the green channel over n x n pixels. */
 static void training_reduce(const oxl_image *image, int n, float *out)
 {
     const int w = image->width / n, h = image->height / n;
@@ -104,8 +104,8 @@ static void training_reduce(const oxl_image *image, int n, float *out)
         }
 }
 
-/* Computes the fraction of the squared difference of two images that one shift of the whole explains [Lucas
- * & Kanade 1981]. */
+/* Returns the fraction of the squared difference of two images that one shift of the whole image
+ * explains [Lucas & Kanade 1981]. */
 static double training_shift(const float *rendered, const float *image, int w, int h)
 {
     double xx = 0, xy = 0, yy = 0, xe = 0, ye = 0, ee = 0, det;
@@ -119,8 +119,8 @@ static double training_shift(const float *rendered, const float *image, int w, i
     return det > 0 && ee > 0 ? (yy * xe * xe - 2 * xy * xe * ye + xx * ye * ye) / (det * ee) : 0;
 }
 
-/* Takes the most over halvings, since a shift of many pixels is one of few in a small image. A
- * displaced camera draws the scene beside its place; where a view is merely hard to fit, no shift helps. */
+/* Finds the largest fraction over halved images, since a shift of many pixels is one of few in a small image.
+ * A displaced camera draws the scene beside its place; no shift helps a view that is only hard to fit. */
 static oxl_result training_displaced(struct training_views *t, const struct render_source *source, int at,
                                      double *out)
 {
@@ -172,13 +172,13 @@ static oxl_result training_is_blurred(struct training_views *t, int at, int *blu
 
 /* ---------------- flags */
 
-/* Returns 1 for a view flagged as without structure. */
+/* Returns 1 if the view is flagged as without structure. */
 static int training_is_fog(const struct training_row *row)
 {
     return row->flag && !strcmp(row->flag, TRAINING_NO_STRUCTURE);
 }
 
-/* Orders views with a cause of their own first, then those without structure, then the rest. */
+/* Ranks views with another flag first, then those without structure, then the rest. */
 static int training_rank(const struct training_row *row)
 {
     return !row->flag ? 2 : training_is_fog(row);
@@ -194,8 +194,7 @@ static int training_order(const void *a, const void *b)
     return x->at - y->at;
 }
 
-/* Returns 1 if a flagged neighbour is so much worse that it may cause this view's error, as beside a
- * displaced view. */
+/* Returns 1 if a neighbour with a wrong pose is so much worse that it may cause this view's error. */
 static int training_suffers(const struct training_views *t, const struct training_row *row,
                             const struct training_row *end)
 {
@@ -209,7 +208,7 @@ static int training_suffers(const struct training_views *t, const struct trainin
     return 0;
 }
 
-/* Flags the rows, which are in order: the worst first. */
+/* Flags the rows in their order, the worst first, so that a displaced view is known before its neighbours. */
 static oxl_result training_flag(struct training_views *t, const struct render_source *source)
 {
     const double exposure = training_limit(t);
@@ -230,7 +229,7 @@ static oxl_result training_flag(struct training_views *t, const struct render_so
     return rc;
 }
 
-/* Flags as without structure what no other cause explains. */
+/* Flags views without structure that have no other flag. */
 static void training_flag_structure(struct training_views *t)
 {
     for (int i = 0; i < t->m->count; i++)
@@ -257,7 +256,7 @@ static void training_report(const struct training_views *t)
         }
 }
 
-/* Reports once, for all of them together. */
+/* Warns once of all views without structure. */
 static void training_report_structure(const struct training_views *t)
 {
     const struct training_row *least = NULL;
@@ -300,7 +299,8 @@ static void training_add_json(const struct training_views *t, struct text *out)
     text_add(out, "%s]},\n", t->m->count ? "\n  " : "");
 }
 
-/* Shows, of the rows after those shown, the TRAINING_SHOWN of least structure below the limit. */
+/* Adds to `shown` the TRAINING_SHOWN rows of least structure below the limit, among
+ * the rows from `count` on. */
 static int training_add_fog(const struct training_views *t, int count, int *shown)
 {
     double above = -HUGE_VAL;

@@ -13,9 +13,9 @@
 
 struct unseen {
     struct renderer *r;
-    float *drgb; /* (3,H,W) of ones */
+    float *drgb; /* (3,H,W) ones, the gradient of the sum of the image */
     size_t pixels;
-    float *score; /* (count) over the views so far */
+    float *score; /* (count) sum of the scores over the views so far */
 };
 
 static oxl_result unseen_add_view(oxl_context *ctx, struct unseen *u, const oxl_model *model,
@@ -32,7 +32,8 @@ static oxl_result unseen_add_view(oxl_context *ctx, struct unseen *u, const oxl_
         const int on = renderer_has_device(u->r);
         rc = renderer_forward(ctx, u->r, model, camera, &options);
         if (rc == OXL_OK) rc = renderer_score(ctx, u->r, u->drgb, u->score);
-        again = on && !renderer_has_device(u->r); /* the device was lost: nothing was added */
+        /* Repeats the view if the device was lost, since nothing was added. */
+        again = on && !renderer_has_device(u->r);
     }
     return rc;
 }
@@ -47,7 +48,7 @@ OXL_INTERNAL oxl_result unseen_drop(oxl_context *ctx, const oxl_scene *scene, ox
     for (int v = 0; v < oxl_scene_view_count(scene) && rc == OXL_OK; v++)
         if (!oxl_scene_view(scene, v)->is_test) rc = unseen_add_view(ctx, &u, model, scene, v);
     for (size_t i = 0; i < count && rc == OXL_OK; i++)
-        keep[i] = u.score[i] != 0; /* a NaN stays: it is not known to be unseen */
+        keep[i] = u.score[i] != 0; /* keeps a NaN, which is not known to be unseen */
     if (rc == OXL_OK) model_keep_rows(model, keep);
     *dropped = count - model->count;
     renderer_free(ctx, u.r);

@@ -5,8 +5,8 @@
  * there. Its window in a view is the rectangle that maximises the sum of (fraction - PLAN_PIXEL_COST) over
  * its pixels.
  *
- * Invariant: the work of all blocks, in pixels, is that of the steps which the coarse
- * model leaves of the run.
+ * Invariant: the work of all blocks, in pixels, is that of the steps which the coarse model leaves of the
+ * run.
  */
 #include "job_state.h"
 #include "../formats/formats.h"

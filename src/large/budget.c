@@ -6,8 +6,8 @@
  * the blocks are reduced. Without --ram, a run that would exceed the free memory is planned as if --ram were
  * that much; partition.txt records the number.
  *
- * Invariant: the result depends on the survey, the options and that number alone, not on the memory that
- * a later machine has free.
+ * Invariant: the result depends on the survey, the options and that number alone, not on the memory that a
+ * later machine has free.
  */
 #include "large.h"
 #include "../survey/scene.h"

@@ -1,8 +1,8 @@
 /* job_state.c - holds what the files of a job share: names in OUT, the survey, decoded images, progress,
  * records, the blocks' models.
  *
- * Invariant: nothing here trains; job_run.c, rounds.c and groups.c call these functions, but none
- * of theirs is called here.
+ * Invariant: nothing here trains; job_run.c, rounds.c and groups.c call these functions, but none of theirs
+ * is called here.
  */
 #include "job_state.h"
 #include "../formats/formats.h"

@@ -5,8 +5,8 @@
  * that holds it or was killed with it. Processes that train different blocks of one run share OUT's lock and
  * hold one of their own in each blocks/KKK.
  *
- * Invariant: the lock is held on the file that FOLDER/.lock names, not on one that its
- * last holder has removed.
+ * Invariant: the lock is held on the file that FOLDER/.lock names, not on one that its last holder has
+ * removed.
  */
 #include "large.h"
 #include "os_job.h"

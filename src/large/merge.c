@@ -1,7 +1,7 @@
 /* merge.c - merges rows of one model into another, and tells which block owns a Gaussian (OceanXL sec. 3.1).
  *
- * Invariant: the boxes are disjoint and cover all space, so each Gaussian with a finite centre
- * belongs to exactly one block.
+ * Invariant: the boxes are disjoint and cover all space, so each Gaussian with a finite centre belongs to
+ * exactly one block.
  */
 #include "large.h"
 #include "../formats/formats.h"

@@ -1,5 +1,5 @@
-/* nonfinite_record.c - adds counts of values that are not finite over blocks, and keeps them in
- * block.json and run.json.
+/* nonfinite_record.c - adds counts of values that are not finite over blocks, and keeps them in block.json
+ * and run.json.
  */
 #include "large.h"
 #include "../formats/json.h"

@@ -1,8 +1,7 @@
 /* partition_assign.c - finds the boxes of the blocks, the points in them and in their margins, and the views
  * that each block is trained on (OceanXL Alg. 1; shares of BlockGaussian).
  *
- * Invariant: the boxes of the leaves tile space, also after cuts are
- * undone.
+ * Invariant: the boxes of the leaves tile space, also after cuts are undone.
  */
 #include "partition_build.h"
 

@@ -1,8 +1,8 @@
 /* partition_cut.c - cuts the boxes of a partition, each at the ratio whose sides come nearest to their
  * fraction of the load (OceanXL sec. 3.1, eq. 1, Alg. 1).
  *
- * Invariant: counts are whole numbers, summed over tasks in order, so the cuts do not depend
- * on the number of threads.
+ * Invariant: counts are whole numbers, summed over tasks in order, so the cuts do not depend on the number of
+ * threads.
  */
 #include "partition_build.h"
 

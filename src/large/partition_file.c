@@ -5,8 +5,7 @@
  *     BLOCK_ID LOW[3] HIGH[3] EXPANDED_LOW[3] EXPANDED_HIGH[3] POINTS BASE_VIEWS BORDER_VIEWS START_POINTS
  *     FINITE_LOW[3] FINITE_HIGH[3]
  *
- * Invariant: values are read back to the same bits (%.17g, inf); the
- * locale has no effect.
+ * Invariant: values are read back to the same bits (%.17g, inf); the locale has no effect.
  */
 #include "large.h"
 

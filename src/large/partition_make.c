@@ -12,10 +12,9 @@
  * are never more blocks than cuts at the midpoint would give.
  *
  * The paper discards blocks of too few points or views, and leaves holes. Here a cut that would make a block
- * of too few points is
- * not made: the box that is searched shrinks to its fuller half instead. Where a block has too few views, the
- * cut that made it is undone, and its sibling's blocks extend into its box: they remain boxes, however often
- * they were cut themselves.
+ * of too few points is not made: the box that is searched shrinks to its fuller half instead. If a block has
+ * too few views, the cut that made it is undone, and its sibling's blocks extend into its box: they remain
+ * boxes, however often they were cut themselves.
  *
  * Invariant: every place, and so every point and every Gaussian, belongs to exactly one block.
  */

@@ -1,7 +1,7 @@
 /* partition_visibility.c - lists the points observed by each view, from the tracks of points3D.
  *
- * Invariant: only training views have lists. What a test view observes must not influence the blocks, or
- * it would not be held out.
+ * Invariant: only training views have lists. What a test view observes must not influence the blocks, or it
+ * would not be held out.
  */
 #include "partition.h"
 #include "../survey/sparse.h"

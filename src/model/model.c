@@ -1,12 +1,12 @@
-/* model.c - planes of Gaussians: create, grow, copy, assign second lobes, initialise from points.
+/* model.c - creates, grows and copies planes of Gaussians, assigns second lobes, and initialises from points.
  *
  * Sources: Kerbl 2023 (initialisation); Friedman, Bentley & Finkel 1977 (k-d tree); Morton 1966 (Z-order).
  *
  * Invariant: one allocation holds all planes, each `capacity` floats long. Capacity is a multiple of
  * MODEL_PACK, so each plane starts on a 64-byte line and kernels may read and write whole packs of rows up to
  * capacity. The planes of the second lobe follow, each at least as long as the packs of rows 0..lobes-1, and
- * are reached by their pointers alone. Rows from count to capacity are finite:
- * model_clear_rows initialises new rows, and a smaller count leaves valid rows.
+ * are reached by their pointers alone. Rows from count to capacity are finite: model_clear_rows initialises
+ * new rows, and a smaller count leaves valid rows.
  */
 #include "../survey/survey.h"
 #include "model.h"
@@ -14,10 +14,10 @@
 
 /* ---------------- memory */
 
-/* a product of factors this near to 1 is 1 but for rounding: they cancel each other */
+/* Bounds the distance of a scale from 1 that is rounding alone: factors that cancel each other leave it. */
 #define MODEL_SCALE_ROUNDED 1e-12
 
-enum { MODEL_PACK = 16 }; /* rows: 64 bytes of float, the widest vector */
+enum { MODEL_PACK = 16 }; /* rows of a pack: 64 bytes of float, the widest vector */
 
 int oxl_model_planes(const oxl_model *model)
 {
@@ -67,14 +67,14 @@ static size_t model_whole_packs(size_t rows)
 }
 
 /* Rounds a plane to an odd number of cache lines, so that planes of 2^n rows do not map to the same cache
- * set; 0: too many. */
+ * set; returns 0 for too many rows. */
 static size_t model_capacity(size_t rows)
 {
     if (rows >= SIZE_MAX / (OXL_PLANES * sizeof(float)) - 2 * MODEL_PACK) return 0;
     return (((rows + MODEL_PACK - 1) / MODEL_PACK) | 1) * MODEL_PACK;
 }
 
-/* Sets the lobes' planes to `memory` and copies those of `from`. */
+/* Sets the second lobes' planes to `memory` and copies those of `from`. */
 static void model_lay_out_lobes(oxl_model *m, float *memory, const oxl_model *from)
 {
     const size_t rows = model_whole_packs(m->lobes), kept = OXL_MIN(m->lobes, from->lobes);
@@ -130,7 +130,7 @@ oxl_result oxl_model_create(oxl_context *ctx, size_t count, int sh_degree, oxl_m
     *out = (oxl_model){0};
     rc = model_check_degree(ctx, sh_degree);
     if (rc == OXL_OK) rc = model_lay_out(ctx, out, count, sh_degree, 0);
-    if (rc == OXL_OK) out->count = count; /* these rows are already cleared */
+    if (rc == OXL_OK) out->count = count; /* model_lay_out has cleared these rows already */
     return rc;
 }
 
@@ -141,7 +141,8 @@ void oxl_model_free(oxl_context *ctx, oxl_model *model)
     *model = (oxl_model){0};
 }
 
-/* Enlarges the model in place, without a copy of it beside it: training grows to what memory holds. */
+/* Enlarges the model in place, without a copy beside it, since training grows to what memory holds. Planes
+ * move from the last to the first, so that none overwrites another. */
 OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t capacity)
 {
     const int planes = oxl_model_planes(model);
@@ -233,14 +234,14 @@ OXL_INTERNAL void model_keep_rows(oxl_model *model, const uint8_t *keep)
 
 OXL_INTERNAL int model_row_is_finite(const oxl_model *m, size_t i)
 {
-    float sum = 0; /* 0 x anything finite is 0; 0 x inf and 0 x nan are not */
+    float sum = 0; /* 0 x finite is 0; 0 x inf and 0 x nan are not */
     const int planes = oxl_model_planes(m);
     for (int k = 0; k < planes; k++) sum += 0 * m->plane[k][i];
     for (int k = OXL_LOBE; i < m->lobes && k < OXL_PLANES; k++) sum += 0 * m->plane[k][i];
     return sum == 0;
 }
 
-/* Moves active rows to the front; both parts keep their order. `other` (count) is scratch. */
+/* Moves active rows to the front; both parts keep their order. other: (count) scratch. */
 static void model_active_first(oxl_model *model, const uint8_t *active, float *other)
 {
     for (int p = 0; p < oxl_model_planes(model); p++) {
@@ -327,7 +328,7 @@ OXL_INTERNAL oxl_result model_trained_make_lobes(oxl_context *ctx, struct traine
  */
 
 struct model_key {
-    uint64_t code; /* Morton code: 21 bits an axis, interleaved */
+    uint64_t code; /* Morton code, 21 bits per axis, interleaved */
     const oxl_point *point;
 };
 
@@ -339,7 +340,7 @@ static int model_compare_places(const struct model_key *x, const struct model_ke
     return 0;
 }
 
-/* Compares by Morton code, then place, then row. */
+/* Compares by Morton code, then by place, then by row, so that the order is unique. */
 static int model_compare_keys(const void *a, const void *b)
 {
     const struct model_key *x = a, *y = b;
@@ -347,7 +348,7 @@ static int model_compare_keys(const void *a, const void *b)
     return c ? c : (x->point > y->point) - (x->point < y->point);
 }
 
-static uint64_t model_spread_bits(uint64_t x) /* bit i to bit 3 i, for 21 bits */
+static uint64_t model_spread_bits(uint64_t x) /* moves bit i to bit 3 i, for 21 bits */
 {
     x = (x | x << 32) & UINT64_C(0x001F00000000FFFF);
     x = (x | x << 16) & UINT64_C(0x001F0000FF0000FF);
@@ -357,7 +358,7 @@ static uint64_t model_spread_bits(uint64_t x) /* bit i to bit 3 i, for 21 bits *
     return x;
 }
 
-/* Computes the Morton code of cubic cells: 2^21 along the longest side of the bounding box. */
+/* Sorts points by the Morton code of cubic cells, 2^21 along the longest side of the bounding box. */
 static void model_sort_by_code(const oxl_point *points, size_t count, struct model_key *key)
 {
     double low[3], side = 0;
@@ -379,7 +380,7 @@ static void model_sort_by_code(const oxl_point *points, size_t count, struct mod
     qsort(key, count, sizeof *key, model_compare_keys);
 }
 
-/* Keeps the first of points at the same place; returns how many stay. Without this a million points at one
+/* Keeps the first of points at the same place and returns the number of points kept: a million points at one
  * place would be a million Gaussians of unit width, each in every pixel. */
 static size_t model_drop_coincident(struct model_key *key, size_t count)
 {
@@ -404,7 +405,7 @@ struct model_site {
 
 struct model_tree {
     struct model_site *site;
-    uint8_t *split; /* axis, for each median */
+    uint8_t *split; /* axis of the cut at each median */
     size_t count;
 };
 
@@ -426,13 +427,12 @@ static int model_longest_axis(const struct model_site *site, size_t first, size_
     return axis;
 }
 
-/* Selects as Hoare did: afterwards nothing in [first, nth) is greater and nothing in (nth, end) less than
- * site[nth] along axis. Equal values stop both scans, so that coincident points do not degrade the run
- * time. */
+/* Selects as Hoare 1961: afterwards no site in [first, nth) is greater, and none in (nth, end) less, than
+ * site[nth] along axis. Equal values stop both scans, so that coincident points do not slow it down. */
 static void model_select(struct model_site *site, size_t first, size_t end, size_t nth, int axis)
 {
     while (end - first > 1) {
-        /* not the last value, so both parts are smaller */
+        /* Avoids the last value as pivot, so that both parts are smaller. */
         const double pivot = site[first + (end - first - 1) / 2].x[axis];
         size_t i = first, j = end - 1;
         for (;;) {
@@ -489,7 +489,7 @@ static void model_search_nearest(const struct model_tree *tree, size_t first, si
         const double beyond = n->x[axis] - tree->site[middle].x[axis];
         if (beyond < 0) model_search_nearest(tree, first, middle, n);
         else model_search_nearest(tree, middle + 1, end, n);
-        /* the other side is farther than all three */
+        /* Leaves the other side, which is farther than all three. */
         if (beyond * beyond >= n->distance[MODEL_NEIGHBOURS - 1]) return;
         model_update_nearest(n, &tree->site[middle], middle);
         if (beyond < 0) first = middle + 1;
@@ -498,8 +498,8 @@ static void model_search_nearest(const struct model_tree *tree, size_t first, si
     for (size_t i = first; i < end; i++) model_update_nearest(n, &tree->site[i], i);
 }
 
-/* Computes square[row], the mean squared distance to the nearest three, or fewer if there are fewer; 0 for
- * a single point. */
+/* Computes square[row], the mean squared distance to the nearest three points, or to fewer if there are
+ * fewer; 0 for a single point. */
 static void model_neighbour_distances(oxl_context *ctx, const struct model_tree *tree, double *square)
 {
     const int neighbours = (int)OXL_MIN(tree->count - 1, (size_t)MODEL_NEIGHBOURS);
@@ -518,11 +518,11 @@ static void model_neighbour_distances(oxl_context *ctx, const struct model_tree 
 
 /* ---------------- start from points: the rows */
 
-#define MODEL_SQUARE_MIN 1e-4 /* of the median's; see model_widths */
+#define MODEL_SQUARE_MIN 1e-4 /* Least squared width, as a fraction of the median's (model_widths). */
 
-/* Replaces mean squared distances, in place, by log widths. Almost coincident points would have almost width
+/* Replaces mean squared distances by log widths, in place. Almost coincident points would have almost width
  * 0: 3DGS limits the square to 1e-7; our unit is arbitrary, so the limit is 1 % of the median width. A single
- * point: width 1. */
+ * point has width 1. */
 static oxl_result model_widths(oxl_context *ctx, double *square, size_t count)
 {
     double *apart = oxl_alloc(ctx, count, sizeof *apart), least = 1;
@@ -548,7 +548,7 @@ static oxl_result model_check_points(oxl_context *ctx, const oxl_point *points, 
     return OXL_OK;
 }
 
-/* Fills the model: row i is key[i].point, `width` its log width. */
+/* Fills row i of the model from key[i].point; width: (count) log widths. */
 static void model_fill(oxl_model *model, const struct model_key *key, const double *width)
 {
     const float opacity = (float)vecmath_logit(MODEL_OPACITY);
@@ -568,7 +568,7 @@ oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size
 {
     struct model_key *key = NULL;
     struct model_tree tree = {0};
-    double *width = NULL; /* (count) first mean squared distances; model_widths replaces them by log widths */
+    double *width = NULL; /* (count) mean squared distances; model_widths replaces them by log widths */
     oxl_result rc = model_check_points(ctx, points, count);
     *out = (oxl_model){0};
     if (rc == OXL_OK && count == 0) return oxl_model_create(ctx, 0, sh_degree, out);

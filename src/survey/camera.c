@@ -1,4 +1,4 @@
-/* camera.c - COLMAP's camera models: from a direction to a pixel; poses.
+/* camera.c - evaluates COLMAP's camera models, from a direction to a pixel, and poses.
  *
  * Source: the model definitions in COLMAP's documentation (camera models), which follow OpenCV's calib3d; the
  * fisheye models are Kannala & Brandt 2006. Every model maps a direction (u, v) = (x/z, y/z) to a pixel:
@@ -80,8 +80,8 @@ OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double o
 
 /* ---------------- direction to pixel */
 
-/* Computes atan x for x >= 0, to about 1e-15: tan(a/2) = t / (1 + sqrt(1 + t^2)) three times leaves an
- * argument below 0.2. */
+/* Computes atan x for x >= 0, to about 1e-15: three half angles, tan(a/2) = t / (1 + sqrt(1 + t^2)), leave an
+ * argument below 0.2 for the series. */
 OXL_INTERNAL double camera_atan(double x)
 {
     double square, sum = 0;
@@ -91,9 +91,9 @@ OXL_INTERNAL double camera_atan(double x)
     return 8 * x * sum;
 }
 
-#define CAMERA_SMALL 1e-8 /* radians: its square is below the last bit of 1 */
+#define CAMERA_SMALL 1e-8 /* Bounds the angles (radians) whose square is below the last bit of 1. */
 
-/* Returns theta_d / r: 1 at the axis. */
+/* Returns theta_d / r, which is 1 at the axis. */
 static double camera_fisheye_scale(const double *k, int count, double r)
 {
     const double theta = camera_atan(r), square = theta * theta;
@@ -115,9 +115,9 @@ OXL_INTERNAL double camera_tan(double x)
     return t;
 }
 
-#define CAMERA_FOV_MAX 3.1415 /* just below pi, where the tangent of the half is infinite */
+#define CAMERA_FOV_MAX 3.1415 /* Stays below pi, where the tangent of half the field of view is infinite. */
 
-/* omega: field of view of the lens, below pi. */
+/* Returns the scale of the FOV model, NaN from CAMERA_FOV_MAX on. omega: field of view of the lens. */
 static double camera_fov_scale(double omega, double r)
 {
     const double w = fabs(omega);
@@ -195,7 +195,7 @@ OXL_INTERNAL int camera_is_distorted(const struct colmap_camera *camera)
     if (m->kind == CAMERA_EUCM) return camera->parameter[4] != 0;
     if (m->kind == CAMERA_FISHEYE || m->kind == CAMERA_THIN_PRISM || m->kind == CAMERA_RAD_TAN_THIN_PRISM ||
         m->kind == CAMERA_SPHERE)
-        return 1; /* not a pinhole even with all k = 0 */
+        return 1; /* Counts models that are no pinhole even with all k = 0. */
     for (int i = m->focal_count + 2; i < m->parameter_count; i++)
         if (camera->parameter[i] != 0) return 1;
     return 0;
@@ -206,7 +206,7 @@ OXL_INTERNAL int camera_is_distorted(const struct colmap_camera *camera)
 OXL_INTERNAL void camera_rotation_from_quaternion(const double q[4], double r[9])
 {
     const double norm2 = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
-    const double s = norm2 > 0 ? 2 / norm2 : 0; /* a zero quaternion: the identity */
+    const double s = norm2 > 0 ? 2 / norm2 : 0; /* Makes the identity of a zero quaternion. */
     const double w = q[0], x = q[1], y = q[2], z = q[3];
     r[0] = 1 - s * (y * y + z * z);
     r[1] = s * (x * y - w * z);

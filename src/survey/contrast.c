@@ -21,29 +21,29 @@
 #include "tracks.h"
 
 enum {
-    CONTRAST_VIEWS = 128,      /* limit of images */
-    CONTRAST_SAMPLE = 1 << 18, /* limit of observations */
-    CONTRAST_CELLS = 7,        /* a patch is 7 x 7 of them */
-    CONTRAST_MIN = 100         /* minimum of observations */
+    CONTRAST_VIEWS = 128,      /* most images */
+    CONTRAST_SAMPLE = 1 << 18, /* most observations */
+    CONTRAST_CELLS = 7,        /* cells on a side of a patch */
+    CONTRAST_MIN = 100         /* least observations */
 };
-#define CONTRAST_CELL 2.0     /* px in the farthest view of a point */
-#define CONTRAST_CELL_MAX 8.0 /* px: nearer views are left out */
-/* 8-bit levels^2 added to the variance, so that rounding and sensor noise do not count as contrast */
+#define CONTRAST_CELL 2.0     /* Width (px) of a cell in the farthest view of a point. */
+#define CONTRAST_CELL_MAX 8.0 /* Greatest width (px) of a cell: nearer views are left out. */
+/* Adds this (8-bit levels^2) to the variance, so that rounding and sensor noise do not count as contrast. */
 #define CONTRAST_FLOOR 1.0
 
-struct contrast_sample { /* one point in one image */
+struct contrast_sample { /* Holds one point in one image. */
     size_t point;
     int view, valid;
-    double z, value;  /* camera z; log contrast */
-    float x, y, cell; /* px: position, width of a cell */
+    double z, value;  /* camera z; log contrast of the patch */
+    float x, y, cell; /* px; position, width of a cell */
 };
 struct contrast_work {
-    int *view;   /* (images of the COLMAP model) view, or -1: not used */
-    int *chosen; /* (chosen_count) those views */
+    int *view;   /* (images of the COLMAP model) view of the image; -1: not used */
+    int *chosen; /* (chosen_count) the views used */
     int chosen_count;
     struct contrast_sample *sample;
-    double *by_view;    /* (views of the scene) */
-    uint32_t *integral; /* (H+1, W+1) integral image; may wrap */
+    double *by_view;    /* (views of the scene) sums of contrast_error */
+    uint32_t *integral; /* (H+1,W+1) integral image; differences are right even where sums wrap */
     size_t integral_capacity;
     size_t samples;
 };
@@ -80,12 +80,13 @@ static void contrast_project(const oxl_scene *scene, struct contrast_sample *s)
     if (s->valid) s->z = x[2], s->x = (float)pixel[0], s->y = (float)pixel[1];
 }
 
-/* Cells of equal size in the scene for all views of a point, in pixels of each view. */
+/* Sets the width of each patch's cells in pixels, such that all views of a point have cells of
+ * equal size in the scene. */
 static void contrast_size_cells(const oxl_scene *scene, struct contrast_work *w)
 {
     for (size_t i = 0; i < w->samples; i++) contrast_project(scene, &w->sample[i]);
     for (size_t first = 0, end; first < w->samples; first = end) {
-        double size = 0; /* of a pixel of the farthest view, in the scene's unit */
+        double size = 0; /* size of a pixel of the farthest view, in the scene's unit */
         for (end = first; end < w->samples && w->sample[end].point == w->sample[first].point; end++) {
             const struct contrast_sample *s = &w->sample[end];
             if (s->valid) size = OXL_MAX(size, s->z / oxl_scene_view(scene, s->view)->camera.fx);
@@ -121,8 +122,8 @@ static oxl_result contrast_integrate(oxl_context *ctx, const struct training_ima
     return OXL_OK;
 }
 
-/* Takes the logarithm of the standard deviation of the cells' brightness; invalid unless the patch is inside
- * the image and unmasked. */
+/* Computes the logarithm of the standard deviation of the cells' brightness; the sample becomes invalid
+ * unless the patch is inside the image and unmasked. */
 static void contrast_of_patch(const struct training_image *image, const uint32_t *integral,
                               struct contrast_sample *s)
 {
@@ -131,7 +132,7 @@ static void contrast_of_patch(const struct training_image *image, const uint32_t
     const float side = CONTRAST_CELLS * s->cell;
     const int n = CONTRAST_CELLS * CONTRAST_CELLS;
     double sum = 0, squares = 0;
-    int x[CONTRAST_CELLS + 1], y[CONTRAST_CELLS + 1]; /* px: borders of the cells */
+    int x[CONTRAST_CELLS + 1], y[CONTRAST_CELLS + 1]; /* px; borders of the cells */
     s->valid = left >= 0 && top >= 0 && left + side <= (float)image->width - 1 &&
                top + side <= (float)image->height - 1;
     if (!s->valid) return;
@@ -154,7 +155,7 @@ static void contrast_of_image(const oxl_context *ctx, const struct training_imag
                               struct contrast_work *w)
 {
     const int64_t samples = (int64_t)w->samples;
-    (void)ctx; /* without OpenMP */
+    (void)ctx; /* unused without OpenMP */
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < samples; i++) {
         struct contrast_sample *s = &w->sample[i];
@@ -164,7 +165,7 @@ static void contrast_of_image(const oxl_context *ctx, const struct training_imag
     }
 }
 
-/* Measures view by view, so that each image is loaded once; unreadable images are left out. */
+/* Measures view by view, so that each image is loaded once; leaves out unreadable images. */
 static oxl_result contrast_of_images(oxl_context *ctx, oxl_scene *scene, struct contrast_work *w)
 {
     oxl_result rc = OXL_OK;
@@ -182,7 +183,8 @@ static oxl_result contrast_of_images(oxl_context *ctx, oxl_scene *scene, struct 
 
 /* ---------------- the fit */
 
-/* Subtracts the means of z and value over each point; points with one view are removed. */
+/* Subtracts the means of z and value over each point, which removes own(point);
+ * drops points with one view. */
 static void contrast_centre(struct contrast_work *w, struct contrast *out)
 {
     for (size_t first = 0, end; first < w->samples; first = end) {
@@ -199,8 +201,8 @@ static void contrast_centre(struct contrast_work *w, struct contrast *out)
     }
 }
 
-/* Errors are correlated within a point and within an image: the larger of the two clustered standard errors
- * (Liang & Zeger 1986). by_view: (views) zeros. */
+/* Returns the standard error of beta. Errors are correlated within a point and within an image, so it takes
+ * the larger of the two clustered standard errors (Liang & Zeger 1986). by_view: (views) zeros. */
 static double contrast_error(const struct contrast_work *w, int views, double beta, double zz)
 {
     double points = 0, images = 0;

@@ -11,8 +11,8 @@
 #include "survey.h"
 #include "tracks.h"
 
-#define BANDS_REACH (1.0 / 16) /* of the longer side */
-enum { BANDS_MAX = 1 << 22 };  /* limit of observations; every k-th if there are more */
+#define BANDS_REACH (1.0 / 16) /* Reach of a point, as a fraction of the image's longer side. */
+enum { BANDS_MAX = 1 << 22 };  /* most observations; every k-th is taken if there are more */
 
 static void depth_bands_add(struct depth_bands *b, const oxl_scene *scene, int view, const double world[3])
 {
@@ -23,7 +23,7 @@ static void depth_bands_add(struct depth_bands *b, const oxl_scene *scene, int v
     b->sample[b->count++] = (struct depth_sample){view, (int)p[1] * c->width + (int)p[0], (float)x[2]};
 }
 
-/* Adds the entries of tracks. view: index by survey image; -1: none. */
+/* Adds the entries of tracks. view: (images) view of each image; -1: none. */
 static void depth_bands_by_tracks(struct depth_bands *b, const oxl_scene *scene, const struct colmap *c,
                                   const int *view)
 {
@@ -85,7 +85,7 @@ OXL_INTERNAL void depth_bands_free(oxl_context *ctx, struct depth_bands *b)
     *b = (struct depth_bands){0};
 }
 
-/* Finds the first sample of a view, of those sorted by view. */
+/* Finds the first sample of a view among the samples, which are sorted by view. */
 static size_t depth_bands_first(const struct depth_bands *b, int view)
 {
     size_t low = 0, high = b->count;
@@ -97,6 +97,7 @@ static size_t depth_bands_first(const struct depth_bands *b, int view)
     return low;
 }
 
+/* Spreads bands to free neighbours, breadth first, for as many rounds as a point reaches. */
 static void depth_bands_spread(int width, int height, int *queue, size_t waiting, uint8_t *band)
 {
     const int reach = (int)(BANDS_REACH * OXL_MAX(width, height));

@@ -13,9 +13,10 @@
 #include "../core/simd.h"
 
 enum {
-    IMAGE_SIDE_MAX = 32768, /* px; larger sizes in a header are an error */
-    IMAGE_SAMPLES_MAX = 16, /* per side and pixel of an undistorted image; 16^2 x 255 x 2^16 fits 32 bits */
-    IMAGE_FRACTION = 256    /* bilinear weights are multiples of 1/256 */
+    IMAGE_SIDE_MAX = 32768, /* px; a header with a larger side is an error */
+    /* samples per side of a pixel when an image is undistorted; 16^2 x 255 x 2^16 fits 32 bits */
+    IMAGE_SAMPLES_MAX = 16,
+    IMAGE_FRACTION = 256 /* denominator of bilinear weights */
 };
 
 /* ---------------- decode */
@@ -40,8 +41,8 @@ static size_t image_be32(const unsigned char *p)
     return (size_t)p[0] << 24 | (size_t)p[1] << 16 | (size_t)p[2] << 8 | p[3];
 }
 
-/* Error in the chunks of a PNG; NULL: none. sums: their checksums are compared, too, as the decoder does not:
- * damaged data may decode to wrong pixels. IEND, and chunks that may be left out, may be missing. */
+/* Finds an error in the chunks of a PNG; NULL: none. sums: compares the checksums of critical chunks, too,
+ * since the decoder does not and damaged data may decode to wrong pixels. IEND may be missing. */
 static const char *image_png_error(const struct os_file_map *file, int sums)
 {
     const unsigned char *p = (const unsigned char *)file->data + 8, *end = p + file->size - 8;
@@ -56,8 +57,8 @@ static const char *image_png_error(const struct os_file_map *file, int sums)
     return p == end || !image_is_png(file) ? NULL : "it ends too early";
 }
 
-/* Returns 1 if Huffman tables (ITU T.81 B.2.4.2) fill their segment: a class and a number, 16 counts, as
- * many symbols; again. *tables: a bit for each. */
+/* Returns 1 if Huffman tables (ITU T.81 B.2.4.2) fill their segment: each is a class and a number, 16 counts
+ * and as many symbols. *tables: gets a bit for each. */
 static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *end, unsigned *tables)
 {
     while (p < end) {
@@ -70,8 +71,8 @@ static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *en
     return 1;
 }
 
-/* Returns 1 if a scan's Huffman tables are defined (B.2.3). Of a progressive image, a scan has either kind,
- * or none where it refines DC. */
+/* Returns 1 if a scan's Huffman tables are defined (B.2.3). In a progressive image a scan uses DC or AC
+ * tables, or none if it refines DC. */
 static int image_jpeg_scan_fits(const unsigned char *p, const unsigned char *end, unsigned tables,
                                 int progressive)
 {
@@ -85,10 +86,10 @@ static int image_jpeg_scan_fits(const unsigned char *p, const unsigned char *end
     return 1;
 }
 
-/* Finds an error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman
- * table (buffer overrun), reads tables that are not defined, accepts a second frame header after allocating
- * for the first, and reports a truncated file as "expected marker". Iterates over the markers; a preview
- * inside a segment is skipped with it. */
+/* Finds an error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman table
+ * (buffer overrun), reads tables that are not defined, accepts a second frame header after allocating for the
+ * first, and reports a truncated file as "expected marker". Goes from marker to marker; a preview inside a
+ * segment is skipped with it. */
 static const char *image_jpeg_error(const struct os_file_map *file)
 {
     const unsigned char *p = (const unsigned char *)file->data + 2, *end = p + file->size - 2;
@@ -96,7 +97,7 @@ static const char *image_jpeg_error(const struct os_file_map *file)
     int frames = 0, progressive = 0;
     while (end - p >= 2) {
         const int marker = p[1];
-        /* coded data */
+        /* Skips coded data. */
         if (p[0] != 0xff || marker == 0 || marker == 0xff || (marker >= 0xd0 && marker <= 0xd7)) {
             p++;
             continue;
@@ -144,7 +145,8 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
             "%s: neither a JPEG nor a PNG file (%zu bytes, beginning %02x %02x)\nfix: convert it to one of these, "
             "under the same name in the model",
             path, file->size, data[0], file->size > 1 ? data[1] : 0);
-    fault = image_is_jpeg(file) ? image_jpeg_error(file) : NULL; /* before stb sees a byte */
+    /* Checks the segments before stb sees a byte. */
+    fault = image_is_jpeg(file) ? image_jpeg_error(file) : NULL;
     if (image_fail_damaged(ctx, path, file, fault) != OXL_OK) return OXL_ERR_INPUT;
     if (!codec_read_header(ctx, data, file->size, width, height, &channels))
         return image_lacks_memory()
@@ -160,7 +162,7 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
     return OXL_OK;
 }
 
-/* Rounds 16 bits to 8, to nearest: 0..65535 to 0..255, in place. */
+/* Rounds 16 bits to 8, 0..65535 to 0..255, to nearest, in place. */
 static uint8_t *image_to_8_bits(uint16_t *wide, size_t count)
 {
     uint8_t *narrow = (uint8_t *)wide;
@@ -172,11 +174,11 @@ static uint8_t *image_to_8_bits(uint16_t *wide, size_t count)
     return narrow;
 }
 
-/* Finds the palette chunk of a PNG, from its length on; NULL: none before the pixels. */
+/* Finds the palette chunk of a PNG, from its length on; NULL: there is none before the pixels. */
 static const unsigned char *image_find_palette(const struct os_file_map *file)
 {
     const unsigned char *p = (const unsigned char *)file->data + 8, *end = p + file->size - 8;
-    /* IHDR: palette colours */
+    /* Looks at the colour type in IHDR, 3: palette. */
     if (!image_is_png(file) || file->size < 26 || file->data[25] != 3) return NULL;
     while (end - p >= 12 && image_be32(p) <= (size_t)(end - p) - 12 && memcmp(p + 4, "IDAT", 4) != 0) {
         if (memcmp(p + 4, "PLTE", 4) == 0) return p;
@@ -185,7 +187,7 @@ static const unsigned char *image_find_palette(const struct os_file_map *file)
     return NULL;
 }
 
-/* Extends a short palette to 256 entries with black: stb 2.27 reads past its end. */
+/* Extends a short palette to 256 entries with black, since stb 2.27 reads past its end. */
 static oxl_result image_fill_palette(oxl_context *ctx, const char *path, struct os_file_map *file)
 {
     enum { FULL = 3 * 256 };
@@ -206,8 +208,8 @@ static oxl_result image_fill_palette(oxl_context *ctx, const char *path, struct 
     return OXL_OK;
 }
 
-/* Returns 1 if a PNG's pixels have an alpha channel, or its colours one that is transparent (tRNS): of its
- * bytes up to the first IDAT, each chunk's head at least. */
+/* Returns 1 if a PNG's pixels have an alpha channel, or its colours a transparent one (tRNS). data: the
+ * file's first bytes, at best up to the first IDAT. */
 static int image_bytes_have_alpha(const unsigned char *data, size_t size)
 {
     enum { SIGNATURE = 8, COLOUR = 25, GREY_ALPHA = 4, RGB_ALPHA = 6, HEAD = 8, CHUNK = 12 };
@@ -223,15 +225,16 @@ static int image_bytes_have_alpha(const unsigned char *data, size_t size)
 
 OXL_INTERNAL int image_has_alpha(const char *path)
 {
-    unsigned char head[4096]; /* profiles and texts before tRNS may be longer: then the decoder finds it */
+    /* Reads enough for nearly all files; if longer profiles or texts precede tRNS, the decoder finds it. */
+    unsigned char head[4096];
     FILE *file = os_open(path);
     const size_t size = file ? fread(head, 1, sizeof head, file) : 0;
     if (file) fclose(file);
     return image_bytes_have_alpha(head, size);
 }
 
-/* Reads an image file. One that is not there or cannot be opened is no bad input: it may come back. A pipe
- * would wait forever. */
+/* Reads an image file. A missing or unreadable file is OXL_ERR_IO, not bad input, since it may come back.
+ * Refuses a pipe, which would wait forever. */
 static oxl_result image_read_file(oxl_context *ctx, const char *path, struct os_file_map *file)
 {
     char text[sizeof ctx->error];
@@ -244,7 +247,8 @@ static oxl_result image_read_file(oxl_context *ctx, const char *path, struct os_
     return oxl_fail(ctx, OXL_ERR_IO, "%s", text);
 }
 
-/* Decodes an image; refuses one of another shape than the camera's before that. from NULL: any shape. */
+/* Decodes an image, after it has refused one of another shape than the camera's. from NULL: any shape.
+ * channels 0: as in image_decode. */
 static oxl_result image_decode_of(oxl_context *ctx, const char *path, int channels,
                                   const struct colmap_camera *from, struct pixels *out)
 {
@@ -301,11 +305,11 @@ OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *widt
 
 /* ---------------- reduce */
 
-/* Holds what one output pixel covers along one axis: [at n_in, (at + 1) n_in) in units of 1/n_out of an
- * input pixel, so that all overlaps are whole numbers, with the sum n_in. */
+/* Holds the input that one output pixel covers along one axis, [at n_in, (at + 1) n_in) in units of 1/n_out
+ * of an input pixel: so all overlaps are whole numbers, with the sum n_in. */
 struct image_span {
-    int first, last;                    /* input pixels touched, both included */
-    unsigned weight_first, weight_last; /* of those two; the ones between weigh n_out */
+    int first, last;                    /* first and last input pixel touched */
+    unsigned weight_first, weight_last; /* weights of these two; pixels between them weigh n_out */
 };
 
 static struct image_span image_span_of(int at, int n_in, int n_out)
@@ -322,7 +326,7 @@ static unsigned image_span_weight(const struct image_span *s, int i, int n_out)
     return i == s->first ? s->weight_first : i == s->last ? s->weight_last : (unsigned)n_out;
 }
 
-/* Is shared by all output rows: spans of the columns, and one accumulation row per thread. */
+/* Holds what all output rows share: spans of the columns, and one accumulation row per thread. */
 struct image_reduction {
     const struct pixels *in;
     const struct training_image *out;
@@ -347,7 +351,7 @@ SIMD_BODY void image_add_row_body(const int fused, const struct image_row_sum *s
 
 SIMD_DISPATCH(static, image_add_row, struct image_row_sum)
 
-/* Adds the weighted rows of the span. The weights sum to in->height, so 32 bits suffice. */
+/* Adds the weighted rows of the span. 32 bits suffice, since the weights sum to in->height. */
 static void image_add_rows(int isa, const struct image_reduction *r, const struct image_span *rows,
                            uint32_t *line)
 {
@@ -360,7 +364,7 @@ static void image_add_rows(int isa, const struct image_reduction *r, const struc
                                                    .weight = image_span_weight(rows, i, r->out->height)});
 }
 
-/* Averages the image over each output pixel's area, exactly before it is rounded. */
+/* Averages the image over each output pixel's area, exactly, and rounds once. */
 static void image_reduce_row(int isa, const struct image_reduction *r, int y)
 {
     const struct image_span rows = image_span_of(y, r->in->height, r->out->height);
@@ -412,14 +416,14 @@ static void image_reduce_mask_row(const struct pixels *mask, const struct traini
 /* ---------------- undistort */
 
 struct image_warp {
-    const struct pixels *source, *mask; /* mask->data may be NULL */
+    const struct pixels *source, *mask; /* mask->data NULL: no mask */
     const struct colmap_camera *from;
     const oxl_camera *to;
-    double zoom[2]; /* image's px per px of `from`: 1 unless the file was resized */
-    int samples;    /* a side of an output pixel */
+    double zoom[2]; /* px of the image per px of `from`: 1 unless the file was resized */
+    int samples;    /* samples per side of an output pixel */
 };
 
-/* Adds the bilinear sample at p (px), in units of 1/256^2, borders repeated. */
+/* Adds the bilinear sample at p (px) in units of 1/256^2; repeats the image's borders. */
 static void image_add_bilinear(const struct pixels *in, const double p[2], uint32_t sum[3])
 {
     const int fx = (int)floor((p[0] - 0.5) * IMAGE_FRACTION + 0.5),
@@ -447,7 +451,8 @@ static int image_is_valid_at(const struct image_warp *w, const double p[2])
     return 1;
 }
 
-/* Averages samples x samples bilinear samples on a regular grid for each pixel. */
+/* Computes a row: each pixel is the mean of samples x samples bilinear samples on a regular grid, and
+ * masked if one of them is. */
 static void image_warp_row(const struct image_warp *w, const struct training_image *out, int y)
 {
     const size_t plane = (size_t)out->width * out->height;
@@ -481,7 +486,7 @@ static struct image_warp image_warp_of(const struct pixels *image, const struct 
     camera_intrinsics(from, k);
     w.zoom[0] = (double)image->width / from->width;
     w.zoom[1] = (double)image->height / from->height;
-    /* image's px per output px at the axis */
+    /* px of the image per output px at the axis */
     reduction = OXL_MAX(k[0] * w.zoom[0] / to->fx, k[1] * w.zoom[1] / to->fy);
     w.samples = (int)ceil(OXL_CLAMP(reduction - 0.01, 1, IMAGE_SAMPLES_MAX));
     return w;
@@ -489,7 +494,8 @@ static struct image_warp image_warp_of(const struct pixels *image, const struct 
 
 /* ---------------- a training image */
 
-/* Refuses an image that was cropped or rotated since the COLMAP run; it may have been resized. */
+/* Refuses an image that was cropped or rotated since the COLMAP run. Accepts one that was resized, or that
+ * its EXIF orientation turns into the camera's shape. */
 OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, int width, int height,
                                           const struct colmap_camera *from)
 {
@@ -505,8 +511,8 @@ OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, in
             : "use the images that COLMAP was given");
 }
 
-/* Turns an image as its EXIF orientation says, where the camera's shape shows that the model was made from
- * it upright. The mask too, if it has the shape of the stored image. */
+/* Turns an image by its EXIF orientation if the camera's shape shows that the model was made from it upright;
+ * the mask, too, if it has the shape of the stored image. */
 static oxl_result image_turn_to_camera(oxl_context *ctx, const char *path, const struct colmap_camera *from,
                                        struct pixels *image, struct pixels *mask)
 {
@@ -531,7 +537,7 @@ static oxl_result image_training_alloc(oxl_context *ctx, const oxl_camera *to, i
     return OXL_ERR_MEMORY;
 }
 
-/* Frees a mask without black pixels. */
+/* Frees a mask without black pixels, which would cost time and memory. */
 static void image_drop_empty_mask(oxl_context *ctx, struct training_image *image)
 {
     if (!image->mask || memchr(image->mask, 0, (size_t)image->width * image->height)) return;
@@ -539,7 +545,7 @@ static void image_drop_empty_mask(oxl_context *ctx, struct training_image *image
     image->mask = NULL;
 }
 
-/* Checks for a mask that reduction and undistortion have made completely black. */
+/* Refuses a mask that reduction and undistortion have made completely black. */
 static oxl_result image_check_mask(oxl_context *ctx, const char *path, const struct training_image *image)
 {
     if (!image->mask || memchr(image->mask, 255, (size_t)image->width * image->height)) return OXL_OK;
@@ -553,7 +559,7 @@ static oxl_result image_check_mask(oxl_context *ctx, const char *path, const str
 
 enum { IMAGE_OPAQUE = 128 }; /* least alpha of a pixel that is not masked */
 
-/* Turns four channels into three, in place: premultiplied with their alpha, over the background. */
+/* Turns four channels into three, in place: composites the colours by their alpha over the background. */
 static void image_composite(struct pixels *image, const uint8_t background[3])
 {
     const size_t count = (size_t)image->width * (size_t)image->height;
@@ -566,8 +572,8 @@ static void image_composite(struct pixels *image, const uint8_t background[3])
     image->channels = 3;
 }
 
-/* Turns four channels into three; *out becomes a mask of the image's size, black where that is or where the
- * image is transparent. Free its data with oxl_free. */
+/* Turns four channels into three. *out: a mask of the image's size, black where `mask` is black or the image
+ * is transparent. Free its data with oxl_free. */
 static oxl_result image_move_alpha(oxl_context *ctx, struct pixels *image, const struct pixels *mask,
                                    struct pixels *out)
 {
@@ -586,7 +592,8 @@ static oxl_result image_move_alpha(oxl_context *ctx, struct pixels *image, const
     return OXL_OK;
 }
 
-/* Decodes image and mask. *mask: of the file mask_path or empty; *alpha_mask: of both, where alpha masks. */
+/* Decodes image and mask. *mask: the mask of the file mask_path, or empty; *alpha_mask: the mask of file
+ * and alpha, if alpha masks. */
 static oxl_result image_decode_masked(oxl_context *ctx, const char *path, const char *mask_path,
                                       const struct colmap_camera *from, const struct image_alpha *alpha,
                                       struct pixels *image, struct pixels *mask, struct pixels *alpha_mask)
@@ -599,6 +606,7 @@ static oxl_result image_decode_masked(oxl_context *ctx, const char *path, const 
     return OXL_OK;
 }
 
+/* Decodes, turns, then reduces or undistorts in one pass, so that each pixel is resampled once. */
 OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,
                                             const struct image_alpha *alpha, const struct colmap_camera *from,
                                             const oxl_camera *to, struct training_image *out)
@@ -659,7 +667,7 @@ OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct train
                     : 0.0f;
 }
 
-/* Halves in place: each pixel is written after its four source pixels are read. */
+/* Halves in place: a pixel is written only after its four source pixels are read. */
 OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight)
 {
     const size_t w = (size_t)width, small_w = w / 2, small_h = (size_t)height / 2;

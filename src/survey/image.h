@@ -1,20 +1,20 @@
-/* image.h - images: decode, reduce, undistort, mask; decoded ones in memory and in files. */
+/* image.h - declares images: decode, reduce, undistort, mask; decoded images in memory and in files. */
 #ifndef OXL_IMAGE_H
 #define OXL_IMAGE_H
 
 #include "sparse.h"
 
-/* ---------------- image.c: decode, reduce, undistort, mask, cache */
+/* ---------------- image.c, image_write.c: decode, reduce, undistort, mask, encode */
 
-struct pixels { /* 8 bits, interleaved */
+struct pixels { /* Holds pixels of 8 bits, interleaved. */
     int width, height, channels;
     uint8_t *data;
 };
-/* Decodes a file. channels 0: 4 where the file has alpha, else 3. */
+/* Decodes a file. channels 0: 4 if the file has alpha, otherwise 3. */
 OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int channels, struct pixels *out);
-/* Reads the size from the header only. */
+/* Reads the size from the header alone. */
 OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *width, int *height);
-/* Fails unless the file's size is the camera's, reduced or enlarged: not cropped or rotated. */
+/* Fails unless the file has the camera's shape, resized or turned by its EXIF orientation. */
 OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, int width, int height,
                                           const struct colmap_camera *from);
 OXL_INTERNAL void image_pixels_free(oxl_context *ctx, struct pixels *p);
@@ -25,44 +25,45 @@ struct training_image {
     uint8_t *rgb;
     uint8_t *mask;
 };
-/* Says what transparent pixels of an image are: `background`, or masked where alpha is below a half. */
+/* Says how transparent pixels are used: masked, where alpha is below a half, or
+ * composited over `background`. */
 struct image_alpha {
     int masks;
     uint8_t background[3];
 };
 /* Returns 1 if the head of a PNG file states transparent pixels; 0 also for other or unreadable files. */
 OXL_INTERNAL int image_has_alpha(const char *path);
-/* Decodes, undistorts (when `from` is distorted) and reduces by area averaging to `to`'s size, masks alike.
- * mask_path may be NULL; so may alpha: colours are then taken as they are. */
+/* Decodes an image, undistorts it if `from` is distorted, and reduces it by area averaging to the size of
+ * `to`, its mask alike. mask_path may be NULL; so may alpha: colours are then taken as they are. */
 OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,
                                             const struct image_alpha *alpha, const struct colmap_camera *from,
                                             const oxl_camera *to, struct training_image *out);
 OXL_INTERNAL void image_training_free(oxl_context *ctx, struct training_image *image);
-struct image_window { /* a part of an image, px; width 0: nothing of it */
+struct image_window { /* Names a part of an image (px); width 0: nothing of it. */
     int x, y, width, height;
 };
 /* Converts the window, or with NULL the whole image, to rgb (3,h,w) and weight (h,w) or NULL. */
 OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *image,
                                       const struct image_window *window, float *rgb, float *weight);
-/* Halves the sides in place: means of 2 x 2 pixels, masked if one is; odd edges are dropped. weight may be
- * NULL, above too. */
+/* Halves the sides in place: pixels are means of 2 x 2, masked if one of these is; odd edges are
+ * dropped. weight may be NULL. */
 OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight);
-/* Does the inverse, into allocated memory of `to`; weights up to 0.5 are masked. */
+/* Converts an image to 8 bits, into allocated planes of `to`; weights up to 0.5 are masked. */
 OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_image *to);
 
-/* Deflates with free bytes around (*out by oxl_alloc). */
+/* Deflates data and leaves `before` and `after` bytes free around the result, *out by oxl_alloc. */
 OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before,
                                       size_t after, unsigned char **out, size_t *deflated);
 
 /* ---------------- image_cache.c: which images are in memory */
 
-/* Bounds from above the memory for images of `pixels` in total, without masks, with decoding of files of
- * file_pixels. */
+/* Returns an upper bound of the bytes for images of `pixels` in total, without masks, and for
+ * decoding files of file_pixels. */
 OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_pixels);
 
-struct image_loader { /* of images that are not in memory */
+struct image_loader { /* Loads images that are not in memory. */
     oxl_result (*load)(oxl_context *ctx, const oxl_scene *scene, int view, struct training_image *out);
-    double (*file_pixels)(const oxl_scene *scene, int view); /* of the image file */
+    double (*file_pixels)(const oxl_scene *scene, int view); /* returns the pixels of a view's file */
     const oxl_scene *scene;
 };
 struct image_cache {
@@ -71,30 +72,30 @@ struct image_cache {
     uint64_t *used;               /* (count) time of the last request */
     uint64_t clock;
     int count;
-    size_t held, limit; /* bytes in memory; bytes allowed */
+    size_t held, limit; /* bytes in memory; limit of these */
 };
 /* Creates an empty cache without a limit. */
 OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, const struct image_loader *loader,
                                           struct image_cache *out);
 OXL_INTERNAL void image_cache_free(oxl_context *ctx, struct image_cache *cache);
-/* Returns a view's image, borrowed until the next request of another view or image_cache_ahead; NULL: error
- * set. */
+/* Returns a view's image, borrowed until the next request of another view or
+ * image_cache_ahead; NULL: the error is set. */
 OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, struct image_cache *cache,
                                                           int view);
-/* Forgets all images. */
+/* Frees all images. */
 OXL_INTERNAL void image_cache_clear(oxl_context *ctx, struct image_cache *cache);
-/* Loads the next images in parallel if the first view is not in memory. Errors are reported when an image is
- * requested. */
+/* Loads the next images in parallel if the first one is not in memory. Errors are reported
+ * when an image is requested. */
 OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, struct image_cache *cache, const int *view, int count);
 
 /* ---------------- image_file.c: decoded images in files */
 
-enum { IMAGE_FILE_NAME = 16 /* digits: the key in hexadecimal */ };
+enum { IMAGE_FILE_NAME = 16 /* digits of the key in hexadecimal */ };
 
 OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const struct image_alpha *alpha,
                                      const struct colmap_camera *from, const oxl_camera *to);
 OXL_INTERNAL int image_file_read(oxl_context *ctx, const char *path, uint64_t key, const oxl_camera *to,
-                                 struct training_image *out); /* 1: it exists and is complete */
+                                 struct training_image *out); /* 1: the file exists and is complete */
 OXL_INTERNAL oxl_result image_file_write(oxl_context *ctx, const char *path, uint64_t key,
                                          const struct training_image *image);
 

@@ -1,15 +1,16 @@
-/* image_cache.c - decoded images in memory: loaded on request or ahead of it, and evicted when the cache is
- * full.
+/* image_cache.c - keeps decoded images in memory: loads them on request or ahead of it, and evicts them when
+ * the cache is full.
  *
- * They take no more memory than the limit, apart from the image requested last. Invariant: the state of the
+ * Images take no more memory than the limit, apart from the image requested last. Invariant: the state of the
  * cache does not change results.
  */
 #include "image.h"
 
 enum {
-    /* limit of images loaded in parallel: memory for them is set aside on any number of threads */
+    /* most images that are loaded in parallel; memory is planned for as many on any number of threads */
     IMAGE_CACHE_AHEAD = 4,
-    /* a pixel of the file: planes and colours of a JPEG; a progressive one and 16 bits take twice that */
+    /* bytes per pixel of a file: planes and colours of a JPEG; a progressive one
+     * and 16 bits take twice that */
     IMAGE_CACHE_DECODE_BYTES = 6
 };
 
@@ -42,9 +43,9 @@ static size_t image_cache_size(const struct training_image *image)
     return (size_t)image->width * image->height * (image->mask ? 4 : 3);
 }
 
-/* Evicts the most recently used images until the rest and `keep` fit. Each epoch uses all images in a new
- * order, so the most recent one is needed last: with memory for half of the images 50 % of the requests are
- * hits; with LRU 15 %. */
+/* Evicts the most recently used images until all but `keep` fit into `limit`. Each epoch uses all images in a
+ * new order, so the most recent one is needed last: with memory for half of the images 50 % of the requests
+ * are hits; with LRU 15 %. */
 static void image_cache_make_room(oxl_context *ctx, struct image_cache *cache, int keep, size_t limit)
 {
     while (cache->held > limit) {
@@ -65,7 +66,8 @@ OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, stru
     cache->used[view] = ++cache->clock;
     if (!image->rgb) {
         oxl_result rc = cache->loader.load(ctx, cache->loader.scene, view, image);
-        if (rc == OXL_ERR_MEMORY && cache->held > 0) { /* the decoder's memory counts: the others make room */
+        /* Frees all other images to make room for the decoder, and tries again. */
+        if (rc == OXL_ERR_MEMORY && cache->held > 0) {
             image_cache_make_room(ctx, cache, view, 0);
             rc = cache->loader.load(ctx, cache->loader.scene, view, image);
         }
@@ -83,8 +85,8 @@ OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_p
     return OXL_MIN(3 * pixels + ahead, cache) + one;
 }
 
-/* Chooses the next views to load in parallel: not in memory, at most one per thread, at most a quarter of the
- * cache at the size of the files' pixels, which is *bytes. */
+/* Chooses the next views to load in parallel: views not in memory, at most one per thread, and as many as can
+ * be decoded in a quarter of the cache. *bytes: what decoding them takes. */
 static int image_cache_choose_ahead(const oxl_context *ctx, const struct image_cache *cache, const int *view,
                                     int count, int *chosen, size_t *bytes)
 {
@@ -106,7 +108,7 @@ OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, struct image_cache *cache,
     struct training_image read[IMAGE_CACHE_AHEAD] = {{0}};
     int chosen[IMAGE_CACHE_AHEAD], n;
     size_t bytes;
-    /* errors are dropped here and reported when the image is requested */
+    /* Drops errors, which are reported when the image is requested. */
     oxl_context own = context_for_thread(ctx);
     if (count < 1 || cache->image[view[0]].rgb) return;
     n = image_cache_choose_ahead(ctx, cache, view, count, chosen, &bytes);
@@ -117,7 +119,7 @@ OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, struct image_cache *cache,
     for (int i = 0; i < n; i++) {
         if (!read[i].rgb) continue;
         cache->image[chosen[i]] = read[i];
-        cache->used[chosen[i]] = 0; /* needed soon: evicted last */
+        cache->used[chosen[i]] = 0; /* evicted last, since it is needed soon */
         cache->held += image_cache_size(&read[i]);
     }
     image_cache_make_room(ctx, cache, -1, cache->limit);

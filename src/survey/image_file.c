@@ -1,5 +1,5 @@
-/* image_file.c - decoded images in files, so that each image is decoded once: reduced, undistorted, with its
- * mask.
+/* image_file.c - keeps decoded images in files, reduced, undistorted and with their masks, so that each image
+ * is decoded once.
  *
  * A file is one image: IMAGE_FILE_HEAD words, planes, checksum. Its key covers all that determines the image:
  * the files' modification times, the camera and the size. Files are not synced: one that is missing, damaged
@@ -39,7 +39,7 @@ OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const s
     return checksum_add(sum, from->parameter, sizeof from->parameter);
 }
 
-/* Reads or writes the planes in the order of the file, and adds them to *sum. */
+/* Reads or writes the planes in the order of the file and adds them to *sum; returns 0 on failure. */
 static int image_file_planes(FILE *file, struct training_image *image, int writing, uint64_t *sum)
 {
     uint8_t *plane[] = {image->rgb, image->mask};

@@ -1,13 +1,14 @@
-/* image_header.c - size, bits and EXIF orientation of an image, from the first bytes of its file.
+/* image_header.c - reads size, bits and EXIF orientation of an image from the first bytes of its file.
  *
  * Sources: PNG (ISO 15948, 11.2.2), JPEG (ITU T.81 B.1.1, B.2.2), EXIF (CIPA DC-008, 4.5.4, 4.6.4).
  *
- * Invariant: nothing here decodes, so that a survey of one camera an image costs one short read each.
+ * Invariant: nothing here decodes, so that a survey with one camera per image costs one short read per
+ * image.
  */
 #include "image_header.h"
 
 enum {
-    HEADER_BYTES = 1 << 16, /* read of a file: markers and EXIF data are near its start */
+    HEADER_BYTES = 1 << 16, /* bytes that are read of a file: markers and EXIF data are near its start */
     HEADER_ORIENTATION = 0x0112
 };
 
@@ -18,7 +19,7 @@ static unsigned header_number(const unsigned char *p, int bytes, int big_endian)
     return value;
 }
 
-/* Finds the orientation in TIFF data, its first directory; 1: upright, or not stated. */
+/* Finds the orientation in the first directory of TIFF data; 1: upright, or not stated. */
 static int header_orientation(const unsigned char *tiff, size_t size)
 {
     const int big = size >= 8 && tiff[0] == 'M';
@@ -35,7 +36,7 @@ static int header_orientation(const unsigned char *tiff, size_t size)
     return 1;
 }
 
-/* Walks over the segments up to the frame header. */
+/* Goes through the segments up to the frame header. */
 static void header_of_jpeg(const unsigned char *data, size_t size, struct image_header *out)
 {
     size_t at = 2;
@@ -100,7 +101,7 @@ OXL_INTERNAL oxl_result image_turn(oxl_context *ctx, struct pixels *p, int chann
     if (orientation < 5) return OXL_OK;
     turned = oxl_alloc(ctx, w * h, n);
     if (!turned) return OXL_ERR_MEMORY;
-    for (size_t y = 0; y < w; y++) /* of the turned image: h x w px */
+    for (size_t y = 0; y < w; y++) /* rows and columns of the turned image, h x w px */
         for (size_t x = 0; x < h; x++) {
             const size_t from_x = orientation == 5 || orientation == 6 ? y : w - 1 - y,
                          from_y = orientation == 5 || orientation == 8 ? x : h - 1 - x;

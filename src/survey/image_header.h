@@ -1,20 +1,21 @@
-/* image_header.h - size, bits and EXIF orientation of an image. */
+/* image_header.h - reads size, bits and EXIF orientation of an image. */
 #ifndef OXL_IMAGE_HEADER_H
 #define OXL_IMAGE_HEADER_H
 
 #include "image.h"
 
-/* Holds what the first bytes of a file say. */
+/* Holds what the first bytes of an image file state. */
 struct image_header {
     int width, height;
-    int bits;        /* of a channel */
+    int bits;        /* bits of a channel */
     int orientation; /* EXIF: 1 upright, 5 to 8 turned by a quarter */
 };
-#define IMAGE_SHAPE_ERROR 0.01 /* by which ratios of sides may differ */
-/* Reads what the header says; a size of 0: not found in its first bytes. */
+#define IMAGE_SHAPE_ERROR 0.01 /* Limits how far the ratios of sides may differ. */
+/* Reads the header; width 0: it is not in the file's first bytes. */
 OXL_INTERNAL oxl_result image_read_header(oxl_context *ctx, const char *path, struct image_header *out);
+/* Returns 1 if an image has the wanted ratio of sides. */
 OXL_INTERNAL int image_has_shape(int width, int height, int wanted_width, int wanted_height);
-/* Turns pixels by a quarter as the orientation says: 5 to 8; others stay. */
+/* Turns pixels by a quarter for the orientations 5 to 8; other orientations stay. */
 OXL_INTERNAL oxl_result image_turn(oxl_context *ctx, struct pixels *p, int channels, int orientation);
 
 #endif

@@ -7,7 +7,7 @@
 
 static uint8_t image_to_byte(float v)
 {
-    if (!(v > 0)) return 0; /* NaN too */
+    if (!(v > 0)) return 0; /* Makes 0 of NaN, too. */
     return v < 1 ? (uint8_t)(v * 255.0f + 0.5f) : 255;
 }
 
@@ -19,7 +19,7 @@ OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_imag
         to->mask[i] = !image->weight || image->weight[i] > 0.5f ? 255 : 0;
 }
 
-/* Interleaves planes (3,count) as bytes; NULL: no memory. */
+/* Interleaves planes (3,count) as bytes; NULL: there is no memory. */
 static uint8_t *image_interleave(oxl_context *ctx, const float *rgb, size_t count)
 {
     uint8_t *bytes = oxl_alloc(ctx, count, 3);
@@ -28,7 +28,7 @@ static uint8_t *image_interleave(oxl_context *ctx, const float *rgb, size_t coun
     return bytes;
 }
 
-/* Frees both; encoded NULL: there was no memory. */
+/* Writes the encoded file and frees both buffers; encoded NULL: there was no memory. */
 static oxl_result image_write_encoded(oxl_context *ctx, const char *path, uint8_t *bytes,
                                       unsigned char *encoded, int size)
 {
@@ -48,7 +48,7 @@ static oxl_result image_write_png(oxl_context *ctx, const char *path, const floa
     return image_write_encoded(ctx, path, bytes, encoded, size);
 }
 
-/* Collects the parts of a JPEG. */
+/* Collects the parts of a JPEG in memory. */
 struct image_sink {
     oxl_context *ctx;
     void *data;
@@ -115,7 +115,8 @@ oxl_result oxl_image_write_alpha(oxl_context *ctx, const char *path, const oxl_i
 OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before,
                                       size_t after, unsigned char **out, size_t *deflated)
 {
-    enum { ZLIB_HEAD = 2, ZLIB_TAIL = 4 }; /* bytes of zlib's header and checksum */
+    /* bytes of zlib's header and checksum, which gzip and PNG have otherwise */
+    enum { ZLIB_HEAD = 2, ZLIB_TAIL = 4 };
     int length = 0;
     unsigned char *zlib = codec_deflate(ctx, data, size, &length);
     *out = zlib ? oxl_alloc(ctx, before + (size_t)length + after, 1) : NULL;

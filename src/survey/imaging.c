@@ -6,9 +6,6 @@
  * their own; the deviation of the other camera's gain at that moment from the line between its own neighbours
  * is added, times a factor from 0 to 1 measured on the known views: 1 if the cameras adapt together.
  *
- *     # comment
- *     gain 1.0231 0.9877 1.0102 dive1/IMG 0001.JPG      red green blue, then the name to the end of the line
- *
  * Invariant: an `imaging` that is off changes nothing. Logarithms are natural; gains multiply the rendered
  * image.
  */
@@ -17,7 +14,7 @@
 #include "scene.h"
 #include "../core/vecmath.h"
 
-#define IMAGING_CAMERA_VIEWS 4 /* that a camera must have in the mean */
+#define IMAGING_CAMERA_VIEWS 4 /* Least views of a camera, on average. */
 
 OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out)
 {
@@ -32,7 +29,7 @@ OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imagi
     return OXL_ERR_MEMORY;
 }
 
-/* Copies to an imaging of as many views. */
+/* Copies gains, cameras and medium, but neither lamps nor poses, to an imaging of as many views. */
 OXL_INTERNAL void imaging_copy(const struct imaging *from, struct imaging *to)
 {
     memcpy(to->log_gain, from->log_gain, 3 * (size_t)from->views * sizeof *to->log_gain);
@@ -56,8 +53,8 @@ static uint64_t imaging_hash(uint64_t hash, unsigned char byte) /* FNV-1a */
     return (hash ^ byte) * UINT64_C(1099511628211);
 }
 
-/* Joins CAMERA_ID, the folder, and the letters of the name: IMG_0012.JPG and IMG_0013.JPG are of one camera,
- * L/0012.png and R/0012.png are not. */
+/* Hashes CAMERA_ID, the folder, and the name without its digits: IMG_0012.JPG and IMG_0013.JPG are of one
+ * camera, L/0012.png and R/0012.png are not. */
 OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view)
 {
     const struct colmap *from = scene_colmap(scene);
@@ -72,7 +69,8 @@ OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view)
     return hash;
 }
 
-/* Returns the longest number in the name, without leading zeros, the last of equally long ones; 0: none. */
+/* Returns a hash of the longest number in the name, without leading zeros, the last of equally
+ * long ones; 0: there is none. */
 static uint64_t imaging_timestamp(const char *name)
 {
     const char *base = path_base_name(name), *best = NULL;
@@ -106,7 +104,7 @@ static int imaging_compare_moments(const void *a, const void *b)
     return order ? order : (x->view > y->view) - (x->view < y->view);
 }
 
-/* Makes two images of one moment a pair, if their cameras differ. */
+/* Makes two images of one moment partners, if there are just two and their cameras differ. */
 static oxl_result imaging_set_partners(oxl_context *ctx, const oxl_scene *scene, struct imaging *m)
 {
     struct imaging_timestamp *sorted = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
@@ -126,8 +124,9 @@ static oxl_result imaging_set_partners(oxl_context *ctx, const oxl_scene *scene,
     return OXL_OK;
 }
 
-/* Counts all views as one camera's where most cameras have fewer than IMAGING_CAMERA_VIEWS views, as where
- * COLMAP gave each image its own, or names are random: there the keys have no meaning. */
+/* Finds each view's camera. Counts all views as one camera's if cameras have fewer than
+ * IMAGING_CAMERA_VIEWS views on average, as where COLMAP gave each image its own camera, or names are
+ * random: there the keys have no meaning. */
 OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m)
 {
     uint64_t *sorted = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
@@ -143,8 +142,8 @@ OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *s
 
 /* ---------------- gains */
 
-/* Finds the nearest view of known gain after `view`, in steps of `step`, of the same camera or of any; -1:
- * none. */
+/* Finds the nearest view of known gain from `view` on, in steps of `step`, of the same camera or
+ * of any; -1: there is none. */
 static int imaging_neighbour(const struct imaging *m, int view, int step, int any)
 {
     for (int i = view + step; i >= 0 && i < m->views; i += step)
@@ -172,7 +171,7 @@ static int imaging_partner(const struct imaging *m, int view)
     return partner >= 0 && m->known[partner] ? partner : -1;
 }
 
-/* Measures how far a known view's log gains are off its neighbours' line. */
+/* Measures the deviation of a known view's log gains from the line between its neighbours. */
 static void imaging_deviation(const struct imaging *m, int view, double out[3])
 {
     float between[3];
@@ -180,7 +179,8 @@ static void imaging_deviation(const struct imaging *m, int view, double out[3])
     for (int c = 0; c < 3; c++) out[c] = (double)m->log_gain[3 * view + c] - (double)between[c];
 }
 
-/* Fits a known view's deviation by its partner's, least squares, 0 to 1. */
+/* Fits the factor, 0 to 1, by which a partner's deviation predicts a view's own, by least
+ * squares over the known views. */
 static double imaging_fraction(const struct imaging *m)
 {
     double xx = 0, xy = 0;
@@ -241,11 +241,12 @@ OXL_INTERNAL void imaging_centre(struct imaging *m, const double mean[3])
 
 /* ---------------- the lamp */
 
-/* Degrees of term k: in y, in x. The mean of Legendre polynomials over -1..1 is 0, but for the constant. */
+/* Lists the degrees of the terms in y and in x. Legendre polynomials have the mean 0 over -1..1, but for the
+ * constant, which is left out. */
 static const int lamp_terms[LAMP_TERMS][2] = {{0, 1}, {0, 2}, {0, 3}, {0, 4}, {1, 0}, {1, 1}, {1, 2},
                                               {1, 3}, {2, 0}, {2, 1}, {2, 2}, {3, 0}, {3, 1}, {4, 0}};
 
-/* States the coefficients: Legendre polynomial n = sum over k of this [n][k] x^k. */
+/* Lists coefficients: Legendre polynomial n is the sum over k of [n][k] x^k. */
 static const float lamp_legendre[LAMP_DEGREE + 1][LAMP_DEGREE + 1] = {
     {1}, {0, 1}, {-0.5f, 0, 1.5f}, {0, -1.5f, 0, 2.5f}, {0.375f, 0, -3.75f, 0, 4.375f}};
 
@@ -312,8 +313,8 @@ OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_are
     }
 }
 
-/* Returns 1 if the view is the first of its camera, which has enough of the training views for a lamp of its
- * own, but not all. */
+/* Returns 1 if the view is the first of its camera, and this camera has enough training views for a lamp of
+ * its own, but not all of them. */
 static int lamp_is_separate(const oxl_scene *scene, int view)
 {
     const uint64_t camera = imaging_camera(scene, view);

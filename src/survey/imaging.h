@@ -1,23 +1,23 @@
-/* imaging.h - what lies between the scene's colours and an image: gains, medium, lamp. */
+/* imaging.h - declares what lies between the scene's colours and an image: gains, medium, lamp, poses. */
 #ifndef OXL_IMAGING_H
 #define OXL_IMAGING_H
 
 #include "../core/core.h"
 
-#define EXPOSURE_MIN 0.05 /* gains lie between this and its inverse */
-/* c' = J (reference / r)^falloff exp(-attenuation r) + veiling_light (1 - exp(-backscatter r)), r the range;
- * in the falloff at least LAMP_RANGE_MIN x reference. imaging.txt and the evidence name attenuation bD,
- * backscatter bB and veiling light Binf. */
+#define EXPOSURE_MIN 0.05 /* Bounds gains from below; its inverse bounds them from above. */
+/* Describes a medium: c' = J (reference / r)^falloff exp(-attenuation r) + veiling_light (1 -
+ * exp(-backscatter r)), with r the range; the falloff takes r as at least LAMP_RANGE_MIN x reference.
+ * imaging.txt and the evidence name attenuation bD, backscatter bB and veiling light Binf. */
 #define LAMP_RANGE_MIN 0.125f
 #define LAMP_FALLOFF_MAX 2
-#define LAMP_SHAPE_MAX 4 /* log units, of a coefficient */
+#define LAMP_SHAPE_MAX 4 /* Bounds a lamp's coefficients (log units). */
 struct medium {
-    int on;          /* 0: none */
-    int has_falloff; /* 0: no falloff */
-    /* per unit of the scene, per unit, 0..1; 0 without a medium */
+    int on;          /* 0: there is no medium */
+    int has_falloff; /* 0: there is no falloff */
+    /* per unit of the scene; per unit; 0..1; all 0 without a medium */
     float attenuation[3], backscatter[3], veiling_light[3];
     float falloff, reference; /* 0..2, units of the scene */
-    /* in training: J is as seen through this range; 0 elsewhere */
+    /* range through which training has J; 0 outside of training */
     float training_range;
 };
 enum { LAMP_DEGREE = 4, LAMP_TERMS = 14, LAMP_MAX = 8, LAMP_VIEWS = 8 };
@@ -25,26 +25,27 @@ enum { LAMP_DEGREE = 4, LAMP_TERMS = 14, LAMP_MAX = 8, LAMP_VIEWS = 8 };
  * without its constant. Its terms are products of Legendre polynomials in x and y, each -1..1 across the
  * image, so that the mean over the image is 0: by degree in y, then in x. */
 struct lamp {
-    int view; /* the first of the camera's; -1: of all cameras that have none of their own */
+    /* first view of the lamp's camera; -1: the lamp is that of all cameras without one of their own */
+    int view;
     float shape[LAMP_TERMS];
 };
-/* A camera beside its pose in the survey's files: a turn, rad, and a move of its centre, units of the scene,
- * both in the axes of that pose (pose.c). */
+/* Counts the numbers of a pose beside that of the survey's files: a turn (rad) and a move of the centre
+ * (units of the scene), both in the axes of the survey's pose (pose.c). */
 enum { POSE_TERMS = 6 };
 struct imaging {
     struct medium medium;
-    int lamps; /* 0: none */
+    int lamps; /* number of lamps */
     struct lamp lamp[LAMP_MAX];
     int on;          /* 0: gains are 1 */
-    int views;       /* of the scene */
+    int views;       /* views of the scene */
     float *log_gain; /* (views,3) */
-    uint8_t *known;  /* (views) 1: trained; others are interpolated */
-    /* (views) equal: images of one camera; 0 unless imaging_set_cameras was called, as below */
+    uint8_t *known;  /* (views) 1: the gain is trained; others are interpolated */
+    /* (views) equal for images of one camera; 0 before imaging_set_cameras */
     uint64_t *camera;
-    double (*pose)[POSE_TERMS]; /* (views of the scene); NULL: those of the survey */
-    int *partner; /* (views) the image of another camera at the same moment; -1: none or several */
+    double (*pose)[POSE_TERMS]; /* (views) poses beside the survey's; NULL: the survey's */
+    int *partner;               /* (views) view of another camera at the same moment; -1: none or several */
 };
-/* Creates an imaging that is off, with no view's gain known. */
+/* Creates an imaging that is off and knows no view's gain. */
 OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out);
 /* Returns a key that is equal for views of one camera: from COLMAP's CAMERA_ID, the folder and the name
  * without digits. */
@@ -58,13 +59,15 @@ static inline void imaging_free(oxl_context *ctx, struct imaging *m)
 }
 OXL_INTERNAL void imaging_copy(const struct imaging *from, struct imaging *to);
 OXL_INTERNAL void imaging_clear(struct imaging *m);
-/* Interpolates a view's gain from its neighbours, even if it is known. */
+/* Interpolates a view's log gain from its neighbours, even if it is known. */
 OXL_INTERNAL void imaging_interpolate(const struct imaging *m, int view, float log_gain[3]);
+/* Interpolates as well, and adds the partner's deviation. */
 OXL_INTERNAL void imaging_predict(const struct imaging *m, int view, float log_gain[3]);
+/* Returns a view's gain, trained or predicted. */
 OXL_INTERNAL void imaging_gain(const struct imaging *m, int view, float gain[3]);
-/* Averages the log gain of the known views. */
+/* Returns the mean log gain of the known views. */
 OXL_INTERNAL double imaging_mean(const struct imaging *m, int channel);
-/* Multiplies an image that was rendered at mean exposure. */
+/* Multiplies an image that was rendered at mean exposure by the view's gain, if gains are on. */
 OXL_INTERNAL void imaging_apply(const struct imaging *m, int view, oxl_image *image);
 /* Evaluates the polynomial at (x, y); both run from -1 to 1 across the image. */
 OXL_INTERNAL double lamp_log_gain(const float shape[LAMP_TERMS], float x, float y);
@@ -83,14 +86,15 @@ static inline float lamp_coordinate(float at, int count)
 OXL_INTERNAL double lamp_coefficient(int term, int j, int k);
 /* Evaluates exp of the polynomial: gain (H,W). */
 OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_area *area, float *gain);
-/* Prepares row y of the area: its log gain is the sum over k of a[k] x^k, x by lamp_coordinate. */
+/* Prepares row y of the area: the log gain is the sum over k of a[k] x^k, with x by lamp_coordinate. */
 OXL_INTERNAL void lamp_row(const float shape[LAMP_TERMS], const struct lamp_area *area, int y,
                            float a[LAMP_DEGREE + 1]);
-/* Adds each term x values of row y to sum (14), by power[k], the sum of the values times x^k. */
+/* Adds, for row y, the sum of each term times a pixel's value to sum (14). power[k]: the sum
+ * of the values times x^k. */
 OXL_INTERNAL void lamp_add_row(const struct lamp_area *area, int y, const double power[LAMP_DEGREE + 1],
                                double sum[LAMP_TERMS]);
-/* Sets flat lamps: the first for all cameras with fewer than LAMP_VIEWS training views, then one per other
- * camera. Returns their number. */
+/* Sets flat lamps: the first for all cameras with fewer than LAMP_VIEWS training views, then one for each
+ * other camera. Returns their number. */
 OXL_INTERNAL int imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP_MAX]);
 /* Returns the index of the view's lamp; -1: none. */
 OXL_INTERNAL int imaging_find_lamp(const oxl_scene *scene, const struct lamp *lamp, int lamps, int view);
@@ -99,12 +103,12 @@ OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_
 /* Multiplies a rendered image by the view's lamp, before the gain. */
 OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m,
                                            int view, oxl_image *image);
-/* Gives the known views this mean. */
+/* Shifts the log gains of the known views to this mean. */
 OXL_INTERNAL void imaging_centre(struct imaging *m, const double mean[3]);
-/* Returns 1 for a medium, or light that falls off with range: viewers need a separate model. */
+/* Returns 1 if there is a medium, or light that falls off with range: viewers need a separate model. */
 OXL_INTERNAL int imaging_alters_colours(const struct imaging *m);
-/* Returns 1 for gains of the images and nothing else: what viewers show is nearer to the images where a model
- * was trained without them at the end. */
+/* Returns 1 if there are gains and nothing else: viewers then show colours nearer to the images if the model
+ * was trained without gains at the end. */
 static inline int imaging_is_gains_alone(const struct imaging *m)
 {
     return m->on && m->lamps == 0 && !imaging_alters_colours(m);

@@ -1,16 +1,15 @@
-/* photometry.c - exposure, lamp and medium from the colours that tracks have in several images, before any
- * training.
+/* photometry.c - measures exposure, lamp and medium from the colours that tracks have in several images,
+ * before any training.
  *
  * A point seen from several ranges r identifies attenuation and backscatter without a model of the scene:
  *     I = exp(a + s(x, y)) (J exp(-bD r) + Binf (1 - exp(-bB r)))          (Akkaynak & Treibitz 2018)
  * for each channel, with J its own colour, a the log gain of the image and channel, and s the polynomial of
  * the camera's lamp or vignetting. J is eliminated (variable projection, Golub & Pereyra 1973); bD, bB and
  * Binf, by their logarithms, s and a are found by damped Gauss-Newton steps on squared residuals with Huber's
- * weights. On a straight path a drift of gains, and on flat ground s, do what
- * attenuation does: priors of zero mean on a and s decide then. A lamp's falloff with range counts as
- * attenuation.
+ * weights. On a straight path a drift of gains, and on flat ground s, do what attenuation does: priors of
+ * zero mean on a and s decide then. A lamp's falloff with range counts as attenuation.
  *
- * Each part is left out once: how much larger the residuals are then is the evidence for it.
+ * Each part is left out once: the growth of the residuals is the evidence for it.
  *
  * Invariant: a function of the scene. Sums follow the file order of points and the name order of views.
  */
@@ -23,40 +22,44 @@
 #include "../core/vecmath.h"
 #include "tracks.h"
 
-#define PHOTOMETRY_DARK 0.02 /* of white: darker and brighter patches are left out */
+/* Leaves out patches that are darker than this, or brighter than the next (fractions of white). */
+#define PHOTOMETRY_DARK 0.02
 #define PHOTOMETRY_BRIGHT 0.98
-/* log of the attenuation over the median range that the fit begins with: from -0.7 it went astray in 7C */
+/* Starts the fit at this log of the attenuation over the median range; from -0.7 it went astray in 7C. */
 #define PHOTOMETRY_START 0.2
-#define PHOTOMETRY_VEIL -1.2  /* log of Binf that it begins with */
-#define PHOTOMETRY_CENTRE 1e3 /* weight of a channel's sum of log gains, squared: their mean is 0 */
-#define PHOTOMETRY_HUBER 1.5  /* times sigma */
-/* standard deviation of a normal distribution over the median of absolute values */
+#define PHOTOMETRY_VEIL -1.2 /* Starts the fit at this log of Binf. */
+/* Weights the square of a channel's sum of log gains, so that their mean is 0. */
+#define PHOTOMETRY_CENTRE 1e3
+#define PHOTOMETRY_HUBER 1.5 /* Size of a residual, in sigma, from which on it counts less (Huber). */
+/* Ratio of a normal distribution's standard deviation to the median of its absolute values. */
 #define PHOTOMETRY_NORMAL 1.48
-#define PHOTOMETRY_SIGMA_MIN 1e-4   /* log units: of tracks that are exact, as synthetic ones may be */
-#define PHOTOMETRY_DAMPING 1e-3     /* Levenberg-Marquardt: fraction added to the diagonal, at the start, */
-#define PHOTOMETRY_DAMPING_MIN 1e-6 /* at least, */
-#define PHOTOMETRY_DAMPING_MAX 1e4  /* and where the search ends; */
-#define PHOTOMETRY_HARDER 10        /* its factor after a step that does not lower the cost, */
-#define PHOTOMETRY_EASIER 0.2       /* and after one that does */
-#define PHOTOMETRY_GAIN_MIN 1e-4    /* of the cost: a step that gains less is the last */
-#define PHOTOMETRY_RADIUS 1.0       /* px: half the side of a patch in the point's farthest view; */
-#define PHOTOMETRY_WIDE 5.0         /* nearer ones up to this */
-/* Standard deviations of the priors: logs of attenuation over the median range, of bB / bD, of Binf; gains;
- * the lamps' common shape, and how far a camera's is off it. Where water is clear the tracks hardly hold bB,
- * and a wrong one costs 2 dB (docs/log/IMAGING.md). */
+/* Bounds sigma from below (fraction of white), since synthetic tracks may be exact. */
+#define PHOTOMETRY_SIGMA_MIN 1e-4
+/* Fraction that is added to the diagonal at the start (Levenberg-Marquardt). */
+#define PHOTOMETRY_DAMPING 1e-3
+#define PHOTOMETRY_DAMPING_MIN 1e-6 /* Least fraction. */
+#define PHOTOMETRY_DAMPING_MAX 1e4  /* Fraction at which the search ends. */
+#define PHOTOMETRY_HARDER 10        /* Factor of the fraction after a step that does not lower the cost. */
+#define PHOTOMETRY_EASIER 0.2       /* Factor of the fraction after a step that lowers the cost. */
+#define PHOTOMETRY_GAIN_MIN 1e-4    /* A step that lowers the cost by less than this fraction is the last. */
+#define PHOTOMETRY_RADIUS 1.0       /* Half the side of a patch (px) in the point's farthest view. */
+#define PHOTOMETRY_WIDE 5.0         /* Greatest half side of a patch (px) in nearer views. */
+/* Lists standard deviations of the priors: logs of attenuation over the median range, of bB / bD, of Binf;
+ * gains; the lamps' common shape, and a camera's deviation from it. In clear water the tracks hardly
+ * determine bB, and a wrong one costs 2 dB (docs/log/IMAGING.md). */
 static const double photometry_prior[6] = {1.5, 0.2, 1.5, 0.2, 0.3, 0.1};
-/* By how much larger residuals must be without the medium, lamp, gains. In surveys with a medium they are 2
- * to 4 times as large, in those without 1.01 times (docs/log/IMAGING.md); a lamp gains nothing at 1.09 times,
- * 0.3 dB at 1.21 (docs/log/PARSIMONY.md). */
+/* Lists the least growth of the residuals without the medium, lamp, gains that is evidence for a part. In
+ * surveys with a medium they grow to 2 to 4 times, in those without to 1.01 times (docs/log/IMAGING.md); a
+ * lamp gains nothing at 1.09 times, 0.3 dB at 1.21 (docs/log/PARSIMONY.md). */
 static const double photometry_evidence[3] = {0.1, 0.15, 0.02};
-/* The same without a lamp's shape of each camera: where points cover a part of the images, these are ill
- * determined. */
+/* Least growth without a lamp's shape for each camera: if points cover only a part of the images,
+ * these are ill determined. */
 #define PHOTOMETRY_SEPARATE 0.1
 
 /* ---------------- which points in which images */
 
-/* Chooses, if there are too many, every k-th view of each camera: of all, they might be those of one camera
- * of a stereo pair. */
+/* Chooses the training views, or every k-th view of each camera if there are too many: every k-th of all
+ * might be those of one camera of a stereo pair. */
 OXL_INTERNAL void photometry_choose_views(const oxl_scene *scene, const struct colmap *c,
                                           struct photometry_work *w)
 {
@@ -116,7 +119,8 @@ static void photometry_choose_samples(const oxl_scene *scene, double median, str
     }
 }
 
-/* Averages the colour of the patch. */
+/* Averages the colour of the patch; the sample becomes invalid if the patch is not
+ * inside the image or is masked. */
 static void photometry_sample_colour(const struct training_image *image, struct photometry_sample *s)
 {
     const size_t plane = (size_t)image->width * (size_t)image->height;
@@ -173,12 +177,13 @@ static void photometry_compact(struct photometry_work *w)
 struct photometry_point {
     int count;
     double a[PHOTOMETRY_TRACK], b[PHOTOMETRY_TRACK]; /* I = a J + b */
-    /* dI/d(log bD) / J, dI/d(log Binf), dI/d(log bB) */
+    /* dI/d(log bD) / J; dI/d(log Binf); dI/d(log bB) */
     double through[PHOTOMETRY_TRACK], veil[PHOTOMETRY_TRACK], near[PHOTOMETRY_TRACK];
     double rest[PHOTOMETRY_TRACK], weight[PHOTOMETRY_TRACK];
     double j, aa;
 };
 
+/* Evaluates the model and its derivatives at the point's samples, with the colour J that fits them best. */
 static void photometry_evaluate(const struct photometry_work *w, const double *at,
                                 const struct photometry_sample *s, int c, struct photometry_point *p)
 {
@@ -212,7 +217,7 @@ static int photometry_track(const struct photometry_work *w, size_t first)
     return (int)(end - first);
 }
 
-/* Sets w->rest, with the weights of now. */
+/* Computes w->rest at the parameters `at`, by the present weights. */
 static void photometry_find_residuals(struct photometry_work *w, const double *at)
 {
     struct photometry_point p;
@@ -225,7 +230,8 @@ static void photometry_find_residuals(struct photometry_work *w, const double *a
     }
 }
 
-/* Sums Huber's cost of w->rest in units of sigma^2; also sets weights for the next step where `reweigh`. */
+/* Returns Huber's cost of w->rest in units of sigma^2; with `reweigh` also sets the
+ * weights for the next step. */
 static double photometry_cost(struct photometry_work *w, int reweigh)
 {
     double sum = 0;
@@ -243,7 +249,7 @@ static double photometry_cost(struct photometry_work *w, int reweigh)
     return sum;
 }
 
-/* Estimates the standard deviation of w->rest, from the median of their absolute values. */
+/* Estimates the standard deviation of w->rest from the median of the absolute values. */
 static double photometry_sigma(const struct photometry_work *w)
 {
     size_t n = 0;
@@ -265,11 +271,11 @@ static double *photometry_row(struct photometry_work *w, int row)
     return w->normal + (size_t)row * PHOTOMETRY_PARAMETERS;
 }
 
-/* Derivatives of an observation or point by a channel's three parameters of the medium, and by lamp terms
- * from 3 on, in the order of the parameters from 9 on. */
+/* Counts the derivatives of a sample or point: by a channel's three parameters of the medium, then by lamp
+ * terms, in the order of the parameters from 9 on. */
 enum { PHOTOMETRY_SHARED = 3 + LAMP_MAX * LAMP_TERMS };
 
-/* Adds by x v, of `terms` lamp terms from `first` on, to a row of the normal equations. */
+/* Adds `by` times v, for `terms` lamp terms from `first` on, to a row of the normal equations. */
 static void photometry_add_terms(double *row, int first, int terms, double by, const double *v)
 {
     double *to = row + 9 + first;
@@ -277,7 +283,7 @@ static void photometry_add_terms(double *row, int first, int terms, double by, c
     for (int t = 0; t < terms; t++) to[t] += by * from[t];
 }
 
-/* Subtracts from a row what the point's colour takes, by x u / aa. */
+/* Subtracts from a row what the point's colour explains, `by` times u / aa. */
 static void photometry_subtract(double *row, int c, int count, double by, const double *u, double aa)
 {
     double *to = row + 6;
@@ -285,6 +291,8 @@ static void photometry_subtract(double *row, int c, int count, double by, const 
     for (int j = 3; j < count; j++) to[j] += -by * u[j] / aa;
 }
 
+/* Eliminates the point's colour J from the equations (Schur complement), since there are far
+ * more points than parameters. */
 static void photometry_eliminate(struct photometry_work *w, const struct photometry_sample *s, int c,
                                  const struct photometry_point *p, const double *u, const double *gains,
                                  int shared)
@@ -302,7 +310,8 @@ static void photometry_eliminate(struct photometry_work *w, const struct photome
 static void photometry_add_point(struct photometry_work *w, const struct photometry_sample *s, int c,
                                  const struct photometry_point *p)
 {
-    const int terms = w->free & PHOTOMETRY_LAMP ? LAMP_TERMS : 0; /* those that are fixed need no equations */
+    /* Leaves out fixed lamp terms, which need no equations. */
+    const int terms = w->free & PHOTOMETRY_LAMP ? LAMP_TERMS : 0;
     const int shared = 3 + terms * (w->apart ? w->lamps : 1);
     double u[PHOTOMETRY_SHARED] = {0}, gains[PHOTOMETRY_TRACK];
     if (!(p->aa > 0)) return;
@@ -313,7 +322,8 @@ static void photometry_add_point(struct photometry_work *w, const struct photome
         d[0] = p->through[k] * p->j, d[1] = p->near[k], d[2] = p->b[k];
         for (int t = 0; t < terms; t++) d[3 + t] = d[3 + lamp + t] = seen * (double)s[k].term[t];
         gains[k] = weight * p->a[k] * seen;
-        for (int part = 0; part < 3; part++) { /* medium; the common shape; the camera's own */
+        /* Takes the medium, the common shape, then the camera's own shape. */
+        for (int part = 0; part < 3; part++) {
             const int first = part == 0 ? 0 : part == 1 ? 3 : 3 + lamp, end = part == 0 ? 3 : first + terms;
             for (int i = first; i < end && (part < 2 || lamp > 0); i++) {
                 const double by = weight * d[i];
@@ -344,10 +354,10 @@ static double photometry_prior_sigma(const struct photometry_work *w, int index)
     return photometry_prior[index < 9 ? index / 3 : index >= w->gains ? 3 : index < 9 + LAMP_TERMS ? 4 : 5];
 }
 
-/* Returns the mean of the prior; that of bB is bD. */
+/* Returns the mean of the prior; that of bB is the present bD. */
 static double photometry_prior_mean(const double *at, int index)
 {
-    /* 0.5 over the median range; 0.3 of white */
+    /* log 0.5 over the median range; log 0.3 of white */
     return index < 3 ? -0.7 : index < 6 ? at[index - 3] : index < 9 ? -1.2 : 0;
 }
 
@@ -383,11 +393,12 @@ static void photometry_normal_equations(struct photometry_work *w)
         photometry_add(w, i, i - 3, -of);
         w->right[i - 3] -= of * e;
     }
-    for (int v = 0; v < w->views; v++) /* the gains' mean is 0 */
+    for (int v = 0; v < w->views; v++) /* Pulls the sum of each channel's gains to 0. */
         for (int k = 0; k <= v; k++)
             for (int c = 0; c < 3; c++)
                 photometry_add(w, w->gains + 3 * v + c, w->gains + 3 * k + c, PHOTOMETRY_CENTRE);
-    for (int i = 0; i < w->parameters; i++) { /* fixed */
+    /* Replaces the equations of fixed parameters by the identity. */
+    for (int i = 0; i < w->parameters; i++) {
         if (photometry_is_free(w, i)) continue;
         for (int k = 0; k < w->parameters; k++)
             w->normal[(size_t)OXL_MAX(i, k) * PHOTOMETRY_PARAMETERS + (size_t)OXL_MIN(i, k)] = i == k;
@@ -395,7 +406,7 @@ static void photometry_normal_equations(struct photometry_work *w)
     }
 }
 
-/* Factors in place: the lower factor. 0: not positive definite. */
+/* Factors a matrix in place into its lower Cholesky factor; returns 0 if it is not positive definite. */
 static int photometry_factor(double *m, int n)
 {
     for (int i = 0; i < n; i++) {
@@ -411,6 +422,7 @@ static int photometry_factor(double *m, int n)
     return 1;
 }
 
+/* Solves by the factor, forward and back, in place. */
 static void photometry_solve(const double *m, int n, double *x)
 {
     for (int i = 0; i < n; i++) {
@@ -423,7 +435,7 @@ static void photometry_solve(const double *m, int n, double *x)
     }
 }
 
-/* Takes damped steps from w->at; returns the cost in the end. */
+/* Takes damped steps from w->at; returns the cost at the end. */
 static double photometry_descend(struct photometry_work *w)
 {
     double damping = PHOTOMETRY_DAMPING, cost;
@@ -455,8 +467,8 @@ static double photometry_descend(struct photometry_work *w)
     return cost;
 }
 
-/* Computes the standard errors of the nine logs; residuals of a point may be alike, so each point counts as
- * one observation. */
+/* Computes the standard errors of the nine logs. Residuals of a point may be correlated, so each point
+ * counts as one observation. */
 static void photometry_errors(struct photometry_work *w, struct photometry *out)
 {
     const double alike = sqrt((double)w->samples / (double)OXL_MAX(out->points, 1));
@@ -470,7 +482,8 @@ static void photometry_errors(struct photometry_work *w, struct photometry *out)
     }
 }
 
-/* Refits from the parameters in w->at; returns the robust size of the residuals. */
+/* Refits `parts` from the parameters in w->at, without the others; returns the
+ * robust size of the residuals. */
 static double photometry_fit(struct photometry_work *w, int parts)
 {
     w->free = parts;
@@ -480,7 +493,8 @@ static double photometry_fit(struct photometry_work *w, int parts)
     return w->sigma;
 }
 
-/* Decides whether the cameras' lamps differ, from the fit of one. */
+/* Fits a lamp for each camera after the fit of a common one, and keeps them if the
+ * residuals are evidence for that. */
 static void photometry_fit_separate_lamps(struct photometry_work *w, int requested, struct photometry *out)
 {
     double one[PHOTOMETRY_PARAMETERS], apart;
@@ -493,7 +507,7 @@ static void photometry_fit_separate_lamps(struct photometry_work *w, int request
     else memcpy(w->at, one, sizeof one);
 }
 
-/* Fits all parts, then without each, then those that the residuals are evidence for. */
+/* Fits all parts, then without each, then only the parts that the residuals are evidence for. */
 static void photometry_choose_parts(struct photometry_work *w, int requested, struct photometry *out)
 {
     double all[PHOTOMETRY_PARAMETERS];
@@ -514,7 +528,8 @@ static void photometry_choose_parts(struct photometry_work *w, int requested, st
     photometry_fit(w, out->parts);
 }
 
-/* Computes Pearson's correlation over the images; 0: gains are not fitted, or nothing varies. */
+/* Returns Pearson's correlation of gain and mean range over the images; 0: gains are not
+ * fitted, or nothing varies. */
 static double photometry_drift(const struct photometry_work *w, const struct photometry *p)
 {
     double x[PHOTOMETRY_VIEWS] = {0}, y[PHOTOMETRY_VIEWS], mean[2] = {0, 0}, xx = 0, xy = 0, yy = 0;
@@ -535,6 +550,7 @@ static double photometry_drift(const struct photometry_work *w, const struct pho
     return (p->parts & PHOTOMETRY_GAINS) && xx > 0 && yy > 0 ? xy / sqrt(xx * yy) : 0;
 }
 
+/* Compares the images' colours with those of the points, which show images that were altered after COLMAP. */
 static void photometry_compare_colours(const struct colmap *c, const struct photometry_work *w,
                                        struct photometry *out)
 {

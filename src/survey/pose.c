@@ -1,11 +1,12 @@
-/* pose.c - a camera's pose beside that of the survey's files: six numbers, and the step that fits them.
+/* pose.c - applies a camera's pose beside that of the survey's files, six numbers, and takes the steps that
+ * fit them.
  *
  * In the axes of the given camera, x_c = C(w) (R x + t - c): the camera is turned about its centre by w, and
  * its centre moves by c. C is Cayley's: the rotation of the quaternion (1, w / 2), by |w| to third order,
  * without sines.
  *
- * Adam (Kingma & Ba 2015) with a memory of few steps, since an image is visited once an epoch. Its step,
- * m / sqrt(v), is multiplied by its own size, and m begins at 0 without correction: gradients that agree over
+ * Adam (Kingma & Ba 2015) with a memory of few steps, since an image is visited once an epoch. Its step, m /
+ * sqrt(v), is multiplied by its own size, and m begins at 0 without correction: gradients that agree over
  * some visits move the camera, those that do not leave it, by a tenth of the rate (docs/log/POSES.md). A move
  * of the centre by `depth` and a turn by 1 rad shift the image by as much, so one rate serves both.
  */
@@ -15,8 +16,9 @@
 
 #define POSE_BETA1 0.8
 #define POSE_BETA2 0.95
-#define POSE_EPSILON 1e-15     /* against division by 0 */
-#define POSE_GRADIENT_MAX 1e18 /* its square overflows no double; a larger one changes nothing */
+#define POSE_EPSILON 1e-15 /* Keeps Adam from dividing by 0. */
+/* Bounds a gradient, so that its square does not overflow; a larger one changes nothing. */
+#define POSE_GRADIENT_MAX 1e18
 
 OXL_INTERNAL int pose_is_moved(const double at[POSE_TERMS])
 {
@@ -49,7 +51,8 @@ OXL_INTERNAL void pose_step(struct pose *p, const oxl_camera *given, const doubl
         const double *row = k < 3 ? now.rotation + 3 * k : given->rotation + 3 * (k - 3),
                      *d = k < 3 ? world : world + 3, unit = k < 3 ? 1 : rule->depth;
         const double g = (row[0] * d[0] + row[1] * d[1] + row[2] * d[2]) * unit +
-                         rule->prior * p->at[k] / unit; /* for a turn, and for a move in units of the depth */
+                         /* the prior of a turn, and of a move in units of the depth */
+                         rule->prior * p->at[k] / unit;
         double agree;
         if (!(fabs(g) <= POSE_GRADIENT_MAX)) continue;
         p->mean[k] = POSE_BETA1 * p->mean[k] + (1 - POSE_BETA1) * g;
@@ -60,7 +63,7 @@ OXL_INTERNAL void pose_step(struct pose *p, const oxl_camera *given, const doubl
     }
 }
 
-/* Allocates before it changes anything. */
+/* Sets the poses; allocates before it changes anything, so that a failure leaves the scene whole. */
 OXL_INTERNAL oxl_result scene_set_poses(oxl_context *ctx, oxl_scene *scene)
 {
     const size_t views = (size_t)scene->view_count;

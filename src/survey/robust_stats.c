@@ -1,4 +1,4 @@
-/* robust_stats.c - robust statistics of a survey: bounds, radius of the cameras, depths.
+/* robust_stats.c - computes robust statistics of a survey: bounds, radius of the cameras, depths.
  *
  * Sources: the radius is 3DGS's (Kerbl 2023, reference code), made robust. Depths are used for the near plane
  * and the depth bands of UCD (paper eq. 2), which is defined on SfM points in the views that observe them: on
@@ -11,14 +11,14 @@
 #include "tracks.h"
 
 enum {
-    STATS_SAMPLE = 1 << 16, /* limit of values for a quantile */
-    /* without tracks: views and points that depths are sampled from; their product is the sample */
+    STATS_SAMPLE = 1 << 16, /* most values for a quantile */
+    /* views, and points in each, from which depths are sampled if there are no tracks */
     STATS_VIEWS = 64,
     STATS_POINTS = STATS_SAMPLE / STATS_VIEWS
 };
-/* standard deviation of a normal distribution over its median absolute deviation */
+/* Ratio of a normal distribution's standard deviation to its median absolute deviation. */
 #define STATS_NORMAL 1.4826
-#define STATS_OUTLIER 5.0 /* cameras beyond this multiple of the median distance are ignored */
+#define STATS_OUTLIER 5.0 /* Leaves out cameras beyond this multiple of the median distance. */
 
 /* ---------------- quantiles */
 
@@ -38,14 +38,14 @@ OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double
     return count ? ascending[stats_rank(count, quantile)] : 0;
 }
 
-/* Selects a quantile [Hoare 1961]. Equal values stop both scans, so that many duplicates do not degrade the
- * run time. */
+/* Selects a quantile [Hoare 1961]. Equal values stop both scans, so that many
+ * duplicates do not slow it down. */
 OXL_INTERNAL double stats_select(double *value, size_t count, double quantile)
 {
     const size_t nth = count ? stats_rank(count, quantile) : 0;
     size_t first = 0, end = count;
     while (end - first > 1) {
-        /* not the last value, so both parts are smaller */
+        /* Avoids the last value as pivot, so that both parts are smaller. */
         const double pivot = value[first + (end - first - 1) / 2];
         size_t i = first, j = end - 1;
         for (;;) {
@@ -97,7 +97,7 @@ static double stats_distance(const double a[3], const double b[3])
                 (a[2] - b[2]) * (a[2] - b[2]));
 }
 
-/* Moves the centres within the limit to the front; returns their number. */
+/* Moves the centres within the limit to the front and returns their number. */
 static size_t stats_drop_outliers(double *centre, size_t n, const double middle[3], double limit)
 {
     size_t kept = 0;
@@ -107,7 +107,7 @@ static size_t stats_drop_outliers(double *centre, size_t n, const double middle[
     return kept;
 }
 
-/* Returns the largest distance from the mean, as in 3DGS. */
+/* Returns the largest distance from the mean of the centres, as in 3DGS. */
 static double stats_radius(const double *centre, size_t n)
 {
     double mean[3] = {0, 0, 0}, radius = 0;
@@ -156,8 +156,8 @@ static void stats_add_depth(struct stats_depths *d, const oxl_camera *c, const d
     if (x[2] > 0 && x[2] <= DBL_MAX && d->count < STATS_SAMPLE) d->z[d->count++] = x[2];
 }
 
-/* Adds every k-th entry of all tracks. view_of: (images) set to each image's index in `views`; -1: a test
- * view or a missing image. */
+/* Adds every k-th entry of all tracks. view_of: (images) scratch, set to each image's index in `views`; -1: a
+ * test view or a missing image. */
 static void stats_by_tracks(const struct stats_view *views, size_t count, const struct stats_points *points,
                             int *view_of, struct stats_depths *d)
 {
@@ -180,6 +180,7 @@ OXL_INTERNAL int stats_is_in_image(const oxl_camera *c, const double p[3])
            fabs(pixel[1] - 0.5 * c->height) <= 0.5 * c->height;
 }
 
+/* Adds points that project into an image, which may be hidden there; only scenes without tracks need it. */
 static void stats_by_image(const struct stats_view *views, size_t count, const struct stats_points *points,
                            struct stats_depths *d)
 {

@@ -1,12 +1,12 @@
-/* scene.c - what other modules ask of a scene: views, points, depths, rays. It is made by scene_make.c. */
+/* scene.c - answers what other modules ask of a scene: views, points, depths, rays. */
 #include "sparse.h"
 #include "scene.h"
 #include "survey.h"
 
-#define SCENE_STEPS 1000          /* from a pixel to its direction, */
-#define SCENE_PIXEL_ERROR 1e-3    /* px, and how near they must come */
-#define SCENE_NEAR 0.2            /* x the 1 % quantile of the depths */
-#define SCENE_NEAR_POINTLESS 0.01 /* x the extent, without points */
+#define SCENE_STEPS 1000          /* Most steps from a pixel to its direction. */
+#define SCENE_PIXEL_ERROR 1e-3    /* Greatest distance (px) of the direction's pixel from the given one. */
+#define SCENE_NEAR 0.2            /* Near plane, in 1 % quantiles of the depths. */
+#define SCENE_NEAR_POINTLESS 0.01 /* Near plane, in extents, of a scene without points. */
 
 OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t point, double x[3],
                                      double pixel[2])
@@ -102,8 +102,8 @@ OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *sc
     return &scene->colmap.camera[scene->source[view].camera];
 }
 
-/* Inverts the distortion by fixed-point iteration, which converges because distortion is smaller than the
- * distance from the axis. */
+/* Returns the ray of a pixel of the real camera. Inverts the distortion by fixed-point iteration, which
+ * converges because distortion is smaller than the distance from the axis. */
 oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y,
                          double start[3], double direction[3])
 {

@@ -1,4 +1,4 @@
-/* scene.h - views, points and images of a scene: filled by scene_make.c, scene_images.c, imaging.c;
+/* scene.h - declares views, points and images of a scene: filled by scene_make.c, scene_images.c, imaging.c;
  * formats/scene_build.c, formats/scene_views.c; large/scene_file.c. */
 #ifndef OXL_SCENE_H
 #define OXL_SCENE_H
@@ -6,18 +6,19 @@
 #include "image.h"
 #include "imaging.h"
 
-enum { SCENE_GREY = 128 }; /* of points without colour */
+enum { SCENE_GREY = 128 }; /* grey of points without colour */
 
-struct scene_stats { /* for `check` and the first message */
+struct scene_stats { /* Holds counts for `check` and the first messages of a run. */
     int images_listed, images_missing, unregistered, views, test_views, masks;
-    size_t points, observations; /* observations: (point, image) pairs */
+    size_t points, observations; /* points; (point, image) pairs */
     double mean_track, mean_error;
-    /* of the first Gaussians, that training would split at once; 0: not known (src/train/forecast.c) */
+    /* fraction of the first Gaussians that training would split at once; 0: not
+     * known (src/train/forecast.c) */
     double splitting;
-    double bounds_min[3], bounds_max[3]; /* local, 1st..99th percentile */
+    double bounds_min[3], bounds_max[3]; /* 1st and 99th percentile of the points, around the origin */
 };
 
-struct scene_source { /* indices in colmap.image, colmap.camera */
+struct scene_source { /* Names a view's rows in colmap.image and colmap.camera. */
     size_t image, camera;
 };
 
@@ -28,33 +29,33 @@ struct oxl_scene {
 
     oxl_point *point;
     size_t point_count;
-    double *depth; /* (depth_count) ascending: a sample of the points' depths in the training views */
+    double *depth; /* (depth_count) sample of the points' depths in the training views, ascending */
     size_t depth_count;
 
     struct image_cache cache; /* (view_count) */
 
-    struct imaging imaging; /* of the model trained on this scene or read for it */
-    /* (view_count) cameras as the survey has them, while imaging.pose moves those of the views; else NULL */
+    struct imaging imaging; /* imaging of the model that was trained on this scene or read for it */
+    /* (view_count) cameras of the survey, while imaging.pose moves those of the views; otherwise NULL */
     oxl_camera *given;
-    struct lpips *lpips; /* network of evaluations, one allocation (src/job/lpips.c), or NULL */
+    struct lpips *lpips; /* network for evaluations, in one allocation (src/job/lpips.c), or NULL */
     oxl_result (*lpips_distance)(oxl_context *ctx, const struct lpips *net, const oxl_image *a,
-                                 const oxl_image *b, double *out); /* its function */
+                                 const oxl_image *b, double *out); /* evaluates the network */
 
     struct scene_stats stats;
     int from_files;
-    struct colmap colmap;        /* from files: for the partition; holds the views' names */
+    struct colmap colmap;        /* from files: rows of the survey's files; holds the views' names */
     struct scene_source *source; /* from files: (view_count) */
     double may_miss;             /* from files: fraction of the images that may be missing or unreadable */
-    double *on_disk;             /* from files: (cameras) px of an image's side for one in cameras.txt */
+    double *on_disk;             /* from files: (cameras) px of an image's side per px of its camera */
     char *images, *masks;        /* from files: folders; masks NULL: none */
     char *decoded;               /* folder of decoded images, or NULL */
     int transparent;             /* images with an alpha channel */
-    struct image_alpha alpha;    /* what it means */
-    /* of scene_file_map: it holds all arrays but those by view and by camera; or no data */
+    struct image_alpha alpha;    /* how transparent pixels are used */
+    /* file of scene_file_map, which holds all arrays but those of views and cameras; or no data */
     struct os_file_map map;
 };
 
-struct scene_order { /* images by name; equal names by file order */
+struct scene_order { /* Orders images by name, and equal names by file order. */
     const char *name;
     size_t image;
 };
@@ -66,69 +67,69 @@ OXL_INTERNAL oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene);
 /* ---------------- pose.c: a pose beside that of the survey's files */
 
 struct pose {
-    double at[POSE_TERMS]; /* as in struct imaging */
+    double at[POSE_TERMS]; /* turn and move, as in struct imaging */
     double mean[POSE_TERMS],
-        square[POSE_TERMS]; /* Adam's moments, for turns and moves in units of the depth */
-    int visits;             /* steps */
+        square[POSE_TERMS]; /* Adam's moments, for turns and for moves in units of the depth */
+    int visits;             /* steps taken */
 };
 struct pose_rule {
-    double rate, most; /* of a step, and in all: rad, and as a fraction of the depth */
-    double depth;      /* units: what a move of the centre is measured by */
-    double prior;      /* pull towards the given pose: gradient for 1 rad */
+    double rate, most; /* greatest change by a step, and in all: rad, and fractions of the depth */
+    double depth;      /* units of the scene; scale of a move of the centre */
+    double prior;      /* pull towards the survey's pose: gradient at 1 rad */
 };
 OXL_INTERNAL int pose_is_moved(const double at[POSE_TERMS]);
-/* Sets rotation and translation of *out. */
+/* Sets rotation and translation of *out to the given camera's, turned and moved by `at`. */
 OXL_INTERNAL void pose_apply(const oxl_camera *given, const double at[POSE_TERMS], oxl_camera *out);
-/* Gives the views the poses of scene->imaging, or without any those of the survey. */
+/* Gives the views the poses of scene->imaging, or those of the survey if it has none. */
 OXL_INTERNAL oxl_result scene_set_poses(oxl_context *ctx, oxl_scene *scene);
-/* Steps along dL/d(pose) as renderer_pose_gradient gives it. */
+/* Takes a step along dL/d(pose), which renderer_pose_gradient gives. */
 OXL_INTERNAL void pose_step(struct pose *p, const oxl_camera *given, const double world[POSE_TERMS],
                             const struct pose_rule *rule);
 
 /* ---------------- scene.c, scene_make.c, scene_images.c: views, points, images */
 
-OXL_INTERNAL const struct colmap *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
-/* Projects a point of scene_colmap by camera_project; 0 also where it is far outside the image. */
+OXL_INTERNAL const struct colmap *scene_colmap(const oxl_scene *scene); /* NULL: a scene from arrays */
+/* Projects a point of scene_colmap by camera_project; returns 0 also for a point far outside the image. */
 OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t point, double x[3],
                                      double pixel[2]);
-/* Returns the row of `colmap` that a view comes from; scenes from files only. */
+/* Return the camera and the image of `colmap` that a view comes from; for scenes from files. */
 OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view);
 OXL_INTERNAL const struct colmap_image *scene_source_image(const oxl_scene *scene, int view);
-/* Returns a view's image from the cache, loaded if it is not there: borrowed until the next request of
- * another view; NULL: error set. */
+/* Returns a view's image from the cache, after loading it if necessary; it is borrowed until the next request
+ * of another view. NULL: the error is set. */
 OXL_INTERNAL const struct training_image *scene_image(oxl_context *ctx, oxl_scene *scene, int view);
-/* Returns 1 if with `more` images that cannot be read, too large a fraction of those in the model is
- * missing. */
+/* Returns 1 if, with `more` unreadable images, too large a fraction of the model's images is missing. */
 OXL_INTERNAL int scene_misses_too_many(const oxl_scene *scene, int more);
-/* Loads the next images, as image_cache_ahead. */
+/* Loads the next images like image_cache_ahead. */
 OXL_INTERNAL void scene_images_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
 OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene, size_t count);
-/* Loads the same from its file, undistorted, reduced and masked (image_training_free). */
+/* Loads a view's image from its file, undistorted, reduced and masked. Free it with image_training_free. */
 OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view,
                                          struct training_image *out);
-/* Finds the mask of a view; NULL: none. */
+/* Finds the file of a view's mask; *out NULL: there is none. */
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, int view, char **out);
-/* Lists for each image of scene_colmap its view, or -1 where that is not in the split. NULL: error set. Free
- * with oxl_free. */
+/* Lists the view of each image of scene_colmap, or -1 if it is not in the split. NULL: the error is
+ * set. Free with oxl_free. */
 OXL_INTERNAL int *scene_views_by_image(oxl_context *ctx, const oxl_scene *scene, oxl_split split);
-/* Lists the views of the split in view (all views); returns their number. */
+/* Lists the views of the split in view (all views) and returns their number. */
 OXL_INTERNAL int scene_views_of(const oxl_scene *scene, oxl_split split, int *view);
-/* Limits the cache of decoded images; scenes from arrays keep all. */
+/* Limits the cache of decoded images; scenes from arrays keep all images. */
 OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes);
-/* Counts the pixels of its camera's first image; 0: from arrays. */
+/* Returns the pixels of a view's image file, by the first image of its camera; 0: a scene from arrays. */
 OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view);
 /* Returns a quantile of the camera z of points in training views. */
 OXL_INTERNAL double scene_depth_quantile(const oxl_scene *scene, double quantile);
-/* Returns the ratio of the depths' 0.9 to their 0.1 quantile; 1 without points. */
+/* Returns the ratio of the 0.9 to the 0.1 quantile of the depths; 1 without points. */
 OXL_INTERNAL double scene_depth_span(const oxl_scene *scene);
-/* Below this ratio a medium is not identifiable, and `auto` is off (docs/IMAGING.md). */
+/* Bounds this ratio from below: with less a medium is not identifiable, and `auto`
+ * is off (docs/IMAGING.md). */
 #define SCENE_DEPTH_SPAN_MIN 2
-/* Keeps decoded training images in files of this folder, which are then read instead of the originals; NULL:
- * off. */
+/* Keeps decoded training images in files of `folder`, which are then read instead of the
+ * originals; NULL: keeps none. */
 OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, const char *folder);
-/* scene_start.c: for a scene without points, those to start from, at most `count`, a function of the survey
- * and the seed. Free with oxl_free. scene_start_count: how many are useful; composited images outline the
- * scene. */
+/* Makes points to start from for a scene without points, at most `count`, as a function of the survey and the
+ * seed (scene_start.c). Free with oxl_free. scene_start_count returns how many are useful: more with
+ * composited images, which outline the scene. */
 enum { SCENE_START_RANDOM = 10000, SCENE_START_HULL = 30000 };
 OXL_INTERNAL size_t scene_start_count(const oxl_scene *scene);
 OXL_INTERNAL oxl_result scene_start_points(oxl_context *ctx, oxl_scene *scene, size_t count, oxl_point **out,

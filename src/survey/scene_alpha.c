@@ -1,4 +1,5 @@
-/* scene_alpha.c - the colour behind a scene, where transparent pixels of its images are composited over it.
+/* scene_alpha.c - sets the colour behind a scene, over which transparent pixels of its images are
+ * composited.
  */
 #include "scene.h"
 #include "scene_alpha.h"
@@ -12,7 +13,8 @@ OXL_INTERNAL void scene_background(const oxl_scene *scene, const float wanted[3]
 {
     for (int c = 0; c < 3; c++) {
         const float v = wanted[0] >= 0 ? wanted[c] : scene_is_composited(scene);
-        out[c] = scene_is_composited(scene) ? floorf(v * 255 + 0.5f) / 255 : v; /* as images have it */
+        /* Rounds to the 8 bits of the images. */
+        out[c] = scene_is_composited(scene) ? floorf(v * 255 + 0.5f) / 255 : v;
     }
 }
 

@@ -1,10 +1,11 @@
-/* scene_images.c - images and masks of a scene: found, decoded, kept in memory (image_cache.c) or in files
- * (image_file.c). */
+/* scene_images.c - finds and decodes images and masks of a scene, and keeps them in memory (image_cache.c) or
+ * in files (image_file.c). */
 #include "sparse.h"
 #include "image.h"
 #include "scene.h"
 
-/* Finds masks/NAME.png, NAME with or without its extension; else the one that the survey's files name. */
+/* Finds masks/NAME.png, with or without the extension in NAME, or else the mask that
+ * the survey's files name. */
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, int view, char **out)
 {
     const char *name = scene->view[view].name;
@@ -31,8 +32,8 @@ OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, co
     return scene->decoded || !folder ? OXL_OK : OXL_ERR_MEMORY;
 }
 
-/* Loads the full image of a view, from the file that an earlier request has left, or decoded and left there.
- * A file that cannot be written is not needed. */
+/* Loads the whole image of a view: from the file that an earlier request has left, or decoded, and then left
+ * in a file. A file that cannot be written is only decoded again. */
 static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int view, const char *path,
                                const char *mask, struct training_image *out)
 {

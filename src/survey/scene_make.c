@@ -1,5 +1,5 @@
-/* scene_make.c - a scene from arrays, and what is derived from the views and points of all scenes: extent,
- * depths, statistics.
+/* scene_make.c - makes a scene from arrays, and derives extent, depths and statistics of every scene from its
+ * views and points.
  *
  * The extent is that of 3DGS (Kerbl 2023, reference code), made robust against an outlier camera.
  */
@@ -9,8 +9,8 @@
 #include "scene.h"
 #include "survey.h"
 
-#define SCENE_EXTENT 1.1      /* x the radius of the training cameras [Kerbl 2023] */
-#define SCENE_EXTENT_MIN 1e-3 /* x the median depth; a smaller radius counts as one position */
+#define SCENE_EXTENT 1.1      /* Extent, in radii of the training cameras [Kerbl 2023]. */
+#define SCENE_EXTENT_MIN 1e-3 /* Least radius, in median depths; a smaller one counts as one position. */
 
 /* ---------------- memory */
 
@@ -37,7 +37,7 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
     imaging_free(ctx, &scene->imaging);
     oxl_free(ctx, scene->lpips);
     OXL_FREE(ctx, scene->view, scene->source, scene->on_disk, scene->decoded, scene->given);
-    if (scene->map.data) { /* the other arrays are there */
+    if (scene->map.data) { /* Unmaps the other arrays. */
         oxl_free(ctx, scene->colmap.camera);
         os_unmap_file(ctx, &scene->map);
         oxl_free(ctx, scene);
@@ -54,7 +54,7 @@ static void scene_fill_stats(oxl_scene *scene)
 {
     struct scene_stats *s = &scene->stats;
     double errors = 0;
-    /* -1: not known */
+    /* Counts -1, not known, as 0. */
     for (size_t i = 0; i < scene->point_count; i++) errors += OXL_MAX(scene->point[i].error, 0);
     s->views = scene->view_count;
     s->points = scene->point_count;
@@ -111,7 +111,7 @@ static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_
     scene->view[scene->view_count] = *view;
     scene->view[scene->view_count].name = name;
     scene->stats.test_views += view->is_test != 0;
-    scene->view_count++; /* from here on, oxl_scene_free releases it */
+    scene->view_count++; /* oxl_scene_free releases it from here on */
     if (!image->rgb || image->width < 1 || image->height < 1 || image->width != view->camera.width ||
         image->height != view->camera.height)
         return oxl_fail(

@@ -1,12 +1,10 @@
-/* scene_start.c - points to start from where a survey has none: random ones, where many views look.
+/* scene_start.c - makes points to start from for a survey without points: random ones, where many views look.
  *
  * A point is drawn on the ray of a random pixel of a random training view and kept with the probability
- * (views that see it / most views that see one)^2: the density follows what training compares. Where images
- * are composited over a background, points that a view shows transparent are dropped (the visual hull,
- * Laurentini
- * 1994); of those left the ones are taken whose colours differ least between the views (Kutulakos & Seitz
- * 2000), with their mean as colour. Elsewhere they are grey: a mean over views of unlike things is a haze
- * that stays.
+ * (views that see it / most views that see one)^2: the density follows what training compares. If images are
+ * composited over a background, points that a view shows transparent are dropped (the visual hull, Laurentini
+ * 1994); the points whose colours differ least between the views are taken (Kutulakos & Seitz 2000), with the
+ * mean as colour. Otherwise points are grey: a mean over views of unlike things is a haze that stays.
  *
  * Invariant: a function of the survey and the seed, on any number of threads.
  */
@@ -16,33 +14,33 @@
 #include "../core/random.h"
 
 enum {
-    START_VIEWS = 64,       /* that points are looked up in, evenly among the training views */
-    START_TRIED = 4096,     /* points drawn to find the most views that see one */
-    START_ATTEMPTS = 1000,  /* points drawn for each that is kept, at most */
-    START_MAP = 256,        /* px: longer side of a map of what is not transparent */
-    START_CHOICE = 2,       /* points in the hull for each that is taken */
-    START_TRANSPARENT = 64, /* alpha below which a pixel shows nothing of the scene */
-    START_LEAST = 10        /* fraction of the points that the hull must give: else it is not used */
+    START_VIEWS = 64,       /* most views that points are projected into, evenly among the training views */
+    START_TRIED = 4096,     /* points drawn to find the largest number of views that see one */
+    START_ATTEMPTS = 1000,  /* most points drawn for each that is kept */
+    START_MAP = 256,        /* px; longer side of a map of opaque pixels */
+    START_CHOICE = 2,       /* points in the hull for each point that is taken */
+    START_TRANSPARENT = 64, /* alpha from which on a pixel shows the scene */
+    START_LEAST = 10 /* The hull is not used if it holds fewer than the wanted points divided by this. */
 };
-#define START_FAR 3.0 /* x the extent: depths are drawn up to this */
+#define START_FAR 3.0 /* Largest depth that is drawn, in extents. */
 
-struct start_map { /* (height,width) 1: the view shows something there */
+struct start_map { /* Marks (height,width) with 1 where the view shows the scene. */
     int width, height;
     uint8_t *opaque;
 };
 
 struct start_point {
-    double position[3], sum[3], square[3]; /* of the colours, 0..255 */
-    int seen;                              /* views */
+    double position[3], sum[3], square[3]; /* sums over the colours in the views, 0..255 */
+    int seen;                              /* number of views that see it */
     uint64_t number;
 };
 
 struct start_draw {
     oxl_context *ctx;
     oxl_scene *scene;
-    int *training, trainings; /* views */
+    int *training, trainings; /* (trainings) training views */
     int view[START_VIEWS], views, most;
-    struct start_map map[START_VIEWS]; /* of composited scenes */
+    struct start_map map[START_VIEWS]; /* maps, of composited scenes */
     struct start_point *point;
     size_t count;
 };
@@ -54,7 +52,7 @@ static oxl_result start_read_map(oxl_context *ctx, const oxl_scene *scene, int v
     struct pixels image = {0};
     const oxl_result rc = image_decode(ctx, PATH(scene->images, "%s", scene->view[view].name), 4, &image);
     const int side = OXL_MAX(image.width, image.height), reduction = (side + START_MAP - 1) / START_MAP;
-    if (rc == OXL_ERR_INPUT) return OXL_OK; /* such an image is reported where it is trained on */
+    if (rc == OXL_ERR_INPUT) return OXL_OK; /* Leaves an unreadable image to training, which reports it. */
     if (rc != OXL_OK) return rc;
     out->width = (image.width + reduction - 1) / reduction;
     out->height = (image.height + reduction - 1) / reduction;
@@ -74,7 +72,7 @@ static int start_sees(const oxl_camera *c, const double at[3], double pixel[2])
            pixel[1] < c->height;
 }
 
-/* Returns 0 if a view shows the point's place transparent. */
+/* Returns 0 if the point projects onto a transparent pixel of a view. */
 static int start_is_in_hull(const struct start_draw *d, const double at[3])
 {
     for (int i = 0; i < d->views; i++) {
@@ -107,6 +105,8 @@ static void start_draw_point(const struct start_draw *d, uint64_t number, struct
     }
 }
 
+/* Finds the largest number of views that see a point, then keeps points with the
+ * probability that follows from it. */
 static void start_draw_points(struct start_draw *d, size_t wanted)
 {
     const uint64_t seed = d->ctx->options.seed, last = START_TRIED + START_ATTEMPTS * (uint64_t)wanted;
@@ -148,7 +148,7 @@ static oxl_result start_add_colours(struct start_draw *d)
     return OXL_OK;
 }
 
-/* Returns the variance of the colours in the views, summed over the channels. */
+/* Returns the variance of the point's colours over the views, summed over the channels. */
 static double start_variance(const struct start_point *p)
 {
     double sum = 0;

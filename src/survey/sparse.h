@@ -1,4 +1,5 @@
-/* sparse.h - cameras, images, points and tracks of a survey, as the files have them; camera models. */
+/* sparse.h - declares cameras, images, points and tracks of a survey, as its files have
+ * them, and camera models. */
 #ifndef OXL_SPARSE_H
 #define OXL_SPARSE_H
 
@@ -6,7 +7,7 @@
 
 /* ---------------- the rows of a COLMAP model, as its files have them */
 
-enum { CAMERA_PARAMETERS = 16 }; /* of the camera model with the most */
+enum { CAMERA_PARAMETERS = 16 }; /* parameters of the camera model with the most */
 
 struct colmap_camera {
     int64_t id;
@@ -14,37 +15,39 @@ struct colmap_camera {
     int width, height;
     int parameter_count;
     double parameter[CAMERA_PARAMETERS];
-    const char *file; /* source for messages: file without folder; line, or record of a binary file */
+    const char *file; /* file without folder, for messages; its line, or record of a binary file */
     int line;
 };
 
-enum colmap_split { COLMAP_UNSPLIT, COLMAP_TRAIN, COLMAP_TEST }; /* stated by the survey's files */
+/* Names the split that the survey's files state. */
+enum colmap_split { COLMAP_UNSPLIT, COLMAP_TRAIN, COLMAP_TEST };
 
 struct colmap_image {
     int64_t id;
-    double rotation[4]; /* w x y z as read */
+    double rotation[4]; /* w x y z, not normalised */
     double translation[3];
     int64_t camera_id;
-    size_t name;        /* offset in colmap.names */
-    size_t mask;        /* the same of its mask, a path from colmap.folder; 0: the files name none */
-    uint64_t points_at; /* offset of its 2D points in the file of images, text or binary; exports copy them */
+    size_t name; /* offset in colmap.names */
+    size_t mask; /* offset of the mask's name, a path from colmap.folder; 0: the files name none */
+    /* offset of the image's 2D points in its file, text or binary, from which exports copy them */
+    uint64_t points_at;
     size_t points_size; /* bytes; 0: none */
     int line;
     enum colmap_split split;
 };
 
-struct colmap_track {   /* one (IMAGE_ID, POINT2D_IDX); compact: a large survey has 10^8 */
-    uint32_t image_row; /* in colmap.image */
+struct colmap_track {   /* Holds one (IMAGE_ID, POINT2D_IDX), compact, since a large survey has 10^8. */
+    uint32_t image_row; /* row in colmap.image */
     uint32_t observation;
 };
 
 struct colmap_point {
     int64_t id;
-    double position[3]; /* world */
+    double position[3]; /* world coordinates */
     double error;       /* px; -1: unknown */
     uint8_t rgb[3];
     uint32_t track_count;
-    size_t first_track; /* in colmap.track */
+    size_t first_track; /* row in colmap.track */
 };
 
 enum colmap_format {
@@ -56,7 +59,7 @@ enum colmap_format {
 struct colmap {
     struct colmap_camera *camera;
     size_t camera_count;
-    struct colmap_image *image; /* in the file's order */
+    struct colmap_image *image; /* in the file's order, or by id after colmap_order */
     size_t image_count;
     struct colmap_point *point; /* by id */
     size_t point_count;
@@ -65,18 +68,19 @@ struct colmap {
     char *folder;
     char *names; /* zero-terminated, one after the other */
     size_t names_size;
-    size_t warnings;   /* deviations that were logged and corrected */
+    size_t warnings;   /* number of deviations that were logged and corrected */
     int is_truncated;  /* a file has fewer rows than its header states */
-    int images_beside; /* names are relative to `folder`, not to the image folder */
-    /* latitude and longitude in degrees of the world's origin, whose x is east, y north, z up, metres */
+    int images_beside; /* 1: names start in `folder`, not in the image folder */
+    /* degrees; latitude and longitude of the world's origin, if x is east, y north,
+     * z up and the unit metres */
     double reference[2];
     int has_reference;
-    int states_split; /* each image's split is stated: COLMAP_TRAIN or COLMAP_TEST */
+    int states_split; /* 1: each image's split is COLMAP_TRAIN or COLMAP_TEST */
     enum colmap_format format;
-    const char *images_file; /* "images.txt", without the folder: for messages, and for exports */
+    const char *images_file; /* "images.txt" without the folder, for messages and exports */
 };
 
-OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c); /* scene_make.c */
+OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c); /* in scene_make.c */
 
 /* ---------------- camera.c: camera models, undistortion */
 
@@ -97,32 +101,33 @@ enum camera_kind {
 struct camera_model {
     const char *name;
     int parameter_count; /* focal lengths, cx, cy, then the distortion */
-    int focal_count;     /* 1: f; 2: fx, fy */
+    int focal_count;     /* 0: none; 1: f; 2: fx, fy */
     enum camera_kind kind;
 };
-OXL_INTERNAL int camera_model_find(const char *name, size_t length); /* -1: unknown; else COLMAP's MODEL_ID */
+OXL_INTERNAL int camera_model_find(const char *name, size_t length); /* COLMAP's MODEL_ID; -1: unknown */
 OXL_INTERNAL int camera_model_count(void);
-OXL_INTERNAL const struct camera_model *camera_model_at(int index); /* NULL: COLMAP has none of this id */
+OXL_INTERNAL const struct camera_model *camera_model_at(int index); /* NULL: COLMAP has no model of this id */
 OXL_INTERNAL const char *camera_model_list(void); /* "SIMPLE_PINHOLE, PINHOLE, ..." for messages */
 
 /* Returns fx, fy, cx, cy in px, for any model. */
 OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double out[4]);
 
-/* Maps a direction (x/z, y/z) of the ideal camera to a pixel of the real one: the forward model. */
+/* Maps a direction (x/z, y/z) of the ideal camera to a pixel of the real one. */
 OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const double direction[2],
                                  double pixel[2]);
 OXL_INTERNAL int camera_is_distorted(const struct colmap_camera *camera);
 
-/* Returns the same view at half the sides, rounded down. */
+/* Returns the same camera at half the sides, rounded down. */
 OXL_INTERNAL oxl_camera camera_halve(const oxl_camera *camera);
 
-OXL_INTERNAL void camera_rotation_from_quaternion(const double q[4], double r[9]); /* normalises */
+OXL_INTERNAL void camera_rotation_from_quaternion(const double q[4], double r[9]); /* normalises q */
 OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3]);        /* -R^T t */
-/* Takes a point of the world to the camera's axes, x (3). origin: of the scene's frame; NULL: the point is
- * in that frame. */
+/* Transforms a point to the camera's axes, x (3). origin: origin of the scene's frame; NULL:
+ * the point is in that frame. */
 OXL_INTERNAL void camera_transform(const oxl_camera *camera, const double world[3], const double origin[3],
                                    double x[3]);
-/* Does the same, and projects to px of the image; 0: it is behind the camera. */
+/* Transforms a point as camera_transform and projects it to px of the image; returns 0 if
+ * it is behind the camera. */
 OXL_INTERNAL int camera_project(const oxl_camera *camera, const double world[3], const double origin[3],
                                 double x[3], double pixel[2]);
 /* Returns the point of the world that a pixel shows at camera z. */

@@ -6,50 +6,52 @@
 
 /* ---------------- robust_stats.c: robust measures of a survey */
 
-struct stats_view {     /* a training view */
-    uint32_t image_row; /* in colmap.image, for tracks */
+struct stats_view {     /* Names a training view. */
+    uint32_t image_row; /* row in colmap.image, for tracks */
     const oxl_camera *camera;
 };
-/* Returns the nearest rank; 0 without values. */
+/* Returns a quantile of sorted values by the nearest rank; 0 without values. */
 OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double quantile);
 /* Returns the quantile of unsorted values, which it reorders. */
 OXL_INTERNAL double stats_select(double *value, size_t count, double quantile);
-/* Estimates the standard deviation without regard to outliers, from the median absolute deviation. work
- * (count). */
+/* Estimates the standard deviation from the median absolute deviation, which outliers do
+ * not change. work: (count). */
 OXL_INTERNAL double stats_spread(const double *value, size_t count, double *work, double *median);
-/* Finds the 1st, 50th and 99th percentile of each coordinate of n positions, `stride` bytes apart. */
+/* Finds the 1st, 50th and 99th percentile of each coordinate of n positions, which
+ * are `stride` bytes apart. */
 OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride,
                                      double low[3], double middle[3], double high[3]);
-/* Returns the largest distance from the mean of the camera centres, without those beyond 5 median distances;
- * 0 for one camera. */
+/* Returns the largest distance of a camera centre from their mean, without those beyond 5 median
+ * distances; 0 for one camera. */
 OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats_view *views, size_t count,
                                             double *radius);
 struct stats_points {
-    const oxl_point *point; /* (count) local */
+    const oxl_point *point; /* (count) around the scene's origin */
     size_t count;
-    const struct colmap *colmap; /* points with their tracks; local = position - origin */
+    const struct colmap *colmap; /* world points with their tracks; local = position - origin */
     const double *origin;
 };
-/* Samples the camera z of points in the views of their tracks, ascending; without tracks, in all images. */
+/* Samples the camera z of points in the views of their tracks, ascending; without tracks, in all views whose
+ * image they project into. */
 OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, const struct stats_view *views, size_t count,
                                      const struct stats_points *points, double **out, size_t *out_count);
 
 /* ---------------- depth_bands.c: near, mid or far, pixel by pixel */
 
-struct depth_sample { /* an observation */
+struct depth_sample { /* Holds an observation. */
     int view, pixel;
     float z; /* camera z */
 };
 struct depth_bands {
     double depth[2];             /* terciles of the depths of all training observations */
-    struct depth_sample *sample; /* (count) by view and pixel, the nearer first */
+    struct depth_sample *sample; /* (count) sorted by view, pixel and camera z */
     size_t count;
 };
 /* Samples the observations of the `count` requested views. */
 OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *requested,
                                           int count, struct depth_bands *out);
 OXL_INTERNAL void depth_bands_free(oxl_context *ctx, struct depth_bands *b);
-/* Assigns pixels to bands: band (H,W) 1 near, 2 mid, 3 far; 0: no point nearby. */
+/* Assigns pixels to bands: band (H,W) 1 near, 2 mid, 3 far; 0: no point is near. */
 OXL_INTERNAL oxl_result depth_bands_of_view(oxl_context *ctx, const struct depth_bands *b,
                                             const oxl_scene *scene, int view, uint8_t *band);
 
@@ -57,7 +59,7 @@ OXL_INTERNAL oxl_result depth_bands_of_view(oxl_context *ctx, const struct depth
 
 struct contrast {
     int measured; /* 0: too few points observed from several depths */
-    /* contrast is proportional to exp(-beta z), per unit of the scene; the standard error of beta */
+    /* contrast is proportional to exp(-beta z), beta per unit of the scene; standard error of beta */
     double beta, error;
     size_t points, observations;
 };

@@ -1,6 +1,7 @@
-/* tracks.c - walks over the observations of points: which view sees which point.
+/* tracks.c - walks over the observations of points: the views that see each point.
  *
- * Invariant: the order is that of the points and of the entries of their tracks, so sums over a walk repeat.
+ * Invariant: the order is that of the points and of the entries of their tracks, so sums over a walk
+ * repeat.
  */
 #include "tracks.h"
 
@@ -8,7 +9,7 @@ OXL_INTERNAL int tracks_accept_point(const struct colmap_point *point, const dou
 {
     double size = 0;
     for (int k = 0; k < 3; k++) size += fabs(point->position[k] - origin[k]);
-    return size <= TRACKS_FARTHEST; /* false for NaN */
+    return size <= TRACKS_FARTHEST; /* 0 for NaN, too */
 }
 
 OXL_INTERNAL struct tracks_walk tracks_of(const struct colmap *c, const int *view_of)
@@ -21,6 +22,8 @@ OXL_INTERNAL struct tracks_walk tracks_of_point(const struct colmap *c, const in
     return (struct tracks_walk){.colmap = c, .view_of = view_of, .point = point, .end = point + 1, .step = 1};
 }
 
+/* Goes to the next observation. Counts the entries without a view, too, so that a stride does
+ * not depend on the views. */
 OXL_INTERNAL int tracks_next(struct tracks_walk *w)
 {
     for (; w->point < w->end; w->point++, w->entry = 0) {
