@@ -12,8 +12,9 @@ struct scene_stats { /* for `check` and the first message */
     int images_listed, images_missing, unregistered, views, test_views, masks;
     size_t points, observations; /* observations: (point, image) pairs */
     double mean_track, mean_error;
-    /* of the first Gaussians, that training would split at once; 0: not known (src/train/forecast.c) */
-    double splitting;
+    /* Gaussians that training begins with, for each point, and the share of them that it splits at once; 0:
+     * not known (src/train/forecast.c) */
+    double begun, splitting;
     double bounds_min[3], bounds_max[3]; /* local, 1st..99th percentile */
 };
 

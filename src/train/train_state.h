@@ -53,7 +53,7 @@ struct train {
     double loss, psnr; /* smoothed */
     double last_loss;  /* of the last image, comparable between steps; NaN: skipped */
     oxl_nonfinite nonfinite;
-    int is_look; /* 1: a first look at a survey, whose result is forgotten: nothing is measured in images */
+    int is_look;     /* 1: a first look at a survey, whose result is forgotten */
     int first_step;  /* at which this process started: 0, or the step of a checkpoint */
     double started;  /* time of that, os_seconds */
     double seconds;  /* that earlier processes spent on the run */
@@ -134,7 +134,9 @@ OXL_INTERNAL void selection_record_auto(struct train *t, const char *what, oxl_s
 /* ---------------- train_imaging.c: exposure, lamp and medium of a run */
 
 OXL_INTERNAL oxl_result train_imaging_begin(struct train *t); /* from the tracks, before the first step */
-OXL_INTERNAL void train_imaging_describe(struct train *t);    /* warns where values are not identifiable */
+/* Returns 1 if images have gains alone or a medium, so that viewers get a model of their own. */
+OXL_INTERNAL int train_imaging_hides(struct train *t);
+OXL_INTERNAL void train_imaging_describe(struct train *t); /* warns where values are not identifiable */
 OXL_INTERNAL void train_imaging_store(struct train *t, oxl_model *model); /* in the scene and the model */
 
 /* ---------------- train_loop.c */
