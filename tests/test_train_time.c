@@ -22,7 +22,7 @@ TEST(look_leaves_the_run_as_it_would_be)
 
 TEST(look_takes_a_tenth_of_the_run_and_at_least_30_steps)
 {
-    static const int runs[][2] = {{20, 20}, {500, 50}, {1500, 150}, {30000, 200}}; /* iterations, steps */
+    static const int runs[][2] = {{20, 20}, {500, 50}, {1500, 150}, {30000, 300}}; /* iterations, steps */
     oxl_scene *scene = train_scene(5);
     for (size_t i = 0; i < sizeof runs / sizeof runs[0]; i++) {
         const oxl_train_options o = train_options(runs[i][0]);

@@ -21,8 +21,8 @@
 #define LOOK_POINT 1e-7
 #define LOOK_SECONDS 4.0
 enum {
-    LOOK_VIEWS = 8,
-    LOOK_STEPS = 200,   /* at most, */
+    LOOK_VIEWS = 32,
+    LOOK_STEPS = 300,   /* at most, */
     LOOK_FEWEST = 30,   /* and at least */
     LOOK_FRACTION = 10, /* a look takes at most one of so many iterations of the run, */
     LOOK_WINDOWS = 5,   /* as many steps each: two before gradients count, one before each split, and */

@@ -12,11 +12,11 @@
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 
-#define FORECAST_RATE 1.2   /* of the logarithm, for each densification at the start; measured: 1.0 to 1.4 */
+#define FORECAST_RATE 1.3   /* of the logarithm, for each densification at the start; measured: 1.1 to 1.7 */
 #define FORECAST_USUAL 0.2  /* share that is taken where there was no look */
 #define FORECAST_FADES 6.0  /* densifications after which growth is 1/e of its rate at the start */
 #define FORECAST_BEFORE 3.0 /* densifications of the run itself that count as much as the look */
-#define FORECAST_GAUSSIANS 0.7    /* power of Gaussians in the time of a step; measured: 0.5 to 0.9 */
+#define FORECAST_GAUSSIANS 0.5    /* power of Gaussians in the time of a step; measured: 0.3 to 0.9 */
 #define FORECAST_HALF 0.35        /* time of a step at half the sides over one of whole images */
 #define FORECAST_TRIALS 0.25      /* of the most trials that a run may make: most decide earlier */
 #define FORECAST_VIEW 2.7         /* steps that evaluation takes for a view, with its files */
