@@ -25,9 +25,10 @@ enum {
     LOOK_STEPS = 300,   /* at most, */
     LOOK_FEWEST = 30,   /* and at least */
     LOOK_FRACTION = 10, /* a look takes at most one of so many iterations of the run, */
-    LOOK_WINDOWS = 5,   /* as many steps each: two before gradients count, one before each split, and */
-    LOOK_SPLITS = 3,    /* the last of these is what is measured */
-    LOOK_TIMED = 6      /* whole steps, after those at half the sides */
+    LOOK_WINDOWS = 5,   /* as many steps each: two before gradients count, one before each split, of which */
+    LOOK_SPLITS = 3,
+    LOOK_MEASURED = 2, /* the last ones count */
+    LOOK_TIMED = 6     /* whole steps, after those at half the sides */
 };
 
 static int look_is_coarse(const oxl_scene *scene)
@@ -67,17 +68,17 @@ static double look_seen(const struct train *t)
     return OXL_MAX(seen, 1);
 }
 
-/* Splits as training does, but for its limit; returns in *share the growth of the Gaussians seen. */
+/* Splits as training does, but for its limit; adds to *share the growth of the Gaussians seen. */
 static oxl_result look_split(struct train *t, double *share)
 {
     const double seen = look_seen(t), before = (double)t->trained.model.count;
     const oxl_result rc = step_densify(t);
-    *share = OXL_MAX(((double)t->trained.model.count - before) / seen, 1 / seen);
+    *share += OXL_MAX(((double)t->trained.model.count - before) / seen, 1 / seen) / LOOK_MEASURED;
     return rc;
 }
 
-/* Measures the share in the last of the steps: the gradients before are of Gaussians that are still at their
- * places of the start. */
+/* Measures the share late: the gradients before are of Gaussians that are still at their places of the start,
+ * and change again when the first ones are split. */
 static oxl_result look_measure(struct train *t, oxl_train_options *o, int steps, struct look *out)
 {
     double took[LOOK_STEPS];
@@ -88,6 +89,7 @@ static oxl_result look_measure(struct train *t, oxl_train_options *o, int steps,
         if (rc == OXL_OK && k == 0) rc = density_clear(t->ctx, t->density, t->trained.model.count);
         if (rc == OXL_OK) rc = look_train(t, window, took);
         out->timed = (double)t->trained.model.count;
+        if (k == LOOK_SPLITS - LOOK_MEASURED) out->share = 0;
         if (rc == OXL_OK) rc = look_split(t, &out->share);
     }
     if (rc != OXL_OK) return rc;
@@ -142,7 +144,7 @@ OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_
         look_choose_views(&t);
         rc = look_measure(&t, &o, look_steps(scene, &o), out);
     }
-    if (rc == OXL_OK) out->hides = train_imaging_hides(&t);
+    if (rc == OXL_OK) out->hides = forecast_hides(&t);
     train_end(&t);
     ctx->backend = quiet.backend;
     look_tell_fallback(ctx, &quiet, fell_back);

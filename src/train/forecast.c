@@ -125,13 +125,23 @@ static double forecast_rate_now(const struct train *t, int done)
            (FORECAST_BEFORE + done);
 }
 
+OXL_INTERNAL int forecast_hides(struct train *t)
+{
+    struct imaging m = {0};
+    struct train_deferred step = {0};
+    parts_form_image(t, &m);
+    parts_set_gain(t, &step, 0);
+    m.on = step.has_gain;
+    return imaging_alters_colours(&m) || imaging_is_gains_alone(&m);
+}
+
 /* Returns the steps beside the run's own: trials, evaluation, a model for viewers. */
 static double forecast_beside(struct train *t)
 {
     const double trials = FORECAST_TRIALS * forecast_trial_steps(t->options, t->views + t->validation_views);
     double steps = t->trial || t->step < parts_validate_until(t) ? trials - t->forecast.trial_steps : 0;
     steps = OXL_MAX(steps, 0);
-    return steps + FORECAST_VIEW * t->task.viewed + (train_imaging_hides(t) ? t->task.refined : 0);
+    return steps + FORECAST_VIEW * t->task.viewed + (forecast_hides(t) ? t->task.refined : 0);
 }
 
 static double forecast_reckon(struct train *t)

@@ -42,15 +42,6 @@ OXL_INTERNAL oxl_result train_imaging_begin(struct train *t)
     return OXL_OK;
 }
 
-OXL_INTERNAL int train_imaging_hides(struct train *t)
-{
-    struct imaging m = step_imaging(t);
-    struct train_deferred step = {0};
-    parts_set_gain(t, &step, 0);
-    m.on = step.has_gain;
-    return imaging_alters_colours(&m) || imaging_is_gains_alone(&m);
-}
-
 OXL_INTERNAL void train_imaging_describe(struct train *t)
 {
     const struct imaging *m = &t->scene->imaging;

@@ -134,9 +134,7 @@ OXL_INTERNAL void selection_record_auto(struct train *t, const char *what, oxl_s
 /* ---------------- train_imaging.c: exposure, lamp and medium of a run */
 
 OXL_INTERNAL oxl_result train_imaging_begin(struct train *t); /* from the tracks, before the first step */
-/* Returns 1 if images have gains alone or a medium, so that viewers get a model of their own. */
-OXL_INTERNAL int train_imaging_hides(struct train *t);
-OXL_INTERNAL void train_imaging_describe(struct train *t); /* warns where values are not identifiable */
+OXL_INTERNAL void train_imaging_describe(struct train *t);    /* warns where values are not identifiable */
 OXL_INTERNAL void train_imaging_store(struct train *t, oxl_model *model); /* in the scene and the model */
 
 /* ---------------- train_loop.c */
