@@ -38,8 +38,9 @@ struct train_task {
     const struct image_window *window;
     int frozen; /* 1: gains and lamp stay as they are */
     int viewed; /* views that the caller renders afterwards; for the time left */
-    int refined; /* steps by which the caller refines a model for viewers, if images have a medium, or gains alone;
-                  * likewise */
+    /* steps by which the caller refines a model for viewers, where images have a medium, or gains alone;
+     * likewise */
+    int refined;
 
     /* out */
     oxl_nonfinite nonfinite; /* of the whole run */
