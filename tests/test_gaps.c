@@ -115,3 +115,18 @@ TEST(gaps_are_looked_for_without_images_that_cannot_be_read)
         oxl_scene_free(test_ctx, scene);
     }
 }
+
+/* The forecast counts on them. */
+TEST(look_begins_with_as_many_gaussians_as_the_run_gaps_included)
+{
+    oxl_scene *scene = gaps_test_scene(1, 0);
+    oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
+    struct look look;
+    oxl_model model;
+    o.iterations = 5, o.max_gaussians = 40000;
+    CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &look));
+    CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &model));
+    CHECK(look.gaussians == (double)model.count && model.count > oxl_scene_point_count(scene));
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}

@@ -47,6 +47,39 @@ TEST(look_finds_fewer_to_split_above_a_larger_threshold)
     oxl_scene_free(test_ctx, scene);
 }
 
+/* Memory holds no more, also where a look would split more. */
+TEST(look_keeps_to_the_gaussians_that_memory_holds)
+{
+    oxl_scene *scene = train_scene(5);
+    oxl_train_options o = train_options(50);
+    struct look free_look, held;
+    o.densify_gradient = 1e-7f;
+    CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &free_look));
+    CHECK_OK(look_take(test_ctx, scene, &o, 150, &held));
+    CHECK(free_look.gaussians == 144 && free_look.timed > 200);
+    CHECK(held.gaussians == 144 && held.timed <= 150);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* Gains are not in scene.ply, so a model without them is refined behind the run, and takes time. */
+TEST(look_says_whether_viewers_get_a_model_of_their_own)
+{
+    oxl_scene *scene = train_scene(5);
+    oxl_train_options o = train_options(20);
+    struct look without, with;
+    o.exposure = OXL_OFF, o.lamp = OXL_OFF, o.medium = OXL_OFF;
+    CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &without));
+    o.exposure = OXL_ON;
+    CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &with));
+    CHECK(!without.hides && with.hides);
+    with.share = 1e-12, with.begin = 0, with.timed = with.gaussians;
+    without = with, without.hides = 0;
+    CHECK_CLOSE(forecast_seconds(scene, &o, &with, 400, 100) -
+                    forecast_seconds(scene, &o, &without, 400, 100),
+                100 * with.seconds, 1e-6);
+    oxl_scene_free(test_ctx, scene);
+}
+
 /* What hinders a look is said where it hinders the run. */
 TEST(look_at_a_scene_without_training_views_is_none)
 {
