@@ -119,7 +119,7 @@ TEST(gaps_are_looked_for_without_images_that_cannot_be_read)
 /* The forecast counts on them. */
 TEST(look_begins_with_as_many_gaussians_as_the_run_gaps_included)
 {
-    oxl_scene *scene = gaps_test_scene(1, 0);
+    oxl_scene *scene = gaps_test_scene(1, 1);
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
     struct look look;
     oxl_model model;
