@@ -109,7 +109,7 @@ enum {
     /* off while a finished model is refined: after merging, for viewers, to continue a run */
     OXL_OPTION_NOT_REFINED = 128,
     OXL_OPTION_ONE_BLOCK = 256, /* refused if the survey is cut into several blocks */
-    /* off in the first look at a survey: it decides by images, or changes the number of Gaussians */
+    /* off in the first look at a survey: it takes time or memory, and changes few gradients */
     OXL_OPTION_NOT_LOOKED = 512
 };
 

@@ -50,14 +50,25 @@ static int survey_has_room(const oxl_job_options *o, const struct cost_load *loa
            (most <= 0 || cost_memory(o, load, (double)load->points) <= SURVEY_LOOK_MEMORY * most);
 }
 
+/* Returns the most Gaussians of a look: what the run has memory for, without trials. */
+static size_t survey_look_gaussians(const oxl_job_options *o, const struct cost_load *load)
+{
+    oxl_job_options limited = *o;
+    limited.ram = o->ram ? o->ram : os_memory_free();
+    return limited.ram ? (size_t)budget_max_gaussians(load, &limited) : INT_MAX;
+}
+
 static oxl_result survey_predict(oxl_context *ctx, oxl_scene *scene, const oxl_job_options *o, oxl_survey *s)
 {
     oxl_job_options fitted = *o;
     struct look look = {0};
     struct cost_load load = cost_load_of_scene(scene);
     struct cost cost;
-    const oxl_result rc = survey_has_room(o, &load) ? look_take(ctx, scene, &o->train, &look) : OXL_OK;
+    const oxl_result rc = survey_has_room(o, &load)
+                              ? look_take(ctx, scene, &o->train, survey_look_gaussians(o, &load), &look)
+                              : OXL_OK;
     scene->stats.splitting = load.share = look.share;
+    scene->stats.begun = load.begun = look.gaussians / (double)OXL_MAX(load.points, (size_t)1);
     fitted.ram = budget_limit(scene, o);
     cost =
         budget_fit(ctx, &load, &fitted) ? cost_estimate(ctx, &fitted, &load) : cost_estimate(ctx, o, &load);

@@ -279,7 +279,7 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
                                .first = task->first,
                                .until = task->until,
                                .viewed = task->viewed,
-                               .refined = task->standard,
+                               .refined = block_hiding_steps(task->standard),
                                .from = task->from};
     oxl_result rc, written;
     text_add(&b->log, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n");
@@ -315,6 +315,11 @@ static int block_refine_progress(void *user, const oxl_progress *progress)
 OXL_INTERNAL int block_standard_steps(const oxl_train_options *run)
 {
     return OXL_MAX(1, (int)(BLOCK_REFINE * run->iterations));
+}
+
+OXL_INTERNAL int block_hiding_steps(int standard)
+{
+    return OXL_MAX(2 * standard, OXL_MIN(BLOCK_REFINE_MORE, 3 * standard));
 }
 
 /* Returns the options of `steps` further steps. Keeps the learning rates that the whole run has before its
@@ -366,7 +371,7 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
         o.exposure = OXL_OFF, scene->imaging.on = 0;
         o.lr_sh0 *= BLOCK_REFINE_GAINS_SH0, o.lr_sh *= BLOCK_REFINE_GAINS_SH;
     } else if (hides) o.lr_sh *= BLOCK_REFINE_SH;
-    if (hides) o.iterations = OXL_MAX(2 * o.iterations, OXL_MIN(BLOCK_REFINE_MORE, 3 * o.iterations));
+    if (hides) o.iterations = block_hiding_steps(o.iterations);
     text_add(&key, "standard %s", b->task->key);
     train.store = checkpoint_in(b->task->folder, key.data);
     rc = key.failed ? OXL_ERR_MEMORY : OXL_OK;

@@ -51,6 +51,7 @@ OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene)
 {
     const struct scene_stats *stats = &scene->stats;
     struct cost_load load = {.points = stats->points ? stats->points : scene_start_count(scene),
+                             .begun = stats->begun,
                              .share = stats->splitting,
                              .observations = stats->observations,
                              .views = stats->views,
@@ -71,6 +72,7 @@ OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int 
     const struct partition_block *b = &p->block[block];
     const double size = (double)OXL_MAX(b->points, (size_t)1);
     struct cost_load load = {.points = b->points,
+                             .begun = plan->scene->stats.begun,
                              .share = plan->scene->stats.splitting,
                              .context = OXL_MAX(0, (double)b->start_points / size - 1)};
     for (size_t v = 0; v < plan->visibility->views; v++) {
@@ -115,8 +117,8 @@ OXL_INTERNAL double cost_device_memory(const oxl_job_options *o, const struct co
 OXL_INTERNAL double cost_gaussians(const oxl_job_options *o, const struct cost_load *load)
 {
     const size_t cap = schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
-    return OXL_MIN(forecast_gaussians(&o->train, (double)load->points, load->share, (double)cap),
-                   (double)cap);
+    const double start = (double)load->points * (load->begun > 0 ? load->begun : 1);
+    return OXL_MIN(forecast_gaussians(&o->train, start, load->share, (double)cap), (double)cap);
 }
 
 OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_options *o,
@@ -148,7 +150,9 @@ OXL_INTERNAL double cost_seconds(const oxl_scene *scene, const oxl_job_options *
                  all = cost_has_blocks(o, oxl_scene_point_count(scene)) ? COST_CONTEXT : 1,
                  cap = (double)schedule_gaussian_cap(scene, &o->train),
                  within = look->steps ? COST_WITHIN_LOOK : COST_WITHIN,
-                 seconds = look->steps ? forecast_seconds(scene, &o->train, look, cap) : cost->seconds;
+                 seconds = look->steps ? forecast_seconds(scene, &o->train, look, cap,
+                                                          block_hiding_steps(block_standard_steps(&o->train)))
+                                       : cost->seconds;
     range[0] = OXL_MIN(seconds * all / within, limit);
     range[1] = OXL_MIN(seconds * all * within, limit);
     return OXL_MIN(seconds * all, limit);

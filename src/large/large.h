@@ -100,7 +100,8 @@ OXL_INTERNAL void merge_mark(const struct partition *p, int block, const oxl_mod
 #define COST_SPLAT_BYTES 300.0
 struct cost_load {               /* Counts what a survey or a block loads memory and time with. */
     size_t points, observations; /* initial points; (point, view) pairs */
-    double share;                /* share of Gaussians that a look would split (look.c); 0: not known */
+    /* Gaussians at the start for each point, and the share that a look splits (look.c); 0: not known */
+    double begun, share;
     int views;
     /* px of all views; of the training views; of the largest view */
     double pixels, schedule_pixels, largest;
@@ -196,6 +197,8 @@ struct block_task {
 OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, int sh_degree, int steps);
 /* Returns the steps of model_standard.ply after such a run, before its factors for medium and gains. */
 OXL_INTERNAL int block_standard_steps(const oxl_train_options *run);
+/* Returns the steps of it where images have a medium or gains that it leaves out. */
+OXL_INTERNAL int block_hiding_steps(int standard);
 /* Reads block.json; exists 0: there is none, or it has another key. */
 OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const char *key,
                                    struct block_record *out);
@@ -215,9 +218,10 @@ OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const st
 
 /* ---------------- look.c: a first look at a survey */
 
-/* Looks at a survey. Errors of the look are ignored, except an interruption. */
+/* Looks at a survey with at most so many Gaussians. Returns an error only for an interruption; *out then, and
+ * where a look is not possible, is 0. */
 OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                                  struct look *out);
+                                  size_t most, struct look *out);
 
 /* ---------------- large_model.c: a model that may stay in its file */
 

@@ -1,8 +1,10 @@
 /* look.c - a first look at a survey: some steps on a few views, whose result is forgotten.
  *
- * The share of Gaussians that density control would split there says how fast the model will grow, the time
- * of the steps how long the run takes (forecast.c). Images that the presets begin at half the sides are
- * looked at so; their whole steps are timed behind it.
+ * It begins as the run will: with the points that parts add, and with exposure, lamp, medium, depth weights
+ * and SSIM's constant as the run decides them, since each changes gradients. Gaussians are split
+ * LOOK_SPLITS times; what is split then, of those seen, says how fast the model will grow, the time of the
+ * steps how long the run takes (forecast.c). Images that the presets begin at half the sides are looked at
+ * so; their whole steps are timed behind it.
  *
  * Invariant: the run that follows gives the same bytes. The share is a function of survey and options; times
  * are not.
@@ -17,13 +19,16 @@
  * steps. */
 #define LOOK_PIXEL 4e-8
 #define LOOK_POINT 1e-7
-#define LOOK_SECONDS 1.5
+#define LOOK_SECONDS 4.0
 enum {
-    LOOK_VIEWS = 8,
-    LOOK_STEPS = 120,   /* at most, */
+    LOOK_VIEWS = 32,
+    LOOK_STEPS = 300,   /* at most, */
     LOOK_FEWEST = 30,   /* and at least */
-    LOOK_FRACTION = 25, /* a look takes at most one of so many iterations of the run, */
-    LOOK_TIMED = 6      /* whole steps, after those at half the sides */
+    LOOK_FRACTION = 10, /* a look takes at most one of so many iterations of the run, */
+    LOOK_WINDOWS = 5,   /* as many steps each: two before gradients count, one before each split, of which */
+    LOOK_SPLITS = 3,
+    LOOK_MEASURED = 2, /* the last ones count */
+    LOOK_TIMED = 6     /* whole steps, after those at half the sides */
 };
 
 static int look_is_coarse(const oxl_scene *scene)
@@ -41,18 +46,6 @@ static void look_choose_views(struct train *t)
     t->views = few;
 }
 
-/* Counts the Gaussians seen whose gradient would split them. */
-static double look_share(const struct train *t)
-{
-    size_t seen = 0, split = 0;
-    for (size_t i = 0; i < t->trained.model.count; i++) {
-        const double gradient = density_mean_gradient(t->density, i);
-        seen += gradient > 0;
-        split += gradient > (double)schedule_densify_gradient(t->scene, t->options);
-    }
-    return seen ? (double)split / (double)seen : 0;
-}
-
 /* Trains `steps` more; took (steps): their seconds. */
 static oxl_result look_train(struct train *t, int steps, double *took)
 {
@@ -65,26 +58,45 @@ static oxl_result look_train(struct train *t, int steps, double *took)
         if (rc == OXL_OK) rc = step_observe(t);
         took[k] = os_seconds() - started;
     }
+    return rc == OXL_OK ? step_flush(t) : rc;
+}
+
+static double look_seen(const struct train *t)
+{
+    double seen = 0;
+    for (size_t i = 0; i < t->trained.model.count; i++) seen += t->density->views[i] > 0;
+    return OXL_MAX(seen, 1);
+}
+
+/* Splits as training does, but for its limit; adds to *share the growth of the Gaussians seen. */
+static oxl_result look_split(struct train *t, double *share)
+{
+    const double seen = look_seen(t), before = (double)t->trained.model.count;
+    const oxl_result rc = step_densify(t);
+    *share += OXL_MAX(((double)t->trained.model.count - before) / seen, 1 / seen) / LOOK_MEASURED;
     return rc;
 }
 
-/* Measures the share in the last third of the steps: the gradients before are of Gaussians that are still at
- * their places of the start. */
+/* Measures the share late: the gradients before are of Gaussians that are still at their places of the start,
+ * and change again when the first ones are split. */
 static oxl_result look_measure(struct train *t, oxl_train_options *o, int steps, struct look *out)
 {
     double took[LOOK_STEPS];
-    const int last = OXL_MAX(1, steps / 3);
-    oxl_result rc = look_train(t, steps - last, took);
-    if (rc == OXL_OK) rc = step_flush(t);
-    if (rc == OXL_OK) rc = density_clear(t->ctx, t->density, t->trained.model.count);
-    if (rc == OXL_OK) rc = look_train(t, last, took);
-    if (rc == OXL_OK) rc = step_flush(t);
-    if (rc != OXL_OK) return rc;
-    out->share = OXL_MAX(look_share(t), 1.0 / (double)OXL_MAX(t->trained.model.count, (size_t)1));
+    const int window = OXL_MAX(1, steps / LOOK_WINDOWS);
+    oxl_result rc = look_train(t, OXL_MAX(0, steps - LOOK_SPLITS * window), took);
     out->gaussians = (double)t->trained.model.count;
-    out->seconds = stats_select(took, (size_t)last, 0.5);
+    for (int k = 0; k < LOOK_SPLITS && rc == OXL_OK; k++) {
+        if (rc == OXL_OK && k == 0) rc = density_clear(t->ctx, t->density, t->trained.model.count);
+        if (rc == OXL_OK) rc = look_train(t, window, took);
+        out->timed = (double)t->trained.model.count;
+        if (k == LOOK_SPLITS - LOOK_MEASURED) out->share = 0;
+        if (rc == OXL_OK) rc = look_split(t, &out->share);
+    }
+    if (rc != OXL_OK) return rc;
+    out->seconds = stats_select(took, (size_t)window, 0.5);
     if (!(o->coarse > 0)) return OXL_OK;
     o->coarse = 0;
+    out->timed = (double)t->trained.model.count;
     rc = look_train(t, LOOK_TIMED, took);
     if (rc == OXL_OK) out->seconds = stats_select(took + 1, LOOK_TIMED - 1, 0.5);
     return rc;
@@ -110,7 +122,7 @@ static void look_tell_fallback(oxl_context *ctx, const oxl_context *quiet, int b
 }
 
 OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                                  struct look *out)
+                                  size_t most, struct look *out)
 {
     oxl_train_options o = *options;
     oxl_context quiet = *ctx;
@@ -123,12 +135,16 @@ OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_
     quiet.options.log = NULL;
     quiet.notes = NULL;
     o.coarse = look_is_coarse(scene);
+    if (most < schedule_gaussian_cap(scene, &o)) o.max_gaussians = (int)most;
     t.decisions.ctx = &quiet;
     rc = train_begin(&t);
+    out->begin = os_seconds() - t.started;
     if (rc == OXL_OK) {
+        o.max_gaussians = (int)OXL_MIN(most, INT_MAX);
         look_choose_views(&t);
         rc = look_measure(&t, &o, look_steps(scene, &o), out);
     }
+    if (rc == OXL_OK) out->hides = forecast_hides(&t);
     train_end(&t);
     ctx->backend = quiet.backend;
     look_tell_fallback(ctx, &quiet, fell_back);

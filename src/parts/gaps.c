@@ -32,7 +32,8 @@ enum {
     GAPS_SIDE = 2 * GAPS_RADIUS + 1,
     GAPS_SAMPLES = GAPS_SIDE * GAPS_SIDE,
     GAPS_STEPS = 8, /* tried nearer, and farther, than the plane */
-    GAPS_GREYS = 8  /* reduced images that are kept */
+    GAPS_GREYS = 8, /* reduced images that are kept */
+    GAPS_LOOK = 400 /* views that a first look takes at most */
 };
 #define GAPS_FRACTION 0.5     /* of the Gaussians that may be added */
 #define GAPS_STEP 0.7         /* px that a step of depth moves a patch in the other view, and */
@@ -531,8 +532,8 @@ static void gaps_thin(struct gaps *g, size_t most)
     g->count = most;
 }
 
-OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, oxl_scene *scene, size_t most, oxl_point **out,
-                                    size_t *count)
+OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, oxl_scene *scene, size_t most, int every,
+                                    oxl_point **out, size_t *count)
 {
     const struct colmap *c = scene_colmap(scene);
     struct gaps g = {.ctx = ctx, .scene = scene, .side = gaps_side(scene)};
@@ -544,7 +545,7 @@ OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, oxl_scene *scene, size_t m
     if (!g.cell || !g.shared) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = gaps_take_points(&g, GAPS_PLACES * most);
     if (rc == OXL_OK) rc = gaps_sort_tracks(&g);
-    for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++)
+    for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i += every)
         if (!oxl_scene_view(scene, i)->is_test) rc = gaps_of_view(&g, i);
     gaps_thin(&g, most);
     if (rc == OXL_OK) *out = g.out, *count = g.count;
@@ -563,7 +564,8 @@ static oxl_result gaps_first_points(struct train *t, oxl_point **out, size_t *co
 {
     const size_t points = oxl_scene_point_count(t->scene), cap = schedule_gaussian_cap(t->scene, t->options),
                  room = cap > points ? (size_t)(GAPS_FRACTION * (double)(cap - points)) : 0;
-    const oxl_result rc = gaps_points(t->ctx, t->scene, t->options->gaps ? room : 0, out, count);
+    const int every = t->is_look ? 1 + oxl_scene_view_count(t->scene) / GAPS_LOOK : 1;
+    const oxl_result rc = gaps_points(t->ctx, t->scene, t->options->gaps ? room : 0, every, out, count);
     if (rc == OXL_OK && *count > 0)
         oxl_log(t->ctx, OXL_LOG_INFO, "%zu points added where views have pixels without one", *count);
     return rc;
@@ -571,7 +573,7 @@ static oxl_result gaps_first_points(struct train *t, oxl_point **out, size_t *co
 
 /* clang-format off */
 static const oxl_option gaps_options[] = {
-{"gaps", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.gaps), 0, 1, PRESETS("on", "on", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED | NOT_LOOKED, "Scene content", "start also where views lack points", NULL},
+{"gaps", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.gaps), 0, 1, PRESETS("on", "on", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Scene content", "start also where views lack points", NULL},
 {0}};
 /* clang-format on */
 

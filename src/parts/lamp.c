@@ -210,7 +210,7 @@ static void lamp_describe(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option lamp_options[] = {
-{"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT | NOT_LOOKED, "Scene content", "fit a light that moves with the camera: smooth gain over the image, falloff with distance; auto: if tracks show it", NULL},
+{"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit a light that moves with the camera: smooth gain over the image, falloff with distance; auto: if tracks show it", NULL},
 {0}};
 /* clang-format on */
 

@@ -104,7 +104,7 @@ static oxl_result ssim_contrast_begin(struct train *t, void *state)
     const float given = t->options->ssim_contrast;
     oxl_result rc = OXL_OK;
     s->contrast = given >= 0 ? (double)given : SSIM_CONTRAST_WANG;
-    if (given < 0 && !t->is_look) rc = ssim_contrast_measure(t->ctx, t->scene, &s->measured, &s->views);
+    if (given < 0) rc = ssim_contrast_measure(t->ctx, t->scene, &s->measured, &s->views);
     if (s->views > 0) s->contrast = ssim_contrast_of_detail(s->measured);
     renderer_set_contrast(t->renderer, s->contrast);
     return rc;

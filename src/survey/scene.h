@@ -12,9 +12,9 @@ struct scene_stats { /* Holds counts for `check` and the first messages of a run
     int images_listed, images_missing, unregistered, views, test_views, masks;
     size_t points, observations; /* points; (point, image) pairs */
     double mean_track, mean_error;
-    /* fraction of the first Gaussians that training would split at once; 0: not
-     * known (src/train/forecast.c) */
-    double splitting;
+    /* Gaussians that training begins with, for each point, and the share of them that it splits at once; 0:
+     * not known (src/train/forecast.c) */
+    double begun, splitting;
     double bounds_min[3], bounds_max[3]; /* 1st and 99th percentile of the points, around the origin */
 };
 

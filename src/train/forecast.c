@@ -1,7 +1,7 @@
 /* forecast.c - the run ahead: how many Gaussians it will have, and how long it takes.
  *
- * The more Gaussians of the start density control would split in a first look (look.c), the faster the model
- * grows: its logarithm rises by FORECAST_RATE times the root of that share, and less with each densification
+ * The larger the share of Gaussians that density control splits in a first look (look.c), the faster the
+ * model grows: its logarithm rises by FORECAST_RATE times that share, and less with each densification
  * (docs/log/FORECAST.md). A step takes time in proportion to a power of the Gaussians, so steps that were
  * timed, in the look or in the run itself, give the time of all others.
  *
@@ -12,11 +12,11 @@
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 
-#define FORECAST_RATE 0.8   /* of the logarithm, for each densification at the start; measured: 0.4 to 1.1 */
-#define FORECAST_USUAL 0.1  /* share that is taken where there was no look */
+#define FORECAST_RATE 1.3   /* of the logarithm, for each densification at the start; measured: 1.1 to 1.7 */
+#define FORECAST_USUAL 0.2  /* share that is taken where there was no look */
 #define FORECAST_FADES 6.0  /* densifications after which growth is 1/e of its rate at the start */
 #define FORECAST_BEFORE 3.0 /* densifications of the run itself that count as much as the look */
-#define FORECAST_GAUSSIANS 0.7    /* power of Gaussians in the time of a step; measured: 0.5 to 0.9 */
+#define FORECAST_GAUSSIANS 0.5    /* power of Gaussians in the time of a step; measured: 0.3 to 0.9 */
 #define FORECAST_HALF 0.35        /* time of a step at half the sides over one of whole images */
 #define FORECAST_TRIALS 0.25      /* of the most trials that a run may make: most decide earlier */
 #define FORECAST_VIEW 2.7         /* steps that evaluation takes for a view, with its files */
@@ -33,7 +33,7 @@ static double forecast_faded(double done)
 
 static double forecast_rate(double share)
 {
-    return FORECAST_RATE * sqrt(share > 0 ? share : FORECAST_USUAL);
+    return FORECAST_RATE * (share > 0 ? share : FORECAST_USUAL);
 }
 
 OXL_INTERNAL double forecast_gaussians(const oxl_train_options *o, double start, double share, double cap)
@@ -86,7 +86,7 @@ OXL_INTERNAL int forecast_trial_steps(const oxl_train_options *o, int views)
 }
 
 OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_options *o,
-                                     const struct look *look, double cap)
+                                     const struct look *look, double cap, int refined)
 {
     struct forecast_state f = {.o = o,
                                .gaussians = look->gaussians,
@@ -96,8 +96,8 @@ OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_opt
     double work = forecast_ahead(&f, 0);
     work += forecast_work(f.gaussians, 0) *
             (FORECAST_TRIALS * forecast_trial_steps(o, schedule_training_views(scene)) +
-             FORECAST_VIEW * oxl_scene_view_count(scene));
-    return work * look->seconds / forecast_work(look->gaussians, 0);
+             FORECAST_VIEW * oxl_scene_view_count(scene) + (look->hides ? refined : 0));
+    return look->begin + work * look->seconds / forecast_work(look->timed, 0);
 }
 
 /* ---------------- the time left of a run */
@@ -125,19 +125,26 @@ static double forecast_rate_now(const struct train *t, int done)
            (FORECAST_BEFORE + done);
 }
 
-/* Returns the steps beside the run's own: trials, evaluation, a model for viewers. */
-static double forecast_beside(const struct train *t)
+OXL_INTERNAL int forecast_hides(struct train *t)
 {
-    const double trials = FORECAST_TRIALS * forecast_trial_steps(t->options, t->views + t->validation_views);
-    struct imaging imaging = {0};
-    double steps = t->trial || t->step < parts_validate_until(t) ? trials - t->forecast.trial_steps : 0;
-    steps = OXL_MAX(steps, 0);
-    parts_form_image(t, &imaging);
-    return steps + FORECAST_VIEW * t->task.viewed +
-           (imaging_alters_colours(&imaging) || imaging_is_gains_alone(&imaging) ? t->task.refined : 0);
+    struct imaging m = {0};
+    struct train_deferred step = {0};
+    parts_form_image(t, &m);
+    parts_set_gain(t, &step, 0);
+    m.on = step.has_gain;
+    return imaging_alters_colours(&m) || imaging_is_gains_alone(&m);
 }
 
-static double forecast_reckon(const struct train *t)
+/* Returns the steps beside the run's own: trials, evaluation, a model for viewers. */
+static double forecast_beside(struct train *t)
+{
+    const double trials = FORECAST_TRIALS * forecast_trial_steps(t->options, t->views + t->validation_views);
+    double steps = t->trial || t->step < parts_validate_until(t) ? trials - t->forecast.trial_steps : 0;
+    steps = OXL_MAX(steps, 0);
+    return steps + FORECAST_VIEW * t->task.viewed + (forecast_hides(t) ? t->task.refined : 0);
+}
+
+static double forecast_reckon(struct train *t)
 {
     const oxl_train_options *o = t->options;
     struct forecast_state f = {.o = o,

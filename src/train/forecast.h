@@ -9,9 +9,12 @@ struct train;
 /* ---------------- what a first look at a survey has found (src/large/look.c) */
 
 struct look {         /* all 0: there was none */
-    double share;     /* of the Gaussians at the start, that training would split at once */
+    double share;     /* of the Gaussians seen, that training splits at once */
     double gaussians; /* at the start */
-    double seconds;   /* of a step on a whole image */
+    double seconds;   /* of a step on a whole image, */
+    double timed;     /* and the Gaussians it had */
+    double begin;     /* s: before the first step */
+    int hides; /* 1: a model for viewers will be refined, since images have gains, a lamp or a medium */
     int steps, views; /* that it took */
 };
 
@@ -24,12 +27,15 @@ OXL_INTERNAL double forecast_gaussians(const oxl_train_options *options, double 
 /* Bounds from above the steps that the trials of a whole run take beyond its iterations. views: number of
  * training views. */
 OXL_INTERNAL int forecast_trial_steps(const oxl_train_options *options, int views);
-/* Predicts the seconds of the run and its evaluation. */
+/* Predicts the seconds of the run and its evaluation. refined: steps of a model for viewers, if there is one.
+ */
 OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_options *options,
-                                     const struct look *look, double cap);
+                                     const struct look *look, double cap, int refined);
 
 /* ---------------- forecast.c: the time left */
 
+/* Returns 1 if images have a medium, or gains alone, so that viewers get a model of their own. */
+OXL_INTERNAL int forecast_hides(struct train *t);
 OXL_INTERNAL void forecast_note_step(struct train *t); /* after each step, also of a trial */
 OXL_INTERNAL double forecast_left(struct train *t);    /* s, with trials and what t->task names */
 

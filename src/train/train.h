@@ -36,9 +36,11 @@ struct train_task {
     const oxl_model *context; /* Gaussians that are rendered but not trained; NULL: none */
     /* (views) trained part of each view, width 0: none; NULL: whole views */
     const struct image_window *window;
-    int frozen;  /* 1: gains and lamp stay as they are */
-    int viewed;  /* views that the caller renders afterwards; for the time left */
-    int refined; /* steps by which the caller refines a model whose medium is baked; likewise */
+    int frozen; /* 1: gains and lamp stay as they are */
+    int viewed; /* views that the caller renders afterwards; for the time left */
+    /* steps by which the caller refines a model for viewers, where images have a medium, or gains alone;
+     * likewise */
+    int refined;
 
     /* out */
     oxl_nonfinite nonfinite; /* of the whole run */

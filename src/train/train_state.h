@@ -53,7 +53,7 @@ struct train {
     double loss, psnr; /* smoothed */
     double last_loss;  /* of the last image, comparable between steps; NaN: skipped */
     oxl_nonfinite nonfinite;
-    int is_look; /* 1: a first look at a survey, whose result is forgotten: nothing is measured in images */
+    int is_look;     /* 1: a first look at a survey, whose result is forgotten */
     int first_step;  /* at which this process started: 0, or the step of a checkpoint */
     double started;  /* time of that, os_seconds */
     double seconds;  /* that earlier processes spent on the run */
