@@ -1,7 +1,7 @@
 /* masks.c - masks of transients on a device: the counterpart of transients_mask in src/parts/transients.c.
  *
  * The points and their expected errors stay on the device between steps, so the host neither waits for an
- * image nor sends a mask. A step that halts changes no expected error.
+ * image nor sends a mask. A step that finds no room, and is repeated, changes no expected error.
  */
 #include "resident.h"
 #include "../../src/render/kernels.h"
