@@ -43,7 +43,7 @@ void info_print_blocks(FILE *to, const oxl_partition_report *report);
 
 /* ---------------- output.c: text and files independent of the locale */
 
-/* Text in memory; once a file is opened, the text that is not written yet. */
+/* Holds text in memory; once a file is opened, the text that is not written yet. */
 struct output {
     char *data; /* text, terminated; the caller frees it */
     size_t used, capacity;
@@ -105,7 +105,7 @@ enum frame_kind { FRAME_AUTO, FRAME_WORLD_AXES, FRAME_SURVEY_AXES };
 void frame_of(const oxl_scene *scene, struct frame *out); /* chooses a frame of the kind auto */
 /* Chooses a frame. up (3): above, in the world's axes, for any kind; or NULL. */
 void frame_choose(const oxl_scene *scene, enum frame_kind kind, const double *up, struct frame *out);
-/* measures along an axis from the centre */
+/* Measures along an axis from the centre. */
 double frame_along(const struct frame *f, const double p[3], int axis);
 double frame_camera_height(const struct frame *f, const oxl_scene *scene);
 void frame_eye(const oxl_view *view, double out[3]); /* sets `out` to the camera's centre */
@@ -304,7 +304,7 @@ enum command {
     COMMANDS
 };
 
-/* The command line: each field is as given, or the default; NULL: not given. */
+/* Holds the command line: each field is as given, or the default; NULL: not given. */
 struct arguments {
     enum command command;
     const char *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
@@ -341,7 +341,7 @@ extern const struct cli_command CLI_COMMANDS[COMMANDS]; /* the row of COMMAND_NO
 /* List the program's options and the job's as one table. */
 int cli_option_count(void);
 const oxl_option *cli_option_at(int index);
-/* returns its index in the library's table; -1: the field is in struct arguments */
+/* Returns its index in the library's table; -1: the field is in struct arguments. */
 int cli_option_of_job(int index);
 int cli_option_is_of(int index, enum command command);
 /* Returns 1 for an option that ablate sets itself: its rows differ by it. */

@@ -20,8 +20,9 @@
 
 /* ---------------- standard error: log lines and the progress */
 
-#define LIVE_SECONDS 0.2 /* Seconds between two states of the live line, or two lines of JSON. */
-/* Seconds between two lines in a pipe, unless a twentieth of the run ends first. */
+/* Waits so many seconds between two states of the live line, or two lines of JSON. */
+#define LIVE_SECONDS 0.2
+/* Waits so many seconds between two lines in a pipe, unless a twentieth of the run ends first. */
 #define PLAIN_SECONDS 10.0
 
 enum {
@@ -228,7 +229,7 @@ static oxl_result console_fail(struct console *c, oxl_result rc, const char *tex
     return over ? OXL_ERR_BUDGET : rc;
 }
 
-#define SPIN_COUNT "500" /* Polls of a waiting thread before it sleeps (docs/log/SPEED.md). */
+#define SPIN_COUNT "500" /* Lets a waiting thread poll so often before it sleeps (docs/log/SPEED.md). */
 
 /* Makes OpenMP threads that wait for others sleep: on a busy machine, polling makes a run three times as
  * long. The OpenMP runtime reads its settings before main(), so the program executes itself again with

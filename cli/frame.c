@@ -16,11 +16,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Most points that the axes and the bounds are found from. */
+/* Limits the points that the axes and the bounds are found from. */
 enum { FRAME_SAMPLE = 100000 };
-#define FRAME_WORLD 0.94 /* Cosine of 20 degrees, within which the world's z counts as above. */
-/* Distance of the world's origin, in standard deviations of the points, from which a survey is
- * georeferenced: a model in its own units has its origin nearer. */
+#define FRAME_WORLD 0.94 /* Holds the cosine of 20 degrees, within which the world's z counts as above. */
+/* Takes a survey as georeferenced from this distance of the world's origin on, in standard deviations of the
+ * points: a model in its own units has its origin nearer. */
 #define FRAME_DISTANT 200
 
 double frame_along(const struct frame *f, const double p[3], int axis)

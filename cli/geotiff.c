@@ -18,7 +18,7 @@ enum {
     GEOTIFF_TAGS = 20,
     GEOTIFF_KEYS = 16
 };
-#define GEOTIFF_MOST 4.0e9 /* Most bytes of a file: offsets in a TIFF have 32 bits. */
+#define GEOTIFF_MOST 4.0e9 /* Limits the bytes of a file: offsets in a TIFF have 32 bits. */
 
 enum { TIFF_ASCII = 2, TIFF_SHORT = 3, TIFF_LONG = 4, TIFF_DOUBLE = 12 };
 

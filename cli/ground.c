@@ -16,16 +16,17 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* Fraction of its depth by which a place may be behind what the view sees: on a slope it is not at
+/* Tolerates a place behind what the view sees by this fraction of its depth: on a slope it is not at
  * the middle of its pixel. */
 #define GROUND_TOLERANCE 0.05
-/* Fraction of the depth, or of the ground's usual distance where that is less, by which
- * the two depths may differ. */
+/* Tolerates a difference of the two depths by this fraction of the depth, or of the ground's usual
+ * distance where that is less. */
 #define GROUND_AGREES 0.04
-/* Farthest that a place is seen, in usual distances of the ground: the horizon of
+/* Limits the distance of a place that is seen, in usual distances of the ground: the horizon of
  * oblique views is not mapped. */
 #define GROUND_FAR 2.0
-/* Least rms of detail as a fraction of the mean grey; 0.0025 and 0.01 give the same heights. */
+/* Bounds the rms of detail from below, as a fraction of the mean grey; 0.0025 and
+ * 0.01 give the same heights. */
 #define GROUND_CONTRAST 0.005
 enum {
     GROUND_SIDE = 320,         /* px */

@@ -25,7 +25,7 @@ enum {
     ORTHO_CHECKED = 100000  /* most points that the heights are compared with */
 };
 #define ORTHO_FRAME "# map x, y and height = this matrix times the survey's X, Y, Z, 1\n"
-/* Rim around an image, as a fraction of its sides: a Gaussian whose centre lies in
+/* Adds a rim around an image, as a fraction of its sides: a Gaussian whose centre lies in
  * it may show in the image. */
 #define ORTHO_RIM 0.1
 

@@ -11,7 +11,7 @@
 #include <string.h>
 
 enum { GROUND_SIDE = 800 /* px; longest side of the orthomosaic on the page */ };
-#define GROUND_LITTLE 0.6 /* Share of the ground with a height below which the page warns. */
+#define GROUND_LITTLE 0.6 /* Warns if a smaller share of the ground has a height. */
 
 /* Opens the model that other viewers show, and renders it from above. Gives no overview of one
  * that does not fit in memory. */

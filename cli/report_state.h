@@ -64,7 +64,7 @@ const char *report_part(const struct report *r, int part, char out[40]);
 /* Adds to a command of eval or render the options by which the run read its survey. */
 void report_survey_options(struct report *r);
 
-/* Least loss, in dB, of images without gains and lamp that the page tells. */
+/* Tells a loss of images without gains and lamp from so many dB on. */
 #define REPORT_VIEWER_LOSS 0.5
 
 /* ---------------- report_page.c */

@@ -14,10 +14,9 @@
 #include <math.h>
 #include <string.h>
 
-/* Gap of structure, training less held-out views, from which the page says that the
- * model fits its images only. */
+/* Says that the model fits its training images only, from this gap of structure to held-out views on. */
 #define VERDICT_GAP 0.08
-/* dB that one factor a channel must mend for the page to say that brightness differs, not shape. */
+/* Says that brightness differs, not shape, where one factor a channel mends so many dB. */
 #define VERDICT_EXPOSURE 0.5
 
 struct verdict {

@@ -11,7 +11,7 @@
 #include <string.h>
 
 enum { VIEWS_SHOWN = 4, VIEWS_SIDE = 560, VIEWS_OPEN = 12 /* rows that are seen without a click */ };
-/* Error, as a fraction of full white, that has the brightest colour of the error map. */
+/* Gives this error, as a fraction of full white, the brightest colour of the error map. */
 #define VIEWS_ERROR_FULL 0.25f
 
 struct views_row {

@@ -11,9 +11,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Fraction of the bar's length, and of the camera's distance, by which a ray may miss its end. */
+/* Limits by how much a ray may miss its end, as a fraction of the bar's length, and
+ * of the camera's distance. */
 #define SCALE_MISS 0.03
-#define SCALE_LEFT 0.03 /* Fraction of a bar's length from which its residual is a warning. */
+#define SCALE_LEFT 0.03 /* Warns from a residual of this fraction of a bar's length on. */
 
 enum { SCALE_BARS = 100 };
 

@@ -8,7 +8,7 @@
 
 /* ---------------- lint.c: contradictions between readable files */
 
-/* Fraction of observations outside their image from which on the whole survey is reported. */
+/* Reports the whole survey from this fraction of observations outside their image on. */
 #define LINT_MISSED_SURVEY 0.1
 /* Sets s->missed, the fraction of observations outside their image, and logs wrong poses. */
 OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);

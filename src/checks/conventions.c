@@ -18,10 +18,11 @@ enum {
     CONVENTIONS_LEAST = 3,    /* images; a survey with fewer is not judged */
     CONVENTIONS_NAMED = 3     /* images that are named for each convention */
 };
-#define CONVENTIONS_CORRELATION 0.15 /* Least median correlation of another convention. */
-/* Least fraction of the images that must have points in another convention, if few have them as read. */
+#define CONVENTIONS_CORRELATION 0.15 /* Bounds the median correlation of another convention from below. */
+/* Bounds from below the fraction of the images that must have points in another convention,
+ * if few have them as read. */
 #define CONVENTIONS_FILLED 0.8
-/* Greatest fraction of the images with points as read, at which points alone may decide. */
+/* Limits the fraction of the images with points as read, at which points alone may decide. */
 #define CONVENTIONS_UNFILLED 0.2
 
 /* Names what is done to a pose between the two changes of axes, with x the rotation and t the translation. */

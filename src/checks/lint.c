@@ -18,8 +18,8 @@ enum {
     LINT_MIN = 4,          /* least entries by which an image is judged */
     LINT_NAMED = 3         /* images or masks that are named per message */
 };
-#define LINT_MARGIN 0.05 /* Tolerance outside the image, as a fraction of its longer side. */
-#define LINT_MISSED 0.5  /* Fraction of points outside an image from which on its pose counts as wrong. */
+#define LINT_MARGIN 0.05 /* Tolerates points outside the image by this fraction of its longer side. */
+#define LINT_MISSED 0.5  /* Counts a pose as wrong from this fraction of points outside its image on. */
 
 /* ---------------- poses and points */
 

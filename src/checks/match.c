@@ -22,24 +22,26 @@ enum {
     MATCH_NAMED = 3,     /* images that are named */
     MATCH_MANY = 12      /* images from which on MATCH_ALWAYS decides */
 };
-#define MATCH_CLIP 1.5    /* Limit of differences, in medians of their absolute values. */
-#define MATCH_BORDER 0.01 /* Border of an image, as a fraction of its sides, whose points are left out. */
-/* Gain of the median correlation by which another map is accepted, if it wins in the fraction
+#define MATCH_CLIP 1.5    /* Limits differences, in medians of their absolute values. */
+#define MATCH_BORDER 0.01 /* Leaves out points in the border of an image, as a fraction of its sides. */
+/* Accepts another map with this gain of the median correlation, if it wins in the fraction
  * MATCH_WINS of the images. */
 #define MATCH_BETTER 0.06
-#define MATCH_WINS 0.7    /* Least fraction of the images in which a map wins. */
-#define MATCH_STEADY 0.03 /* Least gain of another map in any case. */
-/* Fraction of the images in which a map wins that is accepted whatever its gain, with
+#define MATCH_WINS 0.7    /* Bounds the fraction of the images in which a map wins from below. */
+#define MATCH_STEADY 0.03 /* Bounds the gain of another map from below in any case. */
+/* Accepts another map that wins in this fraction of the images whatever its gain, with
  * MATCH_MANY images or more. */
 #define MATCH_ALWAYS 0.9
-/* Fraction of the correlation that a tenth of the images exceeds, below which an image is looked at. */
+/* Looks at an image below this fraction of the correlation that a tenth of the images exceeds. */
 #define MATCH_SUSPECT 0.5
-#define MATCH_ELSEWHERE 0.25 /* Gain by which such an image must fit better turned, or at another place. */
-#define MATCH_DEVIATIONS 4.0 /* Number of spreads by which an image that fits nowhere is below the median. */
-#define MATCH_NOISE 3.0      /* Bound of what chance gives, in standard deviations. */
-/* Least correlation of the best of hundreds of places, in standard deviations. */
+/* Requires this gain of an image that is looked at, turned or at another place. */
+#define MATCH_ELSEWHERE 0.25
+#define MATCH_DEVIATIONS 4.0 /* Requires an image that fits nowhere to be so many spreads below the median. */
+#define MATCH_NOISE 3.0      /* Bounds what chance gives, in standard deviations. */
+/* Bounds the correlation of the best of hundreds of places from below, in standard deviations. */
 #define MATCH_SIGNIFICANT 5.0
-#define MATCH_LOW 0.3 /* Fraction of the median correlation below which an image that fits nowhere must be. */
+/* Requires an image that fits nowhere to be below this fraction of the median correlation. */
+#define MATCH_LOW 0.3
 
 /* ---------------- maps */
 

@@ -11,7 +11,8 @@ enum {
     MATCH_NEAR = 4,      /* nearest points that a point is compared with */
     MATCH_MAPS = 56
 };
-#define MATCH_CHANCE 0.08 /* Least median correlation, above that by chance, of a survey that fits. */
+/* Bounds from below the median correlation, above that by chance, of a survey that fits. */
+#define MATCH_CHANCE 0.08
 
 enum match_kind {
     MATCH_AS_IS,

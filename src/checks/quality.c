@@ -21,16 +21,16 @@ enum {
     QUALITY_WHITE = 254,
     QUALITY_BLACK = 4
 };
-/* Standard deviations from which on an image is reported: one of 10^5 views of a normal distribution. */
+/* Reports an image from so many standard deviations on: one of 10^5 views of a normal distribution. */
 #define QUALITY_SPREADS 4.5
-#define QUALITY_STOPS 1.0 /* Least difference to the neighbours' light, in stops. */
-/* Greatest fraction of the finest detail, in fractions of the neighbours', of a blurred image: a plain
+#define QUALITY_STOPS 1.0 /* Bounds the difference to the neighbours' light from below, in stops. */
+/* Limits the fraction of the finest detail of a blurred image, in fractions of the neighbours': a plain
  * surface has little detail, but it is fine. */
 #define QUALITY_FINE 0.85
 /* Keeps the logarithm and division from 0, since an image of one colour has no detail. */
 #define QUALITY_TINY 1e-9
 #define QUALITY_DARKEST 1.0 /* Keeps the logarithm from 0 for a black image, in units of 255 squared. */
-/* Fraction of pixels that are white or black beyond the neighbours', from which on an image is reported. */
+/* Reports an image from this fraction of pixels on that are white or black beyond the neighbours'. */
 #define QUALITY_CLIPPED 0.25
 
 struct quality {

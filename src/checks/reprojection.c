@@ -20,10 +20,11 @@ enum {
     REPROJECTION_NAMED = 3,      /* images that are named */
     REPROJECTION_BYTES = 1 << 17 /* most bytes of an image's 2D points, from their beginning */
 };
-/* Least factor by which images are reduced; a smaller one is a wrong focal length. */
+/* Bounds the factor by which images are reduced from below; a smaller one is a wrong focal length. */
 #define REPROJECTION_REDUCED 1.25
-#define REPROJECTION_PIXELS 4.0 /* Median error (px) from which on an image is wrong. */
-/* The same limit as a fraction of the image's longer side; the larger one holds. */
+#define REPROJECTION_PIXELS 4.0 /* Counts an image as wrong from this median error (px) on. */
+/* Counts an image as wrong from this median error on, as a fraction of its longer side; the
+ * larger of both limits holds. */
 #define REPROJECTION_SIDE 0.004
 
 enum reprojection_pose {

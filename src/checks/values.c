@@ -15,7 +15,7 @@ enum {
     VALUES_NEARLY = 16 /* a mask's darkest value that was meant to be black */
 };
 
-/* Greatest distance of a principal point from the middle without a warning, in sides. */
+/* Limits the distance of a principal point from the middle, in sides; beyond it a warning is logged. */
 #define VALUES_MIDDLE 0.3
 
 /* Warns if the principal point is far from the middle: that of another size, or with x and y exchanged. */

@@ -18,7 +18,7 @@
 #elif defined(__GNUC__)
 #define CODEC_OF_THREAD __thread
 #else
-#define CODEC_OF_THREAD /* for a compiler without threads, such as tcc */
+#define CODEC_OF_THREAD /* Is empty for a compiler without threads, such as tcc. */
 #endif
 
 struct codec_block { /* Stands before the memory that stb gets. */

@@ -19,10 +19,10 @@
 #define _FILE_OFFSET_BITS 64
 #endif
 #if defined(__MINGW32__) && !defined(__USE_MINGW_ANSI_STDIO)
-#define __USE_MINGW_ANSI_STDIO 1 /* selects printf of C99: %zu */
+#define __USE_MINGW_ANSI_STDIO 1 /* Selects printf of C99: %zu. */
 #endif
 #if defined(__APPLE__) && !defined(_DARWIN_C_SOURCE)
-#define _DARWIN_C_SOURCE /* for ru_maxrss */
+#define _DARWIN_C_SOURCE /* Makes the system declare ru_maxrss. */
 #endif
 
 #include "../../oceanxl.h"
@@ -43,7 +43,7 @@
 #if !defined(OXL_UNITY)
 #define OXL_INTERNAL
 #elif defined(__GNUC__)
-#define OXL_INTERNAL static __attribute__((unused)) /* some functions are used by tests or benchmarks alone */
+#define OXL_INTERNAL static __attribute__((unused)) /* Allows functions that only tests or benchmarks use. */
 #else
 #define OXL_INTERNAL static
 #endif
@@ -181,7 +181,7 @@ OXL_INTERNAL const char *number_text(char out[NUMBER_TEXT_MAX], double value);
 
 /* ---------------- options.c: the table of options; other functions are public */
 
-#define UCD_CAP 5.0 /* largest depth weight of UCD */
+#define UCD_CAP 5.0 /* Limits the depth weight of UCD. */
 /* Turns the options off whose `use` has this flag. */
 OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag);
 

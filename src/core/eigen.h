@@ -10,7 +10,7 @@
 #include <math.h>
 
 enum { EIGEN_SWEEPS = 30 }; /* most sweeps; three or four suffice, since convergence is quadratic */
-#define EIGEN_ZERO 1e-30    /* Fraction of the trace below which an element counts as 0. */
+#define EIGEN_ZERO 1e-30    /* Counts an element below this fraction of the trace as 0. */
 
 /* Rotates rows and columns i and j of a, and rows i and j of v, so that a[i][j] becomes 0. */
 static inline void eigen_rotate(double a[3][3], double v[3][3], int i, int j)

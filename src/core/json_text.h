@@ -6,7 +6,7 @@
 
 #include <stddef.h>
 
-/* surrogates of UTF-16: first low one, first high one, number of each */
+/* Lists UTF-16's first low surrogate, its first high one, and the number of each. */
 enum { JSON_LOW = 0xDC00, JSON_HIGH = 0xD800, JSON_SURROGATES = 0x400 };
 
 /* Writes the character at s for a string of JSON and returns the number of its bytes in s. A byte that is not

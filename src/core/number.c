@@ -128,7 +128,7 @@ static double number_scale_wide(uint64_t w, int e)
 #endif
 
 #ifndef FLT_EVAL_METHOD
-#define FLT_EVAL_METHOD -1 /* for compilers that do not define it */
+#define FLT_EVAL_METHOD -1 /* Stands in where a compiler does not define it. */
 #endif
 
 /* Chooses the fastest exact method. w: value of the digits, modulo 2^64 if there are

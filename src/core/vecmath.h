@@ -14,9 +14,10 @@
 #include <string.h>
 
 #define VECMATH_LN2 0.6931471805599453
-#define VECMATH_LN2_HIGH 6.93147180369123816490e-01 /* ln 2 cut to 32 bits, so that k times it is exact */
-#define VECMATH_LN2_LOW 1.90821492927058770002e-10  /* ln 2 less VECMATH_LN2_HIGH */
-/* 10 / ln 10, the dB of a factor e: PSNR = -this x ln(mean square error) */
+/* Holds ln 2 cut to 32 bits, so that k times it is exact. */
+#define VECMATH_LN2_HIGH 6.93147180369123816490e-01
+#define VECMATH_LN2_LOW 1.90821492927058770002e-10 /* Holds ln 2 less VECMATH_LN2_HIGH. */
+/* Holds 10 / ln 10, the dB of a factor e: PSNR = -this x ln(mean square error). */
 #define VECMATH_DECIBEL_OF_E 4.342944819032518
 
 static inline double vecmath_from_bits(uint64_t bits)

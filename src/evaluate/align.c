@@ -8,10 +8,10 @@
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 
-#define ALIGN_RATE 1e-3 /* Rate (rad) of the first step. */
-#define ALIGN_LAST 0.03 /* Rate of the last step, as a fraction of the first. */
-#define ALIGN_MOST 0.05 /* Greatest turn (rad), and move in median depths. */
-#define ALIGN_SSIM 0.2f /* Weight of SSIM in the loss [Kerbl 2023]. */
+#define ALIGN_RATE 1e-3 /* Sets the rate (rad) of the first step. */
+#define ALIGN_LAST 0.03 /* Sets the rate of the last step, as a fraction of the first. */
+#define ALIGN_MOST 0.05 /* Limits the turn (rad), and the move in median depths. */
+#define ALIGN_SSIM 0.2f /* Weights SSIM in the loss [Kerbl 2023]. */
 enum { ALIGN_STEPS = 40 };
 
 OXL_INTERNAL oxl_result align_view(oxl_context *ctx, const struct drawn *d, int view, const oxl_image *image,

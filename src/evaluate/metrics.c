@@ -12,9 +12,9 @@
 
 enum { METRICS_RADIUS = 5, METRICS_WINDOW = 2 * METRICS_RADIUS + 1 };
 #define METRICS_SIGMA 1.5
-#define METRICS_C1 (0.01 * 0.01) /* (k1 L)^2 with L = 1 [Wang 2004] */
+#define METRICS_C1 (0.01 * 0.01) /* Is (k1 L)^2 with L = 1 [Wang 2004]. */
 #define METRICS_C2 (0.03 * 0.03)
-#define METRICS_BEST_PSNR 100.0 /* PSNR (dB) of identical images. */
+#define METRICS_BEST_PSNR 100.0 /* Limits PSNR (dB), which is infinite for identical images. */
 
 /* Clamps a value to 0..1; NaN is 0, as in written images. */
 SIMD_INLINE double metrics_shown(float v)

@@ -17,10 +17,10 @@
 
 enum { STRUCTURE_FINE, STRUCTURE_COARSE, STRUCTURE_LOCAL, STRUCTURE_WIDTHS };
 static const double STRUCTURE_SIGMA[STRUCTURE_WIDTHS] = {1, 6, 6}; /* px; the third one is of the map */
-#define STRUCTURE_REACH 4                                          /* Reach of a window, in sigma. */
+#define STRUCTURE_REACH 4                                          /* Sets the reach of a window, in sigma. */
 enum { STRUCTURE_HALF_MAX = 24 }; /* px; STRUCTURE_REACH of the widest window */
 enum { STRUCTURE_RUN = 64 };      /* columns whose sums stay in registers */
-/* Mean square of a band below which it is the rounding of images to 8 bits: (1/255)^2 / 12. */
+/* Counts a band of a smaller mean square as the rounding of images to 8 bits: (1/255)^2 / 12. */
 #define STRUCTURE_NOISE 1.2816e-6
 #define STRUCTURE_DARK 1e-20 /* Keeps a product of mean squares from 0, against division by it. */
 

@@ -12,9 +12,10 @@ enum {
     CAMERA_STEPS = 32,       /* steps along a ray to the first direction outside the field of view */
     CAMERA_SHRINK = 64       /* px; most by which a side is corrected at the end */
 };
-#define CAMERA_PX_MAX 1e9      /* Bounds plausible focal lengths and principal points (px). */
-#define CAMERA_FOCAL_MIN 0.002 /* Least focal length, in longer sides of the image: 179.5 degrees. */
-/* Greatest distance of a side from the principal point, relative to the image's;
+#define CAMERA_PX_MAX 1e9 /* Bounds plausible focal lengths and principal points (px). */
+/* Bounds focal lengths from below, in longer sides of the image: 179.5 degrees. */
+#define CAMERA_FOCAL_MIN 0.002
+/* Limits the distance of a side from the principal point, relative to the image's;
  * COLMAP uses the same limit. */
 #define CAMERA_GROWTH 2.0
 

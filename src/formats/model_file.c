@@ -14,10 +14,11 @@
 
 #include "../core/bytes.h"
 
-#define MODEL_FILE_SCALE_MAX 88.7f /* log of the largest size that a float holds */
-#define MODEL_FILE_FLAT -87.0f     /* log of the smallest size, in the place of a width of 0 */
+#define MODEL_FILE_SCALE_MAX 88.7f /* Limits log sizes: a float holds no larger size. */
+#define MODEL_FILE_FLAT -87.0f     /* Replaces the log of a width of 0. */
 enum { MODEL_FILE_JUDGED = 100 };  /* least number of Gaussians by whose ranges a file is judged */
-#define MODEL_FILE_OPAQUE 20.0f    /* logit whose alpha is 1 to the last bit of a float */
+/* Replaces an infinite logit; its alpha is 0 or 1 to the last bit of a float. */
+#define MODEL_FILE_OPAQUE 20.0f
 
 enum {
     MODEL_FILE_ROWS = 256,      /* rows converted at a time */

@@ -27,14 +27,15 @@
 #include "frame_flip.h"
 
 #define SPZ_COLOUR 0.15   /* Scales colours so that those slightly below 0 and above 1 are in range. */
-#define SPZ_QUANTILE 0.99 /* Quantile of the coordinates that counts as nearly all Gaussians. */
-#define SPZ_ROOM 16.0     /* Range that must be representable, in extents of nearly all Gaussians. */
-#define SPZ_COARSE 1e-4   /* Step of positions, in the same extents, above which it shows and is warned of. */
-#define SPZ_FIXED_MAX 8388606 /* Largest coordinate in 24 bits. */
-#define SPZ_FEW 1000          /* One of so many Gaussians may be limited without a warning. */
+#define SPZ_QUANTILE 0.99 /* Sets the quantile of the coordinates that counts as nearly all Gaussians. */
+#define SPZ_ROOM 16.0     /* Sets the range that must be representable, in extents of nearly all Gaussians. */
+/* Sets the step of positions, in extents of nearly all Gaussians, above which a warning is logged. */
+#define SPZ_COARSE 1e-4
+#define SPZ_FIXED_MAX 8388606 /* Limits a coordinate to what 24 bits hold. */
+#define SPZ_FEW 1000          /* Allows one of so many Gaussians to be limited without a warning. */
 #define SPZ_LOG_SCALE_MIN -10.0
 #define SPZ_LOG_SCALE_MAX 5.9375
-#define SPZ_DEFLATE_MAX 1032 /* largest expansion of deflate (258 bytes from 2 bits) */
+#define SPZ_DEFLATE_MAX 1032 /* Bounds the expansion of deflate: 258 bytes from 2 bits. */
 
 enum {
     SPZ_HEADER = 16,

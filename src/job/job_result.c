@@ -11,7 +11,7 @@
 #include "../large/os_job.h"
 
 enum { JOB_STEPS_A_VIEW = 40 }; /* least training steps for each view that unseen_drop renders */
-#define JOB_EXPOSURE 0.5        /* Least difference (dB) of cc_psnr to PSNR with which it is logged. */
+#define JOB_EXPOSURE 0.5        /* Logs cc_psnr from this difference (dB) to PSNR on. */
 
 /* ---------------- models */
 

@@ -28,7 +28,8 @@ enum {
     LPIPS_LANES = 16, /* columns that are computed together */
     LPIPS_PAD = 2     /* columns of zeros on either side, at least the padding of a convolution */
 };
-#define LPIPS_EPSILON 1e-10 /* Added to the length of a feature vector, against division by 0 [lpips 0.1]. */
+/* Keeps the length of a feature vector from 0, against division by it [lpips 0.1]. */
+#define LPIPS_EPSILON 1e-10
 
 /* Lists the stages; each reads the one before it. Pooling is a stage of its own: 3 x 3, stride 2. */
 static const struct lpips_shape {

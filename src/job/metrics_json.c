@@ -12,7 +12,7 @@ static void metrics_json_add_depths(struct text *t, const oxl_metrics *m)
     text_add(t, "},\n");
 }
 
-/* number of values that are always written, and of all; the others are left out if they are NaN */
+/* Counts the values that are always written, and all; the others are left out if they are NaN. */
 enum { METRICS_ALWAYS = 8, METRICS_WRITTEN = 11 };
 
 /* Adds values as members of a JSON object, separated by `between`. */

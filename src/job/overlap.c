@@ -12,11 +12,14 @@
 
 /* Lists limits of a model that belongs to a survey. Twelve trained models have 1.0 to 1.1 of the diagonal, 95
  * to 99 % of the points and no empty pixel. */
-#define OVERLAP_SMALL 0.75 /* Least diagonal of the model's box, in diagonals of the survey's. */
-#define OVERLAP_LARGE 1.5 /* Greatest diagonal of the model's box: Gaussians of the background lie far out. */
-#define OVERLAP_INSIDE 0.6 /* Least fraction of the survey's points in the model's box. */
-#define OVERLAP_EMPTY 0.5  /* Greatest fraction of the pixels without a Gaussian. */
-/* The same of an object in front of a background: 0.65 of Lego's pixels show only the background. */
+/* Bounds the diagonal of the model's box from below, in diagonals of the survey's. */
+#define OVERLAP_SMALL 0.75
+/* Limits the diagonal of the model's box: Gaussians of the background lie far out. */
+#define OVERLAP_LARGE 1.5
+#define OVERLAP_INSIDE 0.6 /* Bounds the fraction of the survey's points in the model's box from below. */
+#define OVERLAP_EMPTY 0.5  /* Limits the fraction of the pixels without a Gaussian. */
+/* Limits the fraction of the pixels without a Gaussian for an object in front of a background: 0.65 of Lego's
+ * pixels show only the background. */
 #define OVERLAP_OBJECT 0.98
 enum {
     OVERLAP_POINTS = 20, /* least points, or Gaussians, that have a box */

@@ -9,7 +9,8 @@
 #include "../survey/scene_alpha.h"
 #include "../checks/checks.h"
 
-#define SURVEY_LOOK_MEMORY 0.9         /* Fraction of the allowed, or free, memory that a look may take. */
+/* Limits the memory that a look may take, as a fraction of the allowed, or free, memory. */
+#define SURVEY_LOOK_MEMORY 0.9
 enum { SURVEY_LOOK_POINTS = 1000000 }; /* most points of a survey that is looked at */
 
 static int survey_is_distorted(const struct colmap *c)

@@ -22,11 +22,11 @@ enum {
     TRAINING_SMALLEST = 24, /* px; longer side of the smallest image in which a shift is sought */
     TRAINING_LARGEST = 200  /* px; longer side of the largest one */
 };
-#define TRAINING_DECIBEL 2.5 /* Least decibels that a flagged view lacks. */
-/* Least excess of its exposure in spreads: one of 10^5 views of a normal distribution. */
+#define TRAINING_DECIBEL 2.5 /* Flags a view that lacks so many decibels. */
+/* Flags a view whose exposure is off by so many spreads: one of 10^5 views of a normal distribution. */
 #define TRAINING_SPREADS 4.5
-/* Fraction of the error that a shift explains, from which on a pose is wrong: displaced views have 0.09 to
- * 0.52, a sound survey at most 0.05. */
+/* Counts a pose as wrong if a shift explains this fraction of the error: it explains 0.09 to 0.52 in
+ * displaced views, at most 0.05 in a sound survey. */
 #define TRAINING_SHIFTED 0.07
 #define TRAINING_NO_STRUCTURE "no structure" /* Flags views below OXL_STRUCTURE_NONE. */
 

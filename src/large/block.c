@@ -19,14 +19,16 @@
 
 #define BLOCK_LOG_ROWS 200     /* Limits the rows of log.csv in a whole run. */
 #define BLOCK_LOG_SECONDS 30.0 /* Limits the age of log.csv on disk. */
-/* Fraction of the run's steps for which the standard model is refined. With a medium or gains it takes twice
- * as many steps, or three times as many up to BLOCK_REFINE_MORE (docs/IMAGING.md). */
+/* Sets the fraction of the run's steps for which the standard model is refined; it takes twice as many steps
+ * with a medium or gains (docs/IMAGING.md). */
 #define BLOCK_REFINE 0.05
+/* Limits the steps up to which a medium or gains take three times as many, not twice. */
 #define BLOCK_REFINE_MORE 300
 /* Multiplies the learning rate of SH where the standard model learns the colours that a medium gave. */
 #define BLOCK_REFINE_SH 10
-/* Multiplies the learning rates of SH and of the base colours where it learns what gains gave. */
+/* Multiplies the learning rate of SH where the standard model learns what gains gave. */
 #define BLOCK_REFINE_GAINS_SH 3
+/* Multiplies the rate of base colours where the standard model learns what gains gave. */
 #define BLOCK_REFINE_GAINS_SH0 2
 
 struct block {

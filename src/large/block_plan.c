@@ -14,16 +14,18 @@
 #include "../survey/scene.h"
 #include "../model/model.h"
 
-#define PLAN_PIXEL_COST 0.35 /* Price of a pixel of a window, in fractions of a pixel (docs/log/SCALE.md). */
-/* Least gain of a window, as a fraction of the image's pixels; the block does
+/* Sets the price of a pixel of a window, in fractions of a pixel (docs/log/SCALE.md). */
+#define PLAN_PIXEL_COST 0.35
+/* Bounds the gain of a window from below, as a fraction of the image's pixels: the block does
  * without views that give less. */
 #define PLAN_MIN 0.002
-/* A view may show this fraction of the Gaussians that memory holds: views differ in how they grow. */
+/* Limits the Gaussians that a view shows to this fraction of those that memory holds: views
+ * differ in how they grow. */
 #define PLAN_VIEW_FRACTION 0.8
 #define PLAN_VIEWS_MAX (1 << 24)
 #define PLAN_GAUSSIANS_MAX 1e15 /* Limits the number of Gaussians in a file. */
-#define PLAN_VIEW_TEXT 10       /* Least number of bytes in a view's line. */
-#define PLAN_TILE 16            /* Step (px) of the edges of windows, besides the image's borders. */
+#define PLAN_VIEW_TEXT 10       /* Bounds the bytes of a view's line from below. */
+#define PLAN_TILE 16            /* Sets the step (px) of the edges of windows, besides the image's borders. */
 
 OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan)
 {

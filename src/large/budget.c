@@ -13,19 +13,20 @@
 #include "../survey/scene.h"
 #include "os_job.h"
 
-/* Fraction of the budget that is planned with: predictions are right within about 10 %. */
+/* Plans with this fraction of the budget: predictions are right within about 10 %. */
 #define BUDGET_MARGIN 0.9
 /* Limits the fraction of the budget for decoded images: others are read from files (docs/SCALE.md). */
 #define BUDGET_CACHE 0.1
-/* Growth for which a block needs room: this factor of the Gaussians that it starts with, or
+/* Makes room in a block for this factor of the Gaussians that it starts with, or for
  * BUDGET_EXPECTED, if that is less. */
 #define BUDGET_GROWTH 1.25
-/* Factor of the Gaussians that a block is expected to end with; if these fit, no limit is
+/* Predicts the Gaussians that a block ends with, as a factor of those at its start; if they fit, no limit is
  * reduced (docs/log/FORECAST.md). */
 #define BUDGET_EXPECTED 1.5
-#define BUDGET_ADVICE 1.1  /* Factor of the least budget that is named in an error. */
-#define BUDGET_POINTS 1000 /* Least number of points in a block. */
-/* SH degree if memory is short: more Gaussians are worth more than degree 3 (docs/log/SCALE.md). */
+#define BUDGET_ADVICE 1.1  /* Multiplies the least budget for the one that an error names. */
+#define BUDGET_POINTS 1000 /* Bounds the points of a block from below. */
+/* Limits the SH degree if memory is short: more Gaussians are worth more than
+ * degree 3 (docs/log/SCALE.md). */
 #define BUDGET_SH 1
 
 OXL_INTERNAL size_t budget_cache(const oxl_job_options *o)

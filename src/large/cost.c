@@ -13,31 +13,32 @@
 
 /* Lists constants measured on 2 cores with AVX-512, on surveys of 5 000 to 30 000
  * points (docs/log/SPEED.md). */
-/* (Gaussian, pixel) pairs evaluated forward per pixel; backward costs 2.5 times as much. */
+/* Counts (Gaussian, pixel) pairs evaluated forward per pixel; backward costs 2.5 times as much. */
 #define COST_PAIRS_PER_PIXEL 40.0
-#define COST_PAIR_RATE 1.0e9      /* Pairs per second and thread, with AVX2 or better. */
-#define COST_PAIR_RATE_BASE 0.2e9 /* Pairs per second and thread without AVX2. */
-/* s per pixel for SSIM forward and backward, and for the image's conversion to float. */
+#define COST_PAIR_RATE 1.0e9      /* Counts pairs per second and thread, with AVX2 or better. */
+#define COST_PAIR_RATE_BASE 0.2e9 /* Counts pairs per second and thread, without AVX2. */
+/* Counts s per pixel for SSIM forward and backward, and for the image's conversion to float. */
 #define COST_PIXEL_COST 1.0e-7
-#define COST_GAUSSIAN_COST 6.0e-8 /* s per Gaussian for projection, binning and Adam. */
-#define COST_PIXEL_BYTES 160.0    /* Bytes of working memory per pixel: images, SSIM's maps. */
-#define COST_PROGRAM_BYTES 1.2e7  /* Bytes of the program itself; measured: 9 to 10 MB. */
-/* Lists bytes of a device, as backends/vulkan reserves them: per row; per (tile, splat) pair, of which a view
- * of all Gaussians has COST_DEVICE_PAIRS each; per pixel of loss and image; in all. COST_DEVICE_ROOM is a
- * quarter more of what grows. */
+#define COST_GAUSSIAN_COST 6.0e-8 /* Counts s per Gaussian for projection, binning and Adam. */
+#define COST_PIXEL_BYTES 160.0    /* Counts bytes of working memory per pixel: images, SSIM's maps. */
+#define COST_PROGRAM_BYTES 1.2e7  /* Counts bytes of the program itself; measured: 9 to 10 MB. */
+/* Counts bytes per row on a device, as backends/vulkan reserves them. */
 #define COST_DEVICE_ROW 110.0
-#define COST_DEVICE_PAIR 84.0
-#define COST_DEVICE_PAIRS 8.0
-#define COST_DEVICE_PIXEL 125.0
-#define COST_DEVICE_BYTES 2e6
+#define COST_DEVICE_PAIR 84.0   /* Counts bytes per (tile, splat) pair on a device. */
+#define COST_DEVICE_PAIRS 8.0   /* Counts pairs per row in a view of all Gaussians. */
+#define COST_DEVICE_PIXEL 125.0 /* Counts bytes per pixel of loss and image on a device. */
+#define COST_DEVICE_BYTES 2e6   /* Counts bytes on a device that do not grow. */
+/* Multiplies the bytes on a device that grow with the Gaussians: a quarter more is reserved. */
 #define COST_DEVICE_ROOM 1.25
-/* Factor of the time of a run in several blocks, each of which is rendered with Gaussians
+/* Multiplies the time of a run in several blocks, each of which is rendered with Gaussians
  * of others (docs/SCALE.md). */
 #define COST_CONTEXT 1.25
 /* Limits a preset's iterations per image: more overfit (docs/TRADEOFF.md). */
 #define COST_STEPS_PER_IMAGE 700
-#define COST_WITHIN 3.0      /* Times computed from counts are right within this factor. */
-#define COST_WITHIN_LOOK 1.7 /* Times extrapolated from the steps of a look are right within this factor. */
+/* Bounds the error of times computed from counts: they are right within this factor. */
+#define COST_WITHIN 3.0
+/* Bounds the error of times extrapolated from the steps of a look: they are right within this factor. */
+#define COST_WITHIN_LOOK 1.7
 
 OXL_INTERNAL int cost_iterations(const oxl_job_options *o, int images)
 {

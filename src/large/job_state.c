@@ -9,9 +9,9 @@
 #include "../survey/scene.h"
 #include "os_job.h"
 
-#define JOB_MEMORY_FRACTION 4 /* A merged model of more than --ram divided by this stays in its file. */
-#define JOB_SECONDS_MIN 1e-3  /* Least time left, since 0 would be no limit. */
-/* Free disk that decoded images need, in their own size: a full disk must not stop the run. */
+#define JOB_MEMORY_FRACTION 4 /* Leaves a merged model of more than --ram divided by this in its file. */
+#define JOB_SECONDS_MIN 1e-3  /* Bounds the time left from below, since 0 would be no limit. */
+/* Requires free disk for decoded images, in their own size: a full disk must not stop the run. */
 #define JOB_DISK 4
 
 /* ---------------- files of OUT */

@@ -8,12 +8,12 @@
 #include "../survey/imaging.h"
 
 /* Lists fractions of a run in blocks (docs/SCALE.md). */
-#define JOB_COARSE 0.15 /* Fraction of the coarse model of the survey. */
-#define JOB_MERGED 0.35 /* Fraction of the merged model. */
-/* Fraction of the merged model with pruning or second lobes, which must end before it. */
+#define JOB_COARSE 0.15 /* Gives the coarse model of the survey this fraction of a run in blocks. */
+#define JOB_MERGED 0.35 /* Gives the merged model this fraction of a run in blocks. */
+/* Gives the merged model this fraction of a run with pruning or second lobes, which must end before it. */
 #define JOB_MERGED_LATER 0.2
-#define JOB_ROUNDS 4 /* Rounds of each block between coarse and merged model. */
-#define JOB_WAIT 0.5 /* s between checks of the work of other processes. */
+#define JOB_ROUNDS 4 /* Counts rounds of each block between coarse and merged model. */
+#define JOB_WAIT 0.5 /* Waits so many s between checks of the work of other processes. */
 
 /* Lists the files of OUT that are written under a temporary name; those of renders/ are RENDER_FILES. */
 #define JOB_FILES                                                                              \

@@ -9,7 +9,7 @@
 
 /* ---------------- partition_make.c: balanced blocks of a survey */
 
-/* Half-open box, low <= x < high, in the partition's frame; outer faces are infinite. */
+/* Holds a half-open box, low <= x < high, in the partition's frame; outer faces are infinite. */
 struct partition_box {
     double low[3], high[3];
 };

@@ -6,7 +6,7 @@
 #include "large.h"
 
 #define PARTITION_NO_BLOCK UINT32_MAX /* Marks a point that the scene drops. */
-/* Number of parts of a parallel loop, each with its own scratch; results do not depend on it. */
+/* Splits a parallel loop into so many parts, each with its own scratch; results do not depend on it. */
 enum { PARTITION_TASKS = 16 };
 
 /* ---------------- partition_axes.c: the frame */

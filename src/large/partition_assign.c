@@ -11,7 +11,7 @@ enum {
     /* views; a block with fewer overfits, and takes more border views (docs/SCALE.md) */
     PARTITION_ENOUGH_VIEWS = 50
 };
-#define PARTITION_MARGIN 0.05 /* Margin on each side, in sizes of the box [BlockGaussian]. */
+#define PARTITION_MARGIN 0.05 /* Enlarges the box on each side, in sizes of the box [BlockGaussian]. */
 
 /* ---------------- boxes */
 

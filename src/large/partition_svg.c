@@ -26,9 +26,9 @@ enum {
     DRAW_DIGITS = 20, /* px; width of a block's number */
     DRAW_ROOM = 96    /* bytes of a count or of the attributes of a shape */
 };
-#define DRAW_MARGIN 0.05 /* Margin around the extents, as a fraction of them. */
-#define DRAW_POINT 1e-9  /* Extent (units) of points that are all in one place. */
-#define DRAW_FLAT 1e-3   /* Least extent that is drawn, as a fraction of the largest extent. */
+#define DRAW_MARGIN 0.05 /* Enlarges the drawing around the extents, as a fraction of them. */
+#define DRAW_POINT 1e-9  /* Replaces the extent (units) of points that are all in one place. */
+#define DRAW_FLAT 1e-3   /* Bounds the drawn extent from below, as a fraction of the largest extent. */
 
 static const char *const draw_colour[DRAW_COLOURS] = {"#1f77a8", "#e07b39", "#3a9d6e", "#b5507f",
                                                       "#7a68b3", "#c9a227", "#3fa7b5", "#c4504b",

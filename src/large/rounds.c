@@ -20,7 +20,7 @@
 #include "../model/model.h"
 #include "os_job.h"
 
-/* Fraction of the merged model's steps after which its Gaussians split once more (docs/log/SCALE.md). */
+/* Splits Gaussians of the merged model once more after this fraction of its steps (docs/log/SCALE.md). */
 #define ROUNDS_GROWTH 0.25
 
 struct rounds {

@@ -518,7 +518,8 @@ static void model_neighbour_distances(oxl_context *ctx, const struct model_tree 
 
 /* ---------------- start from points: the rows */
 
-#define MODEL_SQUARE_MIN 1e-4 /* Least squared width, as a fraction of the median's (model_widths). */
+/* Bounds a squared width from below, as a fraction of the median's (model_widths). */
+#define MODEL_SQUARE_MIN 1e-4
 
 /* Replaces mean squared distances by log widths, in place. Almost coincident points would have almost width
  * 0: 3DGS limits the square to 1e-7; our unit is arbitrary, so the limit is 1 % of the median width. A single

@@ -6,7 +6,7 @@
 
 /* ---------------- model.c: planes of Gaussians */
 
-#define MODEL_SH0 0.28209479177387814 /* Y_0^0 = 1 / (2 sqrt(pi)), so that colour = 0.5 + SH0 f_dc */
+#define MODEL_SH0 0.28209479177387814 /* Is Y_0^0 = 1 / (2 sqrt(pi)), so that colour = 0.5 + SH0 f_dc. */
 
 /* Describes a model's memory: one allocation, in which each plane starts on a 64-byte line. Capacity is a
  * multiple of 16 and at least 16, so kernels may read and write whole packs of 16 rows up to it; rows from
@@ -31,9 +31,9 @@ OXL_INTERNAL double model_row_bytes(int sh_degree);
 /* Counts the planes of the second lobe, which are allocated only for the first `lobes`
  * rows, up to a whole pack. */
 enum { MODEL_LOBE_PLANES = OXL_PLANES - OXL_LOBE };
-#define MODEL_OPACITY 0.1              /* Opacity of a new Gaussian [Kerbl 2023]. */
-#define MODEL_LOBE_RATE_OPACITY 0.025f /* Adam's rate of plane OXL_LOBE ["Prune Wisely", code]. */
-#define MODEL_LOBE_RATE_SCALE 0.005f   /* Adam's rate of planes OXL_LOBE + 1..3. */
+#define MODEL_OPACITY 0.1              /* Sets the opacity of a new Gaussian [Kerbl 2023]. */
+#define MODEL_LOBE_RATE_OPACITY 0.025f /* Sets Adam's rate of plane OXL_LOBE ["Prune Wisely", code]. */
+#define MODEL_LOBE_RATE_SCALE 0.005f   /* Sets Adam's rate of planes OXL_LOBE + 1..3. */
 /* Gives rows 0..lobes-1 a second lobe; new lobes are zero. */
 OXL_INTERNAL oxl_result model_set_lobes(oxl_context *ctx, oxl_model *model, size_t lobes);
 OXL_INTERNAL void model_drop_lobes(oxl_model *model);

@@ -26,8 +26,8 @@ enum {
     CONTRAST_CELLS = 7,        /* cells on a side of a patch */
     CONTRAST_MIN = 100         /* least observations */
 };
-#define CONTRAST_CELL 2.0     /* Width (px) of a cell in the farthest view of a point. */
-#define CONTRAST_CELL_MAX 8.0 /* Greatest width (px) of a cell: nearer views are left out. */
+#define CONTRAST_CELL 2.0     /* Sets the width (px) of a cell in the farthest view of a point. */
+#define CONTRAST_CELL_MAX 8.0 /* Limits the width (px) of a cell: nearer views are left out. */
 /* Adds this (8-bit levels^2) to the variance, so that rounding and sensor noise do not count as contrast. */
 #define CONTRAST_FLOOR 1.0
 

@@ -11,7 +11,7 @@
 #include "survey.h"
 #include "tracks.h"
 
-#define BANDS_REACH (1.0 / 16) /* Reach of a point, as a fraction of the image's longer side. */
+#define BANDS_REACH (1.0 / 16) /* Sets the reach of a point, as a fraction of the image's longer side. */
 enum { BANDS_MAX = 1 << 22 };  /* most observations; every k-th is taken if there are more */
 
 static void depth_bands_add(struct depth_bands *b, const oxl_scene *scene, int view, const double world[3])

@@ -8,7 +8,7 @@
 #include "sparse.h"
 #include "image.h"
 
-#define IMAGE_FILE_MAGIC UINT64_C(0x31474d494c584f) /* "OXLIMG1" */
+#define IMAGE_FILE_MAGIC UINT64_C(0x31474d494c584f) /* Spells "OXLIMG1". */
 enum { IMAGE_FILE_HEAD = 4 };                       /* magic, key, width and height, mask */
 
 static size_t image_file_bytes(const struct training_image *image)

@@ -14,7 +14,7 @@
 #include "scene.h"
 #include "../core/vecmath.h"
 
-#define IMAGING_CAMERA_VIEWS 4 /* Least views of a camera, on average. */
+#define IMAGING_CAMERA_VIEWS 4 /* Bounds the mean number of views of a camera from below. */
 
 OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out)
 {

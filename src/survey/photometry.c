@@ -30,20 +30,24 @@
 #define PHOTOMETRY_VEIL -1.2 /* Starts the fit at this log of Binf. */
 /* Weights the square of a channel's sum of log gains, so that their mean is 0. */
 #define PHOTOMETRY_CENTRE 1e3
-#define PHOTOMETRY_HUBER 1.5 /* Size of a residual, in sigma, from which on it counts less (Huber). */
-/* Ratio of a normal distribution's standard deviation to the median of its absolute values. */
+/* Sets the size of a residual, in sigma, from which on it counts less (Huber). */
+#define PHOTOMETRY_HUBER 1.5
+/* Makes the median of absolute values the standard deviation of a normal distribution. */
 #define PHOTOMETRY_NORMAL 1.48
 /* Bounds sigma from below (fraction of white), since synthetic tracks may be exact. */
 #define PHOTOMETRY_SIGMA_MIN 1e-4
-/* Fraction that is added to the diagonal at the start (Levenberg-Marquardt). */
+/* Adds this fraction to the diagonal at the start (Levenberg-Marquardt). */
 #define PHOTOMETRY_DAMPING 1e-3
-#define PHOTOMETRY_DAMPING_MIN 1e-6 /* Least fraction. */
-#define PHOTOMETRY_DAMPING_MAX 1e4  /* Fraction at which the search ends. */
-#define PHOTOMETRY_HARDER 10        /* Factor of the fraction after a step that does not lower the cost. */
-#define PHOTOMETRY_EASIER 0.2       /* Factor of the fraction after a step that lowers the cost. */
-#define PHOTOMETRY_GAIN_MIN 1e-4    /* A step that lowers the cost by less than this fraction is the last. */
-#define PHOTOMETRY_RADIUS 1.0       /* Half the side of a patch (px) in the point's farthest view. */
-#define PHOTOMETRY_WIDE 5.0         /* Greatest half side of a patch (px) in nearer views. */
+#define PHOTOMETRY_DAMPING_MIN 1e-6 /* Bounds the fraction added to the diagonal from below. */
+#define PHOTOMETRY_DAMPING_MAX 1e4  /* Ends the search at this fraction added to the diagonal. */
+/* Multiplies the fraction added to the diagonal after a step that does not lower the cost. */
+#define PHOTOMETRY_HARDER 10
+/* Multiplies the fraction added to the diagonal after a step that lowers the cost. */
+#define PHOTOMETRY_EASIER 0.2
+/* Ends the search after a step that lowers the cost by a smaller fraction. */
+#define PHOTOMETRY_GAIN_MIN 1e-4
+#define PHOTOMETRY_RADIUS 1.0 /* Sets half the side (px) of a patch in the point's farthest view. */
+#define PHOTOMETRY_WIDE 5.0   /* Limits half the side (px) of a patch in nearer views. */
 /* Lists standard deviations of the priors: logs of attenuation over the median range, of bB / bD, of Binf;
  * gains; the lamps' common shape, and a camera's deviation from it. In clear water the tracks hardly
  * determine bB, and a wrong one costs 2 dB (docs/log/IMAGING.md). */
@@ -52,8 +56,8 @@ static const double photometry_prior[6] = {1.5, 0.2, 1.5, 0.2, 0.3, 0.1};
  * surveys with a medium they grow to 2 to 4 times, in those without to 1.01 times (docs/log/IMAGING.md); a
  * lamp gains nothing at 1.09 times, 0.3 dB at 1.21 (docs/log/PARSIMONY.md). */
 static const double photometry_evidence[3] = {0.1, 0.15, 0.02};
-/* Least growth without a lamp's shape for each camera: if points cover only a part of the images,
- * these are ill determined. */
+/* Bounds from below the growth without a lamp's shape for each camera: if points cover only a part of the
+ * images, these shapes are ill determined. */
 #define PHOTOMETRY_SEPARATE 0.1
 
 /* ---------------- which points in which images */

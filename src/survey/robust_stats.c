@@ -16,7 +16,7 @@ enum {
     STATS_VIEWS = 64,
     STATS_POINTS = STATS_SAMPLE / STATS_VIEWS
 };
-/* Ratio of a normal distribution's standard deviation to its median absolute deviation. */
+/* Makes the median absolute deviation the standard deviation of a normal distribution. */
 #define STATS_NORMAL 1.4826
 #define STATS_OUTLIER 5.0 /* Leaves out cameras beyond this multiple of the median distance. */
 

@@ -3,10 +3,10 @@
 #include "scene.h"
 #include "survey.h"
 
-#define SCENE_STEPS 1000          /* Most steps from a pixel to its direction. */
-#define SCENE_PIXEL_ERROR 1e-3    /* Greatest distance (px) of the direction's pixel from the given one. */
-#define SCENE_NEAR 0.2            /* Near plane, in 1 % quantiles of the depths. */
-#define SCENE_NEAR_POINTLESS 0.01 /* Near plane, in extents, of a scene without points. */
+#define SCENE_STEPS 1000          /* Limits the steps from a pixel to its direction. */
+#define SCENE_PIXEL_ERROR 1e-3    /* Limits the distance (px) of the direction's pixel from the given one. */
+#define SCENE_NEAR 0.2            /* Sets the near plane, in 1 % quantiles of the depths. */
+#define SCENE_NEAR_POINTLESS 0.01 /* Sets the near plane, in extents, of a scene without points. */
 
 OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t point, double x[3],
                                      double pixel[2])

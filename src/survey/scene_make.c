@@ -9,8 +9,9 @@
 #include "scene.h"
 #include "survey.h"
 
-#define SCENE_EXTENT 1.1      /* Extent, in radii of the training cameras [Kerbl 2023]. */
-#define SCENE_EXTENT_MIN 1e-3 /* Least radius, in median depths; a smaller one counts as one position. */
+#define SCENE_EXTENT 1.1 /* Sets the extent, in radii of the training cameras [Kerbl 2023]. */
+/* Bounds the radius from below, in median depths; a smaller one counts as one position. */
+#define SCENE_EXTENT_MIN 1e-3
 
 /* ---------------- memory */
 

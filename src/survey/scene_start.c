@@ -22,7 +22,7 @@ enum {
     START_TRANSPARENT = 64, /* alpha from which on a pixel shows the scene */
     START_LEAST = 10 /* The hull is not used if it holds fewer than the wanted points divided by this. */
 };
-#define START_FAR 3.0 /* Largest depth that is drawn, in extents. */
+#define START_FAR 3.0 /* Limits the depth that is drawn, in extents. */
 
 struct start_map { /* Marks (height,width) with 1 where the view shows the scene. */
     int width, height;
