@@ -7,7 +7,8 @@
  *   - a row here, or in the file of the part of training that it belongs to (src/parts); `use` names the
  *   commands that take it, and states whether the bytes of the result depend on it (RESULT), and where it
  *     does not apply: in a refinement (NOT_REFINED), in several blocks (ONE_BLOCK);
- *   - a field in oceanxl.h or oceanxl_job.h, and the code in src/ that reads it;
+ *   - a field in oceanxl.h or oceanxl_job.h (while it is tried out: a place of train.tried), and the code in
+ *     src/ that reads it;
  *   - `make man`, and a test.
  *
  * Invariants: row 0 is the preset, row 1 --iterations. The text that oxl_option_get writes is read back by
