@@ -116,17 +116,26 @@ TEST(gaps_are_looked_for_without_images_that_cannot_be_read)
     }
 }
 
-/* The forecast counts on them. */
+/* The forecast counts on them. The run takes them over, and begins as without a look. */
 TEST(look_begins_with_as_many_gaussians_as_the_run_gaps_included)
 {
     oxl_scene *scene = gaps_test_scene(1, 1);
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
     struct look look;
-    oxl_model model;
+    oxl_model model, after;
     o.iterations = 5, o.max_gaussians = 40000;
-    CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &look));
     CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &model));
+    CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &look));
     CHECK(look.gaussians == (double)model.count && model.count > oxl_scene_point_count(scene));
+    CHECK(scene->found && scene->found_count > 0);
+    CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &after));
+    CHECK(!scene->found && train_same(&model, &after));
+    CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &look));
+    o.max_gaussians = 28700; /* Allows fewer than the look found. */
+    oxl_model_free(test_ctx, &after);
+    CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &after));
+    CHECK(scene->found && after.count < model.count);
     oxl_model_free(test_ctx, &model);
+    oxl_model_free(test_ctx, &after);
     oxl_scene_free(test_ctx, scene);
 }

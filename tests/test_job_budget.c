@@ -203,6 +203,27 @@ TEST(budget_counts_the_images_that_are_on_their_way)
     CHECK_CLOSE(cost_estimate(test_ctx, &o, &load).memory - before, 120e6, 1);
 }
 
+static double budget_test_bytes_each(const oxl_job_options *o)
+{
+    const struct cost_load load = budget_test_load();
+    return (cost_memory(o, &load, 1e5) - cost_memory(o, &load, 0)) / 1e5;
+}
+
+/* A run without trials that ends with gains or a medium holds its model while another one is refined. */
+TEST(budget_counts_the_model_beside_which_one_for_viewers_is_refined)
+{
+    oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
+    const double model = 4 * (OXL_SH + 48);
+    double without;
+    o.train.sh_degree = 3;
+    o.train.exposure = OXL_OFF, o.train.medium = OXL_OFF, o.train.dog = OXL_DOG_OFF;
+    without = budget_test_bytes_each(&o);
+    o.train.exposure = OXL_AUTO;
+    CHECK_CLOSE(budget_test_bytes_each(&o) - without, model, 1e-6);
+    o.train.exposure = OXL_OFF, o.train.medium = OXL_ON;
+    CHECK_CLOSE(budget_test_bytes_each(&o) - without, model, 1e-6);
+}
+
 TEST(budget_decides_the_same_on_any_number_of_threads)
 {
     struct cost_load load = budget_test_load();

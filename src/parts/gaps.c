@@ -560,12 +560,30 @@ OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, oxl_scene *scene, size_t m
     return rc;
 }
 
+/* Keeps a copy for the run behind a look. */
+static oxl_result gaps_keep(struct train *t, size_t most, const oxl_point *point, size_t count)
+{
+    oxl_scene *scene = t->scene;
+    oxl_free(t->ctx, scene->found);
+    scene->found = oxl_alloc(t->ctx, count + 1, sizeof *point);
+    if (!scene->found) return OXL_ERR_MEMORY;
+    scene->found_count = count, scene->found_most = most;
+    if (count > 0) memcpy(scene->found, point, count * sizeof *point);
+    return OXL_OK;
+}
+
 static oxl_result gaps_first_points(struct train *t, oxl_point **out, size_t *count)
 {
     const size_t points = oxl_scene_point_count(t->scene), cap = schedule_gaussian_cap(t->scene, t->options),
-                 room = cap > points ? (size_t)(GAPS_FRACTION * (double)(cap - points)) : 0;
+                 room = cap > points ? (size_t)(GAPS_FRACTION * (double)(cap - points)) : 0,
+                 most = t->options->gaps ? room : 0;
     const int every = t->is_look ? 1 + oxl_scene_view_count(t->scene) / GAPS_LOOK : 1;
-    const oxl_result rc = gaps_points(t->ctx, t->scene, t->options->gaps ? room : 0, every, out, count);
+    oxl_result rc = OXL_OK;
+    if (!t->is_look && t->scene->found && t->scene->found_most == most) {
+        *out = t->scene->found, *count = t->scene->found_count;
+        t->scene->found = NULL;
+    } else rc = gaps_points(t->ctx, t->scene, most, every, out, count);
+    if (rc == OXL_OK && t->is_look && every == 1) rc = gaps_keep(t, most, *out, *count);
     if (rc == OXL_OK && *count > 0)
         oxl_log(t->ctx, OXL_LOG_INFO, "%zu points added where views have pixels without one", *count);
     return rc;

@@ -29,6 +29,10 @@ struct oxl_scene {
 
     oxl_point *point;
     size_t point_count;
+    /* Points that a first look has added (src/parts/gaps.c), under the limit found_most, which the run behind
+     * it takes; NULL: none */
+    oxl_point *found;
+    size_t found_count, found_most;
     double *depth; /* (depth_count) sample of the points' depths in the training views, ascending */
     size_t depth_count;
 

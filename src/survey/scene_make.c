@@ -36,7 +36,7 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
         oxl_free(ctx, (char *)scene->view[i].name);
     image_cache_free(ctx, &scene->cache);
     imaging_free(ctx, &scene->imaging);
-    oxl_free(ctx, scene->lpips);
+    OXL_FREE(ctx, scene->lpips, scene->found);
     OXL_FREE(ctx, scene->view, scene->source, scene->on_disk, scene->decoded, scene->given);
     if (scene->map.data) { /* Unmaps the other arrays. */
         oxl_free(ctx, scene->colmap.camera);
