@@ -11,6 +11,28 @@ TEST(selection_validates_on_an_eighth_of_the_views_and_eight_at_most)
     CHECK(held == 2);
 }
 
+/* Density control, and the trial, at step 50 of 100. */
+TEST(selection_trains_all_views_but_for_a_tenth_of_the_run_before_a_trial)
+{
+    NEEDS_PART(sh_degree);
+    oxl_train_options o = train_options(100);
+    struct train t = {
+        .ctx = test_ctx, .scene = train_scene(14), .options = &o, .decisions = {.ctx = test_ctx}};
+    oxl_scene *scene = t.scene;
+    const int views = schedule_training_views(scene);
+    o.sh_degree = -1;
+    CHECK_OK(train_begin(&t));
+    while (t.step < 60) {
+        if (t.trial) CHECK_OK(selection_trial(&t));
+        t.step++;
+        CHECK_OK(train_step(&t));
+        CHECK(t.validation_views == (t.step > 40 && t.step <= 50) && t.views + t.validation_views == views);
+        CHECK(!t.trial == (t.step != 50));
+    }
+    train_end(&t);
+    oxl_scene_free(test_ctx, scene);
+}
+
 /* Three ways of four with bands, one of two with lobes, each a fortieth of the run. */
 TEST(selection_predicts_the_steps_of_its_trials)
 {

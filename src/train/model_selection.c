@@ -1,11 +1,13 @@
 /* model_selection.c - model only what the scene requires: SH degree and second lobes are kept if they improve
  * validation views.
  *
- * Some training views are validation views until the last decision, and are trained from then on. A decision
- * is a trial: each alternative is trained from the same state for a fortieth of the run, and the smallest one
- * that is good enough is kept. (Rendering without its higher SH degrees is no evidence: the lower ones have
- * adapted to them. By that test a scene without view dependence seemed to need degree 3.) Each decision is
- * noted with its evidence (run.json).
+ * Some training views are validation views: from SELECTION_HELD of the run before the end of density control
+ * to the last decision they are not trained on. Held out from the first step they are what a short run does
+ * not learn any more (docs/log/GROWTH.md); what the model knows of them from before is the same in all
+ * alternatives. A decision is a trial: each alternative is trained from the same state for a fortieth of the
+ * run, and the smallest one that is good enough is kept. (Rendering without its higher SH degrees is no
+ * evidence: the lower ones have adapted to them. By that test a scene without view dependence seemed to need
+ * degree 3.) Each decision is noted with its evidence (run.json).
  *
  * Invariant: a decision is a function of the state after the step that it follows; a run stopped in a trial
  * repeats the trial.
@@ -16,6 +18,7 @@
 
 /* mean squared error of 2 grey levels, as of a JPEG image: gains below it are no evidence */
 #define SELECTION_NOISE 6e-5
+#define SELECTION_HELD 0.1        /* of the run */
 enum { SELECTION_VIEWS_MAX = 8 }; /* limit of validation views */
 
 /* Adds choice and evidence as a member of the object. */
@@ -53,25 +56,42 @@ static int selection_is_training_view(const struct train *t, int view)
     return !oxl_scene_view(t->scene, view)->is_test && (!t->task.window || t->task.window[view].width > 0);
 }
 
-/* Sorts views into training and validation views, both in name order. */
 OXL_INTERNAL oxl_result selection_begin(struct train *t)
 {
-    int views = 0, index = 0, holds;
-    for (int i = 0; i < oxl_scene_view_count(t->scene); i++) views += selection_is_training_view(t, i);
-    holds = parts_validate_until(t) > 0 && views >= SELECTION_VIEWS_MIN;
-    t->view = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->view);
-    t->validation = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->validation);
+    const size_t views = (size_t)oxl_scene_view_count(t->scene);
+    t->view = oxl_alloc(t->ctx, views + 1, sizeof *t->view);
+    t->validation = oxl_alloc(t->ctx, SELECTION_VIEWS_MAX, sizeof *t->validation);
     if (!t->view || !t->validation) return OXL_ERR_MEMORY;
-    for (int i = 0; i < oxl_scene_view_count(t->scene); i++) {
-        const int trains = selection_is_training_view(t, i),
-                  validation = trains && holds && selection_is_validation_view(index++, views);
-        if (validation) t->validation[t->validation_views++] = i;
-        else if (trains) t->view[t->views++] = i;
-    }
+    for (int i = 0; i < (int)views; i++)
+        if (selection_is_training_view(t, i)) t->view[t->views++] = i;
     if (t->views == 0)
         return oxl_fail(t->ctx, OXL_ERR_INPUT,
                         "there is no training view\nfix: --test-every 0 holds none out");
     return OXL_OK;
+}
+
+/* Returns the place of a view among those that are trained; t->views: it is not there, or cannot be read. */
+static int selection_slot(const struct train *t, int view)
+{
+    int slot = 0;
+    while (slot < t->views && t->view[slot] != view) slot++;
+    return slot;
+}
+
+OXL_INTERNAL void selection_hold_views(struct train *t)
+{
+    const oxl_train_options *o = t->options;
+    const int views = t->views;
+    int index = 0;
+    if (t->validation_views > 0 || t->step <= (o->densify_until - SELECTION_HELD) * o->iterations) return;
+    if (t->step > parts_validate_until(t) || views < SELECTION_VIEWS_MIN) return;
+    for (int i = 0; i < oxl_scene_view_count(t->scene); i++) {
+        const int slot = selection_slot(t, i);
+        if (slot == t->views || !selection_is_validation_view(index++, views)) continue;
+        t->views--;
+        memmove(t->view + slot, t->view + slot + 1, (size_t)(t->views - slot) * sizeof *t->view);
+        t->validation[t->validation_views++] = i;
+    }
 }
 
 OXL_INTERNAL void selection_release_views(struct train *t)
@@ -166,7 +186,7 @@ OXL_INTERNAL void selection_archive(struct archive *a, struct train *t)
     for (int k = 0; parts_at(k); k++)
         if (k + 1 == trial && parts_at(k)->trial) t->trial = parts_at(k);
     archive_expect(a, trial == 0 || t->trial);
-    archive_expect(a, t->validation_views >= 0 && t->validation_views <= schedule_training_views(t->scene));
+    archive_expect(a, t->validation_views >= 0 && t->validation_views <= SELECTION_VIEWS_MAX);
     if (a->rc == OXL_OK) archive_ints(a, t->validation, (size_t)t->validation_views);
     for (int i = 0; i < t->validation_views && a->rc == OXL_OK; i++)
         archive_expect(a, t->validation[i] >= 0 && t->validation[i] < oxl_scene_view_count(t->scene));

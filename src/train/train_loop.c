@@ -258,7 +258,9 @@ OXL_INTERNAL oxl_result train_step_alone(struct train *t)
 /* Makes one step, with the decisions after it; the passes over the image are in step_on_view (step.c). */
 OXL_INTERNAL oxl_result train_step(struct train *t)
 {
-    oxl_result rc = train_step_alone(t);
+    oxl_result rc;
+    selection_hold_views(t);
+    rc = train_step_alone(t);
     if (rc == OXL_OK) rc = train_density(t);
     if (rc == OXL_OK) rc = parts_after_step(t);
     if (rc == OXL_OK) selection_release_views(t);

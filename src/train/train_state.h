@@ -114,7 +114,9 @@ enum { SELECTION_VIEWS_MIN = 8 };  /* with fewer training views none is used for
 
 /* Returns 1 if a training view is a validation view: an eighth of them, at most 8, evenly spaced. */
 OXL_INTERNAL int selection_is_validation_view(int index, int views);
-OXL_INTERNAL oxl_result selection_begin(struct train *t); /* splits training and validation views */
+OXL_INTERNAL oxl_result selection_begin(struct train *t); /* lists the training views, in name order */
+/* Holds validation views out of training, when a decision comes near; called before a step. */
+OXL_INTERNAL void selection_hold_views(struct train *t);
 /* Averages loss and PSNR over the validation views; NaN if none can be read. */
 OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr);
 OXL_INTERNAL int selection_steps(const struct train *t, double fraction); /* of the run, at least 1 */
