@@ -25,11 +25,27 @@ TEST(look_takes_a_tenth_of_the_run_and_at_least_30_steps)
     static const int runs[][2] = {{20, 20}, {500, 50}, {1500, 150}, {30000, 300}}; /* iterations, steps */
     oxl_scene *scene = train_scene(5);
     for (size_t i = 0; i < sizeof runs / sizeof runs[0]; i++) {
-        const oxl_train_options o = train_options(runs[i][0]);
+        oxl_train_options o = train_options(runs[i][0]);
         struct look look;
+        o.max_gaussians = 100000;
         CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &look));
         CHECK(look.steps == runs[i][1]);
     }
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(look_times_a_few_steps_where_even_slow_growth_ends_at_the_limit)
+{
+    oxl_scene *scene = train_scene(5);
+    oxl_train_options o = train_options(1500);
+    struct look look;
+    o.max_gaussians = 200; /* of 144 */
+    CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &look));
+    CHECK(look.steps == 30 && look.share == 0 && look.seconds > 0);
+    CHECK(forecast_gaussians(&o, look.gaussians, look.share, 200) == 200);
+    o.densify_gradient = 0.01f; /* nobody has seen how slowly it grows then */
+    CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &look));
+    CHECK(look.steps == 150 && look.share > 0);
     oxl_scene_free(test_ctx, scene);
 }
 

@@ -4,7 +4,8 @@
  * and SSIM's constant as the run decides them, since each changes gradients. Gaussians are split
  * LOOK_SPLITS times; what is split then, of those seen, says how fast the model will grow, the time of the
  * steps how long the run takes (forecast.c). Images that the presets begin at half the sides are looked at
- * so; their whole steps are timed behind it.
+ * so; their whole steps are timed behind it. Where even slow growth ends at the limit of Gaussians, a few
+ * steps are timed, and the share is left unknown.
  *
  * Invariant: the run that follows gives the same bytes. The share is a function of survey and options; times
  * are not.
@@ -128,7 +129,9 @@ OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_
     oxl_context quiet = *ctx;
     struct train t = {.ctx = &quiet, .scene = scene, .options = &o, .started = os_seconds(), .is_look = 1};
     const int fell_back = ctx->backend ? ctx->backend->fell_back : 0;
+    const double cap = (double)schedule_gaussian_cap(scene, options);
     oxl_result rc = OXL_OK;
+    int reaches;
     *out = (struct look){0};
     if (oxl_scene_view_count(scene) == 0 || schedule_training_views(scene) == 0) return OXL_OK;
     options_drop(&o, OXL_OPTION_NOT_LOOKED);
@@ -142,7 +145,9 @@ OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_
     if (rc == OXL_OK) {
         o.max_gaussians = (int)OXL_MIN(most, INT_MAX);
         look_choose_views(&t);
-        rc = look_measure(&t, &o, look_steps(scene, &o), out);
+        reaches = forecast_reaches(options, (double)t.trained.model.count, OXL_MIN((double)most, cap));
+        rc = look_measure(&t, &o, reaches ? OXL_MIN(LOOK_FEWEST, o.iterations) : look_steps(scene, &o), out);
+        if (reaches) out->share = 0;
     }
     if (rc == OXL_OK) out->hides = forecast_hides(&t);
     train_end(&t);

@@ -12,16 +12,18 @@
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 
-#define FORECAST_RATE 1.3   /* of the logarithm, for each densification at the start; measured: 1.1 to 1.7 */
-#define FORECAST_USUAL 0.2  /* share that is taken where there was no look */
-#define FORECAST_FADES 6.0  /* densifications after which growth is 1/e of its rate at the start */
-#define FORECAST_BEFORE 3.0 /* densifications of the run itself that count as much as the look */
-#define FORECAST_GAUSSIANS 0.5    /* power of Gaussians in the time of a step; measured: 0.3 to 0.9 */
-#define FORECAST_HALF 0.35        /* time of a step at half the sides over one of whole images */
-#define FORECAST_TRIALS 0.25      /* of the most trials that a run may make: most decide earlier */
-#define FORECAST_VIEW 2.7         /* steps that evaluation takes for a view, with its files */
-#define FORECAST_MEMORY 0.98      /* of what is known of a step's time that one more step leaves */
-enum { FORECAST_RECKONED = 200 }; /* times that a run reckons the time left */
+#define FORECAST_RATE 1.3  /* of the logarithm, for each densification at the start; measured: 1.1 to 1.7 */
+#define FORECAST_USUAL 0.2 /* share that is taken where there was no look */
+#define FORECAST_SLOW 0.14 /* nearly the smallest share that was seen with a threshold of the presets */
+#define FORECAST_THRESHOLD 0.0004f /* the largest of these */
+#define FORECAST_FADES 6.0         /* densifications after which growth is 1/e of its rate at the start */
+#define FORECAST_BEFORE 3.0        /* densifications of the run itself that count as much as the look */
+#define FORECAST_GAUSSIANS 0.5     /* power of Gaussians in the time of a step; measured: 0.3 to 0.9 */
+#define FORECAST_HALF 0.35         /* time of a step at half the sides over one of whole images */
+#define FORECAST_TRIALS 0.25       /* of the most trials that a run may make: most decide earlier */
+#define FORECAST_VIEW 2.7          /* steps that evaluation takes for a view, with its files */
+#define FORECAST_MEMORY 0.98       /* of what is known of a step's time that one more step leaves */
+enum { FORECAST_RECKONED = 200 };  /* times that a run reckons the time left */
 
 /* ---------------- how many Gaussians */
 
@@ -40,6 +42,12 @@ OXL_INTERNAL double forecast_gaussians(const oxl_train_options *o, double start,
 {
     const double grown = forecast_rate(share) * forecast_faded(schedule_densifications(o));
     return OXL_MIN(start * vecmath_exp(grown), OXL_MAX(start, cap));
+}
+
+OXL_INTERNAL int forecast_reaches(const oxl_train_options *o, double start, double cap)
+{
+    return o->densify_gradient <= FORECAST_THRESHOLD &&
+           forecast_gaussians(o, start, FORECAST_SLOW, cap) >= cap;
 }
 
 /* ---------------- the work of steps, relative to one of whole images with a single Gaussian */

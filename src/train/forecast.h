@@ -24,6 +24,8 @@ struct look {         /* all 0: there was none */
  * known. */
 OXL_INTERNAL double forecast_gaussians(const oxl_train_options *options, double start, double share,
                                        double cap);
+/* Returns 1 if the model grows from `start` to `cap` even where it grows slowly: no look need tell. */
+OXL_INTERNAL int forecast_reaches(const oxl_train_options *o, double start, double cap);
 /* Bounds from above the steps that the trials of a whole run take beyond its iterations. views: number of
  * training views. */
 OXL_INTERNAL int forecast_trial_steps(const oxl_train_options *options, int views);
