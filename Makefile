@@ -92,7 +92,7 @@ $(BUILD)/flags: FORCE
 # ------------------------------------------------------------------------------------------------ tests
 
 test: $(BUILD)/test all ## all tests: of the library, then of the command line (under 3 minutes on 2 cores); build/test WORD: some
-	tests/parts.sh $(BUILD)/test
+	tests/share.sh $(BUILD)/test
 	tests/cli.sh $(BUILD)/oceanxl
 	tests/from_images.sh
 
@@ -123,7 +123,7 @@ portable: ## tests on other machines under qemu, musl, mingw-w64, tcc, as instal
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 sanitize: ## the library's tests under the address and undefined-behaviour sanitizers
 	$(MAKE) BUILD=$(BUILD)/sanitize CFLAGS='-O1 -g $(SANITIZE)' $(BUILD)/sanitize/test
-	ASAN_OPTIONS=detect_leaks=1 tests/parts.sh $(BUILD)/sanitize/test $(T)
+	ASAN_OPTIONS=detect_leaks=1 tests/share.sh $(BUILD)/sanitize/test $(T)
 
 reference: $(BUILD)/splat ## the algorithm in one file, reference/splat.c: trains its scene, writes build/splat.ply and build/splat.ppm
 	cd $(BUILD) && ./splat

@@ -1,5 +1,5 @@
 /* test.c - runs the tests: all, or those whose names hold one of the words given. One line a test, then a
- * sum. OXL_TEST_PART=K/N runs each N-th of them, from the K-th on, so that N processes share them.
+ * sum. OXL_TEST_SHARE=K/N runs each N-th of them, from the K-th on, so that N processes share them.
  *
  * Test files are objects that link the library's objects and see its internal headers. Each test gets a
  * context that counts memory.
@@ -17,7 +17,7 @@ const char *test_skip;
 static char folder[256];
 static struct {
     int index, count;
-} part = {0, 1};  /* of the tests: OXL_TEST_PART */
+} share = {0, 1}; /* of the tests: OXL_TEST_SHARE */
 long blocks_held; /* given by the counting allocator and not yet freed */
 
 void *counting_reallocate(void *user, void *old, size_t size)
@@ -79,21 +79,13 @@ const char *test_path(const char *name)
     return path;
 }
 
-/* Returns the folder for the tests' files: in memory where Linux has one, since a job waits for the disk
- * after each file, which takes ten times as long as the rest of some tests. */
-static const char *test_base(void)
-{
-    static const char in_memory[] = "/dev/shm";
-    const char *base = getenv("TMPDIR");
-    if (base) return base;
-    return os_is_folder(in_memory) ? in_memory : "/tmp";
-}
-
 const char *test_folder(void)
 {
-    if (!folder[0])
-        snprintf(folder, sizeof folder, "%s/oceanxl-test-%ld-%d", test_base(), (long)(os_seconds() * 1e6),
-                 part.index);
+    if (!folder[0]) {
+        const char *base = getenv("TMPDIR");
+        snprintf(folder, sizeof folder, "%s/oceanxl-test-%ld-%d", base ? base : "/tmp",
+                 (long)(os_seconds() * 1e6), share.index);
+    }
     oxl_make_folder(test_ctx, folder);
     return folder;
 }
@@ -191,13 +183,13 @@ int main(int argc, char **argv)
     int passed = 0, failed = 0, skipped = 0;
     wait_passively(argv);
     setvbuf(stdout, NULL, _IOLBF, 0);
-    if (getenv("OXL_TEST_PART") &&
-        (sscanf(getenv("OXL_TEST_PART"), "%d/%d", &part.index, &part.count) != 2 || part.count < 1)) {
-        printf("OXL_TEST_PART: expected K/N, found '%s'\n", getenv("OXL_TEST_PART"));
+    if (getenv("OXL_TEST_SHARE") &&
+        (sscanf(getenv("OXL_TEST_SHARE"), "%d/%d", &share.index, &share.count) != 2 || share.count < 1)) {
+        printf("OXL_TEST_SHARE: expected K/N, found '%s'\n", getenv("OXL_TEST_SHARE"));
         return 1;
     }
     for (size_t i = 0; i < OXL_COUNT(tests); i++) {
-        if ((int)(i % (size_t)part.count) != part.index || !wanted(tests[i].name, argc, argv)) continue;
+        if ((int)(i % (size_t)share.count) != share.index || !wanted(tests[i].name, argc, argv)) continue;
         run(tests[i].name, tests[i].run);
         if (test_failed) failed++;
         else if (test_skip) skipped++;
