@@ -6,6 +6,7 @@
 #include "sparse.h"
 #include "image.h"
 #include "imaging.h"
+#include "photometry.h"
 #include "scene.h"
 #include "survey.h"
 
@@ -36,7 +37,8 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
         oxl_free(ctx, (char *)scene->view[i].name);
     image_cache_free(ctx, &scene->cache);
     imaging_free(ctx, &scene->imaging);
-    OXL_FREE(ctx, scene->lpips, scene->found);
+    if (scene->measured) photometry_free(ctx, scene->measured);
+    OXL_FREE(ctx, scene->lpips, scene->found, scene->measured);
     OXL_FREE(ctx, scene->view, scene->source, scene->on_disk, scene->decoded, scene->given);
     if (scene->map.data) { /* Unmaps the other arrays. */
         oxl_free(ctx, scene->colmap.camera);

@@ -165,7 +165,7 @@ OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model)
         archive_floats(a, model->plane[k], count);
     for (int k = OXL_LOBE; lobes && k < OXL_PLANES && a->rc == OXL_OK; k++)
         archive_floats(a, model->plane[k], lobes);
-    for (size_t i = 0; a->reading && a->rc == OXL_OK && i < count; i++)
+    for (size_t i = 0; a->reading && !a->memory && a->rc == OXL_OK && i < count; i++)
         archive_expect(a, model_row_is_finite(model, i));
 }
 

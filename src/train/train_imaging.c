@@ -28,15 +28,32 @@ static void train_imaging_match_colours(struct train *t, const double colour[3])
         colour[0], colour[1], colour[2]);
 }
 
+/* Gives what the tracks say to the scene, which a look leaves it to for the run behind it. */
+static oxl_result train_imaging_measure(struct train *t)
+{
+    oxl_scene *scene = t->scene;
+    const int parts = parts_tracks(t);
+    if (scene->measured && scene->measured_parts == parts) return OXL_OK;
+    if (scene->measured) photometry_free(t->ctx, scene->measured);
+    else scene->measured = oxl_calloc(t->ctx, 1, sizeof *scene->measured);
+    scene->measured_parts = parts;
+    return scene->measured ? photometry_measure(t->ctx, scene, parts, scene->measured) : OXL_ERR_MEMORY;
+}
+
 OXL_INTERNAL oxl_result train_imaging_begin(struct train *t)
 {
-    struct photometry p;
     struct imaging m;
-    oxl_result rc = photometry_measure(t->ctx, t->scene, parts_tracks(t), &p);
+    const oxl_result rc = train_imaging_measure(t);
+    if (rc == OXL_OK) {
+        train_imaging_match_colours(t, t->scene->measured->colour);
+        parts_use_tracks(t, t->scene->measured);
+    }
+    if (t->scene->measured && (rc != OXL_OK || !t->is_look)) {
+        photometry_free(t->ctx, t->scene->measured);
+        oxl_free(t->ctx, t->scene->measured);
+        t->scene->measured = NULL;
+    }
     if (rc != OXL_OK) return rc;
-    train_imaging_match_colours(t, p.colour);
-    parts_use_tracks(t, &p);
-    photometry_free(t->ctx, &p);
     m = step_imaging(t);
     if (m.medium.on || m.lamps > 0) medium_bake(t->scene, &m, 1, &t->trained.model);
     return OXL_OK;
