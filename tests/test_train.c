@@ -650,6 +650,60 @@ TEST(train_rates_of_a_short_run_begin_larger_by_the_root_of_its_factor_and_not_f
     CHECK_CLOSE(start.rate[OXL_MEAN] / paper.rate[OXL_MEAN], h, 1e-5);
 }
 
+/* A sixteenth of the rows in each view: the first steps are four times too large; (30 000 / 1875)^0.5 = 4. */
+TEST(train_moves_gaussians_eight_rates_at_most_where_views_show_few_of_them)
+{
+    oxl_train_options o = oxl_train_options_default(OXL_PRESET_STANDARD);
+    oxl_scene *scene = train_scene(2);
+    struct train t = {.ctx = test_ctx, .scene = scene, .options = &o, .step = 2};
+    struct adam_params usual, few, third;
+    o.iterations = 1875, o.short_run_exponent = 0.5f;
+    usual = schedule_adam_params(&t);
+    t.shown = 1.0 / 16, few = schedule_adam_params(&t);
+    t.shown = 1.0 / 3, third = schedule_adam_params(&t);
+    for (int k = 0; k < OXL_PLANES; k++) {
+        CHECK_CLOSE(few.rate[k] / usual.rate[k], k < OXL_OPACITY ? 0.5 : 1, 1e-3);
+        CHECK(third.rate[k] == usual.rate[k]);
+    }
+    o.iterations = 30000, t.shown = 0, usual = schedule_adam_params(&t);
+    t.shown = 1.0 / 16, few = schedule_adam_params(&t);
+    for (int k = 0; k < OXL_PLANES; k++) CHECK(few.rate[k] == usual.rate[k]);
+    o.iterations = 1875, t.step = 1875, t.shown = 0.99, few = schedule_adam_params(&t);
+    t.shown = 0, usual = schedule_adam_params(&t);
+    for (int k = 0; k < OXL_PLANES; k++) CHECK(few.rate[k] == usual.rate[k]);
+    oxl_scene_free(test_ctx, scene);
+}
+
+static int train_test_shows(const oxl_camera *c, const oxl_model *m, size_t row)
+{
+    double x[3];
+    for (int i = 0; i < 3; i++) {
+        x[i] = c->translation[i];
+        for (int k = 0; k < 3; k++) x[i] += c->rotation[3 * i + k] * m->plane[OXL_MEAN + k][row];
+    }
+    return x[2] > 0 && fabs(c->fx * x[0] / x[2] + c->cx - c->width / 2.0) < c->width / 2.0 &&
+           fabs(c->fy * x[1] / x[2] + c->cy - c->height / 2.0) < c->height / 2.0;
+}
+
+/* Every second camera is moved to where it sees nothing. */
+TEST(train_knows_which_share_of_the_gaussians_a_view_shows)
+{
+    oxl_train_options o = train_options(10);
+    struct train t = {
+        .ctx = test_ctx, .scene = train_scene(14), .options = &o, .decisions = {.ctx = test_ctx}};
+    oxl_scene *scene = t.scene;
+    size_t shown = 0;
+    for (int i = 0; i < 14; i += 2) scene->view[i].camera.translation[0] += 1000;
+    CHECK_OK(train_begin(&t));
+    for (int i = 0; i < t.views; i++)
+        for (size_t row = 0; row < t.trained.model.count; row++)
+            shown += train_test_shows(&oxl_scene_view(scene, t.view[i])->camera, &t.trained.model, row);
+    CHECK(shown > 0);
+    CHECK_CLOSE(t.shown, (double)shown / t.views / (double)t.trained.model.count, 1e-2);
+    train_end(&t);
+    oxl_scene_free(test_ctx, scene);
+}
+
 TEST(train_counts_every_contribution_from_four_fifths_of_the_run_on_with_or_without_cooldown)
 {
     const oxl_train_options o = {.iterations = 1000, .alpha_min = 0.03f};

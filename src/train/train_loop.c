@@ -11,9 +11,10 @@
 
 #define TRAIN_SHORT_RUN_WIDTH 0.3   /* power of the short-run factor by which the first widths are divided */
 #define TRAIN_SHORT_RUN_OPACITY 0.7 /* power of it by which the first opacities are multiplied */
-#define TRAIN_OPACITY_MAX 0.3       /* the most that this makes of an opacity */
-#define TRAIN_SAVE_STEPS 500        /* iterations between checkpoints, at most */
-#define TRAIN_SAVE_SECONDS 60.0     /* s between checkpoints, at most */
+enum { TRAIN_SHARE_PAIRS = 1 << 17 }; /* of a Gaussian and a view */
+#define TRAIN_OPACITY_MAX 0.3         /* the most that this makes of an opacity */
+#define TRAIN_SAVE_STEPS 500          /* iterations between checkpoints, at most */
+#define TRAIN_SAVE_SECONDS 60.0       /* s between checkpoints, at most */
 
 /* ---------------- the run */
 
@@ -133,6 +134,22 @@ static oxl_result train_begin_moments(struct train *t)
     return OXL_OK;
 }
 
+/* Returns the mean share of the Gaussians that a training view shows, by pairs of both. */
+static double train_share_shown(const struct train *t)
+{
+    float *const *mean = &t->trained.model.plane[OXL_MEAN];
+    int shown = 0;
+    for (int k = 0; k < TRAIN_SHARE_PAIRS && t->trained.model.count > 0; k++) {
+        const oxl_camera *c = &oxl_scene_view(t->scene, t->view[k % t->views])->camera;
+        const size_t row = (size_t)((double)k / TRAIN_SHARE_PAIRS * (double)t->trained.model.count);
+        const double p[] = {mean[0][row], mean[1][row], mean[2][row]};
+        double x[3], at[2];
+        shown += camera_project(c, p, NULL, x, at) && at[0] >= 0 && at[1] >= 0 && at[0] < c->width &&
+                 at[1] < c->height;
+    }
+    return (double)shown / TRAIN_SHARE_PAIRS;
+}
+
 OXL_INTERNAL oxl_result train_begin(struct train *t)
 {
     oxl_context *ctx = t->ctx;
@@ -154,7 +171,9 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
     if (rc == OXL_OK) rc = parts_create(t);
     if (rc == OXL_OK) rc = parts_begin(t);
     if (rc == OXL_OK && !t->continues) rc = train_imaging_begin(t);
-    return rc == OXL_OK ? selection_begin(t) : rc;
+    if (rc == OXL_OK) rc = selection_begin(t);
+    if (rc == OXL_OK) t->shown = train_share_shown(t);
+    return rc;
 }
 
 OXL_INTERNAL void train_end(struct train *t)

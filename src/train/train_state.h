@@ -49,6 +49,7 @@ struct train {
     int views, step;
     int *validation; /* (validation_views) views for decisions */
     int validation_views;
+    double shown;      /* mean share of the first Gaussians that a training view shows; 0: unknown */
     int halved;        /* whether the image of this step is reduced to half the sides */
     double loss, psnr; /* smoothed */
     double last_loss;  /* of the last image, comparable between steps; NaN: skipped */
