@@ -4,9 +4,9 @@
  * few tracks; such errors blur the model. Each training view has a turn and a move of its own
  * (survey/pose.c), which take a step at each visit by the exact gradient of the loss (render/pose.h).
  *
- * Before anything else looks at the scene, poses move onto the points that their images saw, where these do not
- * agree (formats/resect.c); all that is said here of given poses is then of those. Held-out views keep theirs:
- * they are test data, so that PSNR compares runs with and without.
+ * Before anything else looks at the scene, poses move onto the points that their images saw, where these do
+ * not agree (formats/resect.c); all that is said here of given poses is then of those. Held-out views keep
+ * theirs: they are test data, so that PSNR compares runs with and without.
  *
  * Gauge: poses and scene could drift together, away from the poses of held-out views. After each epoch the
  * mean turn and the mean move of all training views, in the axes of the world, are set to zero.
