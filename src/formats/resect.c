@@ -4,8 +4,8 @@
  * from elsewhere are off by what the views' tracks tell, image by image, to a few hundredths of a pixel.
  *
  * Gauss-Newton with Levenberg's damping (Marquardt 1963) over six numbers, a turn and a move in the axes of
- * the camera (pose.c), in pixels of the image file, distorted as its lens does. Distances beyond `limit` count
- * linearly (Huber 1964), so that wrong matches pull little.
+ * the camera (pose.c), in pixels of the image file, distorted as its lens does. Distances beyond `limit`
+ * count linearly (Huber 1964), so that wrong matches pull little.
  *
  * Invariant: sums in the order of the points, so a pose has the same bits whatever else runs.
  */
