@@ -49,6 +49,7 @@
 #include "src/formats/colmap_text.c"      /* lines and fields of text files, and their errors */
 #include "src/formats/colmap_binary.c"    /* binary files */
 #include "src/formats/colmap_points.c"    /* points3D.txt, multi-threaded */
+#include "src/formats/colmap_sightings.c" /* 2D points of an image, and the points they are of */
 #include "src/formats/colmap.c"           /* cameras.txt, images.txt, and the whole model */
 #include "src/formats/json.c"             /* JSON reader */
 #include "src/formats/json_survey.c"      /* surveys in JSON, converted to COLMAP rows */
@@ -62,6 +63,7 @@
 #include "src/formats/ideal_camera.c"     /* the pinhole camera of undistorted images */
 #include "src/formats/survey_alpha.c"     /* transparent pixels: composited or masked */
 #include "src/formats/scene_views.c"      /* views of a survey */
+#include "src/formats/resect.c"           /* poses from the points that images saw */
 #include "src/formats/scene_build.c"      /* a scene from the rows of files: origin, points, masks */
 #include "src/formats/survey_load.c"      /* a scene from a survey's folder */
 #include "src/formats/imaging_file.c"     /* imaging.txt beside a model */

@@ -236,3 +236,235 @@ TEST(poses_of_a_run_stopped_at_any_step_end_in_the_same_bytes)
     oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }
+
+/* ---------------- poses moved onto the points that their images saw */
+
+enum { RESECT_POINTS = 40 };
+struct resect_case {
+    oxl_camera given;
+    struct colmap_camera lens;
+    struct colmap_sighting seen[RESECT_POINTS];
+    double truth[POSE_TERMS]; /* pose from which the points were seen */
+};
+static const double resect_origin[3] = {100, -50, 20};
+
+/* Points before a camera of the model, with the parameters behind fx fy cx cy. */
+static struct resect_case resect_case_of(const char *model, double distortion)
+{
+    struct resect_case c = {.given = {.width = 200, .height = 150, .fx = 150, .fy = 150}};
+    oxl_camera moved;
+    c.lens = (struct colmap_camera){.model = camera_model_find(model, strlen(model)),
+                                    .width = 200,
+                                    .height = 150,
+                                    .parameter = {150, 160, 100, 75}};
+    for (int k = 4; k < 16; k++) c.lens.parameter[k] = distortion * poses_random(3, (uint64_t)k);
+    camera_rotation_from_quaternion((double[4]){0.9, 0.2, -0.3, 0.1}, c.given.rotation);
+    for (int k = 0; k < 3; k++) c.given.translation[k] = 0.3 * k;
+    for (int k = 0; k < POSE_TERMS; k++) c.truth[k] = (k < 3 ? 0.02 : 0.1) * poses_random(4, (uint64_t)k);
+    moved = c.given;
+    pose_apply(&c.given, c.truth, &moved);
+    for (int i = 0; i < RESECT_POINTS; i++) {
+        const double z = 4 + 2 * poses_random(7, (uint64_t)i),
+                     x[3] = {0.5 * z * poses_random(8, (uint64_t)i), 0.4 * z * poses_random(9, (uint64_t)i),
+                             z};
+        double e[2], j[2][POSE_TERMS];
+        const struct resect r = {.lens = &c.lens, .origin = resect_origin};
+        for (int k = 0; k < 3; k++) {
+            c.seen[i].world[k] = resect_origin[k];
+            for (int n = 0; n < 3; n++)
+                c.seen[i].world[k] += moved.rotation[3 * n + k] * (x[n] - moved.translation[n]);
+        }
+        CHECK(resect_residual(&r, &moved, &c.seen[i], e, j));
+        memcpy(c.seen[i].pixel, e, sizeof e); /* e was the pixel, as seen from 0 */
+    }
+    return c;
+}
+
+static const struct resect_lens {
+    const char *model;
+    double distortion;
+} resect_lenses[] = {{"PINHOLE", 0}, {"OPENCV", 0.05}, {"OPENCV_FISHEYE", 0.05}, {"FULL_OPENCV", 0.03}};
+
+TEST(resect_derivatives_agree_with_finite_differences)
+{
+    for (size_t m = 0; m < OXL_COUNT(resect_lenses); m++) {
+        const struct resect_case c = resect_case_of(resect_lenses[m].model, resect_lenses[m].distortion);
+        const struct resect r = {.lens = &c.lens, .origin = resect_origin};
+        double worst = 0;
+        for (int i = 0; i < RESECT_POINTS; i++)
+            for (int k = 0; k < POSE_TERMS; k++) {
+                const double h = 1e-5;
+                double j[2][POSE_TERMS], unused[2][POSE_TERMS], e[2][2], at[POSE_TERMS] = {0};
+                oxl_camera now = c.given;
+                CHECK(resect_residual(&r, &c.given, &c.seen[i], e[0], j));
+                for (int s = 0; s < 2; s++) {
+                    at[k] = s ? h : -h;
+                    pose_apply(&c.given, at, &now);
+                    CHECK(resect_residual(&r, &now, &c.seen[i], e[s], unused));
+                }
+                for (int n = 0; n < 2; n++)
+                    worst = OXL_MAX(worst, fabs((e[1][n] - e[0][n]) / (2 * h) - j[n][k]));
+            }
+        CHECK(worst < 1e-5); /* of derivatives up to 200 px a rad */
+    }
+}
+
+TEST(resect_finds_the_pose_of_any_lens_though_a_tenth_of_the_points_are_wrong)
+{
+    for (size_t m = 0; m < OXL_COUNT(resect_lenses); m++)
+        for (int wrong = 0; wrong < 2; wrong++) {
+            struct resect_case c = resect_case_of(resect_lenses[m].model, resect_lenses[m].distortion);
+            const struct resect r = {.given = &c.given,
+                                     .lens = &c.lens,
+                                     .origin = resect_origin,
+                                     .seen = c.seen,
+                                     .count = RESECT_POINTS,
+                                     .limit = 0.05};
+            struct resect_found f;
+            double at[POSE_TERMS];
+            for (int i = 0; i < RESECT_POINTS && wrong; i += 10) c.seen[i].pixel[i % 20 / 10] += 30;
+            f = resect(&r, at);
+            for (int k = 0; k < POSE_TERMS; k++) CHECK_CLOSE(at[k], c.truth[k], wrong ? 3e-3 : 1e-7);
+            CHECK(f.shift > 1 && f.after < f.before && (wrong || f.after < 1e-10));
+        }
+}
+
+TEST(resect_leaves_a_pose_that_its_points_leave_open)
+{
+    struct resect_case c = resect_case_of("PINHOLE", 0);
+    const struct resect r = {.given = &c.given,
+                             .lens = &c.lens,
+                             .origin = resect_origin,
+                             .seen = c.seen,
+                             .count = RESECT_POINTS,
+                             .limit = 1};
+    double at[POSE_TERMS];
+    struct resect_found f;
+    for (int i = 0; i < RESECT_POINTS; i++) /* behind the camera */
+        for (int k = 0; k < 3; k++) c.seen[i].world[k] = resect_origin[k] - 30 * c.given.rotation[6 + k];
+    f = resect(&r, at);
+    CHECK(!pose_is_moved(at) && f.before == f.after && f.shift == 0);
+}
+
+TEST(poses_added_are_those_applied_one_after_the_other)
+{
+    const oxl_camera given = resect_case_of("PINHOLE", 0).given;
+    double at[POSE_TERMS] = {0.2, -0.3, 0.1, 1, -2, 0.5};
+    const double more[POSE_TERMS] = {-0.1, 0.4, 0.2, 0.3, 0.1, -1};
+    oxl_camera once = given, twice = given, both = given;
+    pose_apply(&given, at, &once);
+    pose_apply(&once, more, &twice);
+    pose_add(at, more);
+    pose_apply(&given, at, &both);
+    for (int k = 0; k < 9; k++) CHECK_CLOSE(both.rotation[k], twice.rotation[k], 1e-14);
+    for (int k = 0; k < 3; k++) CHECK_CLOSE(both.translation[k], twice.translation[k], 1e-14);
+}
+
+/* Makes a survey, noisy or not, in a folder of its own, whose images list their points `times` times. */
+static oxl_scene *poses_tracked_scene(const char *name, double noise, int times)
+{
+    synth_options o = synth_test_options(name);
+    char images[100];
+    struct colmap survey = {0};
+    struct os_file_map file;
+    struct text text = {.ctx = test_ctx};
+    oxl_scene *scene = NULL;
+    const char *at;
+    o.views = POSES_VIEWS, o.pose_noise = noise;
+    synth_test_make(&o, &survey);
+    colmap_free(test_ctx, &survey);
+    snprintf(images, sizeof images, "%s/sparse/0/images.txt", name);
+    CHECK_OK(os_read_file(test_ctx, test_path(images), &file));
+    at = file.data;
+    for (int row = 0; at < file.data + file.size; row++) {
+        const int size = (int)(strchr(at, '\n') - at);
+        if (*at == '#') row = -1;
+        for (int i = 0; i < (row % 2 == 1 ? times : 1); i++) text_add(&text, "%.*s ", size, at);
+        text_add(&text, "\n");
+        at += size + 1;
+    }
+    os_release_file(test_ctx, &file);
+    test_write(images, text.data);
+    text_free(&text);
+    CHECK_OK(oxl_scene_load(test_ctx, test_path(name), NULL, &scene));
+    return scene;
+}
+
+/* Trains the scene; *off: what poses_error says of its poses then. Frees it. */
+static oxl_model poses_tracked_model(oxl_scene *scene, oxl_switch poses, const oxl_camera truth[POSES_VIEWS],
+                                     double *off)
+{
+    oxl_train_options options = train_options(10);
+    oxl_model model;
+    options.poses = poses;
+    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    for (int v = 0; v < POSES_VIEWS; v++)
+        if (scene->given && scene->view[v].is_test)
+            CHECK(memcmp(&scene->view[v].camera, &scene->given[v], sizeof *truth) == 0);
+    *off = poses_error(scene, truth);
+    oxl_scene_free(test_ctx, scene);
+    return model;
+}
+
+TEST(poses_are_moved_onto_the_points_that_their_images_saw)
+{
+    oxl_scene *exact = poses_tracked_scene("exact", 0, 1), *noisy;
+    oxl_camera truth[POSES_VIEWS];
+    oxl_model model;
+    double before, off, many;
+    NEEDS_PART(poses);
+    for (int v = 0; v < POSES_VIEWS; v++) truth[v] = exact->view[v].camera;
+    oxl_scene_free(test_ctx, exact);
+    noisy = poses_tracked_scene("noisy", 2, 1);
+    before = poses_error(noisy, truth);
+    model = poses_tracked_model(noisy, OXL_ON, truth, &off);
+    oxl_model_free(test_ctx, &model);
+    CHECK(before > 1 && off < 0.1 * before);
+    model = poses_tracked_model(poses_tracked_scene("many", 2, 30), OXL_ON, truth,
+                                &many); /* more than are held */
+    oxl_model_free(test_ctx, &model);
+    CHECK_CLOSE(many, off, 0.03);
+    model = poses_tracked_model(poses_tracked_scene("none", 2, 0), OXL_ON, truth, &off);
+    oxl_model_free(test_ctx, &model);
+    CHECK(off > 0.5 * before);
+}
+
+TEST(poses_that_agree_with_their_points_stay)
+{
+    oxl_scene *scene[2];
+    oxl_model model[2];
+    NEEDS_PART(poses);
+    for (int k = 0; k < 2; k++) { /* as without points */
+        oxl_train_options options = train_options(30);
+        options.poses = OXL_ON;
+        scene[k] = poses_tracked_scene(k ? "points" : "none", 0, k);
+        CHECK_OK(oxl_train(test_ctx, scene[k], &options, NULL, &model[k]));
+    }
+    CHECK(train_same(&model[0], &model[1]));
+    CHECK(memcmp(scene[0]->imaging.pose, scene[1]->imaging.pose,
+                 POSES_VIEWS * sizeof *scene[0]->imaging.pose) == 0);
+    for (int k = 0; k < 2; k++) {
+        oxl_model_free(test_ctx, &model[k]);
+        oxl_scene_free(test_ctx, scene[k]);
+    }
+}
+
+TEST(poses_moved_onto_points_end_in_the_same_bytes_after_a_stop)
+{
+    struct checkpoint_case c = checkpoint_of(poses_tracked_scene("noisy", 2, 1), train_options(40));
+    double whole[POSES_VIEWS][POSE_TERMS];
+    oxl_model model;
+    NEEDS_PART(poses);
+    c.options.poses = OXL_AUTO;
+    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
+    memcpy(whole, c.scene->imaging.pose, sizeof whole);
+    CHECK(pose_is_moved(whole[1]));
+    for (int stop = 10; stop < 30; stop += 13) {
+        CHECK(checkpoint_run(&c, "key", stop, &model) == OXL_ERR_INTERRUPTED);
+        oxl_model_free(test_ctx, &model);
+    }
+    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    CHECK(train_same(&model, &c.whole) && memcmp(whole, c.scene->imaging.pose, sizeof whole) == 0);
+    oxl_model_free(test_ctx, &model);
+    checkpoint_case_free(&c);
+}

@@ -8,7 +8,7 @@
  * Invariant: no check changes what is trained. A file that has become unreadable is left to other checks.
  */
 #include "checks.h"
-#include "../core/bytes.h"
+#include "../formats/survey_read.h"
 #include "../survey/scene.h"
 #include "../survey/sparse.h"
 #include "../survey/survey.h"
@@ -44,63 +44,10 @@ static const char *const reprojection_words[REPROJECTION_POSES] = {
     "the cameras' places stand as translations, and these are -R times the place",
     "the camera axes are those of OpenGL (y up, z back), and y down, z ahead is wanted"};
 
-struct reprojection_seen { /* Holds a 2D point, and the point that it belongs to. */
-    double pixel[2], world[3];
-};
 struct reprojection_view {
     int view, judged;
     double error[REPROJECTION_POSES]; /* px; median errors */
 };
-
-/* ---------------- the 2D points of an image */
-
-static const struct colmap_point *reprojection_find(const struct colmap *c, int64_t id)
-{
-    size_t low = 0, high = c->point_count;
-    while (low < high) {
-        const size_t middle = low + (high - low) / 2;
-        if (c->point[middle].id < id) low = middle + 1;
-        else high = middle;
-    }
-    return low < c->point_count && c->point[low].id == id ? &c->point[low] : NULL;
-}
-
-static const char *reprojection_skip(const char *p, const char *end)
-{
-    while (p < end && (*p == ' ' || *p == '\t')) p++;
-    return p;
-}
-
-/* Reads the next 2D point of the list; 0: the list has ended. */
-static int reprojection_next(enum colmap_format format, const char **p, const char *end, double pixel[2],
-                             int64_t *id)
-{
-    if (format == COLMAP_TEXT) {
-        for (int k = 0; k < 2; k++) {
-            *p = reprojection_skip(*p, end);
-            if (!parse_double(p, end, &pixel[k])) return 0;
-        }
-        *p = reprojection_skip(*p, end);
-        return parse_int64(p, end, id);
-    }
-    if (end - *p < 24) return 0;
-    pixel[0] = bytes_double(*p), pixel[1] = bytes_double(*p + 8);
-    *id = (int64_t)bytes_get(*p + 16, 8);
-    *p += 24;
-    return 1;
-}
-
-static int reprojection_list(const struct colmap *c, const char *p, const char *end,
-                             struct reprojection_seen *seen)
-{
-    int count = 0;
-    int64_t id;
-    while (count < REPROJECTION_POINTS && reprojection_next(c->format, &p, end, seen[count].pixel, &id)) {
-        const struct colmap_point *point = id >= 0 ? reprojection_find(c, id) : NULL;
-        if (point) memcpy(seen[count++].world, point->position, sizeof point->position);
-    }
-    return count;
-}
 
 /* ---------------- errors */
 
@@ -127,7 +74,7 @@ static void reprojection_convert(const struct colmap_image *image, enum reprojec
 
 /* Projects the points to px of the camera; NaN: behind the camera. */
 static void reprojection_project(const oxl_scene *scene, int view, enum reprojection_pose pose,
-                                 const struct reprojection_seen *seen, int count, double (*pixel)[2])
+                                 const struct colmap_sighting *seen, int count, double (*pixel)[2])
 {
     double r[9], t[3];
     reprojection_convert(scene_source_image(scene, view), pose, r, t);
@@ -144,7 +91,7 @@ static void reprojection_project(const oxl_scene *scene, int view, enum reprojec
 
 /* Returns the median distance in px to the 2D points times `factor`; a point without a
  * projection counts as farthest. */
-static double reprojection_median(const struct reprojection_seen *seen, int count, double (*pixel)[2],
+static double reprojection_median(const struct colmap_sighting *seen, int count, double (*pixel)[2],
                                   double factor)
 {
     double error[REPROJECTION_POINTS];
@@ -157,7 +104,7 @@ static double reprojection_median(const struct reprojection_seen *seen, int coun
 
 /* Returns the median ratio of distances from the image's corner. Programs that reduce images write new
  * cameras, and often leave the 2D points as they were; training does not use these. */
-static double reprojection_factor(const struct reprojection_seen *seen, int count, double (*pixel)[2])
+static double reprojection_factor(const struct colmap_sighting *seen, int count, double (*pixel)[2])
 {
     double ratio[REPROJECTION_POINTS];
     for (int i = 0; i < count; i++) {
@@ -180,18 +127,13 @@ static int reprojection_is_wrong(const oxl_scene *scene, const struct reprojecti
 }
 
 /* Computes the errors of an image as read, and in the other conventions if it is wrong as read. */
-static void reprojection_judge(oxl_context *ctx, const oxl_scene *scene, struct os_reader *file, char *text,
+static void reprojection_judge(oxl_context *ctx, const oxl_scene *scene, struct colmap_sightings *from,
                                struct reprojection_view *v)
 {
-    struct reprojection_seen seen[REPROJECTION_POINTS];
-    const struct colmap_image *image = scene_source_image(scene, v->view);
-    const size_t wanted = OXL_MIN(image->points_size, REPROJECTION_BYTES);
-    size_t got = 0;
-    int count;
-    if (wanted == 0 || os_reader_seek(ctx, file, image->points_at) != OXL_OK ||
-        os_reader_read(ctx, file, text, wanted, &got) != OXL_OK)
-        return;
-    count = reprojection_list(scene_colmap(scene), text, text + got, seen);
+    struct colmap_sighting seen[REPROJECTION_POINTS];
+    int count = 0;
+    if (colmap_sightings_of(ctx, from, scene_source_image(scene, v->view)) != OXL_OK) return;
+    while (count < REPROJECTION_POINTS && colmap_sightings_next(from, &seen[count])) count++;
     if (count < REPROJECTION_FEWEST) return;
     v->judged = 1;
     for (int k = 0; k < REPROJECTION_POSES && (k < 1 || reprojection_is_wrong(scene, v)); k++) {
@@ -282,22 +224,16 @@ OXL_INTERNAL oxl_result reprojection_check(oxl_context *ctx, const oxl_scene *sc
     const struct colmap *c = scene_colmap(scene);
     const int views = oxl_scene_view_count(scene), step = views / (REPROJECTION_VIEWS + 1) + 1;
     struct reprojection_view v[REPROJECTION_VIEWS + 1];
-    struct os_reader file = {0};
-    char *text;
-    size_t most = 0;
+    struct colmap_sightings from;
     int count = 0;
+    oxl_result rc;
     if (!c || c->track_count == 0 || c->format == COLMAP_JSON) return OXL_OK;
-    if (os_reader_open(ctx, PATH(c->folder, "%s", c->images_file), &file) != OXL_OK) return OXL_OK;
-    for (int i = 0; i < views; i += step) most = OXL_MAX(most, scene_source_image(scene, i)->points_size);
-    text = oxl_alloc(ctx, OXL_MIN(most, REPROJECTION_BYTES) + 1, 1);
-    if (text)
-        for (int i = 0; i < views && count < REPROJECTION_VIEWS; i += step) {
-            v[count] = (struct reprojection_view){.view = i};
-            reprojection_judge(ctx, scene, &file, text, &v[count++]);
-        }
-    os_reader_close(&file);
-    oxl_free(ctx, text);
-    if (!text) return OXL_ERR_MEMORY;
-    reprojection_report(ctx, scene, v, count);
-    return OXL_OK;
+    rc = colmap_sightings_open(ctx, c, REPROJECTION_BYTES, &from);
+    for (int i = 0; i < views && count < REPROJECTION_VIEWS && rc == OXL_OK; i += step) {
+        v[count] = (struct reprojection_view){.view = i};
+        reprojection_judge(ctx, scene, &from, &v[count++]);
+    }
+    colmap_sightings_close(ctx, &from);
+    if (rc == OXL_OK) reprojection_report(ctx, scene, v, count);
+    return rc == OXL_ERR_MEMORY ? rc : OXL_OK;
 }

@@ -2,6 +2,7 @@
 #ifndef OXL_SURVEY_READ_H
 #define OXL_SURVEY_READ_H
 
+#include "../survey/imaging.h"
 #include "../survey/sparse.h"
 
 /* ---------------- colmap_order.c: rows by id */
@@ -14,6 +15,52 @@ OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap 
 OXL_INTERNAL oxl_result colmap_order_points(oxl_context *ctx, struct colmap *c, int64_t *repeated);
 /* Returns 1 for a relative path without "..", up to `end`. */
 OXL_INTERNAL int colmap_name_is_safe(const char *name, const char *end);
+
+/* ---------------- colmap_sightings.c: where an image saw its points */
+
+struct colmap_sightings { /* Reads the 2D points of one image at a time. */
+    const struct colmap *colmap;
+    struct os_reader file;
+    char *text;
+    size_t room; /* bytes of an image's points that are read, from their beginning */
+    const char *at, *end;
+};
+/* Opens the file of images. Close it whatever the result. */
+OXL_INTERNAL oxl_result colmap_sightings_open(oxl_context *ctx, const struct colmap *c, size_t room,
+                                              struct colmap_sightings *out);
+OXL_INTERNAL void colmap_sightings_close(oxl_context *ctx, struct colmap_sightings *s);
+/* Reads an image's 2D points; colmap_sightings_next goes through those that are of a point, and returns 0
+ * after the last. */
+OXL_INTERNAL oxl_result colmap_sightings_of(oxl_context *ctx, struct colmap_sightings *s,
+                                            const struct colmap_image *image);
+OXL_INTERNAL int colmap_sightings_next(struct colmap_sightings *s, struct colmap_sighting *out);
+
+/* ---------------- resect.c: poses from the points that images saw */
+
+/* Finds the poses of training views, beside those they have: pose (views) begins with zeros, and keeps them
+ * where poses agree with points, or files have no tracks. *moved: number of views whose pose was found. */
+OXL_INTERNAL oxl_result scene_resect(oxl_context *ctx, const oxl_scene *scene, double (*pose)[POSE_TERMS],
+                                     int *moved);
+
+struct resect {
+    const oxl_camera *given;          /* pose to begin with */
+    const struct colmap_camera *lens; /* of the image file */
+    const double *origin;             /* of the scene */
+    const struct colmap_sighting *seen;
+    int count;
+    double limit; /* px; distances beyond it count linearly */
+};
+struct resect_found {
+    double before, after; /* px^2 / 2; mean cost of a point */
+    double shift;         /* px of the image file by which the points' projections move, rms */
+};
+/* Finds the pose with the lowest cost, from at least 3 points, beside `given`. */
+OXL_INTERNAL struct resect_found resect(const struct resect *r, double at[POSE_TERMS]);
+/* Computes how far the camera `now` has a point from where it was seen, and its derivatives by a turn and a
+ * move. 0: the camera does not see it. */
+OXL_INTERNAL int resect_residual(const struct resect *r, const oxl_camera *now,
+                                 const struct colmap_sighting *seen, double e[2],
+                                 double jacobian[2][POSE_TERMS]);
 
 /* ---------------- survey_files.c: image files of a survey */
 

@@ -4,6 +4,10 @@
  * few tracks; such errors blur the model. Each training view has a turn and a move of its own
  * (survey/pose.c), which take a step at each visit by the exact gradient of the loss (render/pose.h).
  *
+ * Before anything else looks at the scene, poses move onto the points that their images saw, where these do
+ * not agree (formats/resect.c); all that is said here of given poses is then of those. Held-out views keep
+ * theirs: they are test data, so that PSNR compares runs with and without.
+ *
  * Gauge: poses and scene could drift together, away from the poses of held-out views. After each epoch the
  * mean turn and the mean move of all training views, in the axes of the world, are set to zero.
  *
@@ -13,11 +17,12 @@
  * In a survey of several blocks the coarse model refines them, and all blocks use its poses.
  *
  * Invariant: off changes no byte of the result. The scene keeps the given poses until the run ends or pauses.
- * The state is archived.
+ * The state is archived; where the points say a pose is, a resumed run finds again.
  */
 #include "poses.h"
 #include "../core/option_rows.h"
 #include "../core/vecmath.h"
+#include "../formats/survey_read.h"
 #include "../survey/scene.h"
 
 #define POSES_FROM 0.05    /* of the run: Gaussians are rough before */
@@ -29,13 +34,6 @@
 #define POSES_PRIOR 2.5e-4 /* gradient by a view's shift of one error of the points, times that error; */
 #define POSES_ERROR 0.25   /* px: instead of a smaller error, or an unknown one */
 
-/* Says why poses stay as they are; NULL: they need not. */
-static const char *poses_fixed(const struct train *t)
-{
-    if (renderer_has_device(t->renderer)) return "a device has no gradient of them (--backend cpu)";
-    return t->task.window || t->task.context ? "of a block, views are seen in part" : NULL;
-}
-
 static oxl_result poses_allocate(oxl_context *ctx, struct poses *p, const oxl_scene *scene)
 {
     const size_t views = (size_t)oxl_scene_view_count(scene);
@@ -43,21 +41,18 @@ static oxl_result poses_allocate(oxl_context *ctx, struct poses *p, const oxl_sc
     if (!(p->depth > 0)) p->depth = oxl_scene_extent(scene);
     p->view = oxl_calloc(ctx, views + 1, sizeof *p->view);
     p->pose = oxl_calloc(ctx, views + 1, sizeof *p->pose);
-    if (p->view && p->pose) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the poses of %zu views", views);
+    return p->view && p->pose ? OXL_OK : OXL_ERR_MEMORY;
 }
 
-/* Keeps the poses of a continued run, else begins with those of the survey. */
-static oxl_result poses_begin(struct train *t, void *state)
+/* Keeps the poses of a continued run, else begins with those of the survey, moved onto their points. */
+static oxl_result poses_before_points(struct train *t, void *state)
 {
     struct poses *p = state;
     struct imaging *m = &t->scene->imaging;
-    const char *fixed = poses_fixed(t);
     double(*kept)[POSE_TERMS] = t->continues ? m->pose : NULL;
     oxl_result rc = OXL_OK;
-    p->asked = p->on = t->options->poses != OXL_OFF && !t->continues && !fixed;
-    if (t->options->poses == OXL_ON && !t->continues && fixed)
-        oxl_log(t->ctx, OXL_LOG_WARNING, "poses stay those of the survey: %s", fixed);
+    /* of a block, views are seen in part */
+    p->asked = t->options->poses != OXL_OFF && !t->continues && !t->task.window && !t->task.context;
     if (p->asked || kept) rc = poses_allocate(t->ctx, p, t->scene);
     if (rc != OXL_OK) return rc;
     if (kept) memcpy(p->pose, kept, (size_t)oxl_scene_view_count(t->scene) * sizeof *kept);
@@ -65,13 +60,30 @@ static oxl_result poses_begin(struct train *t, void *state)
     oxl_free(t->ctx, m->pose);
     m->pose = p->pose; /* zeros: allocates what poses_store needs, which cannot fail */
     rc = scene_set_poses(t->ctx, t->scene);
+    if (rc == OXL_OK && p->asked) rc = scene_resect(t->ctx, t->scene, p->pose, &p->resected);
+    if (p->resected) {
+        scene_set_poses(t->ctx, t->scene);
+        oxl_free(t->ctx, t->scene->found); /* of a look from the given poses */
+        t->scene->found = NULL;
+    }
     m->pose = NULL;
     return rc;
+}
+
+static oxl_result poses_begin(struct train *t, void *state)
+{
+    struct poses *p = state;
+    p->on = p->asked && !renderer_has_device(t->renderer);
+    if (p->asked && !p->on && t->options->poses == OXL_ON)
+        oxl_log(t->ctx, OXL_LOG_WARNING,
+                "poses are not refined with the scene: a device has no gradient of them (--backend cpu)");
+    return OXL_OK;
 }
 
 static void poses_free(struct train *t, void *state)
 {
     struct poses *p = state;
+    if (p->resected && p->pose) scene_set_poses(t->ctx, t->scene); /* of a run that has failed */
     OXL_FREE(t->ctx, p->view, p->pose);
     *p = (struct poses){0};
 }
@@ -176,10 +188,10 @@ static oxl_result poses_after_step(struct train *t, void *state)
     if (!p->on || t->options->poses != OXL_AUTO || t->step != (int)(POSES_DECIDE * t->options->iterations))
         return OXL_OK;
     shift = poses_shift(p, t->scene);
-    snprintf(why, sizeof why, "after %d steps they shift the images by %.2f px (rms); kept from %.2g px",
-             t->step, shift, POSES_SHIFT);
+    snprintf(why, sizeof why, "%safter %d steps they shift the images by %.2f px (rms); kept from %.2g px",
+             p->resected ? "moved onto their points; " : "", t->step, shift, POSES_SHIFT);
     p->on = shift >= POSES_SHIFT;
-    selection_record_auto(t, "poses", OXL_AUTO, p->on, why);
+    selection_record_auto(t, "poses", OXL_AUTO, p->on || p->resected, why);
     return OXL_OK;
 }
 
@@ -187,15 +199,14 @@ static void poses_store(struct train *t, void *state, oxl_model *model)
 {
     struct poses *p = state;
     (void)model;
-    for (int v = 0; p->on && v < oxl_scene_view_count(t->scene); v++)
-        memcpy(p->pose[v], p->view[v].at, sizeof p->pose[v]);
-    if (!p->asked || p->on) t->scene->imaging.pose = p->pose, p->pose = NULL;
+    for (int v = 0; p->on && v < oxl_scene_view_count(t->scene); v++) pose_add(p->pose[v], p->view[v].at);
+    if (!p->asked || p->on || p->resected) t->scene->imaging.pose = p->pose, p->pose = NULL;
     scene_set_poses(t->ctx, t->scene);
 }
 
 /* clang-format off */
 static const oxl_option poses_options[] = {
-{"poses", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.poses), 0, 2, EACH("off"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_LOOKED, "Scene content", "refine the poses of training views with the scene, on the CPU; auto: kept if images shift by 0.2 px", NULL},
+{"poses", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.poses), 0, 2, EACH("off"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_LOOKED, "Scene content", "refine training views' poses by points and, on the CPU, the scene; auto: kept if images shift by 0.2 px", NULL},
 {0}};
 /* clang-format on */
 
@@ -203,6 +214,7 @@ OXL_INTERNAL const struct part part_poses = {.name = "poses",
                                              .size = sizeof(struct poses),
                                              .option = poses_options,
                                              .is_branched = 1,
+                                             .before_points = poses_before_points,
                                              .begin = poses_begin,
                                              .free = poses_free,
                                              .archive = poses_archive,

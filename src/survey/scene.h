@@ -87,6 +87,8 @@ struct pose_rule {
 OXL_INTERNAL int pose_is_moved(const double at[POSE_TERMS]);
 /* Sets rotation and translation of *out to the given camera's, turned and moved by `at`. */
 OXL_INTERNAL void pose_apply(const oxl_camera *given, const double at[POSE_TERMS], oxl_camera *out);
+/* Turns and moves a camera that `at` has moved by `more`, in its own axes: at becomes both in one. */
+OXL_INTERNAL void pose_add(double at[POSE_TERMS], const double more[POSE_TERMS]);
 /* Gives the views the poses of scene->imaging, or those of the survey if it has none. */
 OXL_INTERNAL oxl_result scene_set_poses(oxl_context *ctx, oxl_scene *scene);
 /* Takes a step along dL/d(pose), which renderer_pose_gradient gives. */

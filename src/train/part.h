@@ -36,6 +36,8 @@ struct part {
     oxl_result (*check)(oxl_context *ctx, const oxl_train_options *options);
     /* Adds points to start from to the survey's (*count, allocated); before `begin`, without a state. */
     oxl_result (*first_points)(struct train *t, oxl_point **out, size_t *count);
+    /* Begins a run before there is a model or a renderer: may change the survey's poses. */
+    oxl_result (*before_points)(struct train *t, void *state);
     /* Begins a run: the model and the renderer exist. t->continues: from a trained model. */
     oxl_result (*begin)(struct train *t, void *state);
     void (*free)(struct train *t, void *state);

@@ -41,6 +41,11 @@ OXL_INTERNAL oxl_result parts_first_points(struct train *t, oxl_point **out, siz
     PARTS_CALL(first_points, t, out, count);
 }
 
+OXL_INTERNAL oxl_result parts_before_points(struct train *t)
+{
+    PARTS_CALL(before_points, t, t->part[k]);
+}
+
 OXL_INTERNAL oxl_result parts_begin(struct train *t)
 {
     PARTS_CALL(begin, t, t->part[k]);

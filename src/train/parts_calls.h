@@ -7,6 +7,7 @@
 OXL_INTERNAL oxl_result parts_create(struct train *t); /* memory for the states */
 /* The points that one part adds to the survey's, before there is a model. Free with oxl_free. */
 OXL_INTERNAL oxl_result parts_first_points(struct train *t, oxl_point **out, size_t *count);
+OXL_INTERNAL oxl_result parts_before_points(struct train *t);
 OXL_INTERNAL oxl_result parts_begin(struct train *t);
 OXL_INTERNAL void parts_free(struct train *t);
 /* Writes or reads the states of all parts. branch: only what the steps of a trial change. */

@@ -158,9 +158,11 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
     t->render.near_plane = (float)oxl_scene_near_plane(t->scene);
     scene_background(t->scene, t->options->background, t->render.background);
     scene_set_background(ctx, t->scene, t->render.background); /* before the first image is read */
-    rc = train_first_model(t);
-    if (rc != OXL_OK) return rc;
     t->continues = t->task.start != NULL;
+    rc = parts_create(t);
+    if (rc == OXL_OK) rc = parts_before_points(t);
+    if (rc == OXL_OK) rc = train_first_model(t);
+    if (rc != OXL_OK) return rc;
     memcpy(t->trained.model.origin, oxl_scene_origin(t->scene), sizeof t->trained.model.origin);
     rc = train_begin_moments(t);
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
@@ -168,7 +170,6 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
     if (rc == OXL_OK) renderer_set_context(t->renderer, t->task.context);
     if (rc == OXL_OK) rc = density_create(ctx, &t->density);
     if (rc == OXL_OK) rc = density_clear(ctx, t->density, t->trained.model.count);
-    if (rc == OXL_OK) rc = parts_create(t);
     if (rc == OXL_OK) rc = parts_begin(t);
     if (rc == OXL_OK && !t->continues) rc = train_imaging_begin(t);
     if (rc == OXL_OK) rc = selection_begin(t);
