@@ -1,6 +1,6 @@
 /* cli.h - the parts of the command line beyond parsing, calling and printing.
  *
- * They use the public headers and json.h of src/formats, eigen.h, random.h, svg.h of src/core, and are not in
+ * They use the public headers and json.h, svg.h of src/formats, eigen.h, random.h of src/core, and are not in
  * the library. Each file of cli/ has a section; synth_options is here because `struct arguments` holds it.
  */
 #ifndef CLI_H

@@ -6,7 +6,7 @@
  * Invariant: an axis begins and ends on a multiple of its step, and every value lies within.
  */
 #include "report_state.h"
-#include "../src/core/svg.h"
+#include "../src/formats/svg.h"
 
 #include <math.h>
 

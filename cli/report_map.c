@@ -4,7 +4,7 @@
  * circles, so that they are distinguishable at any size.
  */
 #include "report_state.h"
-#include "../src/core/svg.h"
+#include "../src/formats/svg.h"
 
 #include <math.h>
 #include <stdlib.h>

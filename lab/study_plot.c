@@ -4,7 +4,7 @@
  * the Pareto front are filled.
  */
 #include "study.h"
-#include "../src/core/svg.h"
+#include "../src/formats/svg.h"
 
 #include <math.h>
 #include <stdlib.h>

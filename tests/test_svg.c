@@ -1,6 +1,6 @@
 /* test_svg.c - numbers and elements of SVG drawings. */
 #include "test.h"
-#include "../src/core/svg.h"
+#include "../src/formats/svg.h"
 
 TEST(svg_numbers_have_one_decimal_at_most_and_are_always_numbers)
 {

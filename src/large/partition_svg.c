@@ -6,7 +6,7 @@
  * is written through the locale.
  */
 #include "partition.h"
-#include "../core/svg.h"
+#include "../formats/svg.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
 
