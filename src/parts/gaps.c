@@ -538,7 +538,6 @@ OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, oxl_scene *scene, size_t m
     const struct colmap *c = scene_colmap(scene);
     struct gaps g = {.ctx = ctx, .scene = scene, .side = gaps_side(scene)};
     oxl_result rc = OXL_OK;
-    int training = 0;
     *out = NULL, *count = 0;
     if (most == 0 || !c || c->track_count == 0 || !(g.side > 0)) return OXL_OK;
     g.cell = oxl_alloc(ctx, (GAPS_ACROSS + 1) * (GAPS_ACROSS + 1), sizeof *g.cell);
@@ -546,7 +545,7 @@ OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, oxl_scene *scene, size_t m
     if (!g.cell || !g.shared) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = gaps_take_points(&g, GAPS_PLACES * most);
     if (rc == OXL_OK) rc = gaps_sort_tracks(&g);
-    for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++)
+    for (int i = 0, training = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++)
         if (!oxl_scene_view(scene, i)->is_test && training++ % every == 0) rc = gaps_of_view(&g, i);
     gaps_thin(&g, most);
     if (rc == OXL_OK) *out = g.out, *count = g.count;

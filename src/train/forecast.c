@@ -89,8 +89,8 @@ static double forecast_coarse_steps(const oxl_scene *scene, const oxl_train_opti
 
 OXL_INTERNAL int forecast_trial_steps(const oxl_train_options *o, int views)
 {
-    const int each = OXL_MAX(1, (int)(SELECTION_TRIAL * o->iterations));
-    return views < SELECTION_VIEWS_MIN ? 0 : each * parts_trials(o);
+    return views < SELECTION_VIEWS_MIN ? 0
+                                       : OXL_MAX(1, (int)(SELECTION_TRIAL * o->iterations)) * parts_trials(o);
 }
 
 /* Returns the steps on whole images that take as long as the trials half into a run, less those `done`. */
@@ -127,8 +127,7 @@ OXL_INTERNAL void forecast_note_step(struct train *t)
         f->work = FORECAST_MEMORY * f->work + forecast_work((double)t->trained.model.count, t->halved);
     }
     if (f->start == 0) f->start = t->trained.model.count;
-    f->at = now;
-    f->mark = mark;
+    f->at = now, f->mark = mark;
     f->trial_steps += t->is_trial;
 }
 
@@ -163,14 +162,12 @@ static double forecast_beside(struct train *t, const struct forecast_state *f)
 static double forecast_reckon(struct train *t)
 {
     const oxl_train_options *o = t->options;
-    struct forecast_state f = {.o = o,
-                               .gaussians = (double)t->trained.model.count,
-                               .cap = (double)schedule_gaussian_cap(t->scene, o),
-                               .coarse = forecast_coarse_steps(t->scene, o)};
+    struct forecast_state f = {
+        .o = o, .gaussians = (double)t->trained.model.count, .coarse = forecast_coarse_steps(t->scene, o)};
     double work;
     for (int step = 1; step <= t->step; step++) f.densified += schedule_densifies_at(o, step);
     f.rate = forecast_rate_now(t, f.densified);
-    f.cap = OXL_MAX(f.cap, f.gaussians);
+    f.cap = OXL_MAX((double)schedule_gaussian_cap(t->scene, o), f.gaussians);
     work = forecast_ahead(&f, t->step);
     work += forecast_beside(t, &f) * forecast_work(f.gaussians, 0);
     return work * t->forecast.seconds / t->forecast.work;
@@ -181,8 +178,7 @@ OXL_INTERNAL double forecast_left(struct train *t)
     struct forecast *f = &t->forecast;
     if (!(f->work > 0)) return 0;
     if (t->step >= f->next || !(f->left_at > 0) || t->is_trial) {
-        f->left = forecast_reckon(t);
-        f->left_at = f->at;
+        f->left = forecast_reckon(t), f->left_at = f->at;
         f->next = t->step + t->options->iterations / FORECAST_RECKONED;
     }
     return OXL_MAX(0, f->left - (os_seconds() - f->left_at));
