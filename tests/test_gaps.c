@@ -87,6 +87,21 @@ TEST(gaps_get_no_points_where_views_do_not_agree)
     oxl_scene_free(test_ctx, scene);
 }
 
+/* The first look at a large survey does so; view 0, which is held out, is none of them. */
+TEST(gaps_are_looked_for_in_every_so_many_of_the_training_views)
+{
+    oxl_scene *scene = gaps_test_scene(0.8, 1);
+    oxl_point *point;
+    size_t all, few;
+    CHECK(oxl_scene_view(scene, 0)->is_test);
+    CHECK_OK(gaps_points(test_ctx, scene, 10000, 1, &point, &all));
+    oxl_free(test_ctx, point);
+    CHECK_OK(gaps_points(test_ctx, scene, 10000, GAPS_TEST_VIEWS, &point, &few));
+    oxl_free(test_ctx, point);
+    CHECK(few > 0 && few < all);
+    oxl_scene_free(test_ctx, scene);
+}
+
 TEST(gaps_get_at_most_so_many_points)
 {
     oxl_scene *scene = gaps_test_scene(0.8, 1);

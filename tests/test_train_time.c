@@ -145,7 +145,7 @@ TEST(forecast_of_time_counts_steps_growth_and_what_follows_them)
     plain = forecast_seconds(scene, &o, &look, 400, 100);
     CHECK_CLOSE(plain,
                 1000 + 2.7 * oxl_scene_view_count(scene) +
-                    0.25 * forecast_trial_steps(&o, schedule_training_views(scene)),
+                    1.3 * forecast_trial_steps(&o, schedule_training_views(scene)),
                 1);
     o.iterations = 2000;
     CHECK(forecast_seconds(scene, &o, &look, 400, 100) > 1.9 * plain);
@@ -155,6 +155,38 @@ TEST(forecast_of_time_counts_steps_growth_and_what_follows_them)
     grown = forecast_seconds(scene, &o, &look, 1e6, 100);
     CHECK(grown > 1.5 * plain);
     oxl_scene_free(test_ctx, scene);
+}
+
+/* Half into a run steps still are those of half the sides, also where trials take them. */
+TEST(forecast_of_time_has_trials_at_half_the_sides)
+{
+    oxl_scene *scene = train_scene(12);
+    oxl_train_options o = train_options(1000);
+    struct look look = {.gaussians = 400, .seconds = 1, .timed = 400, .share = 1e-12};
+    double trials;
+    o.densify_until = o.densify_from = 0, o.coarse = 0.75f;
+    o.sh_degree = -1;
+    trials = 1.3 * forecast_trial_steps(&o, schedule_training_views(scene));
+    CHECK(trials > 90);
+    CHECK_CLOSE(forecast_seconds(scene, &o, &look, 400, 0),
+                250 + 0.35 * (750 + trials) + 2.7 * oxl_scene_view_count(scene), 1);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* Between the steps of two trials views are validated, which takes far longer than a step. */
+TEST(time_left_does_not_count_what_lies_between_trials_as_a_step)
+{
+    const oxl_train_options o = train_options(1000);
+    struct train t = {.ctx = test_ctx, .options = &o, .trained.model.count = 100, .forecast.at = -1};
+    static const int steps[][3] = {{500, 0, 0}, {501, 0, 1}, {501, 1, 0}, {502, 1, 1}, {501, 1, 0},
+                                   {502, 1, 1}, {503, 0, 0}, {504, 0, 1}}; /* step, of a trial, counted */
+    for (size_t i = 0; i < sizeof steps / sizeof steps[0]; i++) {
+        const double before = t.forecast.seconds;
+        t.step = steps[i][0], t.is_trial = steps[i][1];
+        if (i > 0) t.forecast.at = os_seconds() - 1;
+        forecast_note_step(&t);
+        CHECK((t.forecast.seconds > 0.9 * before + 0.9) == steps[i][2]);
+    }
 }
 
 struct time_left {

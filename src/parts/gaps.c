@@ -545,8 +545,8 @@ OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, oxl_scene *scene, size_t m
     if (!g.cell || !g.shared) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = gaps_take_points(&g, GAPS_PLACES * most);
     if (rc == OXL_OK) rc = gaps_sort_tracks(&g);
-    for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i += every)
-        if (!oxl_scene_view(scene, i)->is_test) rc = gaps_of_view(&g, i);
+    for (int i = 0, training = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++)
+        if (!oxl_scene_view(scene, i)->is_test && training++ % every == 0) rc = gaps_of_view(&g, i);
     gaps_thin(&g, most);
     if (rc == OXL_OK) *out = g.out, *count = g.count;
     else oxl_free(ctx, g.out);
@@ -577,7 +577,7 @@ static oxl_result gaps_first_points(struct train *t, oxl_point **out, size_t *co
     const size_t points = oxl_scene_point_count(t->scene), cap = schedule_gaussian_cap(t->scene, t->options),
                  room = cap > points ? (size_t)(GAPS_FRACTION * (double)(cap - points)) : 0,
                  most = t->options->gaps ? room : 0;
-    const int every = t->is_look ? 1 + oxl_scene_view_count(t->scene) / GAPS_LOOK : 1;
+    const int every = t->is_look ? 1 + (schedule_training_views(t->scene) - 1) / GAPS_LOOK : 1;
     oxl_result rc = OXL_OK;
     if (!t->is_look && t->scene->found && t->scene->found_most == most) {
         *out = t->scene->found, *count = t->scene->found_count;

@@ -4,8 +4,8 @@
 
 #include "../survey/survey.h"
 
-/* Makes at most `most` points, in the scene's frame, where training views have none, of which it looks at
- * every so many; free with oxl_free. */
+/* Makes at most `most` points, in the scene's frame, where training views have none; it looks at every so
+ * many of them; free with oxl_free. */
 OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, oxl_scene *scene, size_t most, int every,
                                     oxl_point **out, size_t *count);
 

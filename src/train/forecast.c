@@ -20,7 +20,7 @@
 #define FORECAST_BEFORE 3.0        /* densifications of the run itself that count as much as the look */
 #define FORECAST_GAUSSIANS 0.5     /* power of Gaussians in the time of a step; measured: 0.3 to 0.9 */
 #define FORECAST_HALF 0.35         /* time of a step at half the sides over one of whole images */
-#define FORECAST_TRIALS 0.25       /* of the most trials that a run may make: most decide earlier */
+#define FORECAST_TRIALS 1.3        /* of the most steps of trials, with validation; measured: 0.7 to 1.8 */
 #define FORECAST_VIEW 2.7          /* steps that evaluation takes for a view, with its files */
 #define FORECAST_MEMORY 0.98       /* of what is known of a step's time that one more step leaves */
 enum { FORECAST_RECKONED = 200 };  /* times that a run reckons the time left */
@@ -89,8 +89,15 @@ static double forecast_coarse_steps(const oxl_scene *scene, const oxl_train_opti
 
 OXL_INTERNAL int forecast_trial_steps(const oxl_train_options *o, int views)
 {
-    const int each = OXL_MAX(1, (int)(SELECTION_TRIAL * o->iterations));
-    return views < SELECTION_VIEWS_MIN ? 0 : each * parts_trials(o);
+    return views < SELECTION_VIEWS_MIN ? 0
+                                       : OXL_MAX(1, (int)(SELECTION_TRIAL * o->iterations)) * parts_trials(o);
+}
+
+/* Returns the steps on whole images that take as long as the trials half into a run, less those `done`. */
+static double forecast_trials(const struct forecast_state *f, int views, int done)
+{
+    const double left = FORECAST_TRIALS * forecast_trial_steps(f->o, views) - done;
+    return OXL_MAX(left, 0) * (f->coarse > 0.5 * f->o->iterations ? FORECAST_HALF : 1);
 }
 
 OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_options *o,
@@ -103,7 +110,7 @@ OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_opt
                                .coarse = forecast_coarse_steps(scene, o)};
     double work = forecast_ahead(&f, 0);
     work += forecast_work(f.gaussians, 0) *
-            (FORECAST_TRIALS * forecast_trial_steps(o, schedule_training_views(scene)) +
+            (forecast_trials(&f, schedule_training_views(scene), 0) +
              FORECAST_VIEW * oxl_scene_view_count(scene) + (look->hides ? refined : 0));
     return look->begin + work * look->seconds / forecast_work(look->timed, 0);
 }
@@ -114,12 +121,13 @@ OXL_INTERNAL void forecast_note_step(struct train *t)
 {
     struct forecast *f = &t->forecast;
     const double now = os_seconds();
-    if (f->at > 0 && now > f->at) {
+    const int mark = 2 * t->step + t->is_trial; /* 2 more than the last one, unless a trial lies between */
+    if (f->at > 0 && now > f->at && mark == f->mark + 2) {
         f->seconds = FORECAST_MEMORY * f->seconds + now - f->at;
         f->work = FORECAST_MEMORY * f->work + forecast_work((double)t->trained.model.count, t->halved);
     }
     if (f->start == 0) f->start = t->trained.model.count;
-    f->at = now;
+    f->at = now, f->mark = mark;
     f->trial_steps += t->is_trial;
 }
 
@@ -144,27 +152,24 @@ OXL_INTERNAL int forecast_hides(struct train *t)
 }
 
 /* Returns the steps beside the run's own: trials, evaluation, a model for viewers. */
-static double forecast_beside(struct train *t)
+static double forecast_beside(struct train *t, const struct forecast_state *f)
 {
-    const double trials = FORECAST_TRIALS * forecast_trial_steps(t->options, t->views + t->validation_views);
-    double steps = t->trial || t->step < parts_validate_until(t) ? trials - t->forecast.trial_steps : 0;
-    steps = OXL_MAX(steps, 0);
-    return steps + FORECAST_VIEW * t->task.viewed + (forecast_hides(t) ? t->task.refined : 0);
+    const int views = t->views + t->validation_views, tries = t->trial || t->step < parts_validate_until(t);
+    return (tries ? forecast_trials(f, views, t->forecast.trial_steps) : 0) + FORECAST_VIEW * t->task.viewed +
+           (forecast_hides(t) ? t->task.refined : 0);
 }
 
 static double forecast_reckon(struct train *t)
 {
     const oxl_train_options *o = t->options;
-    struct forecast_state f = {.o = o,
-                               .gaussians = (double)t->trained.model.count,
-                               .cap = (double)schedule_gaussian_cap(t->scene, o),
-                               .coarse = forecast_coarse_steps(t->scene, o)};
+    struct forecast_state f = {
+        .o = o, .gaussians = (double)t->trained.model.count, .coarse = forecast_coarse_steps(t->scene, o)};
     double work;
     for (int step = 1; step <= t->step; step++) f.densified += schedule_densifies_at(o, step);
     f.rate = forecast_rate_now(t, f.densified);
-    f.cap = OXL_MAX(f.cap, f.gaussians);
+    f.cap = OXL_MAX((double)schedule_gaussian_cap(t->scene, o), f.gaussians);
     work = forecast_ahead(&f, t->step);
-    work += forecast_beside(t) * forecast_work(f.gaussians, 0);
+    work += forecast_beside(t, &f) * forecast_work(f.gaussians, 0);
     return work * t->forecast.seconds / t->forecast.work;
 }
 
@@ -173,8 +178,7 @@ OXL_INTERNAL double forecast_left(struct train *t)
     struct forecast *f = &t->forecast;
     if (!(f->work > 0)) return 0;
     if (t->step >= f->next || !(f->left_at > 0) || t->is_trial) {
-        f->left = forecast_reckon(t);
-        f->left_at = f->at;
+        f->left = forecast_reckon(t), f->left_at = f->at;
         f->next = t->step + t->options->iterations / FORECAST_RECKONED;
     }
     return OXL_MAX(0, f->left - (os_seconds() - f->left_at));

@@ -21,13 +21,13 @@ struct train_deferred { /* a step that the device has not reported yet */
     struct imaging imaging;
 };
 
-struct forecast {         /* of the time left; not archived */
-    double seconds, work; /* of the last steps, and what forecast.c reckons of them; both fade */
-    double at;            /* time of the last step, os_seconds; 0: none yet */
-    size_t start;         /* Gaussians at the first step of this process */
-    int trial_steps;      /* made by this process */
-    double left, left_at; /* s, as reckoned at the time left_at */
-    int next;             /* step at which it is reckoned again */
+struct forecast {          /* of the time left; not archived */
+    double seconds, work;  /* of the last steps, and what forecast.c reckons of them; both fade */
+    double at;             /* time of the last step, os_seconds; 0: none yet */
+    size_t start;          /* Gaussians at the first step of this process */
+    int mark, trial_steps; /* of the last step; made by this process */
+    double left, left_at;  /* s, as reckoned at the time left_at */
+    int next;              /* step at which it is reckoned again */
 };
 
 struct train {
