@@ -28,7 +28,7 @@
 #define SCHEDULE_EARLY_UNTIL 0.5 /* of the run: until then those rates are larger */
 /* of the run: alpha_min holds until then, ALPHA_MIN from then on */
 #define SCHEDULE_ALPHA_MIN_UNTIL 0.8
-#define SCHEDULE_RATES_MAX 9.0    /* of geometry, by which a row steps at most where views show few rows */
+#define SCHEDULE_RATES_MAX 10.0   /* of geometry, by which a row steps at most where views show few rows */
 #define SCHEDULE_COOLDOWN_END 0.1 /* factor on the learning rates at the end of a run */
 
 /* Returns the run's length, in steps of the whole survey. */
