@@ -1,9 +1,9 @@
 /* block.c - trains one block in its folder OUT/blocks/KKK: checkpoint.oxl while it runs, then model.ply,
  * log.csv, block.json.
  *
- * A model with second lobes or a medium may be followed by model_standard.ply, for viewers that support
- * neither: the lobes are dropped, the medium is baked into the colours, the rest is refined for a twentieth
- * of the run, or longer with a medium. Its gains and lamp are those of model.ply.
+ * A model with second lobes, a medium, or gains alone may be followed by model_standard.ply, for viewers that
+ * support none of them: the lobes are dropped, medium or gains are baked into the colours, the rest is refined
+ * for a twentieth of the run, or longer with a medium or gains. Else its gains and lamp are those of model.ply.
  *
  * Invariant: block.json is written last; one that says "finished": true describes the model.ply beside it,
  * and its line "job" identifies the run.

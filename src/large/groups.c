@@ -89,8 +89,8 @@ static oxl_result groups_write(const struct groups *g, int block, int version, s
     return rc;
 }
 
-/* Returns 1 if all files of the block exist: a finished task has removed them, and whoever has lost their
- * result begins again. */
+/* Returns 1 if all files of the block exist. The last task has removed them: a run that has lost its result
+ * since then begins again. */
 static int groups_has_files(const struct groups *g, int block)
 {
     int all = 1;
@@ -272,7 +272,8 @@ static oxl_result groups_make(struct groups *g)
 
 /* ---------------- a task */
 
-/* Returns the last step of a task, counted from the first of the model, or of that for viewers. Each task has steps in proportion to its views. */
+/* Returns the last step of a task, counted from the first of the model, or of that for viewers. Each task has
+ * steps in proportion to its views. */
 static int groups_last_step(const struct groups *g, int task)
 {
     int below = 0, all = 0;
@@ -353,8 +354,8 @@ static oxl_result groups_bake_block(struct groups *g, int block, int version)
 }
 
 /* Writes all blocks as a new version, with the rows of a task, or with medium or gains in their colours if
- * `all` is NULL; then groups.txt, and only then removes the old version: a killed
- * process loses the task alone. */
+ * `all` is NULL; then groups.txt, and only then removes the old version: a killed process loses the task
+ * alone. */
 static oxl_result groups_store(struct groups *g, struct trained_model *all)
 {
     const int blocks = g->job->partition.block_count, version = g->done + 1;
@@ -395,10 +396,9 @@ static oxl_result groups_train(struct groups *g, const struct image_window *wind
 {
     struct job *job = g->job;
     const oxl_train_options *run = &job->options.train;
-    oxl_train_options o = g->viewers
-                              ? block_standard_options(run, all->model.sh_degree, block_standard_steps(run),
-                                                       job->scene)
-                              : block_refinement(run, all->model.sh_degree, g->steps);
+    oxl_train_options o =
+        g->viewers ? block_standard_options(run, all->model.sh_degree, block_standard_steps(run), job->scene)
+                   : block_refinement(run, all->model.sh_degree, g->steps);
     struct text key = {.ctx = job->ctx}, log = {.ctx = job->ctx}, notes = {.ctx = job->ctx};
     oxl_model out = {0};
     struct train_task train = {.log = &log,
@@ -481,7 +481,7 @@ static oxl_result groups_write_result(struct groups *g, const char *name, int fi
     return rc;
 }
 
-/* Trains with what is left of the turns. first: task that is the first of them. */
+/* Trains in all turns that are left. first: number of the first task in them. */
 static oxl_result groups_run_tasks(struct groups *g, int first)
 {
     oxl_result rc = OXL_OK;
@@ -505,7 +505,7 @@ static oxl_result groups_run_viewers(struct groups *g)
     oxl_result rc = OXL_OK;
     if (g->done == first) rc = groups_write_result(g, "model.ply", 0);
     if (rc == OXL_OK && g->done == first) rc = groups_store(g, NULL);
-    g->viewers = 1, g->before = g->steps;
+    g->viewers = 1, g->before = g->steps, g->step = 0;
     g->steps = block_hiding_steps(block_standard_steps(&g->job->options.train));
     if (rc == OXL_OK)
         oxl_log(g->job->ctx, OXL_LOG_INFO, "the model without %s, for viewers, is refined for %d iterations",

@@ -201,8 +201,8 @@ OXL_INTERNAL int block_standard_steps(const oxl_train_options *run);
 OXL_INTERNAL int block_hiding_steps(int standard);
 /* Returns 1 if images have a medium, or gains alone, which model_standard.ply leaves out. */
 OXL_INTERNAL int block_hides(const oxl_scene *scene);
-/* Takes from the scene what model_standard.ply leaves out, and returns the options of its refinement. standard:
- * block_standard_steps of the whole run. */
+/* Takes from the scene what model_standard.ply leaves out, and returns the options of its refinement.
+ * standard: block_standard_steps of the whole run. */
 OXL_INTERNAL oxl_train_options block_standard_options(const oxl_train_options *run, int sh_degree,
                                                       int standard, oxl_scene *scene);
 /* Reads block.json; exists 0: there is none, or it has another key. */
