@@ -506,6 +506,95 @@ TEST(job_in_blocks_trains_groups_of_views_where_memory_is_small_and_resumes_to_t
     CHECK(!os_is_file(test_path("whole/blocks/whole/checkpoint.oxl")));
 }
 
+/* Of a run in blocks with gains alone: scene.ply shows the held-out views without imaging.txt, better than
+ * scene_clear.ply does, and metrics.json says how well. */
+static void job_test_shows_viewers(const char *out)
+{
+    struct os_file_map json = {0};
+    char scene[64], clear[64], path[200];
+    oxl_metrics plain, named;
+    snprintf(scene, sizeof scene, "%s/scene.ply", out);
+    snprintf(clear, sizeof clear, "%s/scene_clear.ply", out);
+    snprintf(path, sizeof path, "%s", test_path(out));
+    CHECK(os_is_file(PATH(path, "scene_clear.ply")) && os_is_file(PATH(path, "imaging.txt")));
+    plain = job_test_evaluate(scene, 0), named = job_test_evaluate(scene, 1);
+    CHECK(named.psnr == plain.psnr && plain.psnr > job_test_evaluate(clear, 0).psnr + 0.1);
+    CHECK_OK(os_read_file(test_ctx, PATH(path, "metrics.json"), &json));
+    CHECK_CLOSE(oxl_json_number(json.data, "psnr"), job_test_evaluate(clear, 1).psnr, 1e-9);
+    CHECK_CLOSE(oxl_json_number(oxl_json_member(json.data, "standard"), "psnr"), plain.psnr, 1e-9);
+    os_release_file(test_ctx, &json);
+}
+
+/* Stops once in the model for viewers, which follows the steps of the merged model. */
+static int job_test_stop_viewers(void *user, const oxl_progress *p)
+{
+    int *left = user;
+    return p->stage == OXL_STAGE_MERGED && p->iteration > 42 && --*left == 0;
+}
+
+static oxl_job_options job_test_gains_in_blocks(void)
+{
+    oxl_job_options options = job_test_blocks();
+    options.train.iterations = 120; /* 42 of the merged model, 18 of that for viewers */
+    options.train.exposure = OXL_ON;
+    options.train.lamp = options.train.medium = OXL_OFF;
+    options.renders = 0;
+    return options;
+}
+
+TEST(job_in_blocks_with_gains_alone_writes_a_model_for_viewers_and_resumes_it)
+{
+    NEEDS_PART(exposure);
+    const oxl_job_options options = job_test_gains_in_blocks();
+    int left = 5;
+    const oxl_callback stop = {job_test_stop_viewers, &left};
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("whole"), &options, NULL));
+    CHECK(!os_is_file(test_path("whole/blocks/whole/groups.txt")));
+    job_test_shows_viewers("whole");
+    CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("stopped"), &options, &stop) ==
+          OXL_ERR_INTERRUPTED);
+    CHECK(left == 0);
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("stopped"), &options, NULL));
+    CHECK(job_test_same(test_path("whole/scene.ply"), test_path("stopped/scene.ply")));
+    CHECK(job_test_same(test_path("whole/scene_clear.ply"), test_path("stopped/scene_clear.ply")));
+}
+
+TEST(job_in_blocks_trains_the_model_for_viewers_in_groups_and_resumes_to_the_same_bytes)
+{
+    NEEDS_PART(exposure);
+    oxl_job_options options = job_test_gains_in_blocks();
+    const char *survey = job_test_strip();
+    char out[2][200] = {{0}};
+    options.partition.block_points = 30;
+    for (int run = 0; run < 2; run++) {
+        snprintf(out[run], sizeof out[run], "%s", test_path(run ? "stopped" : "whole"));
+        for (options.block = 0; options.block < 2; options.block++)
+            CHECK_OK(oxl_job_run(test_ctx, survey, out[run], &options, NULL));
+        job_test_limit_memory(out[run], &options, 0.6);
+    }
+    CHECK_OK(oxl_merge(test_ctx, out[0], NULL));
+    CHECK(os_is_file(test_path("whole/blocks/whole/groups.txt")));
+    job_test_shows_viewers("whole");
+    for (int stop = 1; stop <= 5; stop++) {
+        int left = stop;
+        const oxl_callback callback = {job_test_stop_viewers, &left};
+        CHECK(oxl_merge(test_ctx, out[1], &callback) == OXL_ERR_INTERRUPTED && left == 0);
+        CHECK(os_is_file(test_path("stopped/blocks/whole/model.ply")));
+        if (stop == 3) /* what the model for viewers began with: all begins again */
+            CHECK(os_remove(test_path("stopped/blocks/whole/model.ply")) == 0);
+    }
+    CHECK_OK(oxl_merge(test_ctx, out[1], NULL));
+    CHECK(job_test_same(test_path("whole/scene.ply"), test_path("stopped/scene.ply")));
+    CHECK(job_test_same(test_path("whole/scene_clear.ply"), test_path("stopped/scene_clear.ply")));
+    CHECK(job_test_same(test_path("whole/imaging.txt"), test_path("stopped/imaging.txt")));
+    /* A result that is lost is made again, although the files of its tasks are gone. */
+    job_test_replace(test_path("stopped/run.json"), "\"finished\": true", "\"finished\": false");
+    CHECK(os_remove(test_path("stopped/scene.ply")) == 0 &&
+          os_remove(test_path("stopped/blocks/whole/model_standard.ply")) == 0);
+    CHECK_OK(oxl_merge(test_ctx, out[1], NULL));
+    CHECK(job_test_same(test_path("whole/scene.ply"), test_path("stopped/scene.ply")));
+}
+
 TEST(job_trains_a_block_again_whose_folder_was_emptied)
 {
     oxl_job_options options = job_test_blocks();

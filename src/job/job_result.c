@@ -32,10 +32,16 @@ static oxl_result job_drop_unseen(struct job *job, oxl_large_model *large)
     return rc;
 }
 
+/* Returns the one block, or the merged model. */
+static int job_last_block(const struct job *job)
+{
+    return job->partition.block_count == 1 ? 0 : JOB_MERGED_MODEL;
+}
+
 /* Reads the model of the one block, or the merged model, and its imaging. */
 static oxl_result job_final_model(struct job *job, int standard, oxl_large_model *out)
 {
-    const int one = job->partition.block_count == 1 ? 0 : JOB_MERGED_MODEL;
+    const int one = job_last_block(job);
     oxl_result rc = job_open_model(job, one, standard, out);
     if (rc == OXL_OK && job->scene)
         rc = oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, one), "model.ply"));
@@ -48,13 +54,13 @@ static oxl_result job_final_model(struct job *job, int standard, oxl_large_model
 }
 
 /* Returns 1 if scene.ply is a model for viewers: if a medium lies between the model's colours and the images,
- * or gains do and the only block has a model without them. */
+ * or gains do and the training of a model without them was finished. */
 static int job_hides(const struct job *job)
 {
     if (!job->scene) return 0;
     if (imaging_alters_colours(&job->scene->imaging)) return 1;
     return imaging_is_gains_alone(&job->scene->imaging) && !job->unfinished &&
-           job->partition.block_count == 1 && os_is_file(PATH(JOB_BLOCK(job, 0), "model_standard.ply"));
+           os_is_file(PATH(JOB_BLOCK(job, job_last_block(job)), "model_standard.ply"));
 }
 
 /* Sets the view with which viewers begin: that of the training view nearest to the cameras' centre. */

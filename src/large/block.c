@@ -1,9 +1,9 @@
 /* block.c - trains one block in its folder OUT/blocks/KKK: checkpoint.oxl while it runs, then model.ply,
  * log.csv, block.json.
  *
- * A model with second lobes or a medium may be followed by model_standard.ply, for viewers that support
- * neither: the lobes are dropped, the medium is baked into the colours, the rest is refined for a twentieth
- * of the run, or longer with a medium. Its gains and lamp are those of model.ply.
+ * A model with second lobes, a medium, or gains alone may be followed by model_standard.ply, for viewers that
+ * support none of them: the lobes are dropped, medium or gains are baked into the colours, the rest is refined
+ * for a twentieth of the run, or longer with a medium or gains. Else its gains and lamp are those of model.ply.
  *
  * Invariant: block.json is written last; one that says "finished": true describes the model.ply beside it,
  * and its line "job" identifies the run.
@@ -342,17 +342,29 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
     return o;
 }
 
-/* Returns 1 if the block is the whole survey and has gains, which viewers do not know. */
-static int block_drops_gains(const struct block *b, const oxl_scene *scene)
+OXL_INTERNAL int block_hides(const oxl_scene *scene)
 {
-    return imaging_is_gains_alone(&scene->imaging) && !b->task->context && !b->task->window;
+    return imaging_alters_colours(&scene->imaging) || imaging_is_gains_alone(&scene->imaging);
+}
+
+OXL_INTERNAL oxl_train_options block_standard_options(const oxl_train_options *run, int sh_degree,
+                                                      int standard, oxl_scene *scene)
+{
+    const int drops_gains = imaging_is_gains_alone(&scene->imaging), hides = block_hides(scene);
+    oxl_train_options o = block_refinement(run, sh_degree, hides ? block_hiding_steps(standard) : standard);
+    scene->imaging.medium = (struct medium){0};
+    o.medium = OXL_OFF;
+    if (drops_gains) {
+        o.exposure = OXL_OFF, scene->imaging.on = 0;
+        o.lr_sh0 *= BLOCK_REFINE_GAINS_SH0, o.lr_sh *= BLOCK_REFINE_GAINS_SH;
+    } else if (hides) o.lr_sh *= BLOCK_REFINE_SH;
+    return o;
 }
 
 /* Trains the standard model: without second lobes and medium, and without gains if there is nothing else.
  * *done: model_standard.ply is written. */
 static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *model, int *done)
 {
-    oxl_train_options o = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
     struct text key = {.ctx = b->ctx}, log = {.ctx = b->ctx}, notes = {.ctx = b->ctx};
     struct train_task train = {.log = &log,
                                .notes = &notes,
@@ -360,20 +372,14 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
                                .context = b->task->context,
                                .window = b->task->window,
                                .frozen = 1};
-    const int drops_gains = block_drops_gains(b, scene),
-              hides = drops_gains || imaging_alters_colours(&scene->imaging);
+    const int drops_gains = imaging_is_gains_alone(&scene->imaging);
+    oxl_train_options o;
     oxl_model plain = {0};
     oxl_result rc;
     *done = 0;
     b->before = b->task->train.iterations;
     medium_make_standard(scene, drops_gains, model);
-    scene->imaging.medium = (struct medium){0};
-    o.medium = OXL_OFF;
-    if (drops_gains) {
-        o.exposure = OXL_OFF, scene->imaging.on = 0;
-        o.lr_sh0 *= BLOCK_REFINE_GAINS_SH0, o.lr_sh *= BLOCK_REFINE_GAINS_SH;
-    } else if (hides) o.lr_sh *= BLOCK_REFINE_SH;
-    if (hides) o.iterations = block_hiding_steps(o.iterations);
+    o = block_standard_options(&b->task->train, model->sh_degree, b->task->standard, scene);
     text_add(&key, "standard %s", b->task->key);
     train.store = checkpoint_in(b->task->folder, key.data);
     rc = key.failed ? OXL_ERR_MEMORY : OXL_OK;
@@ -410,8 +416,7 @@ static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_r
 {
     int done = 1;
     oxl_result rc = OXL_OK;
-    if ((model->lobes > 0 || imaging_alters_colours(&scene->imaging) || block_drops_gains(b, scene)) &&
-        b->task->standard > 0) {
+    if ((model->lobes > 0 || block_hides(scene)) && b->task->standard > 0) {
         b->last = (oxl_progress){0};
         b->nonfinite = (oxl_nonfinite){0};
         rc = block_refine(b, scene, model, &done);

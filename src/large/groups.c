@@ -6,6 +6,9 @@
  * group has several turns, so the result is close to that of training on all views in random order
  * (docs/SCALE.md).
  *
+ * If images have a medium, or gains alone, a model for viewers follows: the model with them in its colours,
+ * refined without them in as many turns. model.ply is written before.
+ *
  * OUT/blocks/whole has groups.txt, imaging.V.txt, and for each block KKK.model.V.ply, KKK.mean.V.ply and
  * KKK.square.V.ply; V is the number of the task that wrote them. Invariant: a task writes files with its own
  * number, then groups.txt; if it is stopped, it is repeated and gives the same bytes.
@@ -25,7 +28,10 @@ struct groups {
     double limit; /* number of Gaussians that fit into memory */
     int views;    /* views of the survey */
     int count;    /* number of groups */
-    int done;     /* number of tasks done */
+    int done;     /* number of tasks done, those of the model for viewers after those of the model */
+    int viewers;  /* 1: the task is of the model for viewers */
+    int steps;    /* steps of all tasks of the model, or of that for viewers */
+    int before;   /* steps of the model, in the tasks of that for viewers; else 0 */
     int step;     /* step of the task that was reported last */
     int gains;    /* version of imaging.V.txt; 0: none */
     int *of;      /* (views) the view's group; -1: none */
@@ -83,6 +89,16 @@ static oxl_result groups_write(const struct groups *g, int block, int version, s
     return rc;
 }
 
+/* Returns 1 if all files of the block exist. The last task has removed them: a run that has lost its result
+ * since then begins again. */
+static int groups_has_files(const struct groups *g, int block)
+{
+    int all = 1;
+    for (int k = 0; k < TRAINED_PARTS && g->version[block] > 0; k++)
+        all &= os_is_file(GROUPS_PATH(g, block, GROUPS_PART[k], g->version[block]));
+    return all;
+}
+
 static void groups_remove(const struct groups *g, int block, int version)
 {
     for (int k = 0; k < (block < 0 ? 1 : TRAINED_PARTS) && version > 0; k++)
@@ -126,6 +142,9 @@ static oxl_result groups_read_state(struct groups *g)
         good = sscanf(s, "%d%n", i < blocks ? &g->version[i] : &g->of[i - blocks], &used) == 1 &&
                (i < blocks ? g->version[i] >= 0 : g->of[i - blocks] >= -1 && g->of[i - blocks] < g->count);
     }
+    for (int k = 0; k < blocks && good; k++) good = groups_has_files(g, k);
+    if (good && g->done > GROUPS_PASSES * g->count)
+        good = os_is_file(PATH(g->folder, "block.json")) && os_is_file(PATH(g->folder, "model.ply"));
     if (!good) {
         g->count = g->done = g->gains = 0, g->seconds = 0;
         memset(g->version, 0, (size_t)blocks * sizeof *g->version);
@@ -253,15 +272,16 @@ static oxl_result groups_make(struct groups *g)
 
 /* ---------------- a task */
 
-/* Returns the last step of a task. Each task has steps in proportion to its views. */
-static int groups_last_step(const struct groups *g, int task, int steps)
+/* Returns the last step of a task, counted from the first of the model, or of that for viewers. Each task has
+ * steps in proportion to its views. */
+static int groups_last_step(const struct groups *g, int task)
 {
     int below = 0, all = 0;
     for (int i = 0; i < g->views; i++) {
         below += g->of[i] >= 0 && g->of[i] <= task % g->count;
         all += g->of[i] >= 0;
     }
-    return (int)(steps * (task / g->count + (double)below / OXL_MAX(all, 1)) / GROUPS_PASSES + 0.5);
+    return (int)(g->steps * (task / g->count + (double)below / OXL_MAX(all, 1)) / GROUPS_PASSES + 0.5);
 }
 
 /* Merges the rows of all blocks that the views may show, with their moments. */
@@ -317,20 +337,37 @@ static oxl_result groups_store_block(struct groups *g, int block, int version, s
     return rc;
 }
 
-/* Writes all blocks as a new version, then groups.txt, and only then removes the old version: a killed
- * process loses the task alone. */
+/* Writes a block's model with medium or gains in its colours, and moments of 0. */
+static oxl_result groups_bake_block(struct groups *g, int block, int version)
+{
+    struct trained_model m = {{0}, {0}, {0}};
+    oxl_result rc =
+        oxl_model_read(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[0], g->version[block]), &m.model);
+    if (rc == OXL_OK) {
+        medium_make_standard(g->job->scene, imaging_is_gains_alone(&g->job->scene->imaging), &m.model);
+        rc = model_trained_begin(g->job->ctx, &m);
+    }
+    if (rc == OXL_OK) rc = groups_write(g, block, version, &m);
+    if (rc == OXL_OK) g->version[block] = version;
+    model_trained_free(g->job->ctx, &m);
+    return rc;
+}
+
+/* Writes all blocks as a new version, with the rows of a task, or with medium or gains in their colours if
+ * `all` is NULL; then groups.txt, and only then removes the old version: a killed process loses the task
+ * alone. */
 static oxl_result groups_store(struct groups *g, struct trained_model *all)
 {
     const int blocks = g->job->partition.block_count, version = g->done + 1;
     const int gains = g->gains;
-    size_t at[2] = {0, all->model.lobes};
+    size_t at[2] = {0, all ? all->model.lobes : 0};
     int *old = oxl_alloc(g->job->ctx, (size_t)blocks, sizeof *old);
     oxl_result rc = old ? OXL_OK : OXL_ERR_MEMORY;
     for (int b = 0; b < blocks && rc == OXL_OK; b++) {
         old[b] = g->version[b];
-        rc = groups_store_block(g, b, version, all, at);
+        rc = all ? groups_store_block(g, b, version, all, at) : groups_bake_block(g, b, version);
     }
-    if (rc == OXL_OK && imaging_is_needed(&g->job->scene->imaging)) {
+    if (rc == OXL_OK && all && !g->viewers && imaging_is_needed(&g->job->scene->imaging)) {
         rc = imaging_write(g->job->ctx, GROUPS_PATH(g, -1, "imaging", version), g->job->scene,
                            &g->job->scene->imaging);
         g->gains = version;
@@ -348,16 +385,20 @@ static oxl_result groups_store(struct groups *g, struct trained_model *all)
 static int groups_progress(void *user, const oxl_progress *progress)
 {
     struct groups *g = user;
-    g->step = progress->iteration;
-    return job_progress(g->job, progress);
+    oxl_progress p = *progress;
+    g->step = p.iteration;
+    p.iteration += g->before, p.iterations += g->before;
+    return job_progress(g->job, &p);
 }
 
 static oxl_result groups_train(struct groups *g, const struct image_window *window, struct trained_model *all,
                                int from, int until)
 {
     struct job *job = g->job;
-    const int steps = (int)OXL_MAX(1, block_plan_merged_fraction(job) * job->options.train.iterations);
-    oxl_train_options o = block_refinement(&job->options.train, all->model.sh_degree, steps);
+    const oxl_train_options *run = &job->options.train;
+    oxl_train_options o =
+        g->viewers ? block_standard_options(run, all->model.sh_degree, block_standard_steps(run), job->scene)
+                   : block_refinement(run, all->model.sh_degree, g->steps);
     struct text key = {.ctx = job->ctx}, log = {.ctx = job->ctx}, notes = {.ctx = job->ctx};
     oxl_model out = {0};
     struct train_task train = {.log = &log,
@@ -366,7 +407,8 @@ static oxl_result groups_train(struct groups *g, const struct image_window *wind
                                .moments = all,
                                .window = window,
                                .first = from,
-                               .until = until};
+                               .until = until,
+                               .frozen = g->viewers};
     const double started = os_seconds();
     oxl_result rc;
     text_add(&key, "task %d, %s", g->done, job->key.data);
@@ -384,7 +426,7 @@ static oxl_result groups_train(struct groups *g, const struct image_window *wind
     return rc;
 }
 
-static oxl_result groups_task(struct groups *g, int from, int until)
+static oxl_result groups_task(struct groups *g, int group, int from, int until)
 {
     oxl_context *ctx = g->job->ctx;
     struct image_window *window = oxl_calloc(ctx, (size_t)g->views + 1, sizeof *window);
@@ -393,7 +435,7 @@ static oxl_result groups_task(struct groups *g, int from, int until)
     oxl_result rc = window && view ? OXL_OK : OXL_ERR_MEMORY;
     for (int i = 0; i < g->views && rc == OXL_OK; i++) {
         const oxl_camera *c = &oxl_scene_view(g->job->scene, i)->camera;
-        if (g->of[i] != g->done % g->count) continue;
+        if (g->of[i] != group) continue;
         window[i] = (struct image_window){0, 0, c->width, c->height};
         view[views++] = i;
     }
@@ -417,67 +459,72 @@ static oxl_result groups_read_gains(const struct groups *g)
     return imaging_read(g->job->ctx, path, g->job->scene, &g->job->scene->imaging);
 }
 
-/* Writes a block's model with the medium in its colours, for viewers; it is not refined. */
-static oxl_result groups_bake(const struct groups *g, int block)
-{
-    oxl_model model = {0};
-    oxl_result rc =
-        oxl_model_read(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[0], g->version[block]), &model);
-    if (rc == OXL_OK) {
-        medium_make_standard(g->job->scene, 0, &model);
-        rc = model_file_write_ply(g->job->ctx, GROUPS_PATH(g, block, "standard", 1), &model, model.sh_degree);
-    }
-    oxl_model_free(g->job->ctx, &model);
-    return rc;
-}
-
-/* Merges the blocks' models, or with `standard` the models for viewers. */
-static oxl_result groups_merge(const struct groups *g, int standard)
+/* Merges the blocks' files into blocks/whole/NAME, and writes the record. */
+static oxl_result groups_write_result(struct groups *g, const char *name, int finished)
 {
     const int blocks = g->job->partition.block_count;
+    const struct block_record record = {
+        .trained = 1, .finished = finished, .iterations = 1, .seconds = g->seconds};
     char **path = oxl_calloc(g->job->ctx, (size_t)blocks + 1, sizeof *path);
     oxl_result rc = path ? OXL_OK : OXL_ERR_MEMORY;
     for (int b = 0; b < blocks && rc == OXL_OK; b++) {
-        const char *from =
-            GROUPS_PATH(g, b, standard ? "standard" : GROUPS_PART[0], standard ? 1 : g->version[b]);
-        if (standard) rc = groups_bake(g, b);
-        if (rc == OXL_OK && !(path[b] = oxl_strdup(g->job->ctx, from))) rc = OXL_ERR_MEMORY;
+        path[b] = oxl_strdup(g->job->ctx, GROUPS_PATH(g, b, GROUPS_PART[0], g->version[b]));
+        if (!path[b]) rc = OXL_ERR_MEMORY;
     }
     if (rc == OXL_OK)
-        rc = merge_files(g->job->ctx, path, blocks, g->job->origin,
-                         PATH(g->folder, standard ? "model_standard.ply" : "model.ply"));
-    for (int b = 0; b < blocks && path; b++) {
-        if (standard && path[b]) os_remove(path[b]);
-        oxl_free(g->job->ctx, path[b]);
-    }
+        rc = merge_files(g->job->ctx, path, blocks, g->job->origin, PATH(g->folder, "%s", name));
+    if (rc == OXL_OK) rc = groups_read_gains(g); /* Undoes what the training of a model for viewers left. */
+    if (rc == OXL_OK)
+        rc = block_write_finished(g->job->ctx, g->job->scene, g->folder, g->job->key.data, &record);
+    for (int b = 0; b < blocks && path; b++) oxl_free(g->job->ctx, path[b]);
     oxl_free(g->job->ctx, path);
     return rc;
 }
 
-/* Writes model.ply and block.json of blocks/whole; then removes the blocks' files. */
-static oxl_result groups_finish(struct groups *g)
+/* Trains in all turns that are left. first: number of the first task in them. */
+static oxl_result groups_run_tasks(struct groups *g, int first)
 {
-    const int blocks = g->job->partition.block_count;
-    struct block_record record = {.trained = 1, .finished = 1, .iterations = 1, .seconds = g->seconds};
-    oxl_result rc = groups_merge(g, 0);
-    if (rc == OXL_OK && imaging_alters_colours(&g->job->scene->imaging)) rc = groups_merge(g, 1);
-    if (rc == OXL_OK)
-        rc = block_write_finished(g->job->ctx, g->job->scene, g->folder, g->job->key.data, &record);
-    for (int b = 0; b < blocks && rc == OXL_OK; b++) groups_remove(g, b, g->version[b]);
-    if (rc == OXL_OK) groups_remove(g, -1, g->gains);
+    oxl_result rc = OXL_OK;
+    while (rc == OXL_OK && g->done < first + GROUPS_PASSES * g->count && !g->job->unfinished) {
+        const int task = g->done - first, from = task > 0 ? groups_last_step(g, task - 1) : 0,
+                  until = groups_last_step(g, task);
+        if (until <= from) {
+            g->done++;
+            continue;
+        }
+        if (g->viewers) rc = groups_read_gains(g);
+        if (rc == OXL_OK) rc = groups_task(g, task % g->count, from, until);
+    }
     return rc;
+}
+
+/* Writes model.ply and trains the model for viewers, which a task without steps begins. */
+static oxl_result groups_run_viewers(struct groups *g)
+{
+    const int first = GROUPS_PASSES * g->count;
+    oxl_result rc = OXL_OK;
+    if (g->done == first) rc = groups_write_result(g, "model.ply", 0);
+    if (rc == OXL_OK && g->done == first) rc = groups_store(g, NULL);
+    g->viewers = 1, g->before = g->steps, g->step = 0;
+    g->steps = block_hiding_steps(block_standard_steps(&g->job->options.train));
+    if (rc == OXL_OK)
+        oxl_log(g->job->ctx, OXL_LOG_INFO, "the model without %s, for viewers, is refined for %d iterations",
+                imaging_is_gains_alone(&g->job->scene->imaging) ? "gains" : "medium", g->steps);
+    return rc == OXL_OK ? groups_run_tasks(g, first + 1) : rc;
 }
 
 OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
-    const int blocks = job->partition.block_count, steps = job->stage_until;
+    const int blocks = job->partition.block_count;
     struct groups g = {.job = job,
                        .folder = folder,
+                       .steps = job->stage_until,
                        .limit = budget_max_gaussians(&load, &job->options),
                        .views = oxl_scene_view_count(job->scene),
                        .version = oxl_calloc(job->ctx, (size_t)blocks, sizeof *g.version),
                        .keep = oxl_calloc(job->ctx, (size_t)blocks, sizeof *g.keep)};
+    int hides = 0;
     oxl_result rc = (g.of = oxl_calloc(job->ctx, (size_t)g.views + 1, sizeof *g.of)) && g.version && g.keep
                         ? OXL_OK
                         : OXL_ERR_MEMORY;
@@ -486,14 +533,14 @@ OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder)
     if (rc == OXL_OK && g.count == 0) rc = groups_make(&g);
     if (rc == OXL_OK && g.count == 0) rc = budget_refuse(job->ctx, &load, &job->options);
     if (rc == OXL_OK) rc = groups_read_gains(&g);
+    hides = rc == OXL_OK && block_hides(job->scene);
     job_set_cache(job, budget_cache(&job->options));
-    while (rc == OXL_OK && g.done < GROUPS_PASSES * g.count && !job->unfinished) {
-        const int from = g.done > 0 ? groups_last_step(&g, g.done - 1, steps) : 0,
-                  until = groups_last_step(&g, g.done, steps);
-        if (until > from) rc = groups_task(&g, from, until);
-        else g.done++;
-    }
-    if (rc == OXL_OK && !job->unfinished) rc = groups_finish(&g);
+    if (rc == OXL_OK) rc = groups_run_tasks(&g, 0);
+    if (rc == OXL_OK && hides && !job->unfinished) rc = groups_run_viewers(&g);
+    if (rc == OXL_OK && !job->unfinished)
+        rc = groups_write_result(&g, hides ? "model_standard.ply" : "model.ply", 1);
+    for (int b = 0; b < blocks && rc == OXL_OK && !job->unfinished; b++) groups_remove(&g, b, g.version[b]);
+    if (rc == OXL_OK && !job->unfinished) groups_remove(&g, -1, g.gains);
     groups_free(&g);
     return rc;
 }

@@ -127,8 +127,11 @@ OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
     struct job *job = user;
     oxl_progress p = *progress;
     const double here = os_seconds() - job->started, limit = job->options.train.max_seconds;
-    const double done = job->done + job->stage * (p.iteration - job->stage_first) /
-                                        OXL_MAX(1, job->stage_until - job->stage_first);
+    /* Counts the steps of a model for viewers, which follow those of the merged model. */
+    const int until =
+        job->block == JOB_MERGED_MODEL ? OXL_MAX(job->stage_until, p.iterations) : job->stage_until;
+    const double done =
+        job->done + job->stage * (p.iteration - job->stage_first) / OXL_MAX(1, until - job->stage_first);
     p.memory = os_peak_rss();
     p.block = OXL_MAX(job->block, 0);
     p.stage = job->block == JOB_COARSE_MODEL   ? OXL_STAGE_COARSE

@@ -199,6 +199,12 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
 OXL_INTERNAL int block_standard_steps(const oxl_train_options *run);
 /* Returns the steps of it where images have a medium or gains that it leaves out. */
 OXL_INTERNAL int block_hiding_steps(int standard);
+/* Returns 1 if images have a medium, or gains alone, which model_standard.ply leaves out. */
+OXL_INTERNAL int block_hides(const oxl_scene *scene);
+/* Takes from the scene what model_standard.ply leaves out, and returns the options of its refinement.
+ * standard: block_standard_steps of the whole run. */
+OXL_INTERNAL oxl_train_options block_standard_options(const oxl_train_options *run, int sh_degree,
+                                                      int standard, oxl_scene *scene);
 /* Reads block.json; exists 0: there is none, or it has another key. */
 OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const char *key,
                                    struct block_record *out);
