@@ -2,8 +2,9 @@
  * log.csv, block.json.
  *
  * A model with second lobes, a medium, or gains alone may be followed by model_standard.ply, for viewers that
- * support none of them: the lobes are dropped, medium or gains are baked into the colours, the rest is refined
- * for a twentieth of the run, or longer with a medium or gains. Else its gains and lamp are those of model.ply.
+ * support none of them: the lobes are dropped, medium or gains are baked into the colours, the rest is
+ * refined for a twentieth of the run, or longer with a medium or gains. Else its gains and lamp are those of
+ * model.ply.
  *
  * Invariant: block.json is written last; one that says "finished": true describes the model.ply beside it,
  * and its line "job" identifies the run.
