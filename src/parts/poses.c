@@ -63,8 +63,7 @@ static oxl_result poses_before_points(struct train *t, void *state)
     if (rc == OXL_OK && p->asked) rc = scene_resect(t->ctx, t->scene, p->pose, &p->resected);
     if (p->resected) {
         scene_set_poses(t->ctx, t->scene);
-        oxl_free(t->ctx, t->scene->found); /* of a look from the given poses */
-        t->scene->found = NULL;
+        scene_forget_look(t->ctx, t->scene); /* from the given poses */
     }
     m->pose = NULL;
     return rc;

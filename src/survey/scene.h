@@ -111,6 +111,8 @@ OXL_INTERNAL const struct training_image *scene_image(oxl_context *ctx, oxl_scen
 OXL_INTERNAL int scene_misses_too_many(const oxl_scene *scene, int more);
 /* Loads the next images like image_cache_ahead. */
 OXL_INTERNAL void scene_images_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
+/* Frees what a look has left for the run behind it. */
+OXL_INTERNAL void scene_forget_look(oxl_context *ctx, oxl_scene *scene);
 OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene, size_t count);
 /* Loads a view's image from its file, undistorted, reduced and masked. Free it with image_training_free. */
 OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view,

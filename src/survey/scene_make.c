@@ -30,6 +30,13 @@ OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, si
     return OXL_ERR_MEMORY;
 }
 
+OXL_INTERNAL void scene_forget_look(oxl_context *ctx, oxl_scene *scene)
+{
+    if (scene->measured) photometry_free(ctx, scene->measured);
+    OXL_FREE(ctx, scene->found, scene->measured);
+    scene->found = NULL, scene->measured = NULL;
+}
+
 void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
 {
     if (!scene) return;
@@ -37,8 +44,8 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
         oxl_free(ctx, (char *)scene->view[i].name);
     image_cache_free(ctx, &scene->cache);
     imaging_free(ctx, &scene->imaging);
-    if (scene->measured) photometry_free(ctx, scene->measured);
-    OXL_FREE(ctx, scene->lpips, scene->found, scene->measured);
+    scene_forget_look(ctx, scene);
+    oxl_free(ctx, scene->lpips);
     OXL_FREE(ctx, scene->view, scene->source, scene->on_disk, scene->decoded, scene->given);
     if (scene->map.data) { /* Unmaps the other arrays. */
         oxl_free(ctx, scene->colmap.camera);

@@ -44,15 +44,9 @@ OXL_INTERNAL oxl_result train_imaging_begin(struct train *t)
 {
     struct imaging m;
     const oxl_result rc = train_imaging_measure(t);
-    if (rc == OXL_OK) {
-        train_imaging_match_colours(t, t->scene->measured->colour);
-        parts_use_tracks(t, t->scene->measured);
-    }
-    if (t->scene->measured && (rc != OXL_OK || !t->is_look)) {
-        photometry_free(t->ctx, t->scene->measured);
-        oxl_free(t->ctx, t->scene->measured);
-        t->scene->measured = NULL;
-    }
+    if (rc == OXL_OK) train_imaging_match_colours(t, t->scene->measured->colour);
+    if (rc == OXL_OK) parts_use_tracks(t, t->scene->measured);
+    if (rc != OXL_OK || !t->is_look) scene_forget_look(t->ctx, t->scene);
     if (rc != OXL_OK) return rc;
     m = step_imaging(t);
     if (m.medium.on || m.lamps > 0) medium_bake(t->scene, &m, 1, &t->trained.model);
