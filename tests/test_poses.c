@@ -456,7 +456,7 @@ TEST(poses_moved_onto_points_use_nothing_that_a_look_measured_at_the_given_ones)
     NEEDS_PART(poses);
     for (int k = 0; k < 2; k++) {
         oxl_train_options options = train_options(10);
-        oxl_scene *scene = poses_tracked_scene("noisy", 2, 1);
+        oxl_scene *scene = poses_tracked_scene(k ? "looked" : "noisy", 2, 1);
         if (k) scene->measured = oxl_calloc(test_ctx, 1, sizeof *scene->measured);
         for (int c = 0; k && c < 3; c++) scene->measured->colour[c] = 5;
         scene->measured_parts = PHOTOMETRY_ALL;
