@@ -14,7 +14,7 @@ OXL_INTERNAL oxl_result colmap_sightings_open(oxl_context *ctx, const struct col
     for (size_t i = 0; i < c->image_count; i++) most = OXL_MAX(most, c->image[i].points_size);
     *out = (struct colmap_sightings){.colmap = c, .room = OXL_MIN(most, room)};
     out->text = oxl_alloc(ctx, out->room + 1, 1);
-    return out->text ? os_reader_open(ctx, PATH(c->folder, "%s", c->images_file), &out->file)
+    return out->text ? os_reader_open(ctx, path_in(out->path, c->folder, "%s", c->images_file), &out->file)
                      : OXL_ERR_MEMORY;
 }
 

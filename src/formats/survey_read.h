@@ -21,6 +21,7 @@ OXL_INTERNAL int colmap_name_is_safe(const char *name, const char *end);
 struct colmap_sightings { /* Reads the 2D points of one image at a time. */
     const struct colmap *colmap;
     struct os_reader file;
+    char path[PATH_LENGTH]; /* of the file, which its errors name */
     char *text;
     size_t room; /* bytes of an image's points that are read, from their beginning */
     const char *at, *end;
