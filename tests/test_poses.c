@@ -329,6 +329,37 @@ TEST(resect_finds_the_pose_of_any_lens_though_a_tenth_of_the_points_are_wrong)
         }
 }
 
+/* Flat ground from above, whose images a program has reduced to two thirds without their 2D points: from lower
+ * and aside, the camera would see all points where these are. */
+TEST(resect_does_not_hold_where_2d_points_are_those_of_larger_images)
+{
+    for (int reduced = 0; reduced < 2; reduced++) {
+        struct resect_case c = resect_case_of("PINHOLE", 0);
+        const struct resect r = {.given = &c.given,
+                                 .lens = &c.lens,
+                                 .origin = resect_origin,
+                                 .seen = c.seen,
+                                 .count = RESECT_POINTS,
+                                 .limit = 1};
+        struct resect_found f;
+        double at[POSE_TERMS], e[2], j[2][POSE_TERMS];
+        for (int i = 0; i < RESECT_POINTS; i++) {
+            const double x[3] = {2 * poses_random(8, (uint64_t)i), 1.5 * poses_random(9, (uint64_t)i), 5};
+            for (int k = 0; k < 3; k++) {
+                c.seen[i].world[k] = resect_origin[k];
+                for (int n = 0; n < 3; n++)
+                    c.seen[i].world[k] += c.given.rotation[3 * n + k] * (x[n] - c.given.translation[n]);
+                if (k < 2) c.seen[i].pixel[k] = 0;
+            }
+            CHECK(resect_residual(&r, &c.given, &c.seen[i], e, j));
+            for (int k = 0; k < 2; k++) c.seen[i].pixel[k] = (reduced ? 1.5 : 1.01) * e[k];
+        }
+        f = resect(&r, at);
+        CHECK(f.before > 0.1 && f.after < 1e-6); /* all fit */
+        CHECK(resect_holds(&r, &f, at) == !reduced);
+    }
+}
+
 TEST(resect_leaves_a_pose_that_its_points_leave_open)
 {
     struct resect_case c = resect_case_of("PINHOLE", 0);

@@ -103,7 +103,7 @@ static double reprojection_median(const struct colmap_sighting *seen, int count,
 }
 
 /* Returns the median ratio of distances from the image's corner. Programs that reduce images write new
- * cameras, and often leave the 2D points as they were; training does not use these. */
+ * cameras, and often leave the 2D points as they were; resection leaves such poses (resect.c). */
 static double reprojection_factor(const struct colmap_sighting *seen, int count, double (*pixel)[2])
 {
     double ratio[REPROJECTION_POINTS];

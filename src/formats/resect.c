@@ -17,10 +17,13 @@ enum {
     RESECT_POINTS = 4096, /* most points of an image; of more, every other, fourth ... */
     RESECT_FEWEST = 24    /* with fewer points, a pose stays */
 };
-#define RESECT_SHIFT 0.2    /* Moves poses if images shift by so many px of the views, rms over these. */
-#define RESECT_FALL 0.8     /* Bounds the cost that is left by then, as a fraction of the cost before. */
-#define RESECT_LIMIT 2.0    /* Sets `limit`, in mean errors of the survey's points, and in RESECT_ERROR. */
-#define RESECT_ERROR 0.5    /* px; instead of a smaller mean error, or an unknown one */
+#define RESECT_SHIFT 0.2 /* Moves poses if images shift by so many px of the views, rms over these. */
+#define RESECT_FALL 0.8  /* Bounds the cost that is left by then, as a fraction of the cost before. */
+#define RESECT_LIMIT 2.0 /* Sets `limit`, in mean errors of the survey's points, and in RESECT_ERROR. */
+#define RESECT_ERROR 0.5 /* px; instead of a smaller mean error, or an unknown one */
+/* Leaves a pose where points would move by this fraction of the image's longer side: programs that reduce
+ * images write new cameras, and often leave the 2D points as they were. */
+#define RESECT_MOST 0.1
 #define RESECT_TURN 0.5     /* Leaves a pose where the sum of its three turns (rad) is greater. */
 #define RESECT_DAMPING 1e-4 /* Damps the first step, as a fraction of the normal matrix' diagonal. */
 #define RESECT_DAMPED 1e6   /* Ends the search at this damping: no step lowers the cost. */
@@ -158,6 +161,14 @@ static int resect_collect(struct colmap_sightings *from, struct colmap_sighting 
     return count;
 }
 
+OXL_INTERNAL int resect_holds(const struct resect *r, const struct resect_found *f,
+                              const double at[POSE_TERMS])
+{
+    return f->after <= r->limit * r->limit / 2 &&
+           f->shift <= RESECT_MOST * (double)OXL_MAX(r->lens->width, r->lens->height) &&
+           fabs(at[0]) + fabs(at[1]) + fabs(at[2]) <= RESECT_TURN;
+}
+
 /* Finds a view's pose; shift, in px of the view; 0: the pose stays. */
 static struct resect_found resect_view(const oxl_scene *scene, int view, const struct colmap_sighting *seen,
                                        int count, double at[POSE_TERMS])
@@ -172,9 +183,11 @@ static struct resect_found resect_view(const oxl_scene *scene, int view, const s
     struct resect_found f;
     if (count < RESECT_FEWEST) return (struct resect_found){0};
     f = resect(&r, at);
-    camera_intrinsics(r.lens, lens);
-    f.shift *= r.given->fx / lens[0];
-    if (f.after <= r.limit * r.limit / 2 && fabs(at[0]) + fabs(at[1]) + fabs(at[2]) <= RESECT_TURN) return f;
+    if (resect_holds(&r, &f, at)) {
+        camera_intrinsics(r.lens, lens);
+        f.shift *= r.given->fx / lens[0];
+        return f;
+    }
     memset(at, 0, POSE_TERMS * sizeof *at);
     return (struct resect_found){0};
 }

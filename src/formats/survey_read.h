@@ -57,6 +57,9 @@ struct resect_found {
 };
 /* Finds the pose with the lowest cost, from at least 3 points, beside `given`. */
 OXL_INTERNAL struct resect_found resect(const struct resect *r, double at[POSE_TERMS]);
+/* Returns 1 if the points support the pose found: most agree with it, and it is near the given one. */
+OXL_INTERNAL int resect_holds(const struct resect *r, const struct resect_found *f,
+                              const double at[POSE_TERMS]);
 /* Computes how far the camera `now` has a point from where it was seen, and its derivatives by a turn and a
  * move. 0: the camera does not see it. */
 OXL_INTERNAL int resect_residual(const struct resect *r, const oxl_camera *now,

@@ -93,7 +93,7 @@ static double schedule_position_rate(const oxl_train_options *o, double progress
 /* Returns the factor on the rates of geometry where views show few of the Gaussians. A row's moments grow
  * with the views that show it, but are corrected for bias as if each step had been one: its steps are
  * larger, by the root of (1 - b2^n) / (1 - b2^(n share)). That makes up for the steps that it misses, up to
- * SCHEDULE_RATES_MAX in all; beyond, it is noise (docs/log/GROWTH.md). */
+ * SCHEDULE_RATES_MAX with the factor of short runs; beyond, it is noise (docs/log/GROWTH.md). */
 static double schedule_seldom_factor(const struct train *t, const struct adam_params *adam)
 {
     const double b = vecmath_log(adam->beta[1]);

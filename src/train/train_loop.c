@@ -11,10 +11,10 @@
 
 #define TRAIN_SHORT_RUN_WIDTH 0.3   /* power of the short-run factor by which the first widths are divided */
 #define TRAIN_SHORT_RUN_OPACITY 0.7 /* power of it by which the first opacities are multiplied */
-enum { TRAIN_SHARE_PAIRS = 1 << 17 }; /* of a Gaussian and a view */
-#define TRAIN_OPACITY_MAX 0.3         /* the most that this makes of an opacity */
-#define TRAIN_SAVE_STEPS 500          /* iterations between checkpoints, at most */
-#define TRAIN_SAVE_SECONDS 60.0       /* s between checkpoints, at most */
+#define TRAIN_OPACITY_MAX 0.3       /* the most that this makes of an opacity */
+#define TRAIN_SAVE_STEPS 500        /* iterations between checkpoints, at most */
+#define TRAIN_SAVE_SECONDS 60.0     /* s between checkpoints, at most */
+enum { TRAIN_SHARE_PAIRS = 1 << 17 }; /* of a Gaussian and a view, from which a share is taken */
 
 /* ---------------- the run */
 
@@ -134,7 +134,8 @@ static oxl_result train_begin_moments(struct train *t)
     return OXL_OK;
 }
 
-/* Returns the mean share of the Gaussians that a training view shows, by pairs of both. */
+/* Returns the mean share of the Gaussians that a training view shows, by pairs of both; of a block too, whole
+ * views are meant. */
 static double train_share_shown(const struct train *t)
 {
     float *const *mean = &t->trained.model.plane[OXL_MEAN];
