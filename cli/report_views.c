@@ -331,7 +331,7 @@ void views_training_section(struct report *r)
 {
     struct output *t = &r->page;
     const char *list = oxl_json_member(r->metrics, "training");
-    const double flagged = oxl_json_number(list, "flagged");
+    const double flagged = oxl_json_number(list, "flagged"), all = oxl_json_number(list, "of");
     struct views v = views_read(r, oxl_json_member(list, "views"));
     int shown = 0;
     if (v.count > 0) {
@@ -339,8 +339,11 @@ void views_training_section(struct report *r)
         output_add(
             t,
             "<p>%d of %d fit far worse than neighbouring images, or are rendered without structure. The cause of the former is "
-            "a wrong pose, another exposure or blur: leave such an image out, or correct it, and train again.</p>\n",
+            "a wrong pose, another exposure or blur: leave such an image out, or correct it, and train again.",
             flagged > 0 ? (int)flagged : 0, v.count);
+        if (all > v.count)
+            output_add(t, " Of %.0f training images this short run judged %d, evenly spaced.", all, v.count);
+        output_add(t, "</p>\n");
         while (shown < v.count && (v.row[shown].flag || shown < VIEWS_OPEN)) shown++;
         views_rows(t, &v, 0, shown, 1);
         for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, "training_views", &v.row[i]);

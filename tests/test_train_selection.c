@@ -11,23 +11,23 @@ TEST(selection_validates_on_an_eighth_of_the_views_and_eight_at_most)
     CHECK(held == 2);
 }
 
-/* Density control, and the trial, at step 50 of 100. */
+/* Density control, and the trial, at step 500 of 1000. */
 TEST(selection_trains_all_views_but_for_a_tenth_of_the_run_before_a_trial)
 {
     NEEDS_PART(sh_degree);
-    oxl_train_options o = train_options(100);
+    oxl_train_options o = train_options(1000);
     struct train t = {
         .ctx = test_ctx, .scene = train_scene(14), .options = &o, .decisions = {.ctx = test_ctx}};
     oxl_scene *scene = t.scene;
     const int views = schedule_training_views(scene);
     o.sh_degree = -1;
     CHECK_OK(train_begin(&t));
-    while (t.step < 60) {
+    while (t.step < 510) {
         if (t.trial) CHECK_OK(selection_trial(&t));
         t.step++;
         CHECK_OK(train_step(&t));
-        CHECK(t.validation_views == (t.step > 40 && t.step <= 50) && t.views + t.validation_views == views);
-        CHECK(!t.trial == (t.step != 50));
+        CHECK(t.validation_views == (t.step > 400 && t.step <= 500) && t.views + t.validation_views == views);
+        CHECK((t.trial == NULL) == (t.step != 500));
     }
     train_end(&t);
     oxl_scene_free(test_ctx, scene);
@@ -46,6 +46,8 @@ TEST(selection_predicts_the_steps_of_its_trials)
     CHECK(forecast_trial_steps(&o, 50) == 150 && forecast_trial_steps(&o, 7) == 0);
     o.dog = OXL_DOG_AUTO;
     CHECK(forecast_trial_steps(&o, 50) == 200);
+    o.iterations = 999; /* too few for a trial of bands */
+    CHECK(forecast_trial_steps(&o, 50) == 24);
 }
 
 struct selection_test_case {
@@ -76,7 +78,8 @@ static oxl_scene *selection_test_grey(oxl_scene *scene)
 /* Trains; decisions and model are left. */
 static struct selection_test_case selection_test_case(oxl_scene *scene, int sh_degree, oxl_dog dog)
 {
-    struct selection_test_case c = {scene, train_options(300), {.ctx = test_ctx}, {.ctx = test_ctx}, {0}};
+    struct selection_test_case c = {
+        scene, train_options(sh_degree < 0 ? 2000 : 300), {.ctx = test_ctx}, {.ctx = test_ctx}, {0}};
     struct train_task place = {.store = checkpoint_in(test_folder(), "key"),
                                .log = &c.log,
                                .notes = &c.log,
@@ -184,7 +187,7 @@ TEST(selection_decides_by_another_view_where_the_validation_view_is_damaged_or_m
     NEEDS_PART(sh_degree);
     oxl_job_options options = job_test_options();
     options.scene.test_every = 0;
-    options.train.iterations = 120;
+    options.train.iterations = 1000;
     options.train.sh_degree = -1;
     options.train.lamp = options.train.medium = OXL_OFF;
     for (int k = 0; k < 2; k++) {
@@ -203,8 +206,8 @@ TEST(selection_decides_by_another_view_where_the_validation_view_is_damaged_or_m
             oxl_image_free(test_ctx, &black);
         }
         CHECK_OK(oxl_job_run(test_ctx, survey, out, &options, NULL));
-        CHECK(
-            job_test_has(PATH(out, "run.json"), "\"evidence\": \"1 validation views, after 3 steps: degree"));
+        CHECK(job_test_has(PATH(out, "run.json"),
+                           "\"evidence\": \"1 validation views, after 25 steps: degree"));
         CHECK(!job_test_has(PATH(out, "run.json"), "nan dB"));
         CHECK(job_test_has(PATH(out, "metrics.json"), "\"images_left_out\": 1"));
     }

@@ -41,7 +41,7 @@ TEST(look_times_a_few_steps_where_even_slow_growth_ends_at_the_limit)
     struct look look;
     o.max_gaussians = 200; /* of 144 */
     CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &look));
-    CHECK(look.steps == 30 && look.share == 0 && look.seconds > 0);
+    CHECK(look.steps == 12 && look.share == 0 && look.seconds > 0);
     CHECK(forecast_gaussians(&o, look.gaussians, look.share, 200) == 200);
     o.densify_gradient = 0.01f; /* nobody has seen how slowly it grows then */
     CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &look));
@@ -90,8 +90,8 @@ TEST(look_says_whether_viewers_get_a_model_of_their_own)
     CHECK(!without.hides && with.hides);
     with.share = 1e-12, with.begin = 0, with.timed = with.gaussians;
     without = with, without.hides = 0;
-    CHECK_CLOSE(forecast_seconds(scene, &o, &with, 400, 100) -
-                    forecast_seconds(scene, &o, &without, 400, 100),
+    CHECK_CLOSE(forecast_seconds(scene, &o, &with, 400, 8, 100) -
+                    forecast_seconds(scene, &o, &without, 400, 8, 100),
                 100 * with.seconds, 1e-6);
     oxl_scene_free(test_ctx, scene);
 }
@@ -142,17 +142,14 @@ TEST(forecast_of_time_counts_steps_growth_and_what_follows_them)
     double plain, grown;
     look.share = 1e-12;
     o.densify_until = o.densify_from = 0;
-    plain = forecast_seconds(scene, &o, &look, 400, 100);
-    CHECK_CLOSE(plain,
-                1000 + 2.7 * oxl_scene_view_count(scene) +
-                    1.3 * forecast_trial_steps(&o, schedule_training_views(scene)),
-                1);
+    plain = forecast_seconds(scene, &o, &look, 400, 8, 100);
+    CHECK_CLOSE(plain, 1000 + 2.7 * 8 + 1.3 * forecast_trial_steps(&o, schedule_training_views(scene)), 1);
     o.iterations = 2000;
-    CHECK(forecast_seconds(scene, &o, &look, 400, 100) > 1.9 * plain);
+    CHECK(forecast_seconds(scene, &o, &look, 400, 8, 100) > 1.9 * plain);
     o = train_options(1000);
     o.densify_until = 0.5f, o.densify_every = 50;
     look.share = 0.5;
-    grown = forecast_seconds(scene, &o, &look, 1e6, 100);
+    grown = forecast_seconds(scene, &o, &look, 1e6, 8, 100);
     CHECK(grown > 1.5 * plain);
     oxl_scene_free(test_ctx, scene);
 }
@@ -164,12 +161,11 @@ TEST(forecast_of_time_has_trials_at_half_the_sides)
     oxl_train_options o = train_options(1000);
     struct look look = {.gaussians = 400, .seconds = 1, .timed = 400, .share = 1e-12};
     double trials;
-    o.densify_until = o.densify_from = 0, o.coarse = 0.75f;
+    o.coarse = 0.75f;
     o.sh_degree = -1;
     trials = 1.3 * forecast_trial_steps(&o, schedule_training_views(scene));
     CHECK(trials > 90);
-    CHECK_CLOSE(forecast_seconds(scene, &o, &look, 400, 0),
-                250 + 0.35 * (750 + trials) + 2.7 * oxl_scene_view_count(scene), 1);
+    CHECK_CLOSE(forecast_seconds(scene, &o, &look, 400, 8, 0), 250 + 0.35 * (750 + trials) + 2.7 * 8, 1);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -229,4 +225,16 @@ TEST(survey_text_states_the_time_with_its_uncertainty)
     s.text[0] = 0;
     survey_write_duration(&s, 7200, (double[2]){3600, 14400});
     CHECK(!strcmp(s.text, "about 2.0 h (1.0 to 4.0)"));
+}
+/* Judging a training view takes about as long as a step, so a short run judges a few. */
+TEST(cost_judges_a_training_view_for_twenty_iterations)
+{
+    oxl_scene *scene = train_scene(14);
+    const int training = schedule_training_views(scene), held = oxl_scene_view_count(scene) - training;
+    CHECK(training > 8);
+    CHECK(cost_judged_views(scene, 1) == 6 && cost_judged_views(scene, 160) == 8);
+    CHECK(cost_judged_views(scene, 20 * training) == training);
+    CHECK(cost_judged_views(scene, 30000) == training);
+    CHECK(cost_evaluated_views(scene, 160) == held + 8);
+    oxl_scene_free(test_ctx, scene);
 }

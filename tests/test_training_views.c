@@ -78,10 +78,10 @@ static void tviews_check_flags(int in_medium)
     oxl_scene *scene = tviews_scene(&m, 1, in_medium);
     struct text t = {.ctx = test_ctx};
     colmap_listen();
-    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 5 * TVIEWS, &t,
+    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 20 * TVIEWS, &t,
                                   test_path("worst")));
     CHECK(colmap_warned.count == 4);
-    CHECK_TEXT(t.data, "\"training\": {\"count\": 24, \"flagged\": 4, ");
+    CHECK_TEXT(t.data, "\"training\": {\"count\": 24, \"of\": 24, \"flagged\": 4, ");
     for (const char *row = strstr(t.data, "{\"name\""); row; row = strstr(row + 1, "{\"name\"")) {
         char name[16], flag[16];
         const char *wanted;
@@ -117,7 +117,7 @@ TEST(training_views_without_the_structure_of_their_images_are_reported_once_and_
     struct text t = {.ctx = test_ctx};
     const char *row;
     colmap_listen();
-    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 5 * TVIEWS, &t,
+    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 20 * TVIEWS, &t,
                                   test_path("fog")));
     CHECK(colmap_warned.count == 5);
     CHECK_TEXT(t.data, "\"flagged\": 5, \"structure\": 0.");
@@ -150,7 +150,7 @@ TEST(training_views_have_the_mean_of_their_figures)
     oxl_model m = tviews_model();
     oxl_scene *scene = tviews_scene(&m, 1, 0);
     struct text t = {.ctx = test_ctx};
-    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 1, &t, NULL));
+    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 20 * TVIEWS, &t, NULL));
     tviews_check_mean(t.data, "psnr");
     tviews_check_mean(t.data, "cc_psnr");
     tviews_check_mean(t.data, "structure");
@@ -165,9 +165,30 @@ TEST(training_views_of_a_valid_survey_are_not_flagged)
     oxl_scene *scene = tviews_scene(&m, 0, 0);
     struct text t = {.ctx = test_ctx};
     colmap_listen();
-    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 5 * TVIEWS, &t, NULL));
+    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 20 * TVIEWS, &t, NULL));
     CHECK(colmap_warned.count == 0);
     CHECK_TEXT(t.data, "\"flagged\": 0, ");
+    text_free(&t);
+    oxl_scene_free(test_ctx, scene);
+    oxl_model_free(test_ctx, &m);
+}
+
+/* Half as many iterations as all 24 views ask for. */
+TEST(training_views_of_a_short_run_are_judged_by_evenly_spaced_ones)
+{
+    oxl_model m = tviews_model();
+    oxl_scene *scene = tviews_scene(&m, 0, 0);
+    struct text t = {.ctx = test_ctx};
+    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 10 * TVIEWS, &t, NULL));
+    CHECK_TEXT(t.data, "\"training\": {\"count\": 12, \"of\": 24, \"flagged\": 0, ");
+    for (int v = 0; v < TVIEWS; v++) {
+        char name[24];
+        snprintf(name, sizeof name, "\"name\": \"v%02d\"", v);
+        CHECK((strstr(t.data, name) != NULL) == (v % 2 == 0));
+    }
+    text_free(&t);
+    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 1, &t, NULL));
+    CHECK_TEXT(t.data, "\"training\": {\"count\": 6, \"of\": 24, ");
     text_free(&t);
     oxl_scene_free(test_ctx, scene);
     oxl_model_free(test_ctx, &m);

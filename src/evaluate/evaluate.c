@@ -203,17 +203,18 @@ static void evaluate_sum_up(oxl_metrics *m, const struct evaluate_bands *bands)
     for (int k = 0; k < 3; k++) m->by_depth[k] = metrics_decibel(bands->sum[k].error, bands->sum[k].weight);
 }
 
-/* Evaluates the views of a split. bands: sums over all views; NULL: measures as evaluate_quick. */
+/* Evaluates at most `most` views of a split, evenly spaced. bands: their sums; NULL: as evaluate_quick. */
 static oxl_result evaluate_views(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
-                                 oxl_split split, struct evaluate_bands *bands, oxl_metrics *out)
+                                 oxl_split split, int most, struct evaluate_bands *bands, oxl_metrics *out)
 {
     struct evaluate_pass p = {.source = source, .scene = scene, .bands = bands};
     const size_t room = (size_t)oxl_scene_view_count(scene) + 1;
     oxl_result rc = OXL_OK;
-    int *view = oxl_alloc(ctx, room, sizeof *view), count = 0;
+    int *view = oxl_alloc(ctx, room, sizeof *view), count = 0, all = 0;
     *out = (oxl_metrics){.views = oxl_alloc(ctx, room, sizeof *out->views)};
     if (!view || !out->views) rc = OXL_ERR_MEMORY;
-    if (rc == OXL_OK) count = scene_views_of(scene, split, view);
+    if (rc == OXL_OK) all = scene_views_of(scene, split, view), count = OXL_MIN(all, most);
+    for (int i = 0; i < count; i++) view[i] = view[(int)((int64_t)i * all / count)];
     if (rc == OXL_OK && bands) rc = depth_bands_begin(ctx, scene, view, count, &bands->of);
     if (rc == OXL_OK) rc = renderer_create(ctx, &p.r);
     evaluate_begin(ctx, source, scene);
@@ -234,7 +235,7 @@ OXL_INTERNAL oxl_result evaluate_source(oxl_context *ctx, const struct render_so
                                         oxl_scene *scene, oxl_split split, oxl_metrics *out)
 {
     struct evaluate_bands bands = {.sum = {{0}}};
-    const oxl_result rc = evaluate_views(ctx, source, scene, split, &bands, out);
+    const oxl_result rc = evaluate_views(ctx, source, scene, split, INT_MAX, &bands, out);
     if (rc == OXL_OK) evaluate_sum_up(out, &bands);
     depth_bands_free(ctx, &bands.of);
     return rc;
@@ -248,9 +249,9 @@ oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *sce
 }
 
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
-                                       oxl_split split, oxl_metrics *out)
+                                       oxl_split split, int most, oxl_metrics *out)
 {
-    return evaluate_views(ctx, source, scene, split, NULL, out);
+    return evaluate_views(ctx, source, scene, split, most, NULL, out);
 }
 
 void oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics)

@@ -54,9 +54,9 @@ OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, i
 /* Evaluates a source like oxl_evaluate. */
 OXL_INTERNAL oxl_result evaluate_source(oxl_context *ctx, const struct render_source *source,
                                         oxl_scene *scene, oxl_split split, oxl_metrics *out);
-/* Evaluates a source without ssim (NaN), ms_ssim, lpips, plain_psnr, half_psnr, alignment and
- * depths, in a third of the time. */
+/* Evaluates `most` views of a split at most, evenly spaced, without ssim (NaN), ms_ssim, lpips, plain_psnr,
+ * half_psnr, alignment and depths, in a third of the time. */
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
-                                       oxl_split split, oxl_metrics *out);
+                                       oxl_split split, int most, oxl_metrics *out);
 
 #endif

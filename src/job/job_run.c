@@ -400,7 +400,7 @@ static oxl_result job_train_single(struct job *job, const char *folder)
     struct block_task task = {.folder = folder,
                               .key = job->key.data,
                               .callback = &callback,
-                              .viewed = oxl_scene_view_count(job->scene),
+                              .viewed = cost_evaluated_views(job->scene, job->total.iterations),
                               .standard = block_standard_steps(&job->options.train)};
     oxl_job_options options;
     oxl_result rc = job_plan_single(job, &task, &options);

@@ -6,6 +6,8 @@
  * standard deviation [Rousseeuw & Croux 1993]). A view that lacks decibels has a wrong pose when a shift of
  * the image explains them, and is blurred when it is less sharp.
  *
+ * A short run judges some views, evenly spaced, and finds their neighbours among these.
+ *
  * Invariant: nothing here changes the model; no view is left out of training.
  */
 #include "job.h"
@@ -42,6 +44,7 @@ struct training_views {
     oxl_context *ctx;
     oxl_scene *scene;
     const oxl_metrics *m;
+    int all;                  /* training views, of which m->count are judged */
     struct training_row *row; /* (m->count) the worst first, once sorted */
     double *work;             /* (2,m->count) scratch */
     int *view;                /* (m->count) views of the metrics */
@@ -270,7 +273,7 @@ static void training_report_structure(const struct training_views *t)
     if (least)
         oxl_log(
             t->ctx, OXL_LOG_WARNING,
-            "%d of %d training views are rendered without the structure of their images (correlation of detail below "
+            "%d of %d training views judged are rendered without the structure of their images (correlation of detail below "
             "%.1f; the least %.2f, %s): train longer, or look at their renders",
             fog, t->m->count, OXL_STRUCTURE_NONE, least->structure,
             oxl_scene_view(t->scene, t->m->views[least->at].view)->name);
@@ -280,8 +283,8 @@ static void training_add_json(const struct training_views *t, struct text *out)
 {
     int flagged = 0;
     for (int i = 0; i < t->m->count; i++) flagged += t->row[i].flag != NULL;
-    text_add(out, "  \"training\": {\"count\": %d, \"flagged\": %d, \"structure\": %s, ", t->m->count,
-             flagged, NUMBER(t->m->structure));
+    text_add(out, "  \"training\": {\"count\": %d, \"of\": %d, \"flagged\": %d, \"structure\": %s, ",
+             t->m->count, t->all, flagged, NUMBER(t->m->structure));
     text_add(out, "\"psnr\": %s, \"cc_psnr\": %s, ", NUMBER(t->m->psnr), NUMBER(t->m->cc_psnr));
     text_add(out, "\"structure_least\": %s, \"no_structure\": %d, \"views\": [",
              NUMBER(t->m->structure_least), t->m->no_structure);
@@ -325,10 +328,14 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_large_m
     const struct render_source source = large_source(model);
     const oxl_render_output what = {.split = OXL_SPLIT_ALL, .images = 1, .replace = 1};
     oxl_metrics m = {0};
-    struct training_views t = {.ctx = ctx, .scene = scene, .m = &m};
+    struct training_views t = {.ctx = ctx, .scene = scene, .m = &m, .all = schedule_training_views(scene)};
+    const int judged = cost_judged_views(scene, iterations), evident = iterations >= TRAINING_STEPS * t.all;
     int shown[2 * TRAINING_SHOWN], count = 0;
-    oxl_result rc = evaluate_quick(ctx, &source, scene, OXL_SPLIT_TRAIN, &m);
+    oxl_result rc = evaluate_quick(ctx, &source, scene, OXL_SPLIT_TRAIN, judged, &m);
     if (rc != OXL_OK) return rc;
+    if (judged < t.all)
+        oxl_log(ctx, OXL_LOG_INFO, "%d of %d training views are judged, evenly spaced, as the run is short",
+                m.count, t.all);
     t.row = oxl_calloc(ctx, (size_t)m.count + 1, sizeof *t.row);
     t.work = oxl_alloc(ctx, 2 * (size_t)m.count + 1, sizeof *t.work);
     t.view = oxl_alloc(ctx, (size_t)m.count + 1, sizeof *t.view);
@@ -337,12 +344,12 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_large_m
     for (int i = 0; i < m.count; i++) t.view[i] = m.views[i].view;
     training_compare(&t);
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
-    if (iterations >= TRAINING_STEPS * m.count) rc = training_flag(&t, &source);
+    if (evident) rc = training_flag(&t, &source);
     if (rc != OXL_OK) goto done;
-    if (iterations >= TRAINING_STEPS * m.count) training_flag_structure(&t);
+    if (evident) training_flag_structure(&t);
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
     training_report(&t);
-    if (iterations >= TRAINING_STEPS * m.count) training_report_structure(&t);
+    if (evident) training_report_structure(&t);
     training_add_json(&t, json);
     for (; count < OXL_MIN(m.count, (int)TRAINING_SHOWN); count++)
         shown[count] = m.views[t.row[count].at].view;

@@ -33,6 +33,10 @@
 /* Multiplies the time of a run in several blocks, each of which is rendered with Gaussians
  * of others (docs/SCALE.md). */
 #define COST_CONTEXT 1.25
+/* Judges one training view behind a run for so many iterations, since it takes about as long as one,
+ * but at least so many views. */
+#define COST_JUDGED 20
+#define COST_JUDGED_MIN 6
 /* Limits a preset's iterations per image: more overfit (docs/TRADEOFF.md). */
 #define COST_STEPS_PER_IMAGE 700
 /* Bounds the error of times computed from counts: they are right within this factor. */
@@ -151,6 +155,17 @@ static int cost_has_blocks(const oxl_job_options *o, size_t points)
            (o->partition.blocks > 1 || (most > 0 && points > most));
 }
 
+OXL_INTERNAL int cost_judged_views(const oxl_scene *scene, int iterations)
+{
+    return OXL_MIN(OXL_MAX(iterations / COST_JUDGED, COST_JUDGED_MIN), schedule_training_views(scene));
+}
+
+OXL_INTERNAL int cost_evaluated_views(const oxl_scene *scene, int iterations)
+{
+    return oxl_scene_view_count(scene) - schedule_training_views(scene) +
+           cost_judged_views(scene, iterations);
+}
+
 OXL_INTERNAL double cost_seconds(const oxl_scene *scene, const oxl_job_options *o, const struct cost *cost,
                                  const struct look *look, double range[2])
 {
@@ -159,6 +174,7 @@ OXL_INTERNAL double cost_seconds(const oxl_scene *scene, const oxl_job_options *
                  cap = (double)schedule_gaussian_cap(scene, &o->train),
                  within = look->steps ? COST_WITHIN_LOOK : COST_WITHIN,
                  seconds = look->steps ? forecast_seconds(scene, &o->train, look, cap,
+                                                          cost_evaluated_views(scene, o->train.iterations),
                                                           block_hiding_steps(block_standard_steps(&o->train)))
                                        : cost->seconds;
     range[0] = OXL_MIN(seconds * all / within, limit);

@@ -127,6 +127,9 @@ OXL_INTERNAL double cost_device_memory(const oxl_job_options *options, const str
                                        double gaussians);
 /* Predicts the Gaussians at the end of a run. */
 OXL_INTERNAL double cost_gaussians(const oxl_job_options *options, const struct cost_load *load);
+/* Counts the training views that are judged behind a run, and with the held-out ones those evaluated. */
+OXL_INTERNAL int cost_judged_views(const oxl_scene *scene, int iterations);
+OXL_INTERNAL int cost_evaluated_views(const oxl_scene *scene, int iterations);
 /* Predicts the duration in s for all blocks of the scene, from the steps of a look, or from the cost if there
  * was no look. range: lower and upper limit. */
 OXL_INTERNAL double cost_seconds(const oxl_scene *scene, const oxl_job_options *options,

@@ -23,10 +23,11 @@
 #define LOOK_SECONDS 4.0
 enum {
     LOOK_VIEWS = 32,
-    LOOK_STEPS = 300,   /* at most, */
-    LOOK_FEWEST = 30,   /* and at least */
-    LOOK_FRACTION = 10, /* a look takes at most one of so many iterations of the run, */
-    LOOK_WINDOWS = 5,   /* as many steps each: two before gradients count, one before each split, of which */
+    LOOK_STEPS = 300,     /* at most, */
+    LOOK_FEWEST = 30,     /* and at least */
+    LOOK_ONLY_TIMED = 12, /* where they are for the time alone */
+    LOOK_FRACTION = 10,   /* a look takes at most one of so many iterations of the run, */
+    LOOK_WINDOWS = 5, /* as many steps each: two before gradients count, one before each split, of which */
     LOOK_SPLITS = 3,
     LOOK_MEASURED = 2, /* the last ones count */
     LOOK_TIMED = 6     /* whole steps, after those at half the sides */
@@ -146,7 +147,8 @@ OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_
         o.max_gaussians = (int)OXL_MIN(most, INT_MAX);
         look_choose_views(&t);
         reaches = forecast_reaches(options, (double)t.trained.model.count, OXL_MIN((double)most, cap));
-        rc = look_measure(&t, &o, reaches ? OXL_MIN(LOOK_FEWEST, o.iterations) : look_steps(scene, &o), out);
+        rc = look_measure(&t, &o, reaches ? OXL_MIN(LOOK_ONLY_TIMED, o.iterations) : look_steps(scene, &o),
+                          out);
         if (reaches) out->share = 0;
     }
     if (rc == OXL_OK) out->hides = forecast_hides(&t);

@@ -2,15 +2,14 @@
  * raised step by step (Kerbl et al. 2023), and with `auto` chosen on validation views.
  *
  * The trial: each degree is trained from the same state for a fortieth of the run, and the lowest that is
- * good enough is kept. (Rendering without its higher degrees is no evidence: the lower ones have adapted to
- * them.
- * By that test a scene without view dependence seemed to need degree 3.)
+ * good enough is kept (model_selection.c). Runs too short for it end with the highest degree.
  */
 #include "../train/part.h"
 #include "../core/option_rows.h"
 
 #define SH_DEGREE_MIN_GAIN 0.1  /* dB: minimum gain of the highest degree over a lower one */
 #define SH_DEGREE_ROUNDING 1e-6 /* intervals: the quotient of a whole number of them may come out less */
+#define SH_DEGREE_TRIAL 1000    /* iterations: in shorter runs the trial takes more time than it saves */
 
 OXL_TABLE const struct part part_sh_degree;
 
@@ -56,15 +55,16 @@ static oxl_result sh_degree_before_step(struct train *t, void *state)
 
 /* ---------------- the trial */
 
+/* Returns the step after which there is a trial; 0: none. */
 static int sh_degree_trial_step(const oxl_train_options *o)
 {
-    return o->sh_degree < 0 ? (int)(o->densify_until * o->iterations) : 0;
+    return o->sh_degree < 0 && o->iterations >= SH_DEGREE_TRIAL ? (int)(o->densify_until * o->iterations) : 0;
 }
 
-static oxl_result sh_degree_set(struct train *t, int degree)
+/* Counts the degrees that are trained beyond the one that the run keeps: three of four. */
+static int sh_degree_trials(const oxl_train_options *o)
 {
-    const oxl_result rc = step_download(t, DOWNLOAD_TO_CHANGE);
-    return rc == OXL_OK ? model_trained_set_degree(t->ctx, &t->trained, degree) : rc;
+    return sh_degree_trial_step(o) > 0 ? 3 : 0;
 }
 
 static void sh_degree_record_trial(struct train *t, int chose, int most, const double psnr[4])
@@ -93,7 +93,7 @@ static oxl_result sh_degree_trial(struct train *t, void *state, struct train_bra
     if (rc == OXL_OK) rc = branch_save(t, &all);
     for (int d = 0; d < most && rc == OXL_OK && chosen == most; d++) {
         rc = branch_load(t, start);
-        if (rc == OXL_OK) rc = sh_degree_set(t, d);
+        if (rc == OXL_OK) rc = model_trained_set_degree(t->ctx, &t->trained, d);
         if (rc == OXL_OK) rc = selection_train_trial(t, &psnr[d]);
         if (rc == OXL_OK && psnr[d] >= psnr[most] - SH_DEGREE_MIN_GAIN) chosen = d;
     }
@@ -119,12 +119,6 @@ static int sh_degree_validates_until(const struct train *t, const void *state)
     return sh_degree_trial_step(t->options);
 }
 
-/* Counts the degrees that are trained beyond the one that the run keeps: three of four. */
-static int sh_degree_trials(const oxl_train_options *o)
-{
-    return o->sh_degree < 0 ? 3 : 0;
-}
-
 static void sh_degree_record(struct train *t, void *state)
 {
     const struct sh_degree *s = state;
@@ -132,13 +126,14 @@ static void sh_degree_record(struct train *t, void *state)
     snprintf(chosen, sizeof chosen, "%d", t->trained.model.sh_degree);
     if (!s->decided)
         selection_record(t, "sh_degree", chosen,
-                         t->options->sh_degree < 0 ? "too few training views for validation" : "as set");
+                         t->options->sh_degree < 0 ? "too few iterations or training views for a trial"
+                                                   : "as set");
 }
 
 /* clang-format off */
 static const oxl_option sh_degree_options[] = {
-{"sh-degree", "auto|0..3", OXL_OPTION_INT, OPTION_AT(train.sh_degree), 0, 3, PRESETS("auto", "auto", "3"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "degree of the spherical harmonics (view-dependent colour); auto: chosen on validation views", NULL},
-{"sh-degree-interval", "FRACTION", OXL_OPTION_FLOAT, OPTION_AT(train.sh_degree_interval), 1e-6, 1000, EACH("1/30"), OXL_TIER_EXPERT, TRAINING | RESULT, "Schedule", "fraction of the run after which the SH degree rises by one", NULL},
+{"sh-degree", "auto|0..3", OXL_OPTION_INT, OPTION_AT(train.sh_degree), 0, 3, PRESETS("auto", "auto", "3"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "degree of spherical harmonics (view-dependent colour); auto: chosen on validation views, 3 below 1000 iterations", NULL},
+{"sh-degree-interval", "FRACTION", OXL_OPTION_FLOAT, OPTION_AT(train.sh_degree_interval), 1e-6, 1000, EACH("1/30"), OXL_TIER_EXPERT, TRAINING | RESULT, "Schedule", "fraction of the run after which it rises by one", NULL},
 {0}};
 /* clang-format on */
 

@@ -101,7 +101,7 @@ static double forecast_trials(const struct forecast_state *f, int views, int don
 }
 
 OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_options *o,
-                                     const struct look *look, double cap, int refined)
+                                     const struct look *look, double cap, int viewed, int refined)
 {
     struct forecast_state f = {.o = o,
                                .gaussians = look->gaussians,
@@ -109,9 +109,8 @@ OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_opt
                                .cap = OXL_MAX(cap, look->gaussians),
                                .coarse = forecast_coarse_steps(scene, o)};
     double work = forecast_ahead(&f, 0);
-    work += forecast_work(f.gaussians, 0) *
-            (forecast_trials(&f, schedule_training_views(scene), 0) +
-             FORECAST_VIEW * oxl_scene_view_count(scene) + (look->hides ? refined : 0));
+    work += forecast_work(f.gaussians, 0) * (forecast_trials(&f, schedule_training_views(scene), 0) +
+                                             FORECAST_VIEW * viewed + (look->hides ? refined : 0));
     return look->begin + work * look->seconds / forecast_work(look->timed, 0);
 }
 

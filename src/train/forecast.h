@@ -29,10 +29,10 @@ OXL_INTERNAL int forecast_reaches(const oxl_train_options *o, double start, doub
 /* Bounds from above the steps that the trials of a whole run take beyond its iterations. views: number of
  * training views. */
 OXL_INTERNAL int forecast_trial_steps(const oxl_train_options *options, int views);
-/* Predicts the seconds of the run and its evaluation. refined: steps of a model for viewers, if there is one.
- */
+/* Predicts the seconds of the run and its evaluation of `viewed` views. refined: steps of a model for
+ * viewers, if there is one. */
 OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_options *options,
-                                     const struct look *look, double cap, int refined);
+                                     const struct look *look, double cap, int viewed, int refined);
 
 /* ---------------- forecast.c: the time left */
 
