@@ -527,7 +527,8 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
         CHECK_OK(oxl_train(test_ctx, scene, &o[i], NULL, &again));
         CHECK(train_same(&model[i], &again));
         CHECK(i == 0 || !train_same(&model[i], &model[0]) || (i == 2 && !test_has_part("sh_degree")));
-        CHECK(train_psnr(scene, &model[i]) > train_psnr(scene, &model[0]) - 2);
+        /* without the larger rates of short runs it learns less */
+        CHECK(train_psnr(scene, &model[i]) > train_psnr(scene, &model[0]) - (i == 3 ? 4 : 2));
         oxl_model_free(test_ctx, &again);
     }
     test_ctx->threads = threads;
@@ -535,7 +536,7 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* One step that moves nothing: 30 000^0.1 = 2.80. */
+/* One step that moves nothing; runs below 700 iterations begin as one of 700. */
 TEST(train_of_a_short_run_starts_from_narrower_and_more_opaque_gaussians)
 {
     oxl_scene *scene = train_scene(7);
@@ -550,9 +551,9 @@ TEST(train_of_a_short_run_starts_from_narrower_and_more_opaque_gaussians)
     CHECK(usual.count == hasty.count);
     for (size_t i = 0; i < usual.count; i++) {
         CHECK_CLOSE(usual.plane[OXL_LOG_SCALE + 1][i] - hasty.plane[OXL_LOG_SCALE + 1][i],
-                    0.03 * log(30000 / 1000), 1e-5);
+                    0.03 * log(30000. / 700), 1e-5);
         CHECK_CLOSE(vecmath_sigmoid(usual.plane[OXL_OPACITY][i]), 0.1, 1e-6);
-        CHECK_CLOSE(vecmath_sigmoid(hasty.plane[OXL_OPACITY][i]), 0.1 * pow(30000 / 1000, 0.07), 1e-6);
+        CHECK_CLOSE(vecmath_sigmoid(hasty.plane[OXL_OPACITY][i]), 0.1 * pow(30000. / 700, 0.07), 1e-6);
     }
     oxl_model_free(test_ctx, &usual);
     oxl_model_free(test_ctx, &hasty);

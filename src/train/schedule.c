@@ -20,9 +20,9 @@
 /* of the mean of its square: 1 less it, as floats, keeps three digits */
 #define SCHEDULE_BETA_MAX 0.99999
 #define SCHEDULE_REFERENCE_ITERATIONS 30000 /* iterations that the rates were chosen for [Kerbl 2023] */
-/* iterations: shorter runs have the rates of this one; those of 500 leave surveys of many views unstable
- * (docs/log/GROWTH.md) */
-#define SCHEDULE_SHORTEST_RUN 1000
+/* iterations from which opacities and colours have 3DGS's rates (docs/log/GROWTH.md) */
+#define SCHEDULE_BRISK_ITERATIONS 2000
+#define SCHEDULE_SHORTEST_RUN 700 /* iterations: shorter runs have the rates of this one */
 /* rates other than of positions begin larger by this power of a short run's factor */
 #define SCHEDULE_EARLY_EXPONENT 0.5
 #define SCHEDULE_EARLY_UNTIL 0.5 /* of the run: until then those rates are larger */
@@ -43,23 +43,22 @@ static double schedule_scale(const oxl_train_options *o)
     return (double)o->iterations / schedule_length(o);
 }
 
-OXL_INTERNAL double schedule_short_run_factor(const oxl_train_options *o)
+/* Returns the factor of a run that is shorter than `from` iterations; 1: it is not. */
+static double schedule_factor_below(const oxl_train_options *o, double from)
 {
     const double iterations = OXL_MAX(schedule_length(o), SCHEDULE_SHORTEST_RUN);
-    return iterations < SCHEDULE_REFERENCE_ITERATIONS
-               ? vecmath_exp(o->short_run_exponent * vecmath_log(SCHEDULE_REFERENCE_ITERATIONS / iterations))
-               : 1;
+    return iterations < from ? vecmath_exp(o->short_run_exponent * vecmath_log(from / iterations)) : 1;
 }
 
-/* Returns the same factor for runs below SCHEDULE_MOMENTUM_ITERATIONS: Adam's moments, and the rate of scales
- * again
- * (docs/TRADEOFF.md). */
+OXL_INTERNAL double schedule_short_run_factor(const oxl_train_options *o)
+{
+    return schedule_factor_below(o, SCHEDULE_REFERENCE_ITERATIONS);
+}
+
+/* Returns the factor for Adam's moments, and the rate of scales again (docs/TRADEOFF.md). */
 static double schedule_momentum_factor(const oxl_train_options *o)
 {
-    const double iterations = OXL_MAX(schedule_length(o), SCHEDULE_SHORTEST_RUN);
-    return iterations < SCHEDULE_MOMENTUM_ITERATIONS
-               ? vecmath_exp(o->short_run_exponent * vecmath_log(SCHEDULE_MOMENTUM_ITERATIONS / iterations))
-               : 1;
+    return schedule_factor_below(o, SCHEDULE_MOMENTUM_ITERATIONS);
 }
 
 OXL_INTERNAL float schedule_scale_rate(const oxl_train_options *o)
@@ -107,7 +106,8 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
 {
     const oxl_train_options *o = t->options;
     const double short_run_factor = schedule_short_run_factor(o),
-                 momentum_factor = schedule_momentum_factor(o);
+                 momentum_factor = schedule_momentum_factor(o),
+                 brisk = schedule_factor_below(o, SCHEDULE_BRISK_ITERATIONS);
     const double progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
     const float mean =
         (float)(short_run_factor * schedule_position_rate(o, progress) * oxl_scene_extent(t->scene));
@@ -122,9 +122,9 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
         adam.rate[k] = k < OXL_LOG_SCALE  ? mean
                        : k < OXL_ROTATION ? schedule_scale_rate(o)
                        : k < OXL_OPACITY  ? (float)(short_run_factor * o->lr_rotation)
-                       : k < OXL_SH       ? o->lr_opacity
-                       : k < OXL_SH + 3   ? o->lr_sh0
-                       : k < OXL_LOBE     ? (float)(sqrt(short_run_factor) * o->lr_sh)
+                       : k < OXL_SH       ? (float)(brisk * o->lr_opacity)
+                       : k < OXL_SH + 3   ? (float)(brisk * o->lr_sh0)
+                       : k < OXL_LOBE     ? (float)(brisk * sqrt(short_run_factor) * o->lr_sh)
                        : k == OXL_LOBE    ? MODEL_LOBE_RATE_OPACITY
                                           : MODEL_LOBE_RATE_SCALE;
     for (int k = 0; k < OXL_OPACITY; k++) adam.rate[k] *= (float)schedule_seldom_factor(t, &adam);
