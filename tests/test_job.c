@@ -522,6 +522,7 @@ static void job_test_shows_viewers(const char *out)
     CHECK_OK(os_read_file(test_ctx, PATH(path, "metrics.json"), &json));
     CHECK_CLOSE(oxl_json_number(json.data, "psnr"), job_test_evaluate(clear, 1).psnr, 1e-9);
     CHECK_CLOSE(oxl_json_number(oxl_json_member(json.data, "standard"), "psnr"), plain.psnr, 1e-9);
+    CHECK_CLOSE(oxl_json_number(oxl_json_member(json.data, "standard"), "ssim"), plain.ssim, 1e-9);
     os_release_file(test_ctx, &json);
 }
 
@@ -1045,6 +1046,7 @@ TEST(job_with_gains_alone_writes_a_model_for_viewers_that_needs_none)
     CHECK_CLOSE(oxl_json_number(json.data, "psnr"), full.psnr, 1e-9);
     CHECK_CLOSE(oxl_json_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
     CHECK_CLOSE(oxl_json_number(oxl_json_member(json.data, "standard"), "psnr"), plain.psnr, 1e-9);
+    CHECK_CLOSE(oxl_json_number(oxl_json_member(json.data, "standard"), "ssim"), plain.ssim, 1e-9);
     os_release_file(test_ctx, &json);
     CHECK(os_remove(test_path("out/scene_clear.ply")) == 0); /* a model of before: it has none of the gains */
     CHECK(fabs(job_test_evaluate("out/scene.ply", 1).psnr - plain.psnr) > 1e-6);
