@@ -146,6 +146,8 @@ struct ground {
     /* (height,width) number of the views that see the place and whose own depth is the
      * place's; NULL: not wanted */
     unsigned short *confirmed;
+    unsigned short
+        enough; /* a place that so many views see and confirm is not looked at again; 0: all count */
 };
 /* Projects p into the camera, at: px; returns camera z, which is 0 or less behind the camera. */
 double ground_see(const oxl_camera *c, const double p[3], double at[2]);
