@@ -518,3 +518,18 @@ TEST(poses_moved_onto_points_end_in_the_same_bytes_after_a_stop)
     oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }
+
+TEST(poses_moved_onto_points_do_not_go_on_from_those_of_other_2d_points)
+{
+    struct checkpoint_case c = checkpoint_of(poses_tracked_scene("noisy", 2, 1), train_options(20));
+    oxl_model model;
+    NEEDS_PART(poses);
+    c.options.poses = OXL_ON;
+    CHECK(checkpoint_run(&c, "key", 10, &model) == OXL_ERR_INTERRUPTED);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, c.scene);
+    c.scene = poses_tracked_scene("none", 2, 0);
+    CHECK(checkpoint_run(&c, "key", -1, &model) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "2D points say other poses");
+    checkpoint_case_free(&c);
+}
