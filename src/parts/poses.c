@@ -74,7 +74,10 @@ static oxl_result poses_begin(struct train *t, void *state)
 {
     struct poses *p = state;
     p->on = p->asked && !renderer_has_device(t->renderer);
-    if (p->asked && !p->on && t->options->poses == OXL_ON)
+    if (p->on || !p->asked) return OXL_OK;
+    selection_record_auto(t, "poses", t->options->poses, p->resected > 0,
+                          "by the points alone: a device has no gradient of them");
+    if (t->options->poses == OXL_ON)
         oxl_log(t->ctx, OXL_LOG_WARNING,
                 "poses are not refined with the scene: a device has no gradient of them (--backend cpu)");
     return OXL_OK;
