@@ -360,6 +360,35 @@ TEST(resect_does_not_hold_where_2d_points_are_those_of_larger_images)
     }
 }
 
+TEST(resect_counts_distances_beyond_the_limit_linearly)
+{
+    struct resect_case c = resect_case_of("PINHOLE", 0);
+    const struct resect r = {.given = &c.given,
+                             .lens = &c.lens,
+                             .origin = resect_origin,
+                             .seen = c.seen,
+                             .count = RESECT_POINTS,
+                             .limit = 1};
+    double at[POSE_TERMS], e[2], j[2][POSE_TERMS];
+    for (int i = 0; i < RESECT_POINTS; i++) { /* half of them off by 3, half by 0.6 */
+        CHECK(resect_residual(&r, &c.given, &c.seen[i], e, j));
+        c.seen[i].pixel[0] += e[0];
+        c.seen[i].pixel[1] += e[1] + (i % 2 ? 3 : 0.6);
+    }
+    CHECK_CLOSE(resect(&r, at).before, (2.5 + 0.18) / 2, 1e-12);
+}
+
+TEST(resect_holds_what_fits_the_points_and_is_near)
+{
+    const struct resect_case c = resect_case_of("PINHOLE", 0);
+    const struct resect r = {.lens = &c.lens, .limit = 2};
+    const double turned[POSE_TERMS] = {0.2, -0.2, 0.05, 9, 9, 9}, too[POSE_TERMS] = {0.2, -0.2, 0.15};
+    CHECK(resect_holds(&r, &(struct resect_found){.after = 1.9, .shift = 19}, turned));
+    CHECK(!resect_holds(&r, &(struct resect_found){.after = 2.1, .shift = 19}, turned));
+    CHECK(!resect_holds(&r, &(struct resect_found){.after = 1.9, .shift = 21}, turned));
+    CHECK(!resect_holds(&r, &(struct resect_found){.after = 1.9, .shift = 19}, too));
+}
+
 TEST(resect_leaves_a_pose_that_its_points_leave_open)
 {
     struct resect_case c = resect_case_of("PINHOLE", 0);
