@@ -528,6 +528,26 @@ TEST(poses_moved_onto_points_use_nothing_that_a_look_measured_at_the_given_ones)
     for (int k = 0; k < 2; k++) oxl_model_free(test_ctx, &model[k]);
 }
 
+TEST(poses_are_not_moved_onto_points_of_a_file_that_was_cut_meanwhile)
+{
+    oxl_scene *scene = poses_tracked_scene("noisy", 2, 1);
+    oxl_train_options options = train_options(10);
+    oxl_model model;
+    struct os_file_map file;
+    char *text;
+    NEEDS_PART(poses);
+    CHECK_OK(os_read_file(test_ctx, test_path("noisy/sparse/0/images.txt"), &file));
+    text = oxl_strdup(test_ctx, file.data);
+    text[file.size / 2] = 0;
+    os_release_file(test_ctx, &file);
+    test_write("noisy/sparse/0/images.txt", text);
+    oxl_free(test_ctx, text);
+    options.poses = OXL_ON;
+    CHECK(oxl_train(test_ctx, scene, &options, NULL, &model) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "longer when the survey was read");
+    oxl_scene_free(test_ctx, scene);
+}
+
 TEST(poses_moved_onto_points_end_in_the_same_bytes_after_a_stop)
 {
     struct checkpoint_case c = checkpoint_of(poses_tracked_scene("noisy", 2, 1), train_options(40));
