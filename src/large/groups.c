@@ -11,7 +11,7 @@
  *
  * OUT/blocks/whole has groups.txt, imaging.V.txt, and for each block KKK.model.V.ply, KKK.mean.V.ply and
  * KKK.square.V.ply; V is the number of the task that wrote them. Invariant: a task writes files with its own
- * number, then groups.txt; if it is stopped, it is repeated and gives the same bytes. What has begun in groups
+ * number, then groups.txt; if it is stopped, it is repeated and gives the same bytes. What began in groups
  * ends in groups, whatever memory there is then; after the finished record, these files are removed.
  */
 #include "job_state.h"
