@@ -552,6 +552,39 @@ static oxl_job_options job_test_gains_in_blocks(void)
     return options;
 }
 
+struct job_test_left {
+    int steps;               /* of the run, or of the merged model, before those for viewers */
+    double end, least, last; /* s left at its last step, and least and last of those for viewers */
+    double seconds;
+    int falls; /* reports with fewer seconds than the one before */
+};
+
+static int job_test_note_left(void *user, const oxl_progress *p)
+{
+    struct job_test_left *l = user;
+    if (p->blocks > 1 && p->stage != OXL_STAGE_MERGED) return 0;
+    if (p->iteration == l->steps) l->end = p->seconds_left;
+    if (p->iteration > l->steps) l->least = OXL_MIN(l->least, l->last = p->seconds_left);
+    l->falls += p->seconds < l->seconds;
+    l->seconds = p->seconds;
+    return 0;
+}
+
+TEST(job_with_a_model_for_viewers_says_the_time_left_until_it_and_the_evaluation_end)
+{
+    NEEDS_PART(exposure);
+    oxl_job_options options = job_test_gains_in_blocks();
+    for (int blocks = 1; blocks < 3; blocks++) {
+        struct job_test_left l = {.steps = blocks == 1 ? 120 : 42, .least = 1e9};
+        const oxl_callback callback = {job_test_note_left, &l};
+        if (blocks == 1) options.partition = job_test_options().partition;
+        else options.partition = job_test_blocks().partition;
+        CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path(blocks == 1 ? "one" : "two"), &options,
+                             &callback));
+        CHECK(l.end > 1e-4 && (blocks == 1 ? l.least > 0 && l.falls == 0 : l.last < 1e-6));
+    }
+}
+
 TEST(job_in_blocks_with_gains_alone_writes_a_model_for_viewers_and_resumes_it)
 {
     NEEDS_PART(exposure);

@@ -578,6 +578,7 @@ OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder)
     if (rc == OXL_OK && g.count == 0) rc = budget_refuse(job->ctx, &load, &job->options);
     if (rc == OXL_OK) rc = groups_read_gains(&g);
     hides = rc == OXL_OK && block_hides(job->scene);
+    if (hides) job->stage_viewers = block_hiding_steps(block_standard_steps(&job->options.train));
     job_set_cache(job, budget_cache(&job->options));
     if (rc == OXL_OK) rc = groups_run_tasks(&g, 0);
     if (rc == OXL_OK && hides && !job->unfinished) rc = groups_run_viewers(&g);

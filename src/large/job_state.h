@@ -48,6 +48,7 @@ struct job {
     double done_before;           /* fraction of the run that earlier processes did */
     double done, stage;           /* fractions of the run: before this stage; of this stage */
     int stage_first, stage_until; /* first and last step of this stage */
+    int stage_viewers;            /* steps of a model for viewers behind those of the merged model */
     uint64_t seed;                /* seed of the context, restored at the end */
     struct start start;
     oxl_lock *lock;   /* lock of OUT: shared by processes that train single blocks, otherwise exclusive */

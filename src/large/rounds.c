@@ -513,6 +513,7 @@ static oxl_result rounds_run_merged(struct job *job, const char *folder)
                               .start = &merged,
                               .standard = block_standard_steps(&job->options.train)};
     oxl_result rc = job_merge(job, 0, &merged);
+    if (rc == OXL_OK && block_hides(job->scene)) job->stage_viewers = block_hiding_steps(task.standard);
     task.train = rounds_merged_options(job, merged.sh_degree);
     task.predicted_seconds = block_plan_merged_fraction(job) * job->survey.seconds;
     job_limit_time(job, &task.train);
