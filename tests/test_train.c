@@ -665,7 +665,16 @@ TEST(train_moves_gaussians_ten_rates_at_most_where_views_show_few_of_them)
         CHECK_CLOSE(few.rate[k] / usual.rate[k], k < OXL_OPACITY ? 10.0 / 16 : 1, 1e-3);
         CHECK(third.rate[k] == usual.rate[k]);
     }
-    o.iterations = 30000, t.shown = 0, usual = schedule_adam_params(&t);
+    o.short_run_exponent = 1; /* a factor of 16, which was asked for */
+    t.shown = 0, usual = schedule_adam_params(&t);
+    t.shown = 1, third = schedule_adam_params(&t);
+    t.shown = 1.0 / 16, few = schedule_adam_params(&t);
+    for (int k = 0; k < OXL_PLANES; k++) {
+        CHECK(third.rate[k] == usual.rate[k]);
+        CHECK_CLOSE(few.rate[k] / usual.rate[k], k < OXL_OPACITY ? 1.0 / 4 : 1, 1e-3);
+    }
+    o.iterations = 30000, o.short_run_exponent = 0.5f;
+    t.shown = 0, usual = schedule_adam_params(&t);
     t.shown = 1.0 / 16, few = schedule_adam_params(&t);
     for (int k = 0; k < OXL_PLANES; k++) CHECK(few.rate[k] == usual.rate[k]);
     o.iterations = 1875, t.step = 1875, t.shown = 0.99, few = schedule_adam_params(&t);
