@@ -28,7 +28,7 @@ struct spread { /* 5th, 50th and 95th percentile of the finite values; 0 if ther
 struct spread info_spread(const float *value, size_t count, float *sorted);
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
 /* Copies imaging.txt from beside one model to beside another, unless one is there; for a model for viewers
- * without the medium or gains that its colours hold; not if nothing is left. */
+ * without the medium or gains that its colours hold. */
 oxl_result info_copy_imaging(oxl_context *ctx, const char *from, const char *to, int *copied);
 /* Returns 1 for a model whose name does not say whether its colours hold the medium of
  * the imaging.txt beside it. */

@@ -215,7 +215,7 @@ oxl_result info_copy_imaging(oxl_context *ctx, const char *from, const char *to,
     while (in && fgets(line, sizeof line, in))
         left |= line[0] != '#' && !(hides && info_is_hidden(line, alone));
     if (in) rewind(in);
-    *copied = left && !there;
+    *copied = in && !there && (left || !alone);
     info_imaging_path(to, path);
     if (*copied) output_open(&out, path);
     while (*copied && fgets(line, sizeof line, in))
