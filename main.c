@@ -190,13 +190,13 @@ static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
 
 /* The file of a model that train left: scene.ply is for viewers, and so for orthomosaics and flights, but where
  * it lacks gains alone; scene_clear.ply, where there is one, gives the images with imaging.txt. */
-static const char *model_file(const struct arguments *a, char *path, size_t size)
+static const char *model_file(oxl_context *ctx, const struct arguments *a, char *path, size_t size)
 {
     const char *base = strrchr(a->path[0], '/');
     const int is_scene = strcmp(base ? base + 1 : a->path[0], "scene.ply") == 0;
     const int length = is_scene ? (int)strlen(a->path[0]) - 9 : (int)strlen(a->path[0]);
     snprintf(path, size, "%.*s%sscene_clear.ply", length, a->path[0], is_scene ? "" : "/");
-    if ((a->clear || (!a->ortho && !a->flight) || info_has_gains_alone(path)) && file_exists(path))
+    if ((a->clear || (!a->ortho && !a->flight) || oxl_has_gains_alone(ctx, path)) && file_exists(path))
         return path;
     snprintf(path, size, "%.*s%sscene.ply", length, a->path[0], is_scene ? "" : "/");
     return file_exists(path) ? path : a->path[0];
@@ -207,7 +207,7 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_large_mo
 {
     oxl_model *model = &large->model;
     char path[4096];
-    const char *file = model_file(a, path, sizeof path);
+    const char *file = model_file(ctx, a, path, sizeof path);
     oxl_scene_options options = a->job.scene;
     oxl_result rc = oxl_large_open(ctx, file, a->job.ram / 4, large);
     if (rc == OXL_OK && large->pages && model->scale > 0) {
@@ -223,7 +223,7 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_large_mo
     }
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &options, scene);
     if (rc == OXL_OK) rc = oxl_scene_read_imaging(ctx, *scene, file);
-    if (rc == OXL_OK && !a->clear && !a->ortho && !a->flight && info_takes_medium(file))
+    if (rc == OXL_OK && !a->clear && !a->ortho && !a->flight && info_takes_medium(ctx, file))
         print_format(
             stderr,
             "oxl: %s is rendered with imaging.txt beside it, as scene_clear.ply is\n"

@@ -24,7 +24,6 @@
 #include "src/survey/camera.c"       /* camera models, undistortion */
 #include "src/survey/image.c"        /* decode, undistort, reduce, mask */
 #include "src/survey/image_header.c" /* size, bits, EXIF orientation */
-#include "src/survey/image_write.c"  /* PNG and JPEG */
 #include "src/survey/tracks.c"       /* walks over the observations of points */
 #include "src/survey/robust_stats.c" /* robust statistics: bounds, radius of the cameras, depths */
 #include "src/survey/image_cache.c"  /* decoded images in memory */
@@ -75,6 +74,7 @@
 #include "src/formats/model_file.c"       /* models from PLY */
 #include "src/formats/model_pages.c"      /* a model that stays in its file */
 #include "src/formats/model_write.c"      /* models as PLY */
+#include "src/formats/image_write.c"      /* writes PNG and JPEG, in memory by codec */
 #include "src/formats/model_formats.c"    /* the formats of models, a row each */
 
 /* forward and backward pass of one image */

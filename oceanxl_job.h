@@ -330,6 +330,10 @@ OXL_API int oxl_is_folder(const char *path);
  * Returns out. */
 OXL_API const char *oxl_shell_word(const char *path, char *out, size_t size);
 
+/* Returns 1 for a model beside a scene_clear.ply whose imaging.txt has gains, perhaps poses, and nothing
+ * else: models called scene.* there have learned what the gains are for. */
+OXL_API int oxl_has_gains_alone(oxl_context *ctx, const char *model_path);
+
 /* Opens a file to read. NULL: errno says why: a folder, a pipe and a device are refused, too. */
 OXL_API FILE *oxl_open(const char *path);
 /* Creates NAME.PID.tmp beside `path` for writing; the caller renames it, `temporary`, to `path`. Neither a

@@ -28,14 +28,11 @@ struct spread { /* 5th, 50th and 95th percentile of the finite values; 0 if ther
 struct spread info_spread(const float *value, size_t count, float *sorted);
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
 /* Copies imaging.txt from beside one model to beside another, unless one is there; for a model for viewers
- * without the medium, which its colours hold. */
+ * without the medium or gains that its colours hold. */
 oxl_result info_copy_imaging(oxl_context *ctx, const char *from, const char *to, int *copied);
 /* Returns 1 for a model whose name does not say whether its colours hold the medium of
  * the imaging.txt beside it. */
-int info_takes_medium(const char *model);
-/* Returns 1 for a model beside a scene_clear.ply whose imaging.txt has gains, perhaps poses, and nothing
- * else: models called scene.* there have learned what the gains are for. */
-int info_has_gains_alone(const char *model);
+int info_takes_medium(oxl_context *ctx, const char *model);
 /* Refuses to write a model where the imaging.txt would apply a medium twice, or not at all; sets *is_other to
  * 1 where its gains, lamp or poses differ from those beside `from`. */
 oxl_result info_check_imaging(oxl_context *ctx, const char *from, const char *to, int *is_other);
@@ -146,6 +143,8 @@ struct ground {
     /* (height,width) number of the views that see the place and whose own depth is the
      * place's; NULL: not wanted */
     unsigned short *confirmed;
+    unsigned short
+        enough; /* a place that so many views see and confirm is not looked at again; 0: all count */
 };
 /* Projects p into the camera, at: px; returns camera z, which is 0 or less behind the camera. */
 double ground_see(const oxl_camera *c, const double p[3], double at[2]);

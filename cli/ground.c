@@ -152,6 +152,7 @@ static void ground_add(const struct ground *g, const oxl_camera *c, const struct
                        const int first[2], const int last[2])
 {
     const struct ground_sight sight = ground_sight_of(g, c);
+    const unsigned short enough = g->enough ? g->enough : UINT16_MAX;
     for (int y = first[1]; y < last[1]; y++)
         for (int x = first[0]; x < last[0]; x++) {
             const size_t to = (size_t)y * (size_t)g->width + (size_t)x;
@@ -159,6 +160,7 @@ static void ground_add(const struct ground *g, const oxl_camera *c, const struct
             /* depths of the view at the place, as it is rendered and where it has detail */
             float own = 0, distance = 0;
             if (isnan(g->level[to])) continue;
+            if (g->seen[to] >= enough && (!g->confirmed || g->confirmed[to] >= enough)) continue;
             z = ground_sees(&sight, c, x + 0.5, y + 0.5, (double)g->level[to], at);
             if (!(z > 0 && z <= GROUND_FAR * g->usual)) continue;
             if (buffers) {
@@ -167,9 +169,9 @@ static void ground_add(const struct ground *g, const oxl_camera *c, const struct
                 own = buffers->depth[pixel], distance = buffers->distance[pixel];
             }
             if (own > 0 && (double)own < (1 - GROUND_TOLERANCE) * z) continue;
-            g->seen[to] += g->seen[to] < UINT16_MAX;
+            g->seen[to] += g->seen[to] < enough;
             if (g->confirmed && (!buffers || fabs((double)distance - z) <= GROUND_AGREES * fmin(z, g->usual)))
-                g->confirmed[to] += g->confirmed[to] < UINT16_MAX;
+                g->confirmed[to] += g->confirmed[to] < enough;
         }
 }
 

@@ -114,23 +114,7 @@ static int info_is_medium(const char *line) /* of bD, bB, Binf or falloff */
     return line[0] == 'b' || line[0] == 'B' || line[0] == 'f';
 }
 
-int info_has_gains_alone(const char *model)
-{
-    const char *base = strrchr(model, '/');
-    FILE *file = info_open_imaging(model), *clear;
-    char line[4096];
-    int gains = 0, others = 0;
-    while (file && fgets(line, sizeof line, file))
-        if (info_is_gain(line)) gains++;
-        else others += line[0] != '#' && !info_is_pose(line);
-    if (file) fclose(file);
-    snprintf(line, sizeof line, "%.*sscene_clear.ply", base ? (int)(base + 1 - model) : 0, model);
-    clear = gains && !others ? oxl_open(line) : NULL;
-    if (clear) fclose(clear);
-    return clear != NULL;
-}
-
-/* Returns 1 for a line whose effect the colours of a model for viewers hold; gains: info_has_gains_alone. */
+/* Returns 1 for a line whose effect the colours of a model for viewers hold; gains: oxl_has_gains_alone. */
 static int info_is_hidden(const char *line, int gains)
 {
     return info_is_medium(line) || (gains && info_is_gain(line));
@@ -142,10 +126,10 @@ static int info_is_checksum(const char *line)
     return strncmp(line, "# checksum ", 11) == 0;
 }
 
-static void info_write_imaging(FILE *to, const char *path, int json)
+static void info_write_imaging(oxl_context *ctx, FILE *to, const char *path, int json)
 {
     FILE *file = info_open_imaging(path);
-    const int alone = info_has_gains_alone(path);
+    const int alone = oxl_has_gains_alone(ctx, path);
     int gains = 0, poses = 0, lines = 0;
     char line[4096];
     while (file && fgets(line, sizeof line, file)) {
@@ -168,10 +152,10 @@ static void info_write_imaging(FILE *to, const char *path, int json)
 
 /* Adds the lines of the imaging.txt beside `model` that are hidden, or all the others. Returns 1
  * if there is such a file. */
-static int info_take_lines(struct output *t, const char *model, int hidden)
+static int info_take_lines(oxl_context *ctx, struct output *t, const char *model, int hidden)
 {
     FILE *file = info_open_imaging(model);
-    const int alone = info_has_gains_alone(model);
+    const int alone = oxl_has_gains_alone(ctx, model);
     char line[4096];
     while (file && fgets(line, sizeof line, file))
         if (line[0] != '#' && info_is_hidden(line, alone) == hidden) output_bytes(t, line, strlen(line));
@@ -181,23 +165,23 @@ static int info_take_lines(struct output *t, const char *model, int hidden)
 
 /* Compares the lines that `from` is rendered with and those that `to` will be.
  * Returns 1 if they are the same. */
-static int info_is_same_imaging(const char *from, const char *to, int hidden, struct output *a,
-                                struct output *b)
+static int info_is_same_imaging(oxl_context *ctx, const char *from, const char *to, int hidden,
+                                struct output *a, struct output *b)
 {
-    if (!hidden || !info_is_for_viewers(from)) info_take_lines(a, from, hidden);
+    if (!hidden || !info_is_for_viewers(from)) info_take_lines(ctx, a, from, hidden);
     /* from's is copied there */
-    if (!info_take_lines(b, to, hidden)) output_bytes(b, a->data ? a->data : "", a->used);
+    if (!info_take_lines(ctx, b, to, hidden)) output_bytes(b, a->data ? a->data : "", a->used);
     if (hidden && info_is_for_viewers(to)) b->used = 0;
     return a->failed || b->failed || (a->used == b->used && (!a->used || !memcmp(a->data, b->data, a->used)));
 }
 
-int info_takes_medium(const char *model)
+int info_takes_medium(oxl_context *ctx, const char *model)
 {
     const char *base = strrchr(model, '/');
     struct output lines = {0};
     const int is_clear = strncmp(base ? base + 1 : model, "scene_clear.", 12) == 0;
     const int takes =
-        !is_clear && !info_is_for_viewers(model) && info_take_lines(&lines, model, 1) && lines.used;
+        !is_clear && !info_is_for_viewers(model) && info_take_lines(ctx, &lines, model, 1) && lines.used;
     free(lines.data);
     return takes;
 }
@@ -205,9 +189,9 @@ int info_takes_medium(const char *model)
 oxl_result info_check_imaging(oxl_context *ctx, const char *from, const char *to, int *is_other)
 {
     struct output hidden[2] = {{0}, {0}}, rest[2] = {{0}, {0}};
-    const int same = info_is_same_imaging(from, to, 1, &hidden[0], &hidden[1]);
+    const int same = info_is_same_imaging(ctx, from, to, 1, &hidden[0], &hidden[1]);
     oxl_result rc = OXL_OK;
-    *is_other = !info_is_same_imaging(from, to, 0, &rest[0], &rest[1]);
+    *is_other = !info_is_same_imaging(ctx, from, to, 0, &rest[0], &rest[1]);
     if (!same)
         rc = oxl_fail(
             ctx, OXL_ERR_USAGE,
@@ -224,15 +208,18 @@ oxl_result info_check_imaging(oxl_context *ctx, const char *from, const char *to
 oxl_result info_copy_imaging(oxl_context *ctx, const char *from, const char *to, int *copied)
 {
     FILE *in = info_open_imaging(from), *there = in ? info_open_imaging(to) : NULL;
-    const int alone = info_has_gains_alone(from) && info_is_for_viewers(from);
+    const int hides = info_is_for_viewers(from), alone = hides && oxl_has_gains_alone(ctx, from);
     struct output out = {0};
     char path[4096], line[4096];
-    int failed = 0;
-    *copied = in && !there && !alone;
+    int failed = 0, left = 0;
+    while (in && fgets(line, sizeof line, in))
+        left |= line[0] != '#' && !(hides && info_is_hidden(line, alone));
+    if (in) rewind(in);
+    *copied = in && !there && (left || !alone);
     info_imaging_path(to, path);
     if (*copied) output_open(&out, path);
     while (*copied && fgets(line, sizeof line, in))
-        if (!info_is_checksum(line) && (!info_is_medium(line) || !info_is_for_viewers(from)))
+        if (!info_is_checksum(line) && !(hides && info_is_hidden(line, alone)))
             output_bytes(&out, line, strlen(line));
     if (*copied) failed = ferror(in) != 0, out.failed |= failed, failed |= !output_close(&out);
     if (in) fclose(in);
@@ -254,7 +241,7 @@ oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json)
     sorted = malloc((model.count + 1) * sizeof *sorted);
     if (sorted) info_write(to, &model, sorted, json);
     else rc = OXL_ERR_MEMORY;
-    if (sorted) info_write_imaging(to, path, json);
+    if (sorted) info_write_imaging(ctx, to, path, json);
     if (sorted && json) fprintf(to, "\n}\n");
     free(sorted);
     oxl_model_free(ctx, &model);

@@ -120,8 +120,8 @@ static void ortho_lay_out(struct ortho *o)
 }
 
 /* Describes the map to ground.c. level (height,width); seen (2,height,width), the views that see a place and
- * then those that confirm it; both NULL where only places are wanted. */
-static struct ground ortho_ground(const struct ortho *o, float *level, unsigned short *seen)
+ * then those that confirm it, up to `enough`; both NULL where only places are wanted. */
+static struct ground ortho_ground(const struct ortho *o, float *level, unsigned short *seen, int enough)
 {
     return (struct ground){&o->frame,
                            {o->corner[0], o->corner[1]},
@@ -131,7 +131,8 @@ static struct ground ortho_ground(const struct ortho *o, float *level, unsigned 
                            o->height,
                            level,
                            seen,
-                           seen ? seen + (size_t)o->width * (size_t)o->height : NULL};
+                           seen ? seen + (size_t)o->width * (size_t)o->height : NULL,
+                           (unsigned short)enough};
 }
 
 static oxl_camera ortho_camera(const struct ortho *o, int x, int y)
@@ -141,7 +142,7 @@ static oxl_camera ortho_camera(const struct ortho *o, int x, int y)
                     .height = rest_y < ORTHO_PATCH ? rest_y : ORTHO_PATCH,
                     .fx = 1 / o->pixel,
                     .fy = 1 / o->pixel};
-    const struct ground g = ortho_ground(o, NULL, NULL);
+    const struct ground g = ortho_ground(o, NULL, NULL, 0);
     double eye[3];
     c.cx = 0.5 * c.width, c.cy = 0.5 * c.height;
     for (int k = 0; k < 3; k++) {
@@ -185,7 +186,7 @@ static oxl_result ortho_keep_seen(struct ortho *o, const oxl_large_model *model,
 {
     const size_t pixels = (size_t)o->width * (size_t)o->height;
     unsigned short *seen = malloc(2 * sizeof *seen * pixels);
-    const struct ground g = ortho_ground(o, o->ground_level, seen);
+    const struct ground g = ortho_ground(o, o->ground_level, seen, min_views);
     /* Takes hidden places as seen in an overview (o->fit), so that it is quick. */
     oxl_result rc =
         seen ? ground_count_views(o->ctx, o->fit ? NULL : model, o->scene, &g)
@@ -494,9 +495,9 @@ oxl_result ortho_overview(oxl_context *ctx, oxl_large_model *model, const oxl_sc
     if (rc == OXL_OK) rc = oxl_image_create(ctx, o.width, o.height, &out->image);
     if (rc == OXL_OK) {
         const size_t plane = (size_t)o.width * (size_t)o.height;
-        for (size_t i = 0; i < 3 * plane; i++)
-            out->image.rgb[i] = o.rgba[4 * (i % plane) + 3] ? (float)o.rgba[4 * (i % plane) + i / plane] / 255
-                                                            : empty[i / plane];
+        for (size_t c = 0; c < 3; c++)
+            for (size_t i = 0; i < plane; i++)
+                out->image.rgb[c * plane + i] = o.rgba[4 * i + 3] ? (float)o.rgba[4 * i + c] / 255 : empty[c];
         out->sampling = o.sampling;
         out->area = (double)o.ground_covered * o.pixel * o.pixel;
         out->covered = o.ground_seen ? (double)o.ground_covered / (double)o.ground_seen : 0;

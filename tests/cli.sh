@@ -323,6 +323,10 @@ promise the_report_shows_what_other_viewers_show 0 "" sh -c \
 promise convert_of_a_model_for_viewers_copies_lamp_and_no_medium 0 "" sh -c \
     "mkdir -p shown clear && '$program' convert lit/scene.ply shown/a.ply >/dev/null && '$program' convert lit/scene_clear.ply clear/a.ply >/dev/null &&
      ! grep -q '^[bBf]' shown/imaging.txt && grep -q '^lamp' shown/imaging.txt && grep -q '^Binf' clear/imaging.txt"
+promise convert_of_a_model_for_viewers_copies_poses_and_no_gains 0 "" sh -c \
+    "mkdir -p posed carried none && cp lit/scene.ply posed && touch posed/scene_clear.ply && printf 'gain 1.1 1 1 0.png\npose 0.01 0 0 0 0 0 0.png\n' >posed/imaging.txt &&
+     '$program' convert posed/scene.ply carried/a.ply >/dev/null && tail -1 posed/imaging.txt | cmp - carried/imaging.txt &&
+     sed -i '/^pose/d' posed/imaging.txt && '$program' convert posed/scene.ply none/a.ply >/dev/null && [ ! -e none/imaging.txt ]"
 promise convert_refuses_a_place_where_the_medium_is_applied_twice 2 "fix: another folder" on_stderr "$program" convert lit/scene.ply lit/other.ply
 cp lit/scene.ply lit/copy.ply
 promise a_copy_of_scene_ply_under_another_name_is_warned_of_the_medium 0 "if it is a copy of scene.ply" on_stderr "$program" eval lit/copy.ply survey

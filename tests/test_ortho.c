@@ -348,7 +348,7 @@ TEST(ground_is_not_seen_through_what_is_before_it_nor_from_far_away)
     struct frame f;
     unsigned short seen = 9;
     float level;
-    struct ground g = {&f, {0, 0}, 0.1, 100, 1, 1, &level, &seen, NULL};
+    struct ground g = {&f, {0, 0}, 0.1, 100, 1, 1, &level, &seen, NULL, 0};
     frame_of(scene, &f);
     level = (float)(place[2] - origin[2] - f.centre[2]);
     g.corner[0] = place[0] - 0.05 - origin[0] - f.centre[0];
@@ -361,6 +361,10 @@ TEST(ground_is_not_seen_through_what_is_before_it_nor_from_far_away)
     model.plane[OXL_OPACITY][0] = 6;
     CHECK_OK(ground_count_views(test_ctx, NULL, scene, &g));
     CHECK(seen == 2);
+    g.enough = 1; /* The second view is not looked at. */
+    CHECK_OK(ground_count_views(test_ctx, NULL, scene, &g));
+    CHECK(seen == 1);
+    g.enough = 0;
     CHECK_OK(ground_count_views(test_ctx, &(oxl_large_model){.model = model}, scene, &g));
     CHECK(seen == 1);
     model.plane[OXL_MEAN + 2][0] -=
@@ -387,7 +391,7 @@ TEST(ground_height_is_confirmed_by_images_of_that_depth)
     struct frame f;
     unsigned short seen = 9, confirmed = 9;
     float level;
-    struct ground g = {&f, {0, 0}, 0.1, 100, 1, 1, &level, &seen, &confirmed};
+    struct ground g = {&f, {0, 0}, 0.1, 100, 1, 1, &level, &seen, &confirmed, 0};
     frame_of(scene, &f);
     level = (float)(place[2] - origin[2] - f.centre[2]);
     g.corner[0] = place[0] - 0.05 - origin[0] - f.centre[0];
@@ -417,7 +421,7 @@ TEST(ground_height_wants_detail_in_the_images_that_confirm_it)
     struct frame f;
     unsigned short seen = 9, confirmed = 9;
     float level;
-    struct ground g = {&f, {0, 0}, 0.1, 100, 1, 1, &level, &seen, &confirmed};
+    struct ground g = {&f, {0, 0}, 0.1, 100, 1, 1, &level, &seen, &confirmed, 0};
     frame_of(scene, &f);
     level = (float)(place[2] - origin[2] - f.centre[2]);
     g.corner[0] = place[0] - 0.05 - origin[0] - f.centre[0];
@@ -477,7 +481,7 @@ TEST(ground_window_of_a_view_holds_every_place_in_its_image)
     static float level[SIDE * SIDE];
     static unsigned short seen[SIDE * SIDE];
     struct frame f;
-    struct ground g = {&f, {-10, 10}, 0.5, 1e9, SIDE, SIDE, level, seen, NULL};
+    struct ground g = {&f, {-10, 10}, 0.5, 1e9, SIDE, SIDE, level, seen, NULL, 0};
     frame_of(scene, &f);
     for (int i = 0; i < SIDE * SIDE; i++) level[i] = (float)(i * 7 % 5) - 3;
     CHECK_OK(ground_count_views(test_ctx, NULL, scene, &g));

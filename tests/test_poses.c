@@ -360,6 +360,35 @@ TEST(resect_does_not_hold_where_2d_points_are_those_of_larger_images)
     }
 }
 
+TEST(resect_counts_distances_beyond_the_limit_linearly)
+{
+    struct resect_case c = resect_case_of("PINHOLE", 0);
+    const struct resect r = {.given = &c.given,
+                             .lens = &c.lens,
+                             .origin = resect_origin,
+                             .seen = c.seen,
+                             .count = RESECT_POINTS,
+                             .limit = 1};
+    double at[POSE_TERMS], e[2], j[2][POSE_TERMS];
+    for (int i = 0; i < RESECT_POINTS; i++) { /* half of them off by 3, half by 0.6 */
+        CHECK(resect_residual(&r, &c.given, &c.seen[i], e, j));
+        c.seen[i].pixel[0] += e[0];
+        c.seen[i].pixel[1] += e[1] + (i % 2 ? 3 : 0.6);
+    }
+    CHECK_CLOSE(resect(&r, at).before, (2.5 + 0.18) / 2, 1e-12);
+}
+
+TEST(resect_holds_what_fits_the_points_and_is_near)
+{
+    const struct resect_case c = resect_case_of("PINHOLE", 0);
+    const struct resect r = {.lens = &c.lens, .limit = 2};
+    const double turned[POSE_TERMS] = {0.2, -0.2, 0.05, 9, 9, 9}, too[POSE_TERMS] = {0.2, -0.2, 0.15};
+    CHECK(resect_holds(&r, &(struct resect_found){.after = 1.9, .shift = 19}, turned));
+    CHECK(!resect_holds(&r, &(struct resect_found){.after = 2.1, .shift = 19}, turned));
+    CHECK(!resect_holds(&r, &(struct resect_found){.after = 1.9, .shift = 21}, turned));
+    CHECK(!resect_holds(&r, &(struct resect_found){.after = 1.9, .shift = 19}, too));
+}
+
 TEST(resect_leaves_a_pose_that_its_points_leave_open)
 {
     struct resect_case c = resect_case_of("PINHOLE", 0);
@@ -460,15 +489,15 @@ TEST(poses_are_moved_onto_the_points_that_their_images_saw)
     CHECK(off > 0.5 * before);
 }
 
-TEST(poses_that_agree_with_their_points_stay)
+/* noise: of the poses; with 0.1, neither shift nor fall of the cost suffice. */
+static void poses_check_that_they_stay(double noise, const char *without, const char *with)
 {
     oxl_scene *scene[2];
     oxl_model model[2];
-    NEEDS_PART(poses);
     for (int k = 0; k < 2; k++) { /* as without points */
         oxl_train_options options = train_options(30);
         options.poses = OXL_ON;
-        scene[k] = poses_tracked_scene(k ? "points" : "none", 0, k);
+        scene[k] = poses_tracked_scene(k ? with : without, noise, k);
         CHECK_OK(oxl_train(test_ctx, scene[k], &options, NULL, &model[k]));
     }
     CHECK(train_same(&model[0], &model[1]));
@@ -478,6 +507,13 @@ TEST(poses_that_agree_with_their_points_stay)
         oxl_model_free(test_ctx, &model[k]);
         oxl_scene_free(test_ctx, scene[k]);
     }
+}
+
+TEST(poses_that_agree_with_their_points_stay)
+{
+    NEEDS_PART(poses);
+    poses_check_that_they_stay(0, "none", "points");
+    poses_check_that_they_stay(0.1, "noisy_none", "noisy_points");
 }
 
 /* A look that measured five times the points' colours would brighten the first Gaussians. */
@@ -499,6 +535,26 @@ TEST(poses_moved_onto_points_use_nothing_that_a_look_measured_at_the_given_ones)
     for (int k = 0; k < 2; k++) oxl_model_free(test_ctx, &model[k]);
 }
 
+TEST(poses_are_not_moved_onto_points_of_a_file_that_was_cut_meanwhile)
+{
+    oxl_scene *scene = poses_tracked_scene("noisy", 2, 1);
+    oxl_train_options options = train_options(10);
+    oxl_model model;
+    struct os_file_map file;
+    char *text;
+    NEEDS_PART(poses);
+    CHECK_OK(os_read_file(test_ctx, test_path("noisy/sparse/0/images.txt"), &file));
+    text = oxl_strdup(test_ctx, file.data);
+    text[file.size / 2] = 0;
+    os_release_file(test_ctx, &file);
+    test_write("noisy/sparse/0/images.txt", text);
+    oxl_free(test_ctx, text);
+    options.poses = OXL_ON;
+    CHECK(oxl_train(test_ctx, scene, &options, NULL, &model) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "longer when the survey was read");
+    oxl_scene_free(test_ctx, scene);
+}
+
 TEST(poses_moved_onto_points_end_in_the_same_bytes_after_a_stop)
 {
     struct checkpoint_case c = checkpoint_of(poses_tracked_scene("noisy", 2, 1), train_options(40));
@@ -516,5 +572,20 @@ TEST(poses_moved_onto_points_end_in_the_same_bytes_after_a_stop)
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
     CHECK(train_same(&model, &c.whole) && memcmp(whole, c.scene->imaging.pose, sizeof whole) == 0);
     oxl_model_free(test_ctx, &model);
+    checkpoint_case_free(&c);
+}
+
+TEST(poses_moved_onto_points_do_not_go_on_from_those_of_other_2d_points)
+{
+    struct checkpoint_case c = checkpoint_of(poses_tracked_scene("noisy", 2, 1), train_options(20));
+    oxl_model model;
+    NEEDS_PART(poses);
+    c.options.poses = OXL_ON;
+    CHECK(checkpoint_run(&c, "key", 10, &model) == OXL_ERR_INTERRUPTED);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, c.scene);
+    c.scene = poses_tracked_scene("none", 2, 0);
+    CHECK(checkpoint_run(&c, "key", -1, &model) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "2D points say other poses");
     checkpoint_case_free(&c);
 }

@@ -666,7 +666,16 @@ TEST(train_moves_gaussians_ten_rates_at_most_where_views_show_few_of_them)
         CHECK_CLOSE(few.rate[k] / usual.rate[k], k < OXL_OPACITY ? 10.0 / 16 : 1, 1e-3);
         CHECK(third.rate[k] == usual.rate[k]);
     }
-    o.iterations = 30000, t.shown = 0, usual = schedule_adam_params(&t);
+    o.short_run_exponent = 1; /* a factor of 16, which was asked for */
+    t.shown = 0, usual = schedule_adam_params(&t);
+    t.shown = 1, third = schedule_adam_params(&t);
+    t.shown = 1.0 / 16, few = schedule_adam_params(&t);
+    for (int k = 0; k < OXL_PLANES; k++) {
+        CHECK(third.rate[k] == usual.rate[k]);
+        CHECK_CLOSE(few.rate[k] / usual.rate[k], k < OXL_OPACITY ? 1.0 / 4 : 1, 1e-3);
+    }
+    o.iterations = 30000, o.short_run_exponent = 0.5f;
+    t.shown = 0, usual = schedule_adam_params(&t);
     t.shown = 1.0 / 16, few = schedule_adam_params(&t);
     for (int k = 0; k < OXL_PLANES; k++) CHECK(few.rate[k] == usual.rate[k]);
     o.iterations = 1875, t.step = 1875, t.shown = 0.99, few = schedule_adam_params(&t);
@@ -686,9 +695,11 @@ static int train_test_shows(const oxl_camera *c, const oxl_model *m, size_t row)
            fabs(c->fy * x[1] / x[2] + c->cy - c->height / 2.0) < c->height / 2.0;
 }
 
-/* Every second camera is moved to where it sees nothing. */
+/* Every second camera is moved to where it sees nothing. Of a block, windows count: a third and the rest. */
 TEST(train_knows_which_share_of_the_gaussians_a_view_shows)
 {
+    struct image_window window[14];
+    double all = 0;
     oxl_train_options o = train_options(10);
     struct train t = {
         .ctx = test_ctx, .scene = train_scene(14), .options = &o, .decisions = {.ctx = test_ctx}};
@@ -702,6 +713,20 @@ TEST(train_knows_which_share_of_the_gaussians_a_view_shows)
     CHECK(shown > 0);
     CHECK_CLOSE(t.shown, (double)shown / t.views / (double)t.trained.model.count, 1e-2);
     train_end(&t);
+    for (int right = 0; right < 2; right++) {
+        struct train part = {.ctx = test_ctx, .scene = scene, .options = &o, .decisions = {.ctx = test_ctx}};
+        for (int i = 0; i < 14; i++) {
+            const oxl_camera *c = &oxl_scene_view(scene, i)->camera;
+            window[i] = (struct image_window){right * (c->width / 3), 0, c->width / 3, c->height};
+            if (right) window[i].width = c->width - window[i].x;
+        }
+        part.task.window = window;
+        CHECK_OK(train_begin(&part));
+        CHECK(part.shown > 0.05 * t.shown && part.shown < 0.95 * t.shown);
+        all += part.shown;
+        train_end(&part);
+    }
+    CHECK_CLOSE(all, t.shown, 1e-12);
     oxl_scene_free(test_ctx, scene);
 }
 

@@ -3486,6 +3486,24 @@ static void vulkan_check_exposure(oxl_context *device)
     for (int k = 0; k < 3; k++) oxl_model_free(device, &model[k]);
 }
 
+static void vulkan_check_poses(oxl_context *device)
+{
+    struct text decisions = {.ctx = device};
+    struct train_task place = {.decisions = &decisions};
+    oxl_scene *scene = vulkan_survey(device, 0);
+    oxl_train_options options = train_options(3);
+    oxl_model model;
+    options.poses = OXL_AUTO;
+    CHECK_OK(train_run(device, scene, &options, NULL, &place, &model));
+    CHECK_TEXT(
+        decisions.data ? decisions.data : "",
+        "\"poses\": {\"chosen\": \"off\", \"evidence\": \"by the points alone: a device has no gradient "
+        "of them\"}");
+    text_free(&decisions);
+    oxl_model_free(device, &model);
+    oxl_scene_free(device, scene);
+}
+
 /* Parts of images, whole and halved, masked or not, are those of the CPU. */
 static void vulkan_check_window_of_image(oxl_context *device, int masked, int halved)
 {
@@ -4123,6 +4141,12 @@ TEST(vulkan_density_control_moves_rows_as_the_host_does)
 TEST(vulkan_learns_gains_of_images_as_the_cpu_does)
 {
     ON_DEVICE(vulkan_check_exposure);
+}
+
+TEST(vulkan_run_says_why_it_refines_no_poses)
+{
+    NEEDS_PART(poses);
+    ON_DEVICE(vulkan_check_poses);
 }
 
 TEST(vulkan_leaves_out_the_gaussians_that_the_cpu_leaves_out)

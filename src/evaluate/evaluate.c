@@ -72,7 +72,8 @@ struct evaluate_pass {
     struct renderer *r;
     const struct render_source *source;
     oxl_scene *scene;
-    struct evaluate_bands *bands; /* NULL: measures as evaluate_quick */
+    struct evaluate_bands *bands; /* NULL: measures as evaluate_quick or, if `shown`, as evaluate_shown */
+    int shown, most;              /* most: evaluates so many views, evenly spaced */
     oxl_model gradient;           /* gradient of the model, for aligned views */
 };
 
@@ -95,17 +96,17 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
                                    const oxl_image *image, oxl_view_metrics *row)
 {
     oxl_result rc = OXL_OK;
-    if (p->bands) rc = oxl_psnr(ctx, rendered, image, &row->plain_psnr);
+    if (p->bands || p->shown) rc = oxl_psnr(ctx, rendered, image, &row->plain_psnr);
     if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, &p->scene->imaging, row->view, rendered);
     if (rc == OXL_OK && p->bands) row->half_psnr = metrics_half_psnr(rendered, image);
     if (rc == OXL_OK) imaging_apply(&p->scene->imaging, row->view, rendered);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, rendered, image, &row->psnr);
+    if (rc == OXL_OK && p->shown) return oxl_ssim(ctx, rendered, image, &row->ssim);
     if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, rendered, image, &row->cc_psnr);
     if (rc == OXL_OK) rc = oxl_structure(ctx, rendered, image, &row->structure, NULL);
     if (rc == OXL_OK) rc = evaluate_explained(ctx, p, rendered, image, row);
     if (rc != OXL_OK || !p->bands) return rc;
-    rc = oxl_ssim(ctx, rendered, image, &row->ssim);
-    if (rc == OXL_OK) rc = oxl_ms_ssim(ctx, rendered, image, &row->ms_ssim);
+    rc = metrics_ssim(ctx, rendered, image, &row->ssim, &row->ms_ssim);
     if (rc == OXL_OK && p->scene->lpips)
         rc = p->scene->lpips_distance(ctx, p->scene->lpips, rendered, image, &row->lpips);
     return rc == OXL_OK ? evaluate_add_bands(ctx, p->scene, row->view, rendered, image, p->bands) : rc;
@@ -171,11 +172,12 @@ static oxl_result evaluate_add_view(oxl_context *ctx, struct evaluate_pass *p, i
 static void evaluate_sum_up_views(oxl_metrics *m)
 {
     int with = 0, explained = 0;
-    m->psnr = m->cc_psnr = m->ssim = 0;
+    m->psnr = m->plain_psnr = m->cc_psnr = m->ssim = 0;
     m->structure = m->explained = 0, m->structure_least = NAN, m->no_structure = 0;
     for (int i = 0; i < m->count; i++) {
         const oxl_view_metrics *v = &m->views[i];
         m->psnr += v->psnr / m->count;
+        m->plain_psnr += v->plain_psnr / m->count;
         m->cc_psnr += v->cc_psnr / m->count;
         m->ssim += v->ssim / m->count;
         if (!isnan(v->explained)) m->explained += v->explained, explained++;
@@ -192,7 +194,6 @@ static void evaluate_sum_up(oxl_metrics *m, const struct evaluate_bands *bands)
 {
     m->lpips = m->aligned_psnr = m->aligned_ssim = m->count ? 0 : NAN;
     for (int i = 0; i < m->count; i++) {
-        m->plain_psnr += m->views[i].plain_psnr / m->count;
         m->half_psnr += m->views[i].half_psnr / m->count;
         m->ms_ssim += m->views[i].ms_ssim / m->count;
         m->lpips += m->views[i].lpips / m->count; /* NaN if a view's value is */
@@ -203,24 +204,22 @@ static void evaluate_sum_up(oxl_metrics *m, const struct evaluate_bands *bands)
     for (int k = 0; k < 3; k++) m->by_depth[k] = metrics_decibel(bands->sum[k].error, bands->sum[k].weight);
 }
 
-/* Evaluates at most `most` views of a split, evenly spaced. bands: their sums; NULL: as evaluate_quick. */
-static oxl_result evaluate_views(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
-                                 oxl_split split, int most, struct evaluate_bands *bands, oxl_metrics *out)
+/* Evaluates the views of a split. */
+static oxl_result evaluate_views(oxl_context *ctx, struct evaluate_pass p, oxl_split split, oxl_metrics *out)
 {
-    struct evaluate_pass p = {.source = source, .scene = scene, .bands = bands};
-    const size_t room = (size_t)oxl_scene_view_count(scene) + 1;
+    const size_t room = (size_t)oxl_scene_view_count(p.scene) + 1;
     oxl_result rc = OXL_OK;
     int *view = oxl_alloc(ctx, room, sizeof *view), count = 0, all = 0;
     *out = (oxl_metrics){.views = oxl_alloc(ctx, room, sizeof *out->views)};
     if (!view || !out->views) rc = OXL_ERR_MEMORY;
-    if (rc == OXL_OK) all = scene_views_of(scene, split, view), count = OXL_MIN(all, most);
+    if (rc == OXL_OK) all = scene_views_of(p.scene, split, view), count = OXL_MIN(all, p.most);
     for (int i = 0; i < count; i++) view[i] = view[(int)((int64_t)i * all / count)];
-    if (rc == OXL_OK && bands) rc = depth_bands_begin(ctx, scene, view, count, &bands->of);
+    if (rc == OXL_OK && p.bands) rc = depth_bands_begin(ctx, p.scene, view, count, &p.bands->of);
     if (rc == OXL_OK) rc = renderer_create(ctx, &p.r);
-    evaluate_begin(ctx, source, scene);
+    evaluate_begin(ctx, p.source, p.scene);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         rc = context_stopped(ctx);
-        scene_images_ahead(ctx, scene, view + i, count - i);
+        scene_images_ahead(ctx, p.scene, view + i, count - i);
         if (rc == OXL_OK) rc = evaluate_add_view(ctx, &p, view[i], out);
     }
     renderer_free(ctx, p.r);
@@ -235,7 +234,8 @@ OXL_INTERNAL oxl_result evaluate_source(oxl_context *ctx, const struct render_so
                                         oxl_scene *scene, oxl_split split, oxl_metrics *out)
 {
     struct evaluate_bands bands = {.sum = {{0}}};
-    const oxl_result rc = evaluate_views(ctx, source, scene, split, INT_MAX, &bands, out);
+    const struct evaluate_pass p = {.source = source, .scene = scene, .bands = &bands, .most = INT_MAX};
+    const oxl_result rc = evaluate_views(ctx, p, split, out);
     if (rc == OXL_OK) evaluate_sum_up(out, &bands);
     depth_bands_free(ctx, &bands.of);
     return rc;
@@ -251,7 +251,15 @@ oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *sce
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
                                        oxl_split split, int most, oxl_metrics *out)
 {
-    return evaluate_views(ctx, source, scene, split, most, NULL, out);
+    const struct evaluate_pass p = {.source = source, .scene = scene, .most = most};
+    return evaluate_views(ctx, p, split, out);
+}
+
+OXL_INTERNAL oxl_result evaluate_shown(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
+                                       oxl_split split, oxl_metrics *out)
+{
+    const struct evaluate_pass p = {.source = source, .scene = scene, .most = INT_MAX, .shown = 1};
+    return evaluate_views(ctx, p, split, out);
 }
 
 void oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics)

@@ -21,6 +21,9 @@ OXL_INTERNAL void metrics_add_pixel(const oxl_image *rendered, const oxl_image *
                                     struct metrics_sum *sum);
 /* Returns the PSNR of the right half, after a gain per channel that is fitted to the left half. */
 OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b);
+/* Computes SSIM, and unless ms_ssim is NULL MS-SSIM, which begins with the same windows. */
+OXL_INTERNAL oxl_result metrics_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *ssim,
+                                     double *ms_ssim);
 
 /* ---------------- structure.c */
 
@@ -54,6 +57,9 @@ OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, i
 /* Evaluates a source like oxl_evaluate. */
 OXL_INTERNAL oxl_result evaluate_source(oxl_context *ctx, const struct render_source *source,
                                         oxl_scene *scene, oxl_split split, oxl_metrics *out);
+/* Evaluates plain_psnr, psnr and ssim of a source; other values are not set. */
+OXL_INTERNAL oxl_result evaluate_shown(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
+                                       oxl_split split, oxl_metrics *out);
 /* Evaluates `most` views of a split at most, evenly spaced, without ssim (NaN), ms_ssim, lpips, plain_psnr,
  * half_psnr, alignment and depths, in a third of the time. */
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,

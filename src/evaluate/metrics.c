@@ -83,19 +83,22 @@ static double metrics_psnr(const oxl_image *a, const oxl_image *b, const double 
     return metrics_decibel(error, weight);
 }
 
-/* Returns the least-squares factor of a channel of `a` up to column `to`. */
-static double metrics_gain(const oxl_image *a, const oxl_image *b, int channel, int to)
+/* Fits the factors of the channels of `a` up to column `to` by least squares. */
+static void metrics_gain(const oxl_image *a, const oxl_image *b, int to, double gain[3])
 {
     const size_t plane = (size_t)a->width * a->height;
-    double aa = 0, ab = 0;
+    double aa[3] = {0}, ab[3] = {0};
     for (int y = 0; y < a->height; y++)
         for (int x = 0; x < to; x++) {
             const size_t i = (size_t)y * a->width + x;
-            const double w = b->weight ? b->weight[i] : 1, v = metrics_shown(a->rgb[channel * plane + i]);
-            aa += w * v * v;
-            ab += w * v * metrics_shown(b->rgb[channel * plane + i]);
+            const double w = b->weight ? b->weight[i] : 1;
+            for (int c = 0; c < 3; c++) {
+                const double v = metrics_shown(a->rgb[c * plane + i]);
+                aa[c] += w * v * v;
+                ab[c] += w * v * metrics_shown(b->rgb[c * plane + i]);
+            }
         }
-    return aa > 0 ? ab / aa : 1;
+    for (int c = 0; c < 3; c++) gain[c] = aa[c] > 0 ? ab[c] / aa[c] : 1;
 }
 
 static oxl_result metrics_compare(oxl_context *ctx, const oxl_image *a, const oxl_image *b, int corrected,
@@ -104,7 +107,7 @@ static oxl_result metrics_compare(oxl_context *ctx, const oxl_image *a, const ox
     double gain[3] = {1, 1, 1}, decibel;
     *out = 0;
     if (metrics_check(ctx, a, b) != OXL_OK) return ctx->failed;
-    for (int c = 0; c < 3 && corrected; c++) gain[c] = metrics_gain(a, b, c, a->width);
+    if (corrected) metrics_gain(a, b, a->width, gain);
     decibel = metrics_psnr(a, b, gain, 0, a->width);
     if (isnan(decibel)) return metrics_fail_masked(ctx, "every pixel is masked, so there is no PSNR");
     *out = decibel;
@@ -127,20 +130,22 @@ OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b)
 {
     double gain[3];
     if (a->width < 2) return NAN;
-    for (int c = 0; c < 3; c++) gain[c] = metrics_gain(a, b, c, a->width / 2);
+    metrics_gain(a, b, a->width / 2, gain);
     return metrics_psnr(a, b, gain, a->width / 2, a->width);
 }
 
 /* ---------------- windows */
 
-struct metrics_row { /* Holds sums over the windows that are centred in a row, by channel. */
-    double ssim[3], contrast[3];
-    size_t windows; /* number of windows of one channel */
+/* Holds sums over the windows that are centred in a row, by channel: over all, and over those that lie
+ * wholly in the image. */
+struct metrics_row {
+    double all[3], ssim[3], contrast[3];
+    size_t all_windows, windows; /* numbers of windows of one channel */
 };
 
 struct metrics_windows {
     const oxl_image *a, *b;
-    int whole; /* 1: leaves out windows that reach over the edge; 0: outside is black */
+    int whole; /* 1: leaves out windows that reach over the edge, in `all`, too; 0: outside is black */
     double kernel[METRICS_WINDOW];
     double *scratch;         /* (threads, METRICS_LINES, W + 2 METRICS_RADIUS) lines of each thread */
     struct metrics_row *row; /* (H) sums of each row */
@@ -246,10 +251,14 @@ SIMD_INLINE void metrics_compare_run(const struct metrics_line *line, int x)
 /* Adds the windows of one channel; leaves out those that touch a masked pixel. */
 static void metrics_add_windows(const struct metrics_line *line, int channel, struct metrics_row *row)
 {
-    const int edge = line->s->whole ? METRICS_RADIUS : 0;
-    row->windows = 0;
-    for (int x = edge; x < line->s->a->width - edge; x++) {
+    const int w = line->s->a->width, h = line->s->a->height, r = METRICS_RADIUS;
+    const int edge = line->s->whole ? r : 0, first = line->y < r || line->y >= h - r ? w : r;
+    row->all_windows = row->windows = 0;
+    for (int x = edge; x < w - edge; x++) {
         if (line->touches[x] > 0) continue;
+        row->all[channel] += line->ssim[x];
+        row->all_windows++;
+        if (x < first || x >= w - r) continue;
         row->ssim[channel] += line->ssim[x];
         row->contrast[channel] += line->contrast[x];
         row->windows++;
@@ -306,9 +315,11 @@ static oxl_result metrics_sum_windows(oxl_context *ctx, const oxl_image *a, cons
     metrics_rows(ctx, &s);
     for (int y = 0; y < a->height; y++) {
         for (int c = 0; c < 3; c++) {
+            out->all[c] += s.row[y].all[c];
             out->ssim[c] += s.row[y].ssim[c];
             out->contrast[c] += s.row[y].contrast[c];
         }
+        out->all_windows += s.row[y].all_windows;
         out->windows += s.row[y].windows;
     }
 done:
@@ -316,22 +327,7 @@ done:
     return rc;
 }
 
-/* ---------------- SSIM */
-
-oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
-{
-    struct metrics_row sum;
-    oxl_result rc = metrics_check(ctx, a, b);
-    *out = 0;
-    if (rc == OXL_OK) rc = metrics_sum_windows(ctx, a, b, 0, &sum);
-    if (rc != OXL_OK) return rc;
-    if (sum.windows == 0)
-        return metrics_fail_masked(ctx, "every window touches a masked pixel, so there is no SSIM");
-    *out = (sum.ssim[0] + sum.ssim[1] + sum.ssim[2]) / (3 * (double)sum.windows);
-    return OXL_OK;
-}
-
-/* ---------------- MS-SSIM */
+/* ---------------- SSIM and MS-SSIM */
 
 /* Lists the exponents of the scales, the finest first [Wang 2003]. */
 static const double METRICS_SCALES[] = {0.0448, 0.2856, 0.3001, 0.2363, 0.1333};
@@ -381,25 +377,51 @@ static double metrics_over_scales(const struct metrics_row *sum, int scales)
     return mean;
 }
 
-/* Multiplies over the scales, which end when no whole window is left. */
-oxl_result oxl_ms_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
+/* Computes MS-SSIM from the windows of the image itself, `sum`, on. The scales end when no whole window is
+ * left; without any it is SSIM. */
+static oxl_result metrics_multiply_scales(oxl_context *ctx, const oxl_image *a, const oxl_image *b,
+                                          struct metrics_row sum[], double ssim, double *out)
 {
     enum { MOST = OXL_COUNT(METRICS_SCALES) };
-    struct metrics_row sum[MOST];
     oxl_image half[MOST][2] = {{{0}}};
     int scales = 0;
-    oxl_result rc = metrics_check(ctx, a, b);
-    *out = 0;
-    while (rc == OXL_OK && scales < MOST && OXL_MIN(a->width, a->height) >= METRICS_WINDOW) {
-        rc = metrics_sum_windows(ctx, a, b, 1, &sum[scales]);
+    oxl_result rc = OXL_OK;
+    while (OXL_MIN(a->width, a->height) >= METRICS_WINDOW) {
+        if (scales > 0) rc = metrics_sum_windows(ctx, a, b, 1, &sum[scales]);
         if (rc != OXL_OK || sum[scales].windows == 0 || ++scales == MOST) break;
         rc = metrics_halve(ctx, a, &half[scales][0]);
         if (rc == OXL_OK) rc = metrics_halve(ctx, b, &half[scales][1]);
+        if (rc != OXL_OK) break;
         a = &half[scales][0], b = &half[scales][1];
     }
-    if (rc == OXL_OK && scales > 0) *out = metrics_over_scales(sum, scales);
-    else if (rc == OXL_OK) rc = oxl_ssim(ctx, a, b, out);
+    if (rc == OXL_OK) *out = scales > 0 ? metrics_over_scales(sum, scales) : ssim;
     for (int k = 0; k < MOST; k++)
         for (int i = 0; i < 2; i++) oxl_image_free(ctx, &half[k][i]);
     return rc;
+}
+
+OXL_INTERNAL oxl_result metrics_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *ssim,
+                                     double *ms_ssim)
+{
+    struct metrics_row sum[OXL_COUNT(METRICS_SCALES)];
+    oxl_result rc = metrics_check(ctx, a, b);
+    *ssim = 0;
+    if (ms_ssim) *ms_ssim = 0;
+    if (rc == OXL_OK) rc = metrics_sum_windows(ctx, a, b, 0, sum);
+    if (rc != OXL_OK) return rc;
+    if (sum->all_windows == 0)
+        return metrics_fail_masked(ctx, "every window touches a masked pixel, so there is no SSIM");
+    *ssim = (sum->all[0] + sum->all[1] + sum->all[2]) / (3 * (double)sum->all_windows);
+    return ms_ssim ? metrics_multiply_scales(ctx, a, b, sum, *ssim, ms_ssim) : OXL_OK;
+}
+
+oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
+{
+    return metrics_ssim(ctx, a, b, out, NULL);
+}
+
+oxl_result oxl_ms_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
+{
+    double ssim;
+    return metrics_ssim(ctx, a, b, &ssim, out);
 }

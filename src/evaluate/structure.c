@@ -19,7 +19,7 @@ enum { STRUCTURE_FINE, STRUCTURE_COARSE, STRUCTURE_LOCAL, STRUCTURE_WIDTHS };
 static const double STRUCTURE_SIGMA[STRUCTURE_WIDTHS] = {1, 6, 6}; /* px; the third one is of the map */
 #define STRUCTURE_REACH 4                                          /* Sets the reach of a window, in sigma. */
 enum { STRUCTURE_HALF_MAX = 24 }; /* px; STRUCTURE_REACH of the widest window */
-enum { STRUCTURE_RUN = 64 };      /* columns whose sums stay in registers */
+enum { STRUCTURE_TAPS = 8 };      /* divides 2 STRUCTURE_REACH sigma of each width */
 /* Counts a band of a smaller mean square as the rounding of images to 8 bits: (1/255)^2 / 12. */
 #define STRUCTURE_NOISE 1.2816e-6
 #define STRUCTURE_DARK 1e-20 /* Keeps a product of mean squares from 0, against division by it. */
@@ -67,53 +67,38 @@ struct structure_row {
     double *out; /* (W) */
 };
 
-/* Adds the taps of n columns from x on in registers; lines in memory would be
- * loaded and stored at each tap. */
-SIMD_INLINE void structure_blur_columns(const struct structure_row *r, int x, const int n)
+/* Adds STRUCTURE_TAPS taps to each column in one pass, in which its sum stays in a register. */
+SIMD_INLINE void structure_add_taps(const double *const row[STRUCTURE_TAPS], const double *tap, int width,
+                                    double *out)
 {
-    double sum[STRUCTURE_RUN] = {0};
-    for (int k = 0; k <= 2 * r->w->half; k++) {
-        const double *row = r->row[k] + x, by = r->w->tap[k];
 #pragma omp simd
-        for (int l = 0; l < n; l++) sum[l] += by * row[l];
+    for (int x = 0; x < width; x++) {
+        double sum = out[x];
+        for (int k = 0; k < STRUCTURE_TAPS; k++) sum += tap[k] * row[k][x];
+        out[x] = sum;
     }
-    memcpy(r->line + STRUCTURE_HALF_MAX + x, sum, (size_t)n * sizeof *sum);
 }
 
-SIMD_INLINE void structure_blur_along(const struct structure_row *r, int x, const int n)
+/* Adds all taps to `out`: the first, then STRUCTURE_TAPS at a time. */
+SIMD_INLINE void structure_add(const struct structure_row *r, const double *const row[], double *out)
 {
-    const double *first = r->line + STRUCTURE_HALF_MAX - r->w->half + x;
-    double sum[STRUCTURE_RUN] = {0};
-    for (int k = 0; k <= 2 * r->w->half; k++) {
-        const double by = r->w->tap[k];
-#pragma omp simd
-        for (int l = 0; l < n; l++) sum[l] += by * first[k + l];
-    }
-    memcpy(r->out + x, sum, (size_t)n * sizeof *sum);
-}
-
-/* Returns the first column of the next run. The last run ends with the row and repeats
- * columns of the run before. */
-SIMD_INLINE int structure_next(int x, int width)
-{
-    return x + STRUCTURE_RUN < width ? OXL_MIN(x + STRUCTURE_RUN, width - STRUCTURE_RUN) : width;
+    for (int x = 0; x < r->width; x++) out[x] = r->w->tap[0] * row[0][x];
+    for (int k = 1; k <= 2 * r->w->half; k += STRUCTURE_TAPS)
+        structure_add_taps(row + k, r->w->tap + k, r->width, out);
 }
 
 SIMD_BODY void structure_blur_row_body(const int fused, const struct structure_row *r)
 {
-    const int narrow = r->width < STRUCTURE_RUN;
     double *middle = r->line + STRUCTURE_HALF_MAX;
+    const double *shifted[2 * STRUCTURE_HALF_MAX + 1];
     (void)fused;
-    for (int x = 0; narrow && x < r->width; x++) structure_blur_columns(r, x, 1);
-    for (int x = 0; !narrow && x < r->width; x = structure_next(x, r->width))
-        structure_blur_columns(r, x, STRUCTURE_RUN);
+    structure_add(r, r->row, middle);
     for (int k = 1; k <= r->w->half; k++) {
         middle[-k] = middle[structure_reflect(-k, r->width)];
         middle[r->width - 1 + k] = middle[structure_reflect(r->width - 1 + k, r->width)];
     }
-    for (int x = 0; narrow && x < r->width; x++) structure_blur_along(r, x, 1);
-    for (int x = 0; !narrow && x < r->width; x = structure_next(x, r->width))
-        structure_blur_along(r, x, STRUCTURE_RUN);
+    for (int k = 0; k <= 2 * r->w->half; k++) shifted[k] = middle + k - r->w->half;
+    structure_add(r, shifted, r->out);
 }
 
 SIMD_DISPATCH(static, structure_blur_row, struct structure_row)

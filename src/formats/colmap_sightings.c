@@ -31,6 +31,11 @@ OXL_INTERNAL oxl_result colmap_sightings_of(oxl_context *ctx, struct colmap_sigh
     size_t got = 0;
     oxl_result rc = wanted ? os_reader_seek(ctx, &s->file, image->points_at) : OXL_OK;
     if (wanted && rc == OXL_OK) rc = os_reader_read(ctx, &s->file, s->text, wanted, &got);
+    if (rc == OXL_OK && got < wanted)
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s: ends within the 2D points of an image; it was longer when the survey was read\n"
+                      "fix: export the survey again, or run again if another program is writing it",
+                      s->path);
     s->at = s->text, s->end = s->text + got;
     return rc;
 }

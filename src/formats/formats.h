@@ -120,4 +120,10 @@ OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const 
 OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene,
                                      struct imaging *out);
 
+/* ---------------- image_write.c: images, and bytes as PNG deflates them */
+
+/* Deflates data and leaves `before` and `after` bytes free around the result, *out by oxl_alloc. */
+OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before,
+                                      size_t after, unsigned char **out, size_t *deflated);
+
 #endif

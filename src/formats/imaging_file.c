@@ -280,6 +280,35 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
     return rc;
 }
 
+/* Returns 1 if train left scene_clear.ply beside the model, which images with gains alone go with. */
+static int imaging_has_clear(const char *model_path)
+{
+    const int folder = (int)(path_base_name(model_path) - model_path);
+    return os_is_file(PATH("", "%.*sscene_clear.ply", folder, model_path));
+}
+
+/* Notes which terms the file beside the model has, whatever the survey; a damaged file is refused where it is
+ * read. */
+int oxl_has_gains_alone(oxl_context *ctx, const char *model_path)
+{
+    const int folder = (int)(path_base_name(model_path) - model_path);
+    const char *path = PATH("", "%.*simaging.txt", folder, model_path);
+    struct imaging has = {0};
+    struct os_file_map map = {0};
+    if (!imaging_has_clear(model_path) || !os_is_file(path) || os_read_file(ctx, path, &map) != OXL_OK)
+        return 0;
+    for (const char *at = map.data, *end = map.data + map.size; at < end;) {
+        const char *stop = memchr(at, '\n', (size_t)(end - at)), *word = at;
+        if (!stop) stop = end;
+        has.on |= imaging_skip_word(&word, stop, "gain");
+        has.lamps |= imaging_skip_word(&word, stop, "lamp");
+        imaging_read_medium(at, stop, &has.medium);
+        at = stop + 1;
+    }
+    os_release_file(ctx, &map);
+    return imaging_is_gains_alone(&has);
+}
+
 oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path)
 {
     const char *name = path_base_name(model_path);
@@ -295,9 +324,7 @@ oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char
     if (strncmp(name, "scene.", 6) && strncmp(name, "scene_standard.", 15)) return rc;
     /* Removes from the imaging model what scene.* and scene_standard.* have in their colours: the medium, and
      * gains if train left scene_clear.ply, the model that goes with them. */
-    if (imaging_is_gains_alone(&scene->imaging) &&
-        os_is_file(PATH("", "%.*sscene_clear.ply", (int)(name - model_path), model_path)))
-        scene->imaging.on = 0;
+    if (imaging_is_gains_alone(&scene->imaging) && imaging_has_clear(model_path)) scene->imaging.on = 0;
     scene->imaging.medium = (struct medium){0};
     return rc;
 }

@@ -163,12 +163,13 @@ static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_la
 {
     struct imaging *imaging = &job->scene->imaging, whole = *imaging;
     const int hides = job_hides(job);
+    const struct render_source source = large_source(standard);
     oxl_metrics plain;
     oxl_result rc;
     if (job->result.model.lobes == 0 && !hides) return OXL_OK;
     if (hides && imaging_is_gains_alone(imaging)) imaging->on = 0;
     imaging->medium = (struct medium){0};
-    rc = oxl_large_evaluate(job->ctx, standard, job->scene, job_evaluated_split(job), &plain);
+    rc = evaluate_shown(job->ctx, &source, job->scene, job_evaluated_split(job), &plain);
     *imaging = whole;
     if (rc != OXL_OK) return rc;
     oxl_log(job->ctx, OXL_LOG_INFO,

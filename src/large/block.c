@@ -36,7 +36,8 @@ struct block {
     oxl_context *ctx;
     const struct block_task *task;
     oxl_progress last;
-    int before; /* iterations of the run that precede those of the standard model */
+    int before;           /* iterations of the run that precede those of the standard model, */
+    double seconds, left; /* its seconds by then, and those left as it said */
     struct text log, notes;
     struct text decisions; /* members of a JSON object */
     double log_written;    /* seconds of the run at the last writing of log.csv */
@@ -312,6 +313,9 @@ static int block_refine_progress(void *user, const oxl_progress *progress)
     b->last.model = NULL;
     p.iteration += b->before;
     p.iterations += b->before;
+    p.seconds += b->seconds;
+    /* The first step's time is not known yet: repeats what the run said last. */
+    if (!(p.seconds_left > 0) && p.iteration < p.iterations) p.seconds_left = b->left;
     return context_report(b->task->callback, &p);
 }
 
@@ -372,6 +376,7 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
                                .start = model,
                                .context = b->task->context,
                                .window = b->task->window,
+                               .viewed = b->task->viewed,
                                .frozen = 1};
     const int drops_gains = imaging_is_gains_alone(&scene->imaging);
     oxl_train_options o;
@@ -418,6 +423,7 @@ static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_r
     int done = 1;
     oxl_result rc = OXL_OK;
     if ((model->lobes > 0 || block_hides(scene)) && b->task->standard > 0) {
+        b->seconds = record->seconds, b->left = b->last.seconds_left;
         b->last = (oxl_progress){0};
         b->nonfinite = (oxl_nonfinite){0};
         rc = block_refine(b, scene, model, &done);

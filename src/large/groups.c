@@ -11,7 +11,8 @@
  *
  * OUT/blocks/whole has groups.txt, imaging.V.txt, and for each block KKK.model.V.ply, KKK.mean.V.ply and
  * KKK.square.V.ply; V is the number of the task that wrote them. Invariant: a task writes files with its own
- * number, then groups.txt; if it is stopped, it is repeated and gives the same bytes.
+ * number, then groups.txt; if it is stopped, it is repeated and gives the same bytes. What began in groups
+ * ends in groups, whatever memory there is then; after the finished record, these files are removed.
  */
 #include "job_state.h"
 #include "../formats/formats.h"
@@ -59,6 +60,13 @@ static const char *groups_path(char out[PATH_LENGTH], const struct groups *g, in
 
 static const char *const GROUPS_PART[TRAINED_PARTS] = {"model", "mean", "square"};
 
+/* Returns the number of files that a version of a block has: moments that are 0 have none, before the first
+ * task of the model and of that for viewers. */
+static int groups_parts(const struct groups *g, int version)
+{
+    return version == 0 || version == GROUPS_PASSES * g->count + 1 ? 1 : TRAINED_PARTS;
+}
+
 /* Reads parameters and moments of a block. Moments are not checked as a model is:
  * their rotations may be zeros. */
 static oxl_result groups_read(const struct groups *g, int block, struct trained_model *m)
@@ -67,13 +75,13 @@ static oxl_result groups_read(const struct groups *g, int block, struct trained_
     const int version = g->version[block];
     oxl_result rc = OXL_OK;
     *m = (struct trained_model){0};
-    for (int k = 0; k < (version > 0 ? TRAINED_PARTS : 1) && rc == OXL_OK; k++) {
+    for (int k = 0; k < groups_parts(g, version) && rc == OXL_OK; k++) {
         const char *path = GROUPS_PATH(g, block, GROUPS_PART[k], version);
         rc = (k ? model_file_read_ply : oxl_model_read)(ctx, path, model_trained_part(m, k));
         if (rc == OXL_OK && model_trained_part(m, k)->count != m->model.count)
             rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: its rows differ from those of its model", path);
     }
-    if (rc == OXL_OK && version == 0) rc = model_trained_begin(ctx, m);
+    if (rc == OXL_OK && groups_parts(g, version) == 1) rc = model_trained_begin(ctx, m);
     memcpy(m->mean.origin, m->model.origin, sizeof m->mean.origin);
     memcpy(m->square.origin, m->model.origin, sizeof m->square.origin);
     if (rc != OXL_OK) model_trained_free(ctx, m);
@@ -83,18 +91,17 @@ static oxl_result groups_read(const struct groups *g, int block, struct trained_
 static oxl_result groups_write(const struct groups *g, int block, int version, struct trained_model *m)
 {
     oxl_result rc = OXL_OK;
-    for (int k = 0; k < TRAINED_PARTS && rc == OXL_OK; k++)
+    for (int k = 0; k < groups_parts(g, version) && rc == OXL_OK; k++)
         rc = model_file_write_ply(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[k], version),
                                   model_trained_part(m, k), m->model.sh_degree);
     return rc;
 }
 
-/* Returns 1 if all files of the block exist. The last task has removed them: a run that has lost its result
- * since then begins again. */
+/* Returns 1 if all files of the block exist. */
 static int groups_has_files(const struct groups *g, int block)
 {
     int all = 1;
-    for (int k = 0; k < TRAINED_PARTS && g->version[block] > 0; k++)
+    for (int k = 0; k < groups_parts(g, g->version[block]) && g->version[block] > 0; k++)
         all &= os_is_file(GROUPS_PATH(g, block, GROUPS_PART[k], g->version[block]));
     return all;
 }
@@ -123,17 +130,36 @@ static oxl_result groups_write_state(const struct groups *g)
     return rc;
 }
 
-/* Reads groups.txt. Ignores a damaged file, or one of another run: count stays 0. */
+/* Maps groups.txt. *numbers stays NULL if there is none, or it is damaged or of another run. */
+static oxl_result groups_map_state(const struct job *job, const char *folder, struct os_file_map *map,
+                                   const char **numbers)
+{
+    const char *path = PATH(folder, "groups.txt");
+    const oxl_result rc = os_is_file(path) ? os_read_file(job->ctx, path, map) : OXL_OK;
+    if (rc == OXL_OK && map->data && checksum_of_text(map->data, map->size) == CHECKSUM_RIGHT &&
+        text_has_line(map->data, job->key.data))
+        *numbers = strstr(map->data, "\ngroups ");
+    return rc;
+}
+
+OXL_INTERNAL oxl_result groups_have_begun(const struct job *job, const char *folder, int *begun)
+{
+    struct os_file_map map = {0};
+    const char *numbers = NULL;
+    const oxl_result rc = groups_map_state(job, folder, &map, &numbers);
+    *begun = numbers != NULL;
+    os_release_file(job->ctx, &map);
+    return rc;
+}
+
+/* Reads groups.txt; count stays 0 if there is none of this run, or files that it names are missing. */
 static oxl_result groups_read_state(struct groups *g)
 {
     struct os_file_map map = {0};
     const int blocks = g->job->partition.block_count;
-    const char *path = PATH(g->folder, "groups.txt"), *s = NULL;
+    const char *s = NULL;
     int used = 0, good;
-    const oxl_result rc = os_is_file(path) ? os_read_file(g->job->ctx, path, &map) : OXL_OK;
-    if (rc == OXL_OK && map.data && checksum_of_text(map.data, map.size) == CHECKSUM_RIGHT &&
-        text_has_line(map.data, g->job->key.data))
-        s = strstr(map.data, "\ngroups ");
+    const oxl_result rc = groups_map_state(g->job, g->folder, &map, &s);
     good = s &&
            sscanf(s, "\ngroups %d %d %d %lf%n", &g->count, &g->done, &g->gains, &g->seconds, &used) == 4 &&
            g->count > 0 && g->count <= g->views && g->done >= 0 && g->gains >= 0 && g->seconds >= 0;
@@ -163,6 +189,23 @@ static void groups_remove_other_version(void *user, const char *name)
     else if (sscanf(name, "%d.%*[a-z].%d.", &block, &version) == 2 && block >= 0 &&
              block < g->job->partition.block_count && version != g->version[block])
         groups_remove(g, block, version);
+}
+
+/* Removes a file that groups have written. */
+static void groups_remove_any(void *user, const char *name)
+{
+    const struct job *job = user;
+    int block, version, end = 0;
+    if (sscanf(name, "imaging.%d.txt%n", &version, &end) < 1)
+        sscanf(name, "%d.%*[a-z].%d.ply%n", &block, &version, &end);
+    if (!strcmp(name, "groups.txt") || (end > 0 && !name[end]))
+        os_remove(PATH(JOB_BLOCK(job, JOB_MERGED_MODEL), "%s", name));
+}
+
+OXL_INTERNAL void groups_clean(struct job *job)
+{
+    const char *folder = JOB_BLOCK(job, JOB_MERGED_MODEL);
+    if (os_is_folder(folder)) os_list_folder(job->ctx, folder, groups_remove_any, job);
 }
 
 static oxl_result groups_remove_temporaries(struct groups *g)
@@ -337,7 +380,7 @@ static oxl_result groups_store_block(struct groups *g, int block, int version, s
     return rc;
 }
 
-/* Writes a block's model with medium or gains in its colours, and moments of 0. */
+/* Writes a block's model with medium or gains in its colours. */
 static oxl_result groups_bake_block(struct groups *g, int block, int version)
 {
     struct trained_model m = {{0}, {0}, {0}};
@@ -345,9 +388,8 @@ static oxl_result groups_bake_block(struct groups *g, int block, int version)
         oxl_model_read(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[0], g->version[block]), &m.model);
     if (rc == OXL_OK) {
         medium_make_standard(g->job->scene, imaging_is_gains_alone(&g->job->scene->imaging), &m.model);
-        rc = model_trained_begin(g->job->ctx, &m);
+        rc = groups_write(g, block, version, &m);
     }
-    if (rc == OXL_OK) rc = groups_write(g, block, version, &m);
     if (rc == OXL_OK) g->version[block] = version;
     model_trained_free(g->job->ctx, &m);
     return rc;
@@ -459,7 +501,8 @@ static oxl_result groups_read_gains(const struct groups *g)
     return imaging_read(g->job->ctx, path, g->job->scene, &g->job->scene->imaging);
 }
 
-/* Merges the blocks' files into blocks/whole/NAME, and writes the record. */
+/* Merges the blocks' files into blocks/whole/NAME, and writes the record. model_standard.ply of an earlier
+ * model.ply is removed. */
 static oxl_result groups_write_result(struct groups *g, const char *name, int finished)
 {
     const int blocks = g->job->partition.block_count;
@@ -471,6 +514,7 @@ static oxl_result groups_write_result(struct groups *g, const char *name, int fi
         path[b] = oxl_strdup(g->job->ctx, GROUPS_PATH(g, b, GROUPS_PART[0], g->version[b]));
         if (!path[b]) rc = OXL_ERR_MEMORY;
     }
+    if (!strcmp(name, "model.ply")) os_remove(PATH(g->folder, "model_standard.ply"));
     if (rc == OXL_OK)
         rc = merge_files(g->job->ctx, path, blocks, g->job->origin, PATH(g->folder, "%s", name));
     if (rc == OXL_OK) rc = groups_read_gains(g); /* Undoes what the training of a model for viewers left. */
@@ -534,13 +578,12 @@ OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder)
     if (rc == OXL_OK && g.count == 0) rc = budget_refuse(job->ctx, &load, &job->options);
     if (rc == OXL_OK) rc = groups_read_gains(&g);
     hides = rc == OXL_OK && block_hides(job->scene);
+    if (hides) job->stage_viewers = block_hiding_steps(block_standard_steps(&job->options.train));
     job_set_cache(job, budget_cache(&job->options));
     if (rc == OXL_OK) rc = groups_run_tasks(&g, 0);
     if (rc == OXL_OK && hides && !job->unfinished) rc = groups_run_viewers(&g);
     if (rc == OXL_OK && !job->unfinished)
         rc = groups_write_result(&g, hides ? "model_standard.ply" : "model.ply", 1);
-    for (int b = 0; b < blocks && rc == OXL_OK && !job->unfinished; b++) groups_remove(&g, b, g.version[b]);
-    if (rc == OXL_OK && !job->unfinished) groups_remove(&g, -1, g.gains);
     groups_free(&g);
     return rc;
 }

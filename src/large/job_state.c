@@ -128,8 +128,9 @@ OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
     oxl_progress p = *progress;
     const double here = os_seconds() - job->started, limit = job->options.train.max_seconds;
     /* Counts the steps of a model for viewers, which follow those of the merged model. */
-    const int until =
-        job->block == JOB_MERGED_MODEL ? OXL_MAX(job->stage_until, p.iterations) : job->stage_until;
+    const int until = job->block == JOB_MERGED_MODEL
+                          ? OXL_MAX(job->stage_until + job->stage_viewers, p.iterations)
+                          : job->stage_until;
     const double done =
         job->done + job->stage * (p.iteration - job->stage_first) / OXL_MAX(1, until - job->stage_first);
     p.memory = os_peak_rss();

@@ -48,6 +48,7 @@ struct job {
     double done_before;           /* fraction of the run that earlier processes did */
     double done, stage;           /* fractions of the run: before this stage; of this stage */
     int stage_first, stage_until; /* first and last step of this stage */
+    int stage_viewers;            /* steps of a model for viewers behind those of the merged model */
     uint64_t seed;                /* seed of the context, restored at the end */
     struct start start;
     oxl_lock *lock;   /* lock of OUT: shared by processes that train single blocks, otherwise exclusive */
@@ -128,6 +129,9 @@ OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_m
 OXL_INTERNAL oxl_result rounds_run(struct job *job);
 /* Trains the merged model in groups of views if it does not fit into memory (groups.c). */
 OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder);
+/* *begun: 1 if groups of this run were made in `folder`, which then go on. */
+OXL_INTERNAL oxl_result groups_have_begun(const struct job *job, const char *folder, int *begun);
+OXL_INTERNAL void groups_clean(struct job *job); /* removes their files, after the merged model's record */
 /* Trains the merged model after processes with --block have trained all blocks; fails if
  * a block is not finished. */
 OXL_INTERNAL oxl_result rounds_collect(struct job *job);

@@ -513,6 +513,7 @@ static oxl_result rounds_run_merged(struct job *job, const char *folder)
                               .start = &merged,
                               .standard = block_standard_steps(&job->options.train)};
     oxl_result rc = job_merge(job, 0, &merged);
+    if (rc == OXL_OK && block_hides(job->scene)) job->stage_viewers = block_hiding_steps(task.standard);
     task.train = rounds_merged_options(job, merged.sh_degree);
     task.predicted_seconds = block_plan_merged_fraction(job) * job->survey.seconds;
     job_limit_time(job, &task.train);
@@ -527,6 +528,7 @@ static oxl_result rounds_train_merged(struct job *job)
     const char *folder = JOB_BLOCK(job, JOB_MERGED_MODEL);
     struct block_record record = {0};
     oxl_result rc = job_read_record(job, folder, &record);
+    int groups = 0;
     const int steps = (int)OXL_MAX(1, block_plan_merged_fraction(job) * job->options.train.iterations);
     job->block = JOB_MERGED_MODEL;
     job->stage = block_plan_merged_fraction(job);
@@ -534,11 +536,14 @@ static oxl_result rounds_train_merged(struct job *job)
     if (rc == OXL_OK && !record.finished) {
         if (!job->scene) rc = job_load(job);
         if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "merged model: %d steps", steps);
+        if (rc == OXL_OK) rc = groups_have_begun(job, folder, &groups);
         if (rc == OXL_OK)
-            rc = rounds_merged_fits(job) ? rounds_run_merged(job, folder) : groups_run(job, folder);
+            rc =
+                rounds_merged_fits(job) && !groups ? rounds_run_merged(job, folder) : groups_run(job, folder);
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
         job->unfinished += rc == OXL_OK && !record.finished;
     }
+    if (rc == OXL_OK && record.finished) groups_clean(job);
     if (rc == OXL_OK && record.exists) {
         job_add_record(job, &record);
         job->total.iterations = job->options.train.iterations;

@@ -32,7 +32,7 @@
 #define EXPOSURE_EPSILON 1e-12 /* against division by 0 */
 #define EXPOSURE_SMOOTH 0.1    /* of the prior: gradient for a log unit off the neighbours' line */
 #define EXPOSURE_HOLD 0.1      /* of the run: the tracks' gains are kept, */
-#define EXPOSURE_VISITS 10     /* the whole run with fewer steps a view: they end further off than they began */
+#define EXPOSURE_VISITS 10 /* the whole run with fewer steps a view: they end further off than they began */
 #define EXPOSURE_DIFFER \
     0.05 /* rms of the log: 4.3 % gained 0.1 dB in a hand-held survey (docs/log/PARSIMONY.md) */
 

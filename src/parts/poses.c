@@ -17,7 +17,8 @@
  * In a survey of several blocks the coarse model refines them, and all blocks use its poses.
  *
  * Invariant: off changes no byte of the result. The scene keeps the given poses until the run ends or pauses.
- * The state is archived; where the points say a pose is, a resumed run finds again.
+ * The state is archived; where the points say a pose is, a resumed run finds again, and compares with the
+ * archive's checksum: 2D points that have changed since would be other poses below the same corrections.
  */
 #include "poses.h"
 #include "../core/option_rows.h"
@@ -73,7 +74,10 @@ static oxl_result poses_begin(struct train *t, void *state)
 {
     struct poses *p = state;
     p->on = p->asked && !renderer_has_device(t->renderer);
-    if (p->asked && !p->on && t->options->poses == OXL_ON)
+    if (p->on || !p->asked) return OXL_OK;
+    selection_record_auto(t, "poses", t->options->poses, p->resected > 0,
+                          "by the points alone: a device has no gradient of them");
+    if (t->options->poses == OXL_ON)
         oxl_log(t->ctx, OXL_LOG_WARNING,
                 "poses are not refined with the scene: a device has no gradient of them (--backend cpu)");
     return OXL_OK;
@@ -90,11 +94,17 @@ static void poses_free(struct train *t, void *state)
 static void poses_archive(struct archive *a, struct train *t, void *state)
 {
     struct poses *p = state;
+    const int views = oxl_scene_view_count(t->scene);
+    uint64_t here, kept;
     if (!p->asked) return;
+    here = kept = archive_hash(ARCHIVE_SEED, (unsigned char *)p->pose, (size_t)views * sizeof *p->pose);
+    archive_numbers(a, &kept, 1, sizeof kept);
+    if (kept != here)
+        archive_fail(a, OXL_ERR_INPUT, "the images' 2D points say other poses than when it was written");
     archive_int(a, &p->on);
     archive_int(a, &p->steps);
     archive_expect(a, (p->on == 0 || p->on == 1) && p->steps >= 0);
-    for (int i = 0; i < oxl_scene_view_count(t->scene) && a->rc == OXL_OK; i++) {
+    for (int i = 0; i < views && a->rc == OXL_OK; i++) {
         struct pose *v = &p->view[i];
         archive_doubles(a, v->at, POSE_TERMS);
         archive_doubles(a, v->mean, POSE_TERMS);

@@ -56,9 +56,9 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
             const double d[3] = {p[0] - eye[v][0], p[1] - eye[v][1], p[2] - eye[v][2]};
             const float range = (float)sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
             const double weight = 1 / OXL_MAX(range * range, MEDIUM_NEAR); /* its size in the image */
-            float through[3], veil[3];
-            medium_through(m, range, through);
-            for (int c = 0; c < 3; c++) veil[c] = 1 - real_exp(0, -m->backscatter[c] * range);
+            float through[3] = {1, 1, 1}, veil[3] = {0};
+            if (m->on) medium_through(m, range, through);
+            for (int c = 0; c < 3 && m->on; c++) veil[c] = 1 - real_exp(0, -m->backscatter[c] * range);
             for (int k = 0; k <= seen; k++) {
                 const double light =
                     k && lamp[v] ? vecmath_exp(lamp_log_gain(lamp[v]->shape,

@@ -722,3 +722,11 @@ oxl_result oxl_image_read(oxl_context *ctx, const char *path, oxl_image *out)
     image_pixels_free(ctx, &pixels);
     return rc;
 }
+
+OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_image *to)
+{
+    const size_t count = (size_t)image->width * image->height;
+    for (size_t i = 0; i < 3 * count; i++) to->rgb[i] = image_to_byte(image->rgb[i]);
+    for (size_t i = 0; to->mask && i < count; i++)
+        to->mask[i] = !image->weight || image->weight[i] > 0.5f ? 255 : 0;
+}

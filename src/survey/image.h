@@ -4,7 +4,7 @@
 
 #include "sparse.h"
 
-/* ---------------- image.c, image_write.c: decode, reduce, undistort, mask, encode */
+/* ---------------- image.c: decode, reduce, undistort, mask */
 
 struct pixels { /* Holds pixels of 8 bits, interleaved. */
     int width, height, channels;
@@ -50,10 +50,12 @@ OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct train
 OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight);
 /* Converts an image to 8 bits, into allocated planes of `to`; weights up to 0.5 are masked. */
 OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_image *to);
-
-/* Deflates data and leaves `before` and `after` bytes free around the result, *out by oxl_alloc. */
-OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before,
-                                      size_t after, unsigned char **out, size_t *deflated);
+/* Rounds 0..1 to 0..255. */
+static inline uint8_t image_to_byte(float v)
+{
+    if (!(v > 0)) return 0; /* Makes 0 of NaN, too. */
+    return v < 1 ? (uint8_t)(v * 255.0f + 0.5f) : 255;
+}
 
 /* ---------------- image_cache.c: which images are in memory */
 

@@ -218,7 +218,8 @@ OXL_INTERNAL void imaging_apply(const struct imaging *m, int view, oxl_image *im
     float gain[3];
     if (!m->on) return;
     imaging_gain(m, view, gain);
-    for (size_t i = 0; i < 3 * plane; i++) image->rgb[i] *= gain[i / plane];
+    for (size_t c = 0; c < 3; c++)
+        for (size_t i = c * plane; i < (c + 1) * plane; i++) image->rgb[i] *= gain[c];
 }
 
 OXL_INTERNAL double imaging_mean(const struct imaging *m, int channel)

@@ -3,8 +3,9 @@
 #include "parts_calls.h"
 
 /* Lists the state that a step changes, for trials and, with what else is saved, for checkpoints. */
-OXL_INTERNAL void branch_archive(struct archive *a, struct train *t)
+OXL_INTERNAL void branch_archive(struct archive *a, void *user)
 {
+    struct train *t = user;
     size_t views = (size_t)t->views;
     archive_int(a, &t->step);
     archive_doubles(a, &t->loss, 1);
@@ -21,11 +22,6 @@ OXL_INTERNAL void branch_archive(struct archive *a, struct train *t)
     if (a->reading && a->rc == OXL_OK) t->views = (int)views;
 }
 
-static void branch_state(struct archive *a, void *user)
-{
-    branch_archive(a, user);
-}
-
 OXL_INTERNAL void branch_free(struct train *t, struct train_branch *b)
 {
     oxl_free(t->ctx, b->memory.data);
@@ -35,11 +31,11 @@ OXL_INTERNAL void branch_free(struct train *t, struct train_branch *b)
 OXL_INTERNAL oxl_result branch_save(struct train *t, struct train_branch *out)
 {
     const oxl_result rc = step_download(t, DOWNLOAD_TO_READ);
-    return rc == OXL_OK ? archive_to_memory(t->ctx, &out->memory, branch_state, t) : rc;
+    return rc == OXL_OK ? archive_to_memory(t->ctx, &out->memory, branch_archive, t) : rc;
 }
 
 OXL_INTERNAL oxl_result branch_load(struct train *t, struct train_branch *b)
 {
     const oxl_result rc = step_download(t, DOWNLOAD_TO_CHANGE);
-    return rc == OXL_OK ? archive_from_memory(t->ctx, &b->memory, branch_state, t) : rc;
+    return rc == OXL_OK ? archive_from_memory(t->ctx, &b->memory, branch_archive, t) : rc;
 }

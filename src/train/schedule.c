@@ -28,7 +28,7 @@
 #define SCHEDULE_EARLY_UNTIL 0.5 /* of the run: until then those rates are larger */
 /* of the run: alpha_min holds until then, ALPHA_MIN from then on */
 #define SCHEDULE_ALPHA_MIN_UNTIL 0.8
-#define SCHEDULE_RATES_MAX 10.0   /* of geometry, by which a row steps at most where views show few rows */
+#define SCHEDULE_RATES_MAX 10.0 /* of geometry: bounds how much larger steps get where views show few rows */
 #define SCHEDULE_COOLDOWN_END 0.1 /* factor on the learning rates at the end of a run */
 
 /* Returns the run's length, in steps of the whole survey. */
@@ -92,14 +92,15 @@ static double schedule_position_rate(const oxl_train_options *o, double progress
 /* Returns the factor on the rates of geometry where views show few of the Gaussians. A row's moments grow
  * with the views that show it, but are corrected for bias as if each step had been one: its steps are
  * larger, by the root of (1 - b2^n) / (1 - b2^(n share)). That makes up for the steps that it misses, up to
- * SCHEDULE_RATES_MAX with the factor of short runs; beyond, it is noise (docs/log/GROWTH.md). */
+ * SCHEDULE_RATES_MAX with the factor of short runs; beyond, it is noise (docs/log/GROWTH.md). A factor of
+ * short runs beyond that limit is the one that was asked for, and is not reduced. */
 static double schedule_seldom_factor(const struct train *t, const struct adam_params *adam)
 {
-    const double b = vecmath_log(adam->beta[1]);
+    const double b = vecmath_log(adam->beta[1]), shorter = schedule_short_run_factor(t->options);
     double larger;
     if (!(t->shown > 0)) return 1;
     larger = sqrt((1 - vecmath_exp(adam->step * b)) / (1 - vecmath_exp(adam->step * t->shown * b)));
-    return OXL_MIN(1, SCHEDULE_RATES_MAX / (larger * schedule_short_run_factor(t->options)));
+    return OXL_MIN(1, OXL_MAX(SCHEDULE_RATES_MAX, shorter) / (larger * shorter));
 }
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)

@@ -10,8 +10,6 @@
 /* views of the epoch looked at for images to read ahead: many may be in memory already */
 #define STEP_READ_AHEAD 64
 #define STEP_MSE_MIN 1e-10 /* 100 dB: PSNR of equal images in progress reports */
-/* intervals: the quotient of a whole number of them may come out a little less */
-#define STEP_ROUNDING 1e-6
 /* of loss and PSNR in progress reports: about the last 50 views */
 #define STEP_SMOOTHING 0.02
 
@@ -337,12 +335,11 @@ OXL_INTERNAL oxl_result step_densify(struct train *t)
         rc = step_move_rows(t, &change, NULL, t->trained.model.sh_degree, &moved);
     if (rc == OXL_OK) rc = density_apply(t->ctx, t->density, &t->trained, &change, moved);
     if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 0);
-    if (rc == OXL_OK && t->trained.model.count == 0) {
-        rc =
-            oxl_fail(t->ctx, OXL_ERR_FAILED,
-                     "step %d: no Gaussian is left\nfix: oceanxl check looks at cameras and points", t->step);
-    }
     if (rc != OXL_OK) return rc;
+    if (t->trained.model.count == 0)
+        return oxl_fail(t->ctx, OXL_ERR_FAILED,
+                        "step %d: no Gaussian is left\nfix: oceanxl check looks at cameras and points",
+                        t->step);
     oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu split, %zu removed, %zu left", t->step, change.split,
             change.removed, t->trained.model.count);
     return OXL_OK;

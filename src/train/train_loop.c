@@ -134,19 +134,20 @@ static oxl_result train_begin_moments(struct train *t)
     return OXL_OK;
 }
 
-/* Returns the mean share of the Gaussians that a training view shows, by pairs of both; of a block too, whole
- * views are meant. */
+/* Returns the mean share of the Gaussians that a training view shows, by pairs of both; of a block, those in
+ * its window of the view. */
 static double train_share_shown(const struct train *t)
 {
     float *const *mean = &t->trained.model.plane[OXL_MEAN];
     int shown = 0;
     for (int k = 0; k < TRAIN_SHARE_PAIRS && t->trained.model.count > 0; k++) {
-        const oxl_camera *c = &oxl_scene_view(t->scene, t->view[k % t->views])->camera;
+        const struct image_window *w = step_window(t, t->view[k % t->views]);
         const size_t row = (size_t)((double)k / TRAIN_SHARE_PAIRS * (double)t->trained.model.count);
-        const double p[] = {mean[0][row], mean[1][row], mean[2][row]};
-        double x[3], at[2];
-        shown += camera_project(c, p, NULL, x, at) && at[0] >= 0 && at[1] >= 0 && at[0] < c->width &&
-                 at[1] < c->height;
+        oxl_camera c = oxl_scene_view(t->scene, t->view[k % t->views])->camera;
+        double p[] = {mean[0][row], mean[1][row], mean[2][row]}, x[3], at[2];
+        if (w) c.width = w->width, c.height = w->height, c.cx -= w->x, c.cy -= w->y;
+        shown += camera_project(&c, p, NULL, x, at) && at[0] >= 0 && at[1] >= 0 && at[0] < c.width &&
+                 at[1] < c.height;
     }
     return (double)shown / TRAIN_SHARE_PAIRS;
 }

@@ -106,7 +106,7 @@ struct train_branch { /* the state that a step changes, as the archive writes it
 OXL_INTERNAL void branch_free(struct train *t, struct train_branch *b);
 OXL_INTERNAL oxl_result branch_save(struct train *t, struct train_branch *out);
 OXL_INTERNAL oxl_result branch_load(struct train *t, struct train_branch *b); /* which stays */
-OXL_INTERNAL void branch_archive(struct archive *a, struct train *t);
+OXL_INTERNAL void branch_archive(struct archive *a, void *train);
 
 /* ---------------- model_selection.c: model only what the scene requires */
 

@@ -2,22 +2,9 @@
  *
  * Invariant: the bytes do not depend on the machine or on the number of threads.
  */
-#include "image.h"
+#include "formats.h"
 #include "../core/codec.h"
-
-static uint8_t image_to_byte(float v)
-{
-    if (!(v > 0)) return 0; /* Makes 0 of NaN, too. */
-    return v < 1 ? (uint8_t)(v * 255.0f + 0.5f) : 255;
-}
-
-OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_image *to)
-{
-    const size_t count = (size_t)image->width * image->height;
-    for (size_t i = 0; i < 3 * count; i++) to->rgb[i] = image_to_byte(image->rgb[i]);
-    for (size_t i = 0; to->mask && i < count; i++)
-        to->mask[i] = !image->weight || image->weight[i] > 0.5f ? 255 : 0;
-}
+#include "../survey/image.h"
 
 /* Interleaves planes (3,count) as bytes; NULL: there is no memory. */
 static uint8_t *image_interleave(oxl_context *ctx, const float *rgb, size_t count)
