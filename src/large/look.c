@@ -5,7 +5,7 @@
  * LOOK_SPLITS times; what is split then, of those seen, says how fast the model will grow, the time of the
  * steps how long the run takes (forecast.c). Images that the presets begin at half the sides are looked at
  * so; their whole steps are timed behind it. Where even slow growth ends at the limit of Gaussians, a few
- * steps are timed, and the share is left unknown.
+ * steps are timed without splits, and the share is left unknown.
  *
  * Invariant: the run that follows gives the same bytes. The share is a function of survey and options; times
  * are not.
@@ -80,18 +80,20 @@ static oxl_result look_split(struct train *t, double *share)
 }
 
 /* Measures the share late: the gradients before are of Gaussians that are still at their places of the start,
- * and change again when the first ones are split. */
-static oxl_result look_measure(struct train *t, oxl_train_options *o, int steps, struct look *out)
+ * and change again when the first ones are split. Without splits the last two thirds of the steps count. */
+static oxl_result look_measure(struct train *t, oxl_train_options *o, int steps, int splits, struct look *out)
 {
     double took[LOOK_STEPS];
-    const int window = OXL_MAX(1, steps / LOOK_WINDOWS);
-    oxl_result rc = look_train(t, OXL_MAX(0, steps - LOOK_SPLITS * window), took);
-    out->gaussians = (double)t->trained.model.count;
-    for (int k = 0; k < LOOK_SPLITS && rc == OXL_OK; k++) {
+    const int each = OXL_MAX(1, steps / LOOK_WINDOWS), first = splits ? steps - splits * each : steps / 3,
+              window = splits ? each : steps - first;
+    oxl_result rc = look_train(t, OXL_MAX(0, first), took);
+    out->gaussians = out->timed = (double)t->trained.model.count;
+    if (rc == OXL_OK && !splits) rc = look_train(t, window, took);
+    for (int k = 0; k < splits && rc == OXL_OK; k++) {
         if (rc == OXL_OK && k == 0) rc = density_clear(t->ctx, t->density, t->trained.model.count);
         if (rc == OXL_OK) rc = look_train(t, window, took);
         out->timed = (double)t->trained.model.count;
-        if (k == LOOK_SPLITS - LOOK_MEASURED) out->share = 0;
+        if (k == splits - LOOK_MEASURED) out->share = 0;
         if (rc == OXL_OK) rc = look_split(t, &out->share);
     }
     if (rc != OXL_OK) return rc;
@@ -147,9 +149,8 @@ OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_
         o.max_gaussians = (int)OXL_MIN(most, INT_MAX);
         look_choose_views(&t);
         reaches = forecast_reaches(options, (double)t.trained.model.count, OXL_MIN((double)most, cap));
-        rc = look_measure(&t, &o, reaches ? OXL_MIN(LOOK_ONLY_TIMED, o.iterations) : look_steps(scene, &o),
-                          out);
-        if (reaches) out->share = 0;
+        rc = reaches ? look_measure(&t, &o, OXL_MIN(LOOK_ONLY_TIMED, o.iterations), 0, out)
+                     : look_measure(&t, &o, look_steps(scene, &o), LOOK_SPLITS, out);
     }
     if (rc == OXL_OK) out->hides = forecast_hides(&t);
     train_end(&t);
