@@ -4,8 +4,8 @@
  * and SSIM's constant as the run decides them, since each changes gradients. Gaussians are split
  * LOOK_SPLITS times; what is split then, of those seen, says how fast the model will grow, the time of the
  * steps how long the run takes (forecast.c). Images that the presets begin at half the sides are looked at
- * so; their whole steps are timed behind it. Where even slow growth ends at the limit of Gaussians, a few
- * steps are timed without splits, and the share is left unknown.
+ * so. Whole steps with all bands of SH are timed behind it, and alone where even slow growth ends at the
+ * limit of Gaussians: the share is left unknown then.
  *
  * Invariant: the run that follows gives the same bytes. The share is a function of survey and options; times
  * are not.
@@ -21,16 +21,16 @@
 #define LOOK_PIXEL 4e-8
 #define LOOK_POINT 1e-7
 #define LOOK_SECONDS 4.0
+#define LOOK_INTERVAL 1e-6f /* of the run, after which timed steps have one band of SH more */
 enum {
     LOOK_VIEWS = 32,
-    LOOK_STEPS = 300,     /* at most, */
-    LOOK_FEWEST = 30,     /* and at least */
-    LOOK_ONLY_TIMED = 12, /* where they are for the time alone */
-    LOOK_FRACTION = 10,   /* a look takes at most one of so many iterations of the run, */
-    LOOK_WINDOWS = 5, /* as many steps each: two before gradients count, one before each split, of which */
+    LOOK_STEPS = 300,   /* at most, */
+    LOOK_FEWEST = 30,   /* and at least */
+    LOOK_FRACTION = 10, /* a look takes at most one of so many iterations of the run, */
+    LOOK_WINDOWS = 5,   /* as many steps each: two before gradients count, one before each split, of which */
     LOOK_SPLITS = 3,
     LOOK_MEASURED = 2, /* the last ones count */
-    LOOK_TIMED = 6     /* whole steps, after those at half the sides */
+    LOOK_TIMED = 12    /* steps, behind those for growth */
 };
 
 static int look_is_coarse(const oxl_scene *scene)
@@ -80,29 +80,30 @@ static oxl_result look_split(struct train *t, double *share)
 }
 
 /* Measures the share late: the gradients before are of Gaussians that are still at their places of the start,
- * and change again when the first ones are split. Without splits the last two thirds of the steps count. */
-static oxl_result look_measure(struct train *t, oxl_train_options *o, int steps, int splits, struct look *out)
+ * and change again when the first ones are split. */
+static oxl_result look_grow(struct train *t, int steps, struct look *out)
 {
     double took[LOOK_STEPS];
-    const int each = OXL_MAX(1, steps / LOOK_WINDOWS), first = splits ? steps - splits * each : steps / 3,
-              window = splits ? each : steps - first;
-    oxl_result rc = look_train(t, OXL_MAX(0, first), took);
-    out->gaussians = out->timed = (double)t->trained.model.count;
-    if (rc == OXL_OK && !splits) rc = look_train(t, window, took);
-    for (int k = 0; k < splits && rc == OXL_OK; k++) {
+    const int window = OXL_MAX(1, steps / LOOK_WINDOWS);
+    oxl_result rc = look_train(t, OXL_MAX(0, steps - LOOK_SPLITS * window), took);
+    for (int k = 0; k < LOOK_SPLITS && rc == OXL_OK; k++) {
         if (rc == OXL_OK && k == 0) rc = density_clear(t->ctx, t->density, t->trained.model.count);
         if (rc == OXL_OK) rc = look_train(t, window, took);
-        out->timed = (double)t->trained.model.count;
-        if (k == splits - LOOK_MEASURED) out->share = 0;
+        if (k == LOOK_SPLITS - LOOK_MEASURED) out->share = 0;
         if (rc == OXL_OK) rc = look_split(t, &out->share);
     }
-    if (rc != OXL_OK) return rc;
-    out->seconds = stats_select(took, (size_t)window, 0.5);
-    if (!(o->coarse > 0)) return OXL_OK;
-    o->coarse = 0;
+    return rc;
+}
+
+/* Times whole steps with all bands of SH, as most of a run's are; the first third do not count. */
+static oxl_result look_time(struct train *t, oxl_train_options *o, int steps, struct look *out)
+{
+    double took[LOOK_STEPS];
+    oxl_result rc;
+    o->coarse = 0, o->sh_degree_interval = LOOK_INTERVAL;
     out->timed = (double)t->trained.model.count;
-    rc = look_train(t, LOOK_TIMED, took);
-    if (rc == OXL_OK) out->seconds = stats_select(took + 1, LOOK_TIMED - 1, 0.5);
+    rc = look_train(t, steps, took);
+    out->seconds = stats_select(took + steps / 3, (size_t)(steps - steps / 3), 0.5);
     return rc;
 }
 
@@ -149,8 +150,9 @@ OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_
         o.max_gaussians = (int)OXL_MIN(most, INT_MAX);
         look_choose_views(&t);
         reaches = forecast_reaches(options, (double)t.trained.model.count, OXL_MIN((double)most, cap));
-        rc = reaches ? look_measure(&t, &o, OXL_MIN(LOOK_ONLY_TIMED, o.iterations), 0, out)
-                     : look_measure(&t, &o, look_steps(scene, &o), LOOK_SPLITS, out);
+        out->gaussians = (double)t.trained.model.count;
+        if (!reaches) rc = look_grow(&t, look_steps(scene, &o), out);
+        if (rc == OXL_OK) rc = look_time(&t, &o, LOOK_TIMED, out);
     }
     if (rc == OXL_OK) out->hides = forecast_hides(&t);
     train_end(&t);
