@@ -757,8 +757,8 @@ TEST(train_grows_sooner_where_a_scene_has_no_points)
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
     struct prune_case none = prune_two_patches(4, 3, 0.5f);
     oxl_scene *some = train_scene(4);
-    CHECK(oxl_scene_point_count(none.scene) == 0 && o.densify_gradient == 4e-4f);
-    CHECK(schedule_densify_gradient(some, &o) == 4e-4f);
+    CHECK(oxl_scene_point_count(none.scene) == 0 && o.densify_gradient == 5.5e-4f);
+    CHECK(schedule_densify_gradient(some, &o) == 5.5e-4f);
     CHECK(schedule_densify_gradient(none.scene, &o) == 2e-4f);
     o.densify_gradient = 1e-4f;
     CHECK(schedule_densify_gradient(none.scene, &o) == 1e-4f);

@@ -15,7 +15,7 @@
 #define FORECAST_RATE 1.3  /* of the logarithm, for each densification at the start; measured: 1.1 to 1.7 */
 #define FORECAST_USUAL 0.2 /* share that is taken where there was no look */
 #define FORECAST_SLOW 0.14 /* nearly the smallest share that was seen with a threshold of the presets */
-#define FORECAST_THRESHOLD 0.0004f /* the largest of these */
+#define FORECAST_THRESHOLD 5.5e-4f /* the largest of these */
 #define FORECAST_FADES 6.0         /* densifications after which growth is 1/e of its rate at the start */
 #define FORECAST_BEFORE 3.0        /* densifications of the run itself that count as much as the look */
 #define FORECAST_GAUSSIANS 0.5     /* power of Gaussians in the time of a step; measured: 0.3 to 0.9 */
