@@ -31,8 +31,7 @@
 #define EXPOSURE_BETA2 0.95
 #define EXPOSURE_EPSILON 1e-12 /* against division by 0 */
 #define EXPOSURE_SMOOTH 0.1    /* of the prior: gradient for a log unit off the neighbours' line */
-#define EXPOSURE_HOLD 0.1      /* of the run: the tracks' gains are kept, */
-#define EXPOSURE_VISITS 10 /* the whole run with fewer steps a view: they end further off than they began */
+#define EXPOSURE_HOLD 0.1      /* of the run: the tracks' gains are kept */
 #define EXPOSURE_DIFFER \
     0.05 /* rms of the log: 4.3 % gained 0.1 dB in a hand-held survey (docs/log/PARSIMONY.md) */
 
@@ -203,7 +202,6 @@ static void exposure_use_tracks(struct train *t, void *state, const struct photo
     char why[400];
     if (t->options->exposure == OXL_OFF) return;
     exposure_set_from_tracks(e, p, why, sizeof why);
-    if (e->of.on && t->options->iterations < EXPOSURE_VISITS * t->views) e->known_until = 2;
     selection_record_auto(t, "exposure", t->options->exposure, e->of.on, why);
 }
 
