@@ -151,9 +151,11 @@ double ground_see(const oxl_camera *c, const double p[3], double at[2]);
 /* Sets `out` to the place at x, y px of the map, in the scene's coordinates. */
 void ground_place(const struct ground *g, double x, double y, double height, double out[3]);
 /* Sets the median distance of the ground that training views show, and the median size of their pixels on it,
- * in units; 0: they show nothing of the model. */
+ * in units; 0: they show nothing of the model. views: about so many are measured, GROUND_DISTANCE_VIEWS at
+ * most. */
+enum { GROUND_DISTANCE_VIEWS = 50, GROUND_DISTANCE_FEW = 12 };
 oxl_result ground_measure_distance(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
-                                   double *distance, double *pixel);
+                                   int views, double *distance, double *pixel);
 /* Counts into `seen` and `confirmed` the training views that see each place (ground.c). Without a
  * model, nothing hides a place. */
 oxl_result ground_count_views(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,

@@ -29,10 +29,9 @@
  * 0.01 give the same heights. */
 #define GROUND_CONTRAST 0.005
 enum {
-    GROUND_SIDE = 320,         /* px */
-    GROUND_REACH = 4,          /* px; detail is what differs from the mean within this reach */
-    GROUND_DISTANCE_SIDE = 64, /* px */
-    GROUND_DISTANCE_VIEWS = 50 /* most views, about, that the ground's distance is measured in */
+    GROUND_SIDE = 320,        /* px */
+    GROUND_REACH = 4,         /* px; detail is what differs from the mean within this reach */
+    GROUND_DISTANCE_SIDE = 64 /* px */
 };
 
 static oxl_camera ground_camera(const oxl_camera *full, int side)
@@ -245,9 +244,9 @@ static double ground_median(float *depth, size_t count)
 }
 
 oxl_result ground_measure_distance(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
-                                   double *distance, double *pixel)
+                                   int views, double *distance, double *pixel)
 {
-    const int count = oxl_scene_view_count(scene), step = 1 + count / GROUND_DISTANCE_VIEWS;
+    const int count = oxl_scene_view_count(scene), step = 1 + count / views;
     double all[2][GROUND_DISTANCE_VIEWS + 1];
     size_t n = 0;
     int training = 0;

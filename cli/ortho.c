@@ -414,7 +414,9 @@ static oxl_result ortho_open(struct ortho *o, const oxl_large_model *model, cons
                         "georeference it first (docs/TUTORIAL.md, 5)");
     if (!frame_bounds(&o->frame, o->scene, 0, o->low, o->high) || !ortho_list_views(o))
         return oxl_fail(o->ctx, OXL_ERR_MEMORY, "ortho: no memory");
-    rc = ground_measure_distance(o->ctx, model, o->scene, &o->ground, &o->sampling);
+    rc =
+        ground_measure_distance(o->ctx, model, o->scene, o->fit ? GROUND_DISTANCE_FEW : GROUND_DISTANCE_VIEWS,
+                                &o->ground, &o->sampling);
     if (rc != OXL_OK) return rc;
     side = fmax(o->high[0] - o->low[0], o->high[1] - o->low[1]);
     if (!(side > 0))

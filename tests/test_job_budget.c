@@ -95,6 +95,22 @@ TEST(budget_of_a_job_is_kept_and_one_too_small_is_refused_at_once)
     CHECK(job_test_has(test_path("out/metrics.json"), "\"peak_rss_bytes\": "));
 }
 
+/* Nothing depends on a look at a short run that memory holds; with --ram the budget does. */
+TEST(budget_of_a_short_run_is_predicted_from_its_own_steps_unless_memory_is_limited)
+{
+    oxl_job_options options = job_test_options();
+    uint64_t own, looked;
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("own"), &options, NULL));
+    CHECK(job_test_has(test_path("own/run.json"), "\"predicted_from_steps\": 6"));
+    CHECK(!job_test_has(test_path("own/metrics.json"), "\"predicted_seconds\": 0,"));
+    options.ram = (size_t)2 << 30;
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("looked"), &options, NULL));
+    CHECK(job_test_has(test_path("looked/run.json"), "\"predicted_from_steps\": 24"));
+    CHECK_OK(checksum_of_file(test_ctx, test_path("own/scene.ply"), &own));
+    CHECK_OK(checksum_of_file(test_ctx, test_path("looked/scene.ply"), &looked));
+    CHECK(own == looked);
+}
+
 TEST(budget_of_steps_grows_with_many_images_and_is_limited_with_few_unless_iterations_are_given)
 {
     const oxl_option *iterations = oxl_option_find("iterations");

@@ -96,6 +96,26 @@ TEST(look_says_whether_viewers_get_a_model_of_their_own)
     oxl_scene_free(test_ctx, scene);
 }
 
+/* A run that no look was taken of tells its own growth, after the first densification or half of the run. */
+TEST(run_without_a_look_tells_its_own_growth)
+{
+    oxl_scene *scene = train_scene(5);
+    for (int grows = 0; grows < 2; grows++) {
+        oxl_train_options o = train_options(40);
+        struct look grown = {0};
+        struct train_task task = {.grown = &grown};
+        oxl_model model;
+        o.densify_gradient = 1e-7f, o.densify_from = 0.25f, o.densify_until = 0.25f; /* once, at step 10 */
+        o.densify_every = grows ? 10 : 1000;
+        CHECK_OK(train_run(test_ctx, scene, &o, NULL, &task, &model));
+        CHECK(grown.gaussians == 144 && grown.steps == (grows ? 10 : 20));
+        CHECK((model.count > 144) == grows && (grown.share > 0) == grows);
+        CHECK_CLOSE(forecast_gaussians(&o, 144, grown.share, 1e6), (double)model.count, 1e-9);
+        oxl_model_free(test_ctx, &model);
+    }
+    oxl_scene_free(test_ctx, scene);
+}
+
 /* What hinders a look is said where it hinders the run. */
 TEST(look_at_a_scene_without_training_views_is_none)
 {

@@ -394,16 +394,40 @@ static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_
     return OXL_OK;
 }
 
+struct job_single {
+    struct job *job;
+    struct block_task *task;
+    struct look grown; /* steps 0: the run has not grown yet */
+};
+
+/* Tells the prediction of a run without a look as soon as its own steps have one. */
+static int job_single_progress(void *user, const oxl_progress *progress)
+{
+    struct job_single *s = user;
+    struct job *job = s->job;
+    if (s->grown.steps > 0 && s->task->grown) {
+        survey_predict_run(job->ctx, job->scene, &job->options, &s->grown,
+                           progress->seconds + progress->seconds_left, &job->survey);
+        job_log_lines(job, OXL_LOG_INFO, job->survey.text);
+        s->task->predicted_peak = job->survey.memory;
+        s->task->predicted_seconds = job->survey.seconds;
+        s->task->grown = NULL;
+    }
+    return job_progress(job, progress);
+}
+
 static oxl_result job_train_single(struct job *job, const char *folder)
 {
-    const oxl_callback callback = {job_progress, job};
     struct block_task task = {.folder = folder,
                               .key = job->key.data,
-                              .callback = &callback,
                               .viewed = cost_evaluated_views(job->scene, job->total.iterations),
                               .standard = block_standard_steps(&job->options.train)};
+    struct job_single single = {.job = job, .task = &task};
+    const oxl_callback callback = {job_single_progress, &single};
     oxl_job_options options;
     oxl_result rc = job_plan_single(job, &task, &options);
+    task.callback = &callback;
+    if (job->survey.look_steps == 0) task.grown = &single.grown;
     if (rc == OXL_OK) rc = start_use(job->ctx, job->scene, job->out, &job->start, &task);
     if (rc == OXL_OK) job_set_cache(job, options.scene.image_cache_bytes);
     return rc == OXL_OK ? block_train(job->ctx, job->scene, &task) : rc;

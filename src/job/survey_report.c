@@ -11,7 +11,10 @@
 
 /* Limits the memory that a look may take, as a fraction of the allowed, or free, memory. */
 #define SURVEY_LOOK_MEMORY 0.9
-enum { SURVEY_LOOK_POINTS = 1000000 }; /* most points of a survey that is looked at */
+enum {
+    SURVEY_LOOK_POINTS = 1000000, /* most points of a survey that is looked at */
+    SURVEY_SHORT_RUN = 1000       /* iterations below which a look would take a fifth of the run */
+};
 
 static int survey_is_distorted(const struct colmap *c)
 {
@@ -59,13 +62,25 @@ static size_t survey_look_gaussians(const oxl_job_options *o, const struct cost_
     return limited.ram ? (size_t)budget_max_gaussians(load, &limited) : INT_MAX;
 }
 
-static oxl_result survey_predict(oxl_context *ctx, oxl_scene *scene, const oxl_job_options *o, oxl_survey *s)
+/* Returns 1 if the run itself tells the prediction after some steps: it is short, and nothing depends on the
+ * number of its Gaussians, since memory holds the most that it may have. */
+static int survey_waits(const oxl_scene *scene, const oxl_job_options *o)
+{
+    const int cut =
+        o->partition.blocks > 1 ||
+        (o->partition.block_points > 0 && oxl_scene_point_count(scene) > (size_t)o->partition.block_points);
+    return o->train.iterations < SURVEY_SHORT_RUN && o->block < 0 && !o->device_ram && !o->ram && !cut &&
+           budget_limit(scene, o) == 0;
+}
+
+static oxl_result survey_predict(oxl_context *ctx, oxl_scene *scene, const oxl_job_options *o, int waits,
+                                 oxl_survey *s)
 {
     oxl_job_options fitted = *o;
     struct look look = {0};
     struct cost_load load = cost_load_of_scene(scene);
     struct cost cost;
-    const oxl_result rc = survey_has_room(o, &load)
+    const oxl_result rc = !waits && survey_has_room(o, &load)
                               ? look_take(ctx, scene, &o->train, survey_look_gaussians(o, &load), &look)
                               : OXL_OK;
     scene->stats.splitting = load.share = look.share;
@@ -118,7 +133,7 @@ OXL_INTERNAL void survey_write_duration(oxl_survey *s, double seconds, const dou
                  digits, range[1] / unit);
 }
 
-static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
+static void survey_write_facts(oxl_survey *s)
 {
     survey_write(s, "images       %d listed, %d missing; %d training views, %d held-out views; %d masks",
                  s->images, s->images_missing, s->train_views, s->test_views, s->masks);
@@ -134,6 +149,11 @@ static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
             s, "extent       %.4g x %.4g x %.4g units (1st to 99th percentile of the points); cameras %.4g\n",
             s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1],
             s->bounds_max[2] - s->bounds_min[2], s->extent);
+}
+
+/* from: what the prediction is made of. */
+static void survey_write_prediction(const oxl_context *ctx, oxl_survey *s, const char *from)
+{
     survey_write(s,
                  s->gaussians < 1e4 ? "prediction   %.0f Gaussians" : "prediction   %.0f thousand Gaussians",
                  s->gaussians < 1e4 ? s->gaussians : s->gaussians / 1e3);
@@ -141,9 +161,10 @@ static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
     if (s->memory_free > 0) survey_write(s, " (%.1f GB free)", s->memory_free / 1e9);
     survey_write(s, ", ");
     survey_write_duration(s, s->seconds, s->seconds_range);
-    survey_write(s, " on %d thread%s (%s)", ctx->threads, ctx->threads == 1 ? "" : "s", oxl_isa_name(ctx));
-    if (s->look_steps > 0) survey_write(s, ", from %d steps tried\n", s->look_steps);
-    else survey_write(s, ", from counts: no step was tried\n");
+    survey_write(s, " on %d thread%s (%s), from ", ctx->threads, ctx->threads == 1 ? "" : "s",
+                 oxl_isa_name(ctx));
+    if (s->look_steps > 0) survey_write(s, "%d steps %s\n", s->look_steps, from);
+    else survey_write(s, "counts: no step was tried\n");
 }
 
 /* Writes the number of steps and its reason. */
@@ -246,6 +267,7 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, cons
                                         int closely, oxl_survey *out)
 {
     oxl_result rc;
+    int waits;
     const struct scene_stats *stats = &scene->stats;
     const double *origin = oxl_scene_origin(scene);
     oxl_job_options whole = *options;
@@ -272,13 +294,30 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, cons
     if (rc == OXL_OK) rc = closely ? lint_images(ctx, scene, out) : lint_masks(ctx, scene);
     if (rc != OXL_OK) return rc;
     whole.train.iterations = cost_iterations(options, out->images - out->images_missing);
-    rc = survey_predict(ctx, scene, &whole, out);
+    waits = !closely && survey_waits(scene, &whole);
+    rc = survey_predict(ctx, scene, &whole, waits, out);
     if (rc != OXL_OK) return rc;
-    survey_write_facts(ctx, out);
+    survey_write_facts(out);
+    if (waits) survey_write(out, "prediction   after the run's first steps, since it is short\n");
+    else survey_write_prediction(ctx, out, "tried");
     survey_write_iterations(options, whole.train.iterations, out);
     if (closely) rc = survey_write_blocks(ctx, scene, &whole, out);
     survey_write_warnings(out, survey_has_no_baseline(scene, out));
     return rc;
+}
+
+OXL_INTERNAL void survey_predict_run(oxl_context *ctx, oxl_scene *scene, const oxl_job_options *options,
+                                     const struct look *grown, double seconds, oxl_survey *out)
+{
+    struct cost_load load = cost_load_of_scene(scene);
+    struct cost cost;
+    load.share = grown->share;
+    load.begun = grown->gaussians / (double)OXL_MAX(load.points, (size_t)1);
+    cost = cost_estimate(ctx, options, &load);
+    out->gaussians = cost.gaussians, out->memory = cost.memory, out->look_steps = grown->steps;
+    out->seconds = cost_range(options, seconds, 1, out->seconds_range);
+    out->text[0] = 0;
+    survey_write_prediction(ctx, out, "of the run");
 }
 
 static oxl_result survey_check(oxl_context *ctx, const char *path, const oxl_job_options *options,

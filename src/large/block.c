@@ -284,7 +284,8 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
                                .until = task->until,
                                .viewed = task->viewed,
                                .refined = block_hiding_steps(task->standard),
-                               .from = task->from};
+                               .from = task->from,
+                               .grown = task->grown};
     oxl_result rc, written;
     text_add(&b->log, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n");
     rc = train_run(b->ctx, scene, &task->train, &(oxl_callback){block_progress, b}, &train, model);

@@ -166,18 +166,22 @@ OXL_INTERNAL int cost_evaluated_views(const oxl_scene *scene, int iterations)
            cost_judged_views(scene, iterations);
 }
 
+OXL_INTERNAL double cost_range(const oxl_job_options *o, double seconds, int timed, double range[2])
+{
+    const double limit = o->train.max_seconds > 0 ? o->train.max_seconds : HUGE_VAL,
+                 within = timed ? COST_WITHIN_LOOK : COST_WITHIN;
+    range[0] = OXL_MIN(seconds / within, limit), range[1] = OXL_MIN(seconds * within, limit);
+    return OXL_MIN(seconds, limit);
+}
+
 OXL_INTERNAL double cost_seconds(const oxl_scene *scene, const oxl_job_options *o, const struct cost *cost,
                                  const struct look *look, double range[2])
 {
-    const double limit = o->train.max_seconds > 0 ? o->train.max_seconds : HUGE_VAL,
-                 all = cost_has_blocks(o, oxl_scene_point_count(scene)) ? COST_CONTEXT : 1,
+    const double all = cost_has_blocks(o, oxl_scene_point_count(scene)) ? COST_CONTEXT : 1,
                  cap = (double)schedule_gaussian_cap(scene, &o->train),
-                 within = look->steps ? COST_WITHIN_LOOK : COST_WITHIN,
                  seconds = look->steps ? forecast_seconds(scene, &o->train, look, cap,
                                                           cost_evaluated_views(scene, o->train.iterations),
                                                           block_hiding_steps(block_standard_steps(&o->train)))
                                        : cost->seconds;
-    range[0] = OXL_MIN(seconds * all / within, limit);
-    range[1] = OXL_MIN(seconds * all * within, limit);
-    return OXL_MIN(seconds * all, limit);
+    return cost_range(o, seconds * all, look->steps, range);
 }

@@ -130,6 +130,8 @@ OXL_INTERNAL double cost_gaussians(const oxl_job_options *options, const struct 
 /* Counts the training views that are judged behind a run, and with the held-out ones those evaluated. */
 OXL_INTERNAL int cost_judged_views(const oxl_scene *scene, int iterations);
 OXL_INTERNAL int cost_evaluated_views(const oxl_scene *scene, int iterations);
+/* Limits predicted seconds by --max-time, and says within what range they are. timed: steps were. */
+OXL_INTERNAL double cost_range(const oxl_job_options *options, double seconds, int timed, double range[2]);
 /* Predicts the duration in s for all blocks of the scene, from the steps of a look, or from the cost if there
  * was no look. range: lower and upper limit. */
 OXL_INTERNAL double cost_seconds(const oxl_scene *scene, const oxl_job_options *options,
@@ -194,6 +196,7 @@ struct block_task {
     /* steps of model_standard.ply, which has no second lobes; 0: it is not made */
     int standard;
     double predicted_seconds, predicted_peak;
+    struct look *grown; /* as in struct train_task */
 };
 /* Returns the options of `steps` further steps from a finished model, in which the
  * number of Gaussians stays. */

@@ -442,22 +442,26 @@ static void photometry_solve(const double *m, int n, double *x)
 /* Takes damped steps from w->at; returns the cost at the end. */
 static double photometry_descend(struct photometry_work *w)
 {
+    const size_t size = (size_t)PHOTOMETRY_PARAMETERS * (size_t)w->parameters;
     double damping = PHOTOMETRY_DAMPING, cost;
+    int moved = 1; /* 1: the equations are of another place than w->at */
     photometry_find_residuals(w, w->at);
     w->sigma = photometry_sigma(w);
     cost = photometry_cost(w, 1) + photometry_prior_cost(w, w->at);
     for (int step = 0; step < PHOTOMETRY_STEPS; step++) {
         double to[PHOTOMETRY_PARAMETERS], x[PHOTOMETRY_PARAMETERS], better;
-        photometry_normal_equations(w);
+        if (moved) photometry_normal_equations(w);
+        memcpy(w->factor, w->normal, sizeof *w->factor * size);
         for (int i = 0; i < w->parameters; i++)
-            w->normal[(size_t)i * (PHOTOMETRY_PARAMETERS + 1)] *= 1 + damping;
+            w->factor[(size_t)i * (PHOTOMETRY_PARAMETERS + 1)] *= 1 + damping;
         memcpy(x, w->right, sizeof x);
-        if (!photometry_factor(w->normal, w->parameters)) break;
-        photometry_solve(w->normal, w->parameters, x);
+        if (!photometry_factor(w->factor, w->parameters)) break;
+        photometry_solve(w->factor, w->parameters, x);
         for (int i = 0; i < w->parameters; i++) to[i] = w->at[i] + OXL_CLAMP(x[i], -1, 1);
         photometry_find_residuals(w, to);
         better = photometry_cost(w, 0) + photometry_prior_cost(w, to);
-        if (!(better < cost)) {
+        moved = better < cost;
+        if (!moved) {
             damping *= PHOTOMETRY_HARDER;
             if (damping > PHOTOMETRY_DAMPING_MAX) break;
             continue;
@@ -598,19 +602,20 @@ OXL_INTERNAL oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scen
     w->chosen = oxl_alloc(ctx, PHOTOMETRY_VIEWS + 1, sizeof *w->chosen);
     w->sample = oxl_alloc(ctx, PHOTOMETRY_SAMPLE + 1, sizeof *w->sample);
     w->normal = oxl_alloc(ctx, (size_t)PHOTOMETRY_PARAMETERS * PHOTOMETRY_PARAMETERS, sizeof *w->normal);
+    w->factor = oxl_alloc(ctx, (size_t)PHOTOMETRY_PARAMETERS * PHOTOMETRY_PARAMETERS, sizeof *w->factor);
     w->scratch = oxl_alloc(ctx, 3 * PHOTOMETRY_SAMPLE + 1, sizeof *w->scratch);
     w->rest = oxl_alloc(ctx, 3 * PHOTOMETRY_SAMPLE + 1, sizeof *w->rest);
     out->log_gain = oxl_calloc(ctx, 3 * views + 1, sizeof *out->log_gain);
     out->known = oxl_calloc(ctx, views + 1, sizeof *out->known);
-    return w->view && w->chosen && w->sample && w->normal && w->scratch && w->rest && out->log_gain &&
-                   out->known
+    return w->view && w->chosen && w->sample && w->normal && w->factor && w->scratch && w->rest &&
+                   out->log_gain && out->known
                ? OXL_OK
                : OXL_ERR_MEMORY;
 }
 
 OXL_INTERNAL void photometry_end(oxl_context *ctx, struct photometry_work *w)
 {
-    OXL_FREE(ctx, w->view, w->chosen, w->sample, w->normal, w->scratch, w->rest);
+    OXL_FREE(ctx, w->view, w->chosen, w->sample, w->normal, w->factor, w->scratch, w->rest);
 }
 
 OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts,

@@ -49,9 +49,9 @@ struct photometry_work {
     int views, lamp_of[PHOTOMETRY_VIEWS]; /* number of chosen views; (views) lamp of each view's camera */
     struct photometry_sample *sample;
     size_t samples;
-    double *normal;  /* (PHOTOMETRY_PARAMETERS^2) lower triangle */
-    double *scratch; /* (3 PHOTOMETRY_SAMPLE) */
-    double *rest;    /* (samples,3) image less model */
+    double *normal, *factor; /* (PHOTOMETRY_PARAMETERS^2) lower triangles */
+    double *scratch;         /* (3 PHOTOMETRY_SAMPLE) */
+    double *rest;            /* (samples,3) image less model */
     double right[PHOTOMETRY_PARAMETERS], at[PHOTOMETRY_PARAMETERS], sigma;
     struct lamp lamp[LAMP_MAX];
     int lamps, gains;     /* number of lamps; index of the first gain among the parameters */

@@ -116,6 +116,26 @@ OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_opt
 
 /* ---------------- the time left of a run */
 
+static int forecast_densified(const struct train *t)
+{
+    int done = 0;
+    for (int step = 1; step <= t->step; step++) done += schedule_densifies_at(t->options, step);
+    return done;
+}
+
+/* Takes the run's own growth for that of a look, after its first densification, or half of a run without. */
+static void forecast_note_growth(struct train *t)
+{
+    struct look *grown = t->task.grown;
+    const double from = (double)t->forecast.start, to = (double)t->trained.model.count;
+    int done;
+    if (!grown || grown->steps > 0 || t->first_step > 0 || t->is_trial) return;
+    done = forecast_densified(t);
+    if (done == 0 && 2 * t->step < t->options->iterations) return;
+    if (done > 0) grown->share = vecmath_log(to / from) / (FORECAST_RATE * forecast_faded(done));
+    grown->gaussians = from, grown->steps = t->step;
+}
+
 OXL_INTERNAL void forecast_note_step(struct train *t)
 {
     struct forecast *f = &t->forecast;
@@ -128,12 +148,14 @@ OXL_INTERNAL void forecast_note_step(struct train *t)
     if (f->start == 0) f->start = t->trained.model.count;
     f->at = now, f->mark = mark;
     f->trial_steps += t->is_trial;
+    forecast_note_growth(t);
 }
 
 /* Returns the rate of growth: the look's and, the more densifications there were, the run's own. */
 static double forecast_rate_now(const struct train *t, int done)
 {
-    const double look = forecast_rate(t->scene->stats.splitting),
+    const double share = t->task.grown ? t->task.grown->share : t->scene->stats.splitting,
+                 look = forecast_rate(share),
                  grown = (double)t->trained.model.count / (double)OXL_MAX(t->forecast.start, (size_t)1);
     if (done == 0 || t->first_step > 0 || !(grown > 1)) return look;
     return (FORECAST_BEFORE * look + done * vecmath_log(grown) / forecast_faded(done)) /
@@ -164,7 +186,7 @@ static double forecast_reckon(struct train *t)
     struct forecast_state f = {
         .o = o, .gaussians = (double)t->trained.model.count, .coarse = forecast_coarse_steps(t->scene, o)};
     double work;
-    for (int step = 1; step <= t->step; step++) f.densified += schedule_densifies_at(o, step);
+    f.densified = forecast_densified(t);
     f.rate = forecast_rate_now(t, f.densified);
     f.cap = OXL_MAX((double)schedule_gaussian_cap(t->scene, o), f.gaussians);
     work = forecast_ahead(&f, t->step);

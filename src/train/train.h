@@ -8,6 +8,7 @@
 /* ---------------- train_loop.c: a run */
 
 struct archive; /* archive.c */
+struct look;    /* forecast.h */
 typedef void archive_state(struct archive *a, void *user);
 /* Says where a run keeps its state, and looks for it when it begins: in files, by large/checkpoint.c. */
 struct train_store {
@@ -41,6 +42,8 @@ struct train_task {
     /* steps by which the caller refines a model for viewers, where images have a medium, or gains alone;
      * likewise */
     int refined;
+    /* receives share, gaussians and steps once the run has grown, where no look was taken; NULL: not asked */
+    struct look *grown;
 
     /* out */
     oxl_nonfinite nonfinite; /* of the whole run */
