@@ -571,6 +571,28 @@ static int job_test_note_left(void *user, const oxl_progress *p)
     return 0;
 }
 
+struct job_test_border {
+    double begun, ratio; /* s left over those taken, at the first step of a block */
+};
+
+static int job_test_note_border(void *user, const oxl_progress *p)
+{
+    struct job_test_border *b = user;
+    if (p->stage == OXL_STAGE_BLOCK && b->ratio < 0) b->ratio = p->seconds_left / (os_seconds() - b->begun);
+    return 0;
+}
+
+/* The coarse model has done 0.15 of the run in the time so far: 5.7 times as much is left, not what a single
+ * step would tell. */
+TEST(job_in_blocks_counts_the_coarse_model_as_done_by_this_process)
+{
+    oxl_job_options options = job_test_gains_in_blocks();
+    struct job_test_border border = {.begun = os_seconds(), .ratio = -1};
+    const oxl_callback callback = {job_test_note_border, &border};
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback));
+    CHECK(border.ratio > 0 && border.ratio < 6);
+}
+
 TEST(job_with_a_model_for_viewers_says_the_time_left_until_it_and_the_evaluation_end)
 {
     NEEDS_PART(exposure);

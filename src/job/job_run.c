@@ -420,7 +420,7 @@ static oxl_result job_train_single(struct job *job, const char *folder)
 {
     struct block_task task = {.folder = folder,
                               .key = job->key.data,
-                              .viewed = cost_evaluated_views(job->scene, job->total.iterations),
+                              .viewed = cost_evaluated_views(job->scene, job->options.train.iterations),
                               .standard = block_standard_steps(&job->options.train)};
     struct job_single single = {.job = job, .task = &task};
     const oxl_callback callback = {job_single_progress, &single};

@@ -162,8 +162,8 @@ OXL_INTERNAL int cost_judged_views(const oxl_scene *scene, int iterations)
 
 OXL_INTERNAL int cost_evaluated_views(const oxl_scene *scene, int iterations)
 {
-    return oxl_scene_view_count(scene) - schedule_training_views(scene) +
-           cost_judged_views(scene, iterations);
+    const int training = schedule_training_views(scene), held_out = oxl_scene_view_count(scene) - training;
+    return (held_out > 0 ? held_out : training) + cost_judged_views(scene, iterations);
 }
 
 OXL_INTERNAL double cost_range(const oxl_job_options *o, double seconds, int timed, double range[2])

@@ -86,7 +86,8 @@ static oxl_result rounds_prepare(struct job *job)
     oxl_model coarse = {0};
     int missing = 0; /* 1: a plan is missing or damaged; all are made again from the same coarse model */
     oxl_result rc = job_read_record(job, folder, &record);
-    if (rc == OXL_OK && !rounds_coarse_is_done(job, &record)) {
+    if (rc == OXL_OK && rounds_coarse_is_done(job, &record)) job->done_before = JOB_COARSE;
+    else if (rc == OXL_OK) {
         rc = rounds_train_coarse(job, folder);
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
         job->unfinished += rc == OXL_OK && !rounds_coarse_is_done(job, &record);
@@ -386,7 +387,8 @@ static oxl_result rounds_run_blocks(struct rounds *r)
             int done = 0;
             rc = rounds_completed(r, k, &done);
             if (rc == OXL_OK && done > round)
-                r->job->done += r->plan[k].work / JOB_ROUNDS, r->job->done_before = r->job->done;
+                r->job->done += r->plan[k].work / JOB_ROUNDS,
+                    r->job->done_before += r->plan[k].work / JOB_ROUNDS;
             else if (rc == OXL_OK) rc = rounds_step(r, k, round);
         }
     return rc;
@@ -590,7 +592,7 @@ OXL_INTERNAL oxl_result rounds_run(struct job *job)
     struct rounds r = {.job = job};
     int missing;
     oxl_result rc = job->options.block >= 0 ? rounds_prepare_shared(job) : rounds_prepare(job);
-    job->done_before = job->done;
+    if (job->options.block >= 0) job->done_before = job->done;
     if (rc != OXL_OK || job->unfinished) return rc;
     rc = rounds_begin(&r);
     if (rc == OXL_OK && job->options.block < 0) rc = rounds_check_all(&r);
