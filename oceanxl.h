@@ -488,7 +488,7 @@ typedef struct oxl_train_options {
     float cooldown;
     /* density control */
     float densify_from, densify_until; /* fractions of the run */
-    int densify_every;                 /* steps */
+    int densify_every;                 /* steps; -1: auto */
     /* threshold of |dL/d(u, v)|, of the splat's centre, in units of half an image */
     float densify_gradient;
     float opacity_reset_interval; /* fraction of the run, at least 3000 iterations; 0: no resets */

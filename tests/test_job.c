@@ -547,6 +547,7 @@ static oxl_job_options job_test_gains_in_blocks(void)
 {
     oxl_job_options options = job_test_blocks();
     options.train.iterations = 120; /* 42 of the merged model, 18 of that for viewers */
+    options.train.densify_every = 50;
     options.train.exposure = OXL_ON;
     options.train.lamp = options.train.medium = OXL_OFF;
     options.renders = 0;

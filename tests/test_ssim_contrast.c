@@ -63,6 +63,7 @@ static double ssim_contrast_test_learned(const synth_options *survey, float cont
     double learned;
     o.ssim_contrast = contrast;
     o.gaps = gaps;
+    o.densify_every = 50;
     o.lamp = OXL_ON;
     CHECK_OK(oxl_scene_load(test_ctx, survey->out, NULL, &scene));
     CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &model));

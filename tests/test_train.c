@@ -517,7 +517,7 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
     oxl_train_options o[6];
     oxl_model model[6], again;
     const int threads = test_ctx->threads;
-    for (int i = 0; i < 6; i++) o[i] = train_options(60), o[i].coarse = 0;
+    for (int i = 0; i < 6; i++) o[i] = train_options(60), o[i].coarse = 0, o[i].densify_every = 50;
     o[1].coarse = 0.5f, o[2].sh_degree_interval = 0.5f, o[3].short_run_exponent = 0, o[4].cooldown = 0,
     o[5].alpha_min = 0.04f;
     for (int i = 0; i < 6; i++) {

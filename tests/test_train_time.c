@@ -69,6 +69,7 @@ TEST(look_keeps_to_the_gaussians_that_memory_holds)
     oxl_scene *scene = train_scene(5);
     oxl_train_options o = train_options(50);
     struct look free_look, held;
+    o.densify_every = 50;
     o.densify_gradient = 1e-7f;
     CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &free_look));
     CHECK_OK(look_take(test_ctx, scene, &o, 150, &held));
@@ -114,6 +115,24 @@ TEST(run_without_a_look_tells_its_own_growth)
         oxl_model_free(test_ctx, &model);
     }
     oxl_scene_free(test_ctx, scene);
+}
+
+/* As many as in a run of 500 iterations, every 50; an interval that is given stays. */
+TEST(schedule_densifies_three_times_in_short_runs)
+{
+    static const int runs[][2] = {{150, 3}, {200, 3}, {250, 3}, {300, 3}, {400, 3}, {500, 3}, {2000, 11}};
+    oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
+    CHECK(o.densify_every == -1);
+    for (size_t i = 0; i < OXL_COUNT(runs); i++) {
+        o.iterations = runs[i][0];
+        CHECK(schedule_densifications(&o) == runs[i][1]);
+    }
+    o.iterations = 300, o.densify_every = 50;
+    CHECK(schedule_densifications(&o) == 2);
+    o.iterations = 60, o.densify_every = -1; /* too few steps to tell more often than every 15 */
+    CHECK(schedule_densifications(&o) == 2);
+    o = oxl_train_options_default(OXL_PRESET_STANDARD);
+    CHECK(o.densify_every == 100);
 }
 
 /* What hinders a look is said where it hinders the run. */

@@ -14,6 +14,8 @@
 /* px: half the sides of smaller images cost more than they save (docs/TRADEOFF.md) */
 #define SCHEDULE_COARSE_SIDE 640
 #define SCHEDULE_COARSE_AUTO 0.75 /* of the run, for larger ones (docs/log/GROWTH.md) */
+/* auto: three densifications in a run of 150 to 500 iterations, for its quarter before half of it */
+enum { SCHEDULE_DENSIFY_LEAST = 15, SCHEDULE_DENSIFY_MOST = 50 };
 /* iterations from which Kerbl's momentum is the better one; not tried from 2000 to this */
 #define SCHEDULE_MOMENTUM_ITERATIONS 7000
 #define SCHEDULE_BETA_MIN 0.5 /* of the mean gradient */
@@ -138,11 +140,19 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
 /* Follows 3DGS's schedule, which is one of 30 000 iterations. As fractions of the run it shrinks with it,
  * but not what has a time of its own: the first images must be learned before gradients say where detail is
  * missing, and a reset must be made up for. */
+OXL_INTERNAL int schedule_densify_interval(const oxl_train_options *o)
+{
+    return o->densify_every > 0
+               ? o->densify_every
+               : OXL_CLAMP(o->iterations / 10, SCHEDULE_DENSIFY_LEAST, SCHEDULE_DENSIFY_MOST);
+}
+
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *o, int step)
 {
     const double from = OXL_MAX(o->densify_from * o->iterations,
                                 OXL_MIN(SCHEDULE_WARM_UP * schedule_scale(o), 0.25 * o->iterations));
-    return step >= from && step <= o->densify_until * o->iterations && step % o->densify_every == 0;
+    return step >= from && step <= o->densify_until * o->iterations &&
+           step % schedule_densify_interval(o) == 0;
 }
 
 OXL_INTERNAL int schedule_reset_interval(const oxl_train_options *o)
