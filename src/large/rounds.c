@@ -188,7 +188,7 @@ static oxl_train_options rounds_options(const struct job *job, const struct bloc
     const double scale = (double)plan->iterations / o.iterations;
     o.survey_iterations = o.iterations;
     o.iterations = plan->iterations;
-    o.densify_every = (int)OXL_MAX(1, schedule_densify_interval(&job->options.train) * scale + 0.5);
+    if (o.densify_every > 0) o.densify_every = (int)OXL_MAX(1, o.densify_every * scale + 0.5);
     o.max_gaussians = (int)OXL_MIN(plan->gaussians, INT_MAX);
     if (o.keep.kind == OXL_KEEP_COUNT) o.keep.value = OXL_MAX(1, floor(o.keep.value * plan->fraction));
     if (o.keep.kind == OXL_KEEP_BYTES) o.keep.value *= plan->fraction;

@@ -137,15 +137,18 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
     return adam;
 }
 
+/* Returns the steps between densifications; auto: in a block as many densifications as in the whole run. */
+static int schedule_densify_interval(const oxl_train_options *o)
+{
+    const int whole = o->survey_iterations > 0 ? o->survey_iterations : o->iterations,
+              every = OXL_CLAMP(whole / 10, SCHEDULE_DENSIFY_LEAST, SCHEDULE_DENSIFY_MOST);
+    if (o->densify_every > 0) return o->densify_every;
+    return (int)OXL_MAX(1, every * ((double)o->iterations / whole) + 0.5);
+}
+
 /* Follows 3DGS's schedule, which is one of 30 000 iterations. As fractions of the run it shrinks with it,
  * but not what has a time of its own: the first images must be learned before gradients say where detail is
  * missing, and a reset must be made up for. */
-OXL_INTERNAL int schedule_densify_interval(const oxl_train_options *o)
-{
-    return o->densify_every > 0
-               ? o->densify_every
-               : OXL_CLAMP(o->iterations / 10, SCHEDULE_DENSIFY_LEAST, SCHEDULE_DENSIFY_MOST);
-}
 
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *o, int step)
 {

@@ -69,8 +69,6 @@ OXL_INTERNAL size_t schedule_gaussian_cap_of(size_t points, double pixels, const
 OXL_INTERNAL double schedule_pixels(const oxl_scene *scene); /* of all training views */
 /* Returns the fraction of the run in which images of this size are trained at half resolution. */
 OXL_INTERNAL double schedule_coarse_fraction(const oxl_train_options *options, int width, int height);
-/* Returns the steps between densifications: three of them fit into a short run's time for it. */
-OXL_INTERNAL int schedule_densify_interval(const oxl_train_options *options);
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *options, int step);
 OXL_INTERNAL int schedule_densifications(const oxl_train_options *options); /* in a whole run */
 OXL_INTERNAL int schedule_training_views(const oxl_scene *scene);
