@@ -401,6 +401,7 @@ static oxl_result job_train_single(struct job *job, const char *folder)
                               .key = job->key.data,
                               .callback = &callback,
                               .viewed = cost_evaluated_views(job->scene, job->total.iterations),
+                              .after = cost_evaluation(job->ctx, job->scene, &job->options),
                               .standard = block_standard_steps(&job->options.train)};
     oxl_job_options options;
     oxl_result rc = job_plan_single(job, &task, &options);
