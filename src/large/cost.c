@@ -37,6 +37,8 @@
  * but at least so many views. */
 #define COST_JUDGED 20
 #define COST_JUDGED_MIN 6
+/* Counts s for the files of a result, with the report. */
+#define COST_FILES 0.3
 /* Counts s for a held-out view, whose metrics, renders and place in the report the CPU makes: for the view,
  * for each of its pixels and, with LPIPS, s of a thread for each pixel. */
 #define COST_HELD_OUT 0.03
@@ -178,7 +180,7 @@ OXL_INTERNAL double cost_evaluation(const oxl_context *ctx, const oxl_scene *sce
     const int training = schedule_training_views(scene), held_out = oxl_scene_view_count(scene) - training;
     const double a_pixel = COST_HELD_OUT_PIXEL + (o->lpips ? COST_LPIPS_PIXEL / ctx->threads : 0),
                  a_view = schedule_pixels(scene) / OXL_MAX(1, training);
-    return held_out * (COST_HELD_OUT + a_pixel * a_view) +
+    return COST_FILES + held_out * (COST_HELD_OUT + a_pixel * a_view) +
            cost_judged_views(scene, o->train.iterations) * COST_JUDGED_PIXEL * a_view;
 }
 

@@ -49,7 +49,8 @@ static void look_choose_views(struct train *t)
     t->views = few;
 }
 
-/* Trains `steps` more; took (steps): their seconds. */
+/* Trains `steps` more; took (steps): their seconds. Downloads what a device has summed up: the views that saw
+ * each Gaussian. */
 static oxl_result look_train(struct train *t, int steps, double *took)
 {
     oxl_result rc = OXL_OK;
@@ -61,7 +62,7 @@ static oxl_result look_train(struct train *t, int steps, double *took)
         if (rc == OXL_OK) rc = step_observe(t);
         took[k] = os_seconds() - started;
     }
-    return rc == OXL_OK ? step_flush(t) : rc;
+    return rc == OXL_OK ? step_download(t, DOWNLOAD_SHAPE) : rc;
 }
 
 static double look_seen(const struct train *t)
@@ -74,10 +75,8 @@ static double look_seen(const struct train *t)
 /* Splits as training does, but for its limit; adds to *share the growth of the Gaussians seen. */
 static oxl_result look_split(struct train *t, double *share)
 {
-    const double before = (double)t->trained.model.count;
-    oxl_result rc = step_download(t, DOWNLOAD_SHAPE); /* which views saw what a device knows until then */
-    const double seen = look_seen(t);
-    if (rc == OXL_OK) rc = step_densify(t);
+    const double seen = look_seen(t), before = (double)t->trained.model.count;
+    const oxl_result rc = step_densify(t);
     *share += OXL_MAX(((double)t->trained.model.count - before) / seen, 1 / seen) / LOOK_MEASURED;
     return rc;
 }
@@ -90,7 +89,6 @@ static oxl_result look_grow(struct train *t, int steps, struct look *out)
     const int window = OXL_MAX(1, steps / LOOK_WINDOWS);
     oxl_result rc = look_train(t, OXL_MAX(0, steps - LOOK_SPLITS * window), took);
     for (int k = 0; k < LOOK_SPLITS && rc == OXL_OK; k++) {
-        if (rc == OXL_OK && k == 0) rc = step_download(t, DOWNLOAD_SHAPE); /* or a device keeps its sums */
         if (rc == OXL_OK && k == 0) rc = density_clear(t->ctx, t->density, t->trained.model.count);
         if (rc == OXL_OK) rc = look_train(t, window, took);
         if (k == LOOK_SPLITS - LOOK_MEASURED) out->share = 0;
