@@ -542,7 +542,7 @@ typedef struct oxl_progress {
     double loss, psnr;   /* running means over training images */
     double f_mid, f_far; /* depth weights of density control; 1, 1 without */
     double seconds;      /* since the start */
-    double seconds_left; /* predicted */
+    double seconds_left; /* predicted; 0: the run ends, or not known yet */
     size_t memory;       /* peak so far, bytes; only in a job, else 0 */
     /* current state; on a device, the last download, rows as they are now; valid during the call */
     const oxl_model *model;

@@ -22,7 +22,8 @@ TEST(look_leaves_the_run_as_it_would_be)
 
 TEST(look_takes_a_tenth_of_the_run_at_least_30_steps_and_times_12)
 {
-    static const int runs[][2] = {{20, 32}, {500, 62}, {1500, 162}, {30000, 312}}; /* iterations, steps */
+    static const int runs[][2] = {
+        {20, 32}, {500, 62}, {1500, 162}, {7000, 323}, {30000, 612}}; /* iterations, steps */
     oxl_scene *scene = train_scene(5);
     for (size_t i = 0; i < sizeof runs / sizeof runs[0]; i++) {
         oxl_train_options o = train_options(runs[i][0]);
@@ -162,11 +163,18 @@ TEST(forecast_expects_more_of_a_larger_share_up_to_the_cap)
     CHECK_CLOSE(forecast_gaussians(&o, 2000, 0.3, 1e6), 2 * forecast_gaussians(&o, 1000, 0.3, 1e6), 1e-6);
 }
 
-/* caliterra at 640 px, subvo_pool at 1028 px and brighton_beach at 964 px: share and Gaussians as measured
+/* caliterra at 640 px, subvo_pool at 1028 px and brighton_beach at 964 px as drafts, caliterra at 960 px and
+ * lego at 800 px with `standard`, lego with 30 000 iterations: share and Gaussians as measured
  * (docs/log/FORECAST.md). */
 TEST(forecast_expects_what_was_measured)
 {
-    const oxl_train_options draft = oxl_train_options_default(OXL_PRESET_DRAFT);
+    const oxl_train_options draft = oxl_train_options_default(OXL_PRESET_DRAFT),
+                            standard = oxl_train_options_default(OXL_PRESET_STANDARD);
+    oxl_train_options longer = standard;
+    longer.iterations = 30000;
+    CHECK_CLOSE(log(forecast_gaussians(&standard, 33882, 0.253, 747760) / 343495), 0, log(1.5));
+    CHECK_CLOSE(log(forecast_gaussians(&standard, 30000, 0.140, 1066666) / 171637), 0, log(1.5));
+    CHECK_CLOSE(log(forecast_gaussians(&longer, 30000, 0.139, 1066666) / 219728), 0, log(1.5));
     CHECK_CLOSE(log(forecast_gaussians(&draft, 33911, 0.228, 332106) / 105828), 0, log(1.5));
     CHECK_CLOSE(log(forecast_gaussians(&draft, 26658, 0.465, 472194) / 392596), 0, log(1.5));
     CHECK_CLOSE(log(forecast_gaussians(&draft, 6444, 0.402, 129899) / 92592), 0, log(1.5));
@@ -208,6 +216,25 @@ TEST(forecast_of_time_has_trials_at_half_the_sides)
     oxl_scene_free(test_ctx, scene);
 }
 
+/* A device makes steps faster than the CPU evaluates views, so these take no fewer seconds for it. */
+TEST(forecast_of_time_has_the_seconds_of_evaluation_that_no_step_shortens)
+{
+    oxl_scene *scene = train_scene(5);
+    oxl_train_options o = train_options(100);
+    oxl_job_options job = oxl_job_options_default(OXL_PRESET_DRAFT);
+    struct look slow = {.gaussians = 400, .seconds = 1, .timed = 400, .share = 1e-12}, fast = slow, after;
+    const double a_view = cost_evaluation(test_ctx, scene, &job);
+    fast.seconds = 1e-3;
+    after = fast, after.after = 10;
+    CHECK_CLOSE(forecast_seconds(scene, &o, &after, 400, 8, 0),
+                10 + forecast_seconds(scene, &o, &fast, 400, 0, 0), 1e-6);
+    after.seconds = 1;
+    CHECK(forecast_seconds(scene, &o, &after, 400, 8, 0) == forecast_seconds(scene, &o, &slow, 400, 8, 0));
+    job.lpips = "weights";
+    CHECK(a_view > 0.03 && cost_evaluation(test_ctx, scene, &job) > a_view);
+    oxl_scene_free(test_ctx, scene);
+}
+
 /* Between the steps of two trials views are validated, which takes far longer than a step. */
 TEST(time_left_does_not_count_what_lies_between_trials_as_a_step)
 {
@@ -222,6 +249,25 @@ TEST(time_left_does_not_count_what_lies_between_trials_as_a_step)
         forecast_note_step(&t);
         CHECK((t.forecast.seconds > 0.9 * before + 0.9) == steps[i][2]);
     }
+}
+
+/* A checkpoint and a densification take as long as many steps on a device: neither is one. */
+TEST(time_left_counts_checkpoints_and_densifications_apart_from_steps)
+{
+    oxl_train_options o = train_options(2000);
+    struct train t = {.ctx = test_ctx, .options = &o, .trained.model.count = 100, .step = 600};
+    CHECK(!schedule_densifies_at(&o, 601) && schedule_densifies_at(&o, 650));
+    t.forecast.mark = 2 * 600;
+    for (t.step = 601; t.step <= 650; t.step++) {
+        t.forecast.at = os_seconds() - (t.step == 650 ? 8 : 1);
+        if (t.step == 620) t.forecast.at -= 100, forecast_note_save(&t, 100);
+        if (t.step == 650) t.trained.model.count = 150;
+        forecast_note_step(&t);
+    }
+    CHECK_CLOSE(t.forecast.seconds / t.forecast.work, 1 / sqrt(100), 1e-3);
+    CHECK(t.forecast.save_seconds == 100 && t.forecast.densified == 1);
+    CHECK_CLOSE(t.forecast.density_seconds, 8 - sqrt(1.5), 0.01);
+    CHECK_CLOSE(t.forecast.growth, log(1.5), 1e-6);
 }
 
 struct time_left {

@@ -83,6 +83,7 @@ static oxl_result survey_predict(oxl_context *ctx, oxl_scene *scene, const oxl_j
     const oxl_result rc = !waits && survey_has_room(o, &load)
                               ? look_take(ctx, scene, &o->train, survey_look_gaussians(o, &load), &look)
                               : OXL_OK;
+    look.after = cost_evaluation(ctx, scene, o);
     scene->stats.splitting = load.share = look.share;
     scene->stats.begun = load.begun = look.gaussians / (double)OXL_MAX(load.points, (size_t)1);
     fitted.ram = budget_limit(scene, o);
@@ -91,7 +92,7 @@ static oxl_result survey_predict(oxl_context *ctx, oxl_scene *scene, const oxl_j
     s->gaussians = cost.gaussians;
     /* Assumes blocks if one block does not fit. */
     s->memory = fitted.ram ? OXL_MIN(cost.memory, (double)fitted.ram) : cost.memory;
-    s->seconds = cost_seconds(scene, &fitted, &cost, &look, s->seconds_range);
+    if (!waits) s->seconds = cost_seconds(scene, &fitted, &cost, &look, s->seconds_range);
     s->look_steps = look.steps;
     s->memory_free = (double)os_memory_free();
     return rc;

@@ -283,6 +283,7 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
                                .first = task->first,
                                .until = task->until,
                                .viewed = task->viewed,
+                               .after = task->after,
                                .refined = block_hiding_steps(task->standard),
                                .from = task->from,
                                .grown = task->grown};
@@ -378,6 +379,7 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
                                .context = b->task->context,
                                .window = b->task->window,
                                .viewed = b->task->viewed,
+                               .after = b->task->after,
                                .frozen = 1};
     const int drops_gains = imaging_is_gains_alone(&scene->imaging);
     oxl_train_options o;

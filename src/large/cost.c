@@ -37,6 +37,15 @@
  * but at least so many views. */
 #define COST_JUDGED 20
 #define COST_JUDGED_MIN 6
+/* Counts s for the files of a result, with the report. */
+#define COST_FILES 0.3
+/* Counts s for a held-out view, whose metrics, renders and place in the report the CPU makes: for the view,
+ * for each of its pixels and, with LPIPS, s of a thread for each pixel. */
+#define COST_HELD_OUT 0.03
+#define COST_HELD_OUT_PIXEL 9e-7
+#define COST_LPIPS_PIXEL 4.4e-6
+/* Counts s per pixel of a training view that is judged. */
+#define COST_JUDGED_PIXEL 1e-7
 /* Limits a preset's iterations per image: more overfit (docs/TRADEOFF.md). */
 #define COST_STEPS_PER_IMAGE 700
 /* Bounds the error of times computed from counts: they are right within this factor. */
@@ -172,6 +181,15 @@ OXL_INTERNAL double cost_range(const oxl_job_options *o, double seconds, int tim
                  within = timed ? COST_WITHIN_LOOK : COST_WITHIN;
     range[0] = OXL_MIN(seconds / within, limit), range[1] = OXL_MIN(seconds * within, limit);
     return OXL_MIN(seconds, limit);
+}
+
+OXL_INTERNAL double cost_evaluation(const oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o)
+{
+    const int training = schedule_training_views(scene), held_out = oxl_scene_view_count(scene) - training;
+    const double a_pixel = COST_HELD_OUT_PIXEL + (o->lpips ? COST_LPIPS_PIXEL / ctx->threads : 0),
+                 a_view = schedule_pixels(scene) / OXL_MAX(1, training);
+    return COST_FILES + held_out * (COST_HELD_OUT + a_pixel * a_view) +
+           cost_judged_views(scene, o->train.iterations) * COST_JUDGED_PIXEL * a_view;
 }
 
 OXL_INTERNAL double cost_seconds(const oxl_scene *scene, const oxl_job_options *o, const struct cost *cost,

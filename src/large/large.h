@@ -132,6 +132,8 @@ OXL_INTERNAL int cost_judged_views(const oxl_scene *scene, int iterations);
 OXL_INTERNAL int cost_evaluated_views(const oxl_scene *scene, int iterations);
 /* Limits predicted seconds by --max-time, and says within what range they are. timed: steps were. */
 OXL_INTERNAL double cost_range(const oxl_job_options *options, double seconds, int timed, double range[2]);
+/* Predicts the seconds that evaluation of these views takes on the CPU, whatever renders them. */
+OXL_INTERNAL double cost_evaluation(const oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o);
 /* Predicts the duration in s for all blocks of the scene, from the steps of a look, or from the cost if there
  * was no look. range: lower and upper limit. */
 OXL_INTERNAL double cost_seconds(const oxl_scene *scene, const oxl_job_options *options,
@@ -192,7 +194,8 @@ struct block_task {
     const oxl_model *context; /* `context` to `until` as in struct train_task */
     const struct image_window *window;
     int first, until;
-    int viewed; /* views to render after the run, for the time left */
+    int viewed;   /* views to render after the run, for the time left */
+    double after; /* s that this takes at least */
     /* steps of model_standard.ply, which has no second lobes; 0: it is not made */
     int standard;
     double predicted_seconds, predicted_peak;

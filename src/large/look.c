@@ -24,8 +24,9 @@
 #define LOOK_INTERVAL 1e-6f /* of the run, after which timed steps have one band of SH more */
 enum {
     LOOK_VIEWS = 32,
-    LOOK_STEPS = 300,   /* at most, */
-    LOOK_FEWEST = 30,   /* and at least */
+    LOOK_STEPS = 300, /* at most, */
+    LOOK_FEWEST = 30, /* and at least; */
+    LOOK_MOST = 600,  /* at most with the learning rates of the longest runs, which learn as much in these */
     LOOK_FRACTION = 10, /* a look takes at most one of so many iterations of the run, */
     LOOK_WINDOWS = 5,   /* as many steps each: two before gradients count, one before each split, of which */
     LOOK_SPLITS = 3,
@@ -48,7 +49,8 @@ static void look_choose_views(struct train *t)
     t->views = few;
 }
 
-/* Trains `steps` more; took (steps): their seconds. */
+/* Trains `steps` more; took (steps): their seconds. Downloads what a device has summed up: the views that saw
+ * each Gaussian. */
 static oxl_result look_train(struct train *t, int steps, double *took)
 {
     oxl_result rc = OXL_OK;
@@ -60,7 +62,7 @@ static oxl_result look_train(struct train *t, int steps, double *took)
         if (rc == OXL_OK) rc = step_observe(t);
         took[k] = os_seconds() - started;
     }
-    return rc == OXL_OK ? step_flush(t) : rc;
+    return rc == OXL_OK ? step_download(t, DOWNLOAD_SHAPE) : rc;
 }
 
 static double look_seen(const struct train *t)
@@ -83,7 +85,7 @@ static oxl_result look_split(struct train *t, double *share)
  * and change again when the first ones are split. */
 static oxl_result look_grow(struct train *t, int steps, struct look *out)
 {
-    double took[LOOK_STEPS];
+    double took[LOOK_MOST];
     const int window = OXL_MAX(1, steps / LOOK_WINDOWS);
     oxl_result rc = look_train(t, OXL_MAX(0, steps - LOOK_SPLITS * window), took);
     for (int k = 0; k < LOOK_SPLITS && rc == OXL_OK; k++) {
@@ -98,7 +100,7 @@ static oxl_result look_grow(struct train *t, int steps, struct look *out)
 /* Times whole steps with all bands of SH, as most of a run's are; the first third do not count. */
 static oxl_result look_time(struct train *t, oxl_train_options *o, int steps, struct look *out)
 {
-    double took[LOOK_STEPS];
+    double took[LOOK_TIMED];
     oxl_result rc;
     o->coarse = 0, o->sh_degree_interval = LOOK_INTERVAL;
     out->timed = (double)t->trained.model.count;
@@ -113,8 +115,9 @@ static int look_steps(const oxl_scene *scene, const oxl_train_options *o)
     const double pixels = (double)c->width * c->height * (o->coarse > 0 ? 0.25 : 1),
                  points = (double)OXL_MAX(oxl_scene_point_count(scene), scene_start_count(scene)),
                  each = LOOK_PIXEL * pixels + LOOK_POINT * points;
-    const int most = OXL_CLAMP(o->iterations / LOOK_FRACTION, LOOK_FEWEST, LOOK_STEPS);
-    return (int)OXL_MIN(OXL_CLAMP(LOOK_SECONDS / each, LOOK_FEWEST, most), OXL_MAX(1, o->iterations));
+    const double slow = OXL_MAX(LOOK_STEPS, LOOK_MOST / schedule_short_run_factor(o)) / LOOK_STEPS;
+    const double most = OXL_CLAMP(o->iterations / LOOK_FRACTION, LOOK_FEWEST, slow * LOOK_STEPS);
+    return (int)OXL_MIN(OXL_CLAMP(slow * LOOK_SECONDS / each, LOOK_FEWEST, most), OXL_MAX(1, o->iterations));
 }
 
 /* Says that the look left the device; the run, which begins there anew, says so itself. */

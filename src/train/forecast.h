@@ -14,6 +14,7 @@ struct look {         /* all 0: there was none */
     double seconds;   /* of a step on a whole image, */
     double timed;     /* and the Gaussians it had */
     double begin;     /* s: before the first step */
+    double after;     /* s: evaluation takes at least so long */
     int hides; /* 1: a model for viewers will be refined, since images have gains, a lamp or a medium */
     int steps, views; /* that it took */
 };
@@ -38,8 +39,9 @@ OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_opt
 
 /* Returns 1 if images have a medium, or gains alone, so that viewers get a model of their own. */
 OXL_INTERNAL int forecast_hides(struct train *t);
-OXL_INTERNAL void forecast_note_step(struct train *t); /* after each step, also of a trial */
-OXL_INTERNAL double forecast_left(struct train *t);    /* s, with trials and what t->task names */
+OXL_INTERNAL void forecast_note_step(struct train *t);                 /* after each step, also of a trial */
+OXL_INTERNAL void forecast_note_save(struct train *t, double seconds); /* after each checkpoint */
+OXL_INTERNAL double forecast_left(struct train *t); /* s, with trials and what t->task names */
 
 /* ---------------- train_loop.c: what a look shares with a run */
 

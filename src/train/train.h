@@ -37,8 +37,9 @@ struct train_task {
     const oxl_model *context; /* Gaussians that are rendered but not trained; NULL: none */
     /* (views) trained part of each view, width 0: none; NULL: whole views */
     const struct image_window *window;
-    int frozen; /* 1: gains and lamp stay as they are */
-    int viewed; /* views that the caller renders afterwards; for the time left */
+    int frozen;   /* 1: gains and lamp stay as they are */
+    int viewed;   /* views that the caller renders afterwards; for the time left */
+    double after; /* s that this takes at least; likewise */
     /* steps by which the caller refines a model for viewers, where images have a medium, or gains alone;
      * likewise */
     int refined;

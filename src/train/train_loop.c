@@ -12,8 +12,6 @@
 #define TRAIN_SHORT_RUN_WIDTH 0.3   /* power of the short-run factor by which the first widths are divided */
 #define TRAIN_SHORT_RUN_OPACITY 0.7 /* power of it by which the first opacities are multiplied */
 #define TRAIN_OPACITY_MAX 0.3       /* the most that this makes of an opacity */
-#define TRAIN_SAVE_STEPS 500        /* iterations between checkpoints, at most */
-#define TRAIN_SAVE_SECONDS 60.0     /* s between checkpoints, at most */
 enum { TRAIN_SHARE_PAIRS = 1 << 17 }; /* of a Gaussian and a view, from which a share is taken */
 
 /* ---------------- the run */
@@ -228,11 +226,13 @@ OXL_INTERNAL void train_archive(struct archive *a, void *user)
 static oxl_result train_save(struct train *t)
 {
     const struct train_store *s = &t->task.store;
+    const double started = os_seconds();
     oxl_result rc = step_download(t, DOWNLOAD_TO_READ);
+    if (rc == OXL_OK && s->write) rc = s->write(t->ctx, s->folder, s->key, train_archive, t);
     t->saved_step = t->step;
     t->saved_at = os_seconds();
-    if (rc != OXL_OK || !s->write) return rc;
-    return s->write(t->ctx, s->folder, s->key, train_archive, t);
+    forecast_note_save(t, t->saved_at - started);
+    return rc;
 }
 
 static int train_save_is_due(const struct train *t)

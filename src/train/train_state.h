@@ -7,6 +7,8 @@
 #include "../survey/imaging.h"
 #include "../model/model.h"
 
+#define TRAIN_SAVE_STEPS 500    /* iterations between checkpoints, at most */
+#define TRAIN_SAVE_SECONDS 60.0 /* s between checkpoints, at most */
 enum { TRAIN_PARTS_MAX = 32 };
 
 struct part;
@@ -21,13 +23,17 @@ struct train_deferred { /* a step that the device has not reported yet */
     struct imaging imaging;
 };
 
-struct forecast {          /* of the time left; not archived */
-    double seconds, work;  /* of the last steps, and what forecast.c reckons of them; both fade */
-    double at;             /* time of the last step, os_seconds; 0: none yet */
-    size_t start;          /* Gaussians at the first step of this process */
-    int mark, trial_steps; /* of the last step; made by this process */
-    double left, left_at;  /* s, as reckoned at the time left_at */
-    int next;              /* step at which it is reckoned again */
+struct forecast {           /* of the time left; not archived */
+    double seconds, work;   /* of the last steps, and what forecast.c reckons of them; both fade */
+    double at;              /* time of the last step, os_seconds; 0: none yet */
+    size_t count;           /* Gaussians then */
+    int mark, trial_steps;  /* of the last step; made by this process */
+    int densified;          /* densifications of this process; their means: */
+    double growth;          /* of the logarithm of the Gaussians */
+    double density_seconds; /* s beyond those of a step */
+    double save_seconds;    /* s of the last checkpoint */
+    double left, left_at;   /* s, as reckoned at the time left_at */
+    int next;               /* step at which it is reckoned again */
 };
 
 struct train {
