@@ -14,10 +14,11 @@
 enum { VIEWS_SHOWN = 4, VIEWS_SIDE = 560, VIEWS_OPEN = 12 /* rows that are seen without a click */ };
 /* Gives this error, as a fraction of full white, the brightest colour of the error map. */
 #define VIEWS_ERROR_FULL 0.25f
-/* Shows an image brighter whose brightest hundredth begins below half of this, a fraction of full white, by
- * the whole factor that brings it there at most. */
+/* Shows an image brighter if its brightest hundredth begins below VIEWS_DARK, by the factor that brings it to
+ * VIEWS_BRIGHT; both are fractions of full white. */
+#define VIEWS_DARK 0.6f
 #define VIEWS_BRIGHT 0.9f
-#define VIEWS_FACTOR_MAX 16
+#define VIEWS_FACTOR_MAX 20
 
 struct views_row {
     char *name;
@@ -198,12 +199,13 @@ static void views_brighten(struct report *r, oxl_image *image, oxl_image *render
     views_stretch(rendered, low, fmaxf(high - low, 1.0f / 255));
 }
 
-/* Returns the factor by which an image is shown brighter; 1: it is not dark. */
-static int views_factor(struct report *r, const oxl_image *image)
+/* Returns the factor by which an image is shown brighter, in tenths; 1: it is not dark. */
+static float views_factor(struct report *r, const oxl_image *image)
 {
     float low, high;
     views_range(r, image, &low, &high);
-    return high < VIEWS_BRIGHT / 2 ? (int)fminf(VIEWS_BRIGHT / fmaxf(high, 1.0f / 255), VIEWS_FACTOR_MAX) : 1;
+    if (!(high < VIEWS_DARK)) return 1;
+    return floorf(10 * fminf(VIEWS_BRIGHT / fmaxf(high, 1.0f / 255), VIEWS_FACTOR_MAX)) / 10;
 }
 
 /* Draws a map of structure: black where the render has nothing of the image's, white where it has all, grey
@@ -251,12 +253,12 @@ static void views_show(struct report *r, const char *folder, const struct views_
     else if (views_reduce(r, &rendered) == OXL_OK && views_reduce(r, &image) == OXL_OK &&
              views_error(r, &rendered, &image, &error) == OXL_OK &&
              (!fog || views_structure(r, &rendered, &image, &structure) == OXL_OK)) {
-        const int factor = fog ? 1 : views_factor(r, &image);
+        const float factor = fog ? 1 : views_factor(r, &image);
         char how[64] = "";
         if (fog) views_brighten(r, &image, &rendered), snprintf(how, sizeof how, ", brightened");
         if (factor > 1) {
-            snprintf(how, sizeof how, ", brightened by a factor of %d", factor);
-            views_stretch(&image, 0, 1.0f / (float)factor), views_stretch(&rendered, 0, 1.0f / (float)factor);
+            snprintf(how, sizeof how, ", brightened by a factor of %.1f", (double)factor);
+            views_stretch(&image, 0, 1 / factor), views_stretch(&rendered, 0, 1 / factor);
         }
         output_add(t, "<div class=\"three\">\n");
         views_figure(r, &image, "Image", how, row->name);
@@ -265,7 +267,7 @@ static void views_show(struct report *r, const char *folder, const struct views_
             views_figure(r, &clear, "Without medium and lamp", "", row->name);
         if (row->psnr - row->plain >= REPORT_VIEWER_LOSS && !fog && ground_view(r, row->name, &plain) &&
             views_reduce(r, &plain) == OXL_OK) {
-            views_stretch(&plain, 0, 1.0f / (float)factor);
+            views_stretch(&plain, 0, 1 / factor);
             views_figure(r, &plain, "In other viewers", how, row->name);
         }
         views_figure(r, &error, "Error", "", row->name);
@@ -291,13 +293,13 @@ static void views_rows(struct output *t, const struct views *v, int from, int to
         t,
         "<div class=\"scroll\"><table><tr><th>view<th class=\"n\">PSNR, dB%s<th class=\"n\">structure%s%s</tr>\n",
         with_ssim ? "<th class=\"n\">SSIM" : "", with_lacks ? "<th class=\"n\">lacks, dB" : "",
-        flags ? "<th>finding" : "");
+        flags ? "<th class=\"n\">finding" : "");
     for (int i = from; i < to; i++)
         output_add(t, "<tr><td class=\"name\">%S<td class=\"n\">%.2f%s%s<td class=\"n\">%s%s%s%s%S</tr>\n",
                    v->row[i].name, v->row[i].psnr, with_ssim ? "<td class=\"n\">" : "",
                    with_ssim ? OUTPUT_FIXED(v->row[i].ssim, 3) : "", OUTPUT_FIXED(v->row[i].structure, 2),
                    with_lacks ? "<td class=\"n\">" : "", with_lacks ? OUTPUT_FIXED(v->row[i].lacks, 1) : "",
-                   flags ? "<td>" : "", flags ? v->row[i].flag : NULL);
+                   flags ? "<td class=\"n\">" : "", flags ? v->row[i].flag : NULL);
     output_add(t, "</table></div>\n");
 }
 

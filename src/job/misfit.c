@@ -35,7 +35,7 @@ static double misfit_gain(const oxl_image *rendered, const oxl_image *image, int
     return rr > 0 ? ri / rr : 1;
 }
 
-/* Returns the squared error of a channel that the means over MISFIT_CELLS x MISFIT_CELLS parts leave no more. */
+/* Returns the squared error of a channel that is even over each of MISFIT_CELLS x MISFIT_CELLS parts. */
 static double misfit_smooth(const oxl_image *rendered, const oxl_image *image, int channel, double gain)
 {
     const int w = image->width, h = image->height;
