@@ -257,7 +257,7 @@ static void views_show(struct report *r, const char *folder, const struct views_
         char how[64] = "";
         if (fog) views_brighten(r, &image, &rendered), snprintf(how, sizeof how, ", brightened");
         if (factor > 1) {
-            snprintf(how, sizeof how, ", brightened by a factor of %.1f", (double)factor);
+            snprintf(how, sizeof how, ", %.1f times as bright", (double)factor);
             views_stretch(&image, 0, 1 / factor), views_stretch(&rendered, 0, 1 / factor);
         }
         output_add(t, "<div class=\"three\">\n");
