@@ -204,4 +204,5 @@
 #include "src/job/lpips.c"             /* LPIPS, for evaluations */
 #include "src/job/metrics_json.c"      /* metrics as JSON */
 #include "src/job/job_result.c"        /* the model in its files, metrics.json, run.json, renders */
+#include "src/job/misfit.c"            /* measures what the error of a render is made of */
 #include "src/job/job_run.c"           /* the whole job: survey folder in, output folder out */

@@ -16,7 +16,9 @@
 
 /* Says that the model fits its training images only, from this gap of structure to held-out views on. */
 #define VERDICT_GAP 0.08
-/* Says that brightness differs, not shape, where one factor a channel mends so many dB. */
+/* Says that errors of new views are larger, though their detail is the same, from so many dB on. */
+#define VERDICT_GAP_PSNR 1.0
+/* Says how much of the error is brightness, where one factor a channel mends so many dB. */
 #define VERDICT_EXPOSURE 0.5
 
 struct verdict {
@@ -53,7 +55,42 @@ static void verdict_gap(struct report *r, double psnr, double structure)
         seen - structure > VERDICT_GAP
             ? ". <b class=\"warn\">New views are worse than those trained on</b>: images overlap too little, or "
               "their poses disagree.</li>\n"
+        : seen_psnr - psnr > VERDICT_GAP_PSNR
+            ? ". New views show about as much detail as those trained on, but their errors are larger.</li>\n"
             : ". New views are about as good as those trained on.</li>\n");
+}
+
+/* Returns 1 if a part of the model was trained with a switch on. */
+static int verdict_has(const struct report *r, const char *name)
+{
+    for (int k = 0; k < r->parts; k++) {
+        const char *decision = oxl_json_member(oxl_json_member(r->block[k].json, "decisions"), name),
+                   *chosen = oxl_json_member(decision, "chosen");
+        if (chosen && strncmp(chosen, "\"on\"", 4) == 0) return 1;
+    }
+    return 0;
+}
+
+/* Says what other viewers lack, and the options of train that this comes from. */
+static void verdict_viewers(struct report *r, double plain)
+{
+    struct output *t = &r->page;
+    const int exposure = verdict_has(r, "exposure"), lamp = verdict_has(r, "lamp"),
+              medium = verdict_has(r, "medium");
+    output_add(t, "<li>Other viewers show scene.ply alone: ");
+    if (exposure || lamp)
+        output_add(t, "%s%s%s, ", exposure ? "at mean exposure" : "", exposure && lamp ? " and " : "",
+                   lamp ? "by even light" : "");
+    if (medium) output_add(t, "with the medium in the colours of the Gaussians, ");
+    output_add(t, "%.2f dB against these images.", plain);
+    if (exposure || lamp)
+        output_add(
+            t, " Trained with <code>%s%s%s</code> a model differs less from them in a viewer, and more here.",
+            exposure ? "--exposure off" : "", exposure && lamp ? " " : "", lamp ? "--lamp off" : "");
+    else if (medium)
+        output_add(t, " Light through the medium depends on distance, which colours alone do not follow: "
+                      "<code>oceanxl render</code> shows it.");
+    output_add(t, "</li>\n");
 }
 
 static void verdict_list(struct report *r, double structure, double share)
@@ -84,8 +121,12 @@ static void verdict_list(struct report *r, double structure, double share)
     if (isfinite(cc)) {
         output_add(
             t,
-            " After one factor a channel and view, which mends exposure and white balance, it is %.2f dB (cc-PSNR)%s",
-            cc, cc - psnr > VERDICT_EXPOSURE ? ": brightness differs, not shape." : ".");
+            " After one factor a channel and view, which mends exposure and white balance, it is %.2f dB (cc-PSNR)",
+            cc);
+        if (cc - psnr > VERDICT_EXPOSURE)
+            output_add(t, ": about %.0f %% of the squared error is brightness or colour of whole views",
+                       100 * (1 - pow(10, (psnr - cc) / 10)));
+        output_add(t, ".");
     }
     if (isfinite(aligned))
         output_add(
@@ -94,13 +135,7 @@ static void verdict_list(struct report *r, double structure, double share)
             "between is error of their poses.",
             aligned);
     output_add(t, "</li>\n");
-    if (psnr - plain >= REPORT_VIEWER_LOSS)
-        output_add(
-            t,
-            "<li>Other viewers show scene.ply alone: at mean exposure and by even light, %.2f dB against "
-            "these images. Trained with <code>--exposure off --lamp off</code> a model differs less from "
-            "them in a viewer, and more here.</li>\n",
-            plain);
+    if (psnr - plain >= REPORT_VIEWER_LOSS) verdict_viewers(r, plain);
     if (split && strncmp(split, "\"test\"", 6) == 0) verdict_gap(r, psnr, structure);
     output_add(t, "</ul>\n");
 }

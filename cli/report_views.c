@@ -1,5 +1,6 @@
 /* report_views.c - lists every evaluated view by PSNR; shows the worst beside their images, with an error
- * map, and those without structure, brightened, with a map of it.
+ * map, and those without structure, stretched, with a map of it. Dark images are shown brighter, by a factor
+ * that is written below them.
  *
  * Images are those of OUT/renders and OUT/training_views, reduced for the page. The error is the mean over
  * the channels of |rendered - image|.
@@ -13,12 +14,19 @@
 enum { VIEWS_SHOWN = 4, VIEWS_SIDE = 560, VIEWS_OPEN = 12 /* rows that are seen without a click */ };
 /* Gives this error, as a fraction of full white, the brightest colour of the error map. */
 #define VIEWS_ERROR_FULL 0.25f
+/* Shows an image brighter if its brightest hundredth begins below VIEWS_DARK, by the factor that brings it to
+ * VIEWS_BRIGHT; both are fractions of full white. */
+#define VIEWS_DARK 0.6f
+#define VIEWS_BRIGHT 0.9f
+#define VIEWS_FACTOR_MAX 20
 
 struct views_row {
     char *name;
     double psnr, ssim, structure,
-        plain; /* plain: PSNR of scene.ply alone; NaN: not known, as is the SSIM of training views */
-    /* what to look at in a training view: "pose", "exposure", "blur", "no structure"; NULL: nothing */
+        plain;    /* plain: PSNR of scene.ply alone; NaN: not known, as is the SSIM of training views */
+    double lacks; /* dB to the neighbours' median, of cc-PSNR or by its exposure; NaN: no training view */
+    /* what is wrong with a training view: "pose", "exposure", "blur", "colour", "reflections",
+     * "no structure"; NULL: nothing */
     char *flag;
 };
 
@@ -50,6 +58,7 @@ static struct views views_read(struct report *r, const char *list)
                                 oxl_json_number(e, "ssim"),
                                 oxl_json_number(e, "structure"),
                                 oxl_json_number(e, "plain_psnr"),
+                                fmax(oxl_json_number(e, "lacks"), oxl_json_number(e, "lacks_exposure")),
                                 json_string(oxl_json_member(e, "flag"))};
         if (row.name && isfinite(row.psnr)) v.row[v.count++] = row;
         else free(row.name), free(row.flag);
@@ -157,24 +166,46 @@ static float views_ranked(float *value, size_t count, size_t rank)
     return value[rank];
 }
 
-/* Stretches both images to the range of `image`, without its darkest and brightest hundredth: a dark image of
- * low contrast hides what its render lacks. */
-static void views_brighten(struct report *r, oxl_image *image, oxl_image *rendered)
+/* Finds the values below and above which the darkest and the brightest hundredth of an image's values are. */
+static void views_range(struct report *r, const oxl_image *image, float *low, float *high)
 {
     const size_t values = 3 * (size_t)image->width * (size_t)image->height;
-    float *work = malloc(values * sizeof *work), low, range;
+    float *work = malloc(values * sizeof *work);
+    *low = 0, *high = 1;
     if (!work) {
         r->page.failed = 1;
         return;
     }
     memcpy(work, image->rgb, values * sizeof *work);
-    low = views_ranked(work, values, values / 100);
-    range = fmaxf(views_ranked(work, values, values - 1 - values / 100) - low, 1.0f / 255);
+    *low = views_ranked(work, values, values / 100);
+    *high = views_ranked(work, values, values - 1 - values / 100);
     free(work);
-    for (size_t i = 0; i < values; i++) {
+}
+
+/* Maps the values from `low` to low + range to black to white. */
+static void views_stretch(oxl_image *image, float low, float range)
+{
+    for (size_t i = 0; i < 3 * (size_t)image->width * (size_t)image->height; i++)
         image->rgb[i] = (image->rgb[i] - low) / range;
-        rendered->rgb[i] = (rendered->rgb[i] - low) / range;
-    }
+}
+
+/* Stretches both images to the range of `image`, without its darkest and brightest hundredth: a dark image of
+ * low contrast hides what its render lacks. */
+static void views_brighten(struct report *r, oxl_image *image, oxl_image *rendered)
+{
+    float low, high;
+    views_range(r, image, &low, &high);
+    views_stretch(image, low, fmaxf(high - low, 1.0f / 255));
+    views_stretch(rendered, low, fmaxf(high - low, 1.0f / 255));
+}
+
+/* Returns the factor by which an image is shown brighter, in tenths; 1: it is not dark. */
+static float views_factor(struct report *r, const oxl_image *image)
+{
+    float low, high;
+    views_range(r, image, &low, &high);
+    if (!(high < VIEWS_DARK)) return 1;
+    return floorf(10 * fminf(VIEWS_BRIGHT / fmaxf(high, 1.0f / 255), VIEWS_FACTOR_MAX)) / 10;
 }
 
 /* Draws a map of structure: black where the render has nothing of the image's, white where it has all, grey
@@ -194,12 +225,14 @@ static oxl_result views_structure(struct report *r, const oxl_image *rendered, c
     return rc;
 }
 
-static void views_figure(struct report *r, const oxl_image *image, const char *what, const char *name)
+/* how: ", brightened", or "". */
+static void views_figure(struct report *r, const oxl_image *image, const char *what, const char *how,
+                         const char *name)
 {
-    output_add(&r->page, "<figure><img width=\"%d\" height=\"%d\" alt=\"%s of %S\" src=\"", image->width,
-               image->height, what, name);
+    output_add(&r->page, "<figure><img width=\"%d\" height=\"%d\" alt=\"%s%s of %S\" src=\"", image->width,
+               image->height, what, how, name);
     page_jpeg(r, image, 80);
-    output_add(&r->page, "\"><figcaption>%s</figcaption></figure>\n", what);
+    output_add(&r->page, "\"><figcaption>%s%s</figcaption></figure>\n", what, how);
 }
 
 /* Shows a view: image, render and error, brightened and with structure where the render has none; without
@@ -220,17 +253,25 @@ static void views_show(struct report *r, const char *folder, const struct views_
     else if (views_reduce(r, &rendered) == OXL_OK && views_reduce(r, &image) == OXL_OK &&
              views_error(r, &rendered, &image, &error) == OXL_OK &&
              (!fog || views_structure(r, &rendered, &image, &structure) == OXL_OK)) {
-        if (fog) views_brighten(r, &image, &rendered);
+        const float factor = fog ? 1 : views_factor(r, &image);
+        char how[64] = "";
+        if (fog) views_brighten(r, &image, &rendered), snprintf(how, sizeof how, ", brightened");
+        if (factor > 1) {
+            snprintf(how, sizeof how, ", %.1f times as bright", (double)factor);
+            views_stretch(&image, 0, 1 / factor), views_stretch(&rendered, 0, 1 / factor);
+        }
         output_add(t, "<div class=\"three\">\n");
-        views_figure(r, &image, fog ? "Image, brightened" : "Image", row->name);
-        views_figure(r, &rendered, fog ? "Rendered, brightened" : "Rendered", row->name);
+        views_figure(r, &image, "Image", how, row->name);
+        views_figure(r, &rendered, "Rendered", how, row->name);
         if (views_image(r, folder, row->name, ".clear.png", &clear) && views_reduce(r, &clear) == OXL_OK)
-            views_figure(r, &clear, "Without medium and lamp", row->name);
+            views_figure(r, &clear, "Without medium and lamp", "", row->name);
         if (row->psnr - row->plain >= REPORT_VIEWER_LOSS && !fog && ground_view(r, row->name, &plain) &&
-            views_reduce(r, &plain) == OXL_OK)
-            views_figure(r, &plain, "In other viewers", row->name);
-        views_figure(r, &error, "Error", row->name);
-        if (fog) views_figure(r, &structure, "Structure", row->name);
+            views_reduce(r, &plain) == OXL_OK) {
+            views_stretch(&plain, 0, 1 / factor);
+            views_figure(r, &plain, "In other viewers", how, row->name);
+        }
+        views_figure(r, &error, "Error", "", row->name);
+        if (fog) views_figure(r, &structure, "Structure", "", row->name);
         output_add(t, "</div>\n");
     } else t->failed = 1;
     oxl_image_free(r->ctx, &rendered);
@@ -246,16 +287,19 @@ static void views_show(struct report *r, const char *folder, const struct views_
 /* Writes a table of the views from `from` to `to` - 1. flags: with a column for what is wrong with a view. */
 static void views_rows(struct output *t, const struct views *v, int from, int to, int flags)
 {
-    const int with_ssim = from < to && !isnan(v->row[from].ssim);
+    const int with_ssim = from < to && !isnan(v->row[from].ssim),
+              with_lacks = from < to && !isnan(v->row[from].lacks);
     output_add(
         t,
-        "<div class=\"scroll\"><table><tr><th>view<th class=\"n\">PSNR, dB%s<th class=\"n\">structure%s</tr>\n",
-        with_ssim ? "<th class=\"n\">SSIM" : "", flags ? "<th>look at" : "");
+        "<div class=\"scroll\"><table><tr><th>view<th class=\"n\">PSNR, dB%s<th class=\"n\">structure%s%s</tr>\n",
+        with_ssim ? "<th class=\"n\">SSIM" : "", with_lacks ? "<th class=\"n\">lacks, dB" : "",
+        flags ? "<th class=\"n\">finding" : "");
     for (int i = from; i < to; i++)
-        output_add(t, "<tr><td class=\"name\">%S<td class=\"n\">%.2f%s%s<td class=\"n\">%s%s%S</tr>\n",
+        output_add(t, "<tr><td class=\"name\">%S<td class=\"n\">%.2f%s%s<td class=\"n\">%s%s%s%s%S</tr>\n",
                    v->row[i].name, v->row[i].psnr, with_ssim ? "<td class=\"n\">" : "",
                    with_ssim ? OUTPUT_FIXED(v->row[i].ssim, 3) : "", OUTPUT_FIXED(v->row[i].structure, 2),
-                   flags ? "<td>" : "", v->row[i].flag);
+                   with_lacks ? "<td class=\"n\">" : "", with_lacks ? OUTPUT_FIXED(v->row[i].lacks, 1) : "",
+                   flags ? "<td class=\"n\">" : "", flags ? v->row[i].flag : NULL);
     output_add(t, "</table></div>\n");
 }
 
@@ -327,25 +371,53 @@ void views_section(struct report *r)
 
 /* ---------------- training images */
 
+static int views_flagged(const struct views *v, const char *flag)
+{
+    int count = 0;
+    for (int i = 0; i < v->count; i++) count += v->row[i].flag && strcmp(v->row[i].flag, flag) == 0;
+    return count;
+}
+
+/* Says what each finding of the table means. */
+static void views_findings(struct output *t, const struct views *v)
+{
+    if (views_flagged(v, "pose") + views_flagged(v, "exposure") + views_flagged(v, "blur") > 0)
+        output_add(
+            t, " Correct an image with a wrong pose, another exposure or blur, or leave it out, and train "
+               "again.");
+    if (views_flagged(v, "colour") > 0)
+        output_add(t, " Colour: it differs in colour or light over part of the image.");
+    if (views_flagged(v, "reflections") > 0)
+        output_add(t,
+                   " Reflections: it has bright spots that other views do not show, which the model cannot "
+                   "follow; nothing to mend.");
+}
+
 void views_training_section(struct report *r)
 {
     struct output *t = &r->page;
     const char *list = oxl_json_member(r->metrics, "training");
-    const double flagged = oxl_json_number(list, "flagged"), all = oxl_json_number(list, "of");
+    const double flagged = oxl_json_number(list, "flagged"), all = oxl_json_number(list, "of"),
+                 iterations = oxl_json_number(r->metrics, "iterations");
     struct views v = views_read(r, oxl_json_member(list, "views"));
     int shown = 0;
     if (v.count > 0) {
         page_section(r, "Training images that fit worst");
-        output_add(
-            t,
-            "<p>%d of %d fit far worse than neighbouring images, or are rendered without structure. The cause of the former is "
-            "a wrong pose, another exposure or blur: leave such an image out, or correct it, and train again.",
-            flagged > 0 ? (int)flagged : 0, v.count);
+        output_add(t,
+                   "<p>%d of %d fit far worse than neighbouring images, or are rendered without structure.",
+                   flagged > 0 ? (int)flagged : 0, v.count);
+        views_findings(t, &v);
+        output_add(t,
+                   " %sorted by what an image lacks: dB of cc-PSNR, or of exposure, to the median of its "
+                   "neighbours.",
+                   flagged > 0 ? "Those first; s" : "S");
         if (all > v.count)
-            output_add(t, " Of %.0f training images this short run judged %d, evenly spaced.", all, v.count);
-        output_add(t, "</p>\n");
+            output_add(t, " %d of %.0f training images are judged, evenly spaced", v.count, all);
+        if (all > v.count && iterations >= v.count)
+            output_add(t, ": one for each %.0f iterations", floor(iterations / v.count));
+        output_add(t, all > v.count ? ".</p>\n" : "</p>\n");
         while (shown < v.count && (v.row[shown].flag || shown < VIEWS_OPEN)) shown++;
-        views_rows(t, &v, 0, shown, 1);
+        views_rows(t, &v, 0, shown, flagged > 0);
         for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, "training_views", &v.row[i]);
         views_fog(r, "training_views", "training", &v);
     }

@@ -866,6 +866,8 @@ TEST(job_without_held_out_views_evaluates_training_views_and_says_so)
     options.renders = 0;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"split\": \"train\""));
+    CHECK(
+        job_test_has(test_path("out/metrics.json"), "\"training\": {\"count\": 9, \"of\": 9, ")); /* not 6 */
     CHECK(!os_is_folder(test_path("out/renders")));
 }
 

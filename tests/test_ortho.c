@@ -361,7 +361,7 @@ TEST(ground_is_not_seen_through_what_is_before_it_nor_from_far_away)
     model.plane[OXL_OPACITY][0] = 6;
     CHECK_OK(ground_count_views(test_ctx, NULL, scene, &g));
     CHECK(seen == 2);
-    g.enough = 1; /* The second view is not looked at. */
+    g.enough = 1; /* The second view is not counted. */
     CHECK_OK(ground_count_views(test_ctx, NULL, scene, &g));
     CHECK(seen == 1);
     g.enough = 0;

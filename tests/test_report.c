@@ -271,10 +271,12 @@ static void report_test_verdict(double structure, double explained, double train
     test_write("out/metrics.json", json);
     page = report_test_page();
     CHECK_TEXT(page, word);
-    CHECK_TEXT(page, "it is 39.00 dB (cc-PSNR): brightness differs, not shape");
+    CHECK_TEXT(page, "it is 39.00 dB (cc-PSNR): about 21 % of the squared error is brightness or colour");
     CHECK_TEXT(page, "1 view has no structure");
     CHECK_TEXT(page, "40.50 dB (2.50 dB more than held-out views)");
     CHECK(!strstr(page, "New views are worse") == (training - structure <= VERDICT_GAP));
+    CHECK(!strstr(page, "but their errors are larger") == (training - structure > VERDICT_GAP));
+    CHECK(!strstr(page, "New views are about as good")); /* 2.5 dB */
     free(page);
 }
 
@@ -287,6 +289,129 @@ TEST(report_judges_by_structure_and_explained_contrast_whatever_the_psnr)
     report_test_verdict(0.55, 13, 0.60, "Image quality: poor.");
     report_test_verdict(0.97, 1, 0.98, "Image quality: not usable.");
     report_test_verdict(0.3, 13, 0.35, "Image quality: not usable.");
+}
+
+TEST(report_calls_new_views_as_good_whose_errors_are_no_larger)
+{
+    char *page;
+    report_test_run();
+    test_write("out/metrics.json",
+               "{\"split\": \"test\", \"psnr\": 38, \"structure\": 0.9, \"training\": {\"psnr\": 38.4, "
+               "\"structure\": 0.91, \"views\": []}, \"views\": [{\"name\": \"a.jpg\", \"psnr\": 38}]}");
+    page = report_test_page();
+    CHECK_TEXT(page, "(0.40 dB more than held-out views). New views are about as good as those trained on");
+    free(page);
+}
+
+/* What other viewers lack is from what the run fitted: of exposure, lamp and medium those in `on`. */
+static void report_test_viewers(int on, const char *said, const char *advice)
+{
+    static const char *const names[] = {"exposure", "lamp", "medium"};
+    struct output t = {0};
+    char *page;
+    report_test_run();
+    output_add(&t, "{\"finished\": true, \"decisions\": {");
+    for (int k = 0; k < 3; k++)
+        output_add(&t, "%s\"%s\": {\"chosen\": \"%s\", \"evidence\": \"\"}", k ? ", " : "", names[k],
+                   on >> k & 1 ? "on" : "off");
+    output_add(&t, "}}");
+    test_write("out/blocks/001/block.json", t.data);
+    test_write("out/metrics.json",
+               "{\"split\": \"test\", \"psnr\": 30, \"plain_psnr\": 27, \"structure\": 0.9, "
+               "\"views\": [{\"name\": \"a.jpg\", \"psnr\": 30}]}");
+    page = report_test_page();
+    CHECK_TEXT(page, said);
+    CHECK_TEXT(page, advice);
+    CHECK(!strstr(page, "--exposure off") == !(on & 1) && !strstr(page, "--lamp off") == !(on & 2));
+    free(page);
+    free(t.data);
+}
+
+TEST(report_says_why_other_viewers_show_less_by_what_was_fitted)
+{
+    report_test_viewers(0, "scene.ply alone: 27.00 dB against these images.</li>", "");
+    report_test_viewers(1, "alone: at mean exposure, 27.00", "<code>--exposure off</code>");
+    report_test_viewers(2, "alone: by even light, 27.00", "<code>--lamp off</code>");
+    report_test_viewers(3, "alone: at mean exposure and by even light, 27.00",
+                        "<code>--exposure off --lamp off</code>");
+    report_test_viewers(4, "alone: with the medium in the colours of the Gaussians, 27.00",
+                        "<code>oceanxl render</code> shows it");
+    report_test_viewers(6, "alone: by even light, with the medium in", "<code>--lamp off</code>");
+}
+
+/* Writes metrics of three training views, the first with a flag; NULL: with none. */
+static char *report_test_training(const char *flag, int all)
+{
+    struct output t = {0};
+    char *page;
+    report_test_run();
+    output_add(
+        &t,
+        "{\"split\": \"test\", \"psnr\": 30, \"iterations\": 60, \"training\": {\"count\": 3, \"of\": %d, "
+        "\"flagged\": %d, \"views\": [",
+        all, flag != NULL);
+    for (int k = 0; k < 3; k++)
+        output_add(&t,
+                   "%s{\"name\": \"t%d.jpg\", \"psnr\": %d, \"structure\": 0.9, \"lacks\": %d.2, "
+                   "\"lacks_exposure\": %d.8%s%s%s}",
+                   k ? ", " : "", k, 25 + k, 8 - 4 * k, 4 * k, k == 0 && flag ? ", \"flag\": \"" : "",
+                   k == 0 && flag ? flag : "", k == 0 && flag ? "\"" : "");
+    output_add(&t, "]}, \"views\": [{\"name\": \"a.jpg\", \"psnr\": 30}]}");
+    test_write("out/metrics.json", t.data);
+    page = report_test_page();
+    free(t.data);
+    return page;
+}
+
+TEST(report_shows_what_training_images_lack_and_what_was_found)
+{
+    static const char *const findings[][2] = {{"pose", "Correct an image with a wrong pose"},
+                                              {"blur", "Correct an image with a wrong pose"},
+                                              {"colour", "Colour: it differs in colour or light"},
+                                              {"reflections", "Reflections: it has bright spots"}};
+    char *page = report_test_training(NULL, 3);
+    CHECK_TEXT(page, "<th class=\"n\">structure<th class=\"n\">lacks, dB</tr>");
+    CHECK_TEXT(page, "t0.jpg<td class=\"n\">25.00<td class=\"n\">0.90<td class=\"n\">8.2</tr>");
+    CHECK_TEXT(page,
+               "t2.jpg<td class=\"n\">27.00<td class=\"n\">0.90<td class=\"n\">8.8</tr>"); /* exposure */
+    CHECK_TEXT(page, "0 of 3 fit far worse");
+    CHECK_TEXT(page, "Sorted by what an image lacks");
+    CHECK(!strstr(page, "finding") && !strstr(page, "are judged") && !strstr(page, "Correct an image"));
+    free(page);
+    for (size_t i = 0; i < OXL_COUNT(findings); i++) {
+        char cell[80];
+        page = report_test_training(findings[i][0], 3);
+        snprintf(cell, sizeof cell, "8.2<td class=\"n\">%s</tr>", findings[i][0]);
+        CHECK_TEXT(page, "lacks, dB<th class=\"n\">finding</tr>");
+        CHECK_TEXT(page, cell);
+        CHECK_TEXT(page, findings[i][1]);
+        CHECK(!strstr(page, "Reflections:") == (i != 3) && !strstr(page, "Colour:") == (i != 2));
+        free(page);
+    }
+    page = report_test_training(NULL, 7);
+    CHECK_TEXT(page, "3 of 7 training images are judged, evenly spaced: one for each 20 iterations.");
+    free(page);
+}
+
+/* 0.9 of white by 0.14 is 6.4. */
+TEST(report_shows_dark_images_brighter_and_says_by_how_much)
+{
+    static const struct {
+        float grey;
+        const char *said;
+    } cases[] = {{0.14f, ", 6.3 times as bright<"}, {0.7f, "<figcaption>Image<"}};
+    for (size_t i = 0; i < OXL_COUNT(cases); i++) {
+        char *page;
+        report_test_run();
+        CHECK_OK(oxl_make_folder(test_ctx, test_path("out/renders")));
+        report_test_picture("out/renders/fine.png.png", cases[i].grey / 2);
+        report_test_picture("out/renders/fine.png.image.png", cases[i].grey);
+        page = report_test_page();
+        CHECK_TEXT(page, cases[i].said);
+        CHECK(!strstr(page, "times as bright") == (i == 1));
+        CHECK_TEXT(page, "<figcaption>Error<");
+        free(page);
+    }
 }
 
 TEST(report_has_every_warning_of_the_log)

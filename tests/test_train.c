@@ -651,6 +651,19 @@ TEST(train_rates_of_a_short_run_begin_larger_by_the_root_of_its_factor_and_not_f
     CHECK_CLOSE(start.rate[OXL_MEAN] / paper.rate[OXL_MEAN], h, 1e-5);
 }
 
+/* (2000 / 1000)^0.5; and (30 000 / 1000)^0.25 for SH, as in runs above 2000 iterations. */
+TEST(train_rates_of_opacity_and_colours_are_larger_below_2000_iterations)
+{
+    static const int plane[] = {OXL_OPACITY, OXL_SH, OXL_SH + 3};
+    const struct adam_params at[2] = {train_adam_params_at(999, 1000, 0.5f, 0),
+                                      train_adam_params_at(1999, 2000, 0.5f, 0)},
+                             paper = train_adam_params_at(999, 1000, 0, 0);
+    for (size_t k = 0; k < OXL_COUNT(plane); k++)
+        for (int i = 0; i < 2; i++)
+            CHECK_CLOSE(at[i].rate[plane[k]] / paper.rate[plane[k]],
+                        sqrt(i ? 1 : 2) * (k == 2 ? pow(i ? 15 : 30, 0.25) : 1), 1e-5);
+}
+
 /* A sixteenth of the rows in each view: the first steps are four times too large; (30 000 / 1875)^0.5 = 4. */
 TEST(train_moves_gaussians_ten_rates_at_most_where_views_show_few_of_them)
 {

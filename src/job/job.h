@@ -88,7 +88,7 @@ OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char
 /* Fails with OXL_ERR_USAGE for several blocks, which only start from the survey. */
 OXL_INTERNAL oxl_result start_check(oxl_context *ctx, const struct start *start, int blocks);
 
-/* ---------------- render_names.c, render_files.c, training_views.c */
+/* ---------------- render_names.c, render_files.c */
 
 /* Lists the suffixes of a view's files, and the temporary names of these and of their list. */
 #define RENDER_SUFFIXES ".png", ".image.png", ".clear.png", ".depth.png", ".depth.pfm", ".depth16.png"
@@ -109,11 +109,25 @@ struct render_files {
 };
 /* Renders the given views like oxl_render_views. */
 OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_files *f, int *count);
+
+/* ---------------- training_views.c, misfit.c */
+
 /* Evaluates the training views, adds the member "training" of metrics.json with its comma, and renders the
  * worst views beside their images into `folder` (NULL: none). After enough iterations also logs views that
- * fit far worse than their neighbours. */
+ * fit far worse than their neighbours. measured: metrics of all training views; NULL: evaluates them, or
+ * some if the run is short. */
 OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_large_model *model, oxl_scene *scene,
-                                             int iterations, struct text *json, const char *folder);
+                                             int iterations, const oxl_metrics *measured, struct text *json,
+                                             const char *folder);
+
+/* Holds fractions of the squared error of a render: of detail, that one shift explains; where the image is
+ * brighter; in the worst hundredth of the pixels; that is even over a 64th of the image. */
+struct misfit {
+    double shifted, brighter, spots, smooth;
+};
+/* Measures them, after one factor per channel. Clamps the render; gives masked pixels of the image NaN. */
+OXL_INTERNAL oxl_result misfit_measure(oxl_context *ctx, oxl_image *rendered, oxl_image *image,
+                                       struct misfit *out);
 
 /* ---------------- survey_report.c: content of a survey, predicted cost */
 

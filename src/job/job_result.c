@@ -230,7 +230,8 @@ static oxl_result job_write_metrics(struct job *job, const oxl_large_model *stan
     job_add_figures(job, &t, bytes[0]);
     rc = job_add_standard(job, &t, standard, bytes[1], &m);
     if (rc != OXL_OK) goto done;
-    rc = training_views_check(job->ctx, &job->result, job->scene, job->total.iterations, &t,
+    rc = training_views_check(job->ctx, &job->result, job->scene, job->total.iterations,
+                              job_evaluated_split(job) == OXL_SPLIT_TRAIN ? &m : NULL, &t,
                               job->options.renders ? PATH(job->out, "training_views") : NULL);
     if (rc != OXL_OK) goto done;
     rc = metrics_json_add(&t, job->scene, &m);

@@ -1,10 +1,10 @@
 /* training_views.c - tells how well each training view fits, which views fit far worse than their neighbours
- * (a wrong pose, another exposure, or blur), and which renders lack the structure of their images.
+ * (a wrong pose, another exposure, blur, reflections), and which renders lack the structure of their images.
  *
  * A view is compared with the 8 nearest of similar direction. The gain of one factor for each channel beyond
  * their median is set against its spread over all views (median absolute deviation, 1.4826 of it is a
- * standard deviation [Rousseeuw & Croux 1993]). A view that lacks decibels has a wrong pose when a shift of
- * the image explains them, and is blurred when it is less sharp.
+ * standard deviation [Rousseeuw & Croux 1993]). Of a view that lacks decibels, what its error is made of
+ * (misfit.c) says why: a wrong pose, reflections, or light; else it is blurred when it is less sharp.
  *
  * A short run judges some views, evenly spaced, and finds their neighbours among these.
  *
@@ -19,25 +19,51 @@
 
 enum {
     TRAINING_STEPS = 5, /* steps per view, from which on its error is evidence */
-    TRAINING_MIN = 6 /* views; with fewer no view is flagged */,
-    TRAINING_SHOWN = 4,     /* worst views, and views of least structure, that are rendered */
-    TRAINING_SMALLEST = 24, /* px; longer side of the smallest image in which a shift is sought */
-    TRAINING_LARGEST = 200  /* px; longer side of the largest one */
+    TRAINING_MIN = 6,   /* views; with fewer no view is flagged */
+    TRAINING_SHOWN = 4  /* worst views, and views of least structure, that are rendered */
 };
 #define TRAINING_DECIBEL 2.5 /* Flags a view that lacks so many decibels. */
 /* Flags a view whose exposure is off by so many spreads: one of 10^5 views of a normal distribution. */
 #define TRAINING_SPREADS 4.5
-/* Counts a pose as wrong if a shift explains this fraction of the error: it explains 0.09 to 0.52 in
- * displaced views, at most 0.05 in a sound survey. */
-#define TRAINING_SHIFTED 0.07
-#define TRAINING_NO_STRUCTURE "no structure" /* Flags views below OXL_STRUCTURE_NONE. */
+/* Counts a pose as wrong if a shift explains this fraction of the error of detail: it explains 0.31 to 0.77
+ * in views turned by 0.2 to 2 degrees, at most 0.06 in surveys as they are (docs/log/POSES.md). */
+#define TRAINING_SHIFTED 0.15
+/* Counts a view's error as reflections if so much of it is where the image is brighter, and so much in the
+ * worst hundredth of the pixels. */
+#define TRAINING_BRIGHTER 0.8
+#define TRAINING_SPOTS 0.5
+/* Counts it as one of colour or light if so much of it is even over a 64th of the image. */
+#define TRAINING_SMOOTH 0.5
+
+/* Lists what a view is flagged with, in the order of the log. */
+enum training_flag {
+    TRAINING_NONE,
+    TRAINING_POSE,
+    TRAINING_EXPOSURE,
+    TRAINING_BLUR,
+    TRAINING_COLOUR,
+    TRAINING_REFLECTIONS,
+    TRAINING_NO_STRUCTURE, /* is below OXL_STRUCTURE_NONE, and has no other flag */
+    TRAINING_FLAGS
+};
+
+static const struct {
+    const char *name, *message; /* member "flag" of metrics.json; NULL: the log has no line for each view */
+} TRAINING_FLAG[TRAINING_FLAGS] = {
+    [TRAINING_POSE] = {"pose", "look at its pose"},
+    [TRAINING_EXPOSURE] = {"exposure", "look at its exposure and white balance"},
+    [TRAINING_BLUR] = {"blur", "look at its focus and motion blur"},
+    [TRAINING_COLOUR] = {"colour", "it differs in colour or light over part of the image"},
+    [TRAINING_REFLECTIONS] = {"reflections", "it has bright spots that other views do not show: reflections, "
+                                             "which the model cannot follow; nothing to mend"},
+    [TRAINING_NO_STRUCTURE] = {"no structure", NULL}};
 
 struct training_row {
     int at; /* index in the metrics */
     /* dB to the neighbours' median: of cc_psnr; of the gain by one factor per channel */
     double lacks, exposure;
     double structure;
-    const char *flag; /* NULL: the view has no flag */
+    enum training_flag flag;
 };
 
 struct training_views {
@@ -91,62 +117,21 @@ static double training_limit(struct training_views *t)
     return OXL_MAX(TRAINING_DECIBEL, middle + TRAINING_SPREADS * spread);
 }
 
-/* ---------------- pose */
+/* ---------------- what its error is made of */
 
-/* Averages the green channel over n x n pixels. */
-static void training_reduce(const oxl_image *image, int n, float *out)
-{
-    const int w = image->width / n, h = image->height / n;
-    for (int y = 0; y < h; y++)
-        for (int x = 0; x < w; x++) {
-            float sum = 0;
-            for (int k = 0; k < n * n; k++)
-                sum += image->rgb[((size_t)image->height + (size_t)(y * n + k / n)) * (size_t)image->width +
-                                  (size_t)(x * n + k % n)];
-            out[y * w + x] = sum / (float)(n * n);
-        }
-}
-
-/* Returns the fraction of the squared difference of two images that one shift of the whole image
- * explains [Lucas & Kanade 1981]. */
-static double training_shift(const float *rendered, const float *image, int w, int h)
-{
-    double xx = 0, xy = 0, yy = 0, xe = 0, ye = 0, ee = 0, det;
-    for (int y = 1; y + 1 < h; y++)
-        for (int x = 1; x + 1 < w; x++) {
-            const float *d = rendered + y * w + x;
-            const double gx = 0.5 * (d[1] - d[-1]), gy = 0.5 * (d[w] - d[-w]), e = image[y * w + x] - d[0];
-            xx += gx * gx, xy += gx * gy, yy += gy * gy, xe += gx * e, ye += gy * e, ee += e * e;
-        }
-    det = xx * yy - xy * xy;
-    return det > 0 && ee > 0 ? (yy * xe * xe - 2 * xy * xe * ye + xx * ye * ye) / (det * ee) : 0;
-}
-
-/* Finds the largest fraction over halved images, since a shift of many pixels is one of few in a small image.
- * A displaced camera draws the scene beside its place; no shift helps a view that is only hard to fit. */
-static oxl_result training_displaced(struct training_views *t, const struct render_source *source, int at,
-                                     double *out)
+static oxl_result training_misfit(struct training_views *t, const struct render_source *source, int at,
+                                  struct misfit *out)
 {
     oxl_image image = {0}, rendered = {0};
     struct renderer *r = NULL;
     const int view = t->m->views[at].view;
-    float *work = NULL;
     oxl_result rc = oxl_scene_image(t->ctx, t->scene, view, &image);
-    *out = 0;
+    *out = (struct misfit){0};
     if (rc == OXL_OK) rc = renderer_create(t->ctx, &r);
     if (rc == OXL_OK)
         rc = evaluate_draw(t->ctx, &(struct drawn){r, source, t->scene, &t->scene->imaging}, view, &rendered,
                            NULL);
-    if (rc == OXL_OK) work = oxl_alloc(t->ctx, 2 * (size_t)image.width * (size_t)image.height, sizeof *work);
-    if (rc == OXL_OK && !work) rc = OXL_ERR_MEMORY;
-    for (int n = 1; rc == OXL_OK && OXL_MAX(image.width, image.height) / n >= TRAINING_SMALLEST; n *= 2) {
-        const int w = image.width / n, h = image.height / n;
-        if (OXL_MAX(w, h) > TRAINING_LARGEST) continue;
-        training_reduce(&image, n, work);
-        training_reduce(&rendered, n, work + (size_t)w * (size_t)h);
-        *out = OXL_MAX(*out, training_shift(work + (size_t)w * (size_t)h, work, w, h));
-    }
-    oxl_free(t->ctx, work);
+    if (rc == OXL_OK) rc = misfit_measure(t->ctx, &rendered, &image, out);
     renderer_free(t->ctx, r);
     oxl_image_free(t->ctx, &image);
     oxl_image_free(t->ctx, &rendered);
@@ -175,16 +160,10 @@ static oxl_result training_is_blurred(struct training_views *t, int at, int *blu
 
 /* ---------------- flags */
 
-/* Returns 1 if the view is flagged as without structure. */
-static int training_is_fog(const struct training_row *row)
-{
-    return row->flag && !strcmp(row->flag, TRAINING_NO_STRUCTURE);
-}
-
 /* Ranks views with another flag first, then those without structure, then the rest. */
 static int training_rank(const struct training_row *row)
 {
-    return !row->flag ? 2 : training_is_fog(row);
+    return row->flag == TRAINING_NONE ? 2 : row->flag == TRAINING_NO_STRUCTURE;
 }
 
 static int training_order(const void *a, const void *b)
@@ -192,7 +171,8 @@ static int training_order(const void *a, const void *b)
     const struct training_row *x = a, *y = b;
     const double p = OXL_MAX(x->lacks, x->exposure), q = OXL_MAX(y->lacks, y->exposure);
     if (training_rank(x) != training_rank(y)) return training_rank(x) - training_rank(y);
-    if (training_is_fog(x) && x->structure != y->structure) return x->structure < y->structure ? -1 : 1;
+    if (x->flag == TRAINING_NO_STRUCTURE && x->structure != y->structure)
+        return x->structure < y->structure ? -1 : 1;
     if (p != q) return p > q ? -1 : 1;
     return x->at - y->at;
 }
@@ -205,10 +185,32 @@ static int training_suffers(const struct training_views *t, const struct trainin
     const int count = training_nearest(t, row->at, near);
     for (const struct training_row *other = t->row; other < end; other++)
         for (int k = 0; k < count; k++)
-            if (other->at == near[k] && other->flag && !strcmp(other->flag, "pose") &&
+            if (other->at == near[k] && other->flag == TRAINING_POSE &&
                 other->lacks > row->lacks + TRAINING_DECIBEL)
                 return 1;
     return 0;
+}
+
+/* Says what a view's error is. A view without structure differs in everything. */
+static oxl_result training_cause(struct training_views *t, const struct render_source *source,
+                                 const struct training_row *row, enum training_flag *out)
+{
+    const int has_structure = !(row->structure < OXL_STRUCTURE_NONE);
+    struct misfit error;
+    int blurred = 0;
+    oxl_result rc = training_misfit(t, source, row->at, &error);
+    *out = TRAINING_NONE;
+    if (rc != OXL_OK) return rc;
+    if (error.shifted > TRAINING_SHIFTED) {
+        if (!training_suffers(t, row, row)) *out = TRAINING_POSE;
+    } else if (has_structure && error.brighter > TRAINING_BRIGHTER && error.spots > TRAINING_SPOTS)
+        *out = TRAINING_REFLECTIONS;
+    else if (has_structure && error.smooth > TRAINING_SMOOTH) *out = TRAINING_COLOUR;
+    else {
+        rc = training_is_blurred(t, row->at, &blurred);
+        if (blurred) *out = TRAINING_BLUR;
+    }
+    return rc;
 }
 
 /* Flags the rows in their order, the worst first, so that a displaced view is known before its neighbours. */
@@ -218,16 +220,10 @@ static oxl_result training_flag(struct training_views *t, const struct render_so
     oxl_result rc = OXL_OK;
     for (int i = 0; i < t->m->count && t->m->count >= TRAINING_MIN && rc == OXL_OK; i++) {
         struct training_row *row = &t->row[i];
-        double shifted = 0;
-        int blurred = 0;
-        if (row->exposure > exposure) row->flag = "exposure";
+        if (row->exposure > exposure) row->flag = TRAINING_EXPOSURE;
         if (row->flag || row->lacks <= TRAINING_DECIBEL) continue;
         rc = context_stopped(t->ctx);
-        if (rc == OXL_OK) rc = training_displaced(t, source, row->at, &shifted);
-        if (rc == OXL_OK && shifted > TRAINING_SHIFTED)
-            row->flag = training_suffers(t, row, row) ? NULL : "pose";
-        else if (rc == OXL_OK) rc = training_is_blurred(t, row->at, &blurred);
-        if (blurred) row->flag = "blur";
+        if (rc == OXL_OK) rc = training_cause(t, source, row, &row->flag);
     }
     return rc;
 }
@@ -244,18 +240,14 @@ static void training_flag_structure(struct training_views *t)
 
 static void training_report(const struct training_views *t)
 {
-    static const char *const kinds[] = {"pose", "exposure", "blur"};
-    for (size_t k = 0; k < OXL_COUNT(kinds); k++)
+    for (int flag = 0; flag < TRAINING_FLAGS; flag++)
         for (int i = 0; i < t->m->count; i++) {
             const struct training_row *row = &t->row[i];
-            if (!row->flag || strcmp(row->flag, kinds[k])) continue;
-            oxl_log(t->ctx, OXL_LOG_WARNING,
-                    "training image %s fits %.1f dB worse than its neighbours: look at its %s",
+            if ((int)row->flag != flag || !TRAINING_FLAG[flag].message) continue;
+            oxl_log(t->ctx, flag == TRAINING_REFLECTIONS ? OXL_LOG_INFO : OXL_LOG_WARNING,
+                    "training image %s fits %.1f dB worse than its neighbours: %s",
                     oxl_scene_view(t->scene, t->m->views[row->at].view)->name,
-                    OXL_MAX(row->lacks, row->exposure),
-                    k == 0   ? "pose"
-                    : k == 1 ? "exposure and white balance"
-                             : "focus and motion blur");
+                    OXL_MAX(row->lacks, row->exposure), TRAINING_FLAG[flag].message);
         }
 }
 
@@ -266,7 +258,7 @@ static void training_report_structure(const struct training_views *t)
     int fog = 0;
     for (int i = 0; i < t->m->count; i++) {
         const struct training_row *row = &t->row[i];
-        if (!training_is_fog(row)) continue;
+        if (row->flag != TRAINING_NO_STRUCTURE) continue;
         if (!least || row->structure < least->structure) least = row;
         fog++;
     }
@@ -282,7 +274,7 @@ static void training_report_structure(const struct training_views *t)
 static void training_add_json(const struct training_views *t, struct text *out)
 {
     int flagged = 0;
-    for (int i = 0; i < t->m->count; i++) flagged += t->row[i].flag != NULL;
+    for (int i = 0; i < t->m->count; i++) flagged += t->row[i].flag != TRAINING_NONE;
     text_add(out, "  \"training\": {\"count\": %d, \"of\": %d, \"flagged\": %d, \"structure\": %s, ",
              t->m->count, t->all, flagged, NUMBER(t->m->structure));
     text_add(out, "\"psnr\": %s, \"cc_psnr\": %s, ", NUMBER(t->m->psnr), NUMBER(t->m->cc_psnr));
@@ -297,7 +289,7 @@ static void training_add_json(const struct training_views *t, struct text *out)
         text_add_json_string(out, oxl_scene_view(t->scene, v->view)->name);
         for (size_t k = 0; k < OXL_COUNT(names); k++)
             text_add(out, ", \"%s\": %s", names[k], NUMBER(values[k]));
-        text_add(out, row->flag ? ", \"flag\": \"%s\"}" : "}", row->flag);
+        text_add(out, row->flag ? ", \"flag\": \"%s\"}" : "}", TRAINING_FLAG[row->flag].name);
     }
     text_add(out, "%s]},\n", t->m->count ? "\n  " : "");
 }
@@ -323,19 +315,24 @@ static int training_add_fog(const struct training_views *t, int count, int *show
 }
 
 OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_large_model *model, oxl_scene *scene,
-                                             int iterations, struct text *json, const char *folder)
+                                             int iterations, const oxl_metrics *measured, struct text *json,
+                                             const char *folder)
 {
     const struct render_source source = large_source(model);
     const oxl_render_output what = {.split = OXL_SPLIT_ALL, .images = 1, .replace = 1};
     oxl_metrics m = {0};
     struct training_views t = {.ctx = ctx, .scene = scene, .m = &m, .all = schedule_training_views(scene)};
-    const int judged = cost_judged_views(scene, iterations), evident = iterations >= TRAINING_STEPS * t.all;
+    const int judged = measured ? t.all : cost_judged_views(scene, iterations),
+              evident = iterations >= TRAINING_STEPS * t.all;
     int shown[2 * TRAINING_SHOWN], count = 0;
-    oxl_result rc = evaluate_quick(ctx, &source, scene, OXL_SPLIT_TRAIN, judged, &m);
+    oxl_result rc = OXL_OK;
+    if (!measured) rc = evaluate_quick(ctx, &source, scene, OXL_SPLIT_TRAIN, judged, &m);
     if (rc != OXL_OK) return rc;
+    if (measured) m = *measured;
     if (judged < t.all)
-        oxl_log(ctx, OXL_LOG_INFO, "%d of %d training views are judged, evenly spaced, as the run is short",
-                m.count, t.all);
+        oxl_log(ctx, OXL_LOG_INFO,
+                "%d of %d training views are judged, evenly spaced: one for each %d iterations", m.count,
+                t.all, OXL_MAX(1, iterations / judged));
     t.row = oxl_calloc(ctx, (size_t)m.count + 1, sizeof *t.row);
     t.work = oxl_alloc(ctx, 2 * (size_t)m.count + 1, sizeof *t.work);
     t.view = oxl_alloc(ctx, (size_t)m.count + 1, sizeof *t.view);
@@ -359,6 +356,6 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_large_m
             render_files_of(ctx, &(struct render_files){&source, scene, &what, folder, shown, count}, &count);
 done:
     OXL_FREE(ctx, t.row, t.work, t.view);
-    oxl_metrics_free(ctx, &m);
+    if (!measured) oxl_metrics_free(ctx, &m);
     return rc;
 }

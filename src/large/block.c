@@ -331,8 +331,9 @@ OXL_INTERNAL int block_hiding_steps(int standard)
     return OXL_MAX(2 * standard, OXL_MIN(BLOCK_REFINE_MORE, 3 * standard));
 }
 
-/* Returns the options of `steps` further steps. Keeps the learning rates that the whole run has before its
- * cool-down, not those of a run of `steps`; momentum as in Kerbl 2023. */
+/* Returns the options of `steps` further steps. Keeps the learning rates that the whole run has in its second
+ * half before its cool-down, not those of a run of `steps`; but opacities and colours lose the factor of runs
+ * below SCHEDULE_BRISK_ITERATIONS. Momentum as in Kerbl 2023. */
 OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, int sh_degree, int steps)
 {
     const double short_run_factor = schedule_short_run_factor(run);
