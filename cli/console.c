@@ -167,9 +167,12 @@ static void print_progress(struct console *c, const oxl_progress *p)
     console_clear(c);
     if (p->stage != OXL_STAGE_BLOCK) fprintf(stderr, "%s model ", stages[p->stage]);
     else if (p->blocks > 1) fprintf(stderr, "block %d/%d ", p->block, p->blocks);
-    fprintf(stderr, "%s%6d/%d  loss %.4f  PSNR %.2f dB  %zu Gaussians  %.1f it/s  %.0f MB",
-            p->trial ? "trial " : "", p->iteration, p->iterations, p->loss, p->psnr, p->gaussians, c->rate,
-            (double)p->memory / 1e6);
+    fprintf(stderr, "%s%6d/%d", p->trial ? "trial " : "", p->iteration, p->iterations);
+    if (p->loss > 0) /* else no step has told it: a stage begins, or a device has the first step still */
+        fprintf(stderr, "  loss %.4f  PSNR %.2f dB", p->loss, p->psnr);
+    fprintf(stderr, "  %zu Gaussians", p->gaussians);
+    if (c->rate > 0) fprintf(stderr, "  %.1f it/s", c->rate);
+    fprintf(stderr, "  %.0f MB", (double)p->memory / 1e6);
     if (p->seconds_left > 0 || p->iteration == p->iterations) /* else it is not known */
         fprintf(stderr, "  ETA %s", OUTPUT_SECONDS(p->seconds_left));
     if (!c->live) fputc('\n', stderr);

@@ -33,10 +33,10 @@
 /* Multiplies the time of a run in several blocks, each of which is rendered with Gaussians
  * of others (docs/SCALE.md). */
 #define COST_CONTEXT 1.25
-/* Judges one training view behind a run for so many iterations, since it takes about as long as one,
- * but at least so many views. */
+/* Judges a training view behind a run for each 20 of its iterations, since judging one takes about as long as
+ * an iteration. */
 #define COST_JUDGED 20
-#define COST_JUDGED_MIN 6
+#define COST_JUDGED_MIN 6 /* Bounds the number of judged views from below. */
 /* Counts s for the files of a result, with the report. */
 #define COST_FILES 0.3
 /* Counts s for a held-out view, whose metrics, renders and place in the report the CPU makes: for the view,
