@@ -60,15 +60,20 @@ static void verdict_gap(struct report *r, double psnr, double structure)
             : ". New views are about as good as those trained on.</li>\n");
 }
 
-/* Returns 1 if a part of the model was trained with a switch on. */
+static int verdict_is_on(const char *value)
+{
+    return value && strncmp(value, "\"on\"", 4) == 0;
+}
+
+/* Returns 1 if a part of the model was trained with a switch on: as set, or as was decided for "auto". */
 static int verdict_has(const struct report *r, const char *name)
 {
+    int on = verdict_is_on(oxl_json_member(r->job, name));
     for (int k = 0; k < r->parts; k++) {
-        const char *decision = oxl_json_member(oxl_json_member(r->block[k].json, "decisions"), name),
-                   *chosen = oxl_json_member(decision, "chosen");
-        if (chosen && strncmp(chosen, "\"on\"", 4) == 0) return 1;
+        const char *decision = oxl_json_member(oxl_json_member(r->block[k].json, "decisions"), name);
+        on |= verdict_is_on(oxl_json_member(decision, "chosen"));
     }
-    return 0;
+    return on;
 }
 
 /* Says what other viewers lack, and the options of train that this comes from. */

@@ -327,6 +327,21 @@ static void report_test_viewers(int on, const char *said, const char *advice)
     free(t.data);
 }
 
+/* A switch that is set to on has no decision. */
+TEST(report_says_why_other_viewers_show_less_by_what_was_set)
+{
+    char *page;
+    report_test_run();
+    test_write("out/run.json",
+               "{\"finished\": true, \"blocks\": 1, \"job\": {\"exposure\": \"auto\", \"lamp\": \"on\"}}");
+    test_write("out/metrics.json",
+               "{\"split\": \"test\", \"psnr\": 30, \"plain_psnr\": 27, \"structure\": 0.9, "
+               "\"views\": [{\"name\": \"a.jpg\", \"psnr\": 30}]}");
+    page = report_test_page();
+    CHECK_TEXT(page, "alone: by even light, 27.00");
+    free(page);
+}
+
 TEST(report_says_why_other_viewers_show_less_by_what_was_fitted)
 {
     report_test_viewers(0, "scene.ply alone: 27.00 dB against these images.</li>", "");

@@ -2,7 +2,7 @@
  * alone, or another colour or light over a part of it.
  *
  * A shift is sought in detail, the difference to the mean of the neighbourhood: light that changes slowly
- * moves with a large shift as well as it brightens. It is found in a small image and refined in larger ones
+ * moves with a large shift as well as it brightens. It is found in a small image, refined in larger ones
  * [Lucas & Kanade 1981, Bouguet 2000], and counts by what it explains in the largest. So noise and light,
  * which one small image may explain by a shift, explain nothing.
  *
@@ -134,25 +134,27 @@ static int misfit_inside(const struct misfit_pair *p, double x, double y)
 }
 
 /* Returns the squared error of the shifted render as a fraction of that of the render, and the step by which
- * to change the shift. Interpolation blurs the render, which helps where the image is blurred: so the
- * fraction is one of the error of the mean of both opposite shifts, if that is less. 1: the shift is too
- * large. */
+ * to change the shift. Interpolation between pixels blurs the render, which helps where the image is blurred:
+ * so the fraction is one of the error of a render that is blurred likewise and not shifted, the mean of two
+ * opposite shifts by parts of a pixel, if that is less. 1: the shift is too large. */
 static double misfit_try(const struct misfit_pair *p, const double shift[2], double step[2])
 {
     const int w = p->width, h = p->height;
+    const double part[2] = {shift[0] - floor(shift[0] + 0.5), shift[1] - floor(shift[1] + 0.5)};
     double xx = 0, xy = 0, yy = 0, xe = 0, ye = 0, ee = 0, before = 0, even = 0, det;
     step[0] = step[1] = 0;
     if (!(fabs(shift[0]) <= MISFIT_FARTHEST * w && fabs(shift[1]) <= MISFIT_FARTHEST * h)) return 1;
     for (int y = 0; y < h; y++)
         for (int x = 0; x < w; x++) {
-            const double at = x + shift[0], to = y + shift[1], back = x - shift[0], up = y - shift[1],
-                         image = p->image[y * w + x], was = image - p->rendered[y * w + x];
+            const double at = x + shift[0], to = y + shift[1], image = p->image[y * w + x],
+                         was = image - p->rendered[y * w + x];
             double gx, gy, e, both;
-            if (isnan(was) || !misfit_inside(p, at, to) || !misfit_inside(p, back, up)) continue;
+            if (isnan(was) || !misfit_inside(p, at, to) || !misfit_inside(p, x, y)) continue;
             gx = 0.5 * (misfit_at(p->rendered, w, at + 1, to) - misfit_at(p->rendered, w, at - 1, to));
             gy = 0.5 * (misfit_at(p->rendered, w, at, to + 1) - misfit_at(p->rendered, w, at, to - 1));
             e = image - misfit_at(p->rendered, w, at, to);
-            both = 0.5 * (e + image - misfit_at(p->rendered, w, back, up));
+            both = image - 0.5 * (misfit_at(p->rendered, w, x + part[0], y + part[1]) +
+                                  misfit_at(p->rendered, w, x - part[0], y - part[1]));
             xx += gx * gx, xy += gx * gy, yy += gy * gy, xe += gx * e, ye += gy * e, ee += e * e;
             before += was * was, even += both * both;
         }
@@ -160,6 +162,18 @@ static double misfit_try(const struct misfit_pair *p, const double shift[2], dou
     if (det > 0) step[0] = (yy * xe - xy * ye) / det, step[1] = (xx * ye - xy * xe) / det;
     before = OXL_MIN(before, even);
     return before > 0 ? ee / before : 1;
+}
+
+/* Finds the best of all shifts by whole pixels: from afar, steps may lead elsewhere. */
+static void misfit_search(const struct misfit_pair *p, double shift[2])
+{
+    const int most[2] = {(int)(MISFIT_FARTHEST * p->width), (int)(MISFIT_FARTHEST * p->height)};
+    double least = 1, step[2];
+    for (int y = -most[1]; y <= most[1]; y++)
+        for (int x = -most[0]; x <= most[0]; x++) {
+            const double at[2] = {x, y}, left = misfit_try(p, at, step);
+            if (left < least) least = left, shift[0] = x, shift[1] = y;
+        }
 }
 
 /* Improves a shift, from none if that is better, and returns the fraction of the error that it explains. */
@@ -181,7 +195,7 @@ static double misfit_shifted(const oxl_image *rendered, const oxl_image *image, 
 {
     const int longer = OXL_MAX(image->width, image->height);
     double shift[2] = {0, 0}, explained = 0;
-    int largest = 1, n;
+    int largest = 1, n, begun = 0;
     while (longer / largest > MISFIT_LARGEST) largest *= 2;
     for (n = largest; longer / (2 * n) >= MISFIT_SMALLEST; n *= 2) continue;
     for (; n >= largest && longer / n >= MISFIT_SMALLEST; n /= 2) {
@@ -191,6 +205,7 @@ static double misfit_shifted(const oxl_image *rendered, const oxl_image *image, 
         misfit_reduce(rendered, n, work, pair.rendered);
         misfit_reduce(image, n, work, pair.image);
         shift[0] *= 2, shift[1] *= 2;
+        if (!begun++) misfit_search(&pair, shift);
         explained = misfit_shift(&pair, shift);
         if (n == 1) break;
     }
