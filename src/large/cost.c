@@ -172,7 +172,7 @@ OXL_INTERNAL int cost_judged_views(const oxl_scene *scene, int iterations)
 OXL_INTERNAL int cost_evaluated_views(const oxl_scene *scene, int iterations)
 {
     const int training = schedule_training_views(scene), held_out = oxl_scene_view_count(scene) - training;
-    return (held_out > 0 ? held_out : training) + cost_judged_views(scene, iterations);
+    return held_out > 0 ? held_out + cost_judged_views(scene, iterations) : training;
 }
 
 OXL_INTERNAL double cost_range(const oxl_job_options *o, double seconds, int timed, double range[2])
