@@ -11,10 +11,9 @@
 
 /* Limits the memory that a look may take, as a fraction of the allowed, or free, memory. */
 #define SURVEY_LOOK_MEMORY 0.9
-enum {
-    SURVEY_LOOK_POINTS = 1000000, /* most points of a survey that is looked at */
-    SURVEY_SHORT_RUN = 1000       /* iterations below which a look would take a fifth of the run */
-};
+enum { SURVEY_LOOK_POINTS = 1000000 }; /* most points of a survey that is looked at */
+/* Sets the seconds, by counts, below which a run is short: a look would take up to a fifth of it. */
+#define SURVEY_SHORT_RUN 60.0
 
 static int survey_is_distorted(const struct colmap *c)
 {
@@ -64,13 +63,14 @@ static size_t survey_look_gaussians(const oxl_job_options *o, const struct cost_
 
 /* Returns 1 if the run itself tells the prediction after some steps: it is short, and nothing depends on the
  * number of its Gaussians, since memory holds the most that it may have. */
-static int survey_waits(const oxl_scene *scene, const oxl_job_options *o)
+static int survey_waits(const oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o)
 {
+    const struct cost_load load = cost_load_of_scene(scene);
     const int cut =
         o->partition.blocks > 1 ||
         (o->partition.block_points > 0 && oxl_scene_point_count(scene) > (size_t)o->partition.block_points);
-    return o->train.iterations < SURVEY_SHORT_RUN && o->block < 0 && !o->device_ram && !o->ram && !cut &&
-           budget_limit(scene, o) == 0;
+    return cost_estimate(ctx, o, &load).seconds < SURVEY_SHORT_RUN && o->block < 0 && !o->device_ram &&
+           !o->ram && !cut && budget_limit(scene, o) == 0;
 }
 
 static oxl_result survey_predict(oxl_context *ctx, oxl_scene *scene, const oxl_job_options *o, int waits,
@@ -295,7 +295,7 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, cons
     if (rc == OXL_OK) rc = closely ? lint_images(ctx, scene, out) : lint_masks(ctx, scene);
     if (rc != OXL_OK) return rc;
     whole.train.iterations = cost_iterations(options, out->images - out->images_missing);
-    waits = !closely && survey_waits(scene, &whole);
+    waits = !closely && survey_waits(ctx, scene, &whole);
     rc = survey_predict(ctx, scene, &whole, waits, out);
     if (rc != OXL_OK) return rc;
     survey_write_facts(out);
