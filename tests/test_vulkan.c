@@ -3218,6 +3218,8 @@ static void vulkan_check_run_json_of(oxl_context *device, const char *folder, in
     CHECK(job_test_has(run, words));
     snprintf(words, sizeof words, "\"device\": \"%s\"}", device->backend->vulkan->properties.deviceName);
     CHECK(job_test_has(run, words));
+    /* The run itself left the device, so it is among the block's notes. */
+    snprintf(run, sizeof run, "%s/blocks/000/block.json", out);
     CHECK(job_test_has(run, "continuing on the CPU") == (allocations == 0));
 }
 
