@@ -123,7 +123,7 @@ promise readme_has_lines_of_140_columns_at_most 0 "" awk 'length($0) > 140 { pri
 promise help_shows_basic_options 0 "" sh -c "'$program' train --help | grep -q -- --iterations && ! '$program' train --help | grep -q -- --lr-scale"
 promise help_all_shows_every_option 0 "--lr-scale" on_stdout "$program" train --help all
 promise total_iterations_is_another_name_of_iterations 3 "nowhere" on_stderr "$program" check nowhere --total-iterations 5
-promise former_names_are_read_with_a_warning 3 "--haste is the former name of --short-run-exponent" on_stderr "$program" check nowhere --haste 0
+promise former_names_are_read_with_a_warning 3 "--split is the former name of --cut" on_stderr "$program" check nowhere --split midpoint
 promise no_iterations_is_refused_for_that_alone 2 "option --iterations: found '0', expected a whole number from 1" on_stderr "$program" train survey -o out --iterations 0
 promise man_page_has_no_warning_of_groff 0 "" sh -c "! command -v groff || test -z \"\$('$program' --man | groff -man -ww -Tascii 2>&1 >/dev/null)\""
 promise bash_completion_offers_the_values_of_an_option 0 "draft standard paper" bash -c "eval \"\$('$program' --completion)\"; COMP_WORDS=(oceanxl train --preset ''); COMP_CWORD=3; _oceanxl; echo \${COMPREPLY[*]}"

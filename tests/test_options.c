@@ -144,8 +144,8 @@ TEST(options_check_names_the_one_that_is_out_of_range)
 
 TEST(options_read_their_former_names)
 {
-    CHECK(oxl_option_find("haste") == oxl_option_find("short-run-exponent"));
-    CHECK(oxl_option_find("settle") == oxl_option_find("cooldown"));
+    CHECK(oxl_option_find("split") == oxl_option_find("cut"));
+    CHECK(!oxl_option_find("haste") && !oxl_option_find("settle")); /* of no release */
     CHECK(oxl_option_find("robust") == oxl_option_find("mask-transients"));
 }
 

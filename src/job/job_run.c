@@ -397,7 +397,8 @@ static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_
 struct job_single {
     struct job *job;
     struct block_task *task;
-    struct look grown; /* steps 0: the run has not grown yet */
+    const oxl_job_options *options; /* fitted into the budget */
+    struct look grown;              /* steps 0: the run has not grown yet */
 };
 
 /* Tells the prediction of a run without a look as soon as its own steps have one. */
@@ -406,7 +407,7 @@ static int job_single_progress(void *user, const oxl_progress *progress)
     struct job_single *s = user;
     struct job *job = s->job;
     if (s->grown.steps > 0 && s->task->grown) {
-        survey_predict_run(job->ctx, job->scene, &job->options, &s->grown,
+        survey_predict_run(job->ctx, job->scene, s->options, &s->grown,
                            progress->seconds + progress->seconds_left, &job->survey);
         job_log_lines(job, OXL_LOG_INFO, job->survey.text);
         s->task->predicted_peak = job->survey.memory;
@@ -423,9 +424,9 @@ static oxl_result job_train_single(struct job *job, const char *folder)
                               .viewed = cost_evaluated_views(job->scene, job->options.train.iterations),
                               .after = cost_evaluation(job->ctx, job->scene, &job->options),
                               .standard = block_standard_steps(&job->options.train)};
-    struct job_single single = {.job = job, .task = &task};
-    const oxl_callback callback = {job_single_progress, &single};
     oxl_job_options options;
+    struct job_single single = {.job = job, .task = &task, .options = &options};
+    const oxl_callback callback = {job_single_progress, &single};
     oxl_result rc = job_plan_single(job, &task, &options);
     task.callback = &callback;
     if (job->survey.look_steps == 0) task.grown = &single.grown;

@@ -12,11 +12,9 @@
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 
-/* The logarithm grows at first by this times a power of the share, with each densification. */
-#define FORECAST_RATE 1.0
-#define FORECAST_POWER 0.85
-#define FORECAST_USUAL 0.2 /* share that is taken where there was no look */
-#define FORECAST_SLOW 0.14 /* nearly the smallest share that was seen with a threshold of the presets */
+#define FORECAST_POWER 0.85 /* of the share: growth of the logarithm by the first densification */
+#define FORECAST_USUAL 0.2  /* share that is taken where there was no look */
+#define FORECAST_SLOW 0.14  /* nearly the smallest share that was seen with a threshold of the presets */
 #define FORECAST_THRESHOLD 5.5e-4f /* the largest of these */
 #define FORECAST_FADES 5.0 /* densifications after which growth is 1/e of its rate at the start, and later; */
 #define FORECAST_FADES_EACH 0.1   /* before the first one, so many more for each densification of the run, */
@@ -43,7 +41,7 @@ static double forecast_fades(const oxl_train_options *o, int done)
 static double forecast_growth_at(const oxl_train_options *o, double share, int done)
 {
     const double fades = forecast_fades(o, 0), known = share > 0 ? share : FORECAST_USUAL,
-                 first = FORECAST_RATE * vecmath_exp(FORECAST_POWER * vecmath_log(known));
+                 first = vecmath_exp(FORECAST_POWER * vecmath_log(known));
     return first * fades * (1 - vecmath_exp(-1 / fades)) * vecmath_exp(-done / fades);
 }
 

@@ -149,7 +149,6 @@ static int schedule_densify_interval(const oxl_train_options *o)
 /* Follows 3DGS's schedule, which is one of 30 000 iterations. As fractions of the run it shrinks with it,
  * but not what has a time of its own: the first images must be learned before gradients say where detail is
  * missing, and a reset must be made up for. */
-
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *o, int step)
 {
     const double from = OXL_MAX(o->densify_from * o->iterations,
