@@ -706,6 +706,31 @@ TEST(job_in_blocks_trains_the_model_for_viewers_in_groups_and_resumes_to_the_sam
     CHECK(job_test_same(test_path("whole/scene.ply"), test_path("stopped/scene.ply")));
 }
 
+TEST(job_whose_groups_lost_their_files_says_so_and_not_that_memory_is_small)
+{
+    oxl_job_options options = job_test_blocks();
+    struct job_test_watch watch = {0, 9};
+    const oxl_callback callback = {job_test_progress, &watch};
+    const char *survey = job_test_strip();
+    char out[200];
+    snprintf(out, sizeof out, "%s", test_path("stopped"));
+    options.train.iterations = 120;
+    options.partition.block_points = 30;
+    for (options.block = 0; options.block < 2; options.block++)
+        CHECK_OK(oxl_job_run(test_ctx, survey, out, &options, NULL));
+    job_test_limit_memory(out, &options, 0.6);
+    CHECK(oxl_merge(test_ctx, out, &callback) == OXL_ERR_INTERRUPTED);
+    CHECK(job_test_group_files(out, ".square.") > 0);
+    for (int version = 1; version < 40; version++)
+        for (int block = 0; block < 2; block++)
+            os_remove(PATH(out, "blocks/whole/%03d.square.%d.ply", block, version));
+    job_test_limit_memory(out, &options, 4);
+    lint_heard[0] = 0;
+    test_ctx->options.log = lint_listen;
+    CHECK_OK(oxl_merge(test_ctx, out, NULL));
+    CHECK_TEXT(lint_heard, "missing or damaged, so it begins again: 1 group of views\n");
+}
+
 TEST(job_trains_a_block_again_whose_folder_was_emptied)
 {
     oxl_job_options options = job_test_blocks();

@@ -29,6 +29,7 @@ struct groups {
     double limit; /* number of Gaussians that fit into memory */
     int views;    /* views of the survey */
     int count;    /* number of groups */
+    int lost;     /* 1: groups had begun, but files of theirs are missing or damaged */
     int done;     /* number of tasks done, those of the model for viewers after those of the model */
     int viewers;  /* 1: the task is of the model for viewers */
     int steps;    /* steps of all tasks of the model, or of that for viewers */
@@ -152,7 +153,7 @@ OXL_INTERNAL oxl_result groups_have_begun(const struct job *job, const char *fol
     return rc;
 }
 
-/* Reads groups.txt; count stays 0 if there is none of this run, or files that it names are missing. */
+/* Reads groups.txt; count stays 0 if there is none of this run, or files that it names are missing (lost). */
 static oxl_result groups_read_state(struct groups *g)
 {
     struct os_file_map map = {0};
@@ -172,6 +173,7 @@ static oxl_result groups_read_state(struct groups *g)
     if (good && g->done > GROUPS_PASSES * g->count)
         good = os_is_file(PATH(g->folder, "block.json")) && os_is_file(PATH(g->folder, "model.ply"));
     if (!good) {
+        g->lost = s != NULL;
         g->count = g->done = g->gains = 0, g->seconds = 0;
         memset(g->version, 0, (size_t)blocks * sizeof *g->version);
     }
@@ -305,8 +307,10 @@ static oxl_result groups_make(struct groups *g)
     for (int i = 0; i < g->views; i++) g->of[i] = -1;
     if (rc == OXL_OK) rc = groups_divide(g, view, count);
     if (rc == OXL_OK)
-        oxl_log(g->job->ctx, OXL_LOG_INFO, "the merged model does not fit into memory: %d groups of views",
-                g->count);
+        oxl_log(g->job->ctx, g->lost ? OXL_LOG_WARNING : OXL_LOG_INFO, "%s: %d group%s of views",
+                g->lost ? "files of the last stage are missing or damaged, so it begins again"
+                        : "the merged model does not fit into memory",
+                g->count, g->count == 1 ? "" : "s");
     if (rc == OXL_OK) rc = oxl_make_folder(g->job->ctx, g->folder);
     if (rc == OXL_OK) rc = groups_write_state(g);
     oxl_free(g->job->ctx, view);
