@@ -240,6 +240,23 @@ TEST(budget_counts_the_model_beside_which_one_for_viewers_is_refined)
     CHECK_CLOSE(budget_test_bytes_each(&o) - without, model, 1e-6);
 }
 
+/* Where a look, or the run itself, has found neither gains nor medium, none is counted. */
+TEST(survey_predicts_no_second_model_where_images_have_neither_gains_nor_medium)
+{
+    const char *path = job_test_survey();
+    oxl_job_options o = job_test_options();
+    struct look grown = {.gaussians = 1e5, .steps = 10};
+    oxl_survey one, two;
+    oxl_scene *scene = NULL;
+    o.train.exposure = OXL_AUTO, o.train.sh_degree = 3, o.train.dog = OXL_DOG_OFF;
+    CHECK_OK(oxl_scene_load(test_ctx, path, &o.scene, &scene));
+    survey_predict_run(test_ctx, scene, &o, &grown, 1, &one);
+    grown.hides = 1;
+    survey_predict_run(test_ctx, scene, &o, &grown, 1, &two);
+    CHECK_CLOSE(two.memory - one.memory, 1e5 * 4 * (OXL_SH + 48), 1);
+    oxl_scene_free(test_ctx, scene);
+}
+
 TEST(budget_decides_the_same_on_any_number_of_threads)
 {
     struct cost_load load = budget_test_load();

@@ -80,6 +80,7 @@ static oxl_result survey_predict(oxl_context *ctx, oxl_scene *scene, const oxl_j
     struct look look = {0};
     struct cost_load load = cost_load_of_scene(scene);
     struct cost cost;
+    int fits;
     const oxl_result rc = !waits && survey_has_room(o, &load)
                               ? look_take(ctx, scene, &o->train, survey_look_gaussians(o, &load), &look)
                               : OXL_OK;
@@ -87,8 +88,9 @@ static oxl_result survey_predict(oxl_context *ctx, oxl_scene *scene, const oxl_j
     scene->stats.splitting = load.share = look.share;
     scene->stats.begun = load.begun = look.gaussians / (double)OXL_MAX(load.points, (size_t)1);
     fitted.ram = budget_limit(scene, o);
-    cost =
-        budget_fit(ctx, &load, &fitted) ? cost_estimate(ctx, &fitted, &load) : cost_estimate(ctx, o, &load);
+    fits = budget_fit(ctx, &load, &fitted);
+    load.plain = look.steps > 0 && !look.hides; /* a budget has room for both */
+    cost = cost_estimate(ctx, fits ? &fitted : o, &load);
     s->gaussians = cost.gaussians;
     /* Assumes blocks if one block does not fit. */
     s->memory = fitted.ram ? OXL_MIN(cost.memory, (double)fitted.ram) : cost.memory;
@@ -311,11 +313,9 @@ OXL_INTERNAL void survey_predict_run(oxl_context *ctx, oxl_scene *scene, const o
                                      const struct look *grown, double seconds, oxl_survey *out)
 {
     struct cost_load load = cost_load_of_scene(scene);
-    struct cost cost;
-    load.share = grown->share;
-    load.begun = grown->gaussians / (double)OXL_MAX(load.points, (size_t)1);
-    cost = cost_estimate(ctx, options, &load);
-    out->gaussians = cost.gaussians, out->memory = cost.memory, out->look_steps = grown->steps;
+    load.plain = !grown->hides;
+    out->gaussians = grown->gaussians, out->look_steps = grown->steps;
+    out->memory = cost_memory(options, &load, grown->gaussians);
     out->seconds = cost_range(options, seconds, 1, out->seconds_range);
     out->text[0] = 0;
     survey_write_prediction(ctx, out, "of the run");

@@ -104,9 +104,9 @@ OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int 
 }
 
 /* Returns 1 if the run may end with a model that viewers show wrongly, and refine another one. */
-static int cost_may_refine(const oxl_train_options *o)
+static int cost_may_refine(const oxl_train_options *o, int plain)
 {
-    return o->exposure != OXL_OFF || o->medium != OXL_OFF || o->dog != OXL_DOG_OFF;
+    return (!plain && (o->exposure != OXL_OFF || o->medium != OXL_OFF)) || o->dog != OXL_DOG_OFF;
 }
 
 OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load *load, double gaussians)
@@ -116,9 +116,10 @@ OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load
     const double cache =
         image_cache_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
     const double depths = parts_bytes(&o->train, (double)load->observations, load->views);
-    /* Counts sets of planes: parameters and two moments; a trial keeps two more copies of each; a model for
-     * viewers is refined beside the one that it begins with. */
-    const int sets = parts_trials(&o->train) > 0 ? 9 : cost_may_refine(&o->train) ? 4 : 3;
+    /* Counts sets of planes: parameters and two moments; a trial keeps two more copies of each, in memory
+     * that grows by quarters; a model for viewers is refined beside the one that it begins with. */
+    const double refined = cost_may_refine(&o->train, load->plain) ? 4 : 3,
+                 sets = parts_trials(&o->train) > 0 ? 3 + 2 * 3 * 1.25 : refined;
     return COST_PROGRAM_BYTES + cache + load->largest * COST_PIXEL_BYTES +
            gaussians * (sets * 4 * planes + COST_SPLAT_BYTES) +
            gaussians * load->context * (4 * planes + COST_SPLAT_BYTES) +

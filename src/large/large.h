@@ -97,11 +97,12 @@ OXL_INTERNAL void merge_mark(const struct partition *p, int block, const oxl_mod
 /* ---------------- cost.c: predicted Gaussians, memory and time */
 
 /* Bytes of a Gaussian beside its parameters: projection, tile lists, gradient slots. */
-#define COST_SPLAT_BYTES 300.0
+#define COST_SPLAT_BYTES 400.0
 struct cost_load {               /* Counts what a survey or a block loads memory and time with. */
     size_t points, observations; /* initial points; (point, view) pairs */
     /* Gaussians at the start for each point, and the share that a look splits (look.c); 0: not known */
     double begun, share;
+    int plain; /* 1: images have neither medium nor gains, so viewers need no model of their own */
     int views;
     /* px of all views; of the training views; of the largest view */
     double pixels, schedule_pixels, largest;
@@ -195,7 +196,7 @@ struct block_task {
     const struct image_window *window;
     int first, until;
     int viewed;   /* views to render after the run, for the time left */
-    double after; /* s that this takes at least */
+    double after; /* s that this takes beside */
     /* steps of model_standard.ply, which has no second lobes; 0: it is not made */
     int standard;
     double predicted_seconds, predicted_peak;

@@ -31,7 +31,8 @@ enum {
     LOOK_WINDOWS = 5,   /* as many steps each: two before gradients count, one before each split, of which */
     LOOK_SPLITS = 3,
     LOOK_MEASURED = 2, /* the last ones count */
-    LOOK_TIMED = 12    /* steps, behind those for growth */
+    LOOK_TIMED = 12,   /* steps, behind those for growth, */
+    LOOK_ALONE = 60    /* or at most without these: the first steps from points are faster and slower */
 };
 
 static int look_is_coarse(const oxl_scene *scene)
@@ -100,7 +101,7 @@ static oxl_result look_grow(struct train *t, int steps, struct look *out)
 /* Times whole steps with all bands of SH, as most of a run's are; the first third do not count. */
 static oxl_result look_time(struct train *t, oxl_train_options *o, int steps, struct look *out)
 {
-    double took[LOOK_TIMED];
+    double took[LOOK_ALONE];
     oxl_result rc;
     o->coarse = 0, o->sh_degree_interval = LOOK_INTERVAL;
     out->timed = (double)t->trained.model.count;
@@ -155,7 +156,10 @@ OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_
         reaches = forecast_reaches(options, (double)t.trained.model.count, OXL_MIN((double)most, cap));
         out->gaussians = (double)t.trained.model.count;
         if (!reaches) rc = look_grow(&t, look_steps(scene, &o), out);
-        if (rc == OXL_OK) rc = look_time(&t, &o, LOOK_TIMED, out);
+        if (rc == OXL_OK)
+            rc = look_time(
+                &t, &o,
+                reaches ? OXL_CLAMP(o.iterations / LOOK_FRACTION, LOOK_TIMED, LOOK_ALONE) : LOOK_TIMED, out);
     }
     if (rc == OXL_OK) out->hides = forecast_hides(&t);
     train_end(&t);

@@ -2,8 +2,8 @@
  *
  * The larger the share of Gaussians that density control splits in a first look (look.c), the faster the
  * model grows: its logarithm rises by a power of that share, and less with each densification
- * (docs/log/FORECAST.md). A step takes time in proportion to a power of the Gaussians, so steps that were
- * timed, in the look or in the run itself, give the time of all others.
+ * (docs/log/FORECAST.md). A step takes time in proportion to Gaussians and pixels, so steps that were timed,
+ * in the look or in the run itself, give the time of all others.
  *
  * Invariant: nothing here changes what is trained.
  */
@@ -21,10 +21,9 @@
 #define FORECAST_FADES_MOST 10.0  /* but no more than these */
 #define FORECAST_FADES_LESS 0.5   /* and so many less for each one done */
 #define FORECAST_GROWTH 0.4       /* weight of the last densification in the means over those of the run */
-#define FORECAST_GAUSSIANS 0.5    /* power of Gaussians in the time of a step; measured: 0.3 to 0.9 */
-#define FORECAST_HALF 0.35        /* time of a step at half the sides over one of whole images */
+#define FORECAST_PIXEL 0.2        /* Gaussians that take as long in a step as a pixel does */
+#define FORECAST_HALF 0.64        /* time at half the sides over that of whole images of as many pixels */
 #define FORECAST_TRIALS 1.3       /* of the most steps of trials, with validation; measured: 0.7 to 1.8 */
-#define FORECAST_VIEW 2.7         /* steps that evaluation takes for a view, with its files */
 #define FORECAST_MEMORY 0.98      /* of what is known of a step's time that one more step leaves */
 enum { FORECAST_RECKONED = 200 }; /* times that a run reckons the time left */
 
@@ -59,33 +58,36 @@ OXL_INTERNAL int forecast_reaches(const oxl_train_options *o, double start, doub
            forecast_gaussians(o, start, FORECAST_SLOW, cap) >= cap;
 }
 
-/* ---------------- the work of steps, relative to one of whole images with a single Gaussian */
+/* ---------------- the work of steps, in the time that a Gaussian adds to one */
 
-static double forecast_work(double gaussians, int halved)
+static double forecast_work(const oxl_scene *scene, double gaussians, int halved)
 {
-    return vecmath_exp(FORECAST_GAUSSIANS * vecmath_log(OXL_MAX(gaussians, 1))) *
-           (halved ? FORECAST_HALF : 1);
+    const oxl_camera *c = &oxl_scene_view(scene, 0)->camera;
+    const double pixels = FORECAST_PIXEL * c->width * c->height;
+    return halved ? FORECAST_HALF * (pixels / 4 + gaussians) : pixels + gaussians;
 }
 
 struct forecast_state { /* of the run that lies ahead */
+    const oxl_scene *scene;
     const oxl_train_options *o;
     double gaussians, growth, fades, cap, coarse; /* coarse: steps at half the sides end here */
     int densified; /* densifications that lie ahead, once forecast_ahead has seen them */
 };
 
-/* Returns the work of the steps from `step`, exclusively, to the last. */
-static double forecast_ahead(struct forecast_state *f, int step)
+/* Returns the work of the steps behind `step`, of `trials` half into the run, and of `beside` on whole images
+ * at its end, to which it takes the Gaussians. */
+static double forecast_ahead(struct forecast_state *f, int step, double trials, double beside)
 {
-    double work = 0, each[2] = {forecast_work(f->gaussians, 0), forecast_work(f->gaussians, 1)};
+    double work = 0;
     while (++step <= f->o->iterations) {
-        work += each[step <= f->coarse];
+        work += forecast_work(f->scene, f->gaussians, step <= f->coarse);
         if (!schedule_densifies_at(f->o, step)) continue;
         f->gaussians = OXL_MIN(f->gaussians * vecmath_exp(f->growth), f->cap);
         f->growth *= vecmath_exp(-1 / f->fades);
         f->densified++;
-        each[0] = forecast_work(f->gaussians, 0), each[1] = forecast_work(f->gaussians, 1);
     }
-    return work;
+    return work + trials * forecast_work(f->scene, f->gaussians, f->coarse > 0.5 * f->o->iterations) +
+           beside * forecast_work(f->scene, f->gaussians, 0);
 }
 
 /* Returns the steps of the run at half the sides. */
@@ -101,36 +103,34 @@ OXL_INTERNAL int forecast_trial_steps(const oxl_train_options *o, int views)
                                        : OXL_MAX(1, (int)(SELECTION_TRIAL * o->iterations)) * parts_trials(o);
 }
 
-/* Returns the steps on whole images that take as long as the trials half into a run, less those `done`. */
-static double forecast_trials(const struct forecast_state *f, int views, int done)
-{
-    const double left = FORECAST_TRIALS * forecast_trial_steps(f->o, views) - done;
-    return OXL_MAX(left, 0) * (f->coarse > 0.5 * f->o->iterations ? FORECAST_HALF : 1);
-}
-
 OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_options *o,
                                      const struct look *look, double cap, int viewed, int refined)
 {
-    struct forecast_state f = {.o = o,
+    struct forecast_state f = {.scene = scene,
+                               .o = o,
                                .gaussians = look->gaussians,
                                .growth = forecast_growth_at(o, look->share, 0),
                                .fades = forecast_fades(o, 0),
                                .cap = OXL_MAX(cap, look->gaussians),
                                .coarse = forecast_coarse_steps(scene, o)};
-    const double second = look->seconds / forecast_work(look->timed, 0), work = forecast_ahead(&f, 0),
-                 last = second * forecast_work(f.gaussians, 0);
-    return look->begin + second * work +
-           last * (forecast_trials(&f, schedule_training_views(scene), 0) + (look->hides ? refined : 0)) +
-           OXL_MAX(last * FORECAST_VIEW * viewed, look->after);
+    const double second = look->seconds / forecast_work(scene, look->timed, 0),
+                 trials = FORECAST_TRIALS * forecast_trial_steps(o, schedule_training_views(scene));
+    return look->begin + second * forecast_ahead(&f, 0, trials, viewed + (look->hides ? refined : 0)) +
+           look->after;
 }
 
 /* ---------------- the time left of a run */
 
-/* Returns the seconds of a step now; 0: not known. */
+/* Returns the work of the last step. */
 static double forecast_step(const struct train *t)
 {
-    const struct forecast *f = &t->forecast;
-    return f->work > 0 ? forecast_work((double)t->trained.model.count, t->halved) * f->seconds / f->work : 0;
+    return forecast_work(t->scene, (double)t->trained.model.count, t->halved);
+}
+
+/* Returns the seconds of a unit of work; 0: not known. */
+static double forecast_second(const struct train *t)
+{
+    return t->forecast.work > 0 ? t->forecast.seconds / t->forecast.work : 0;
 }
 
 /* Notes the growth of a densification and what it took beyond a step. */
@@ -140,20 +140,8 @@ static void forecast_note_density(struct train *t, double seconds)
     const double grown = (double)t->trained.model.count / (double)OXL_MAX(f->count, (size_t)1),
                  share = f->densified++ ? FORECAST_GROWTH : 1;
     f->growth += share * (vecmath_log(OXL_MAX(grown, 1)) - f->growth);
-    f->density_seconds += share * (OXL_MAX(seconds - forecast_step(t), 0) - f->density_seconds);
-}
-
-/* Takes the run's own growth for that of a look, after its first densification, or half of a run without. */
-static void forecast_note_growth(struct train *t)
-{
-    const struct forecast *f = &t->forecast;
-    struct look *grown = t->task.grown;
-    if (!grown || grown->steps > 0 || t->first_step > 0) return;
-    if (f->densified == 0 && 2 * t->step < t->options->iterations) return;
-    if (f->growth > 0)
-        grown->share =
-            vecmath_exp(vecmath_log(f->growth / forecast_growth_at(t->options, 1, 0)) / FORECAST_POWER);
-    grown->gaussians = (double)f->count, grown->steps = t->step;
+    seconds -= forecast_second(t) * forecast_step(t);
+    f->density_seconds += share * (OXL_MAX(seconds, 0) - f->density_seconds);
 }
 
 OXL_INTERNAL void forecast_note_step(struct train *t)
@@ -165,10 +153,9 @@ OXL_INTERNAL void forecast_note_step(struct train *t)
         if (!t->is_trial && schedule_densifies_at(t->options, t->step)) forecast_note_density(t, seconds);
         else {
             f->seconds = FORECAST_MEMORY * f->seconds + seconds;
-            f->work = FORECAST_MEMORY * f->work + forecast_work((double)t->trained.model.count, t->halved);
+            f->work = FORECAST_MEMORY * f->work + forecast_step(t);
         }
     }
-    forecast_note_growth(t); /* f->count is that before the densification */
     f->at = now, f->mark = mark, f->count = t->trained.model.count;
     f->trial_steps += t->is_trial;
 }
@@ -189,39 +176,51 @@ OXL_INTERNAL int forecast_hides(struct train *t)
     return imaging_alters_colours(&m) || imaging_is_gains_alone(&m);
 }
 
-/* Returns the steps beside the run's own: trials, and a model for viewers. */
-static double forecast_beside(struct train *t, const struct forecast_state *f)
+/* Returns the steps of trials that are left. */
+static double forecast_trials(struct train *t)
 {
-    const int views = t->views + t->validation_views, tries = t->trial || t->step < parts_validate_until(t);
-    return (tries ? forecast_trials(f, views, t->forecast.trial_steps) : 0) +
-           (forecast_hides(t) ? t->task.refined : 0);
+    const int all = forecast_trial_steps(t->options, t->views + t->validation_views),
+              tries = t->trial || t->step < parts_validate_until(t);
+    return tries ? OXL_MAX(FORECAST_TRIALS * all - t->forecast.trial_steps, 0) : 0;
 }
 
 /* Returns the checkpoints to come, the last one's seconds each. */
-static double forecast_saves(const struct train *t, double step)
+static double forecast_saves(const struct train *t)
 {
-    const double each = OXL_MIN(TRAIN_SAVE_STEPS, OXL_MAX(1, TRAIN_SAVE_SECONDS / step));
+    const double step = forecast_second(t) * forecast_step(t),
+                 each = OXL_MIN(TRAIN_SAVE_STEPS, OXL_MAX(1, TRAIN_SAVE_SECONDS / step));
     return floor((t->options->iterations - 1 - t->saved_step) / each) * t->forecast.save_seconds;
+}
+
+/* Tells how the run ends, after its first densification here, or half of the steps left without one. */
+static void forecast_tell(struct train *t, double gaussians)
+{
+    struct look *grown = t->task.grown;
+    const int steps = t->step - t->first_step;
+    if (!grown || grown->steps > 0) return;
+    if (t->forecast.densified == 0 && t->step + steps < t->options->iterations) return;
+    grown->gaussians = gaussians, grown->steps = steps, grown->hides = forecast_hides(t);
 }
 
 static double forecast_reckon(struct train *t)
 {
     const oxl_train_options *o = t->options;
     const struct forecast *past = &t->forecast;
-    const double second = past->seconds / past->work;
-    struct forecast_state f = {
-        .o = o, .gaussians = (double)t->trained.model.count, .coarse = forecast_coarse_steps(t->scene, o)};
-    double work, last;
+    struct forecast_state f = {.scene = t->scene,
+                               .o = o,
+                               .gaussians = (double)t->trained.model.count,
+                               .coarse = forecast_coarse_steps(t->scene, o)};
+    const int beside = t->task.viewed + (forecast_hides(t) ? t->task.refined : 0);
+    double seconds;
     int done = 0;
     for (int step = 1; step <= t->step; step++) done += schedule_densifies_at(o, step);
-    f.growth = past->densified ? past->growth : forecast_growth_at(o, t->scene->stats.splitting, done);
     f.fades = forecast_fades(o, done);
+    f.growth = past->densified ? past->growth * vecmath_exp(-1 / f.fades)
+                               : forecast_growth_at(o, t->scene->stats.splitting, done);
     f.cap = OXL_MAX((double)schedule_gaussian_cap(t->scene, o), f.gaussians);
-    work = forecast_ahead(&f, t->step);
-    last = second * forecast_work(f.gaussians, 0);
-    return second * work + last * forecast_beside(t, &f) +
-           OXL_MAX(last * FORECAST_VIEW * t->task.viewed, t->task.after) +
-           f.densified * past->density_seconds + forecast_saves(t, forecast_step(t));
+    seconds = forecast_second(t) * forecast_ahead(&f, t->step, forecast_trials(t), beside);
+    forecast_tell(t, f.gaussians);
+    return seconds + t->task.after + f.densified * past->density_seconds + forecast_saves(t);
 }
 
 OXL_INTERNAL double forecast_left(struct train *t)

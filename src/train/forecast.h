@@ -14,7 +14,7 @@ struct look {         /* all 0: there was none */
     double seconds;   /* of a step on a whole image, */
     double timed;     /* and the Gaussians it had */
     double begin;     /* s: before the first step */
-    double after;     /* s: evaluation takes at least so long */
+    double after;     /* s: evaluation, beside rendering its views */
     int hides; /* 1: a model for viewers will be refined, since images have gains, a lamp or a medium */
     int steps, views; /* that it took */
 };

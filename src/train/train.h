@@ -39,11 +39,11 @@ struct train_task {
     const struct image_window *window;
     int frozen;   /* 1: gains and lamp stay as they are */
     int viewed;   /* views that the caller renders afterwards; for the time left */
-    double after; /* s that this takes at least; likewise */
+    double after; /* s that this takes beside; likewise */
     /* steps by which the caller refines a model for viewers, where images have a medium, or gains alone;
      * likewise */
     int refined;
-    /* receives share, gaussians and steps once the run has grown, where no look was taken; NULL: not asked */
+    /* receives gaussians at the end, steps of this process and hides, once these tell; NULL: not asked */
     struct look *grown;
 
     /* out */
