@@ -613,6 +613,26 @@ TEST(job_with_a_model_for_viewers_says_the_time_left_until_it_and_the_evaluation
     }
 }
 
+static int job_test_note_end(void *user, const oxl_progress *p)
+{
+    if (p->iteration == p->iterations) *(double *)user = p->seconds_left;
+    return 0;
+}
+
+/* After the last step its views are still rendered, each in about a step's time, and metrics and files made. */
+TEST(job_counts_the_views_and_files_of_its_evaluation_as_time_left)
+{
+    oxl_job_options options = job_test_options();
+    double left = 0, after;
+    const oxl_callback callback = {job_test_note_end, &left};
+    oxl_scene *scene = NULL;
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback));
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &options.scene, &scene));
+    after = cost_evaluation(test_ctx, scene, &options);
+    CHECK(left > after && left < after + 5);
+    oxl_scene_free(test_ctx, scene);
+}
+
 TEST(job_in_blocks_with_gains_alone_writes_a_model_for_viewers_and_resumes_it)
 {
     NEEDS_PART(exposure);
