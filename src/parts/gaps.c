@@ -292,7 +292,6 @@ static double gaps_centre(double value[GAPS_SAMPLES], const double other[GAPS_SA
 static int gaps_take_patch(const struct gaps_grid *grid, const double pixel[2], struct gaps_patch *patch)
 {
     const int f = grid->grey->factor;
-    double sum;
     patch->x = pixel[0] / f, patch->y = pixel[1] / f;
     if (!gaps_has(grid->grey, patch->x - GAPS_RADIUS, patch->y - GAPS_RADIUS) ||
         !gaps_has(grid->grey, patch->x + GAPS_RADIUS, patch->y + GAPS_RADIUS))
@@ -300,7 +299,7 @@ static int gaps_take_patch(const struct gaps_grid *grid, const double pixel[2], 
     for (int i = 0; i < GAPS_SAMPLES; i++)
         patch->value[i] = gaps_sample(grid->grey, patch->x + i % GAPS_SIDE - GAPS_RADIUS,
                                       patch->y + i / GAPS_SIDE - GAPS_RADIUS);
-    patch->norm = gaps_centre(patch->value, patch->value, &sum);
+    patch->norm = gaps_centre(patch->value, patch->value, &patch->norm);
     return patch->norm > GAPS_DETAIL * GAPS_SIDE;
 }
 
@@ -498,8 +497,7 @@ static oxl_result gaps_find_pairs(struct gaps *g, struct gaps_grid *grid, int vi
 static double gaps_mean_depth(struct gaps *g, int cells)
 {
     double count = 0, inverse = 0;
-    for (int i = 0; i < cells; i++) {
-        struct gaps_cell *c = &g->cell[i];
+    for (struct gaps_cell *c = g->cell; c < g->cell + cells; c++) {
         count += c->count, inverse += c->inverse_z;
         c->mean = c->count > 0 ? c->inverse_z / c->count : 0;
     }
