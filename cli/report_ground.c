@@ -10,7 +10,9 @@
 #include <math.h>
 #include <string.h>
 
-enum { GROUND_SIDE = 800 /* px; longest side of the orthomosaic on the page */ };
+/* px; longest side of the orthomosaic on the page, and of runs of fewer iterations than GROUND_SHORT, whose
+ * page should take little of their time */
+enum { GROUND_SIDE = 800, GROUND_SIDE_SHORT = 560, GROUND_SHORT = 1000 };
 #define GROUND_LITTLE 0.6 /* Warns if a smaller share of the ground has a height. */
 
 /* Opens the model that other viewers show, and renders it from above. Gives no overview of one
@@ -18,11 +20,13 @@ enum { GROUND_SIDE = 800 /* px; longest side of the orthomosaic on the page */ }
 static void ground_render(struct report *r)
 {
     char path[4200];
+    const int side =
+        oxl_json_number(r->metrics, "iterations") < GROUND_SHORT ? GROUND_SIDE_SHORT : GROUND_SIDE;
     snprintf(path, sizeof path, "%s/scene.ply", r->out);
     if (oxl_large_open(r->silent, path, r->options.ram / 4, &r->viewed) != OXL_OK || r->viewed.pages) return;
     oxl_large_move_origin(&r->viewed, oxl_scene_origin(r->survey_scene));
     if (oxl_scene_point_count(r->survey_scene) > 2 &&
-        ortho_overview(r->silent, &r->viewed, r->survey_scene, GROUND_SIDE, &r->ground) != OXL_OK)
+        ortho_overview(r->silent, &r->viewed, r->survey_scene, side, &r->ground) != OXL_OK)
         oxl_image_free(r->silent, &r->ground.image);
 }
 

@@ -28,6 +28,7 @@ struct views_row {
     /* what is wrong with a training view: "pose", "exposure", "blur", "colour", "reflections",
      * "no structure"; NULL: nothing */
     char *flag;
+    int shown; /* 1: its images are on the page */
 };
 
 struct views {
@@ -59,7 +60,8 @@ static struct views views_read(struct report *r, const char *list)
                                 oxl_json_number(e, "structure"),
                                 oxl_json_number(e, "plain_psnr"),
                                 fmax(oxl_json_number(e, "lacks"), oxl_json_number(e, "lacks_exposure")),
-                                json_string(oxl_json_member(e, "flag"))};
+                                json_string(oxl_json_member(e, "flag")),
+                                0};
         if (row.name && isfinite(row.psnr)) v.row[v.count++] = row;
         else free(row.name), free(row.flag);
     }
@@ -237,11 +239,12 @@ static void views_figure(struct report *r, const oxl_image *image, const char *w
 
 /* Shows a view: image, render and error, brightened and with structure where the render has none; without
  * medium, and as other viewers show it, where there is such an image. */
-static void views_show(struct report *r, const char *folder, const struct views_row *row)
+static void views_show(struct report *r, const char *folder, struct views_row *row)
 {
     struct output *t = &r->page;
     oxl_image rendered = {0}, image = {0}, error = {0}, clear = {0}, plain = {0}, structure = {0};
     const int fog = views_is_fog(row);
+    row->shown = 1;
     output_add(t, "<h3>%S <span class=\"pale\">%.2f dB%s%s%s%s</span>%s</h3>\n", row->name, row->psnr,
                isnan(row->ssim) ? "" : ", SSIM ", OUTPUT_FIXED(row->ssim, 3),
                isnan(row->structure) ? "" : ", structure ", OUTPUT_FIXED(row->structure, 2),
@@ -312,8 +315,8 @@ static int views_compare_structure(const void *a, const void *b)
     return strcmp(x->name, y->name);
 }
 
-/* Lists the views below OXL_STRUCTURE_NONE, and shows the worst of them; sorts the rows. what:
- * "held-out" or "training". */
+/* Lists the views below OXL_STRUCTURE_NONE, and shows the worst of them that are not on the page already; sorts
+ * the rows. what: "held-out" or "training". */
 static void views_fog(struct report *r, const char *folder, const char *what, struct views *v)
 {
     struct output *t = &r->page;
@@ -329,7 +332,8 @@ static void views_fog(struct report *r, const char *folder, const char *what, st
         "look for a wrong pose.</p>\n",
         fog, v->count, what, OXL_STRUCTURE_NONE);
     views_rows(t, v, 0, fog < VIEWS_OPEN ? fog : VIEWS_OPEN, 0);
-    for (int i = 0; i < fog && i < VIEWS_SHOWN; i++) views_show(r, folder, &v->row[i]);
+    for (int i = 0; i < fog && i < VIEWS_SHOWN; i++)
+        if (!v->row[i].shown) views_show(r, folder, &v->row[i]);
 }
 
 void views_section(struct report *r)
@@ -398,7 +402,7 @@ void views_training_section(struct report *r)
     struct output *t = &r->page;
     const char *list = oxl_json_member(r->metrics, "training");
     const double flagged = oxl_json_number(list, "flagged"), all = oxl_json_number(list, "of"),
-                 iterations = oxl_json_number(r->metrics, "iterations");
+                 iterations = oxl_json_number(r->metrics, "iterations"), few = oxl_json_number(list, "shown");
     struct views v = views_read(r, oxl_json_member(list, "views"));
     int shown = 0;
     if (v.count > 0) {
@@ -418,7 +422,8 @@ void views_training_section(struct report *r)
         output_add(t, all > v.count ? ".</p>\n" : "</p>\n");
         while (shown < v.count && (v.row[shown].flag || shown < VIEWS_OPEN)) shown++;
         views_rows(t, &v, 0, shown, flagged > 0);
-        for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, "training_views", &v.row[i]);
+        for (int i = 0; i < v.count && i < (few >= 0 ? few : VIEWS_SHOWN); i++)
+            views_show(r, "training_views", &v.row[i]);
         views_fog(r, "training_views", "training", &v);
     }
     views_free(&v);

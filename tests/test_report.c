@@ -291,6 +291,20 @@ TEST(report_judges_by_structure_and_explained_contrast_whatever_the_psnr)
     report_test_verdict(0.3, 13, 0.35, "Image quality: not usable.");
 }
 
+TEST(report_shows_a_view_without_structure_once)
+{
+    const char *first;
+    char *page;
+    report_test_run();
+    test_write("out/metrics.json", "{\"split\": \"test\", \"psnr\": 20, \"views\": [{\"name\": \"a.jpg\", "
+                                   "\"psnr\": 20, \"structure\": 0.1}]}");
+    page = report_test_page();
+    first = strstr(page, "<h3>a.jpg");
+    CHECK(first && !strstr(first + 1, "<h3>a.jpg"));
+    CHECK_TEXT(page, "1 of 1 held-out views are rendered without the structure");
+    free(page);
+}
+
 TEST(report_calls_new_views_as_good_whose_errors_are_no_larger)
 {
     char *page;
@@ -363,8 +377,8 @@ static char *report_test_training(const char *flag, int all)
     output_add(
         &t,
         "{\"split\": \"test\", \"psnr\": 30, \"iterations\": 60, \"training\": {\"count\": 3, \"of\": %d, "
-        "\"flagged\": %d, \"views\": [",
-        all, flag != NULL);
+        "\"flagged\": %d, %s\"views\": [",
+        all, flag != NULL, all > 3 ? "\"shown\": 2, " : "");
     for (int k = 0; k < 3; k++)
         output_add(&t,
                    "%s{\"name\": \"t%d.jpg\", \"psnr\": %d, \"structure\": 0.9, \"lacks\": %d.2, "
@@ -404,6 +418,7 @@ TEST(report_shows_what_training_images_lack_and_what_was_found)
         free(page);
     }
     page = report_test_training(NULL, 7);
+    CHECK(strstr(page, "<h3>t1.jpg") && !strstr(page, "<h3>t2.jpg")); /* "shown" of metrics.json */
     CHECK_TEXT(page, "3 of 7 training images are judged, evenly spaced: one for each 20 iterations.");
     free(page);
 }

@@ -6,7 +6,7 @@
  * standard deviation [Rousseeuw & Croux 1993]). Of a view that lacks decibels, what its error is made of
  * (misfit.c) says why: a wrong pose, reflections, or light; else it is blurred when it is less sharp.
  *
- * A short run judges some views, evenly spaced, and finds their neighbours among these.
+ * A short run judges some views, evenly spaced, finds their neighbours among these, and renders fewer.
  *
  * Invariant: nothing here changes the model; no view is left out of training.
  */
@@ -20,7 +20,8 @@
 enum {
     TRAINING_STEPS = 5, /* steps per view, from which on its error is evidence */
     TRAINING_MIN = 6,   /* views; with fewer no view is flagged */
-    TRAINING_SHOWN = 4  /* worst views, and views of least structure, that are rendered */
+    TRAINING_SHOWN = 4, /* worst views, and views of least structure, that are rendered */
+    TRAINING_FEW = 2    /* worst views that a short run renders, unless more are flagged */
 };
 #define TRAINING_DECIBEL 2.5 /* Flags a view that lacks so many decibels. */
 /* Flags a view whose exposure is off by so many spreads: one of 10^5 views of a normal distribution. */
@@ -271,12 +272,19 @@ static void training_report_structure(const struct training_views *t)
             oxl_scene_view(t->scene, t->m->views[least->at].view)->name);
 }
 
-static void training_add_json(const struct training_views *t, struct text *out)
+static int training_flagged(const struct training_views *t)
 {
     int flagged = 0;
     for (int i = 0; i < t->m->count; i++) flagged += t->row[i].flag != TRAINING_NONE;
-    text_add(out, "  \"training\": {\"count\": %d, \"of\": %d, \"flagged\": %d, \"structure\": %s, ",
-             t->m->count, t->all, flagged, NUMBER(t->m->structure));
+    return flagged;
+}
+
+static void training_add_json(const struct training_views *t, int shown, struct text *out)
+{
+    text_add(
+        out,
+        "  \"training\": {\"count\": %d, \"of\": %d, \"flagged\": %d, \"shown\": %d, \"structure\": %s, ",
+        t->m->count, t->all, training_flagged(t), shown, NUMBER(t->m->structure));
     text_add(out, "\"psnr\": %s, \"cc_psnr\": %s, ", NUMBER(t->m->psnr), NUMBER(t->m->cc_psnr));
     text_add(out, "\"structure_least\": %s, \"no_structure\": %d, \"views\": [",
              NUMBER(t->m->structure_least), t->m->no_structure);
@@ -324,7 +332,7 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_large_m
     struct training_views t = {.ctx = ctx, .scene = scene, .m = &m, .all = schedule_training_views(scene)};
     const int judged = measured ? t.all : cost_judged_views(scene, iterations),
               evident = iterations >= TRAINING_STEPS * t.all;
-    int shown[2 * TRAINING_SHOWN], count = 0;
+    int shown[2 * TRAINING_SHOWN], count = 0, worst = TRAINING_SHOWN;
     oxl_result rc = OXL_OK;
     if (!measured) rc = evaluate_quick(ctx, &source, scene, OXL_SPLIT_TRAIN, judged, &m);
     if (rc != OXL_OK) return rc;
@@ -347,9 +355,11 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_large_m
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
     training_report(&t);
     if (evident) training_report_structure(&t);
-    training_add_json(&t, json);
-    for (; count < OXL_MIN(m.count, (int)TRAINING_SHOWN); count++)
-        shown[count] = m.views[t.row[count].at].view;
+    if (cost_is_short(iterations))
+        worst = OXL_CLAMP(training_flagged(&t), (int)TRAINING_FEW, (int)TRAINING_SHOWN);
+    worst = OXL_MIN(worst, m.count);
+    training_add_json(&t, worst, json);
+    for (; count < worst; count++) shown[count] = m.views[t.row[count].at].view;
     count = training_add_fog(&t, count, shown);
     if (folder)
         rc =

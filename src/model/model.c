@@ -141,34 +141,38 @@ void oxl_model_free(oxl_context *ctx, oxl_model *model)
     *model = (oxl_model){0};
 }
 
-/* Enlarges the model in place, without a copy beside it, since training grows to what memory holds. Planes
- * move from the last to the first, so that none overwrites another. */
-OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t capacity)
+/* Gives the model this capacity and degree: enlarges it in place, without a copy beside it, since training
+ * grows to what memory holds. Planes move from the last to the first, so that none overwrites another. */
+static oxl_result model_grow(oxl_context *ctx, oxl_model *model, size_t capacity, int sh_degree)
 {
-    const int planes = oxl_model_planes(model);
-    const size_t old = model->capacity, wanted = model_capacity(capacity);
+    const int planes = oxl_model_planes(model), all = oxl_model_planes(&(oxl_model){.sh_degree = sh_degree});
+    const size_t old = model->capacity, wanted = model_capacity(capacity),
+                 size = model->count * sizeof(float);
     float *memory;
-    if (capacity <= old) return OXL_OK;
-    if (!model->memory || model->lobes > 0)
-        return model_lay_out(ctx, model, capacity, model->sh_degree, model->lobes);
-    memory = oxl_regrow(ctx, model->memory, old * (size_t)planes, wanted ? wanted * (size_t)planes : SIZE_MAX,
-                        sizeof *memory);
+    if (!model->memory || model->lobes > 0 || sh_degree < model->sh_degree || !wanted)
+        return model_lay_out(ctx, model, capacity, sh_degree, model->lobes);
+    memory = oxl_regrow(ctx, model->memory, old * (size_t)planes, wanted * (size_t)all, sizeof *memory);
     if (!memory) return OXL_ERR_MEMORY;
-    model->memory = memory;
-    model->capacity = wanted;
-    for (int p = planes - 1; p >= 0; p--) {
+    model->memory = memory, model->capacity = wanted, model->sh_degree = sh_degree;
+    for (int p = all - 1; p >= 0; p--) {
         model->plane[p] = memory + (size_t)p * wanted;
-        memmove(model->plane[p], memory + (size_t)p * old, model->count * sizeof(float));
+        if (p >= planes) memset(model->plane[p], 0, size);
+        else if (wanted > old) memmove(model->plane[p], memory + (size_t)p * old, size);
     }
     model_clear_rows(model, model->count, wanted);
     return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t capacity)
+{
+    return capacity > model->capacity ? model_grow(ctx, model, capacity, model->sh_degree) : OXL_OK;
 }
 
 OXL_INTERNAL oxl_result model_set_degree(oxl_context *ctx, oxl_model *model, int sh_degree)
 {
     const oxl_result rc = model_check_degree(ctx, sh_degree);
     if (rc != OXL_OK || sh_degree == model->sh_degree) return rc;
-    return model_lay_out(ctx, model, model->capacity, sh_degree, model->lobes);
+    return model_grow(ctx, model, model->capacity, sh_degree);
 }
 
 OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_model *to)

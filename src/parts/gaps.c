@@ -39,13 +39,14 @@ enum {
 #define GAPS_STEP 0.7         /* px that a step of depth moves a patch in the other view, and */
 #define GAPS_RANGE 0.15       /* the largest change of inverse depth, as a fraction */
 #define GAPS_AGREES 0.7       /* correlation of patches that show one place */
+#define GAPS_ROUNDING 1e-6    /* beyond what a correlation of 1 is rounded by */
 #define GAPS_DETAIL 0.14      /* levels: standard deviation of a patch that shows something */
 #define GAPS_RIDGE 1.0        /* pull of a plane's slopes to 0, in cells at any distance */
 #define GAPS_ANGLE_LEAST 0.03 /* rad: between two views of a place, so that depth moves it, */
 #define GAPS_ANGLE_MOST 0.6   /* and so that it looks the same */
 
-struct gaps_cell { /* sums over the observed points in it */
-    double count, inverse_z;
+struct gaps_cell { /* sums over the observed points in it, and their mean inverse depth */
+    double count, inverse_z, mean;
 };
 
 struct gaps_grey { /* an image, reduced */
@@ -70,6 +71,7 @@ struct gaps {
     size_t *first;   /* (views + 1) where a view's points begin in `point` */
     uint32_t *point; /* points that each view observes */
     struct gaps_cell *cell;
+    double weight[2 * GAPS_REACH + 1][2 * GAPS_REACH + 1]; /* of a cell so far away, in a plane's fit */
     int *shared; /* (views) points that a view shares with the one at hand */
     struct gaps_grey grey[GAPS_GREYS];
     size_t clock;
@@ -225,16 +227,13 @@ static void gaps_fill_cells(struct gaps *g, const struct gaps_grid *grid, int vi
 static int gaps_fit(const struct gaps *g, const struct gaps_grid *grid, int x, int y, struct gaps_plane *out)
 {
     double n = 0, sx = 0, sy = 0, sw = 0, sxx = 0, sxy = 0, syy = 0, sxw = 0, syw = 0, det;
-    for (int dy = -GAPS_REACH; dy <= GAPS_REACH; dy++)
-        for (int dx = -GAPS_REACH; dx <= GAPS_REACH; dx++) {
-            const int column = x + dx, row = y + dy;
-            const struct gaps_cell *cell;
-            double weight, w;
-            if (column < 0 || row < 0 || column >= grid->across || row >= grid->down || (!dx && !dy))
-                continue;
-            cell = &g->cell[(size_t)row * (size_t)grid->across + (size_t)column];
+    const int left = OXL_MAX(-GAPS_REACH, -x), right = OXL_MIN(GAPS_REACH, grid->across - 1 - x),
+              last = OXL_MIN(GAPS_REACH, grid->down - 1 - y);
+    for (int dy = OXL_MAX(-GAPS_REACH, -y); dy <= last; dy++)
+        for (int dx = left; dx <= right; dx++) {
+            const struct gaps_cell *cell = &g->cell[(y + dy) * grid->across + x + dx];
+            const double weight = g->weight[dy + GAPS_REACH][dx + GAPS_REACH], w = cell->mean;
             if (cell->count == 0) continue;
-            weight = 1.0 / (dx * dx + dy * dy), w = cell->inverse_z / cell->count;
             n += weight, sx += weight * dx, sy += weight * dy, sw += weight * w;
             sxx += weight * dx * dx, sxy += weight * dx * dy, syy += weight * dy * dy;
             sxw += weight * dx * w, syw += weight * dy * w;
@@ -261,9 +260,10 @@ struct gaps_patch {
 /* Samples a reduced image between its pixels; the place is inside. */
 static double gaps_sample(const struct gaps_grey *grey, double x, double y)
 {
-    const size_t w = (size_t)grey->width, column = (size_t)(x - 0.5), row = (size_t)(y - 0.5);
-    const double fx = x - 0.5 - (double)column, fy = y - 0.5 - (double)row;
-    const float *v = grey->value + row * w + column;
+    const int column = (int)(x - 0.5), row = (int)(y - 0.5);
+    const double fx = x - 0.5 - column, fy = y - 0.5 - row;
+    const size_t w = (size_t)grey->width;
+    const float *v = grey->value + (size_t)row * w + (size_t)column;
     return (1 - fy) * ((1 - fx) * v[0] + fx * v[1]) + fy * ((1 - fx) * v[w] + fx * v[w + 1]);
 }
 
@@ -272,14 +272,18 @@ static int gaps_has(const struct gaps_grey *grey, double x, double y)
     return x >= 0.5 && y >= 0.5 && x < grey->width - 1 && y < grey->height - 1;
 }
 
-/* Takes out the mean of samples; returns the root of the sum of squares that is left. */
-static double gaps_centre(double value[GAPS_SAMPLES])
+/* Takes out the mean of samples; returns the root of the sum of squares that is left. *with: sum of the
+ * products with `other`, along with the squares, since each sum waits for itself. */
+static double gaps_centre(double value[GAPS_SAMPLES], const double other[GAPS_SAMPLES], double *with)
 {
     double sum = 0, square = 0;
+    *with = 0;
     for (int i = 0; i < GAPS_SAMPLES; i++) sum += value[i];
+    sum /= GAPS_SAMPLES;
     for (int i = 0; i < GAPS_SAMPLES; i++) {
-        value[i] -= sum / GAPS_SAMPLES;
+        value[i] -= sum;
         square += value[i] * value[i];
+        *with += value[i] * other[i];
     }
     return sqrt(square);
 }
@@ -295,7 +299,7 @@ static int gaps_take_patch(const struct gaps_grid *grid, const double pixel[2], 
     for (int i = 0; i < GAPS_SAMPLES; i++)
         patch->value[i] = gaps_sample(grid->grey, patch->x + i % GAPS_SIDE - GAPS_RADIUS,
                                       patch->y + i / GAPS_SIDE - GAPS_RADIUS);
-    patch->norm = gaps_centre(patch->value);
+    patch->norm = gaps_centre(patch->value, patch->value, &patch->norm);
     return patch->norm > GAPS_DETAIL * GAPS_SIDE;
 }
 
@@ -339,7 +343,7 @@ static double gaps_correlate(const struct gaps_grid *grid, const struct gaps_pai
                              const struct gaps_patch *patch, const struct gaps_plane *plane)
 {
     const double r = GAPS_RADIUS;
-    double value[GAPS_SAMPLES], norm, sum = 0, at[3][2], right[2], down[2]; /* the warp, as an affine one */
+    double value[GAPS_SAMPLES], norm, sum, at[3][2], right[2], down[2]; /* the warp, as an affine one */
     if (!gaps_transfer(grid, pair, patch->x, patch->y, plane->w, at[0]) ||
         !gaps_transfer(grid, pair, patch->x + r, patch->y, plane->w + r * plane->dx, at[1]) ||
         !gaps_transfer(grid, pair, patch->x, patch->y + r, plane->w + r * plane->dy, at[2]))
@@ -356,18 +360,20 @@ static double gaps_correlate(const struct gaps_grid *grid, const struct gaps_pai
         value[i] = gaps_sample(pair->to, at[0][0] + dx * right[0] + dy * down[0],
                                at[0][1] + dx * right[1] + dy * down[1]);
     }
-    norm = gaps_centre(value);
-    for (int i = 0; i < GAPS_SAMPLES; i++) sum += value[i] * patch->value[i];
+    norm = gaps_centre(value, patch->value, &sum);
     return norm > GAPS_DETAIL * GAPS_SIDE ? sum / (norm * patch->norm) : 0;
 }
 
-/* Returns the mean correlation with the views that have the patch; -2: none has. */
+/* Returns the mean correlation with the views that have the patch; -2: none has. Leaves out the rest where
+ * correlations of 1 would not bring the mean to `least`. */
 static double gaps_agreement(const struct gaps_grid *grid, const struct gaps_patch *patch,
-                             const struct gaps_plane *plane)
+                             const struct gaps_plane *plane, double least)
 {
     double sum = 0;
     int seen = 0;
     for (int k = 0; k < grid->pairs; k++) {
+        const int left = grid->pairs - k;
+        if (seen && sum + left < (seen + left) * least - GAPS_ROUNDING) break;
         const double c = gaps_correlate(grid, &grid->pair[k], patch, plane);
         if (c > -2) sum += c, seen++;
     }
@@ -389,19 +395,18 @@ static double gaps_step(const struct gaps_grid *grid, const struct gaps_patch *p
     return most > 0 ? GAPS_STEP * probe / sqrt(most) : 0;
 }
 
-/* Moves the plane to the depth at which the views agree best; returns that agreement. */
+/* Moves the plane to the depth at which the views agree best, if by GAPS_AGREES or more; returns that
+ * agreement, or less. */
 static double gaps_sweep(const struct gaps_grid *grid, const struct gaps_patch *patch,
                          struct gaps_plane *plane)
 {
     const struct gaps_plane prior = *plane;
     const double step = OXL_MIN(gaps_step(grid, patch, prior.w), GAPS_RANGE);
-    double best = -2;
+    double best = GAPS_AGREES - GAPS_ROUNDING;
     for (int s = -GAPS_STEPS; s <= GAPS_STEPS && step > 0; s++) {
         const double scale = 1 + s * step;
         const struct gaps_plane tried = {prior.w * scale, prior.dx * scale, prior.dy * scale};
-        double agreement;
-        if (s * step > GAPS_RANGE || s * step < -GAPS_RANGE) continue;
-        agreement = gaps_agreement(grid, patch, &tried);
+        const double agreement = fabs(s * step) > GAPS_RANGE ? -2 : gaps_agreement(grid, patch, &tried, best);
         if (agreement > best) best = agreement, *plane = tried;
     }
     return best;
@@ -487,11 +492,15 @@ static oxl_result gaps_find_pairs(struct gaps *g, struct gaps_grid *grid, int vi
     return OXL_OK;
 }
 
-/* Returns the mean of the observed points, as 1 / mean inverse depth; 0 without any. */
-static double gaps_mean_depth(const struct gaps *g, int cells)
+/* Sets the cells' mean inverse depths; returns the mean depth of all points, as 1 / mean inverse depth; 0
+ * without any. */
+static double gaps_mean_depth(struct gaps *g, int cells)
 {
     double count = 0, inverse = 0;
-    for (int i = 0; i < cells; i++) count += g->cell[i].count, inverse += g->cell[i].inverse_z;
+    for (struct gaps_cell *c = g->cell; c < g->cell + cells; c++) {
+        count += c->count, inverse += c->inverse_z;
+        c->mean = c->count > 0 ? c->inverse_z / c->count : 0;
+    }
     return inverse > 0 ? count / inverse : 0;
 }
 
@@ -543,6 +552,9 @@ OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, oxl_scene *scene, size_t m
     g.cell = oxl_alloc(ctx, (GAPS_ACROSS + 1) * (GAPS_ACROSS + 1), sizeof *g.cell);
     g.shared = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *g.shared);
     if (!g.cell || !g.shared) rc = OXL_ERR_MEMORY;
+    for (int y = -GAPS_REACH; y <= GAPS_REACH; y++)
+        for (int x = -GAPS_REACH; x <= GAPS_REACH; x++)
+            g.weight[y + GAPS_REACH][x + GAPS_REACH] = x || y ? 1.0 / (x * x + y * y) : 0;
     if (rc == OXL_OK) rc = gaps_take_points(&g, GAPS_PLACES * most);
     if (rc == OXL_OK) rc = gaps_sort_tracks(&g);
     for (int i = 0, training = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++)
@@ -551,12 +563,7 @@ OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, oxl_scene *scene, size_t m
     if (rc == OXL_OK) *out = g.out, *count = g.count;
     else oxl_free(ctx, g.out);
     for (int i = 0; i < GAPS_GREYS; i++) oxl_free(ctx, g.grey[i].value);
-    oxl_free(ctx, g.shared);
-    oxl_free(ctx, g.cell);
-    oxl_free(ctx, g.taken);
-    oxl_free(ctx, g.view_of);
-    oxl_free(ctx, g.first);
-    oxl_free(ctx, g.point);
+    OXL_FREE(ctx, g.shared, g.cell, g.taken, g.view_of, g.first, g.point);
     return rc;
 }
 

@@ -180,38 +180,51 @@ static void photometry_compact(struct photometry_work *w)
 
 struct photometry_point {
     int count;
-    double a[PHOTOMETRY_TRACK], b[PHOTOMETRY_TRACK]; /* I = a J + b */
-    /* dI/d(log bD) / J; dI/d(log Binf); dI/d(log bB) */
-    double through[PHOTOMETRY_TRACK], veil[PHOTOMETRY_TRACK], near[PHOTOMETRY_TRACK];
-    double rest[PHOTOMETRY_TRACK], weight[PHOTOMETRY_TRACK];
+    const struct photometry_form *form; /* (count,3) of the channel on, */
+    double *rest;                       /* as w->rest from there */
     double j, aa;
 };
 
-/* Evaluates the model and its derivatives at the point's samples, with the colour J that fits them best. */
-static void photometry_evaluate(const struct photometry_work *w, const double *at,
-                                const struct photometry_sample *s, int c, struct photometry_point *p)
+/* Evaluates what the model of all samples has of the parameters `at`; it does not change with the weights. */
+static void photometry_evaluate(struct photometry_work *w, const double *at)
 {
-    const int medium = w->free & PHOTOMETRY_MEDIUM;
-    const double direct = medium ? vecmath_exp(at[c]) : 0, scatter = medium ? vecmath_exp(at[3 + c]) : 0;
-    const double far_off = medium ? vecmath_exp(at[6 + c]) : 0;
+    const int medium = w->free & PHOTOMETRY_MEDIUM, lamp = w->free & PHOTOMETRY_LAMP;
+    double m[9] = {0};
+    for (int i = 0; i < 9 && medium; i++) m[i] = vecmath_exp(at[i]);
+    for (size_t i = 0; i < 3 * w->samples; i++) {
+        const struct photometry_sample *s = &w->sample[i / 3];
+        struct photometry_form *f = &w->form[i];
+        const int c = (int)(i % 3);
+        double gain = at[w->gains + 3 * s->view + c], left;
+        for (int t = 0; t < LAMP_TERMS && lamp; t++)
+            gain += (at[9 + t] + (s->lamp ? at[9 + LAMP_TERMS * s->lamp + t] : 0)) * (double)s->term[t];
+        gain = vecmath_exp(OXL_CLAMP(gain, -5, 5));
+        *f = (struct photometry_form){.a = gain};
+        if (!medium) continue;
+        left = vecmath_exp(-m[3 + c] * s->range);
+        f->a = gain * vecmath_exp(-m[c] * s->range);
+        f->b = gain * m[6 + c] * (1 - left);
+        f->through = -f->a * m[c] * s->range;
+        f->near = gain * m[6 + c] * m[3 + c] * s->range * left;
+    }
+}
+
+/* Finds the point's colour J in a channel that fits its samples best, and sets their w->rest. */
+static void photometry_find_colour(struct photometry_work *w, size_t first, int c, struct photometry_point *p)
+{
+    const struct photometry_sample *s = &w->sample[first];
     double ab = 0;
+    p->form = &w->form[3 * first + (size_t)c];
+    p->rest = &w->rest[3 * first + (size_t)c];
     p->aa = 0;
     for (int k = 0; k < p->count; k++) {
-        double gain = at[w->gains + 3 * s[k].view + c], left;
-        for (int t = 0; t < LAMP_TERMS; t++)
-            gain += (at[9 + t] + (s[k].lamp ? at[9 + LAMP_TERMS * s[k].lamp + t] : 0)) * (double)s[k].term[t];
-        gain = vecmath_exp(OXL_CLAMP(gain, -5, 5));
-        left = medium ? vecmath_exp(-scatter * s[k].range) : 1;
-        p->a[k] = medium ? gain * vecmath_exp(-direct * s[k].range) : gain;
-        p->b[k] = gain * far_off * (1 - left);
-        p->through[k] = -p->a[k] * direct * s[k].range;
-        p->near[k] = gain * far_off * scatter * s[k].range * left;
-        p->weight[k] = s[k].weight[c];
-        p->aa += p->weight[k] * p->a[k] * p->a[k];
-        ab += p->weight[k] * p->a[k] * (s[k].value[c] - p->b[k]);
+        const double a = p->form[3 * k].a, by = (double)s[k].weight[c] * a;
+        p->aa += by * a;
+        ab += by * (s[k].value[c] - p->form[3 * k].b);
     }
     p->j = p->aa > 0 ? ab / p->aa : 0;
-    for (int k = 0; k < p->count; k++) p->rest[k] = s[k].value[c] - p->a[k] * p->j - p->b[k];
+    for (int k = 0; k < p->count; k++)
+        p->rest[3 * k] = s[k].value[c] - p->form[3 * k].a * p->j - p->form[3 * k].b;
 }
 
 static int photometry_track(const struct photometry_work *w, size_t first)
@@ -225,12 +238,10 @@ static int photometry_track(const struct photometry_work *w, size_t first)
 static void photometry_find_residuals(struct photometry_work *w, const double *at)
 {
     struct photometry_point p;
+    photometry_evaluate(w, at);
     for (size_t first = 0; first < w->samples; first += (size_t)p.count) {
         p.count = photometry_track(w, first);
-        for (int c = 0; c < 3; c++) {
-            photometry_evaluate(w, at, &w->sample[first], c, &p);
-            for (int k = 0; k < p.count; k++) w->rest[3 * (first + (size_t)k) + (size_t)c] = p.rest[k];
-        }
+        for (int c = 0; c < 3; c++) photometry_find_colour(w, first, c, &p);
     }
 }
 
@@ -279,12 +290,11 @@ static double *photometry_row(struct photometry_work *w, int row)
  * terms, in the order of the parameters from 9 on. */
 enum { PHOTOMETRY_SHARED = 3 + LAMP_MAX * LAMP_TERMS };
 
-/* Adds `by` times v, for `terms` lamp terms from `first` on, to a row of the normal equations. */
-static void photometry_add_terms(double *row, int first, int terms, double by, const double *v)
+/* Adds `by` times v, for the lamp terms from `first` on, to a row of the normal equations. What is added
+ * beyond the diagonal is not read. */
+static void photometry_add_terms(double *row, int first, double by, const double *v)
 {
-    double *to = row + 9 + first;
-    const double *from = v + 3 + first;
-    for (int t = 0; t < terms; t++) to[t] += by * from[t];
+    for (int t = 0; t < LAMP_TERMS; t++) row[9 + first + t] += by * v[3 + first + t];
 }
 
 /* Subtracts from a row what the point's colour explains, `by` times u / aa. */
@@ -301,9 +311,9 @@ static void photometry_eliminate(struct photometry_work *w, const struct photome
                                  const struct photometry_point *p, const double *u, const double *gains,
                                  int shared)
 {
-    for (int i = 0; i < shared; i++)
+    for (int i = w->free & PHOTOMETRY_MEDIUM ? 0 : 3; i < shared; i++)
         photometry_subtract(photometry_row(w, i < 3 ? 3 * i + c : 6 + i), c, i + 1, u[i], u, p->aa);
-    for (int k = 0; k < p->count; k++) {
+    for (int k = 0; k < p->count && (w->free & PHOTOMETRY_GAINS); k++) {
         const int own = w->gains + 3 * s[k].view + c;
         photometry_subtract(photometry_row(w, own), c, shared, gains[k], u, p->aa);
         for (int l = 0; l <= k; l++)
@@ -314,35 +324,36 @@ static void photometry_eliminate(struct photometry_work *w, const struct photome
 static void photometry_add_point(struct photometry_work *w, const struct photometry_sample *s, int c,
                                  const struct photometry_point *p)
 {
-    /* Leaves out fixed lamp terms, which need no equations. */
-    const int terms = w->free & PHOTOMETRY_LAMP ? LAMP_TERMS : 0;
+    /* Leaves out fixed parameters, which need no equations. */
+    const int medium = w->free & PHOTOMETRY_MEDIUM, terms = w->free & PHOTOMETRY_LAMP ? LAMP_TERMS : 0;
     const int shared = 3 + terms * (w->apart ? w->lamps : 1);
     double u[PHOTOMETRY_SHARED] = {0}, gains[PHOTOMETRY_TRACK];
     if (!(p->aa > 0)) return;
     for (int k = 0; k < p->count; k++) {
-        const double seen = p->a[k] * p->j + p->b[k], weight = p->weight[k];
+        const struct photometry_form *f = &p->form[3 * k];
+        const double seen = f->a * p->j + f->b, weight = s[k].weight[c];
         const int own = w->gains + 3 * s[k].view + c, lamp = w->apart ? LAMP_TERMS * s[k].lamp : 0;
         double d[PHOTOMETRY_SHARED], *gain = photometry_row(w, own);
-        d[0] = p->through[k] * p->j, d[1] = p->near[k], d[2] = p->b[k];
+        d[0] = f->through * p->j, d[1] = f->near, d[2] = f->b;
         for (int t = 0; t < terms; t++) d[3 + t] = d[3 + lamp + t] = seen * (double)s[k].term[t];
-        gains[k] = weight * p->a[k] * seen;
+        gains[k] = weight * f->a * seen;
         /* Takes the medium, the common shape, then the camera's own shape. */
-        for (int part = 0; part < 3; part++) {
+        for (int part = medium ? 0 : 1; part < 3; part++) {
             const int first = part == 0 ? 0 : part == 1 ? 3 : 3 + lamp, end = part == 0 ? 3 : first + terms;
             for (int i = first; i < end && (part < 2 || lamp > 0); i++) {
                 const double by = weight * d[i];
                 const int at = i < 3 ? 3 * i + c : 6 + i;
                 double *row = photometry_row(w, at);
                 for (int j = 0; j < 3 && j <= i; j++) row[3 * j + c] += by * d[j];
-                if (part > 0) photometry_add_terms(row, 0, part == 1 ? i - 2 : terms, by, d);
-                if (part > 1) photometry_add_terms(row, lamp, i - first + 1, by, d);
+                if (part > 0) photometry_add_terms(row, 0, by, d);
+                if (part > 1) photometry_add_terms(row, lamp, by, d);
                 gain[at] += by * seen;
-                u[i] += weight * p->a[k] * d[i];
-                w->right[at] += by * p->rest[k];
+                u[i] += weight * f->a * d[i];
+                w->right[at] += by * p->rest[3 * k];
             }
         }
         gain[own] += weight * seen * seen;
-        w->right[own] += weight * seen * p->rest[k];
+        w->right[own] += weight * seen * p->rest[3 * k];
     }
     photometry_eliminate(w, s, c, p, u, gains, shared);
 }
@@ -375,6 +386,7 @@ static double photometry_prior_cost(const struct photometry_work *w, const doubl
     return sum;
 }
 
+/* Sets the normal equations at w->at, where the model is evaluated. */
 static void photometry_normal_equations(struct photometry_work *w)
 {
     struct photometry_point p;
@@ -383,7 +395,7 @@ static void photometry_normal_equations(struct photometry_work *w)
     for (size_t first = 0; first < w->samples; first += (size_t)p.count) {
         p.count = photometry_track(w, first);
         for (int c = 0; c < 3; c++) {
-            photometry_evaluate(w, w->at, &w->sample[first], c, &p);
+            photometry_find_colour(w, first, c, &p);
             photometry_add_point(w, &w->sample[first], c, &p);
         }
     }
@@ -439,40 +451,38 @@ static void photometry_solve(const double *m, int n, double *x)
     }
 }
 
-/* Takes damped steps from w->at; returns the cost at the end. */
-static double photometry_descend(struct photometry_work *w)
+/* Takes damped steps from w->at. */
+static void photometry_descend(struct photometry_work *w)
 {
-    const size_t size = (size_t)PHOTOMETRY_PARAMETERS * (size_t)w->parameters;
-    double damping = PHOTOMETRY_DAMPING, cost;
+    /* Gains that are fixed have no step, and are the last parameters. */
+    const int count = w->free & PHOTOMETRY_GAINS ? w->parameters : w->gains;
+    double damping = PHOTOMETRY_DAMPING, cost = 0;
     int moved = 1; /* 1: the equations are of another place than w->at */
     photometry_find_residuals(w, w->at);
-    w->sigma = photometry_sigma(w);
-    cost = photometry_cost(w, 1) + photometry_prior_cost(w, w->at);
-    for (int step = 0; step < PHOTOMETRY_STEPS; step++) {
+    for (int step = 0;; step++) {
         double to[PHOTOMETRY_PARAMETERS], x[PHOTOMETRY_PARAMETERS], better;
+        if (moved) w->sigma = photometry_sigma(w);
+        if (moved) cost = photometry_cost(w, 1) + photometry_prior_cost(w, w->at);
+        if (step == PHOTOMETRY_STEPS) return;
         if (moved) photometry_normal_equations(w);
-        memcpy(w->factor, w->normal, sizeof *w->factor * size);
-        for (int i = 0; i < w->parameters; i++)
-            w->factor[(size_t)i * (PHOTOMETRY_PARAMETERS + 1)] *= 1 + damping;
+        memcpy(w->factor, w->normal, sizeof *w->factor * PHOTOMETRY_PARAMETERS * (size_t)count);
+        for (int i = 0; i < count; i++) w->factor[(size_t)i * (PHOTOMETRY_PARAMETERS + 1)] *= 1 + damping;
         memcpy(x, w->right, sizeof x);
-        if (!photometry_factor(w->factor, w->parameters)) break;
-        photometry_solve(w->factor, w->parameters, x);
+        if (!photometry_factor(w->factor, count)) return;
+        photometry_solve(w->factor, count, x);
         for (int i = 0; i < w->parameters; i++) to[i] = w->at[i] + OXL_CLAMP(x[i], -1, 1);
         photometry_find_residuals(w, to);
         better = photometry_cost(w, 0) + photometry_prior_cost(w, to);
         moved = better < cost;
         if (!moved) {
             damping *= PHOTOMETRY_HARDER;
-            if (damping > PHOTOMETRY_DAMPING_MAX) break;
+            if (damping > PHOTOMETRY_DAMPING_MAX) return;
             continue;
         }
         damping = OXL_MAX(damping * PHOTOMETRY_EASIER, PHOTOMETRY_DAMPING_MIN);
         memcpy(w->at, to, sizeof w->at);
-        if (cost - better < PHOTOMETRY_GAIN_MIN * better) break;
-        w->sigma = photometry_sigma(w);
-        cost = photometry_cost(w, 1) + photometry_prior_cost(w, w->at);
+        if (cost - better < PHOTOMETRY_GAIN_MIN * better) return;
     }
-    return cost;
 }
 
 /* Computes the standard errors of the nine logs. Residuals of a point may be correlated, so each point
@@ -480,6 +490,7 @@ static double photometry_descend(struct photometry_work *w)
 static void photometry_errors(struct photometry_work *w, struct photometry *out)
 {
     const double alike = sqrt((double)w->samples / (double)OXL_MAX(out->points, 1));
+    photometry_evaluate(w, w->at);
     photometry_normal_equations(w);
     if (!photometry_factor(w->normal, w->parameters)) return;
     for (int i = 0; i < 9; i++) {
@@ -603,11 +614,12 @@ OXL_INTERNAL oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scen
     w->sample = oxl_alloc(ctx, PHOTOMETRY_SAMPLE + 1, sizeof *w->sample);
     w->normal = oxl_alloc(ctx, (size_t)PHOTOMETRY_PARAMETERS * PHOTOMETRY_PARAMETERS, sizeof *w->normal);
     w->factor = oxl_alloc(ctx, (size_t)PHOTOMETRY_PARAMETERS * PHOTOMETRY_PARAMETERS, sizeof *w->factor);
+    w->form = oxl_alloc(ctx, 3 * PHOTOMETRY_SAMPLE + 1, sizeof *w->form);
     w->scratch = oxl_alloc(ctx, 3 * PHOTOMETRY_SAMPLE + 1, sizeof *w->scratch);
     w->rest = oxl_alloc(ctx, 3 * PHOTOMETRY_SAMPLE + 1, sizeof *w->rest);
     out->log_gain = oxl_calloc(ctx, 3 * views + 1, sizeof *out->log_gain);
     out->known = oxl_calloc(ctx, views + 1, sizeof *out->known);
-    return w->view && w->chosen && w->sample && w->normal && w->factor && w->scratch && w->rest &&
+    return w->view && w->chosen && w->sample && w->normal && w->factor && w->form && w->scratch && w->rest &&
                    out->log_gain && out->known
                ? OXL_OK
                : OXL_ERR_MEMORY;
@@ -615,7 +627,7 @@ OXL_INTERNAL oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scen
 
 OXL_INTERNAL void photometry_end(oxl_context *ctx, struct photometry_work *w)
 {
-    OXL_FREE(ctx, w->view, w->chosen, w->sample, w->normal, w->factor, w->scratch, w->rest);
+    OXL_FREE(ctx, w->view, w->chosen, w->sample, w->normal, w->factor, w->form, w->scratch, w->rest);
 }
 
 OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts,
@@ -630,8 +642,7 @@ OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, i
     rc = photometry_begin(ctx, scene, &w, out);
     w.lamps = imaging_set_lamps(scene, w.lamp);
     w.gains = 9 + w.lamps * LAMP_TERMS;
-    if (rc == OXL_OK) photometry_choose_views(scene, c, &w);
-    if (rc == OXL_OK) photometry_choose_samples(scene, median, &w);
+    if (rc == OXL_OK) photometry_choose_views(scene, c, &w), photometry_choose_samples(scene, median, &w);
     if (rc == OXL_OK) rc = photometry_sample_colours(ctx, scene, &w);
     if (rc == OXL_OK) photometry_compact(&w);
     if (rc == OXL_OK && w.samples >= PHOTOMETRY_ENOUGH) {

@@ -44,14 +44,19 @@ struct photometry_sample { /* Holds a point in an image. */
     float value[3], weight[3];
     float term[LAMP_TERMS];
 };
+struct photometry_form {  /* Holds what a sample's channel has of the parameters. */
+    double a, b;          /* I = a J + b; b is dI/d(log Binf), too */
+    double through, near; /* dI/d(log bD) / J; dI/d(log bB) */
+};
 struct photometry_work {
     int *view, *chosen;                   /* (images) index in `chosen`, -1: not used; (views) views used */
     int views, lamp_of[PHOTOMETRY_VIEWS]; /* number of chosen views; (views) lamp of each view's camera */
     struct photometry_sample *sample;
     size_t samples;
-    double *normal, *factor; /* (PHOTOMETRY_PARAMETERS^2) lower triangles */
-    double *scratch;         /* (3 PHOTOMETRY_SAMPLE) */
-    double *rest;            /* (samples,3) image less model */
+    double *normal, *factor;      /* (PHOTOMETRY_PARAMETERS^2) lower triangles */
+    struct photometry_form *form; /* (samples,3) */
+    double *scratch;              /* (3 PHOTOMETRY_SAMPLE) */
+    double *rest;                 /* (samples,3) image less model */
     double right[PHOTOMETRY_PARAMETERS], at[PHOTOMETRY_PARAMETERS], sigma;
     struct lamp lamp[LAMP_MAX];
     int lamps, gains;     /* number of lamps; index of the first gain among the parameters */

@@ -81,13 +81,9 @@ static oxl_result train_first_from_all(struct train *t, const oxl_point *points,
     oxl_result rc = parts_first_points(t, &more, &added);
     if (rc == OXL_OK && added > 0 && !(all = oxl_alloc(t->ctx, count + added, sizeof *all)))
         rc = OXL_ERR_MEMORY;
-    if (all) {
-        memcpy(all, points, count * sizeof *all);
-        memcpy(all + count, more, added * sizeof *all);
-    }
+    if (all) memcpy(all, points, count * sizeof *all), memcpy(all + count, more, added * sizeof *all);
     if (rc == OXL_OK) rc = train_first_from_points(t, all ? all : points, count + added);
-    oxl_free(t->ctx, more);
-    oxl_free(t->ctx, all);
+    OXL_FREE(t->ctx, more, all);
     return rc;
 }
 
