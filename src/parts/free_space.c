@@ -90,8 +90,10 @@ OXL_INTERNAL oxl_result free_space_begin(oxl_context *ctx, struct free_space *f,
     for (size_t v = 0; v < f->views; v++) {
         float depth[FREE_SPACE_GRID * FREE_SPACE_GRID];
         memcpy(depth, f->view[v].depth, sizeof depth);
-        for (int k = 0; k < FREE_SPACE_GRID * FREE_SPACE_GRID; k++)
+        for (int k = 0; k < FREE_SPACE_GRID * FREE_SPACE_GRID; k++) {
             f->view[v].depth[k] = free_space_limit(depth, k % FREE_SPACE_GRID, k / FREE_SPACE_GRID);
+            f->view[v].most = OXL_MAX(f->view[v].most, f->view[v].depth[k]);
+        }
     }
     return OXL_OK;
 }
@@ -105,8 +107,10 @@ OXL_INTERNAL void free_space_free(oxl_context *ctx, struct free_space *f)
 OXL_INTERNAL int free_space_contains(const struct free_space *f, const double p[3])
 {
     for (size_t v = 0; v < f->views; v++) {
-        double z;
-        const int cell = free_space_cell(f->view[v].camera, p, &z);
+        const double *r = f->view[v].camera->rotation + 6;
+        double z = f->view[v].camera->translation[2] + r[0] * p[0] + r[1] * p[1] + r[2] * p[2];
+        int cell = -1; /* beyond all of the view's depths, as most are, it needs no cell */
+        if (z > 0 && z < f->view[v].most) cell = free_space_cell(f->view[v].camera, p, &z);
         if (cell >= 0 && z < f->view[v].depth[cell]) return 1;
     }
     return 0;

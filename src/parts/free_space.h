@@ -9,6 +9,7 @@ enum { FREE_SPACE_GRID = 12 }; /* cells along each side of an image */
 
 struct free_space_view { /* a training view */
     const oxl_camera *camera;
+    float most;                                     /* the largest depth */
     float depth[FREE_SPACE_GRID * FREE_SPACE_GRID]; /* camera z up to which a cell is free; 0: not known */
 };
 struct free_space {
