@@ -90,10 +90,9 @@ OXL_INTERNAL oxl_result free_space_begin(oxl_context *ctx, struct free_space *f,
     for (size_t v = 0; v < f->views; v++) {
         float depth[FREE_SPACE_GRID * FREE_SPACE_GRID];
         memcpy(depth, f->view[v].depth, sizeof depth);
-        for (int k = 0; k < FREE_SPACE_GRID * FREE_SPACE_GRID; k++) {
-            f->view[v].depth[k] = free_space_limit(depth, k % FREE_SPACE_GRID, k / FREE_SPACE_GRID);
+        for (int k = 0; k < FREE_SPACE_GRID * FREE_SPACE_GRID; k++)
+            f->view[v].depth[k] = free_space_limit(depth, k % FREE_SPACE_GRID, k / FREE_SPACE_GRID),
             f->view[v].most = OXL_MAX(f->view[v].most, f->view[v].depth[k]);
-        }
     }
     return OXL_OK;
 }
@@ -109,8 +108,8 @@ OXL_INTERNAL int free_space_contains(const struct free_space *f, const double p[
     for (size_t v = 0; v < f->views; v++) {
         const double *r = f->view[v].camera->rotation + 6;
         double z = f->view[v].camera->translation[2] + r[0] * p[0] + r[1] * p[1] + r[2] * p[2];
-        int cell = -1; /* beyond all of the view's depths, as most are, it needs no cell */
-        if (z > 0 && z < f->view[v].most) cell = free_space_cell(f->view[v].camera, p, &z);
+        /* Beyond all of the view's depths, as most positions are, no cell is needed. */
+        const int cell = z > 0 && z < f->view[v].most ? free_space_cell(f->view[v].camera, p, &z) : -1;
         if (cell >= 0 && z < f->view[v].depth[cell]) return 1;
     }
     return 0;
@@ -120,8 +119,7 @@ OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_spa
                                          uint8_t **carved)
 {
     *carved = f->view ? oxl_alloc(ctx, model->count, sizeof **carved) : NULL;
-    if (!f->view) return OXL_OK;
-    if (!*carved) return OXL_ERR_MEMORY;
+    if (!*carved) return f->view ? OXL_ERR_MEMORY : OXL_OK;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)model->count; i++) {
         double p[3];

@@ -369,7 +369,7 @@ struct project_gradients {
 
 /* Sums a splat's pairs in slot order, which fixes the rounding. */
 SIMD_INLINE void project_gather(const struct project_job *job, size_t first, unsigned seen,
-                           struct project_gradients *d)
+                                struct project_gradients *d)
 {
     memset(d->sums, 0, sizeof d->sums);
     for (int l = 0; l < PACK; l++) {
