@@ -16,9 +16,10 @@ transform=$clients/node_modules/.bin/splat-transform
 cp "$here/clients.mjs" "$clients/"
 cd "$folder"
 "$program" synth -o survey --views 16 --size 96x64 --points 1500 --origin 40,-30,5 --quiet >/dev/null
-"$program" train survey -o out --iterations 200 --dog selective --dog-threshold 50% --threads 1 --quiet >/dev/null
+plain="--exposure off --lamp off --medium off" # else scene.ply is the model for viewers
+"$program" train survey -o out --iterations 200 --dog selective --dog-threshold 50% $plain --threads 1 --quiet >/dev/null
 "$program" convert out/scene.ply scene.splat 2>/dev/null >/dev/null
-"$program" train survey -o flat --iterations 100 --sh-degree 1 --threads 1 --quiet >/dev/null
+"$program" train survey -o flat --iterations 100 --sh-degree 1 $plain --threads 1 --quiet >/dev/null
 
 # count FILE: Gaussians, as splat-transform counts them.
 count() { "$transform" -q "$1" null --info json | sed -n 's/.*"numGaussians": \([0-9]*\).*/\1/p'; }
@@ -75,7 +76,7 @@ node "$clients/validate.mjs" scene.glb
 
 # Streamed levels of detail of a model of several blocks, drawn by PlayCanvas. Its images differ from ours by 0.73 dB here, 0.29 at 320x240:
 # its low-pass kernel is 0.075 px^2 (ours 0.3), its Gaussians fall to zero at 2.8 standard deviations, and it has no limit of the Jacobian.
-"$program" train survey -o blocks --iterations 300 --block-points 600 --sh-degree 3 --exposure off --lamp off --medium off --threads 1 --quiet >/dev/null
+"$program" train survey -o blocks --iterations 300 --block-points 600 --sh-degree 3 $plain --threads 1 --quiet >/dev/null
 "$transform" -q -g cpu blocks/scene.ply -d 25% level1.ply
 "$transform" -q -g cpu blocks/scene.ply -l 0 level1.ply -l 1 lod/lod-meta.json
 OCEANXL=$program python3 "$here/clients_viewer.py" "$clients/node_modules/playcanvas/build" . blocks/scene.ply=blocks/scene.ply:1 lod/lod-meta.json=blocks/scene.ply:1
