@@ -91,7 +91,7 @@ static void tviews_check_flags(int in_medium)
     oxl_scene *scene = tviews_scene(&m, 1, in_medium);
     struct text t = {.ctx = test_ctx};
     colmap_listen();
-    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 40 * TVIEWS, NULL, &t,
+    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 20 * TVIEWS, NULL, &t,
                                   test_path("worst")));
     CHECK(colmap_warned.count == 4);
     CHECK_TEXT(t.data, "\"training\": {\"count\": 24, \"of\": 24, \"flagged\": 4, \"shown\": 4, ");
@@ -161,7 +161,7 @@ TEST(training_views_with_reflections_or_a_glow_of_their_own_are_said_to_have_the
     struct text t = {.ctx = test_ctx};
     tviews_listen();
     CHECK_OK(
-        training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 40 * TVIEWS, NULL, &t, NULL));
+        training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 20 * TVIEWS, NULL, &t, NULL));
     CHECK_TEXT(t.data, "\"flagged\": 2, ");
     CHECK(tviews_has(t.data, "v08", "reflections") && tviews_has(t.data, "v15", "colour"));
     CHECK_TEXT(tviews_said, "info: training image v08 fits ");
@@ -258,7 +258,7 @@ TEST(training_views_without_the_structure_of_their_images_are_reported_once_and_
     struct text t = {.ctx = test_ctx};
     const char *row;
     colmap_listen();
-    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 40 * TVIEWS, NULL, &t,
+    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 20 * TVIEWS, NULL, &t,
                                   test_path("fog")));
     CHECK(colmap_warned.count == 5);
     CHECK_TEXT(t.data, "\"flagged\": 5, \"shown\": 4, \"structure\": 0.");
@@ -292,7 +292,7 @@ TEST(training_views_have_the_mean_of_their_figures)
     oxl_scene *scene = tviews_scene(&m, 1, 0);
     struct text t = {.ctx = test_ctx};
     CHECK_OK(
-        training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 40 * TVIEWS, NULL, &t, NULL));
+        training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 20 * TVIEWS, NULL, &t, NULL));
     tviews_check_mean(t.data, "psnr");
     tviews_check_mean(t.data, "cc_psnr");
     tviews_check_mean(t.data, "structure");
@@ -308,7 +308,7 @@ TEST(training_views_of_a_valid_survey_are_not_flagged)
     struct text t = {.ctx = test_ctx};
     colmap_listen();
     CHECK_OK(
-        training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 40 * TVIEWS, NULL, &t, NULL));
+        training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 20 * TVIEWS, NULL, &t, NULL));
     CHECK(colmap_warned.count == 0);
     CHECK_TEXT(t.data, "\"flagged\": 0, \"shown\": 2, ");
     text_free(&t);
@@ -366,9 +366,9 @@ TEST(training_views_of_a_short_run_are_judged_by_evenly_spaced_ones)
     struct text t = {.ctx = test_ctx};
     tviews_listen();
     CHECK_OK(
-        training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 20 * TVIEWS, NULL, &t, NULL));
+        training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 10 * TVIEWS, NULL, &t, NULL));
     CHECK_TEXT(t.data, "\"training\": {\"count\": 12, \"of\": 24, \"flagged\": 0, ");
-    CHECK_TEXT(tviews_said, "12 of 24 training views are judged, evenly spaced: one for each 40 iterations");
+    CHECK_TEXT(tviews_said, "12 of 24 training views are judged, evenly spaced: one for each 20 iterations");
     for (int v = 0; v < TVIEWS; v++) {
         char name[24];
         snprintf(name, sizeof name, "\"name\": \"v%02d\"", v);

@@ -34,9 +34,9 @@
  * of others (docs/SCALE.md). */
 #define COST_CONTEXT 1.25
 /* Judges a training view behind a run for each 20 of its iterations, since judging one takes about as long as
- * an iteration; below COST_SHORT for each 40, since a short run does little else. */
+ * an iteration. */
 #define COST_JUDGED 20
-#define COST_SHORT 1000
+#define COST_SHORT 1000   /* Renders fewer of them below so many iterations. */
 #define COST_JUDGED_MIN 6 /* Bounds the number of judged views from below. */
 /* Counts s for the files of a result, with the report. */
 #define COST_FILES 0.3
@@ -173,8 +173,7 @@ OXL_INTERNAL int cost_is_short(int iterations)
 
 OXL_INTERNAL int cost_judged_views(const oxl_scene *scene, int iterations)
 {
-    const int each = cost_is_short(iterations) ? 2 * COST_JUDGED : COST_JUDGED;
-    return OXL_MIN(OXL_MAX(iterations / each, COST_JUDGED_MIN), schedule_training_views(scene));
+    return OXL_MIN(OXL_MAX(iterations / COST_JUDGED, COST_JUDGED_MIN), schedule_training_views(scene));
 }
 
 OXL_INTERNAL int cost_evaluated_views(const oxl_scene *scene, int iterations)
