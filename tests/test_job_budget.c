@@ -14,6 +14,7 @@ static struct cost_load budget_test_load(void)
 static oxl_job_options budget_test_options(double ram)
 {
     oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
+    o.train.iterations = 3000; /* with a trial of SH degrees */
     o.ram = (size_t)ram;
     o.train.sh_degree = -1; /* as in the preset, also where no part of the build reads it */
     return o;

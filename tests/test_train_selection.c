@@ -11,23 +11,24 @@ TEST(selection_validates_on_an_eighth_of_the_views_and_eight_at_most)
     CHECK(held == 2);
 }
 
-/* Density control, and the trial, at step 500 of 1000. */
+/* Density control, and the trial, at step 1500 of 3000. */
 TEST(selection_trains_all_views_but_for_a_tenth_of_the_run_before_a_trial)
 {
     NEEDS_PART(sh_degree);
-    oxl_train_options o = train_options(1000);
+    oxl_train_options o = train_options(3000);
     struct train t = {
         .ctx = test_ctx, .scene = train_scene(14), .options = &o, .decisions = {.ctx = test_ctx}};
     oxl_scene *scene = t.scene;
     const int views = schedule_training_views(scene);
     o.sh_degree = -1;
     CHECK_OK(train_begin(&t));
-    while (t.step < 510) {
+    while (t.step < 1510) {
         if (t.trial) CHECK_OK(selection_trial(&t));
         t.step++;
         CHECK_OK(train_step(&t));
-        CHECK(t.validation_views == (t.step > 400 && t.step <= 500) && t.views + t.validation_views == views);
-        CHECK((t.trial == NULL) == (t.step != 500));
+        CHECK(t.validation_views == (t.step > 1200 && t.step <= 1500) &&
+              t.views + t.validation_views == views);
+        CHECK((t.trial == NULL) == (t.step != 1500));
     }
     train_end(&t);
     oxl_scene_free(test_ctx, scene);
@@ -38,16 +39,16 @@ TEST(selection_predicts_the_steps_of_its_trials)
 {
     NEEDS_PART(sh_degree);
     NEEDS_PART(lobes);
-    oxl_train_options o = train_options(2000);
+    oxl_train_options o = train_options(4000);
     o.ucd.mode = OXL_UCD_OFF;
     o.lamp = o.medium = OXL_OFF;
     CHECK(forecast_trial_steps(&o, 50) == 0);
     o.sh_degree = -1;
-    CHECK(forecast_trial_steps(&o, 50) == 150 && forecast_trial_steps(&o, 7) == 0);
+    CHECK(forecast_trial_steps(&o, 50) == 300 && forecast_trial_steps(&o, 7) == 0);
     o.dog = OXL_DOG_AUTO;
-    CHECK(forecast_trial_steps(&o, 50) == 200);
-    o.iterations = 999; /* too few for a trial of bands */
-    CHECK(forecast_trial_steps(&o, 50) == 24);
+    CHECK(forecast_trial_steps(&o, 50) == 400);
+    o.iterations = 2999; /* too few for a trial of bands */
+    CHECK(forecast_trial_steps(&o, 50) == 74);
 }
 
 struct selection_test_case {
@@ -79,7 +80,7 @@ static oxl_scene *selection_test_grey(oxl_scene *scene)
 static struct selection_test_case selection_test_case(oxl_scene *scene, int sh_degree, oxl_dog dog)
 {
     struct selection_test_case c = {
-        scene, train_options(sh_degree < 0 ? 2000 : 300), {.ctx = test_ctx}, {.ctx = test_ctx}, {0}};
+        scene, train_options(sh_degree < 0 ? 3000 : 300), {.ctx = test_ctx}, {.ctx = test_ctx}, {0}};
     struct train_task place = {.store = checkpoint_in(test_folder(), "key"),
                                .log = &c.log,
                                .notes = &c.log,
@@ -187,7 +188,7 @@ TEST(selection_decides_by_another_view_where_the_validation_view_is_damaged_or_m
     NEEDS_PART(sh_degree);
     oxl_job_options options = job_test_options();
     options.scene.test_every = 0;
-    options.train.iterations = 1000;
+    options.train.iterations = 3000;
     options.train.sh_degree = -1;
     options.train.lamp = options.train.medium = OXL_OFF;
     for (int k = 0; k < 2; k++) {
@@ -207,7 +208,7 @@ TEST(selection_decides_by_another_view_where_the_validation_view_is_damaged_or_m
         }
         CHECK_OK(oxl_job_run(test_ctx, survey, out, &options, NULL));
         CHECK(job_test_has(PATH(out, "run.json"),
-                           "\"evidence\": \"1 validation views, after 25 steps: degree"));
+                           "\"evidence\": \"1 validation views, after 75 steps: degree"));
         CHECK(!job_test_has(PATH(out, "run.json"), "nan dB"));
         CHECK(job_test_has(PATH(out, "metrics.json"), "\"images_left_out\": 1"));
     }

@@ -213,7 +213,7 @@ TEST(forecast_of_time_counts_steps_growth_and_what_follows_them)
 TEST(forecast_of_time_has_trials_at_half_the_sides)
 {
     oxl_scene *scene = train_scene(12);
-    oxl_train_options o = train_options(1000);
+    oxl_train_options o = train_options(3000);
     struct look look = {.gaussians = 400, .seconds = 1, .timed = 400, .share = 1e-12};
     const oxl_camera *c = &oxl_scene_view(scene, 0)->camera;
     const double pixels = 0.2 * c->width * c->height, half = 0.64 * (pixels / 4 + 400) / (pixels + 400);
@@ -222,7 +222,7 @@ TEST(forecast_of_time_has_trials_at_half_the_sides)
     o.sh_degree = -1;
     trials = 1.3 * forecast_trial_steps(&o, schedule_training_views(scene));
     CHECK(trials > 90);
-    CHECK_CLOSE(forecast_seconds(scene, &o, &look, 400, 8, 0), 250 + half * (750 + trials) + 8, 1);
+    CHECK_CLOSE(forecast_seconds(scene, &o, &look, 400, 8, 0), 750 + half * (2250 + trials) + 8, 1);
     oxl_scene_free(test_ctx, scene);
 }
 

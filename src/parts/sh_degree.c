@@ -9,7 +9,7 @@
 
 #define SH_DEGREE_MIN_GAIN 0.1  /* dB: minimum gain of the highest degree over a lower one */
 #define SH_DEGREE_ROUNDING 1e-6 /* intervals: the quotient of a whole number of them may come out less */
-#define SH_DEGREE_TRIAL 1000    /* iterations: in shorter runs the trial takes more time than it saves */
+#define SH_DEGREE_TRIAL 3000    /* iterations: in shorter runs the trial takes more time than it saves */
 
 OXL_TABLE const struct part part_sh_degree;
 
@@ -132,7 +132,7 @@ static void sh_degree_record(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option sh_degree_options[] = {
-{"sh-degree", "auto|0..3", OXL_OPTION_INT, OPTION_AT(train.sh_degree), 0, 3, PRESETS("auto", "auto", "3"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "degree of spherical harmonics (view-dependent colour); auto: chosen on validation views, 3 below 1000 iterations", NULL},
+{"sh-degree", "auto|0..3", OXL_OPTION_INT, OPTION_AT(train.sh_degree), 0, 3, PRESETS("auto", "auto", "3"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "degree of spherical harmonics (view-dependent colour); auto: chosen on validation views, 3 below 3000 iterations", NULL},
 {"sh-degree-interval", "FRACTION", OXL_OPTION_FLOAT, OPTION_AT(train.sh_degree_interval), 1e-6, 1000, EACH("1/30"), OXL_TIER_EXPERT, TRAINING | RESULT, "Schedule", "fraction of the run after which it rises by one", NULL},
 {0}};
 /* clang-format on */
