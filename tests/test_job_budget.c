@@ -151,7 +151,7 @@ TEST(budget_is_what_partition_predicts_with)
     oxl_partition_report free = {0}, limited = {0};
     options.train.max_gaussians = 300000;
     options.train.sh_degree = -1; /* with trials, whatever the build */
-    options.train.iterations = 2000;
+    options.train.iterations = 3000;
     CHECK_OK(oxl_partition(test_ctx, job_test_survey_of(30000), test_path("free"), &options, &free));
     /* not less than the tests hold, which is more with a sanitizer */
     options.ram = (size_t)OXL_MAX(0.9 * free.block[0].memory, 1.5 * (double)os_peak_rss());

@@ -159,8 +159,8 @@ oxl_scene *transients_test_scene(int views)
 /* Stopped before and after masking begins, and in the trial of SH bands. */
 TEST(transients_a_run_stopped_at_any_step_ends_in_the_same_bytes)
 {
-    static const int stops[] = {20, 61, 99, 122, 125, 127, 150};
-    struct checkpoint_case c = checkpoint_of(transients_test_scene(14), train_options(240));
+    static const int stops[] = {250, 762, 1237, 1525, 1562, 1587, 1875};
+    struct checkpoint_case c = checkpoint_of(transients_test_scene(14), train_options(3000));
     oxl_model model, plain;
     c.options.sh_degree = -1;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &plain));

@@ -215,7 +215,6 @@ TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
     oxl_scene *scene = train_scene(14);
     oxl_train_options options = train_options(1000);
     oxl_model off, automatic;
-    options.sh_degree = -1; /* so that validation views stand aside in both */
     options.exposure = OXL_OFF;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &off));
     options.exposure = OXL_AUTO;
