@@ -690,6 +690,7 @@ static void job_test_finish_groups(const char *out, const oxl_job_options *optio
 
 TEST(job_in_blocks_trains_the_model_for_viewers_in_groups_and_resumes_to_the_same_bytes)
 {
+    NEEDS_PART(sh_degree);
     NEEDS_PART(exposure);
     oxl_job_options options = job_test_gains_in_blocks();
     const char *survey = job_test_strip();

@@ -212,6 +212,7 @@ TEST(forecast_of_time_counts_steps_growth_and_what_follows_them)
 /* Half into a run steps still are those of half the sides, also where trials take them. */
 TEST(forecast_of_time_has_trials_at_half_the_sides)
 {
+    NEEDS_PART(sh_degree);
     oxl_scene *scene = train_scene(12);
     oxl_train_options o = train_options(3000);
     struct look look = {.gaussians = 400, .seconds = 1, .timed = 400, .share = 1e-12};
