@@ -18,10 +18,11 @@
 #include "../survey/survey.h"
 
 enum {
-    TRAINING_STEPS = 5, /* steps per view, from which on its error is evidence */
-    TRAINING_MIN = 6,   /* views; with fewer no view is flagged */
-    TRAINING_SHOWN = 4, /* worst views, and views of least structure, that are rendered */
-    TRAINING_FEW = 2    /* worst views that a short run renders, unless more are flagged */
+    TRAINING_STEPS = 5,    /* steps per view, from which on its error is evidence */
+    TRAINING_MIN = 6,      /* views; with fewer no view is flagged */
+    TRAINING_SHOWN = 4,    /* worst views, and views of least structure, that are rendered */
+    TRAINING_SHORT = 1000, /* iterations: below, a run renders fewer views, since it takes little time */
+    TRAINING_FEW = 2       /* these many of the worst, unless more are flagged */
 };
 #define TRAINING_DECIBEL 2.5 /* Flags a view that lacks so many decibels. */
 /* Flags a view whose exposure is off by so many spreads: one of 10^5 views of a normal distribution. */
@@ -355,7 +356,7 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_large_m
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
     training_report(&t);
     if (evident) training_report_structure(&t);
-    if (cost_is_short(iterations))
+    if (iterations < TRAINING_SHORT)
         worst = OXL_CLAMP(training_flagged(&t), (int)TRAINING_FEW, (int)TRAINING_SHOWN);
     worst = OXL_MIN(worst, m.count);
     training_add_json(&t, worst, json);

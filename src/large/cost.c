@@ -36,7 +36,6 @@
 /* Judges a training view behind a run for each 20 of its iterations, since judging one takes about as long as
  * an iteration. */
 #define COST_JUDGED 20
-#define COST_SHORT 1000   /* Renders fewer of them below so many iterations. */
 #define COST_JUDGED_MIN 6 /* Bounds the number of judged views from below. */
 /* Counts s for the files of a result, with the report. */
 #define COST_FILES 0.3
@@ -164,11 +163,6 @@ static int cost_has_blocks(const oxl_job_options *o, size_t points)
     const size_t most = (size_t)o->partition.block_points;
     return o->partition.kind != OXL_PARTITION_NONE &&
            (o->partition.blocks > 1 || (most > 0 && points > most));
-}
-
-OXL_INTERNAL int cost_is_short(int iterations)
-{
-    return iterations < COST_SHORT;
 }
 
 OXL_INTERNAL int cost_judged_views(const oxl_scene *scene, int iterations)

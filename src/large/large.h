@@ -128,8 +128,6 @@ OXL_INTERNAL double cost_device_memory(const oxl_job_options *options, const str
                                        double gaussians);
 /* Predicts the Gaussians at the end of a run. */
 OXL_INTERNAL double cost_gaussians(const oxl_job_options *options, const struct cost_load *load);
-/* Tells whether what is around a run's steps is limited because it has few. */
-OXL_INTERNAL int cost_is_short(int iterations);
 /* Counts the training views that are judged behind a run, and with the held-out ones those evaluated. */
 OXL_INTERNAL int cost_judged_views(const oxl_scene *scene, int iterations);
 OXL_INTERNAL int cost_evaluated_views(const oxl_scene *scene, int iterations);
