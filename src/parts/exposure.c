@@ -35,33 +35,33 @@
 #define EXPOSURE_DIFFER \
     0.05 /* rms of the log: 4.3 % gained 0.1 dB in a hand-held survey (docs/log/PARSIMONY.md) */
 
-OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene,
-                                       oxl_switch mode, int continued)
+static oxl_result exposure_begin(struct train *t, void *state)
 {
-    const int views = oxl_scene_view_count(scene);
-    const size_t n = 3 * (size_t)views;
+    struct exposure *e = state;
+    const int views = oxl_scene_view_count(t->scene);
     oxl_result rc = OXL_OK;
-    if (continued) mode = scene->imaging.on ? OXL_ON : OXL_OFF;
-    *e = (struct exposure){.mode = mode};
-    if (mode == OXL_OFF) return OXL_OK;
-    rc = imaging_create(ctx, views, &e->of);
-    if (rc == OXL_OK) rc = imaging_set_cameras(ctx, scene, &e->of);
-    e->mean = oxl_calloc(ctx, n + 1, sizeof *e->mean);
-    e->square = oxl_calloc(ctx, n + 1, sizeof *e->square);
-    e->visits = oxl_calloc(ctx, (size_t)views + 1, sizeof *e->visits);
+    e->mode = t->options->exposure;
+    if (t->continues) e->mode = t->scene->imaging.on ? OXL_ON : OXL_OFF;
+    if (t->task.frozen) e->known_until = 2;
+    if (e->mode == OXL_OFF) return OXL_OK;
+    rc = imaging_create(t->ctx, views, &e->of);
+    if (rc == OXL_OK) rc = imaging_set_cameras(t->ctx, t->scene, &e->of);
+    e->mean = oxl_calloc(t->ctx, 3 * (size_t)views + 1, sizeof *e->mean);
+    e->square = oxl_calloc(t->ctx, 3 * (size_t)views + 1, sizeof *e->square);
+    e->visits = oxl_calloc(t->ctx, (size_t)views + 1, sizeof *e->visits);
     if (rc == OXL_OK && (!e->mean || !e->square || !e->visits)) rc = OXL_ERR_MEMORY;
     if (rc != OXL_OK) return rc;
-    e->of.on = mode == OXL_ON;
-    if (continued) imaging_copy(&scene->imaging, &e->of);
+    e->of.on = e->mode == OXL_ON;
+    if (t->continues) imaging_copy(&t->scene->imaging, &e->of);
     for (int c = 0; c < 3; c++) e->level[c] = imaging_mean(&e->of, c);
     return OXL_OK;
 }
 
-OXL_INTERNAL void exposure_free(oxl_context *ctx, struct exposure *e)
+static void exposure_free(struct train *t, void *state)
 {
-    imaging_free(ctx, &e->of);
-    OXL_FREE(ctx, e->mean, e->square, e->visits);
-    *e = (struct exposure){0};
+    struct exposure *e = state;
+    imaging_free(t->ctx, &e->of);
+    OXL_FREE(t->ctx, e->mean, e->square, e->visits);
 }
 
 /* Steps the view's gains along dL/da, and projects them to the mean `level`. progress: fraction of the run.
@@ -88,17 +88,12 @@ static void exposure_step(struct exposure *e, int view, double progress, const d
     imaging_centre(&e->of, e->level);
 }
 
-OXL_INTERNAL void exposure_apply_pending(struct exposure *e, int last)
+/* Takes the step of the pending gradient, unless its step is later than `last`. */
+static void exposure_apply_pending(struct exposure *e, int last)
 {
     if (e->pending.step == 0 || e->pending.step > last) return;
     exposure_step(e, e->pending.view, e->pending.progress, e->pending.dlog_gain);
     e->pending.step = 0;
-}
-
-OXL_INTERNAL void exposure_set_pending(struct exposure *e, const struct exposure_gradient *of)
-{
-    exposure_apply_pending(e, INT_MAX);
-    if (e->of.on && (of->progress >= e->known_until || !e->of.known[of->view])) e->pending = *of;
 }
 
 /* Computes the root of the mean square of the known gains, in log units, and of what their neighbours leave
@@ -143,9 +138,11 @@ OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct phot
     if (!e->of.on) imaging_clear(&e->of);
 }
 
-OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e)
+static void exposure_archive(struct archive *a, struct train *t, void *state)
 {
+    struct exposure *e = state;
     const size_t views = (size_t)e->of.views;
+    (void)t;
     if (e->mode == OXL_OFF) return;
     archive_int(a, &e->of.on);
     archive_doubles(a, e->level, 3);
@@ -172,25 +169,6 @@ OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e)
 
 /* ---------------- the part */
 
-static oxl_result exposure_part_begin(struct train *t, void *state)
-{
-    struct exposure *e = state;
-    const oxl_result rc = exposure_begin(t->ctx, e, t->scene, t->options->exposure, t->continues);
-    if (t->task.frozen) e->known_until = 2;
-    return rc;
-}
-
-static void exposure_part_free(struct train *t, void *state)
-{
-    exposure_free(t->ctx, state);
-}
-
-static void exposure_part_archive(struct archive *a, struct train *t, void *state)
-{
-    (void)t;
-    exposure_archive(a, state);
-}
-
 static int exposure_tracks(const struct train *t)
 {
     return t->options->exposure != OXL_OFF ? PHOTOMETRY_GAINS : 0;
@@ -216,13 +194,12 @@ static void exposure_set_gain(struct train *t, void *state, struct train_deferre
 static void exposure_after_loss(struct train *t, void *state, const struct train_deferred *step,
                                 const struct renderer_loss *loss)
 {
-    const struct exposure_gradient gradient = {
-        .step = step->step,
-        .view = step->view,
-        .progress = (double)step->step / t->options->iterations,
-        .dlog_gain = {loss->dlog_gain[0], loss->dlog_gain[1], loss->dlog_gain[2]}};
-    exposure_set_pending(state, &gradient);
-    if (!renderer_has_device(t->renderer)) exposure_apply_pending(state, step->step);
+    struct exposure *e = state;
+    const double progress = (double)step->step / t->options->iterations, *d = loss->dlog_gain;
+    exposure_apply_pending(e, INT_MAX);
+    if (e->of.on && (progress >= e->known_until || !e->of.known[step->view]))
+        e->pending = (struct exposure_gradient){step->step, step->view, progress, {d[0], d[1], d[2]}};
+    if (!renderer_has_device(t->renderer)) exposure_apply_pending(e, step->step);
 }
 
 static void exposure_store(struct train *t, void *state, oxl_model *model)
@@ -243,9 +220,9 @@ OXL_INTERNAL const struct part part_exposure = {.name = "exposure",
                                                 .size = sizeof(struct exposure),
                                                 .option = exposure_options,
                                                 .is_branched = 1,
-                                                .begin = exposure_part_begin,
-                                                .free = exposure_part_free,
-                                                .archive = exposure_part_archive,
+                                                .begin = exposure_begin,
+                                                .free = exposure_free,
+                                                .archive = exposure_archive,
                                                 .tracks = exposure_tracks,
                                                 .use_tracks = exposure_use_tracks,
                                                 .set_gain = exposure_set_gain,

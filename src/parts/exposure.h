@@ -19,15 +19,7 @@ struct exposure {
     double level[3];
     struct exposure_gradient pending; /* gradient of the last step, not yet applied */
 };
-OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene,
-                                       oxl_switch mode, int continued);
-OXL_INTERNAL void exposure_free(oxl_context *ctx, struct exposure *e);
-/* Applies the pending gradient and keeps that of this step. exposure_apply_pending applies it, unless its
- * step is later than `last`. */
-OXL_INTERNAL void exposure_set_pending(struct exposure *e, const struct exposure_gradient *of);
-OXL_INTERNAL void exposure_apply_pending(struct exposure *e, int last);
 OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct photometry *p, char *why,
                                            size_t size);
-OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e);
 
 #endif

@@ -25,23 +25,26 @@
 #define LAMP_RATE 0.01 /* learning rate at the start, in log units */
 #define LAMP_LAST 0.05 /* of LAMP_RATE: the rate at the end of the run */
 
-OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium,
-                             const struct imaging *continued)
+static oxl_result lamp_begin(struct train *t, void *state)
 {
-    *l = (struct lamp_fit){.reference = scene_depth_quantile(scene, 0.5),
-                           .has_falloff =
-                               medium != OXL_AUTO && scene_depth_span(scene) >= SCENE_DEPTH_SPAN_MIN};
+    struct lamp_fit *l = state;
+    const struct imaging *continued = t->continues ? &t->scene->imaging : NULL;
+    if (t->options->lamp == OXL_OFF) return OXL_OK;
+    l->frozen = t->task.frozen || t->task.context; /* a block sees a part of each image */
+    l->reference = scene_depth_quantile(t->scene, 0.5);
+    l->has_falloff = t->options->medium != OXL_AUTO && scene_depth_span(t->scene) >= SCENE_DEPTH_SPAN_MIN;
     if (!(l->reference > 0)) l->reference = 1;
     l->groups = 1;
     l->group[0].view = -1;
-    if (!continued) l->groups = imaging_set_lamps(scene, l->group);
-    if (!continued || continued->lamps == 0) return;
+    if (!continued) l->groups = imaging_set_lamps(t->scene, l->group);
+    if (!continued || continued->lamps == 0) return OXL_OK;
     l->on = 1;
     l->groups = continued->lamps;
     memcpy(l->group, continued->lamp, sizeof l->group);
     l->falloff = continued->medium.falloff;
     l->has_falloff = continued->medium.has_falloff;
     l->reference = continued->medium.reference > 0 ? (double)continued->medium.reference : l->reference;
+    return OXL_OK;
 }
 
 OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, const struct photometry *p,
@@ -56,20 +59,10 @@ OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, cons
     if (!p->points) snprintf(why, size, "too few tracks to compare colours");
 }
 
-/* Copies the fitted lamp into the model of image formation. */
-OXL_INTERNAL void lamp_store(const struct lamp_fit *l, struct imaging *m)
-{
-    m->lamps = l->on ? l->groups : 0;
-    m->medium.has_falloff = l->on && l->has_falloff;
-    m->medium.falloff = m->medium.has_falloff ? (float)l->falloff : 0;
-    m->medium.reference = m->medium.has_falloff ? (float)l->reference : 0;
-    if (l->on) memcpy(m->lamp, l->group, sizeof m->lamp);
-}
-
 /* Steps the lamp. shape: dL/d(shape) of the view's camera, `of`; falloff: dL/dp. progress: fraction of the
  * run. */
-OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress,
-                            const double shape[LAMP_TERMS], double falloff)
+static void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress,
+                      const double shape[LAMP_TERMS], double falloff)
 {
     const double rate = LAMP_RATE * vecmath_exp(progress * vecmath_log(LAMP_LAST));
     const int g = (int)(of - l->group);
@@ -104,9 +97,10 @@ static void lamp_archive_pending(struct archive *a, struct lamp_fit *l)
     archive_expect(a, p->step >= 0 && p->group >= 0 && p->group < l->groups && p->progress >= 0);
 }
 
-OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used)
+static void lamp_archive(struct archive *a, struct train *t, void *state)
 {
-    if (!used) return;
+    struct lamp_fit *l = state;
+    if (t->options->lamp == OXL_OFF) return;
     archive_int(a, &l->on);
     archive_int(a, &l->steps);
     archive_expect(a, (l->on == 0 || l->on == 1) && l->steps >= 0);
@@ -130,20 +124,6 @@ OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used)
 
 /* ---------------- the part */
 
-static oxl_result lamp_part_begin(struct train *t, void *state)
-{
-    struct lamp_fit *l = state;
-    if (t->options->lamp != OXL_OFF)
-        lamp_begin(l, t->scene, t->options->medium, t->continues ? &t->scene->imaging : NULL);
-    l->frozen = t->task.frozen || t->task.context; /* a block sees a part of each image */
-    return OXL_OK;
-}
-
-static void lamp_part_archive(struct archive *a, struct train *t, void *state)
-{
-    lamp_archive(a, state, t->options->lamp != OXL_OFF);
-}
-
 static int lamp_tracks(const struct train *t)
 {
     return t->options->lamp != OXL_OFF ? PHOTOMETRY_LAMP : 0;
@@ -159,7 +139,12 @@ static void lamp_use_tracks(struct train *t, void *state, const struct photometr
 
 static void lamp_form_image(const void *state, struct imaging *m)
 {
-    lamp_store(state, m);
+    const struct lamp_fit *l = state;
+    m->lamps = l->on ? l->groups : 0;
+    m->medium.has_falloff = l->on && l->has_falloff;
+    m->medium.falloff = m->medium.has_falloff ? (float)l->falloff : 0;
+    m->medium.reference = m->medium.has_falloff ? (float)l->reference : 0;
+    if (l->on) memcpy(m->lamp, l->group, sizeof m->lamp);
 }
 
 /* Returns the lamp of the view's camera; NULL: none. */
@@ -218,8 +203,8 @@ OXL_INTERNAL const struct part part_lamp = {.name = "lamp",
                                             .size = sizeof(struct lamp_fit),
                                             .option = lamp_options,
                                             .is_branched = 1,
-                                            .begin = lamp_part_begin,
-                                            .archive = lamp_part_archive,
+                                            .begin = lamp_begin,
+                                            .archive = lamp_archive,
                                             .tracks = lamp_tracks,
                                             .use_tracks = lamp_use_tracks,
                                             .set_gain = lamp_before_step,

@@ -20,14 +20,7 @@ struct lamp_fit {
     struct lamp_gradient pending; /* gradient of the last step, not yet applied */
     struct lamp drawn;            /* of the view that is rendered */
 };
-OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium,
-                             const struct imaging *continued);
 OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, const struct photometry *p,
                                        char *why, size_t size);
-OXL_INTERNAL void lamp_store(const struct lamp_fit *l, struct imaging *m);
-/* Steps the lamp. of: that of the view's camera. */
-OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress,
-                            const double shape[LAMP_TERMS], double falloff);
-OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used);
 
 #endif

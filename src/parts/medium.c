@@ -46,7 +46,7 @@ static double medium_fit_slope(double x)
     return 1 / (1 + vecmath_exp(-OXL_CLAMP(x, -80, 80)));
 }
 
-OXL_INTERNAL struct medium medium_fit_value(const struct medium_fit *f)
+static struct medium medium_fit_value(const struct medium_fit *f)
 {
     struct medium m = {.on = f->on};
     if (!f->on) return m;
@@ -69,15 +69,6 @@ static void medium_fit_set(struct medium_fit *f, const float attenuation[3], con
     }
 }
 
-OXL_INTERNAL void medium_fit_begin(struct medium_fit *f, oxl_scene *scene, const struct medium *continued)
-{
-    *f = (struct medium_fit){.range = scene_depth_quantile(scene, 0.5), .fixed = continued && continued->on};
-    if (!(f->range > 0)) f->range = 1;
-    if (!continued || !continued->on) return;
-    f->on = 1;
-    medium_fit_set(f, continued->attenuation, continued->backscatter, continued->veiling_light);
-}
-
 OXL_INTERNAL void medium_fit_set_from_tracks(struct medium_fit *f, double span, const struct photometry *p,
                                              char *why, size_t size)
 {
@@ -89,28 +80,30 @@ OXL_INTERNAL void medium_fit_set_from_tracks(struct medium_fit *f, double span, 
         value[0][c] = (float)p->attenuation[c], value[1][c] = (float)p->backscatter[c],
         value[2][c] = (float)p->veiling_light[c];
     if (f->on) medium_fit_set(f, value[0], value[1], value[2]);
-    snprintf(
-        why, size,
-        "%zu points in %zu observations: residuals %.2f %% of white, %.2f without the medium; red green blue, standard error: bD %.3g %.3g "
-        "%.3g (%.0f %.0f %.0f %%), bB %.3g %.3g %.3g (%.0f %.0f %.0f %%), Binf %.3g %.3g %.3g",
-        p->points, p->observations, 100 * p->residual, 100 * p->without[0], p->attenuation[0],
-        p->attenuation[1], p->attenuation[2], 100 * p->error[0], 100 * p->error[1], 100 * p->error[2],
-        p->backscatter[0], p->backscatter[1], p->backscatter[2], 100 * p->error[3], 100 * p->error[4],
-        100 * p->error[5], p->veiling_light[0], p->veiling_light[1], p->veiling_light[2]);
-    if (!identified && !f->on)
+    if (f->on)
+        snprintf(
+            why, size,
+            "%zu points in %zu observations: residuals %.2f %% of white, %.2f without the medium; red green blue, standard error: bD %.3g %.3g "
+            "%.3g (%.0f %.0f %.0f %%), bB %.3g %.3g %.3g (%.0f %.0f %.0f %%), Binf %.3g %.3g %.3g",
+            p->points, p->observations, 100 * p->residual, 100 * p->without[0], p->attenuation[0],
+            p->attenuation[1], p->attenuation[2], 100 * p->error[0], 100 * p->error[1], 100 * p->error[2],
+            p->backscatter[0], p->backscatter[1], p->backscatter[2], 100 * p->error[3], 100 * p->error[4],
+            100 * p->error[5], p->veiling_light[0], p->veiling_light[1], p->veiling_light[2]);
+    else if (!p->points) snprintf(why, size, "too few tracks to compare colours");
+    else if (span < SCENE_DEPTH_SPAN_MIN)
         snprintf(
             why, size,
             "the points' depths span a factor of %.1f: less than %d does not identify a medium, and residuals, %.2f %% of white, "
             "are %.2f without one: on from %.2g times as much",
             span, SCENE_DEPTH_SPAN_MIN, 100 * p->residual, 100 * p->without[0], 1 + MEDIUM_FIT_EVIDENT);
-    else if (!p->points) snprintf(why, size, "too few tracks to compare colours");
-    else if (!f->on)
+    else
         snprintf(why, size,
                  "%zu points in %zu observations: residuals %.2f %% of white, %.2f without the medium",
                  p->points, p->observations, 100 * p->residual, 100 * p->without[0]);
 }
 
-OXL_INTERNAL int medium_fit_start_step(const oxl_train_options *o)
+/* Returns the step after which a medium is fitted without tracks; 0: never. */
+static int medium_fit_start_step(const oxl_train_options *o)
 {
     return o->medium == OXL_ON ? OXL_MAX(1, (int)(MEDIUM_FIT_FROM * o->iterations)) : 0;
 }
@@ -132,7 +125,8 @@ OXL_INTERNAL void medium_fit_start(struct medium_fit *f, oxl_scene *scene)
     medium_fit_set(f, some, some, veil);
 }
 
-OXL_INTERNAL void medium_fit_scale_colours(const struct medium_fit *f, int to_clear, oxl_model *model)
+/* Converts the model's colours from those of training to those without the medium, or back. */
+static void medium_fit_scale_colours(const struct medium_fit *f, int to_clear, oxl_model *model)
 {
     const struct medium m = medium_fit_value(f);
     double factor[3];
@@ -142,7 +136,7 @@ OXL_INTERNAL void medium_fit_scale_colours(const struct medium_fit *f, int to_cl
     model_scale_colour(model, factor);
 }
 
-OXL_INTERNAL void medium_fit_step(struct medium_fit *f, double progress, const double gradient[9])
+static void medium_fit_step(struct medium_fit *f, double progress, const double gradient[9])
 {
     const double rate = MEDIUM_FIT_RATE * vecmath_exp(OXL_MAX(0, progress - 0.5) * 2 * vecmath_log(0.1));
     if (f->fixed) return;
@@ -162,9 +156,10 @@ static void medium_fit_apply_pending(struct medium_fit *f, int last)
     p->step = 0;
 }
 
-OXL_INTERNAL void medium_fit_archive(struct archive *a, struct medium_fit *f, int used)
+static void medium_archive(struct archive *a, struct train *t, void *state)
 {
-    if (!used) return;
+    struct medium_fit *f = state;
+    if (t->options->medium == OXL_OFF) return;
     archive_int(a, &f->on);
     archive_int(a, &f->fixed);
     archive_int(a, &f->steps);
@@ -185,18 +180,18 @@ OXL_INTERNAL void medium_fit_archive(struct archive *a, struct medium_fit *f, in
 
 #define MEDIUM_FIT_DRIFT 0.8 /* correlation of exposure with range from which a warning is due */
 
-static oxl_result medium_part_begin(struct train *t, void *state)
+static oxl_result medium_begin(struct train *t, void *state)
 {
     struct medium_fit *f = state;
+    const struct medium *continued = &t->scene->imaging.medium;
     if (t->options->medium == OXL_OFF) return OXL_OK;
-    medium_fit_begin(f, t->scene, t->continues ? &t->scene->imaging.medium : NULL);
-    if (t->continues) medium_fit_scale_colours(f, 0, &t->trained.model);
+    f->range = scene_depth_quantile(t->scene, 0.5);
+    if (!(f->range > 0)) f->range = 1;
+    if (!t->continues || !continued->on) return OXL_OK;
+    f->on = f->fixed = 1;
+    medium_fit_set(f, continued->attenuation, continued->backscatter, continued->veiling_light);
+    medium_fit_scale_colours(f, 0, &t->trained.model);
     return OXL_OK;
-}
-
-static void medium_part_archive(struct archive *a, struct train *t, void *state)
-{
-    medium_fit_archive(a, state, t->options->medium != OXL_OFF);
 }
 
 static int medium_tracks(const struct train *t)
@@ -296,8 +291,8 @@ OXL_INTERNAL const struct part part_medium = {.name = "medium",
                                               .size = sizeof(struct medium_fit),
                                               .option = medium_options,
                                               .is_branched = 1,
-                                              .begin = medium_part_begin,
-                                              .archive = medium_part_archive,
+                                              .begin = medium_begin,
+                                              .archive = medium_archive,
                                               .tracks = medium_tracks,
                                               .use_tracks = medium_use_tracks,
                                               .set_gain = medium_before_step,
