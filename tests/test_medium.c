@@ -6,18 +6,25 @@
  * evidence that images gain by it. */
 TEST(medium_that_tracks_show_clearly_is_on_whatever_the_depths_span)
 {
-    NEEDS_PART(medium);
-    struct photometry p = {.points = 100, .observations = 900, .parts = PHOTOMETRY_MEDIUM, .residual = 0.003};
     static const struct {
         double without, span;
         int on;
-    } seen[] = {{0.0050, 1.2, 1}, {0.0033, 1.2, 0}, {0.0034, 3, 1}, {0.0040, 1.9, 1}};
+    } seen[] = {{0.0050, 1.2, 1}, {0.0033, 1.2, 0}, {0.0034, 3, 1}, {0.0032, 3, 0}, {0.0040, 1.9, 1}};
+    for (size_t i = 0; i < OXL_COUNT(seen); i++)
+        CHECK(photometry_supports(0, seen[i].without / 0.003, seen[i].span) == seen[i].on);
+}
+
+TEST(medium_is_what_the_tracks_support_and_says_why)
+{
+    NEEDS_PART(medium);
+    struct photometry p = {.points = 100, .observations = 900, .residual = 0.003, .without = {0.0036}};
     for (int c = 0; c < 3; c++) p.attenuation[c] = p.backscatter[c] = 0.1, p.veiling_light[c] = 0.3;
-    for (size_t i = 0; i < OXL_COUNT(seen); i++) {
+    for (int on = 0; on < 2; on++) {
         struct medium_fit f = {.range = 2};
         char why[400];
-        p.without[0] = seen[i].without;
-        medium_fit_set_from_tracks(&f, seen[i].span, &p, why, sizeof why);
-        CHECK(f.on == seen[i].on && f.fixed == seen[i].on);
+        p.parts = on ? PHOTOMETRY_MEDIUM : 0;
+        medium_fit_set_from_tracks(&f, 1.2, &p, why, sizeof why);
+        CHECK(f.on == on && f.fixed == on);
+        CHECK_TEXT(why, on ? "bD 0.1 0.1 0.1" : "span a factor of 1.2: less than 2 does not identify");
     }
 }

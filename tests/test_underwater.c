@@ -441,6 +441,51 @@ TEST(photometry_of_a_lamp_in_air_finds_its_shape_and_no_medium)
     photometry_free(test_ctx, &p);
 }
 
+/* Along a strip a lamp's slope across it is the ground's as well: the least varied ground decides. */
+TEST(photometry_along_a_strip_draws_no_drift_into_the_gains)
+{
+    const char *path = test_shared("data/haltbrekken_a");
+    oxl_scene_options small = oxl_scene_options_default();
+    struct photometry p;
+    oxl_scene *scene;
+    double worst = 0;
+    if (!path) SKIP("no ../shared/data");
+    small.max_side = 320;
+    CHECK_OK(oxl_scene_load(test_ctx, path, &small, &scene));
+    CHECK_OK(photometry_measure(test_ctx, scene, PHOTOMETRY_ALL, &p));
+    CHECK(p.parts == (PHOTOMETRY_LAMP | PHOTOMETRY_GAINS));
+    for (int i = 0; i < 3 * oxl_scene_view_count(scene); i++)
+        worst = OXL_MAX(worst, fabs((double)p.log_gain[i]));
+    CHECK(worst < 1.6);
+    photometry_free(test_ctx, &p);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* The residuals support a medium, but not as clearly as depths that span less than a factor of 2 require. */
+TEST(photometry_of_a_medium_that_is_refused_leaves_lamp_and_gains_as_if_none_had_been_fitted)
+{
+    synth_options o = synth_test_options("faint");
+    struct colmap survey = {0};
+    struct photometry p, alone;
+    oxl_scene *scene;
+    o.views = 14, o.width = 96, o.height = 64, o.water = SYNTH_II, o.threads = 0;
+    o.noise = 2, o.lamp = 0, o.exposure_jitter = 0.3;
+    synth_test_make(&o, &survey);
+    colmap_free(test_ctx, &survey);
+    photometry_test_measure("faint", &p);
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("faint"), NULL, &scene));
+    CHECK(scene_depth_span(scene) < SCENE_DEPTH_SPAN_MIN);
+    CHECK(p.without[0] > 1.1 * p.residual && p.without[0] < 1.3 * p.residual);
+    CHECK(p.parts == (PHOTOMETRY_LAMP | PHOTOMETRY_GAINS));
+    CHECK_OK(photometry_measure(test_ctx, scene, PHOTOMETRY_LAMP | PHOTOMETRY_GAINS, &alone));
+    for (int t = 0; t < LAMP_TERMS; t++) CHECK_CLOSE(p.shape[0][t], alone.shape[0][t], 0.01);
+    for (int i = 0; i < 3 * oxl_scene_view_count(scene); i++)
+        CHECK_CLOSE(p.log_gain[i], alone.log_gain[i], 0.01);
+    photometry_free(test_ctx, &p);
+    photometry_free(test_ctx, &alone);
+    oxl_scene_free(test_ctx, scene);
+}
+
 /* The right images of stereo pairs get a ramp; without it both cameras have the same shape. */
 TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
 {

@@ -27,9 +27,6 @@
 #define MEDIUM_FIT_MIN 1e-6
 #define MEDIUM_FIT_MAX 1e6   /* of one before the softplus, in a checkpoint */
 #define MEDIUM_FIT_START 0.3 /* attenuation over the median range then */
-/* By how much larger residuals must be without the medium where the points' depths span too little to
- * identify it: it gains 1.3 to 1.5 dB from 0.6 on, nothing at 0.1 (docs/log/PARSIMONY.md). */
-#define MEDIUM_FIT_EVIDENT 0.3
 
 static double medium_fit_softplus(double x)
 {
@@ -72,10 +69,8 @@ static void medium_fit_set(struct medium_fit *f, const float attenuation[3], con
 OXL_INTERNAL void medium_fit_set_from_tracks(struct medium_fit *f, double span, const struct photometry *p,
                                              char *why, size_t size)
 {
-    const int identified = span >= SCENE_DEPTH_SPAN_MIN,
-              evident = p->without[0] >= (1 + MEDIUM_FIT_EVIDENT) * p->residual;
     float value[3][3];
-    f->on = f->fixed = (p->parts & PHOTOMETRY_MEDIUM) && (identified || evident);
+    f->on = f->fixed = (p->parts & PHOTOMETRY_MEDIUM) != 0;
     for (int c = 0; c < 3; c++)
         value[0][c] = (float)p->attenuation[c], value[1][c] = (float)p->backscatter[c],
         value[2][c] = (float)p->veiling_light[c];
@@ -95,7 +90,7 @@ OXL_INTERNAL void medium_fit_set_from_tracks(struct medium_fit *f, double span, 
             why, size,
             "the points' depths span a factor of %.1f: less than %d does not identify a medium, and residuals, %.2f %% of white, "
             "are %.2f without one: on from %.2g times as much",
-            span, SCENE_DEPTH_SPAN_MIN, 100 * p->residual, 100 * p->without[0], 1 + MEDIUM_FIT_EVIDENT);
+            span, SCENE_DEPTH_SPAN_MIN, 100 * p->residual, 100 * p->without[0], 1 + PHOTOMETRY_EVIDENT);
     else
         snprintf(why, size,
                  "%zu points in %zu observations: residuals %.2f %% of white, %.2f without the medium",

@@ -56,6 +56,10 @@ static const double photometry_prior[6] = {1.5, 0.2, 1.5, 0.2, 0.3, 0.1};
  * surveys with a medium they grow to 2 to 4 times, in those without to 1.01 times (docs/log/IMAGING.md); a
  * lamp gains nothing at 1.09 times, 0.3 dB at 1.21 (docs/log/PARSIMONY.md). */
 static const double photometry_evidence[3] = {0.1, 0.15, 0.02};
+/* Sets the standard deviation of the prior of points' own colours, of their mean, where no medium is fitted:
+ * along a straight path a lamp's slope across the path is theirs as well, and that drew gains of 0.45 to 4.4
+ * into a survey where they are 0.8 to 1.3 (docs/log/PARSIMONY.md). */
+#define PHOTOMETRY_COLOUR 0.25
 /* Bounds from below the growth without a lamp's shape for each camera: if points cover only a part of the
  * images, these shapes are ill determined. */
 #define PHOTOMETRY_SEPARATE 0.1
@@ -213,16 +217,17 @@ static void photometry_evaluate(struct photometry_work *w, const double *at)
 static void photometry_find_colour(struct photometry_work *w, size_t first, int c, struct photometry_point *p)
 {
     const struct photometry_sample *s = &w->sample[first];
-    double ab = 0;
+    double ab = w->pull[c] * w->mean[c];
     p->form = &w->form[3 * first + (size_t)c];
     p->rest = &w->rest[3 * first + (size_t)c];
-    p->aa = 0;
+    p->aa = w->pull[c];
     for (int k = 0; k < p->count; k++) {
         const double a = p->form[3 * k].a, by = (double)s[k].weight[c] * a;
         p->aa += by * a;
         ab += by * (s[k].value[c] - p->form[3 * k].b);
     }
     p->j = p->aa > 0 ? ab / p->aa : 0;
+    w->sum[c] += p->j, w->pulled += w->pull[c] * (p->j - w->mean[c]) * (p->j - w->mean[c]);
     for (int k = 0; k < p->count; k++)
         p->rest[3 * k] = s[k].value[c] - p->form[3 * k].a * p->j - p->form[3 * k].b;
 }
@@ -239,6 +244,7 @@ static void photometry_find_residuals(struct photometry_work *w, const double *a
 {
     struct photometry_point p;
     photometry_evaluate(w, at);
+    w->sum[0] = w->sum[1] = w->sum[2] = w->pulled = 0;
     for (size_t first = 0; first < w->samples; first += (size_t)p.count) {
         p.count = photometry_track(w, first);
         for (int c = 0; c < 3; c++) photometry_find_colour(w, first, c, &p);
@@ -249,7 +255,7 @@ static void photometry_find_residuals(struct photometry_work *w, const double *a
  * weights for the next step. */
 static double photometry_cost(struct photometry_work *w, int reweigh)
 {
-    double sum = 0;
+    double sum = w->pulled / (w->sigma * w->sigma);
     for (size_t first = 0, end; first < w->samples; first = end) {
         end = first + (size_t)photometry_track(w, first);
         for (size_t c = 0; c < 3; c++)
@@ -451,6 +457,19 @@ static void photometry_solve(const double *m, int n, double *x)
     }
 }
 
+/* Estimates sigma, and draws the points' colours to their mean, as far as no medium is fitted. */
+static void photometry_set_scale(struct photometry_work *w)
+{
+    w->sigma = photometry_sigma(w);
+    if (w->free & PHOTOMETRY_MEDIUM) return;
+    for (int c = 0; c < 3; c++) {
+        w->mean[c] = OXL_MAX(w->sum[c] / (double)w->points, PHOTOMETRY_SIGMA_MIN);
+        w->pull[c] = w->sigma / (PHOTOMETRY_COLOUR * w->mean[c]);
+        w->pull[c] *= w->pull[c];
+    }
+    photometry_find_residuals(w, w->at);
+}
+
 /* Takes damped steps from w->at. */
 static void photometry_descend(struct photometry_work *w)
 {
@@ -458,10 +477,11 @@ static void photometry_descend(struct photometry_work *w)
     const int count = w->free & PHOTOMETRY_GAINS ? w->parameters : w->gains;
     double damping = PHOTOMETRY_DAMPING, cost = 0;
     int moved = 1; /* 1: the equations are of another place than w->at */
+    memset(w->pull, 0, sizeof w->pull);
     photometry_find_residuals(w, w->at);
     for (int step = 0;; step++) {
         double to[PHOTOMETRY_PARAMETERS], x[PHOTOMETRY_PARAMETERS], better;
-        if (moved) w->sigma = photometry_sigma(w);
+        if (moved) photometry_set_scale(w);
         if (moved) cost = photometry_cost(w, 1) + photometry_prior_cost(w, w->at);
         if (step == PHOTOMETRY_STEPS) return;
         if (moved) photometry_normal_equations(w);
@@ -526,8 +546,16 @@ static void photometry_fit_separate_lamps(struct photometry_work *w, int request
     else memcpy(w->at, one, sizeof one);
 }
 
-/* Fits all parts, then without each, then only the parts that the residuals are evidence for. */
-static void photometry_choose_parts(struct photometry_work *w, int requested, struct photometry *out)
+OXL_INTERNAL int photometry_supports(int part, double growth, double span)
+{
+    const int unclear = part == 0 && span < SCENE_DEPTH_SPAN_MIN;
+    return growth >= 1 + (unclear ? PHOTOMETRY_EVIDENT : photometry_evidence[part]);
+}
+
+/* Fits all parts, then without each, then only the parts that the residuals are evidence for. span: of the
+ * points' depths. */
+static void photometry_choose_parts(struct photometry_work *w, int requested, double span,
+                                    struct photometry *out)
 {
     double all[PHOTOMETRY_PARAMETERS];
     w->parameters = w->gains + 3 * w->views;
@@ -541,7 +569,7 @@ static void photometry_choose_parts(struct photometry_work *w, int requested, st
         if (!(requested >> k & 1)) continue;
         memcpy(w->at, all, sizeof all);
         out->without[k] = photometry_fit(w, requested & ~(1 << k));
-        if (out->without[k] < (1 + photometry_evidence[k]) * out->residual) out->parts &= ~(1 << k);
+        if (!photometry_supports(k, out->without[k] / out->residual, span)) out->parts &= ~(1 << k);
     }
     memcpy(w->at, all, sizeof all);
     photometry_fit(w, out->parts);
@@ -583,12 +611,14 @@ static void photometry_compare_colours(const struct colmap *c, const struct phot
     }
 }
 
-static void photometry_report(struct photometry_work *w, double median, int requested, struct photometry *out)
+static void photometry_report(struct photometry_work *w, const oxl_scene *scene, double median, int requested,
+                              struct photometry *out)
 {
     out->observations = w->samples;
     for (size_t i = 0; i < w->samples; i++)
-        out->points += i == 0 || w->sample[i].point != w->sample[i - 1].point;
-    photometry_choose_parts(w, requested, out);
+        w->points += i == 0 || w->sample[i].point != w->sample[i - 1].point;
+    out->points = w->points;
+    photometry_choose_parts(w, requested, scene_depth_span(scene), out);
     if (out->parts & PHOTOMETRY_MEDIUM) photometry_errors(w, out);
     for (int c = 0; c < 3 && (out->parts & PHOTOMETRY_MEDIUM); c++) {
         out->attenuation[c] = vecmath_exp(w->at[c]) / median;
@@ -647,7 +677,7 @@ OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, i
     if (rc == OXL_OK) photometry_compact(&w);
     if (rc == OXL_OK && w.samples >= PHOTOMETRY_ENOUGH) {
         photometry_compare_colours(c, &w, out);
-        photometry_report(&w, median, parts, out);
+        photometry_report(&w, scene, median, parts, out);
     }
     photometry_end(ctx, &w);
     if (rc != OXL_OK) photometry_free(ctx, out);

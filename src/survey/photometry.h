@@ -4,6 +4,9 @@
 
 #include "imaging.h"
 
+/* Sets by how much larger residuals must be without the medium where the points' depths span too little to
+ * identify it: it gains 1.3 to 1.5 dB from 0.6 on, nothing at 0.1 (docs/log/PARSIMONY.md). */
+#define PHOTOMETRY_EVIDENT 0.3
 enum { PHOTOMETRY_MEDIUM = 1, PHOTOMETRY_LAMP = 2, PHOTOMETRY_GAINS = 4, PHOTOMETRY_ALL = 7 };
 struct photometry {
     size_t points, observations; /* 0: too few tracks */
@@ -25,6 +28,10 @@ struct photometry {
 OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts,
                                            struct photometry *out);
 OXL_INTERNAL void photometry_free(oxl_context *ctx, struct photometry *p);
+
+/* Returns 1 if residuals that grow by this factor without the medium, the lamp or the gains (part 0 to 2) are
+ * evidence for it, where the points' depths span so much. */
+OXL_INTERNAL int photometry_supports(int part, double growth, double span);
 
 enum {
     PHOTOMETRY_VIEWS = 128,   /* most images */
@@ -52,12 +59,15 @@ struct photometry_work {
     int *view, *chosen;                   /* (images) index in `chosen`, -1: not used; (views) views used */
     int views, lamp_of[PHOTOMETRY_VIEWS]; /* number of chosen views; (views) lamp of each view's camera */
     struct photometry_sample *sample;
-    size_t samples;
+    size_t samples, points;
     double *normal, *factor;      /* (PHOTOMETRY_PARAMETERS^2) lower triangles */
     struct photometry_form *form; /* (samples,3) */
     double *scratch;              /* (3 PHOTOMETRY_SAMPLE) */
     double *rest;                 /* (samples,3) image less model */
     double right[PHOTOMETRY_PARAMETERS], at[PHOTOMETRY_PARAMETERS], sigma;
+    /* of the points' colours, by channel: sum and mean, weight of the prior by that mean; what all add to the
+     * cost by it, times sigma^2 */
+    double sum[3], mean[3], pull[3], pulled;
     struct lamp lamp[LAMP_MAX];
     int lamps, gains;     /* number of lamps; index of the first gain among the parameters */
     int apart;            /* 1: each camera has a shape of its own */
