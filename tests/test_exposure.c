@@ -3,10 +3,10 @@
 #include "../src/parts/exposure.h"
 
 /* Gains of the tracks of 8 views: a slow wave, and what jumps from view to view. */
-static int exposure_test_takes(double wave, double jump, int parts)
+static int exposure_test_takes(double wave, double jump, double unexplained, int parts)
 {
     struct exposure e = {.mode = OXL_AUTO, .of = imaging_test_make(8, NULL, 0)};
-    struct photometry p = {.points = 100, .observations = 900, .parts = parts};
+    struct photometry p = {.points = 100, .observations = 900, .parts = parts, .unexplained = unexplained};
     float gain[24];
     uint8_t known[8] = {1, 1, 1, 1, 1, 1, 1, 1};
     char why[400];
@@ -19,8 +19,12 @@ static int exposure_test_takes(double wave, double jump, int parts)
     return on;
 }
 
-TEST(exposure_auto_is_on_where_gains_of_tracks_differ_and_neighbours_predict_them)
+/* The neighbours of the wave predict it to 0.04; those of the jumps to twice these. */
+TEST(exposure_auto_is_on_where_other_views_of_a_place_have_other_gains_and_neighbours_predict_them)
 {
-    CHECK(exposure_test_takes(0.1, 0, PHOTOMETRY_GAINS) && !exposure_test_takes(0.1, 0, PHOTOMETRY_LAMP));
-    CHECK(!exposure_test_takes(0.02, 0, PHOTOMETRY_GAINS) && !exposure_test_takes(0, 0.1, PHOTOMETRY_GAINS));
+    CHECK(exposure_test_takes(0.1, 0, 0.07, PHOTOMETRY_GAINS));
+    CHECK(!exposure_test_takes(0.1, 0, 0.07, PHOTOMETRY_LAMP));
+    CHECK(!exposure_test_takes(0.02, 0, 0.015, PHOTOMETRY_GAINS));
+    CHECK(!exposure_test_takes(0.02, 0.04, 0.07, PHOTOMETRY_GAINS));
+    CHECK(!exposure_test_takes(0.3, 0, 0.07, PHOTOMETRY_GAINS));
 }

@@ -486,6 +486,23 @@ TEST(photometry_of_a_medium_that_is_refused_leaves_lamp_and_gains_as_if_none_had
     oxl_scene_free(test_ctx, scene);
 }
 
+/* The view's gain is 0.405 from those of all other images, of which there are 11 in training. */
+TEST(photometry_of_one_brighter_image_says_how_far_a_model_without_gains_is_from_it)
+{
+    static const double brighter[3] = {1.5, 1.5, 1.5};
+    synth_options o = photometry_test_make("brighter", SYNTH_AIR);
+    struct photometry p;
+    for (int v = 0; v < o.views; v++) {
+        const double darker[3] = {0.5, 0.5, 0.5};
+        photometry_test_scale(&o, "brighter", v, darker);
+    }
+    photometry_test_scale(&o, "brighter", 6, brighter);
+    photometry_test_measure("brighter", &p);
+    CHECK(p.parts == PHOTOMETRY_GAINS);
+    CHECK(p.unexplained > 0.405 / sqrt(12.0) && p.unexplained < 0.405 / sqrt(8.0));
+    photometry_free(test_ctx, &p);
+}
+
 /* The right images of stereo pairs get a ramp; without it both cameras have the same shape. */
 TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
 {

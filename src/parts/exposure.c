@@ -10,8 +10,9 @@
  * They start from the fit to the tracks (survey/photometry.c) and do not change for EXPOSURE_HOLD of the run,
  * while Gaussians are coarse.
  *
- * auto: on if the tracks' gains differ by EXPOSURE_DIFFER (rms) or more, and a view's gain is predicted
- * better by its neighbours than by 1.
+ * auto: on if the tracks' gains differ by EXPOSURE_DIFFER (rms) or more from those of the other views of the
+ * same points, whose mean a model without gains shows, and by less from their neighbours', as a held-out view
+ * has them.
  *
  * Rendering on a device, a step's gains do not depend on the gradient of the step before: that is read while
  * the device works on the step
@@ -96,45 +97,43 @@ static void exposure_apply_pending(struct exposure *e, int last)
     e->pending.step = 0;
 }
 
-/* Computes the root of the mean square of the known gains, in log units, and of what their neighbours leave
- * of them. */
-static void exposure_spread(const struct imaging *m, double *differ, double *left)
+/* Computes the rms of what a view's neighbours leave of the known gains, in log units. */
+static double exposure_left(const struct imaging *m)
 {
-    double square = 0, rest = 0;
+    double square = 0;
     int known = 0;
     for (int i = 0; i < m->views; i++) {
         float predicted[3];
         if (!m->known[i]) continue;
         imaging_predict(m, i, predicted);
         for (int c = 0; c < 3; c++, known++) {
-            const double a = m->log_gain[3 * i + c], e = a - (double)predicted[c];
-            square += a * a, rest += e * e;
+            const double e = (double)m->log_gain[3 * i + c] - (double)predicted[c];
+            square += e * e;
         }
     }
-    *differ = sqrt(known ? square / known : 0);
-    *left = sqrt(known ? rest / known : 0);
+    return sqrt(known ? square / known : 0);
 }
 
 OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct photometry *p, char *why,
                                            size_t size)
 {
-    double differ = 0, left = 0;
     const int fits = (p->parts & PHOTOMETRY_GAINS) != 0;
+    double left = 0;
     snprintf(why, size,
              p->points ? "the tracks' colours need no gains" : "too few tracks to compare colours");
     if (fits) {
         memcpy(e->of.log_gain, p->log_gain, 3 * (size_t)e->of.views * sizeof *e->of.log_gain);
         memcpy(e->of.known, p->known, (size_t)e->of.views * sizeof *e->of.known);
         imaging_centre(&e->of, e->level);
-        exposure_spread(&e->of, &differ, &left);
+        left = exposure_left(&e->of);
         e->known_until = EXPOSURE_HOLD;
         snprintf(
             why, size,
-            "%zu points in %zu observations: gains of images differ by %.1f %% (rms), neighbours predict them to %.1f %%; on from "
-            "%.2g %%, and where the prediction is better than none",
-            p->points, p->observations, 100 * differ, 100 * left, 100 * EXPOSURE_DIFFER);
+            "%zu points in %zu observations: gains of images differ by %.1f %% (rms) from those of other images of the same points, and "
+            "by %.1f %% from their neighbours'; on from %.2g %% of the first, where the second is less",
+            p->points, p->observations, 100 * p->unexplained, 100 * left, 100 * EXPOSURE_DIFFER);
     }
-    if (e->mode == OXL_AUTO) e->of.on = fits && differ >= EXPOSURE_DIFFER && left < differ;
+    if (e->mode == OXL_AUTO) e->of.on = fits && p->unexplained >= EXPOSURE_DIFFER && left < p->unexplained;
     if (!e->of.on) imaging_clear(&e->of);
 }
 

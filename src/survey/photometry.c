@@ -597,6 +597,28 @@ static double photometry_drift(const struct photometry_work *w, const struct pho
     return (p->parts & PHOTOMETRY_GAINS) && xx > 0 && yy > 0 ? xy / sqrt(xx * yy) : 0;
 }
 
+/* Returns the rms over the images of the gain less those of the other images of the same points. */
+static double photometry_unexplained(const struct photometry_work *w)
+{
+    double apart[3 * PHOTOMETRY_VIEWS] = {0}, square = 0;
+    int count[3 * PHOTOMETRY_VIEWS] = {0}, known = 0;
+    for (size_t first = 0, end; first < w->samples; first = end) {
+        end = first + (size_t)photometry_track(w, first);
+        for (int c = 0; c < 3; c++) {
+            double sum = 0;
+            for (size_t i = first; i < end; i++) sum += w->at[w->gains + 3 * w->sample[i].view + c];
+            for (size_t i = first; i < end; i++) {
+                const int at = 3 * w->sample[i].view + c;
+                const double own = w->at[w->gains + at];
+                apart[at] += own - (sum - own) / (double)(end - first - 1), count[at]++;
+            }
+        }
+    }
+    for (int i = 0; i < 3 * w->views; i++)
+        if (count[i]) square += apart[i] * apart[i] / ((double)count[i] * count[i]), known++;
+    return sqrt(known ? square / known : 0);
+}
+
 /* Compares the images' colours with those of the points, which show images that were altered after COLMAP. */
 static void photometry_compare_colours(const struct colmap *c, const struct photometry_work *w,
                                        struct photometry *out)
@@ -633,6 +655,7 @@ static void photometry_report(struct photometry_work *w, const oxl_scene *scene,
         for (int c = 0; c < 3; c++) out->log_gain[3 * w->chosen[v] + c] = (float)w->at[w->gains + 3 * v + c];
     }
     out->drift = photometry_drift(w, out);
+    out->unexplained = photometry_unexplained(w);
 }
 
 OXL_INTERNAL oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scene, struct photometry_work *w,

@@ -16,10 +16,13 @@ struct photometry {
     double error[9];                                         /* standard errors of their nine logarithms */
     /* shapes of the lamps, in the order of imaging_set_lamps */
     float shape[LAMP_MAX][LAMP_TERMS];
-    float *log_gain;   /* (views,3) log gains of mean 0 */
-    uint8_t *known;    /* (views) 1: log_gain is fitted */
-    double colour[3];  /* mean colour of the images over that of the points; 0: the points are black */
-    double drift;      /* correlation of the images' gains with the mean range of their points */
+    float *log_gain;  /* (views,3) log gains of mean 0 */
+    uint8_t *known;   /* (views) 1: log_gain is fitted */
+    double colour[3]; /* mean colour of the images over that of the points; 0: the points are black */
+    double drift;     /* correlation of the images' gains with the mean range of their points */
+    /* rms over the images of the log gain less the mean of those of the other images that see the same points:
+     * what a model without gains shows a held-out image wrong by */
+    double unexplained;
     double residual;   /* residuals with all parts (fraction of white, robust) */
     double without[3]; /* residuals without the medium, lamp, gains; 0: not requested */
 };
