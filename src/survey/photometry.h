@@ -20,7 +20,7 @@ struct photometry {
     uint8_t *known;   /* (views) 1: log_gain is fitted */
     double colour[3]; /* mean colour of the images over that of the points; 0: the points are black */
     double drift;     /* correlation of the images' gains with the mean range of their points */
-    /* rms over the images of the log gain less the mean of those of the other images that see the same points:
+    /* rms over the images of the log gain less the mean of those of other images that see the same points:
      * what a model without gains shows a held-out image wrong by */
     double unexplained;
     double residual;   /* residuals with all parts (fraction of white, robust) */
