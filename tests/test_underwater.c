@@ -500,6 +500,7 @@ TEST(photometry_of_one_brighter_image_says_how_far_a_model_without_gains_is_from
     photometry_test_measure("brighter", &p);
     CHECK(p.parts == PHOTOMETRY_GAINS);
     CHECK(p.unexplained > 0.405 / sqrt(12.0) && p.unexplained < 0.405 / sqrt(8.0));
+    CHECK(p.brightness > 0.1 && p.brightness < 0.4); /* all images have half of their light */
     photometry_free(test_ctx, &p);
 }
 

@@ -10,9 +10,9 @@
  * They start from the fit to the tracks (survey/photometry.c) and do not change for EXPOSURE_HOLD of the run,
  * while Gaussians are coarse.
  *
- * auto: on if the tracks' gains differ by EXPOSURE_DIFFER (rms) or more from those of the other views of the
- * same points, whose mean a model without gains shows, and by less from their neighbours', as a held-out view
- * has them.
+ * auto: a model without gains shows a place by the mean gain of the views that see it, a held-out view has
+ * the gain of its neighbours. On if the tracks' gains are nearer to the second by clearly more than the noise
+ * of the tracks' colours.
  *
  * Rendering on a device, a step's gains do not depend on the gradient of the step before: that is read while
  * the device works on the step
@@ -33,8 +33,9 @@
 #define EXPOSURE_EPSILON 1e-12 /* against division by 0 */
 #define EXPOSURE_SMOOTH 0.1    /* of the prior: gradient for a log unit off the neighbours' line */
 #define EXPOSURE_HOLD 0.1      /* of the run: the tracks' gains are kept */
-#define EXPOSURE_DIFFER \
-    0.05 /* rms of the log: 4.3 % gained 0.1 dB in a hand-held survey (docs/log/PARSIMONY.md) */
+/* by how much gains must explain more than what the tracks' colours leave: 0.9 and 1.1 gained 0.1 dB, 1.7 to
+ * 2.6 half a dB (docs/log/PARSIMONY.md) */
+#define EXPOSURE_CLEAR 1.5
 
 static oxl_result exposure_begin(struct train *t, void *state)
 {
@@ -118,7 +119,7 @@ OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct phot
                                            size_t size)
 {
     const int fits = (p->parts & PHOTOMETRY_GAINS) != 0;
-    double left = 0;
+    double left = 0, explained = 0, noise = 0;
     snprintf(why, size,
              p->points ? "the tracks' colours need no gains" : "too few tracks to compare colours");
     if (fits) {
@@ -126,14 +127,18 @@ OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct phot
         memcpy(e->of.known, p->known, (size_t)e->of.views * sizeof *e->of.known);
         imaging_centre(&e->of, e->level);
         left = exposure_left(&e->of);
+        explained = sqrt(OXL_MAX(0, p->unexplained * p->unexplained - left * left));
+        noise = p->residual / p->brightness;
         e->known_until = EXPOSURE_HOLD;
         snprintf(
             why, size,
             "%zu points in %zu observations: gains of images differ by %.1f %% (rms) from those of other images of the same points, and "
-            "by %.1f %% from their neighbours'; on from %.2g %% of the first, where the second is less",
-            p->points, p->observations, 100 * p->unexplained, 100 * left, 100 * EXPOSURE_DIFFER);
+            "by %.1f %% from their neighbours'; the difference of squares is that of %.1f %%, on from %.2g times what the colours leave, "
+            "%.1f %%",
+            p->points, p->observations, 100 * p->unexplained, 100 * left, 100 * explained, EXPOSURE_CLEAR,
+            100 * noise);
     }
-    if (e->mode == OXL_AUTO) e->of.on = fits && p->unexplained >= EXPOSURE_DIFFER && left < p->unexplained;
+    if (e->mode == OXL_AUTO) e->of.on = fits && explained >= EXPOSURE_CLEAR * noise;
     if (!e->of.on) imaging_clear(&e->of);
 }
 

@@ -656,6 +656,8 @@ static void photometry_report(struct photometry_work *w, const oxl_scene *scene,
     }
     out->drift = photometry_drift(w, out);
     out->unexplained = photometry_unexplained(w);
+    for (size_t i = 0; i < 3 * w->samples; i++)
+        out->brightness += (double)w->sample[i / 3].value[i % 3] / (3 * (double)w->samples);
 }
 
 OXL_INTERNAL oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scene, struct photometry_work *w,

@@ -23,6 +23,7 @@ struct photometry {
     /* rms over the images of the log gain less the mean of those of other images that see the same points:
      * what a model without gains shows a held-out image wrong by */
     double unexplained;
+    double brightness; /* mean of the observations (fraction of white) */
     double residual;   /* residuals with all parts (fraction of white, robust) */
     double without[3]; /* residuals without the medium, lamp, gains; 0: not requested */
 };
