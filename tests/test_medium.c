@@ -17,7 +17,7 @@ TEST(medium_that_tracks_show_clearly_is_on_whatever_the_depths_span)
 TEST(medium_is_what_the_tracks_support_and_says_why)
 {
     NEEDS_PART(medium);
-    struct photometry p = {.points = 100, .observations = 900, .residual = 0.003, .without = {0.0036}};
+    struct photometry p = {.points = 100, .observations = 900, .with_medium = 0.003, .without = {0.0036}};
     for (int c = 0; c < 3; c++) p.attenuation[c] = p.backscatter[c] = 0.1, p.veiling_light[c] = 0.3;
     for (int on = 0; on < 2; on++) {
         struct medium_fit f = {.range = 2};

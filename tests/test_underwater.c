@@ -441,8 +441,8 @@ TEST(photometry_of_a_lamp_in_air_finds_its_shape_and_no_medium)
     photometry_free(test_ctx, &p);
 }
 
-/* Along a strip a lamp's slope across it is the ground's as well: the least varied ground decides. */
-TEST(photometry_along_a_strip_draws_no_drift_into_the_gains)
+/* Along a strip a lamp's slope across it may as well be the ground's colours: their prior decides. */
+TEST(photometry_along_a_strip_keeps_the_slope_of_the_lamp_out_of_the_gains)
 {
     const char *path = test_shared("data/haltbrekken_a");
     oxl_scene_options small = oxl_scene_options_default();
@@ -454,9 +454,9 @@ TEST(photometry_along_a_strip_draws_no_drift_into_the_gains)
     CHECK_OK(oxl_scene_load(test_ctx, path, &small, &scene));
     CHECK_OK(photometry_measure(test_ctx, scene, PHOTOMETRY_ALL, &p));
     CHECK(p.parts == (PHOTOMETRY_LAMP | PHOTOMETRY_GAINS));
-    for (int i = 0; i < 3 * oxl_scene_view_count(scene); i++)
-        worst = OXL_MAX(worst, fabs((double)p.log_gain[i]));
-    CHECK(worst < 1.6);
+    for (int i = 0; i < oxl_scene_view_count(scene); i++)
+        worst = OXL_MAX(worst, fabs((double)p.log_gain[3 * i + 1])); /* green */
+    CHECK(worst < 0.8);
     photometry_free(test_ctx, &p);
     oxl_scene_free(test_ctx, scene);
 }
@@ -475,7 +475,7 @@ TEST(photometry_of_a_medium_that_is_refused_leaves_lamp_and_gains_as_if_none_had
     photometry_test_measure("faint", &p);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("faint"), NULL, &scene));
     CHECK(scene_depth_span(scene) < SCENE_DEPTH_SPAN_MIN);
-    CHECK(p.without[0] > 1.1 * p.residual && p.without[0] < 1.3 * p.residual);
+    CHECK(p.without[0] > 1.1 * p.with_medium && p.without[0] < 1.3 * p.with_medium);
     CHECK(p.parts == (PHOTOMETRY_LAMP | PHOTOMETRY_GAINS));
     CHECK_OK(photometry_measure(test_ctx, scene, PHOTOMETRY_LAMP | PHOTOMETRY_GAINS, &alone));
     for (int t = 0; t < LAMP_TERMS; t++) CHECK_CLOSE(p.shape[0][t], alone.shape[0][t], 0.01);
@@ -486,7 +486,7 @@ TEST(photometry_of_a_medium_that_is_refused_leaves_lamp_and_gains_as_if_none_had
     oxl_scene_free(test_ctx, scene);
 }
 
-/* The view's gain is 0.405 from those of all other images, of which there are 11 in training. */
+/* The log gain of one of 12 training images is 0.405 above that of the others. */
 TEST(photometry_of_one_brighter_image_says_how_far_a_model_without_gains_is_from_it)
 {
     static const double brighter[3] = {1.5, 1.5, 1.5};

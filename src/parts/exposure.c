@@ -10,9 +10,9 @@
  * They start from the fit to the tracks (survey/photometry.c) and do not change for EXPOSURE_HOLD of the run,
  * while Gaussians are coarse.
  *
- * auto: a model without gains shows a place by the mean gain of the views that see it, a held-out view has
- * the gain of its neighbours. On if the tracks' gains are nearer to the second by clearly more than the noise
- * of the tracks' colours.
+ * auto: a model without gains shows a place with the mean gain of the views that see it; a held-out view has
+ * about the gain of its neighbours. On if the neighbours leave less of the tracks' gains than those views do,
+ * and the root of the difference of squares is EXPOSURE_CLEAR times the tracks' noise or more.
  *
  * Rendering on a device, a step's gains do not depend on the gradient of the step before: that is read while
  * the device works on the step
@@ -33,8 +33,8 @@
 #define EXPOSURE_EPSILON 1e-12 /* against division by 0 */
 #define EXPOSURE_SMOOTH 0.1    /* of the prior: gradient for a log unit off the neighbours' line */
 #define EXPOSURE_HOLD 0.1      /* of the run: the tracks' gains are kept */
-/* by how much gains must explain more than what the tracks' colours leave: 0.9 and 1.1 gained 0.1 dB, 1.7 to
- * 2.6 half a dB (docs/log/PARSIMONY.md) */
+/* what neighbours explain over the noise: at 0.8 to 1.1 gains are worth -0.5 to 0.25 dB, at 1.7 to 2.6 0.3 to
+ * 0.8 (docs/log/PARSIMONY.md) */
 #define EXPOSURE_CLEAR 1.5
 
 static oxl_result exposure_begin(struct train *t, void *state)
@@ -42,8 +42,7 @@ static oxl_result exposure_begin(struct train *t, void *state)
     struct exposure *e = state;
     const int views = oxl_scene_view_count(t->scene);
     oxl_result rc = OXL_OK;
-    e->mode = t->options->exposure;
-    if (t->continues) e->mode = t->scene->imaging.on ? OXL_ON : OXL_OFF;
+    e->mode = !t->continues ? t->options->exposure : t->scene->imaging.on ? OXL_ON : OXL_OFF;
     if (t->task.frozen) e->known_until = 2;
     if (e->mode == OXL_OFF) return OXL_OK;
     rc = imaging_create(t->ctx, views, &e->of);
@@ -133,8 +132,7 @@ OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct phot
         snprintf(
             why, size,
             "%zu points in %zu observations: gains of images differ by %.1f %% (rms) from those of other images of the same points, and "
-            "by %.1f %% from their neighbours'; the difference of squares is that of %.1f %%, on from %.2g times what the colours leave, "
-            "%.1f %%",
+            "by %.1f %% from their neighbours', which explain %.1f %%; on from %.2g times the tracks' noise, %.1f %%",
             p->points, p->observations, 100 * p->unexplained, 100 * left, 100 * explained, EXPOSURE_CLEAR,
             100 * noise);
     }
@@ -216,7 +214,7 @@ static void exposure_store(struct train *t, void *state, oxl_model *model)
 
 /* clang-format off */
 static const oxl_option exposure_options[] = {
-{"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit brightness and white balance of each image; auto: if tracks' colours differ", NULL},
+{"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit brightness and white balance of each image; auto: if neighbours predict it", NULL},
 {0}};
 /* clang-format on */
 

@@ -34,12 +34,10 @@ static oxl_result lamp_begin(struct train *t, void *state)
     l->reference = scene_depth_quantile(t->scene, 0.5);
     l->has_falloff = t->options->medium != OXL_AUTO && scene_depth_span(t->scene) >= SCENE_DEPTH_SPAN_MIN;
     if (!(l->reference > 0)) l->reference = 1;
-    l->groups = 1;
-    l->group[0].view = -1;
+    l->groups = 1, l->group[0].view = -1;
     if (!continued) l->groups = imaging_set_lamps(t->scene, l->group);
     if (!continued || continued->lamps == 0) return OXL_OK;
-    l->on = 1;
-    l->groups = continued->lamps;
+    l->on = 1, l->groups = continued->lamps;
     memcpy(l->group, continued->lamp, sizeof l->group);
     l->falloff = continued->medium.falloff;
     l->has_falloff = continued->medium.has_falloff;

@@ -7,9 +7,10 @@
  * During training J is the colour as seen through the median range. Otherwise Adam's steps of colour, which
  * are absolute, would change the image too little in turbid water.
  *
- * Without enough tracks `on` trains them: each is softplus of a free number (SeaSplat, WaterSplatting);
- * attenuation and backscatter count per median range of the survey's points, so that steps do not depend on
- * COLMAP's scale. Adam (Kingma & Ba 2015), rate MEDIUM_FIT_RATE, from MEDIUM_FIT_FROM of the run on.
+ * Where the tracks do not support a medium, `on` trains it: each parameter is softplus of a free number (SeaSplat,
+ * WaterSplatting); attenuation and backscatter count per median range of the survey's points, so that
+ * steps do not depend on COLMAP's scale. Adam (Kingma & Ba 2015), rate MEDIUM_FIT_RATE, from
+ * MEDIUM_FIT_FROM of the run on.
  *
  * What it omits: the lamp's own backscatter, which is strongest near the camera; forward scatter, which
  * blurs.
@@ -80,7 +81,7 @@ OXL_INTERNAL void medium_fit_set_from_tracks(struct medium_fit *f, double span, 
             why, size,
             "%zu points in %zu observations: residuals %.2f %% of white, %.2f without the medium; red green blue, standard error: bD %.3g %.3g "
             "%.3g (%.0f %.0f %.0f %%), bB %.3g %.3g %.3g (%.0f %.0f %.0f %%), Binf %.3g %.3g %.3g",
-            p->points, p->observations, 100 * p->residual, 100 * p->without[0], p->attenuation[0],
+            p->points, p->observations, 100 * p->with_medium, 100 * p->without[0], p->attenuation[0],
             p->attenuation[1], p->attenuation[2], 100 * p->error[0], 100 * p->error[1], 100 * p->error[2],
             p->backscatter[0], p->backscatter[1], p->backscatter[2], 100 * p->error[3], 100 * p->error[4],
             100 * p->error[5], p->veiling_light[0], p->veiling_light[1], p->veiling_light[2]);
@@ -90,11 +91,11 @@ OXL_INTERNAL void medium_fit_set_from_tracks(struct medium_fit *f, double span, 
             why, size,
             "the points' depths span a factor of %.1f: less than %d does not identify a medium, and residuals, %.2f %% of white, "
             "are %.2f without one: on from %.2g times as much",
-            span, SCENE_DEPTH_SPAN_MIN, 100 * p->residual, 100 * p->without[0], 1 + PHOTOMETRY_EVIDENT);
+            span, SCENE_DEPTH_SPAN_MIN, 100 * p->with_medium, 100 * p->without[0], 1 + PHOTOMETRY_EVIDENT);
     else
         snprintf(why, size,
                  "%zu points in %zu observations: residuals %.2f %% of white, %.2f without the medium",
-                 p->points, p->observations, 100 * p->residual, 100 * p->without[0]);
+                 p->points, p->observations, 100 * p->with_medium, 100 * p->without[0]);
 }
 
 /* Returns the step after which a medium is fitted without tracks; 0: never. */

@@ -7,9 +7,11 @@
  * the camera's lamp or vignetting. J is eliminated (variable projection, Golub & Pereyra 1973); bD, bB and
  * Binf, by their logarithms, s and a are found by damped Gauss-Newton steps on squared residuals with Huber's
  * weights. On a straight path a drift of gains, and on flat ground s, do what attenuation does: priors of
- * zero mean on a and s decide then. A lamp's falloff with range counts as attenuation.
+ * zero mean on a and s decide then, and without a medium one of the points' colours. A lamp's falloff with
+ * range counts as attenuation.
  *
- * Each part is left out once: the growth of the residuals is the evidence for it.
+ * Each part is left out once: the growth of the residuals is the evidence for it. What has none is not in the
+ * last fit.
  *
  * Invariant: a function of the scene. Sums follow the file order of points and the name order of views.
  */
@@ -57,8 +59,8 @@ static const double photometry_prior[6] = {1.5, 0.2, 1.5, 0.2, 0.3, 0.1};
  * lamp gains nothing at 1.09 times, 0.3 dB at 1.21 (docs/log/PARSIMONY.md). */
 static const double photometry_evidence[3] = {0.1, 0.15, 0.02};
 /* Sets the standard deviation of the prior of points' own colours, of their mean, where no medium is fitted:
- * along a straight path a lamp's slope across the path is theirs as well, and that drew gains of 0.45 to 4.4
- * into a survey where they are 0.8 to 1.3 (docs/log/PARSIMONY.md). */
+ * along a strip a lamp's slope across it may as well be theirs, and gains of one survey were 0.45 to 4.4,
+ * with the prior 0.7 to 1.7 (docs/log/PARSIMONY.md). */
 #define PHOTOMETRY_COLOUR 0.25
 /* Bounds from below the growth without a lamp's shape for each camera: if points cover only a part of the
  * images, these shapes are ill determined. */
@@ -213,7 +215,8 @@ static void photometry_evaluate(struct photometry_work *w, const double *at)
     }
 }
 
-/* Finds the point's colour J in a channel that fits its samples best, and sets their w->rest. */
+/* Finds the point's colour J in a channel that fits its samples and the prior best, sets their w->rest, and
+ * adds to the sums of w. */
 static void photometry_find_colour(struct photometry_work *w, size_t first, int c, struct photometry_point *p)
 {
     const struct photometry_sample *s = &w->sample[first];
@@ -227,7 +230,8 @@ static void photometry_find_colour(struct photometry_work *w, size_t first, int 
         ab += by * (s[k].value[c] - p->form[3 * k].b);
     }
     p->j = p->aa > 0 ? ab / p->aa : 0;
-    w->sum[c] += p->j, w->pulled += w->pull[c] * (p->j - w->mean[c]) * (p->j - w->mean[c]);
+    if (p->aa > w->pull[c]) w->sum[c] += p->j, w->seen[c]++;
+    w->pulled += w->pull[c] * (p->j - w->mean[c]) * (p->j - w->mean[c]);
     for (int k = 0; k < p->count; k++)
         p->rest[3 * k] = s[k].value[c] - p->form[3 * k].a * p->j - p->form[3 * k].b;
 }
@@ -244,7 +248,9 @@ static void photometry_find_residuals(struct photometry_work *w, const double *a
 {
     struct photometry_point p;
     photometry_evaluate(w, at);
-    w->sum[0] = w->sum[1] = w->sum[2] = w->pulled = 0;
+    memset(w->sum, 0, sizeof w->sum);
+    memset(w->seen, 0, sizeof w->seen);
+    w->pulled = 0;
     for (size_t first = 0; first < w->samples; first += (size_t)p.count) {
         p.count = photometry_track(w, first);
         for (int c = 0; c < 3; c++) photometry_find_colour(w, first, c, &p);
@@ -457,13 +463,13 @@ static void photometry_solve(const double *m, int n, double *x)
     }
 }
 
-/* Estimates sigma, and draws the points' colours to their mean, as far as no medium is fitted. */
+/* Estimates sigma, and gives the points' colours their prior in the last fit, where no medium is fitted. */
 static void photometry_set_scale(struct photometry_work *w)
 {
     w->sigma = photometry_sigma(w);
-    if (w->free & PHOTOMETRY_MEDIUM) return;
+    if (!w->is_last || w->free & PHOTOMETRY_MEDIUM) return;
     for (int c = 0; c < 3; c++) {
-        w->mean[c] = OXL_MAX(w->sum[c] / (double)w->points, PHOTOMETRY_SIGMA_MIN);
+        w->mean[c] = OXL_MAX(w->sum[c] / OXL_MAX(w->seen[c], 1), PHOTOMETRY_SIGMA_MIN);
         w->pull[c] = w->sigma / (PHOTOMETRY_COLOUR * w->mean[c]);
         w->pull[c] *= w->pull[c];
     }
@@ -552,8 +558,8 @@ OXL_INTERNAL int photometry_supports(int part, double growth, double span)
     return growth >= 1 + (unclear ? PHOTOMETRY_EVIDENT : photometry_evidence[part]);
 }
 
-/* Fits all parts, then without each, then only the parts that the residuals are evidence for. span: of the
- * points' depths. */
+/* Fits all parts, then without each, a medium that is refused left out from then on, and at last the parts
+ * that the residuals are evidence for. span: of the points' depths. */
 static void photometry_choose_parts(struct photometry_work *w, int requested, double span,
                                     struct photometry *out)
 {
@@ -561,17 +567,21 @@ static void photometry_choose_parts(struct photometry_work *w, int requested, do
     w->parameters = w->gains + 3 * w->views;
     memset(w->at, 0, sizeof w->at);
     for (int i = 0; i < 9; i++) w->at[i] = i < 6 ? PHOTOMETRY_START : PHOTOMETRY_VEIL;
-    out->parts = requested;
     out->residual = photometry_fit(w, requested);
     photometry_fit_separate_lamps(w, requested, out);
+    out->with_medium = out->residual;
+    out->parts = requested;
     memcpy(all, w->at, sizeof all);
     for (int k = 0; k < 3; k++) {
         if (!(requested >> k & 1)) continue;
         memcpy(w->at, all, sizeof all);
         out->without[k] = photometry_fit(w, requested & ~(1 << k));
-        if (!photometry_supports(k, out->without[k] / out->residual, span)) out->parts &= ~(1 << k);
+        if (photometry_supports(k, out->without[k] / out->residual, span)) continue;
+        out->parts &= ~(1 << k);
+        if (k == 0) requested = out->parts, out->residual = out->without[0], memcpy(all, w->at, sizeof all);
     }
     memcpy(w->at, all, sizeof all);
+    w->is_last = 1;
     photometry_fit(w, out->parts);
 }
 
@@ -597,7 +607,8 @@ static double photometry_drift(const struct photometry_work *w, const struct pho
     return (p->parts & PHOTOMETRY_GAINS) && xx > 0 && yy > 0 ? xy / sqrt(xx * yy) : 0;
 }
 
-/* Returns the rms over the images of the gain less those of the other images of the same points. */
+/* Returns the rms over images and channels of the mean of the log gain less that of the other images of the
+ * same points. */
 static double photometry_unexplained(const struct photometry_work *w)
 {
     double apart[3 * PHOTOMETRY_VIEWS] = {0}, square = 0;
@@ -638,8 +649,7 @@ static void photometry_report(struct photometry_work *w, const oxl_scene *scene,
 {
     out->observations = w->samples;
     for (size_t i = 0; i < w->samples; i++)
-        w->points += i == 0 || w->sample[i].point != w->sample[i - 1].point;
-    out->points = w->points;
+        out->points += i == 0 || w->sample[i].point != w->sample[i - 1].point;
     photometry_choose_parts(w, requested, scene_depth_span(scene), out);
     if (out->parts & PHOTOMETRY_MEDIUM) photometry_errors(w, out);
     for (int c = 0; c < 3 && (out->parts & PHOTOMETRY_MEDIUM); c++) {

@@ -5,7 +5,7 @@
 #include "imaging.h"
 
 /* Sets by how much larger residuals must be without the medium where the points' depths span too little to
- * identify it: it gains 1.3 to 1.5 dB from 0.6 on, nothing at 0.1 (docs/log/PARSIMONY.md). */
+ * identify it: images gain 1.3 to 1.5 dB by one from 0.6 on, nothing at 0.1 (docs/log/PARSIMONY.md). */
 #define PHOTOMETRY_EVIDENT 0.3
 enum { PHOTOMETRY_MEDIUM = 1, PHOTOMETRY_LAMP = 2, PHOTOMETRY_GAINS = 4, PHOTOMETRY_ALL = 7 };
 struct photometry {
@@ -20,12 +20,13 @@ struct photometry {
     uint8_t *known;   /* (views) 1: log_gain is fitted */
     double colour[3]; /* mean colour of the images over that of the points; 0: the points are black */
     double drift;     /* correlation of the images' gains with the mean range of their points */
-    /* rms over the images of the log gain less the mean of those of other images that see the same points:
-     * what a model without gains shows a held-out image wrong by */
+    /* rms over images and channels of the log gain less the mean of those of the other images of the same
+     * points: by how much a model without gains is wrong about a held-out image */
     double unexplained;
-    double brightness; /* mean of the observations (fraction of white) */
-    double residual;   /* residuals with all parts (fraction of white, robust) */
-    double without[3]; /* residuals without the medium, lamp, gains; 0: not requested */
+    double brightness;  /* mean of the observations (fraction of white) */
+    double with_medium; /* residuals with all parts (fraction of white, robust) */
+    double residual;    /* residuals with all parts but a medium that is refused */
+    double without[3];  /* residuals without the medium, lamp, gains; 0: not requested */
 };
 /* Fits the parts that the tracks support. parts: PHOTOMETRY_* that may be used. Free the
  * result with photometry_free. */
@@ -63,15 +64,16 @@ struct photometry_work {
     int *view, *chosen;                   /* (images) index in `chosen`, -1: not used; (views) views used */
     int views, lamp_of[PHOTOMETRY_VIEWS]; /* number of chosen views; (views) lamp of each view's camera */
     struct photometry_sample *sample;
-    size_t samples, points;
+    size_t samples;
     double *normal, *factor;      /* (PHOTOMETRY_PARAMETERS^2) lower triangles */
     struct photometry_form *form; /* (samples,3) */
     double *scratch;              /* (3 PHOTOMETRY_SAMPLE) */
     double *rest;                 /* (samples,3) image less model */
     double right[PHOTOMETRY_PARAMETERS], at[PHOTOMETRY_PARAMETERS], sigma;
-    /* of the points' colours, by channel: sum and mean, weight of the prior by that mean; what all add to the
-     * cost by it, times sigma^2 */
+    /* of the points' colours, by channel: sum and number, mean, weight of their prior; pulled: its cost of
+     * all points, times sigma^2 */
     double sum[3], mean[3], pull[3], pulled;
+    int seen[3], is_last; /* is_last: the fit whose result is reported */
     struct lamp lamp[LAMP_MAX];
     int lamps, gains;     /* number of lamps; index of the first gain among the parameters */
     int apart;            /* 1: each camera has a shape of its own */
