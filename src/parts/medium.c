@@ -7,9 +7,9 @@
  * During training J is the colour as seen through the median range. Otherwise Adam's steps of colour, which
  * are absolute, would change the image too little in turbid water.
  *
- * Where the tracks do not support a medium, `on` trains it: each parameter is softplus of a free number (SeaSplat,
- * WaterSplatting); attenuation and backscatter count per median range of the survey's points, so that
- * steps do not depend on COLMAP's scale. Adam (Kingma & Ba 2015), rate MEDIUM_FIT_RATE, from
+ * Where the tracks do not support a medium, `on` trains it: each parameter is softplus of a free number
+ * (SeaSplat, WaterSplatting); attenuation and backscatter count per median range of the survey's points,
+ * so that steps do not depend on COLMAP's scale. Adam (Kingma & Ba 2015), rate MEDIUM_FIT_RATE, from
  * MEDIUM_FIT_FROM of the run on.
  *
  * What it omits: the lamp's own backscatter, which is strongest near the camera; forward scatter, which
