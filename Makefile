@@ -212,10 +212,11 @@ dist/oceanxl.c dist/single/oceanxl.h &: scripts/dist.sh $(SOURCES) $(BUILD)/flag
 
 format: ## clang-format on our sources
 	@clang-format -i $(OURS)
-format-check: ## fails when clang-format would change a file, or a line of src/, backends/vulkan/ or a header is longer than 110 columns
+format-check: ## fails when clang-format would change a file, or a line of src/, backends/vulkan/ or a header is longer than 110 columns, of README than 140
 	@clang-format --dry-run -Werror $(OURS)
 	@awk 'length > 110 && !/"|^#pragma|^#define VULKAN_OF|^    X\(|^    (1U|UINT64)/ { print FILENAME ":" FNR ": " length " columns, wanted at most 110"; bad = 1 } END { exit bad }' \
 	  oceanxl.[ch] oceanxl_job.h $(filter-out src/core/options.c,$(wildcard src/*/*.[ch])) $(wildcard backends/vulkan/*.[ch])
+	@awk 'length > 140 { print FILENAME ":" FNR ": " length " columns, wanted at most 140"; bad = 1 } END { exit bad }' README.md
 
 # ------------------------------------------------------------------------------------------------ for users
 
