@@ -33,16 +33,15 @@
 /* Multiplies the time of a run in several blocks, each of which is rendered with Gaussians
  * of others (docs/SCALE.md). */
 #define COST_CONTEXT 1.25
-/* Judges a training view behind a run for each 20 of its iterations, since judging one takes about as long as
- * an iteration. */
+/* Judges a training view for each 20 iterations of a run: judging one takes about as long as an iteration. */
 #define COST_JUDGED 20
 #define COST_JUDGED_MIN 6 /* Bounds the number of judged views from below. */
 /* Counts s for the files of a result, with the report. */
-#define COST_FILES 0.3
+#define COST_FILES 0.1
 /* Counts s for a held-out view, whose metrics, renders and place in the report the CPU makes: for the view,
  * for each of its pixels and, with LPIPS, s of a thread for each pixel. */
 #define COST_HELD_OUT 0.03
-#define COST_HELD_OUT_PIXEL 9e-7
+#define COST_HELD_OUT_PIXEL 6e-7
 #define COST_LPIPS_PIXEL 4.4e-6
 /* Counts s per pixel of a training view that is judged. */
 #define COST_JUDGED_PIXEL 1e-7

@@ -24,6 +24,7 @@
 #define FORECAST_PIXEL 0.2        /* Gaussians that take as long in a step as a pixel does */
 #define FORECAST_HALF 0.64        /* time at half the sides over that of whole images of as many pixels */
 #define FORECAST_TRIALS 1.3       /* of the most steps of trials, with validation; measured: 0.7 to 1.8 */
+#define FORECAST_DENSITY 1.7e-6   /* s a Gaussian that a densification takes, before one was timed */
 #define FORECAST_MEMORY 0.98      /* of what is known of a step's time that one more step leaves */
 enum { FORECAST_RECKONED = 200 }; /* times that a run reckons the time left */
 
@@ -71,7 +72,7 @@ struct forecast_state { /* of the run that lies ahead */
     const oxl_scene *scene;
     const oxl_train_options *o;
     double gaussians, growth, fades, cap, coarse; /* coarse: steps at half the sides end here */
-    int densified; /* densifications that lie ahead, once forecast_ahead has seen them */
+    double sorted; /* Gaussians of all densifications that lie ahead, once forecast_ahead has seen them */
 };
 
 /* Returns the work of the steps behind `step`, of `trials` half into the run, and of `beside` on whole images
@@ -82,9 +83,9 @@ static double forecast_ahead(struct forecast_state *f, int step, double trials, 
     while (++step <= f->o->iterations) {
         work += forecast_work(f->scene, f->gaussians, step <= f->coarse);
         if (!schedule_densifies_at(f->o, step)) continue;
+        f->sorted += f->gaussians;
         f->gaussians = OXL_MIN(f->gaussians * vecmath_exp(f->growth), f->cap);
         f->growth *= vecmath_exp(-1 / f->fades);
-        f->densified++;
     }
     return work + trials * forecast_work(f->scene, f->gaussians, f->coarse > 0.5 * f->o->iterations) +
            beside * forecast_work(f->scene, f->gaussians, 0);
@@ -115,8 +116,8 @@ OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_opt
                                .coarse = forecast_coarse_steps(scene, o)};
     const double second = look->seconds / forecast_work(scene, look->timed, 0),
                  trials = FORECAST_TRIALS * forecast_trial_steps(o, schedule_training_views(scene));
-    return look->begin + second * forecast_ahead(&f, 0, trials, viewed + (look->hides ? refined : 0)) +
-           look->after;
+    const double steps = second * forecast_ahead(&f, 0, trials, viewed + (look->hides ? refined : 0));
+    return look->begin + steps + FORECAST_DENSITY * f.sorted + look->after;
 }
 
 /* ---------------- the time left of a run */
@@ -133,15 +134,15 @@ static double forecast_second(const struct train *t)
     return t->forecast.work > 0 ? t->forecast.seconds / t->forecast.work : 0;
 }
 
-/* Notes the growth of a densification and what it took beyond a step. */
+/* Notes the growth of a densification and what it took beyond a step, of each Gaussian before it. */
 static void forecast_note_density(struct train *t, double seconds)
 {
     struct forecast *f = &t->forecast;
-    const double grown = (double)t->trained.model.count / (double)OXL_MAX(f->count, (size_t)1),
-                 share = f->densified++ ? FORECAST_GROWTH : 1;
-    f->growth += share * (vecmath_log(OXL_MAX(grown, 1)) - f->growth);
-    seconds -= forecast_second(t) * forecast_step(t);
-    f->density_seconds += share * (OXL_MAX(seconds, 0) - f->density_seconds);
+    const double before = (double)OXL_MAX(f->count, (size_t)1), share = f->densified++ ? FORECAST_GROWTH : 1,
+                 grown = OXL_MAX((double)t->trained.model.count / before, 1),
+                 beside = OXL_MAX(seconds - forecast_second(t) * forecast_step(t), 0);
+    f->growth += share * (vecmath_log(grown) - f->growth);
+    f->density_seconds += share * (beside / before - f->density_seconds);
 }
 
 OXL_INTERNAL void forecast_note_step(struct train *t)
@@ -211,7 +212,7 @@ static double forecast_reckon(struct train *t)
                                .gaussians = (double)t->trained.model.count,
                                .coarse = forecast_coarse_steps(t->scene, o)};
     const int beside = t->task.viewed + (forecast_hides(t) ? t->task.refined : 0);
-    double seconds;
+    double seconds, density = past->densified ? past->density_seconds : FORECAST_DENSITY;
     int done = 0;
     for (int step = 1; step <= t->step; step++) done += schedule_densifies_at(o, step);
     f.fades = forecast_fades(o, done);
@@ -220,7 +221,7 @@ static double forecast_reckon(struct train *t)
     f.cap = OXL_MAX((double)schedule_gaussian_cap(t->scene, o), f.gaussians);
     seconds = forecast_second(t) * forecast_ahead(&f, t->step, forecast_trials(t), beside);
     forecast_tell(t, f.gaussians);
-    return seconds + t->task.after + f.densified * past->density_seconds + forecast_saves(t);
+    return seconds + density * f.sorted + t->task.after + forecast_saves(t);
 }
 
 OXL_INTERNAL double forecast_left(struct train *t)

@@ -42,15 +42,14 @@ static oxl_result train_imaging_measure(struct train *t)
 
 OXL_INTERNAL oxl_result train_imaging_begin(struct train *t)
 {
-    struct imaging m;
     const oxl_result rc = train_imaging_measure(t);
+    struct imaging m = {0};
     if (rc == OXL_OK) train_imaging_match_colours(t, t->scene->measured->colour);
     if (rc == OXL_OK) parts_use_tracks(t, t->scene->measured);
     if (rc != OXL_OK || !t->is_look) scene_forget_look(t->ctx, t->scene);
-    if (rc != OXL_OK) return rc;
-    m = step_imaging(t);
+    if (rc == OXL_OK) m = step_imaging(t);
     if (m.medium.on || m.lamps > 0) medium_bake(t->scene, &m, 1, &t->trained.model);
-    return OXL_OK;
+    return rc;
 }
 
 OXL_INTERNAL void train_imaging_describe(struct train *t)

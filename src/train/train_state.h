@@ -30,7 +30,7 @@ struct forecast {           /* of the time left; not archived */
     int mark, trial_steps;  /* of the last step; made by this process */
     int densified;          /* densifications of this process; their means: */
     double growth;          /* of the logarithm of the Gaussians */
-    double density_seconds; /* s beyond those of a step */
+    double density_seconds; /* s of a Gaussian, beyond those of a step */
     double save_seconds;    /* s of the last checkpoint */
     double left, left_at;   /* s, as reckoned at the time left_at */
     int next;               /* step at which it is reckoned again */
