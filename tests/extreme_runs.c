@@ -118,14 +118,16 @@ struct extreme_survey {
     double image;
 };
 
-/* A unit that is no power of two rounds every number anew, and training lets that grow, by
- * --short-run-exponent more than without. */
+/* Another unit rounds logs of scales anew, and training lets that grow: the row of 1.0001 shows how far, and
+ * the others are to differ as little. */
 static const struct extreme_survey EXTREME_SURVEYS[] = {
     {"survey: unchanged", 0, 1, 0, 0, -1, 0},
     {"survey: 1e6 m from the origin", 1e6, 1, 0, 0, -1, 1e-3},
     {"survey: 1e7 m from the origin", 1e7, 1, 0, 0, -1, 1e-3},
-    {"survey: in units of 1e-3", 0, 1e-3, 0, 0, -1, 1e-2},
-    {"survey: in units of 1e5", 0, 1e5, 0, 0, -1, 1e-2},
+    {"survey: in units of 1.0001, rounding alone", 0, 1.0001, 0, 0, -1, 2e-2},
+    {"survey: in units of 1e-3", 0, 1e-3, 0, 0, -1, 2e-2},
+    {"survey: in units of 1024", 0, 1024, 0, 0, -1, 2e-2},
+    {"survey: in units of 1e5", 0, 1e5, 0, 0, -1, 2e-2},
     {"survey: one point", 0, 1, 1, 0, -1, -1},
     {"survey: all views in one place", 0, 1, 0, 1, -1, -1},
     {"survey: all points in one place", 0, 1, -1, 0, -1, -1},

@@ -40,7 +40,7 @@ static void extreme_print_renders(oxl_context *ctx)
     printf(
         "## Rendering and its gradients\n\n"
         "The gradient is that of the parameter with the largest error: position, scale, rotation, opacity, colour or second lobe.\n\n"
-        "| extreme | drawn | image | gradient | bound: image, gradient | holds |\n|---|--:|---|---|---|---|\n");
+        "| extreme | rendered | image | gradient | bound: image, gradient | holds |\n|---|--:|---|---|---|---|\n");
     for (size_t i = 0; i < OXL_COUNT(EXTREMES); i++) {
         struct extreme_result r;
         struct extreme_error gradient = {0};
@@ -164,7 +164,7 @@ int main(int argc, char **argv)
         "Cells: largest/mean error, relative to the largest and mean magnitude. Where float decides a threshold the other way (alpha >= 1/255,\n"
         "T >= 1e-4), a pixel may change by 1/255; bounds of 4e-03 allow for this.\n"
         "\n"
-        "A Gaussian at or before the near plane, wider than 1e30 px or fainter than 1/255 is not drawn. A quaternion shorter than 1.2e-38 is the\n"
+        "A Gaussian at or before the near plane, wider than 1e30 px or fainter than 1/255 is not rendered. A quaternion shorter than 1.2e-38 is the\n"
         "identity. Log scales are clamped to +-87, Adam's gradient to +-1e18. Non-finite values are skipped, counted and reported\n"
         "(`src/train/nonfinite.c`).\n"
         "\n",
