@@ -13,11 +13,11 @@ static int exposure_test_takes(double wave, double jump, double unexplained, int
                            .residual = 0.01,
                            .brightness = 0.5};
     float gain[24];
-    uint8_t known[8] = {1, 1, 1, 1, 1, 1, 1, 1};
+    uint8_t fitted[8] = {7, 7, 7, 7, 7, 7, 7, 7};
     char why[400];
     int on;
     for (int i = 0; i < 24; i++) gain[i] = (float)(wave * cos(0.8 * (i / 3)) + (i / 3 % 2 ? jump : -jump));
-    p.log_gain = gain, p.known = known;
+    p.log_gain = gain, p.fitted = fitted;
     exposure_set_from_tracks(&e, &p, why, sizeof why);
     on = e.of.on;
     imaging_free(test_ctx, &e.of);

@@ -166,6 +166,7 @@ TEST(budget_is_what_partition_predicts_with)
 TEST(budget_counts_of_lamp_and_medium_the_depths_of_tracks_alone)
 {
     NEEDS_PART(track_depth);
+    NEEDS_PART(exposure); /* by which a run has a model for viewers, too */
     struct cost_load load = budget_test_load();
     oxl_job_options o = budget_test_options(4e8), off;
     o.train.sh_degree = 3;

@@ -94,6 +94,7 @@ static synth_options ssim_contrast_test_sand(const char *name)
 /* SSIM with its own constant learns the light alone. */
 TEST(faint_sand_is_learned_better_than_with_the_constant_for_bright_images)
 {
+    NEEDS_PART(lamp);
     const synth_options o = ssim_contrast_test_sand("faint");
     const double bright = ssim_contrast_test_learned(&o, 0.03f, 0),
                  faint = ssim_contrast_test_learned(&o, train_options(1).ssim_contrast, 0);

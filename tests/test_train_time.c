@@ -86,6 +86,7 @@ TEST(look_keeps_to_the_gaussians_that_memory_holds)
 /* Gains are not in scene.ply, so a model without them is refined behind the run, and takes time. */
 TEST(look_says_whether_viewers_get_a_model_of_their_own)
 {
+    NEEDS_PART(exposure);
     oxl_scene *scene = train_scene(5);
     oxl_train_options o = train_options(20);
     struct look without, with;

@@ -504,6 +504,27 @@ TEST(photometry_of_one_brighter_image_says_how_far_a_model_without_gains_is_from
     photometry_free(test_ctx, &p);
 }
 
+/* Red that water has taken, and a view without light, say nothing about gains: what the others say is the same. */
+TEST(photometry_judges_gains_by_the_channels_and_views_that_are_in_the_fit)
+{
+    static const double no_red[3] = {0.001, 0.5, 0.5}, brighter[3] = {1, 1.5, 1.5}, none[3] = {0, 0, 0};
+    synth_options o = photometry_test_make("deep", SYNTH_AIR);
+    struct photometry p;
+    int unseen = 0;
+    for (int v = 0; v < o.views; v++) photometry_test_scale(&o, "deep", v, v == 3 ? none : no_red);
+    photometry_test_scale(&o, "deep", 6, brighter);
+    photometry_test_measure("deep", &p);
+    CHECK(p.parts == PHOTOMETRY_GAINS);
+    CHECK(p.unexplained > 0.405 / sqrt(12.0) && p.unexplained < 0.405 / sqrt(8.0));
+    CHECK(p.brightness > 0.1 && p.brightness < 0.4);
+    for (int v = 0; v < o.views; v++) {
+        CHECK(p.fitted[v] == 0 || p.fitted[v] == 6); /* green and blue */
+        unseen += p.fitted[v] == 0;
+    }
+    CHECK(unseen == 3); /* the view without light, and two held out */
+    photometry_free(test_ctx, &p);
+}
+
 /* The right images of stereo pairs get a ramp; without it both cameras have the same shape. */
 TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
 {

@@ -33,8 +33,9 @@
 #define EXPOSURE_EPSILON 1e-12 /* against division by 0 */
 #define EXPOSURE_SMOOTH 0.1    /* of the prior: gradient for a log unit off the neighbours' line */
 #define EXPOSURE_HOLD 0.1      /* of the run: the tracks' gains are kept */
-/* what neighbours explain over the noise: at 0.8 to 1.1 gains are worth -0.5 to 0.25 dB, at 1.7 to 2.6 0.3 to
- * 0.8 (docs/log/PARSIMONY.md) */
+/* what neighbours explain over the noise: of whole surveys gains are worth -0.5 to 0.25 dB at 0.8 to 1.1, 0.3
+ * to 0.8 at 1.7 to 2.6, but -0.1 at 3.1 in brighton_beach, whose images overlap little; pieces of 20 images
+ * scatter more (docs/log/PARSIMONY.md) */
 #define EXPOSURE_CLEAR 1.5
 
 static oxl_result exposure_begin(struct train *t, void *state)
@@ -97,18 +98,17 @@ static void exposure_apply_pending(struct exposure *e, int last)
     e->pending.step = 0;
 }
 
-/* Computes the rms of what a view's neighbours leave of the known gains, in log units. */
-static double exposure_left(const struct imaging *m)
+/* Computes the rms of what a view's neighbours leave of the gains that are fitted, in log units. */
+static double exposure_left(const struct imaging *m, const uint8_t *fitted)
 {
     double square = 0;
     int known = 0;
     for (int i = 0; i < m->views; i++) {
         float predicted[3];
-        if (!m->known[i]) continue;
         imaging_predict(m, i, predicted);
-        for (int c = 0; c < 3; c++, known++) {
+        for (int c = 0; c < 3; c++) {
             const double e = (double)m->log_gain[3 * i + c] - (double)predicted[c];
-            square += e * e;
+            if (fitted[i] >> c & 1) square += e * e, known++;
         }
     }
     return sqrt(known ? square / known : 0);
@@ -123,9 +123,9 @@ OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct phot
              p->points ? "the tracks' colours need no gains" : "too few tracks to compare colours");
     if (fits) {
         memcpy(e->of.log_gain, p->log_gain, 3 * (size_t)e->of.views * sizeof *e->of.log_gain);
-        memcpy(e->of.known, p->known, (size_t)e->of.views * sizeof *e->of.known);
+        for (int i = 0; i < e->of.views; i++) e->of.known[i] = p->fitted[i] != 0;
         imaging_centre(&e->of, e->level);
-        left = exposure_left(&e->of);
+        left = exposure_left(&e->of, p->fitted);
         explained = sqrt(OXL_MAX(0, p->unexplained * p->unexplained - left * left));
         noise = p->residual / p->brightness;
         e->known_until = EXPOSURE_HOLD;
@@ -214,7 +214,7 @@ static void exposure_store(struct train *t, void *state, oxl_model *model)
 
 /* clang-format off */
 static const oxl_option exposure_options[] = {
-{"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit each image's brightness and white balance; auto: if its neighbours predict it", NULL},
+{"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit each image's brightness and white balance; auto: if neighbours predict it best", NULL},
 {0}};
 /* clang-format on */
 

@@ -155,8 +155,7 @@ static oxl_result photometry_sample_colours(oxl_context *ctx, oxl_scene *scene, 
 {
     for (int v = 0; v < w->views; v++) {
         const struct training_image *image;
-        const oxl_result rc = context_stopped(ctx);
-        if (rc != OXL_OK) return rc;
+        if (context_stopped(ctx) != OXL_OK) return OXL_ERR_INTERRUPTED;
         scene_images_ahead(ctx, scene, w->chosen + v, w->views - v);
         image = scene_image(ctx, scene, w->chosen[v]);
         if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
@@ -221,8 +220,7 @@ static void photometry_find_colour(struct photometry_work *w, size_t first, int 
 {
     const struct photometry_sample *s = &w->sample[first];
     double ab = w->pull[c] * w->mean[c];
-    p->form = &w->form[3 * first + (size_t)c];
-    p->rest = &w->rest[3 * first + (size_t)c];
+    p->form = &w->form[3 * first + (size_t)c], p->rest = &w->rest[3 * first + (size_t)c];
     p->aa = w->pull[c];
     for (int k = 0; k < p->count; k++) {
         const double a = p->form[3 * k].a, by = (double)s[k].weight[c] * a;
@@ -262,16 +260,12 @@ static void photometry_find_residuals(struct photometry_work *w, const double *a
 static double photometry_cost(struct photometry_work *w, int reweigh)
 {
     double sum = w->pulled / (w->sigma * w->sigma);
-    for (size_t first = 0, end; first < w->samples; first = end) {
-        end = first + (size_t)photometry_track(w, first);
-        for (size_t c = 0; c < 3; c++)
-            for (size_t i = first; i < end; i++) {
-                float *weight = &w->sample[i].weight[c];
-                const double e = fabs(w->rest[3 * i + c]) / w->sigma;
-                if (*weight <= 0) continue;
-                sum += e <= PHOTOMETRY_HUBER ? e * e : PHOTOMETRY_HUBER * (2 * e - PHOTOMETRY_HUBER);
-                if (reweigh) *weight = (float)(e <= PHOTOMETRY_HUBER ? 1 : PHOTOMETRY_HUBER / e);
-            }
+    for (size_t i = 0; i < 3 * w->samples; i++) {
+        float *weight = &w->sample[i / 3].weight[i % 3];
+        const double e = fabs(w->rest[i]) / w->sigma;
+        if (*weight <= 0) continue;
+        sum += e <= PHOTOMETRY_HUBER ? e * e : PHOTOMETRY_HUBER * (2 * e - PHOTOMETRY_HUBER);
+        if (reweigh) *weight = (float)(e <= PHOTOMETRY_HUBER ? 1 : PHOTOMETRY_HUBER / e);
     }
     return sum;
 }
@@ -428,8 +422,7 @@ static void photometry_normal_equations(struct photometry_work *w)
     /* Replaces the equations of fixed parameters by the identity. */
     for (int i = 0; i < w->parameters; i++) {
         if (photometry_is_free(w, i)) continue;
-        for (int k = 0; k < w->parameters; k++)
-            w->normal[(size_t)OXL_MAX(i, k) * PHOTOMETRY_PARAMETERS + (size_t)OXL_MIN(i, k)] = i == k;
+        for (int k = 0; k < w->parameters; k++) photometry_row(w, OXL_MAX(i, k))[OXL_MIN(i, k)] = i == k;
         w->right[i] = 0;
     }
 }
@@ -578,7 +571,11 @@ static void photometry_choose_parts(struct photometry_work *w, int requested, do
         out->without[k] = photometry_fit(w, requested & ~(1 << k));
         if (photometry_supports(k, out->without[k] / out->residual, span)) continue;
         out->parts &= ~(1 << k);
-        if (k == 0) requested = out->parts, out->residual = out->without[0], memcpy(all, w->at, sizeof all);
+        if (k > 0) continue;
+        requested = out->parts, out->residual = out->without[0];
+        if (w->apart) w->apart = 0, out->residual = photometry_fit(w, requested);
+        photometry_fit_separate_lamps(w, requested, out);
+        memcpy(all, w->at, sizeof all);
     }
     memcpy(w->at, all, sizeof all);
     w->is_last = 1;
@@ -589,21 +586,19 @@ static void photometry_choose_parts(struct photometry_work *w, int requested, do
  * fitted, or nothing varies. */
 static double photometry_drift(const struct photometry_work *w, const struct photometry *p)
 {
-    double x[PHOTOMETRY_VIEWS] = {0}, y[PHOTOMETRY_VIEWS], mean[2] = {0, 0}, xx = 0, xy = 0, yy = 0;
+    double x[PHOTOMETRY_VIEWS] = {0}, sum[2] = {0, 0}, xx = 0, xy = 0, yy = 0;
     int count[PHOTOMETRY_VIEWS] = {0}, views = 0;
     for (size_t i = 0; i < w->samples; i++)
         x[w->sample[i].view] += w->sample[i].range, count[w->sample[i].view]++;
     for (int v = 0; v < w->views; v++) {
-        const float *gain = p->log_gain + 3 * w->chosen[v];
+        const double *gain = w->at + w->gains + 3 * v, y = gain[0] + gain[1] + gain[2],
+                     range = x[v] / OXL_MAX(count[v], 1);
         if (count[v] == 0) continue;
-        x[v] /= count[v], y[v] = (double)gain[0] + (double)gain[1] + (double)gain[2];
-        mean[0] += x[v], mean[1] += y[v], views++;
+        views++, sum[0] += range, sum[1] += y;
+        xx += range * range, xy += range * y, yy += y * y;
     }
-    for (int v = 0; v < w->views; v++) {
-        const double dx = x[v] - mean[0] / OXL_MAX(views, 1),
-                     dy = count[v] ? y[v] - mean[1] / OXL_MAX(views, 1) : 0;
-        if (count[v]) xx += dx * dx, xy += dx * dy, yy += dy * dy;
-    }
+    views = OXL_MAX(views, 1);
+    xx -= sum[0] * sum[0] / views, xy -= sum[0] * sum[1] / views, yy -= sum[1] * sum[1] / views;
     return (p->parts & PHOTOMETRY_GAINS) && xx > 0 && yy > 0 ? xy / sqrt(xx * yy) : 0;
 }
 
@@ -617,11 +612,13 @@ static double photometry_unexplained(const struct photometry_work *w)
         end = first + (size_t)photometry_track(w, first);
         for (int c = 0; c < 3; c++) {
             double sum = 0;
-            for (size_t i = first; i < end; i++) sum += w->at[w->gains + 3 * w->sample[i].view + c];
-            for (size_t i = first; i < end; i++) {
+            int used = 0;
+            for (size_t i = first; i < end; i++)
+                if (w->sample[i].weight[c] > 0) sum += w->at[w->gains + 3 * w->sample[i].view + c], used++;
+            for (size_t i = first; i < end && used > 1; i++) {
                 const int at = 3 * w->sample[i].view + c;
                 const double own = w->at[w->gains + at];
-                apart[at] += own - (sum - own) / (double)(end - first - 1), count[at]++;
+                if (w->sample[i].weight[c] > 0) apart[at] += own - (sum - own) / (used - 1), count[at]++;
             }
         }
     }
@@ -647,6 +644,7 @@ static void photometry_compare_colours(const struct colmap *c, const struct phot
 static void photometry_report(struct photometry_work *w, const oxl_scene *scene, double median, int requested,
                               struct photometry *out)
 {
+    double n = 0;
     out->observations = w->samples;
     for (size_t i = 0; i < w->samples; i++)
         out->points += i == 0 || w->sample[i].point != w->sample[i - 1].point;
@@ -660,14 +658,17 @@ static void photometry_report(struct photometry_work *w, const oxl_scene *scene,
     for (int t = 0; t < LAMP_TERMS * w->lamps; t++)
         out->shape[t / LAMP_TERMS][t % LAMP_TERMS] =
             (float)(w->at[9 + t % LAMP_TERMS] + (t < LAMP_TERMS ? 0 : w->at[9 + t]));
-    for (int v = 0; v < w->views; v++) {
-        out->known[w->chosen[v]] = 1;
-        for (int c = 0; c < 3; c++) out->log_gain[3 * w->chosen[v] + c] = (float)w->at[w->gains + 3 * v + c];
-    }
+    for (int i = 0; i < 3 * w->views; i++)
+        out->log_gain[3 * w->chosen[i / 3] + i % 3] = (float)w->at[w->gains + i];
     out->drift = photometry_drift(w, out);
     out->unexplained = photometry_unexplained(w);
-    for (size_t i = 0; i < 3 * w->samples; i++)
-        out->brightness += (double)w->sample[i / 3].value[i % 3] / (3 * (double)w->samples);
+    for (size_t i = 0; i < 3 * w->samples; i++) {
+        const struct photometry_sample *at = &w->sample[i / 3];
+        if (!(at->weight[i % 3] > 0)) continue;
+        out->fitted[w->chosen[at->view]] |= (uint8_t)(1 << i % 3);
+        out->brightness += (double)at->value[i % 3], n++;
+    }
+    out->brightness /= OXL_MAX(n, 1);
 }
 
 OXL_INTERNAL oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scene, struct photometry_work *w,
@@ -683,9 +684,9 @@ OXL_INTERNAL oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scen
     w->scratch = oxl_alloc(ctx, 3 * PHOTOMETRY_SAMPLE + 1, sizeof *w->scratch);
     w->rest = oxl_alloc(ctx, 3 * PHOTOMETRY_SAMPLE + 1, sizeof *w->rest);
     out->log_gain = oxl_calloc(ctx, 3 * views + 1, sizeof *out->log_gain);
-    out->known = oxl_calloc(ctx, views + 1, sizeof *out->known);
+    out->fitted = oxl_calloc(ctx, views + 1, sizeof *out->fitted);
     return w->view && w->chosen && w->sample && w->normal && w->factor && w->form && w->scratch && w->rest &&
-                   out->log_gain && out->known
+                   out->log_gain && out->fitted
                ? OXL_OK
                : OXL_ERR_MEMORY;
 }
@@ -721,6 +722,6 @@ OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, i
 
 OXL_INTERNAL void photometry_free(oxl_context *ctx, struct photometry *p)
 {
-    OXL_FREE(ctx, p->log_gain, p->known);
+    OXL_FREE(ctx, p->log_gain, p->fitted);
     *p = (struct photometry){0};
 }

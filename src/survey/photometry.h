@@ -16,14 +16,14 @@ struct photometry {
     double error[9];                                         /* standard errors of their nine logarithms */
     /* shapes of the lamps, in the order of imaging_set_lamps */
     float shape[LAMP_MAX][LAMP_TERMS];
-    float *log_gain;  /* (views,3) log gains of mean 0 */
-    uint8_t *known;   /* (views) 1: log_gain is fitted */
+    float *log_gain; /* (views,3) log gains of mean 0 */
+    uint8_t *fitted; /* (views) bit c: log_gain of channel c is that of observations in the fit; 0: none is */
     double colour[3]; /* mean colour of the images over that of the points; 0: the points are black */
     double drift;     /* correlation of the images' gains with the mean range of their points */
     /* rms over images and channels of the log gain less the mean of those of the other images of the same
      * points: by how much a model without gains is wrong about a held-out image */
     double unexplained;
-    double brightness;  /* mean of the observations (fraction of white) */
+    double brightness;  /* mean of the observations in the fit (fraction of white) */
     double with_medium; /* residuals with all parts (fraction of white, robust) */
     double residual;    /* residuals with all parts but a medium that is refused */
     double without[3];  /* residuals without the medium, lamp, gains; 0: not requested */
