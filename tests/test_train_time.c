@@ -244,7 +244,7 @@ TEST(forecast_of_time_has_the_seconds_of_evaluation_that_no_step_shortens)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* Before one was timed, a densification takes 1.7 us a Gaussian: a tenth of a short run. */
+/* Before one was timed, a densification is told to take 1.7 us of each Gaussian. */
 TEST(forecast_counts_densifications_before_one_was_timed)
 {
     const oxl_train_options o = train_options(2000);

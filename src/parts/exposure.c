@@ -34,7 +34,7 @@
 #define EXPOSURE_SMOOTH 0.1    /* of the prior: gradient for a log unit off the neighbours' line */
 #define EXPOSURE_HOLD 0.1      /* of the run: the tracks' gains are kept */
 /* what neighbours explain over the noise: of whole surveys gains are worth -0.5 to 0.25 dB at 0.8 to 1.1, 0.3
- * to 0.8 at 1.7 to 2.6, but -0.1 at 3.1 in brighton_beach, whose images overlap little; pieces of 20 images
+ * to 0.8 at 1.7 to 2.6, but -0.1 at 3.1 in brighton_beach, 3.8 images of a point; pieces of 20 images
  * scatter more (docs/log/PARSIMONY.md) */
 #define EXPOSURE_CLEAR 1.5
 
