@@ -16,9 +16,8 @@ struct photometry {
     double error[9];                                         /* standard errors of their nine logarithms */
     /* shapes of the lamps, in the order of imaging_set_lamps */
     float shape[LAMP_MAX][LAMP_TERMS];
-    float *log_gain; /* (views,3) log gains of mean 0 */
-    uint8_t *
-        fitted; /* (views) bit c: channel c has observations in the fit, without which log_gain is its prior */
+    float *log_gain;  /* (views,3) log gains of mean 0 */
+    uint8_t *fitted;  /* (views) bit c: channel c has observations in the fit; else log_gain is its prior */
     double colour[3]; /* mean colour of the images over that of the points; 0: the points are black */
     double drift;     /* correlation of the images' gains with the mean range of their points */
     /* rms over images and channels of the log gain less the mean of those of the other images of the same
