@@ -2,10 +2,13 @@
 #include "test.h"
 #include "../src/parts/exposure.h"
 
+static int exposure_test_is_tried; /* 1: as if a trial followed */
+
 /* Gains of the tracks of 8 views: a slow wave, and what jumps from view to view. */
 static int exposure_test_takes(double wave, double jump, double unexplained, int parts)
 {
-    struct exposure e = {.mode = OXL_AUTO, .of = imaging_test_make(8, NULL, 0)};
+    struct exposure e = {
+        .mode = OXL_AUTO, .is_tried = exposure_test_is_tried, .of = imaging_test_make(8, NULL, 0)};
     struct photometry p = {.points = 100,
                            .observations = 900,
                            .parts = parts,
@@ -34,4 +37,129 @@ TEST(exposure_auto_is_on_where_neighbours_predict_gains_better_than_other_views_
     CHECK(exposure_test_takes(0.02, 0, 0.032, PHOTOMETRY_GAINS));
     CHECK(!exposure_test_takes(0.02, 0, 0.029, PHOTOMETRY_GAINS));
     CHECK(!exposure_test_takes(0.02, 0.04, 0.07, PHOTOMETRY_GAINS));
+}
+
+/* ---------------- the trial */
+
+/* A wave, or what no neighbour tells. */
+static double exposure_test_gain(int view, int jumps)
+{
+    return jumps ? (view % 2 ? -0.3 : 0.3) : 0.3 * cos(0.8 * view);
+}
+
+/* A scene whose images are brighter and darker by these gains. */
+static oxl_scene *exposure_test_scene(int jumps)
+{
+    oxl_scene *scene = train_scene(14), *waved = NULL;
+    oxl_view view[14];
+    oxl_image image[14];
+    for (int v = 0; v < 14; v++) {
+        view[v] = *oxl_scene_view(scene, v);
+        CHECK_OK(oxl_scene_image(test_ctx, scene, v, &image[v]));
+        for (int i = 0; i < 3 * image[v].width * image[v].height; i++)
+            image[v].rgb[i] = (float)(0.6 * exp(exposure_test_gain(v, jumps)) * (double)image[v].rgb[i]);
+    }
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 14, oxl_scene_points(scene),
+                                   oxl_scene_point_count(scene), &waved));
+    for (int v = 0; v < 14; v++) oxl_image_free(test_ctx, &image[v]);
+    oxl_scene_free(test_ctx, scene);
+    return waved;
+}
+
+struct exposure_test_run {
+    oxl_train_options options;
+    struct train t;
+    struct exposure *e;
+};
+
+/* Begins a run as if tracks had given these parts of the true gains; the trial is due. */
+static void exposure_test_begin(struct exposure_test_run *r, double part, int jumps)
+{
+    r->options = train_options(1000);
+    r->t = (struct train){.ctx = test_ctx,
+                          .scene = exposure_test_scene(jumps),
+                          .options = &r->options,
+                          .decisions = {.ctx = test_ctx}};
+    CHECK_OK(train_begin(&r->t));
+    for (int k = 0; parts_at(k); k++) {
+        if (strcmp(parts_at(k)->name, "exposure") != 0) continue;
+        r->e = r->t.part[k];
+        r->t.trial = parts_at(k);
+    }
+    r->e->of.on = 1;
+    r->e->known_until = 2; /* the tracks' gains stay */
+    for (int v = 0; v < 14; v++) {
+        r->e->of.known[v] = (uint8_t)!oxl_scene_view(r->t.scene, v)->is_test;
+        for (int c = 0; c < 3; c++)
+            r->e->of.log_gain[3 * v + c] = (float)(part * exposure_test_gain(v, jumps));
+    }
+}
+
+static void exposure_test_end(struct exposure_test_run *r)
+{
+    oxl_scene *scene = r->t.scene;
+    train_end(&r->t);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* True gains are kept, with what the run began with; reversed ones, and those of which the others tell
+ * nothing, are refused. */
+TEST(exposure_trial_keeps_gains_that_predict_the_other_half_of_the_views)
+{
+    NEEDS_PART(exposure);
+    for (int k = 0; k < 3; k++) {
+        struct exposure_test_run r = {0};
+        oxl_model first;
+        exposure_test_begin(&r, k == 1 ? -1 : 1, k == 2);
+        CHECK_OK(model_copy(test_ctx, &r.t.trained.model, &first));
+        CHECK_OK(selection_trial(&r.t));
+        CHECK(r.e->of.on == !k && r.e->of.known[0] == !k && !r.t.trial && r.t.step == 0);
+        CHECK(train_same(&r.t.trained.model, &first));
+        CHECK(r.t.views == 13 && r.t.validation_views == 0 && r.t.options == &r.options);
+        CHECK(strstr(r.t.decisions.data,
+                     k ? "\"exposure\": {\"chosen\": \"off\"" : "\"exposure\": {\"chosen\": \"on\"") != NULL);
+        CHECK(strstr(r.t.decisions.data, "each half of 13 training views") != NULL);
+        oxl_model_free(test_ctx, &first);
+        exposure_test_end(&r);
+    }
+}
+
+static int exposure_test_stop(void *user, const oxl_progress *progress)
+{
+    int *left = user;
+    CHECK(progress->trial);
+    return --*left == 0;
+}
+
+/* Stopped in the second half, it is made again from the start. */
+TEST(exposure_trial_that_is_stopped_leaves_the_run_as_it_was)
+{
+    NEEDS_PART(exposure);
+    struct exposure_test_run r = {0};
+    int left = 700;
+    const oxl_callback stop = {exposure_test_stop, &left};
+    oxl_model first;
+    exposure_test_begin(&r, 1, 0);
+    r.t.callback = &stop;
+    CHECK_OK(model_copy(test_ctx, &r.t.trained.model, &first));
+    CHECK(selection_trial(&r.t) == OXL_ERR_INTERRUPTED);
+    CHECK(r.t.trial && r.t.step == 0 && r.t.views == 13 && r.t.validation_views == 0);
+    CHECK(r.t.options == &r.options && r.e->of.on && r.e->of.known[1] &&
+          train_same(&r.t.trained.model, &first));
+    left = 10000;
+    CHECK_OK(selection_trial(&r.t));
+    CHECK(left == 10000 - 1200 && r.e->of.on);
+    oxl_model_free(test_ctx, &first);
+    exposure_test_end(&r);
+}
+
+/* Surveys whose tracks refuse gains have none; where they do not, a trial decides. */
+TEST(exposure_needs_less_of_the_tracks_where_a_trial_follows)
+{
+    NEEDS_PART(exposure);
+    CHECK(!exposure_test_takes(0.1, 0, 0.042, PHOTOMETRY_GAINS));
+    exposure_test_is_tried = 1;
+    CHECK(exposure_test_takes(0.1, 0, 0.042, PHOTOMETRY_GAINS));
+    CHECK(!exposure_test_takes(0.1, 0, 0.036, PHOTOMETRY_GAINS));
+    exposure_test_is_tried = 0;
 }

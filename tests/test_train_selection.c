@@ -213,3 +213,20 @@ TEST(selection_decides_by_another_view_where_the_validation_view_is_damaged_or_m
         CHECK(job_test_has(PATH(out, "metrics.json"), "\"images_left_out\": 1"));
     }
 }
+
+/* The test view is in neither half. */
+TEST(selection_holds_every_second_view_of_a_half)
+{
+    oxl_train_options o = train_options(100);
+    struct train t = {.ctx = test_ctx, .scene = train_scene(14), .options = &o};
+    oxl_scene *scene = t.scene;
+    CHECK_OK(selection_begin(&t));
+    selection_hold(&t, 1);
+    CHECK(t.views == 7 && t.validation_views == 6);
+    CHECK(t.view[0] == 0 && t.view[1] == 2 && t.validation[0] == 1 && t.validation[1] == 4);
+    while (t.validation_views > 0) t.view[t.views++] = t.validation[--t.validation_views];
+    selection_hold(&t, 0);
+    CHECK(t.views == 6 && t.validation_views == 7 && t.validation[0] == 0 && t.validation[1] == 2);
+    train_end(&t);
+    oxl_scene_free(test_ctx, scene);
+}

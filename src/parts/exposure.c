@@ -11,8 +11,11 @@
  * while Gaussians are coarse.
  *
  * auto: a model without gains shows a place with the mean gain of the views that see it; a held-out view has
- * about the gain of its neighbours. On if the neighbours leave less of the tracks' gains than those views do,
- * and the root of the difference of squares is EXPOSURE_CLEAR times the tracks' noise or more.
+ * about the gain of its neighbours. Gains are of use if the neighbours leave less of the tracks' gains than
+ * those views do: the root of the difference of squares is compared with the tracks' noise. From
+ * EXPOSURE_PLAUSIBLE times on, a trial before the first step decides: half of the training views is trained
+ * with gains and without, and predicts the other half, then the other way round. Without a trial (a short
+ * run, a block, too many views) they are on from EXPOSURE_CLEAR times on.
  *
  * Rendering on a device, a step's gains do not depend on the gradient of the step before: that is read while
  * the device works on the step
@@ -37,6 +40,17 @@
  * to 0.8 at 1.7 to 2.6, but -0.1 at 3.1 in brighton_beach, 3.8 images of a point; pieces of 20 images
  * scatter more (docs/log/PARSIMONY.md) */
 #define EXPOSURE_CLEAR 1.5
+/* the same in front of a trial, which gains nothing below it */
+#define EXPOSURE_PLAUSIBLE 1.0
+#define EXPOSURE_MIN_GAIN \
+    0.3 /* dB; in trials of surveys that gain nothing at most 0.26, of others from 0.37 on */
+enum {
+    EXPOSURE_TRIED = 1000, /* iterations: in shorter runs the trial takes too large a part */
+    EXPOSURE_STEPS = 300,  /* of each of the four runs of a trial; with 100 the right ones do not stand out */
+    EXPOSURE_RUN = 2000    /* iterations whose learning rates it has, so that all runs decide alike */
+};
+
+OXL_TABLE const struct part part_exposure;
 
 static oxl_result exposure_begin(struct train *t, void *state)
 {
@@ -136,7 +150,9 @@ OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct phot
             p->points, p->observations, 100 * p->unexplained, 100 * left, 100 * explained, EXPOSURE_CLEAR,
             100 * noise);
     }
-    if (e->mode == OXL_AUTO) e->of.on = fits && explained >= EXPOSURE_CLEAR * noise;
+    e->clear = explained / noise;
+    if (e->mode == OXL_AUTO)
+        e->of.on = fits && explained >= (e->is_tried ? EXPOSURE_PLAUSIBLE : EXPOSURE_CLEAR) * noise;
     if (!e->of.on) imaging_clear(&e->of);
 }
 
@@ -179,10 +195,59 @@ static int exposure_tracks(const struct train *t)
 static void exposure_use_tracks(struct train *t, void *state, const struct photometry *p)
 {
     struct exposure *e = state;
+    const int views = schedule_training_views(t->scene);
     char why[400];
     if (t->options->exposure == OXL_OFF) return;
+    e->is_tried = e->mode == OXL_AUTO && !t->is_look && !t->task.window && views >= SELECTION_VIEWS_MIN &&
+                  views <= PHOTOMETRY_VIEWS && t->options->iterations >= EXPOSURE_TRIED;
     exposure_set_from_tracks(e, p, why, sizeof why);
-    selection_record_auto(t, "exposure", t->options->exposure, e->of.on, why);
+    if (e->is_tried && e->of.on) t->trial = &part_exposure;
+    else selection_record_auto(t, "exposure", t->options->exposure, e->of.on, why);
+}
+
+/* Trains on half of the training views, with gains or without, and evaluates the other half. */
+static oxl_result exposure_train_half(struct train *t, struct exposure *e, struct train_branch *start,
+                                      int half, int on, double *psnr)
+{
+    oxl_result rc = branch_load(t, start);
+    if (rc != OXL_OK) return rc;
+    e->of.on = on;
+    selection_hold(t, half);
+    for (int k = 0; k < t->validation_views; k++) e->of.known[t->validation[k]] = 0;
+    rc = selection_train_trial(t, EXPOSURE_STEPS, psnr);
+    t->validation_views = 0;
+    return rc;
+}
+
+/* Decides whether gains help to predict images: each half of the training views by the other one, from the
+ * first Gaussians, on images at half the sides. */
+static oxl_result exposure_trial(struct train *t, void *state, struct train_branch *start)
+{
+    struct exposure *e = state;
+    const oxl_train_options *run = t->options;
+    const oxl_nonfinite unread = t->nonfinite;
+    oxl_train_options brief = *run;
+    double psnr[2][2], off, on;
+    char why[400];
+    oxl_result rc = OXL_OK;
+    oxl_log(t->ctx, OXL_LOG_INFO, "exposure: %d steps at half the sides, which are taken back, decide",
+            4 * EXPOSURE_STEPS);
+    brief.iterations = EXPOSURE_RUN, brief.coarse = 1;
+    t->options = &brief;
+    for (int k = 0; k < 4 && rc == OXL_OK; k++)
+        rc = exposure_train_half(t, e, start, k / 2, k % 2, &psnr[k % 2][k / 2]);
+    if (rc == OXL_OK) rc = branch_load(t, start);
+    t->options = run, t->nonfinite = unread, t->forecast = (struct forecast){0};
+    if (rc != OXL_OK) return rc;
+    off = (psnr[0][0] + psnr[0][1]) / 2, on = (psnr[1][0] + psnr[1][1]) / 2;
+    if (!(on >= off + EXPOSURE_MIN_GAIN)) e->of.on = 0, imaging_clear(&e->of);
+    snprintf(
+        why, sizeof why,
+        "neighbours explain %.1f times the tracks' noise of the gains; each half of %d training views predicted from the "
+        "other, after %d steps at half the sides: %.2f dB with gains, %.2f without; on from %.2g dB more",
+        e->clear, t->views, EXPOSURE_STEPS, on, off, EXPOSURE_MIN_GAIN);
+    selection_record_auto(t, "exposure", OXL_AUTO, e->of.on, why);
+    return OXL_OK;
 }
 
 static void exposure_set_gain(struct train *t, void *state, struct train_deferred *step, int learns)
@@ -214,7 +279,7 @@ static void exposure_store(struct train *t, void *state, oxl_model *model)
 
 /* clang-format off */
 static const oxl_option exposure_options[] = {
-{"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit each image's brightness and white balance; auto: if neighbours predict it best", NULL},
+{"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit each image's brightness and white balance; auto: if held-out views gain", NULL},
 {0}};
 /* clang-format on */
 
@@ -229,4 +294,5 @@ OXL_INTERNAL const struct part part_exposure = {.name = "exposure",
                                                 .use_tracks = exposure_use_tracks,
                                                 .set_gain = exposure_set_gain,
                                                 .after_loss = exposure_after_loss,
+                                                .trial = exposure_trial,
                                                 .store = exposure_store};

@@ -139,11 +139,11 @@ static oxl_result lobes_trial(struct train *t, void *state, struct train_branch 
     struct lobes *l = state;
     struct train_branch without = {0};
     double psnr[2], bytes[2];
-    oxl_result rc = selection_train_trial(t, &psnr[0]);
+    oxl_result rc = selection_train_trial(t, selection_steps(t, SELECTION_TRIAL), &psnr[0]);
     if (rc == OXL_OK) rc = branch_save(t, &without);
     if (rc == OXL_OK) rc = branch_load(t, start);
     if (rc == OXL_OK) rc = lobes_assign(t);
-    if (rc == OXL_OK) rc = selection_train_trial(t, &psnr[1]);
+    if (rc == OXL_OK) rc = selection_train_trial(t, selection_steps(t, SELECTION_TRIAL), &psnr[1]);
     if (rc == OXL_OK) {
         const int kept = psnr[1] >= psnr[0] + LOBES_MIN_GAIN;
         bytes[0] = (double)t->trained.model.count * model_row_bytes(t->trained.model.sh_degree);

@@ -7,7 +7,8 @@
  * alternatives. A decision is a trial: each alternative is trained from the same state for a fortieth of the
  * run, and the smallest one that is good enough is kept. (Rendering without its higher SH degrees is no
  * evidence: the lower ones have adapted to them. By that test a scene without view dependence seemed to need
- * degree 3.) Each decision is noted with its evidence (run.json).
+ * degree 3.) Each decision is noted with its evidence (run.json). Exposure has a trial of its own, before the
+ * first step (src/parts/exposure.c).
  *
  * Invariant: a decision is a function of the state after the step that it follows; a run stopped in a trial
  * repeats the trial.
@@ -60,7 +61,7 @@ OXL_INTERNAL oxl_result selection_begin(struct train *t)
 {
     const size_t views = (size_t)oxl_scene_view_count(t->scene);
     t->view = oxl_alloc(t->ctx, views + 1, sizeof *t->view);
-    t->validation = oxl_alloc(t->ctx, SELECTION_VIEWS_MAX, sizeof *t->validation);
+    t->validation = oxl_alloc(t->ctx, views + 1, sizeof *t->validation);
     if (!t->view || !t->validation) return OXL_ERR_MEMORY;
     for (int i = 0; i < (int)views; i++)
         if (selection_is_training_view(t, i)) t->view[t->views++] = i;
@@ -78,20 +79,26 @@ static int selection_slot(const struct train *t, int view)
     return slot;
 }
 
-OXL_INTERNAL void selection_hold_views(struct train *t)
+OXL_INTERNAL void selection_hold(struct train *t, int half)
 {
-    const oxl_train_options *o = t->options;
     const int views = t->views;
     int index = 0;
-    if (t->validation_views > 0 || t->step <= (o->densify_until - SELECTION_HELD) * o->iterations) return;
-    if (t->step > parts_validate_until(t) || views < SELECTION_VIEWS_MIN) return;
     for (int i = 0; i < oxl_scene_view_count(t->scene); i++) {
         const int slot = selection_slot(t, i);
-        if (slot == t->views || !selection_is_validation_view(index++, views)) continue;
+        if (slot == t->views) continue;
+        if (half < 0 ? !selection_is_validation_view(index++, views) : index++ % 2 != half) continue;
         t->views--;
         memmove(t->view + slot, t->view + slot + 1, (size_t)(t->views - slot) * sizeof *t->view);
         t->validation[t->validation_views++] = i;
     }
+}
+
+OXL_INTERNAL void selection_hold_views(struct train *t)
+{
+    const oxl_train_options *o = t->options;
+    if (t->validation_views > 0 || t->step <= (o->densify_until - SELECTION_HELD) * o->iterations) return;
+    if (t->step > parts_validate_until(t) || t->views < SELECTION_VIEWS_MIN) return;
+    selection_hold(t, -1);
 }
 
 OXL_INTERNAL void selection_release_views(struct train *t)
@@ -120,7 +127,7 @@ OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double
     *loss = *psnr = 0;
     for (int i = 0; i < t->validation_views && rc == OXL_OK;) {
         rc = step_load_image(t, t->validation[i]);
-        if (rc == OXL_ERR_INPUT) {
+        if (rc == OXL_ERR_INPUT || rc == OXL_ERR_IO) {
             selection_drop_view(t, i);
             rc = OXL_OK;
             continue;
@@ -142,9 +149,9 @@ OXL_INTERNAL int selection_steps(const struct train *t, double fraction)
     return OXL_MAX(1, (int)(fraction * t->options->iterations));
 }
 
-OXL_INTERNAL oxl_result selection_train_trial(struct train *t, double *psnr)
+OXL_INTERNAL oxl_result selection_train_trial(struct train *t, int steps, double *psnr)
 {
-    const int end = OXL_MIN(t->step + selection_steps(t, SELECTION_TRIAL), t->options->iterations);
+    const int end = OXL_MIN(t->step + steps, t->options->iterations);
     oxl_result rc = OXL_OK;
     double loss;
     while (rc == OXL_OK && t->step < end) {

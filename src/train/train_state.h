@@ -124,11 +124,12 @@ OXL_INTERNAL int selection_is_validation_view(int index, int views);
 OXL_INTERNAL oxl_result selection_begin(struct train *t); /* lists the training views, in name order */
 /* Holds validation views out of training, when a decision comes near; called before a step. */
 OXL_INTERNAL void selection_hold_views(struct train *t);
+OXL_INTERNAL void selection_hold(struct train *t, int half); /* those (-1), or every second view (0 or 1) */
 /* Averages loss and PSNR over the validation views; NaN if none can be read. */
 OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr);
 OXL_INTERNAL int selection_steps(const struct train *t, double fraction); /* of the run, at least 1 */
-/* Trains for the length of a trial and evaluates the result on the validation views. */
-OXL_INTERNAL oxl_result selection_train_trial(struct train *t, double *psnr);
+/* Trains for so many steps of a trial and evaluates the result on the validation views. */
+OXL_INTERNAL oxl_result selection_train_trial(struct train *t, int steps, double *psnr);
 /* Makes the trial t->trial, before a step; OXL_ERR_INTERRUPTED: it is to be repeated. */
 OXL_INTERNAL oxl_result selection_trial(struct train *t);
 /* Gives validation views that no part needs any more to training; called after a step. */
