@@ -251,9 +251,7 @@ OXL_INTERNAL int codec_inflate(oxl_context *ctx, void *out, size_t size, const v
 OXL_INTERNAL uint8_t *codec_deflate(oxl_context *ctx, const void *data, size_t size, int *zlib_size)
 {
     enum { LEVEL = 8 };
-    jmp_buf refused;
-    if (size > INT_MAX) return NULL;
-    codec_enter(ctx, &refused);
-    if (setjmp(refused) != 0) return codec_leave(NULL);
+    CODEC_ENTER(ctx, codec_leave(NULL));
+    if (size > INT_MAX) return codec_leave(NULL);
     return codec_leave(stbi_zlib_compress((unsigned char *)data, (int)size, zlib_size, LEVEL));
 }

@@ -226,19 +226,12 @@ SIMD_INLINE void metrics_compare_run(const struct metrics_line *line, int x)
     double m[5][METRICS_RUN] = {{0}}, touches[METRICS_RUN] = {0};
     for (int j = 0; j < METRICS_WINDOW; j++) {
         const double k = line->s->kernel[j];
-        const double *c0 = line->column[0] + x + j, *c1 = line->column[1] + x + j,
-                     *c2 = line->column[2] + x + j;
-        const double *c3 = line->column[3] + x + j, *c4 = line->column[4] + x + j,
-                     *masked = line->masked + x + j;
+        for (int q = 0; q < 5; q++) {
+            const double *column = line->column[q] + x + j;
 #pragma omp simd
-        for (int l = 0; l < METRICS_RUN; l++) {
-            m[0][l] += k * c0[l];
-            m[1][l] += k * c1[l];
-            m[2][l] += k * c2[l];
-            m[3][l] += k * c3[l];
-            m[4][l] += k * c4[l];
-            touches[l] += masked[l];
+            for (int l = 0; l < METRICS_RUN; l++) m[q][l] += k * column[l];
         }
+        for (int l = 0; l < METRICS_RUN; l++) touches[l] += line->masked[x + j + l];
     }
 #pragma omp simd
     for (int l = 0; l < METRICS_RUN; l++) {

@@ -440,13 +440,11 @@ static void model_select(struct model_site *site, size_t first, size_t end, size
         const double pivot = site[first + (end - first - 1) / 2].x[axis];
         size_t i = first, j = end - 1;
         for (;;) {
-            struct model_site swap;
             while (site[i].x[axis] < pivot) i++;
             while (site[j].x[axis] > pivot) j--;
             if (i >= j) break;
-            swap = site[i];
-            site[i++] = site[j];
-            site[j--] = swap;
+            OXL_SWAP(struct model_site, site[i], site[j]);
+            i++, j--;
         }
         if (nth <= j) end = j + 1;
         else first = j + 1;

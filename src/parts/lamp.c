@@ -57,47 +57,29 @@ OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, cons
     if (!p->points) snprintf(why, size, "too few tracks to compare colours");
 }
 
-/* Steps the lamp. shape: dL/d(shape) of the view's camera, `of`; falloff: dL/dp. progress: fraction of the
- * run. */
-static void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress,
-                      const double shape[LAMP_TERMS], double falloff)
-{
-    const double rate = LAMP_RATE * vecmath_exp(progress * vecmath_log(LAMP_LAST));
-    const int g = (int)(of - l->group);
-    if (progress < LAMP_FROM || l->frozen) return;
-    l->steps++, l->visits[g]++;
-    for (int k = 0; k < LAMP_TERMS; k++) {
-        double at = l->group[g].shape[k];
-        scalar_adam_step(&at, &l->mean[g][k], &l->square[g][k], shape[k], rate, l->visits[g]);
-        l->group[g].shape[k] = (float)OXL_CLAMP(at, -LAMP_SHAPE_MAX, LAMP_SHAPE_MAX);
-    }
-    scalar_adam_step(&l->falloff, &l->falloff_mean, &l->falloff_square, falloff, rate, l->steps);
-    l->falloff = OXL_CLAMP(l->falloff, 0, LAMP_FALLOFF_MAX);
-}
-
 /* Takes the step of the pending gradient, unless its step is later than `last`. */
 static void lamp_apply_pending(struct lamp_fit *l, int last)
 {
     struct lamp_gradient *p = &l->pending;
+    const double rate = LAMP_RATE * vecmath_exp(p->progress * vecmath_log(LAMP_LAST));
+    const int g = p->group;
     if (p->step == 0 || p->step > last) return;
-    lamp_step(l, &l->group[p->group], p->progress, p->shape, p->falloff);
     p->step = 0;
-}
-
-static void lamp_archive_pending(struct archive *a, struct lamp_fit *l)
-{
-    struct lamp_gradient *p = &l->pending;
-    archive_int(a, &p->step);
-    archive_int(a, &p->group);
-    archive_doubles(a, &p->progress, 1);
-    archive_doubles(a, p->shape, LAMP_TERMS);
-    archive_doubles(a, &p->falloff, 1);
-    archive_expect(a, p->step >= 0 && p->group >= 0 && p->group < l->groups && p->progress >= 0);
+    if (p->progress < LAMP_FROM || l->frozen) return;
+    l->steps++, l->visits[g]++;
+    for (int k = 0; k < LAMP_TERMS; k++) {
+        double at = l->group[g].shape[k];
+        scalar_adam_step(&at, &l->mean[g][k], &l->square[g][k], p->shape[k], rate, l->visits[g]);
+        l->group[g].shape[k] = (float)OXL_CLAMP(at, -LAMP_SHAPE_MAX, LAMP_SHAPE_MAX);
+    }
+    scalar_adam_step(&l->falloff, &l->falloff_mean, &l->falloff_square, p->falloff, rate, l->steps);
+    l->falloff = OXL_CLAMP(l->falloff, 0, LAMP_FALLOFF_MAX);
 }
 
 static void lamp_archive(struct archive *a, struct train *t, void *state)
 {
     struct lamp_fit *l = state;
+    struct lamp_gradient *p = &l->pending;
     if (t->options->lamp == OXL_OFF) return;
     archive_int(a, &l->on);
     archive_int(a, &l->steps);
@@ -117,7 +99,12 @@ static void lamp_archive(struct archive *a, struct train *t, void *state)
     archive_doubles(a, &l->falloff_square, 1);
     archive_expect(a, l->falloff >= 0 && l->falloff <= LAMP_FALLOFF_MAX && fabs(l->falloff_mean) <= DBL_MAX &&
                           l->falloff_square >= 0);
-    lamp_archive_pending(a, l);
+    archive_int(a, &p->step);
+    archive_int(a, &p->group);
+    archive_doubles(a, &p->progress, 1);
+    archive_doubles(a, p->shape, LAMP_TERMS);
+    archive_doubles(a, &p->falloff, 1);
+    archive_expect(a, p->step >= 0 && p->group >= 0 && p->group < l->groups && p->progress >= 0);
 }
 
 /* ---------------- the part */
@@ -145,13 +132,6 @@ static void lamp_form_image(const void *state, struct imaging *m)
     if (l->on) memcpy(m->lamp, l->group, sizeof m->lamp);
 }
 
-/* Returns the lamp of the view's camera; NULL: none. */
-static const struct lamp *lamp_of_view(const struct train *t, const struct lamp_fit *l, int view)
-{
-    const int which = l->on ? imaging_find_lamp(t->scene, l->group, l->groups, view) : -1;
-    return which < 0 ? NULL : &l->group[which];
-}
-
 static oxl_result lamp_before_render(struct train *t, void *state, struct part_view *v)
 {
     struct lamp_fit *l = state;
@@ -171,11 +151,11 @@ static void lamp_after_loss(struct train *t, void *state, const struct train_def
                             const struct renderer_loss *loss)
 {
     struct lamp_fit *l = state;
-    const struct lamp *lamp = lamp_of_view(t, l, step->view);
-    if (!lamp) return;
+    const int group = l->on ? imaging_find_lamp(t->scene, l->group, l->groups, step->view) : -1;
+    if (group < 0) return;
     lamp_apply_pending(l, INT_MAX);
     l->pending = (struct lamp_gradient){.step = step->step,
-                                        .group = (int)(lamp - l->group),
+                                        .group = group,
                                         .progress = (double)step->step / t->options->iterations,
                                         .falloff = loss->dmedium[MEDIUM_FALLOFF]};
     memcpy(l->pending.shape, loss->dlamp, sizeof l->pending.shape);

@@ -39,11 +39,6 @@ static double medium_fit_inverse_softplus(double y)
     return y > 30 ? y : vecmath_log(vecmath_exp(y) - 1);
 }
 
-static double medium_fit_slope(double x)
-{
-    return 1 / (1 + vecmath_exp(-OXL_CLAMP(x, -80, 80)));
-}
-
 static struct medium medium_fit_value(const struct medium_fit *f)
 {
     struct medium m = {.on = f->on};
@@ -132,24 +127,20 @@ static void medium_fit_scale_colours(const struct medium_fit *f, int to_clear, o
     model_scale_colour(model, factor);
 }
 
-static void medium_fit_step(struct medium_fit *f, double progress, const double gradient[9])
-{
-    const double rate = MEDIUM_FIT_RATE * vecmath_exp(OXL_MAX(0, progress - 0.5) * 2 * vecmath_log(0.1));
-    if (f->fixed) return;
-    f->steps++;
-    for (int k = 0; k < 9; k++) {
-        const double g = gradient[k] * medium_fit_slope(f->raw[k]) / (k < 6 ? f->range : 1);
-        scalar_adam_step(&f->raw[k], &f->mean[k], &f->square[k], g, rate, f->steps);
-    }
-}
-
 /* Takes the step of the pending gradient, unless its step is later than `last`. */
 static void medium_fit_apply_pending(struct medium_fit *f, int last)
 {
     struct medium_gradient *p = &f->pending;
+    const double rate = MEDIUM_FIT_RATE * vecmath_exp(OXL_MAX(0, p->progress - 0.5) * 2 * vecmath_log(0.1));
     if (p->step == 0 || p->step > last) return;
-    medium_fit_step(f, p->progress, p->dmedium);
     p->step = 0;
+    if (f->fixed) return;
+    f->steps++;
+    for (int k = 0; k < 9; k++) {
+        const double slope = 1 / (1 + vecmath_exp(-OXL_CLAMP(f->raw[k], -80, 80)));
+        const double g = p->dmedium[k] * slope / (k < 6 ? f->range : 1);
+        scalar_adam_step(&f->raw[k], &f->mean[k], &f->square[k], g, rate, f->steps);
+    }
 }
 
 static void medium_archive(struct archive *a, struct train *t, void *state)

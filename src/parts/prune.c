@@ -175,13 +175,6 @@ OXL_INTERNAL oxl_result prune_score_view(oxl_context *ctx, const struct prune_of
     return OXL_OK;
 }
 
-/* Returns 1 if the training view is among those that score; each drop takes others. */
-static int prune_is_sampled(const struct prune *p, int index, int views)
-{
-    const int stride = (views + p->views - 1) / p->views;
-    return index % stride == p->drops % stride;
-}
-
 /* Keeps rows that no sampled view sees: they may be visible in others. */
 static void prune_finish_scores(int all_views, size_t count, const float *views, float *score)
 {
@@ -198,14 +191,15 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, con
     const oxl_scene *scene = of->scene;
     struct prune_pass pass = {.one = oxl_alloc(ctx, count, sizeof *pass.one),
                               .views = oxl_calloc(ctx, count, sizeof *pass.views)};
-    int views = 0, index = 0;
+    int views = 0, index = 0, stride; /* of the views that score; each drop takes others */
     oxl_result rc = OXL_OK;
     if (!pass.one || !pass.views) rc = OXL_ERR_MEMORY;
     memset(score, 0, count * sizeof *score);
     for (int i = 0; i < oxl_scene_view_count(scene); i++) views += !oxl_scene_view(scene, i)->is_test;
+    stride = (views + p->views - 1) / p->views;
     for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
         const oxl_view *view = oxl_scene_view(scene, i);
-        if (view->is_test || !prune_is_sampled(p, index++, views)) continue;
+        if (view->is_test || index++ % stride != p->drops % stride) continue;
         rc = prune_mask_view(ctx, of->scene, i, &pass);
         if (rc == OXL_OK) rc = prune_score_view(ctx, of, &view->camera, &pass, score);
     }
@@ -247,8 +241,7 @@ OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, co
                                      size_t drop, uint8_t *keep)
 {
     float *score = oxl_alloc(ctx, of->model->count, sizeof *score);
-    oxl_result rc = OXL_OK;
-    if (!score) rc = OXL_ERR_MEMORY;
+    oxl_result rc = score ? OXL_OK : OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = prune_score(ctx, p, of, score);
     if (rc == OXL_OK) prune_select(score, of->model->count, drop, keep);
     oxl_free(ctx, score);

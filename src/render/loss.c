@@ -489,21 +489,6 @@ static oxl_result loss_valid_windows(oxl_context *ctx, const struct loss_job *jo
     return OXL_OK;
 }
 
-/* Divides the image into pieces, each a span of rows in all three channels, close to the thread's tiles
- * (renderer.c), for cache locality. */
-static int loss_make_strips(int height, int pieces, struct loss_strip *strip)
-{
-    int count = 0;
-    for (int piece = 0; piece < pieces; piece++)
-        for (int channel = 0; channel < 3; channel++) {
-            strip[count].channel = channel;
-            strip[count].first = (int)((int64_t)height * piece / pieces);
-            strip[count].end = (int)((int64_t)height * (piece + 1) / pieces);
-            count++;
-        }
-    return count;
-}
-
 static void loss_add_up(const struct loss_job *job, const double (*sums)[LOSS_SUMS], double values,
                         double windows, struct loss_value *out)
 {
@@ -529,24 +514,25 @@ OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct los
                                               struct loss_scratch *scratch, struct loss_value *out)
 {
     const size_t pixels = (size_t)job->width * (size_t)job->height, room = loss_scratch_size(job->width);
-    const int pieces = ctx->threads;
+    /* pieces of the image, each a span of rows, in all three channels */
+    const int pieces = ctx->threads, strips = 3 * pieces;
     double values = 3.0 * (double)pixels, windows = values;
     struct loss_strip *strip;
-    int strips;
     oxl_result rc =
-        oxl_reserve(ctx, &scratch->strip, &scratch->strip_capacity, 3 * (size_t)pieces, sizeof *strip);
+        oxl_reserve(ctx, &scratch->strip, &scratch->strip_capacity, (size_t)strips, sizeof *strip);
     if (rc == OXL_OK)
-        rc = oxl_reserve(ctx, &scratch->rows, &scratch->rows_capacity, room * 3 * (size_t)pieces,
-                         sizeof(real));
+        rc = oxl_reserve(ctx, &scratch->rows, &scratch->rows_capacity, room * (size_t)strips, sizeof(real));
     if (rc == OXL_OK)
         rc = oxl_reserve(ctx, &scratch->sums, &scratch->sums_capacity, 3 * (size_t)job->height,
                          LOSS_SUMS * sizeof(double));
     if (rc == OXL_OK && job->weight) rc = loss_valid_windows(ctx, job, scratch, &values, &windows);
     if (rc != OXL_OK) return rc;
-    loss_clear(scratch, job->width, room * 3 * (size_t)pieces);
+    loss_clear(scratch, job->width, room * (size_t)strips);
     strip = scratch->strip;
-    strips = loss_make_strips(job->height, pieces, strip);
-    for (int i = 0; i < strips; i++) {
+    for (int i = 0; i < strips; i++) { /* close to the thread's tiles (renderer.c), for cache locality */
+        strip[i].channel = i % 3;
+        strip[i].first = (int)((int64_t)job->height * (i / 3) / pieces);
+        strip[i].end = (int)((int64_t)job->height * (i / 3 + 1) / pieces);
         strip[i].job = job;
         strip[i].window_ok = job->weight ? scratch->valid : NULL;
         strip[i].l1_scale = values > 0 ? (1 - job->ssim_weight) / (real)values : 0;

@@ -113,48 +113,29 @@ SIMD_INLINE void project_covariance(const int antialias, struct project_geometry
     g->c0 = scale3(1 / (g->yy * shrink), add3(cross3(s1, m), scale3(low, s0)));
 }
 
-/* All of it but the covariance. */
-SIMD_INLINE struct project_geometry project_centre(const int fused, const struct gaussians *in,
-                                                   const struct kernel_camera *kernel_camera, size_t i,
-                                                   int *in_front)
-{
-    struct project_geometry g;
-    const struct vec3 mean =
-        vec3(in->plane[OXL_MEAN][i], in->plane[OXL_MEAN + 1][i], in->plane[OXL_MEAN + 2][i]);
-    real z;
-    g.p = add3(mat3_times(kernel_camera->rotation, mean), kernel_camera->translation);
-    *in_front = g.p.z > kernel_camera->near_plane;
-    z = *in_front ? g.p.z : 1; /* keeps other lanes finite */
-    g.p.z = z;
-    g.scale.x = real_exp(fused, in->plane[OXL_LOG_SCALE][i]);
-    g.scale.y = real_exp(fused, in->plane[OXL_LOG_SCALE + 1][i]);
-    g.scale.z = real_exp(fused, in->plane[OXL_LOG_SCALE + 2][i]);
-    project_rotation(in->plane[OXL_ROTATION][i], in->plane[OXL_ROTATION + 1][i],
-                     in->plane[OXL_ROTATION + 2][i], in->plane[OXL_ROTATION + 3][i], &g);
-    project_jacobian(kernel_camera, z, &g);
-    return g;
-}
-
-SIMD_INLINE struct project_geometry project_geometry(const int fused, const int antialias,
+/* lobe, a constant: the second lobe's, which differs only in scale. */
+SIMD_INLINE struct project_geometry project_geometry(const int fused, const int antialias, const int lobe,
                                                      const struct gaussians *in,
                                                      const struct kernel_camera *kernel_camera, size_t i,
                                                      int *in_front)
 {
-    struct project_geometry g = project_centre(fused, in, kernel_camera, i, in_front);
-    project_covariance(antialias, &g);
-    return g;
-}
-
-/* The second lobe's: differs only in scale. */
-SIMD_INLINE struct project_geometry project_lobe_geometry(const int fused, const int antialias,
-                                                          const struct gaussians *in,
-                                                          const struct kernel_camera *kernel_camera, size_t i,
-                                                          int *in_front)
-{
-    struct project_geometry g = project_centre(fused, in, kernel_camera, i, in_front);
-    g.scale.x = real_exp(fused, in->plane[OXL_LOG_SCALE][i] + in->plane[OXL_LOBE + 1][i]);
-    g.scale.y = real_exp(fused, in->plane[OXL_LOG_SCALE + 1][i] + in->plane[OXL_LOBE + 2][i]);
-    g.scale.z = real_exp(fused, in->plane[OXL_LOG_SCALE + 2][i] + in->plane[OXL_LOBE + 3][i]);
+    struct project_geometry g;
+    const struct vec3 mean =
+        vec3(in->plane[OXL_MEAN][i], in->plane[OXL_MEAN + 1][i], in->plane[OXL_MEAN + 2][i]);
+    struct vec3 log_scale =
+        vec3(in->plane[OXL_LOG_SCALE][i], in->plane[OXL_LOG_SCALE + 1][i], in->plane[OXL_LOG_SCALE + 2][i]);
+    real z;
+    if (lobe)
+        log_scale = add3(log_scale, vec3(in->plane[OXL_LOBE + 1][i], in->plane[OXL_LOBE + 2][i],
+                                         in->plane[OXL_LOBE + 3][i]));
+    g.p = add3(mat3_times(kernel_camera->rotation, mean), kernel_camera->translation);
+    *in_front = g.p.z > kernel_camera->near_plane;
+    z = *in_front ? g.p.z : 1; /* keeps other lanes finite */
+    g.p.z = z;
+    g.scale = vec3(real_exp(fused, log_scale.x), real_exp(fused, log_scale.y), real_exp(fused, log_scale.z));
+    project_rotation(in->plane[OXL_ROTATION][i], in->plane[OXL_ROTATION + 1][i],
+                     in->plane[OXL_ROTATION + 2][i], in->plane[OXL_ROTATION + 3][i], &g);
+    project_jacobian(kernel_camera, z, &g);
     project_covariance(antialias, &g);
     return g;
 }
@@ -220,7 +201,7 @@ SIMD_INLINE void project_lane(const int fused, const int antialias, const struct
     const struct kernel_camera *kernel_camera = job->kernel_camera;
     int in_front;
     const struct project_geometry g =
-        project_geometry(fused, antialias, &job->in, kernel_camera, i, &in_front);
+        project_geometry(fused, antialias, 0, &job->in, kernel_camera, i, &in_front);
     const real opacity = project_sigmoid(fused, job->in.plane[OXL_OPACITY][i]);
     const real peak = real_log2(fused, opacity) + (antialias ? project_fade(fused, &g) : 0);
     const real inverse = 1 / g.p.z;
@@ -252,7 +233,7 @@ SIMD_INLINE void project_lobe_lane(const int fused, const int antialias, const s
 {
     int in_front;
     const struct project_geometry g =
-        project_lobe_geometry(fused, antialias, &job->in, job->kernel_camera, i, &in_front);
+        project_geometry(fused, antialias, 1, &job->in, job->kernel_camera, i, &in_front);
     const real factor = project_sigmoid(fused, job->in.plane[OXL_LOBE][i]);
     const real main_x = lanes->half_x[l], main_y = lanes->half_y[l], main_peak = lanes->peak[l];
     const real opacity = antialias ? real_log2(fused, project_sigmoid(fused, job->in.plane[OXL_OPACITY][i])) +
@@ -496,7 +477,7 @@ SIMD_INLINE void project_lane_backward(const int fused, const int antialias, con
     const size_t to = i - job->out_row;
     int in_front;
     const struct project_geometry g =
-        project_geometry(fused, antialias, &job->in, kernel_camera, i, &in_front);
+        project_geometry(fused, antialias, 0, &job->in, kernel_camera, i, &in_front);
     /* 1 - o, without cancellation */
     const real rest = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]);
     const struct project_geometry_gradient p =
@@ -530,7 +511,7 @@ SIMD_INLINE void project_lobe_lane_backward(const int fused, const int antialias
     const size_t to = i - job->out_row;
     int in_front;
     const struct project_geometry g =
-        project_lobe_geometry(fused, antialias, &job->in, kernel_camera, i, &in_front);
+        project_geometry(fused, antialias, 1, &job->in, kernel_camera, i, &in_front);
     const real rest = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]);
     const real rest_factor = project_sigmoid(fused, -job->in.plane[OXL_LOBE][i]);
     const struct project_geometry_gradient p =

@@ -583,11 +583,11 @@ struct raster_layers { /* of a subtile's pixels */
     real most[PACK], depth[PACK], beyond[PACK];
 };
 
-/* Adds splat n to the layers of a subtile's pixels. scale: the depth that DEPTH_LAYER is of; 0: the layer's.
- * */
-SIMD_INLINE void raster_find_layer(const int fused, const int mixed, const int lobed, real scale,
-                                   const struct raster_batch *batch, int n, int subtile,
-                                   struct raster_layers *d)
+/* Adds splat n to the layers of a subtile's pixels, or, with is_second, a constant, to the sums of those
+ * whose layer it is in. scale: the depth that DEPTH_LAYER is of; 0: the layer's. */
+SIMD_INLINE void raster_add_depth(const int fused, const int mixed, const int lobed, const int is_second,
+                                  real scale, const struct raster_batch *batch, int n, int subtile,
+                                  struct raster_layers *d)
 {
     const real *restrict x = RASTER_X[subtile % 4], *restrict y = RASTER_Y[subtile / 4];
     const real z = batch->splat[n].colour[0];
@@ -595,36 +595,24 @@ SIMD_INLINE void raster_find_layer(const int fused, const int mixed, const int l
     for (int l = 0; l < PACK; l++) {
         const struct raster_contribution p =
             raster_contribution(fused, mixed, lobed, batch, n, x[l], y[l], d->t[l]);
-        const real gain = p.weight > 0 ? p.weight : 0;
-        const real size = DEPTH_LAYER * (scale > 0 ? scale : d->front[l]);
-        /* the layer's end, which gcc compares in vectors; it does not for comparisons joined by & and | */
-        const real end = d->front[l] < 0 ? -1 : d->front[l] + size, reach = gain > 0 ? end : (real)HUGE_VAL;
-        const real first = z > reach ? z : d->front[l], sum = z > reach ? gain : d->weight[l] + gain;
-        const real shift = z > reach ? 0 : muladd(fused, gain, z - first, d->offset[l]);
-        d->depth[l] = sum > d->most[l] ? first : d->depth[l];
-        d->beyond[l] = sum > d->most[l] ? shift : d->beyond[l];
-        d->most[l] = sum > d->most[l] ? sum : d->most[l];
-        d->front[l] = first, d->weight[l] = sum, d->offset[l] = shift;
-        d->t[l] = p.t;
-    }
-}
-
-/* Adds splat n to the sums of those pixels of a subtile whose layer it is in. */
-SIMD_INLINE void raster_add_near(const int fused, const int mixed, const int lobed, real scale,
-                                 const struct raster_batch *batch, int n, int subtile,
-                                 struct raster_layers *d)
-{
-    const real *restrict x = RASTER_X[subtile % 4], *restrict y = RASTER_Y[subtile / 4];
-    const real z = batch->splat[n].colour[0];
-#pragma omp simd
-    for (int l = 0; l < PACK; l++) {
-        const struct raster_contribution p =
-            raster_contribution(fused, mixed, lobed, batch, n, x[l], y[l], d->t[l]);
-        const real reach = DEPTH_LAYER / 2 * (scale > 0 ? scale : d->depth[l]);
         const real weight = p.weight > 0 ? p.weight : 0;
-        const real gain = real_abs(z - d->depth[l]) <= reach ? weight : 0;
-        d->weight[l] += gain;
-        d->offset[l] = muladd(fused, gain, z - d->depth[l], d->offset[l]);
+        if (is_second) {
+            const real reach = DEPTH_LAYER / 2 * (scale > 0 ? scale : d->depth[l]);
+            const real gain = real_abs(z - d->depth[l]) <= reach ? weight : 0;
+            d->weight[l] += gain;
+            d->offset[l] = muladd(fused, gain, z - d->depth[l], d->offset[l]);
+        } else {
+            const real size = DEPTH_LAYER * (scale > 0 ? scale : d->front[l]);
+            /* the layer's end, which gcc compares in vectors; not comparisons joined by & and | */
+            const real end = d->front[l] < 0 ? -1 : d->front[l] + size;
+            const real reach = weight > 0 ? end : (real)HUGE_VAL;
+            const real first = z > reach ? z : d->front[l], sum = z > reach ? weight : d->weight[l] + weight;
+            const real shift = z > reach ? 0 : muladd(fused, weight, z - first, d->offset[l]);
+            d->depth[l] = sum > d->most[l] ? first : d->depth[l];
+            d->beyond[l] = sum > d->most[l] ? shift : d->beyond[l];
+            d->most[l] = sum > d->most[l] ? sum : d->most[l];
+            d->front[l] = first, d->weight[l] = sum, d->offset[l] = shift;
+        }
         d->t[l] = p.t;
     }
 }
@@ -635,11 +623,10 @@ SIMD_INLINE void raster_depth_subtile(const int fused, const int lobed, const in
 {
     for (int l = 0; l < PACK; l++) d->t[l] = raster_keep_normal(d->t[l]);
     for (uint32_t splats = batch->splats[subtile]; splats; splats &= splats - 1) {
-        const int n = simd_lowest_bit(splats), both = raster_lobed(lobed, batch, n);
-        if (is_second && both) raster_add_near(fused, 1, 1, scale, batch, n, subtile, d);
-        else if (is_second) raster_add_near(fused, lobed, 0, scale, batch, n, subtile, d);
-        else if (both) raster_find_layer(fused, 1, 1, scale, batch, n, subtile, d);
-        else raster_find_layer(fused, lobed, 0, scale, batch, n, subtile, d);
+        const int n = simd_lowest_bit(splats);
+        if (raster_lobed(lobed, batch, n))
+            raster_add_depth(fused, 1, 1, is_second, scale, batch, n, subtile, d);
+        else raster_add_depth(fused, lobed, 0, is_second, scale, batch, n, subtile, d);
     }
 }
 

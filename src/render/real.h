@@ -100,19 +100,12 @@ SIMD_INLINE real real_exp(const int fused, real x)
 #else
     /* log2 e in two parts: the product's rounding would cost 1e-6 at x = 20 */
     const float high = 1.44269502f, low = 1.92596299e-8f;
-    const float magic = 12582912.0f;
     const float inside = OXL_CLAMP(x, -87.0f, 88.0f);
-    const float shift = inside * high + magic; /* a variable, so that excess precision is rounded to float */
-    const float n = shift - magic;
+    /* a variable, so that excess precision is rounded to float */
+    const float shifted = inside * high + REAL_SHIFT;
+    const float n = shifted - REAL_SHIFT;
     const float f = muladd(fused, inside, low, muladd(fused, inside, high, -n));
-    const float whole = n == n ? n : 0; /* NaN stays 0: casting NaN is undefined */
-    const float p = real_exp2(fused, f);
-    int32_t bits;
-    float out;
-    memcpy(&bits, &p, sizeof bits);
-    bits += (int32_t)whole * (1 << 23);
-    memcpy(&out, &bits, sizeof out);
-    return out;
+    return real_shifted(real_exp2(fused, f), shifted);
 #endif
 }
 

@@ -73,23 +73,19 @@ static void contrast_choose_samples(const struct colmap *c, struct contrast_work
     }
 }
 
-static void contrast_project(const oxl_scene *scene, struct contrast_sample *s)
-{
-    double x[3], pixel[2];
-    s->valid = scene_project_point(scene, s->view, s->point, x, pixel);
-    if (s->valid) s->z = x[2], s->x = (float)pixel[0], s->y = (float)pixel[1];
-}
-
 /* Sets the width of each patch's cells in pixels, such that all views of a point have cells of
  * equal size in the scene. */
 static void contrast_size_cells(const oxl_scene *scene, struct contrast_work *w)
 {
-    for (size_t i = 0; i < w->samples; i++) contrast_project(scene, &w->sample[i]);
     for (size_t first = 0, end; first < w->samples; first = end) {
         double size = 0; /* size of a pixel of the farthest view, in the scene's unit */
         for (end = first; end < w->samples && w->sample[end].point == w->sample[first].point; end++) {
-            const struct contrast_sample *s = &w->sample[end];
-            if (s->valid) size = OXL_MAX(size, s->z / oxl_scene_view(scene, s->view)->camera.fx);
+            struct contrast_sample *s = &w->sample[end];
+            double x[3], pixel[2];
+            s->valid = scene_project_point(scene, s->view, s->point, x, pixel);
+            if (!s->valid) continue;
+            s->z = x[2], s->x = (float)pixel[0], s->y = (float)pixel[1];
+            size = OXL_MAX(size, s->z / oxl_scene_view(scene, s->view)->camera.fx);
         }
         for (size_t i = first; i < end; i++) {
             struct contrast_sample *s = &w->sample[i];
