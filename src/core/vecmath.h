@@ -39,21 +39,9 @@ static inline double vecmath_power_of_two(int k) /* -1022 <= k <= 1023 */
     return vecmath_from_bits((uint64_t)(k + 1023) << 52);
 }
 
-/* Computes the polynomial by Horner's rule; its coefficients, the one of the highest power first. */
-static inline double vecmath_polynomial(const double *coefficient, int count, double x)
-{
-    double p = coefficient[0];
-    for (int k = 1; k < count; k++) p = p * x + coefficient[k];
-    return p;
-}
-
 /* Computes e^x within 1 ulp; 2^k e^r with |r| <= ln 2 / 2. Subnormal results are rounded once. */
 static inline double vecmath_exp(double x)
 {
-    /* Taylor series to r^13/13!; the rest is below 1e-17 */
-    static const double terms[] = {1.0 / 6227020800, 1.0 / 479001600, 1.0 / 39916800, 1.0 / 3628800,
-                                   1.0 / 362880,     1.0 / 40320,     1.0 / 5040,     1.0 / 720,
-                                   1.0 / 120,        1.0 / 24,        1.0 / 6,        0.5};
     double r, p;
     int k;
     /* Leaves infinity for results past the largest double, whose ln is 709.78. */
@@ -61,7 +49,18 @@ static inline double vecmath_exp(double x)
     if (x < -746.0) return 0;
     k = (int)(x * 1.44269504088896340736 + (x < 0 ? -0.5 : 0.5)); /* 1 / ln 2 */
     r = (x - k * VECMATH_LN2_HIGH) - k * VECMATH_LN2_LOW;
-    p = vecmath_polynomial(terms, (int)(sizeof terms / sizeof *terms), r);
+    p = 1.0 / 6227020800; /* Taylor series to r^13/13!; the rest is below 1e-17 */
+    p = p * r + 1.0 / 479001600;
+    p = p * r + 1.0 / 39916800;
+    p = p * r + 1.0 / 3628800;
+    p = p * r + 1.0 / 362880;
+    p = p * r + 1.0 / 40320;
+    p = p * r + 1.0 / 5040;
+    p = p * r + 1.0 / 720;
+    p = p * r + 1.0 / 120;
+    p = p * r + 1.0 / 24;
+    p = p * r + 1.0 / 6;
+    p = p * r + 0.5;
     p = 1 + (r + r * r * p);
     /* Multiplies in two steps, since k reaches 1024 and -1076. */
     return p * vecmath_power_of_two(k / 2) * vecmath_power_of_two(k - k / 2);
@@ -72,9 +71,6 @@ static inline double vecmath_exp(double x)
  * so that f itself is not rounded. */
 static inline double vecmath_log(double x)
 {
-    /* series 2 s^2/3 + 2 s^4/5 + ...; the rest is below 1e-18 */
-    static const double terms[] = {2.0 / 21, 2.0 / 19, 2.0 / 17, 2.0 / 15, 2.0 / 13,
-                                   2.0 / 11, 2.0 / 9,  2.0 / 7,  2.0 / 5,  2.0 / 3};
     uint64_t bits;
     int k = 0;
     double f, s, z, r, half;
@@ -94,7 +90,17 @@ static inline double vecmath_log(double x)
     f -= 1;
     s = f / (2 + f);
     z = s * s;
-    r = z * vecmath_polynomial(terms, (int)(sizeof terms / sizeof *terms), z);
+    r = 2.0 / 21; /* series 2 s^2/3 + 2 s^4/5 + ...; the rest is below 1e-18 */
+    r = r * z + 2.0 / 19;
+    r = r * z + 2.0 / 17;
+    r = r * z + 2.0 / 15;
+    r = r * z + 2.0 / 13;
+    r = r * z + 2.0 / 11;
+    r = r * z + 2.0 / 9;
+    r = r * z + 2.0 / 7;
+    r = r * z + 2.0 / 5;
+    r = r * z + 2.0 / 3;
+    r *= z;
     half = 0.5 * f * f;
     return k * VECMATH_LN2_HIGH - ((half - (s * (half + r) + k * VECMATH_LN2_LOW)) - f);
 }
