@@ -380,7 +380,7 @@ static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_
     const struct cost_load load = cost_load_of_scene(job->scene);
     struct cost cost;
     *o = job->options;
-    if (!budget_fit(job->ctx, &load, o)) return budget_refuse(job->ctx, &load, o);
+    if (!budget_fit(job->ctx, &load, o)) return budget_refuse(job->ctx, &load, o, 0);
     if (o->train.sh_degree != job->options.train.sh_degree || o->train.dog != job->options.train.dog)
         oxl_log(job->ctx, OXL_LOG_INFO,
                 "--ram %.0f MB has no room for trials: SH degree %d and no second lobes",

@@ -135,28 +135,29 @@ static double budget_needed(const oxl_context *ctx, const struct cost_load *load
 }
 
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load,
-                                      const oxl_job_options *o)
+                                      const oxl_job_options *o, double beside)
 {
     oxl_job_options host = *o;
     const int device = o->device_ram > 0 && (host.device_ram = 0, budget_fit(ctx, load, &host));
-    const double needed = budget_needed(ctx, load, o, device);
+    const double taken = device ? 0 : beside,
+                 needed = budget_needed(ctx, load, o, device) + ceil(taken / 1048576);
     return oxl_fail(
         ctx, OXL_ERR_BUDGET,
         "%.0f MB%s are too little for %zu points and images of %.1f megapixels, which need %.0f MB\n"
         "fix: --%sram %.0fM, or a smaller --max-side, or --sh-degree 0",
-        (double)(device ? o->device_ram : o->ram) / 1e6, device ? " of the device" : "", load->points,
-        load->largest / 1e6, needed * 1048576 / 1e6, device ? "device-" : "", needed);
+        ((double)(device ? o->device_ram : o->ram) + taken) / 1e6, device ? " of the device" : "",
+        load->points, load->largest / 1e6, needed * 1048576 / 1e6, device ? "device-" : "", needed);
 }
 
 /* ---------------- blocks that fit */
 
 /* Returns 1 if each block fits; otherwise *worst is the load of one that does not. */
-static int budget_fits_all(const oxl_context *ctx, const struct partition *p, const oxl_job_options *o,
-                           struct cost_load *worst)
+static int budget_fits_all(const oxl_context *ctx, const oxl_scene *scene, const struct partition *p,
+                           const oxl_job_options *o, struct cost_load *worst)
 {
     for (int k = 0; k < p->block_count; k++) {
         oxl_job_options tried = *o;
-        *worst = cost_load_of_block(p, k);
+        *worst = p->block_count > 1 ? cost_load_of_block(p, k) : cost_load_of_scene(scene);
         if (!budget_fit(ctx, worst, &tried)) return 0;
     }
     return 1;
@@ -186,13 +187,13 @@ static oxl_result budget_halve_blocks(oxl_context *ctx, const oxl_scene *scene, 
     const size_t points = scene->stats.points;
     oxl_result rc = OXL_OK;
     if (tried.blocks == 0 && tried.block_points == 0) tried.block_points = (int)OXL_CLAMP(points, 1, INT_MAX);
-    while (rc == OXL_OK && !budget_fits_all(ctx, out, o, worst)) {
+    while (rc == OXL_OK && !budget_fits_all(ctx, scene, out, o, worst)) {
         if (tried.blocks > 0) { /* Makes more blocks than were requested. */
             tried.block_points = (int)(points / (size_t)tried.blocks);
             tried.blocks = 0;
         }
         if (tried.kind == OXL_PARTITION_NONE || tried.block_points / 2 < BUDGET_POINTS)
-            rc = budget_refuse(ctx, worst, o);
+            rc = budget_refuse(ctx, worst, o, 0);
         partition_free(ctx, out);
         tried.block_points /= 2;
         if (rc == OXL_OK) rc = partition_make(ctx, scene, &tried, out);

@@ -579,7 +579,7 @@ OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder)
     if (rc == OXL_OK) rc = groups_read_state(&g);
     if (rc == OXL_OK) rc = groups_remove_temporaries(&g);
     if (rc == OXL_OK && g.count == 0) rc = groups_make(&g);
-    if (rc == OXL_OK && g.count == 0) rc = budget_refuse(job->ctx, &load, &job->options);
+    if (rc == OXL_OK && g.count == 0) rc = budget_refuse(job->ctx, &load, &job->options, 0);
     if (rc == OXL_OK) rc = groups_read_gains(&g);
     hides = rc == OXL_OK && block_hides(job->scene);
     if (hides) job->stage_viewers = block_hiding_steps(block_standard_steps(&job->options.train));

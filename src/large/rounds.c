@@ -57,7 +57,7 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
     if (rc == OXL_OK) {
         const struct cost_load load = cost_load_of_scene(job->scene);
         oxl_job_options o = job->options;
-        if (!budget_limit_gaussians(job->ctx, &load, &o)) rc = budget_refuse(job->ctx, &load, &o);
+        if (!budget_limit_gaussians(job->ctx, &load, &o)) rc = budget_refuse(job->ctx, &load, &o, 0);
         job_set_cache(job, o.scene.image_cache_bytes);
         task.train = o.train;
         task.predicted_peak = cost_estimate(job->ctx, &o, &load).memory;
@@ -204,7 +204,8 @@ static oxl_result rounds_read_imaging(struct job *job)
     return oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, JOB_COARSE_MODEL), "model.ply"));
 }
 
-/* Fits the block into --ram, less the bytes of the context, and into --device-ram. */
+/* Fits the block into --ram, less the bytes of the context, and into --device-ram: it may grow less than
+ * foreseen where its context is larger. */
 static oxl_result rounds_budget(const struct job *job, const oxl_model *context, const oxl_model *own,
                                 struct block_task *task)
 {
@@ -216,7 +217,8 @@ static oxl_result rounds_budget(const struct job *job, const oxl_model *context,
     if (o.ram) o.ram = (double)o.ram > beside ? o.ram - (size_t)beside : 1;
     if (o.device_ram) load.context = (double)context->count / (double)OXL_MAX(own->count, (size_t)1);
     if (o.ram || o.device_ram) {
-        if (!budget_fit(job->ctx, &load, &o)) return budget_refuse(job->ctx, &load, &o);
+        if (!budget_limit_gaussians(job->ctx, &load, &o) || (size_t)o.train.max_gaussians < own->count)
+            return budget_refuse(job->ctx, &load, &o, beside);
         o.train.max_gaussians = OXL_MIN(o.train.max_gaussians, task->train.max_gaussians);
     }
     job_set_cache(job, o.scene.image_cache_bytes);
