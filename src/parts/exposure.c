@@ -42,8 +42,9 @@
 #define EXPOSURE_CLEAR 1.5
 /* the same in front of a trial, which gains nothing below it */
 #define EXPOSURE_PLAUSIBLE 1.0
-#define EXPOSURE_MIN_GAIN \
-    0.3 /* dB; in trials of surveys that gain nothing at most 0.26, of others from 0.37 on */
+/* dB: trials of surveys that gain nothing have at most 0.26, those of others 0.37 or more */
+#define EXPOSURE_MIN_GAIN 0.3
+#define EXPOSURE_SURE 1.0 /* dB: a half of the views that gains so much is enough */
 enum {
     EXPOSURE_TRIED = 1000, /* iterations: in shorter runs the trial takes too large a part */
     EXPOSURE_STEPS = 300,  /* of each of the four runs of a trial; with 100 the right ones do not stand out */
@@ -227,25 +228,30 @@ static oxl_result exposure_trial(struct train *t, void *state, struct train_bran
     const oxl_train_options *run = t->options;
     const oxl_nonfinite unread = t->nonfinite;
     oxl_train_options brief = *run;
-    double psnr[2][2], off, on;
+    double psnr[2] = {0}, off = 0, on = 0;
     char why[400];
+    int halves = 0;
     oxl_result rc = OXL_OK;
-    oxl_log(t->ctx, OXL_LOG_INFO, "exposure: %d steps at half the sides, which are taken back, decide",
+    oxl_log(t->ctx, OXL_LOG_INFO, "exposure: up to %d steps at half the sides, which are taken back, decide",
             4 * EXPOSURE_STEPS);
     brief.iterations = EXPOSURE_RUN, brief.coarse = 1;
     t->options = &brief;
-    for (int k = 0; k < 4 && rc == OXL_OK; k++)
-        rc = exposure_train_half(t, e, start, k / 2, k % 2, &psnr[k % 2][k / 2]);
+    while (rc == OXL_OK && halves < 2 && !(on - off >= EXPOSURE_SURE)) {
+        rc = exposure_train_half(t, e, start, halves, 0, &psnr[0]);
+        if (rc == OXL_OK) rc = exposure_train_half(t, e, start, halves, 1, &psnr[1]);
+        halves++;
+        off += (psnr[0] - off) / halves, on += (psnr[1] - on) / halves;
+    }
     if (rc == OXL_OK) rc = branch_load(t, start);
     t->options = run, t->nonfinite = unread, t->forecast = (struct forecast){0};
     if (rc != OXL_OK) return rc;
-    off = (psnr[0][0] + psnr[0][1]) / 2, on = (psnr[1][0] + psnr[1][1]) / 2;
     if (!(on >= off + EXPOSURE_MIN_GAIN)) e->of.on = 0, imaging_clear(&e->of);
     snprintf(
         why, sizeof why,
-        "neighbours explain %.1f times the tracks' noise of the gains; each half of %d training views predicted from the "
-        "other, after %d steps at half the sides: %.2f dB with gains, %.2f without; on from %.2g dB more",
-        e->clear, t->views, EXPOSURE_STEPS, on, off, EXPOSURE_MIN_GAIN);
+        "neighbours explain %.1f times the tracks' noise of the gains; %d of %d training views predicted from the other half, "
+        "after %d steps at half the sides: %.2f dB with gains, %.2f without; on from %.2g dB more",
+        e->clear, halves > 1 ? t->views : (t->views + 1) / 2, t->views, EXPOSURE_STEPS, on, off,
+        EXPOSURE_MIN_GAIN);
     selection_record_auto(t, "exposure", OXL_AUTO, e->of.on, why);
     return OXL_OK;
 }
