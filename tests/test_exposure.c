@@ -163,3 +163,44 @@ TEST(exposure_needs_less_of_the_tracks_where_a_trial_follows)
     CHECK(!exposure_test_takes(0.1, 0, 0.036, PHOTOMETRY_GAINS));
     exposure_test_is_tried = 0;
 }
+
+/* Whether the tracks' gains, which neighbours explain 1.2 times the noise of, ask for a trial. */
+static int exposure_test_tries(const oxl_train_options *o, const oxl_model *from)
+{
+    struct exposure_test_run r = {0};
+    struct photometry p = {.points = 100,
+                           .observations = 900,
+                           .parts = PHOTOMETRY_GAINS,
+                           .unexplained = 0.16,
+                           .residual = 0.06,
+                           .brightness = 0.5};
+    float gain[42];
+    uint8_t fitted[14];
+    const struct part *part = NULL;
+    int tries;
+    exposure_test_begin(&r, 1, 0);
+    for (int i = 0; i < 42; i++) gain[i] = (float)exposure_test_gain(i / 3, 0);
+    memset(fitted, 7, sizeof fitted);
+    p.log_gain = gain, p.fitted = fitted;
+    part = r.t.trial, r.t.trial = NULL;
+    r.options = *o, r.t.task.from = from;
+    part->use_tracks(&r.t, r.e, &p);
+    tries = r.t.trial == part;
+    CHECK(r.e->of.on == tries);
+    exposure_test_end(&r);
+    return tries;
+}
+
+TEST(exposure_is_tried_where_the_run_has_time_views_and_memory_for_it)
+{
+    NEEDS_PART(exposure);
+    oxl_train_options o = train_options(1000);
+    const oxl_model from = {0};
+    CHECK(exposure_test_tries(&o, NULL) && !exposure_test_tries(&o, &from));
+    o.iterations = 999;
+    CHECK(!exposure_test_tries(&o, NULL));
+    o.iterations = 1000, o.max_seconds = 60;
+    CHECK(!exposure_test_tries(&o, NULL));
+    o.max_seconds = 0, o.sh_degree = 0;
+    CHECK(!exposure_test_tries(&o, NULL));
+}

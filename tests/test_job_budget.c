@@ -85,7 +85,7 @@ TEST(budget_refuses_what_cannot_fit_and_names_a_flag_that_would)
     /* of a block, whose neighbours take 30 MiB, the flag is of both */
     CHECK(budget_refuse(test_ctx, &load, &o, 30.0 * 1048576) == OXL_ERR_BUDGET);
     fix = strstr(oxl_error_text(test_ctx), "--ram ");
-    CHECK(fix && atof(fix + 6) == mb + 30 && strstr(oxl_error_text(test_ctx), "131 MB are too little"));
+    CHECK(fix && atof(fix + 6) == mb + 30 && strstr(oxl_error_text(test_ctx), "100 MB are too little"));
 }
 
 TEST(budget_of_a_job_is_kept_and_one_too_small_is_refused_at_once)

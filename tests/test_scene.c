@@ -249,6 +249,31 @@ TEST(scene_missing_images_are_left_out_up_to_the_stated_fraction)
                "or take them out: colmap image_deleter"); /* the folder is right: some were found */
 }
 
+/* Files that go while a model is evaluated: one of eight is left out, three are more than a quarter. */
+TEST(scene_images_that_go_missing_are_left_out_of_an_evaluation_up_to_that_fraction)
+{
+    const char *path = scene_survey("s", 8, 0, 1);
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_metrics metrics;
+    oxl_model model;
+    oxl_scene *scene;
+    options.test_every = 0;
+    options.image_cache_bytes = 1;
+    scene_listen();
+    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    remove(test_path("s/images/img02.png"));
+    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_TRAIN, &metrics));
+    CHECK(metrics.count == 7);
+    CHECK_TEXT(scene_log, "img02.png");
+    oxl_metrics_free(test_ctx, &metrics);
+    remove(test_path("s/images/img03.png"));
+    remove(test_path("s/images/img05.png"));
+    CHECK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_TRAIN, &metrics) == OXL_ERR_IO);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
 TEST(scene_refuses_two_poses_for_one_image)
 {
     const char *path = scene_survey("s", 4, 0, 1);

@@ -75,6 +75,7 @@ struct evaluate_pass {
     struct evaluate_bands *bands; /* NULL: measures as evaluate_quick or, if `shown`, as evaluate_shown */
     int shown, most;              /* most: evaluates so many views, evenly spaced */
     oxl_model gradient;           /* gradient of the model, for aligned views */
+    int missing;                  /* images whose files are gone */
 };
 
 /* Computes row->explained against the light alone: a white scene through the view's lamp and gains. */
@@ -152,7 +153,8 @@ static oxl_result evaluate_view(oxl_context *ctx, struct evaluate_pass *p, const
     return rc;
 }
 
-/* Adds a view's row; logs and leaves out an unreadable or completely masked image, as training does. */
+/* Adds a view's row; logs and leaves out an unreadable, missing or completely masked image, as training does,
+ * unless too many are missing. */
 static oxl_result evaluate_add_view(oxl_context *ctx, struct evaluate_pass *p, int view, oxl_metrics *out)
 {
     oxl_image image = {0};
@@ -162,7 +164,7 @@ static oxl_result evaluate_add_view(oxl_context *ctx, struct evaluate_pass *p, i
     if (rc == OXL_OK) rc = evaluate_view(ctx, p, &image, &row);
     oxl_image_free(ctx, &image);
     if (rc == OXL_OK) out->views[out->count++] = row;
-    if (rc != OXL_ERR_INPUT) return rc;
+    if (rc != OXL_ERR_INPUT && (rc != OXL_ERR_IO || scene_misses_too_many(p->scene, ++p->missing))) return rc;
     oxl_log(ctx, OXL_LOG_WARNING, "%s: %s; the view is left out of the evaluation",
             oxl_scene_view(p->scene, view)->name, oxl_error_text(ctx));
     return OXL_OK;

@@ -138,15 +138,18 @@ OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *
                                       const oxl_job_options *o, double beside)
 {
     oxl_job_options host = *o;
-    const int device = o->device_ram > 0 && (host.device_ram = 0, budget_fit(ctx, load, &host));
-    const double taken = device ? 0 : beside,
-                 needed = budget_needed(ctx, load, o, device) + ceil(taken / 1048576);
+    int device;
+    double needed;
+    host.device_ram = 0;
+    host.ram = o->ram > 0 && (double)o->ram <= beside ? 1 : o->ram - OXL_MIN(o->ram, (size_t)beside);
+    device = o->device_ram > 0 && budget_fit(ctx, load, &host);
+    needed = budget_needed(ctx, load, o, device) + (device ? 0 : ceil(beside / 1048576));
     return oxl_fail(
         ctx, OXL_ERR_BUDGET,
         "%.0f MB%s are too little for %zu points and images of %.1f megapixels, which need %.0f MB\n"
         "fix: --%sram %.0fM, or a smaller --max-side, or --sh-degree 0",
-        ((double)(device ? o->device_ram : o->ram) + taken) / 1e6, device ? " of the device" : "",
-        load->points, load->largest / 1e6, needed * 1048576 / 1e6, device ? "device-" : "", needed);
+        (double)(device ? o->device_ram : o->ram) / 1e6, device ? " of the device" : "", load->points,
+        load->largest / 1e6, needed * 1048576 / 1e6, device ? "device-" : "", needed);
 }
 
 /* ---------------- blocks that fit */

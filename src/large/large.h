@@ -153,7 +153,7 @@ OXL_INTERNAL double budget_max_gaussians(const struct cost_load *load, const oxl
 /* Fits, as budget_fit, a model that may have fewer Gaussians than the survey has points. */
 OXL_INTERNAL int budget_limit_gaussians(const oxl_context *ctx, const struct cost_load *load,
                                         oxl_job_options *o);
-/* Fails with the budget that would suffice. beside: bytes that were taken from o->ram before. */
+/* Fails with the budget that would suffice. beside: bytes of o->ram that something else takes. */
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load,
                                       const oxl_job_options *o, double beside);
 /* Returns --ram, or, if neither it nor a number of blocks is set and the run may exceed the free memory, the

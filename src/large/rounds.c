@@ -212,13 +212,19 @@ static oxl_result rounds_budget(const struct job *job, const oxl_model *context,
     const double beside = (double)context->count * (4.0 * oxl_model_planes(context) + COST_SPLAT_BYTES);
     struct cost_load load = cost_load_of_scene(job->scene);
     oxl_job_options o = job->options;
+    struct block_record before = {0}; /* of the block's last round, if there was one */
+    const oxl_result rc = block_read(job->ctx, task->folder, task->key, &before);
+    const size_t has = OXL_MAX(own->count, before.gaussians);
+    if (rc != OXL_OK) return rc;
     o.train = task->train;
     load.points = own->count;
     if (o.ram) o.ram = (double)o.ram > beside ? o.ram - (size_t)beside : 1;
     if (o.device_ram) load.context = (double)context->count / (double)OXL_MAX(own->count, (size_t)1);
     if (o.ram || o.device_ram) {
-        if (!budget_limit_gaussians(job->ctx, &load, &o) || (size_t)o.train.max_gaussians < own->count)
+        if (!budget_limit_gaussians(job->ctx, &load, &o) || (size_t)o.train.max_gaussians < has) {
+            o = job->options, o.train = task->train;
             return budget_refuse(job->ctx, &load, &o, beside);
+        }
         o.train.max_gaussians = OXL_MIN(o.train.max_gaussians, task->train.max_gaussians);
     }
     job_set_cache(job, o.scene.image_cache_bytes);

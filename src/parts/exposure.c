@@ -14,8 +14,8 @@
  * about the gain of its neighbours. Gains are of use if the neighbours leave less of the tracks' gains than
  * those views do: the root of the difference of squares is compared with the tracks' noise. From
  * EXPOSURE_PLAUSIBLE times on, a trial before the first step decides: half of the training views is trained
- * with gains and without, and predicts the other half, then the other way round. Without a trial (a short
- * run, a block, too many views) they are on from EXPOSURE_CLEAR times on.
+ * with gains and without, and predicts the other half; then the other way round, unless EXPOSURE_SURE is
+ * reached. Without a trial (exposure_may_try) they are on from EXPOSURE_CLEAR times on.
  *
  * Rendering on a device, a step's gains do not depend on the gradient of the step before: that is read while
  * the device works on the step
@@ -40,15 +40,15 @@
  * to 0.8 at 1.7 to 2.6, but -0.1 at 3.1 in brighton_beach, 3.8 images of a point; pieces of 20 images
  * scatter more (docs/log/PARSIMONY.md) */
 #define EXPOSURE_CLEAR 1.5
-/* the same in front of a trial, which gains nothing below it */
+/* the same in front of a trial: no survey gained below it */
 #define EXPOSURE_PLAUSIBLE 1.0
-/* dB: trials of surveys that gain nothing have at most 0.26, those of others 0.37 or more */
+/* dB: trials of surveys that gain nothing have at most 0.26, those of others 0.37 or more; exceptions are in
+ * docs/log/PARSIMONY.md */
 #define EXPOSURE_MIN_GAIN 0.3
 #define EXPOSURE_SURE 1.0 /* dB: a half of the views that gains so much is enough */
 enum {
     EXPOSURE_TRIED = 1000, /* iterations: in shorter runs the trial takes too large a part */
-    EXPOSURE_STEPS = 300,  /* of each of the four runs of a trial; with 100 the right ones do not stand out */
-    EXPOSURE_RUN = 2000    /* iterations whose learning rates it has, so that all runs decide alike */
+    EXPOSURE_STEPS = 300   /* of each of the four runs of a trial; with 100 the right ones do not stand out */
 };
 
 OXL_TABLE const struct part part_exposure;
@@ -133,6 +133,7 @@ OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct phot
                                            size_t size)
 {
     const int fits = (p->parts & PHOTOMETRY_GAINS) != 0;
+    const double least = e->is_tried ? EXPOSURE_PLAUSIBLE : EXPOSURE_CLEAR;
     double left = 0, explained = 0, noise = 0;
     snprintf(why, size,
              p->points ? "the tracks' colours need no gains" : "too few tracks to compare colours");
@@ -147,13 +148,12 @@ OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct phot
         snprintf(
             why, size,
             "%zu points in %zu observations: gains of images differ by %.1f %% (rms) from those of other images of the same points, and "
-            "by %.1f %% from their neighbours', which explain %.1f %%; on from %.2g times the tracks' noise, %.1f %%",
-            p->points, p->observations, 100 * p->unexplained, 100 * left, 100 * explained, EXPOSURE_CLEAR,
-            100 * noise);
+            "by %.1f %% from their neighbours', which explain %.1f %%; %s from %.2g times the tracks' noise, %.1f %%",
+            p->points, p->observations, 100 * p->unexplained, 100 * left, 100 * explained,
+            e->is_tried ? "tried" : "on", least, 100 * noise);
     }
-    e->clear = explained / noise;
-    if (e->mode == OXL_AUTO)
-        e->of.on = fits && explained >= (e->is_tried ? EXPOSURE_PLAUSIBLE : EXPOSURE_CLEAR) * noise;
+    e->clear = explained / OXL_MAX(noise, DBL_MIN);
+    if (e->mode == OXL_AUTO) e->of.on = fits && explained >= least * noise;
     if (!e->of.on) imaging_clear(&e->of);
 }
 
@@ -193,14 +193,22 @@ static int exposure_tracks(const struct train *t)
     return t->options->exposure != OXL_OFF ? PHOTOMETRY_GAINS : 0;
 }
 
+/* Returns 1 if the run has time and views for a trial. A given model has seen all views; with degree 0 the
+ * copy of the first Gaussians may take more memory than the run does later. */
+static int exposure_may_try(const struct train *t)
+{
+    const oxl_train_options *o = t->options;
+    const int views = schedule_training_views(t->scene);
+    return o->iterations >= EXPOSURE_TRIED && o->max_seconds == 0 && o->sh_degree != 0 && !t->task.window &&
+           !t->task.from && views >= SELECTION_VIEWS_MIN && views <= PHOTOMETRY_VIEWS;
+}
+
 static void exposure_use_tracks(struct train *t, void *state, const struct photometry *p)
 {
     struct exposure *e = state;
-    const int views = schedule_training_views(t->scene);
     char why[400];
     if (t->options->exposure == OXL_OFF) return;
-    e->is_tried = e->mode == OXL_AUTO && !t->is_look && !t->task.window && views >= SELECTION_VIEWS_MIN &&
-                  views <= PHOTOMETRY_VIEWS && t->options->iterations >= EXPOSURE_TRIED;
+    e->is_tried = e->mode == OXL_AUTO && !t->is_look && exposure_may_try(t);
     exposure_set_from_tracks(e, p, why, sizeof why);
     if (e->is_tried && e->of.on) t->trial = &part_exposure;
     else selection_record_auto(t, "exposure", t->options->exposure, e->of.on, why);
@@ -210,6 +218,7 @@ static void exposure_use_tracks(struct train *t, void *state, const struct photo
 static oxl_result exposure_train_half(struct train *t, struct exposure *e, struct train_branch *start,
                                       int half, int on, double *psnr)
 {
+    const oxl_nonfinite unread = t->nonfinite;
     oxl_result rc = branch_load(t, start);
     if (rc != OXL_OK) return rc;
     e->of.on = on;
@@ -217,24 +226,27 @@ static oxl_result exposure_train_half(struct train *t, struct exposure *e, struc
     for (int k = 0; k < t->validation_views; k++) e->of.known[t->validation[k]] = 0;
     rc = selection_train_trial(t, EXPOSURE_STEPS, psnr);
     t->validation_views = 0;
+    t->nonfinite = unread; /* what cannot be read is counted by the run */
     return rc;
 }
 
-/* Decides whether gains help to predict images: each half of the training views by the other one, from the
- * first Gaussians, on images at half the sides. */
+/* Decides whether gains help to predict images: one half of the training views by the other, or each, from
+ * the first Gaussians, on images at half the sides. */
 static oxl_result exposure_trial(struct train *t, void *state, struct train_branch *start)
 {
     struct exposure *e = state;
     const oxl_train_options *run = t->options;
-    const oxl_nonfinite unread = t->nonfinite;
-    oxl_train_options brief = *run;
+    const oxl_train_options draft = oxl_train_options_default(OXL_PRESET_DRAFT);
+    oxl_train_options brief =
+        *run; /* learns as a draft does, so that all runs decide at about the same point */
     double psnr[2] = {0}, off = 0, on = 0;
     char why[400];
     int halves = 0;
     oxl_result rc = OXL_OK;
     oxl_log(t->ctx, OXL_LOG_INFO, "exposure: up to %d steps at half the sides, which are taken back, decide",
             4 * EXPOSURE_STEPS);
-    brief.iterations = EXPOSURE_RUN, brief.coarse = 1;
+    brief.coarse = 1, brief.iterations = draft.iterations, brief.ssim_weight = draft.ssim_weight;
+    brief.short_run_exponent = draft.short_run_exponent;
     t->options = &brief;
     while (rc == OXL_OK && halves < 2 && !(on - off >= EXPOSURE_SURE)) {
         rc = exposure_train_half(t, e, start, halves, 0, &psnr[0]);
@@ -243,7 +255,7 @@ static oxl_result exposure_trial(struct train *t, void *state, struct train_bran
         off += (psnr[0] - off) / halves, on += (psnr[1] - on) / halves;
     }
     if (rc == OXL_OK) rc = branch_load(t, start);
-    t->options = run, t->nonfinite = unread, t->forecast = (struct forecast){0};
+    t->options = run, t->forecast = (struct forecast){0};
     if (rc != OXL_OK) return rc;
     if (!(on >= off + EXPOSURE_MIN_GAIN)) e->of.on = 0, imaging_clear(&e->of);
     snprintf(
@@ -285,7 +297,7 @@ static void exposure_store(struct train *t, void *state, oxl_model *model)
 
 /* clang-format off */
 static const oxl_option exposure_options[] = {
-{"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit each image's brightness and white balance; auto: if held-out views gain", NULL},
+{"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit each image's brightness and white balance; auto: if training views gain", NULL},
 {0}};
 /* clang-format on */
 

@@ -58,7 +58,7 @@ SIMD_INLINE real muladd(const int fused, real a, real b, real c)
 }
 
 #ifndef OXL_REFERENCE
-/* 2^x as p * 2^whole, x being f + whole. */
+/* 2^x as p * 2^whole, x being f + whole. A NaN as arithmetic makes it stays one. */
 SIMD_INLINE float real_shifted(float p, float shifted)
 {
     int32_t whole, bits;

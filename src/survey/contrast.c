@@ -73,8 +73,8 @@ static void contrast_choose_samples(const struct colmap *c, struct contrast_work
     }
 }
 
-/* Sets the width of each patch's cells in pixels, such that all views of a point have cells of
- * equal size in the scene. */
+/* Projects each sample, marks those outside the image, and sets the width of its patch's cells in pixels,
+ * such that all views of a point have cells of equal size in the scene. */
 static void contrast_size_cells(const oxl_scene *scene, struct contrast_work *w)
 {
     for (size_t first = 0, end; first < w->samples; first = end) {

@@ -61,7 +61,7 @@ OXL_INTERNAL oxl_result selection_begin(struct train *t)
 {
     const size_t views = (size_t)oxl_scene_view_count(t->scene);
     t->view = oxl_alloc(t->ctx, views + 1, sizeof *t->view);
-    t->validation = oxl_alloc(t->ctx, views + 1, sizeof *t->validation);
+    t->validation = oxl_alloc(t->ctx, OXL_MAX(views, SELECTION_VIEWS_MAX), sizeof *t->validation);
     if (!t->view || !t->validation) return OXL_ERR_MEMORY;
     for (int i = 0; i < (int)views; i++)
         if (selection_is_training_view(t, i)) t->view[t->views++] = i;
@@ -127,7 +127,8 @@ OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double
     *loss = *psnr = 0;
     for (int i = 0; i < t->validation_views && rc == OXL_OK;) {
         rc = step_load_image(t, t->validation[i]);
-        if (rc == OXL_ERR_INPUT || rc == OXL_ERR_IO) {
+        if (rc == OXL_ERR_INPUT ||
+            (rc == OXL_ERR_IO && !scene_misses_too_many(t->scene, (int)t->nonfinite.images + 1))) {
             selection_drop_view(t, i);
             rc = OXL_OK;
             continue;

@@ -1,6 +1,6 @@
 /* train_imaging.c - exposure, lamp and medium of a run: decides from the tracks (survey/photometry.c), before
- * the first step, whether each is fitted, and sets its initial values; stores them in the scene after the
- * last step.
+ * the first step, whether each is fitted (exposure may have a trial, too), and sets its initial values;
+ * stores them in the scene after the last step.
  *
  * The fits are parts (src/parts). Invariant: what is off changes no byte of the result.
  */
