@@ -204,8 +204,8 @@ static oxl_result rounds_read_imaging(struct job *job)
     return oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, JOB_COARSE_MODEL), "model.ply"));
 }
 
-/* Fits the block into --ram, less the bytes of the context, and into --device-ram: it may grow less than
- * foreseen where its context is larger. */
+/* Fits the block into --ram, less the bytes of the context, and into --device-ram: it grows less than
+ * foreseen, or not at all, where its context is larger; what it has may take the budget's margin. */
 static oxl_result rounds_budget(const struct job *job, const oxl_model *context, const oxl_model *own,
                                 struct block_task *task)
 {
@@ -221,10 +221,15 @@ static oxl_result rounds_budget(const struct job *job, const oxl_model *context,
     if (o.ram) o.ram = (double)o.ram > beside ? o.ram - (size_t)beside : 1;
     if (o.device_ram) load.context = (double)context->count / (double)OXL_MAX(own->count, (size_t)1);
     if (o.ram || o.device_ram) {
-        if (!budget_limit_gaussians(job->ctx, &load, &o) || (size_t)o.train.max_gaussians < has) {
+        const int limited = budget_limit_gaussians(job->ctx, &load, &o),
+                  holds =
+                      (!o.ram || cost_memory(&o, &load, (double)has) <= (double)o.ram) &&
+                      (!o.device_ram || cost_device_memory(&o, &load, (double)has) <= (double)o.device_ram);
+        if (!limited || ((size_t)o.train.max_gaussians < has && !holds)) {
             o = job->options, o.train = task->train;
             return budget_refuse(job->ctx, &load, &o, beside);
         }
+        o.train.max_gaussians = OXL_MAX(o.train.max_gaussians, (int)has);
         o.train.max_gaussians = OXL_MIN(o.train.max_gaussians, task->train.max_gaussians);
     }
     job_set_cache(job, o.scene.image_cache_bytes);
