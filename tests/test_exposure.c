@@ -136,7 +136,7 @@ TEST(exposure_trial_that_is_stopped_leaves_the_run_as_it_was)
 {
     NEEDS_PART(exposure);
     struct exposure_test_run r = {0};
-    int left = 700; /* in the second half */
+    int left = 500; /* in the second half */
     const oxl_callback stop = {exposure_test_stop, &left};
     oxl_model first;
     exposure_test_begin(&r, 1, 1);
@@ -148,7 +148,7 @@ TEST(exposure_trial_that_is_stopped_leaves_the_run_as_it_was)
           train_same(&r.t.trained.model, &first));
     left = 10000;
     CHECK_OK(selection_trial(&r.t));
-    CHECK(left == 10000 - 1200 && !r.e->of.on);
+    CHECK(left == 10000 - 800 && !r.e->of.on);
     oxl_model_free(test_ctx, &first);
     exposure_test_end(&r);
 }
