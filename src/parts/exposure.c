@@ -45,7 +45,7 @@
 /* dB: trials of surveys that gain nothing have at most 0.26, those of others 0.36 or more; exceptions are in
  * docs/log/PARSIMONY.md */
 #define EXPOSURE_MIN_GAIN 0.3
-#define EXPOSURE_SURE 1.0 /* dB: a half of the views that gains so much is enough */
+#define EXPOSURE_SURE 0.8 /* dB: a half of the views that gains so much is enough */
 enum {
     EXPOSURE_TRIED = 1000, /* iterations: in shorter runs the trial takes too large a part */
     EXPOSURE_STEPS = 200   /* of each of the four runs of a trial; with 100 the right ones do not stand out */
