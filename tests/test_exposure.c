@@ -2,13 +2,10 @@
 #include "test.h"
 #include "../src/parts/exposure.h"
 
-static int exposure_test_is_tried; /* 1: as if a trial followed */
-
 /* Gains of the tracks of 8 views: a slow wave, and what jumps from view to view. */
-static int exposure_test_takes(double wave, double jump, double unexplained, int parts)
+static int exposure_test_takes(double wave, double jump, double unexplained, int parts, int is_tried)
 {
-    struct exposure e = {
-        .mode = OXL_AUTO, .is_tried = exposure_test_is_tried, .of = imaging_test_make(8, NULL, 0)};
+    struct exposure e = {.mode = OXL_AUTO, .is_tried = is_tried, .of = imaging_test_make(8, NULL, 0)};
     struct photometry p = {.points = 100,
                            .observations = 900,
                            .parts = parts,
@@ -31,12 +28,12 @@ static int exposure_test_takes(double wave, double jump, double unexplained, int
  * colours leave. */
 TEST(exposure_auto_is_on_where_neighbours_predict_gains_better_than_other_views_of_a_place_do)
 {
-    CHECK(exposure_test_takes(0.1, 0, 0.045, PHOTOMETRY_GAINS));
-    CHECK(!exposure_test_takes(0.1, 0, 0.045, PHOTOMETRY_LAMP));
-    CHECK(!exposure_test_takes(0.1, 0, 0.042, PHOTOMETRY_GAINS));
-    CHECK(exposure_test_takes(0.02, 0, 0.032, PHOTOMETRY_GAINS));
-    CHECK(!exposure_test_takes(0.02, 0, 0.029, PHOTOMETRY_GAINS));
-    CHECK(!exposure_test_takes(0.02, 0.04, 0.07, PHOTOMETRY_GAINS));
+    CHECK(exposure_test_takes(0.1, 0, 0.045, PHOTOMETRY_GAINS, 0));
+    CHECK(!exposure_test_takes(0.1, 0, 0.045, PHOTOMETRY_LAMP, 0));
+    CHECK(!exposure_test_takes(0.1, 0, 0.042, PHOTOMETRY_GAINS, 0));
+    CHECK(exposure_test_takes(0.02, 0, 0.032, PHOTOMETRY_GAINS, 0));
+    CHECK(!exposure_test_takes(0.02, 0, 0.029, PHOTOMETRY_GAINS, 0));
+    CHECK(!exposure_test_takes(0.02, 0.04, 0.07, PHOTOMETRY_GAINS, 0));
 }
 
 /* ---------------- the trial */
@@ -157,11 +154,9 @@ TEST(exposure_trial_that_is_stopped_leaves_the_run_as_it_was)
 TEST(exposure_needs_less_of_the_tracks_where_a_trial_follows)
 {
     NEEDS_PART(exposure);
-    CHECK(!exposure_test_takes(0.1, 0, 0.042, PHOTOMETRY_GAINS));
-    exposure_test_is_tried = 1;
-    CHECK(exposure_test_takes(0.1, 0, 0.042, PHOTOMETRY_GAINS));
-    CHECK(!exposure_test_takes(0.1, 0, 0.036, PHOTOMETRY_GAINS));
-    exposure_test_is_tried = 0;
+    CHECK(!exposure_test_takes(0.1, 0, 0.042, PHOTOMETRY_GAINS, 0));
+    CHECK(exposure_test_takes(0.1, 0, 0.042, PHOTOMETRY_GAINS, 1));
+    CHECK(!exposure_test_takes(0.1, 0, 0.036, PHOTOMETRY_GAINS, 1));
 }
 
 /* Whether the tracks' gains, which neighbours explain 1.2 times the noise of, ask for a trial. */

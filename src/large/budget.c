@@ -141,7 +141,7 @@ OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *
     int device;
     double needed;
     host.device_ram = 0;
-    host.ram = o->ram > 0 && (double)o->ram <= beside ? 1 : o->ram - OXL_MIN(o->ram, (size_t)beside);
+    if (o->ram) host.ram = (double)o->ram > beside ? o->ram - (size_t)beside : 1;
     device = o->device_ram > 0 && budget_fit(ctx, load, &host);
     needed = budget_needed(ctx, load, o, device) + (device ? 0 : ceil(beside / 1048576));
     return oxl_fail(

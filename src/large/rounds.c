@@ -204,8 +204,8 @@ static oxl_result rounds_read_imaging(struct job *job)
     return oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, JOB_COARSE_MODEL), "model.ply"));
 }
 
-/* Fits the block into --ram, less the bytes of the context, and into --device-ram: it grows less than
- * foreseen, or not at all, where its context is larger; what it has may take the budget's margin. */
+/* Limits the block's Gaussians so that they fit --ram, less the bytes of the context, and --device-ram. Where
+ * the context leaves no room for growth, their number stays. Present Gaussians need no safety margin. */
 static oxl_result rounds_budget(const struct job *job, const oxl_model *context, const oxl_model *own,
                                 struct block_task *task)
 {

@@ -40,7 +40,7 @@
  * to 0.8 at 1.7 to 2.6, but -0.1 at 3.1 in brighton_beach, 3.8 images of a point; pieces of 20 images
  * scatter more (docs/log/PARSIMONY.md) */
 #define EXPOSURE_CLEAR 1.5
-/* the same in front of a trial: no survey gained below it */
+/* the same in front of a trial: surveys below it gained 0.25 dB at most */
 #define EXPOSURE_PLAUSIBLE 1.0
 /* dB: trials of surveys that gain nothing have at most 0.26, those of others 0.36 or more; exceptions are in
  * docs/log/PARSIMONY.md */
@@ -237,14 +237,14 @@ static oxl_result exposure_trial(struct train *t, void *state, struct train_bran
     struct exposure *e = state;
     const oxl_train_options *run = t->options;
     const oxl_train_options draft = oxl_train_options_default(OXL_PRESET_DRAFT);
-    oxl_train_options brief =
-        *run; /* learns as a draft does, so that all runs decide at about the same point */
+    oxl_train_options brief = *run;
     double psnr[2] = {0}, off = 0, on = 0;
     char why[400];
     int halves = 0;
     oxl_result rc = OXL_OK;
     oxl_log(t->ctx, OXL_LOG_INFO, "exposure: up to %d steps at half the sides, which are taken back, decide",
             4 * EXPOSURE_STEPS);
+    /* It learns as a draft does, so that all presets and run lengths decide at about the same point. */
     brief.coarse = 1, brief.iterations = draft.iterations, brief.ssim_weight = draft.ssim_weight;
     brief.short_run_exponent = draft.short_run_exponent;
     t->options = &brief;
@@ -297,7 +297,7 @@ static void exposure_store(struct train *t, void *state, oxl_model *model)
 
 /* clang-format off */
 static const oxl_option exposure_options[] = {
-{"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit each image's brightness and white balance; auto: if training views gain", NULL},
+{"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit each image's brightness and white balance; auto: by trial on training views", NULL},
 {0}};
 /* clang-format on */
 
