@@ -45,12 +45,13 @@ TEST(carve_free_space_lies_between_training_cameras_and_the_points_of_their_trac
           !carve_free(&f, scene, 1.5, 0, -3));
     CHECK(!carve_free(&f, scene, -0.8, 0, 3)); /* seen by the held-out view alone */
     CHECK(!carve_free(&f, scene, 3.8, 0, 3));  /* and by one that is in no track */
-    free_space_free(test_ctx, &f);
+    free_space_free(&(struct train){.ctx = test_ctx}, &f);
     oxl_scene_free(test_ctx, scene);
+    f = (struct free_space){0};
     scene = carve_scene(2);
     CHECK_OK(free_space_begin(test_ctx, &f, scene));
     CHECK(!carve_free(&f, scene, 1.5, 0, 3));
-    free_space_free(test_ctx, &f);
+    free_space_free(&(struct train){.ctx = test_ctx}, &f);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -72,7 +73,7 @@ TEST(carve_removes_gaussians_in_free_space_and_nothing_where_there_are_no_tracks
         oxl_free(test_ctx, carved);
         oxl_model_free(test_ctx, &model);
     }
-    free_space_free(test_ctx, &f);
+    free_space_free(&(struct train){.ctx = test_ctx}, &f);
     oxl_scene_free(test_ctx, scene);
     plain = train_scene(5);
     CHECK_OK(oxl_train(test_ctx, plain, &options, NULL, &model));

@@ -137,7 +137,7 @@ TEST(prune_auto_continues_while_the_validation_loss_holds)
 
 static void prune_state(struct archive *a, void *user)
 {
-    prune_archive(a, user);
+    prune_archive(a, NULL, user);
 }
 
 TEST(prune_continues_from_its_archive)

@@ -31,7 +31,7 @@ TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
                                    (double)scene->stats.observations, oxl_scene_view_count(scene));
         CHECK((double)(kept * sizeof *d.all) < bytes && bytes < 1.5 * (double)(kept * sizeof *d.all));
     }
-    track_depth_free(test_ctx, &d);
+    track_depth_free(&(struct train){.ctx = test_ctx}, &d);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -52,7 +52,7 @@ TEST(depth_of_tracks_is_kept_for_views_with_a_window_alone)
         track_depth_of_step(&d, v, 7, 0, &count, point);
         CHECK((count > 0) == (v % 2 == 0 && !oxl_scene_view(scene, v)->is_test));
     }
-    track_depth_free(test_ctx, &d);
+    track_depth_free(&(struct train){.ctx = test_ctx}, &d);
     oxl_free(test_ctx, window);
     oxl_scene_free(test_ctx, scene);
 }
@@ -81,7 +81,7 @@ TEST(depth_of_tracks_is_compared_at_the_places_of_the_window_and_of_halved_image
             CHECK_CLOSE(side * t.renderer->depth_point[i].y + 32, point[i].y, 1e-4);
         }
     }
-    track_depth_free(test_ctx, &d);
+    track_depth_free(&(struct train){.ctx = test_ctx}, &d);
     renderer_free(test_ctx, t.renderer);
     oxl_scene_free(test_ctx, t.scene);
 }

@@ -26,7 +26,7 @@ static struct transients_case *transients_case(void)
 
 static void transients_case_free(struct transients_case *c)
 {
-    transients_free(test_ctx, &c->transients);
+    transients_free(&(struct train){.ctx = test_ctx}, &c->transients);
     oxl_scene_free(test_ctx, c->scene);
     free(c);
 }
@@ -126,7 +126,7 @@ TEST(transients_without_points_are_off_with_a_warning)
     CHECK_OK(transients_begin(test_ctx, &r, scene, 1));
     CHECK(r.points == 0 && !r.expected);
     CHECK_TEXT(nonfinite_log, "the scene has no points");
-    transients_free(test_ctx, &r);
+    transients_free(&(struct train){.ctx = test_ctx}, &r);
     oxl_image_free(test_ctx, &image);
     oxl_scene_free(test_ctx, scene);
 }

@@ -294,7 +294,7 @@ TEST(ucd_search_drops_a_pair_that_a_reset_or_a_broken_loss_interrupts)
 
 static void ucd_state(struct archive *a, void *user)
 {
-    ucd_archive(a, user);
+    ucd_archive(a, NULL, user);
 }
 
 TEST(ucd_continues_from_its_archive)

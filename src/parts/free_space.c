@@ -97,10 +97,9 @@ OXL_INTERNAL oxl_result free_space_begin(oxl_context *ctx, struct free_space *f,
     return OXL_OK;
 }
 
-OXL_INTERNAL void free_space_free(oxl_context *ctx, struct free_space *f)
+OXL_INTERNAL void free_space_free(struct train *t, void *state)
 {
-    oxl_free(ctx, f->view);
-    *f = (struct free_space){0};
+    oxl_free(t->ctx, ((struct free_space *)state)->view);
 }
 
 OXL_INTERNAL int free_space_contains(const struct free_space *f, const double p[3])
@@ -148,11 +147,6 @@ static oxl_result free_space_part_begin(struct train *t, void *state)
     return t->options->carve ? free_space_begin(t->ctx, state, t->scene) : OXL_OK;
 }
 
-static void free_space_part_free(struct train *t, void *state)
-{
-    free_space_free(t->ctx, state);
-}
-
 static oxl_result free_space_before_density(struct train *t, void *state, struct density_rules *rules)
 {
     struct free_space *f = state;
@@ -186,7 +180,7 @@ OXL_INTERNAL const struct part part_free_space = {.name = "free_space",
                                                   .size = sizeof(struct free_space),
                                                   .option = free_space_options,
                                                   .begin = free_space_part_begin,
-                                                  .free = free_space_part_free,
+                                                  .free = free_space_free,
                                                   .before_density = free_space_before_density,
                                                   .after_density = free_space_after_density,
                                                   .record = free_space_record};

@@ -18,7 +18,7 @@ struct free_space {
     uint8_t *carved; /* (count) during density control: rows in free space; else NULL */
 };
 OXL_INTERNAL oxl_result free_space_begin(oxl_context *ctx, struct free_space *f, const oxl_scene *scene);
-OXL_INTERNAL void free_space_free(oxl_context *ctx, struct free_space *f);
+OXL_INTERNAL void free_space_free(struct train *t, void *state);
 /* Describes the state as text. */
 OXL_INTERNAL void free_space_describe(const struct free_space *f, char *out, size_t size);
 /* Marks in *carved (count) each Gaussian in free space with 1; NULL: there is no free space. Free it with

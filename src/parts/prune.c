@@ -126,8 +126,10 @@ OXL_INTERNAL void prune_describe(const struct prune *p, char *out, size_t size)
                  p->drops, PRUNE_EPSILON, p->validation_loss);
 }
 
-OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p)
+OXL_INTERNAL void prune_archive(struct archive *a, struct train *t, void *state)
 {
+    struct prune *p = state;
+    (void)t;
     archive_int(a, &p->drops);
     archive_int(a, &p->last);
     archive_int(a, &p->l1_count);
@@ -258,12 +260,6 @@ static oxl_result prune_part_begin(struct train *t, void *state)
     return OXL_OK;
 }
 
-static void prune_part_archive(struct archive *a, struct train *t, void *state)
-{
-    (void)t;
-    prune_archive(a, state);
-}
-
 static void prune_after_loss(struct train *t, void *state, const struct train_deferred *step,
                              const struct renderer_loss *loss)
 {
@@ -336,7 +332,7 @@ OXL_INTERNAL const struct part part_prune = {.name = "prune",
                                              .size = sizeof(struct prune),
                                              .option = prune_options,
                                              .begin = prune_part_begin,
-                                             .archive = prune_part_archive,
+                                             .archive = prune_archive,
                                              .after_loss = prune_after_loss,
                                              .after_step = prune_after_step,
                                              .validates_until = prune_validates_until,

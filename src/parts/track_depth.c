@@ -91,10 +91,10 @@ static double track_depth_bytes(const oxl_train_options *options, double observa
            (double)views * sizeof(struct track_depth_view);
 }
 
-OXL_INTERNAL void track_depth_free(oxl_context *ctx, struct track_depth *d)
+OXL_INTERNAL void track_depth_free(struct train *t, void *state)
 {
-    OXL_FREE(ctx, d->view, d->all);
-    *d = (struct track_depth){0};
+    struct track_depth *d = state;
+    OXL_FREE(t->ctx, d->view, d->all);
 }
 
 OXL_INTERNAL double track_depth_of_step(const struct track_depth *d, int view, int step, double progress,
@@ -109,11 +109,6 @@ OXL_INTERNAL double track_depth_of_step(const struct track_depth *d, int view, i
 }
 
 /* ---------------- the part */
-
-static void track_depth_part_free(struct train *t, void *state)
-{
-    track_depth_free(t->ctx, state);
-}
 
 /* Gives the renderer the tracks' depths of a view, at this step's window and resolution. */
 OXL_INTERNAL oxl_result track_depth_before_backward(struct train *t, void *state, struct part_view *v)
@@ -139,6 +134,6 @@ OXL_INTERNAL oxl_result track_depth_before_backward(struct train *t, void *state
 
 OXL_INTERNAL const struct part part_track_depth = {.name = "track_depth",
                                                    .size = sizeof(struct track_depth),
-                                                   .free = track_depth_part_free,
+                                                   .free = track_depth_free,
                                                    .before_backward = track_depth_before_backward,
                                                    .bytes = track_depth_bytes};

@@ -16,7 +16,7 @@ struct track_depth {
 /* Samples the tracks. window (views): only views with a window are used; NULL: all training views. */
 OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *d, const oxl_scene *scene,
                                           const struct image_window *window);
-OXL_INTERNAL void track_depth_free(oxl_context *ctx, struct track_depth *d);
+OXL_INTERNAL void track_depth_free(struct train *t, void *state);
 /* Chooses some points of the step's view; returns the weight of each in the loss. */
 OXL_INTERNAL double track_depth_of_step(const struct track_depth *d, int view, int step, double progress,
                                         int *count, struct depth_point out[DEPTH_POINTS]);

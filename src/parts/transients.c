@@ -54,10 +54,10 @@ OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *t,
     return OXL_OK;
 }
 
-OXL_INTERNAL void transients_free(oxl_context *ctx, struct transients *t)
+OXL_INTERNAL void transients_free(struct train *t, void *state)
 {
-    OXL_FREE(ctx, t->expected, t->place, t->square);
-    *t = (struct transients){0};
+    struct transients *m = state;
+    OXL_FREE(t->ctx, m->expected, m->place, m->square);
 }
 
 OXL_INTERNAL void transients_describe(const struct transients *t, char *out, size_t size)
@@ -215,16 +215,6 @@ OXL_INTERNAL oxl_result transients_mask(oxl_context *ctx, struct transients *t, 
     return OXL_OK;
 }
 
-OXL_INTERNAL void transients_archive(struct archive *a, struct transients *t)
-{
-    if (t->points == 0) return; /* off: that follows from the options and the scene */
-    archive_floats(a, t->expected, t->points);
-    archive_doubles(a, &t->masked_fraction, 1);
-    for (size_t i = 0; i < t->points; i++)
-        archive_expect(a, t->expected[i] >= 0 && t->expected[i] <= TRANSIENTS_MAX);
-    archive_expect(a, t->masked_fraction >= 0 && t->masked_fraction <= 1);
-}
-
 /* ---------------- the part */
 
 static oxl_result transients_part_begin(struct train *t, void *state)
@@ -232,15 +222,16 @@ static oxl_result transients_part_begin(struct train *t, void *state)
     return transients_begin(t->ctx, state, t->scene, t->options->mask_transients);
 }
 
-static void transients_part_free(struct train *t, void *state)
+static void transients_archive(struct archive *a, struct train *t, void *state)
 {
-    transients_free(t->ctx, state);
-}
-
-static void transients_part_archive(struct archive *a, struct train *t, void *state)
-{
+    struct transients *m = state;
     (void)t;
-    transients_archive(a, state);
+    if (m->points == 0) return; /* off: that follows from the options and the scene */
+    archive_floats(a, m->expected, m->points);
+    archive_doubles(a, &m->masked_fraction, 1);
+    for (size_t i = 0; i < m->points; i++)
+        archive_expect(a, m->expected[i] >= 0 && m->expected[i] <= TRANSIENTS_MAX);
+    archive_expect(a, m->masked_fraction >= 0 && m->masked_fraction <= 1);
 }
 
 /* Lets a device mask the view. */
@@ -303,8 +294,8 @@ OXL_INTERNAL const struct part part_transients = {.name = "transients",
                                                   .size = sizeof(struct transients),
                                                   .option = transients_options,
                                                   .begin = transients_part_begin,
-                                                  .free = transients_part_free,
-                                                  .archive = transients_part_archive,
+                                                  .free = transients_free,
+                                                  .archive = transients_archive,
                                                   .before_render = transients_before_render,
                                                   .after_render = transients_after_render,
                                                   .after_loss = transients_after_loss,

@@ -23,7 +23,7 @@ struct transients {
 };
 OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *t, const oxl_scene *scene,
                                          int on);
-OXL_INTERNAL void transients_free(oxl_context *ctx, struct transients *t);
+OXL_INTERNAL void transients_free(struct train *t, void *state);
 struct transients_view {
     const oxl_camera *camera;
     double near_plane;
@@ -36,6 +36,5 @@ OXL_INTERNAL oxl_result transients_mask(oxl_context *ctx, struct transients *t, 
                                         const struct transients_view *view, int update);
 /* Describes the masked fraction as text. */
 OXL_INTERNAL void transients_describe(const struct transients *t, char *out, size_t size);
-OXL_INTERNAL void transients_archive(struct archive *a, struct transients *t);
 
 #endif

@@ -152,8 +152,10 @@ OXL_INTERNAL void ucd_weights(struct ucd *u, size_t count, double f[2])
     if (u->learns && u->costs >= 0) ucd_point(u, u->costs, f);
 }
 
-OXL_INTERNAL void ucd_archive(struct archive *a, struct ucd *u)
+OXL_INTERNAL void ucd_archive(struct archive *a, struct train *t, void *state)
 {
+    struct ucd *u = state;
+    (void)t;
     if (!u->learns) return; /* otherwise the state follows from scene and options */
     archive_doubles(a, u->f, 2);
     archive_doubles(a, u->offset, 2);
@@ -181,12 +183,6 @@ static oxl_result ucd_part_begin(struct train *t, void *state)
     if (t->options->ucd.mode != OXL_UCD_OFF) oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);
     if (u->on) rc = density_set_bands(t->ctx, t->density, t->trained.model.count, u->z_near, u->z_far);
     return rc;
-}
-
-static void ucd_part_archive(struct archive *a, struct train *t, void *state)
-{
-    (void)t;
-    ucd_archive(a, state);
 }
 
 /* Gives the loss of each step to the search while Gaussians are densified. */
@@ -240,7 +236,7 @@ OXL_INTERNAL const struct part part_ucd = {.name = "ucd",
                                            .option = ucd_options,
                                            .is_branched = 1,
                                            .begin = ucd_part_begin,
-                                           .archive = ucd_part_archive,
+                                           .archive = ucd_archive,
                                            .before_observe = ucd_before_observe,
                                            .before_density = ucd_before_density,
                                            .after_reset = ucd_after_reset,

@@ -116,7 +116,6 @@ OXL_INTERNAL void branch_archive(struct archive *a, void *train);
 
 /* ---------------- model_selection.c: model only what the scene requires */
 
-#define SELECTION_TRIAL (1.0 / 40) /* of the run: length of a trial */
 enum { SELECTION_VIEWS_MIN = 8 };  /* with fewer training views none is used for validation */
 
 /* Returns 1 if a training view is a validation view: an eighth of them, at most 8, evenly spaced. */
@@ -127,7 +126,7 @@ OXL_INTERNAL void selection_hold_views(struct train *t);
 OXL_INTERNAL void selection_hold(struct train *t, int half); /* those (-1), or every second view (0 or 1) */
 /* Averages loss and PSNR over the validation views; NaN if none can be read. */
 OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr);
-OXL_INTERNAL int selection_steps(const struct train *t, double fraction); /* of the run, at least 1 */
+OXL_INTERNAL int selection_trial_steps(const oxl_train_options *options); /* a fortieth of the run */
 /* Trains for so many steps of a trial and evaluates the result on the validation views. */
 OXL_INTERNAL oxl_result selection_train_trial(struct train *t, int steps, double *psnr);
 /* Makes the trial t->trial, before a step; OXL_ERR_INTERRUPTED: it is to be repeated. */
