@@ -526,7 +526,7 @@ TEST(poses_moved_onto_points_use_nothing_that_a_look_measured_at_the_given_ones)
         oxl_scene *scene = poses_tracked_scene(k ? "looked" : "noisy", 2, 1);
         if (k) scene->measured = oxl_calloc(test_ctx, 1, sizeof *scene->measured);
         for (int c = 0; k && c < 3; c++) scene->measured->colour[c] = 5;
-        scene->measured_parts = PHOTOMETRY_ALL;
+        if (k) scene->measured->requested = PHOTOMETRY_ALL;
         options.poses = OXL_ON;
         CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model[k]));
         oxl_scene_free(test_ctx, scene);

@@ -650,6 +650,37 @@ TEST(photometry_warns_where_exposure_goes_with_distance_and_else_does_not)
     CHECK(photometry_test_warns("far"));
 }
 
+/* Gains that jump from image to image predict no other image. Larger ones hide the lamp from a fit without
+ * gains, which then does not count. */
+TEST(exposure_that_is_refused_leaves_a_lamp_fitted_without_it_unless_that_hides_the_lamp)
+{
+    NEEDS_PART(exposure);
+    NEEDS_PART(lamp);
+    synth_options o = synth_test_options("apart");
+    struct colmap survey = {0};
+    o.views = 14, o.threads = 0, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.noise = 0.5, o.lamp = 0;
+    synth_test_make(&o, &survey);
+    colmap_free(test_ctx, &survey);
+    for (int large = 0; large < 2; large++) {
+        oxl_model model[2];
+        for (int v = 0; v < 14; v++) {
+            const double f = 1 + (v % 2 ? -1 : 1) * (large ? 0.1 : 0.01);
+            photometry_test_scale(&o, "apart", v, (const double[3]){f, f, f});
+        }
+        for (int k = 0; k < 2; k++) {
+            oxl_train_options options = train_options(10);
+            oxl_scene *scene;
+            options.exposure = k ? OXL_AUTO : OXL_OFF, options.lamp = OXL_AUTO, options.medium = OXL_OFF;
+            CHECK_OK(oxl_scene_load(test_ctx, test_path("apart"), NULL, &scene));
+            CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model[k]));
+            CHECK(!scene->imaging.on && scene->imaging.lamps == (k || !large));
+            oxl_scene_free(test_ctx, scene);
+        }
+        CHECK(train_same(&model[0], &model[1]) == !large);
+        for (int k = 0; k < 2; k++) oxl_model_free(test_ctx, &model[k]);
+    }
+}
+
 /* Medium, exposure and lamp of a synthetic survey; then all images times 0.5, and tinted. */
 TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
 {

@@ -60,7 +60,7 @@ OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partitio
 
 /* ---------------- checkpoint.c: files of a run's state */
 
-#define CHECKPOINT_VERSION 14
+#define CHECKPOINT_VERSION 15
 /* Writes FOLDER/checkpoint.oxl and keeps the previous one as checkpoint.prev.oxl. `key`: all inputs of the
  * result. */
 OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key,

@@ -1,7 +1,7 @@
 /* look.c - a first look at a survey: some steps on a few views, whose result is forgotten.
  *
  * It begins as the run will: with the points that parts add, and with exposure (without its trial), lamp,
- * medium, depth weights and SSIM's constant as the run decides them, since each changes gradients.
+ * medium, depth weights and SSIM's constant as the tracks decide them, since each changes gradients.
  * Gaussians are split LOOK_SPLITS times; what is split then, of those seen, says how fast the model will
  * grow, the time of the steps how long the run takes (forecast.c). Images that the presets begin at half the
  * sides are looked at so. Whole steps with all bands of SH are timed behind it, and alone where even slow

@@ -15,7 +15,8 @@
  * those views do: the root of the difference of squares is compared with the tracks' noise. From
  * EXPOSURE_PLAUSIBLE times on, a trial before the first step decides: half of the training views is trained
  * with gains and without, and predicts the other half; then the other way round, unless EXPOSURE_SURE is
- * reached. Without a trial (exposure_may_try) they are on from EXPOSURE_CLEAR times on.
+ * reached. Without a trial (exposure_may_try) they are on from EXPOSURE_CLEAR times on. Gains that are
+ * refused are not in the fit of lamp and medium either (train_imaging.c).
  *
  * Rendering on a device, a step's gains do not depend on the gradient of the step before: that is read while
  * the device works on the step
@@ -188,9 +189,11 @@ static void exposure_archive(struct archive *a, struct train *t, void *state)
 
 /* ---------------- the part */
 
-static int exposure_tracks(const struct train *t)
+/* Gains that are refused are not in the fit of lamp and medium either. */
+static int exposure_tracks(const struct train *t, const void *state)
 {
-    return t->options->exposure != OXL_OFF ? PHOTOMETRY_GAINS : 0;
+    const struct exposure *e = state;
+    return t->options->exposure != OXL_OFF && (!e->is_decided || e->of.on) ? PHOTOMETRY_GAINS : 0;
 }
 
 /* Returns 1 if the run has time and views for a trial. A given model has seen all views; with degree 0 the
@@ -207,11 +210,12 @@ static void exposure_use_tracks(struct train *t, void *state, const struct photo
 {
     struct exposure *e = state;
     char why[400];
-    if (t->options->exposure == OXL_OFF) return;
+    if (t->options->exposure == OXL_OFF || e->is_decided) return;
     e->is_tried = e->mode == OXL_AUTO && !t->is_look && exposure_may_try(t);
     exposure_set_from_tracks(e, p, why, sizeof why);
-    if (e->is_tried && e->of.on) t->trial = &part_exposure;
-    else selection_record_auto(t, "exposure", t->options->exposure, e->of.on, why);
+    t->trial = e->is_tried && e->of.on ? &part_exposure : NULL;
+    selection_record_auto(t, "exposure", t->options->exposure, e->of.on, why);
+    e->is_decided = !t->is_look && !t->trial && (p->parts & PHOTOMETRY_GAINS);
 }
 
 /* Trains on half of the training views, with gains or without, and evaluates the other half. */
@@ -220,7 +224,9 @@ static oxl_result exposure_train_half(struct train *t, struct exposure *e, struc
 {
     const oxl_nonfinite unread = t->nonfinite;
     oxl_result rc = branch_load(t, start);
+    const struct imaging m = step_imaging(t);
     if (rc != OXL_OK) return rc;
+    medium_bake(t->scene, &m, 1, &t->trained.model);
     e->of.on = on;
     selection_hold(t, half);
     for (int k = 0; k < t->validation_views; k++) e->of.known[t->validation[k]] = 0;
@@ -244,9 +250,10 @@ static oxl_result exposure_trial(struct train *t, void *state, struct train_bran
     oxl_result rc = OXL_OK;
     oxl_log(t->ctx, OXL_LOG_INFO, "exposure: up to %d steps at half the sides, which are taken back, decide",
             4 * EXPOSURE_STEPS);
-    /* It learns as a draft does, so that all presets and run lengths decide at about the same point. */
+    /* It learns as a draft does, so that all presets and run lengths decide at about the same point; but with
+     * all contributions: without the smallest the right surveys do not stand out. */
     brief.coarse = 1, brief.iterations = draft.iterations, brief.ssim_weight = draft.ssim_weight;
-    brief.short_run_exponent = draft.short_run_exponent;
+    brief.short_run_exponent = draft.short_run_exponent, brief.alpha_min = 0;
     t->options = &brief;
     while (rc == OXL_OK && halves < 2 && !(on - off >= EXPOSURE_SURE)) {
         rc = exposure_train_half(t, e, start, halves, 0, &psnr[0]);
@@ -264,8 +271,10 @@ static oxl_result exposure_trial(struct train *t, void *state, struct train_bran
         "after %d steps at half the sides: %.2f dB with gains, %.2f without; on from %.2g dB more",
         e->clear, halves > 1 ? t->views : (t->views + 1) / 2, t->views, EXPOSURE_STEPS, on, off,
         EXPOSURE_MIN_GAIN);
-    selection_record_auto(t, "exposure", OXL_AUTO, e->of.on, why);
-    return OXL_OK;
+    e->is_decided = 1;
+    rc = train_imaging_use_tracks(t); /* may be interrupted: then there is no decision yet */
+    if (rc == OXL_OK) selection_record_auto(t, "exposure", OXL_AUTO, e->of.on, why);
+    return rc;
 }
 
 static void exposure_set_gain(struct train *t, void *state, struct train_deferred *step, int learns)

@@ -18,8 +18,8 @@ struct exposure {
     /* mean that the log gains are given after each step: 0, or the mean of the continued run */
     double level[3];
     struct exposure_gradient pending; /* gradient of the last step, not yet applied */
-    int is_tried;                     /* 1: a trial decides, where the tracks do not refuse gains */
-    double clear;                     /* what neighbours explain of the tracks' gains, over the noise */
+    int is_tried, is_decided; /* 1: a trial decides where the tracks do not refuse gains; this is decided */
+    double clear;             /* what neighbours explain of the tracks' gains, over the noise */
 };
 OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct photometry *p, char *why,
                                            size_t size);

@@ -109,8 +109,9 @@ static void lamp_archive(struct archive *a, struct train *t, void *state)
 
 /* ---------------- the part */
 
-static int lamp_tracks(const struct train *t)
+static int lamp_tracks(const struct train *t, const void *state)
 {
+    (void)state;
     return t->options->lamp != OXL_OFF ? PHOTOMETRY_LAMP : 0;
 }
 
@@ -118,7 +119,7 @@ static void lamp_use_tracks(struct train *t, void *state, const struct photometr
 {
     struct lamp_fit *l = state;
     char why[400] = "";
-    if (lamp_tracks(t)) lamp_set_from_tracks(l, t->options->lamp, p, why, sizeof why);
+    if (t->options->lamp != OXL_OFF) lamp_set_from_tracks(l, t->options->lamp, p, why, sizeof why);
     selection_record_auto(t, "lamp", t->options->lamp, l->on, why);
 }
 

@@ -181,8 +181,9 @@ static oxl_result medium_begin(struct train *t, void *state)
     return OXL_OK;
 }
 
-static int medium_tracks(const struct train *t)
+static int medium_tracks(const struct train *t, const void *state)
 {
+    (void)state;
     return t->options->medium != OXL_OFF ? PHOTOMETRY_MEDIUM : 0;
 }
 
@@ -190,9 +191,10 @@ static void medium_use_tracks(struct train *t, void *state, const struct photome
 {
     struct medium_fit *f = state;
     char why[400] = "";
-    if (medium_tracks(t)) medium_fit_set_from_tracks(f, scene_depth_span(t->scene), p, why, sizeof why);
+    if (t->options->medium != OXL_OFF)
+        medium_fit_set_from_tracks(f, scene_depth_span(t->scene), p, why, sizeof why);
     selection_record_auto(t, "medium", t->options->medium, f->on, why);
-    if (f->on && fabs(p->drift) > MEDIUM_FIT_DRIFT)
+    if (f->on && fabs(p->drift) > MEDIUM_FIT_DRIFT && !train_imaging_is_open(t))
         oxl_log(
             t->ctx, OXL_LOG_WARNING,
             "the images' exposure is correlated with the range of what they show (%.2f): exposure and attenuation are not "

@@ -114,9 +114,9 @@ static oxl_result ssim_contrast_begin(struct train *t, void *state)
 static void ssim_contrast_use_tracks(struct train *t, void *state, const struct photometry *p)
 {
     struct ssim_contrast *s = state;
-    if (s->views == 0 || t->options->lamp == OXL_ON || (p->parts & PHOTOMETRY_LAMP)) return;
-    s->is_unlit = 1;
-    s->contrast = SSIM_CONTRAST_WANG;
+    if (s->views == 0 || t->options->lamp == OXL_ON) return;
+    s->is_unlit = !(p->parts & PHOTOMETRY_LAMP);
+    s->contrast = s->is_unlit ? SSIM_CONTRAST_WANG : ssim_contrast_of_detail(s->measured);
     renderer_set_contrast(t->renderer, s->contrast);
 }
 

@@ -37,6 +37,7 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
     int views = 0;
     const int all = oxl_scene_view_count(scene), stride = OXL_MAX(1, (all + VIEWS - 1) / VIEWS);
     const int coefficients = (model->sh_degree + 1) * (model->sh_degree + 1);
+    if (backwards && !m->on && imaging->lamps == 0) return;
     for (int v = 0; v < all; v += stride, views++) {
         camera[views] = &oxl_scene_view(scene, v)->camera;
         lamp[views] = imaging_lamp(imaging, scene, v);

@@ -271,7 +271,7 @@ OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
 /* Fills the gradients by lamp and medium, which are known after the step. */
 OXL_INTERNAL void renderer_complete_loss(const struct renderer *r, struct renderer_loss *loss);
 /* Bakes medium and lamp into the colours, as the views see them, for viewers that ignore imaging.txt;
- * backwards: recovers the colours behind medium and lamp. */
+ * backwards: recovers the colours behind medium and lamp, if there is either. */
 OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards,
                               oxl_model *model);
 /* Makes the model one for viewers that know neither: drops second lobes, bakes the scene's medium and, where

@@ -703,7 +703,7 @@ OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, i
     const double median = scene_depth_quantile(scene, 0.5);
     struct photometry_work w = {0};
     oxl_result rc;
-    *out = (struct photometry){0};
+    *out = (struct photometry){.requested = parts};
     if (!parts || !c || c->track_count == 0 || !(median > 0)) return OXL_OK;
     rc = photometry_begin(ctx, scene, &w, out);
     w.lamps = imaging_set_lamps(scene, w.lamp);

@@ -10,8 +10,7 @@
 enum { PHOTOMETRY_MEDIUM = 1, PHOTOMETRY_LAMP = 2, PHOTOMETRY_GAINS = 4, PHOTOMETRY_ALL = 7 };
 struct photometry {
     size_t points, observations; /* 0: too few tracks */
-    /* requested parts that the residuals support */
-    int parts;
+    int requested, parts;        /* PHOTOMETRY_*; those that the residuals support, and perhaps gains */
     double attenuation[3], backscatter[3], veiling_light[3]; /* as in struct medium */
     double error[9];                                         /* standard errors of their nine logarithms */
     /* shapes of the lamps, in the order of imaging_set_lamps */

@@ -33,9 +33,8 @@ struct oxl_scene {
      * it takes; NULL: none */
     oxl_point *found;
     size_t found_count, found_most;
-    /* What it has measured in the tracks for these parts (src/train/train_imaging.c); NULL: nothing */
+    /* What it has measured in the tracks (src/train/train_imaging.c); NULL: nothing */
     struct photometry *measured;
-    int measured_parts;
     double *depth; /* (depth_count) sample of the points' depths in the training views, ascending */
     size_t depth_count;
 

@@ -38,7 +38,7 @@ OXL_INTERNAL void selection_record(struct train *t, const char *what, const char
 OXL_INTERNAL void selection_record_auto(struct train *t, const char *what, oxl_switch mode, int on,
                                         const char *why)
 {
-    if (mode != OXL_AUTO) return;
+    if (mode != OXL_AUTO || train_imaging_is_open(t)) return;
     selection_record(t, what, on ? "on" : "off", why);
     oxl_log(t->ctx, OXL_LOG_INFO, "%s %s: %s", what, on ? "on" : "off", why);
 }

@@ -67,13 +67,14 @@ OXL_INTERNAL void parts_archive(struct archive *a, struct train *t, int branch)
 OXL_INTERNAL int parts_tracks(const struct train *t)
 {
     int wanted = 0;
-    PARTS_FOR(k, tracks) wanted |= parts_at(k)->tracks(t);
+    PARTS_FOR(k, tracks) wanted |= parts_at(k)->tracks(t, t->part[k]);
     return wanted;
 }
 
 OXL_INTERNAL void parts_use_tracks(struct train *t, const struct photometry *p)
 {
-    PARTS_FOR(k, use_tracks) parts_at(k)->use_tracks(t, t->part[k], p);
+    PARTS_FOR(k, use_tracks)
+    if (parts_tracks(t) == p->requested) parts_at(k)->use_tracks(t, t->part[k], p);
 }
 
 OXL_INTERNAL oxl_result parts_before_step(struct train *t)

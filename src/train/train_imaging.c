@@ -28,28 +28,49 @@ static void train_imaging_match_colours(struct train *t, const double colour[3])
         colour[0], colour[1], colour[2]);
 }
 
-/* Gives what the tracks say to the scene, which a look leaves it to for the run behind it. */
+/* Gives what the tracks say to the scene, which a look leaves it to for the run behind it. Keeps a fit with
+ * gains that shows more of the parts asked for: gains that jump hide a lamp in one without. */
 static oxl_result train_imaging_measure(struct train *t)
 {
     oxl_scene *scene = t->scene;
     const int parts = parts_tracks(t);
-    if (scene->measured && scene->measured_parts == parts) return OXL_OK;
-    if (scene->measured) photometry_free(t->ctx, scene->measured);
-    else scene->measured = oxl_calloc(t->ctx, 1, sizeof *scene->measured);
-    scene->measured_parts = parts;
-    return scene->measured ? photometry_measure(t->ctx, scene, parts, scene->measured) : OXL_ERR_MEMORY;
+    struct photometry fit = {0}, *kept = scene->measured;
+    oxl_result rc;
+    if (kept && kept->requested == parts) return OXL_OK;
+    if (!kept) kept = scene->measured = oxl_calloc(t->ctx, 1, sizeof *kept);
+    rc = kept ? photometry_measure(t->ctx, scene, parts, &fit) : OXL_ERR_MEMORY;
+    if (rc != OXL_OK) return rc;
+    if (!(kept->parts & parts & ~fit.parts)) OXL_SWAP(struct photometry, *kept, fit);
+    photometry_free(t->ctx, &fit);
+    kept->requested = parts;
+    return rc;
+}
+
+OXL_INTERNAL int train_imaging_is_open(const struct train *t)
+{
+    return t->trial && !t->is_trial && t->step == t->task.first;
+}
+
+/* Measures again where gains are refused, so that lamp and medium are those of a fit without them. Before a
+ * trial the first colours stay as they are. */
+OXL_INTERNAL oxl_result train_imaging_use_tracks(struct train *t)
+{
+    const oxl_result rc = train_imaging_measure(t);
+    struct imaging m;
+    if (rc == OXL_OK) parts_use_tracks(t, t->scene->measured);
+    if (rc == OXL_OK && parts_tracks(t) != t->scene->measured->requested) return train_imaging_use_tracks(t);
+    if (rc != OXL_OK || !(t->is_look || train_imaging_is_open(t))) scene_forget_look(t->ctx, t->scene);
+    if (rc == OXL_OK && !train_imaging_is_open(t))
+        m = step_imaging(t), medium_bake(t->scene, &m, 1, &t->trained.model);
+    return rc;
 }
 
 OXL_INTERNAL oxl_result train_imaging_begin(struct train *t)
 {
     const oxl_result rc = train_imaging_measure(t);
-    struct imaging m = {0};
-    if (rc == OXL_OK) train_imaging_match_colours(t, t->scene->measured->colour);
-    if (rc == OXL_OK) parts_use_tracks(t, t->scene->measured);
-    if (rc != OXL_OK || !t->is_look) scene_forget_look(t->ctx, t->scene);
-    if (rc == OXL_OK) m = step_imaging(t);
-    if (m.medium.on || m.lamps > 0) medium_bake(t->scene, &m, 1, &t->trained.model);
-    return rc;
+    if (rc != OXL_OK) return rc;
+    train_imaging_match_colours(t, t->scene->measured->colour);
+    return train_imaging_use_tracks(t);
 }
 
 OXL_INTERNAL void train_imaging_describe(struct train *t)
@@ -67,9 +88,10 @@ OXL_INTERNAL void train_imaging_describe(struct train *t)
 
 OXL_INTERNAL void train_imaging_store(struct train *t, oxl_model *model)
 {
-    struct imaging *to = &t->scene->imaging;
+    struct imaging m, *to = &t->scene->imaging;
     imaging_free(t->ctx, to);
     if (!t->part[0]) return; /* there was no memory for the parts */
+    if (model && train_imaging_is_open(t)) m = step_imaging(t), medium_bake(t->scene, &m, 1, model);
     parts_store(t, model);
     parts_form_image(t, to);
     to->medium.training_range = 0;

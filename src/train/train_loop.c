@@ -176,6 +176,7 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
 OXL_INTERNAL void train_end(struct train *t)
 {
     oxl_context *ctx = t->ctx;
+    if (!t->is_look) scene_forget_look(ctx, t->scene);
     parts_free(t);
     model_trained_free(ctx, &t->trained);
     renderer_free(ctx, t->renderer);

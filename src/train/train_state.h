@@ -16,8 +16,7 @@ struct train_branch;
 struct part_view;
 
 struct train_deferred { /* a step that the device has not reported yet */
-    int step, view, is_trial, observed;
-    int has_gain;
+    int step, view, is_trial, observed, has_gain;
     float gain[3]; /* by which the image was multiplied, at the start of the step */
     /* medium and lamp then: a step that is repeated has the same, though they have changed since */
     struct imaging imaging;
@@ -116,7 +115,7 @@ OXL_INTERNAL void branch_archive(struct archive *a, void *train);
 
 /* ---------------- model_selection.c: model only what the scene requires */
 
-enum { SELECTION_VIEWS_MIN = 8 };  /* with fewer training views none is used for validation */
+enum { SELECTION_VIEWS_MIN = 8 }; /* with fewer training views none is used for validation */
 
 /* Returns 1 if a training view is a validation view: an eighth of them, at most 8, evenly spaced. */
 OXL_INTERNAL int selection_is_validation_view(int index, int views);
@@ -143,7 +142,9 @@ OXL_INTERNAL void selection_record_auto(struct train *t, const char *what, oxl_s
 /* ---------------- train_imaging.c: exposure, lamp and medium of a run */
 
 OXL_INTERNAL oxl_result train_imaging_begin(struct train *t); /* from the tracks, before the first step */
-OXL_INTERNAL void train_imaging_describe(struct train *t);    /* warns where values are not identifiable */
+OXL_INTERNAL oxl_result train_imaging_use_tracks(struct train *t); /* the same after exposure's trial */
+OXL_INTERNAL int train_imaging_is_open(const struct train *t); /* 1: exposure's trial is still to decide */
+OXL_INTERNAL void train_imaging_describe(struct train *t);     /* warns where values are not identifiable */
 OXL_INTERNAL void train_imaging_store(struct train *t, oxl_model *model); /* in the scene and the model */
 
 /* ---------------- train_loop.c */
