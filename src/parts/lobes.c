@@ -127,7 +127,7 @@ static void lobes_record_trial(struct train *t, int kept, const double psnr[2], 
         why, sizeof why,
         "%d validation views, after %d steps: %.2f dB with second lobes, %.2f without; %.1f %% more bytes; "
         "kept from +%.2g dB",
-        t->validation_views, selection_trial_steps(t->options), psnr[1], psnr[0],
+        t->validation_views, schedule_trial_steps(t->options), psnr[1], psnr[0],
         100 * (bytes[1] / bytes[0] - 1), LOBES_MIN_GAIN);
     selection_record(t, "dog", kept ? "selective" : "off", why);
     oxl_log(t->ctx, OXL_LOG_INFO, "step %d: second lobes %s: %s", t->step, kept ? "stay" : "go", why);
@@ -139,11 +139,11 @@ static oxl_result lobes_trial(struct train *t, void *state, struct train_branch 
     struct lobes *l = state;
     struct train_branch without = {0};
     double psnr[2], bytes[2];
-    oxl_result rc = selection_train_trial(t, selection_trial_steps(t->options), &psnr[0]);
+    oxl_result rc = selection_train_trial(t, schedule_trial_steps(t->options), &psnr[0]);
     if (rc == OXL_OK) rc = branch_save(t, &without);
     if (rc == OXL_OK) rc = branch_load(t, start);
     if (rc == OXL_OK) rc = lobes_assign(t);
-    if (rc == OXL_OK) rc = selection_train_trial(t, selection_trial_steps(t->options), &psnr[1]);
+    if (rc == OXL_OK) rc = selection_train_trial(t, schedule_trial_steps(t->options), &psnr[1]);
     if (rc == OXL_OK) {
         const int kept = psnr[1] >= psnr[0] + LOBES_MIN_GAIN;
         bytes[0] = (double)t->trained.model.count * model_row_bytes(t->trained.model.sh_degree);

@@ -71,7 +71,7 @@ static void sh_degree_record_trial(struct train *t, int chose, int most, const d
 {
     char why[256], chosen[16];
     int used = snprintf(why, sizeof why, "%d validation views, after %d steps: degree %d %.2f dB",
-                        t->validation_views, selection_trial_steps(t->options), most, psnr[most]);
+                        t->validation_views, schedule_trial_steps(t->options), most, psnr[most]);
     for (int d = 0; d < most && d <= chose; d++)
         used += snprintf(why + used, sizeof why - (size_t)used, ", degree %d %.2f", d, psnr[d]);
     snprintf(why + used, sizeof why - (size_t)used, "; the first within %.2g dB is enough",
@@ -89,12 +89,12 @@ static oxl_result sh_degree_trial(struct train *t, void *state, struct train_bra
     const int most = t->trained.model.sh_degree;
     int chosen = most;
     double psnr[4] = {0, 0, 0, 0};
-    oxl_result rc = selection_train_trial(t, selection_trial_steps(t->options), &psnr[most]);
+    oxl_result rc = selection_train_trial(t, schedule_trial_steps(t->options), &psnr[most]);
     if (rc == OXL_OK) rc = branch_save(t, &all);
     for (int d = 0; d < most && rc == OXL_OK && chosen == most; d++) {
         rc = branch_load(t, start);
         if (rc == OXL_OK) rc = model_trained_set_degree(t->ctx, &t->trained, d);
-        if (rc == OXL_OK) rc = selection_train_trial(t, selection_trial_steps(t->options), &psnr[d]);
+        if (rc == OXL_OK) rc = selection_train_trial(t, schedule_trial_steps(t->options), &psnr[d]);
         if (rc == OXL_OK && psnr[d] >= psnr[most] - SH_DEGREE_MIN_GAIN) chosen = d;
     }
     if (rc == OXL_OK && chosen == most && most > 0) rc = branch_load(t, &all);

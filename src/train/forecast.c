@@ -100,7 +100,7 @@ static double forecast_coarse_steps(const oxl_scene *scene, const oxl_train_opti
 
 OXL_INTERNAL int forecast_trial_steps(const oxl_train_options *o, int views)
 {
-    return views < SELECTION_VIEWS_MIN ? 0 : selection_trial_steps(o) * parts_trials(o);
+    return views < SELECTION_VIEWS_MIN ? 0 : schedule_trial_steps(o) * parts_trials(o);
 }
 
 OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_options *o,

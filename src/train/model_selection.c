@@ -145,11 +145,6 @@ OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double
 
 /* ---------------- a trial: the same steps from the same state */
 
-OXL_INTERNAL int selection_trial_steps(const oxl_train_options *options)
-{
-    return OXL_MAX(1, (int)(1.0 / 40 * options->iterations));
-}
-
 OXL_INTERNAL oxl_result selection_train_trial(struct train *t, int steps, double *psnr)
 {
     const int end = OXL_MIN(t->step + steps, t->options->iterations);

@@ -74,6 +74,7 @@ struct train {
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t);
 OXL_INTERNAL float schedule_alpha_min(const struct train *t);
+OXL_INTERNAL int schedule_trial_steps(const oxl_train_options *options); /* of SH degree and lobes */
 OXL_INTERNAL int schedule_reset_interval(const oxl_train_options *options);
 OXL_INTERNAL int schedule_resets_opacity_at(const oxl_train_options *options, int step);
 
@@ -125,7 +126,6 @@ OXL_INTERNAL void selection_hold_views(struct train *t);
 OXL_INTERNAL void selection_hold(struct train *t, int half); /* those (-1), or every second view (0 or 1) */
 /* Averages loss and PSNR over the validation views; NaN if none can be read. */
 OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr);
-OXL_INTERNAL int selection_trial_steps(const oxl_train_options *options); /* a fortieth of the run */
 /* Trains for so many steps of a trial and evaluates the result on the validation views. */
 OXL_INTERNAL oxl_result selection_train_trial(struct train *t, int steps, double *psnr);
 /* Makes the trial t->trial, before a step; OXL_ERR_INTERRUPTED: it is to be repeated. */
