@@ -681,6 +681,75 @@ TEST(exposure_that_is_refused_leaves_a_lamp_fitted_without_it_unless_that_hides_
     }
 }
 
+static int exposure_test_trial_steps;
+
+static int exposure_test_count(void *user, const oxl_progress *progress)
+{
+    (void)user;
+    exposure_test_trial_steps += progress->trial;
+    return 0;
+}
+
+static int exposure_test_is_over(void *user)
+{
+    (void)user;
+    return exposure_test_trial_steps == 800;
+}
+
+static int exposure_test_has_decided(const struct train *t, const char *what)
+{
+    return t->decisions.data && strstr(t->decisions.data, what) != NULL;
+}
+
+/* Gains that neighbours tell, but of 2 %: a lamp and first colours are those of a run without them. The fit
+ * after the trial may be interrupted. */
+TEST(exposure_that_a_trial_refuses_leaves_what_a_run_without_begins_with)
+{
+    const oxl_callback count = {exposure_test_count, NULL};
+    synth_options o = synth_test_options("waves");
+    struct train t[2] = {{0}, {0}};
+    oxl_train_options options[2];
+    struct colmap survey = {0};
+    oxl_model first;
+    NEEDS_PART(exposure);
+    NEEDS_PART(lamp);
+    o.views = 14, o.threads = 0, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.noise = 0.5, o.lamp = 0;
+    synth_test_make(&o, &survey);
+    colmap_free(test_ctx, &survey);
+    for (int v = 0; v < 14; v++) {
+        const double f = 1 + 0.02 * cos(0.5 * v);
+        photometry_test_scale(&o, "waves", v, (const double[3]){f, f, f});
+    }
+    for (int k = 0; k < 2; k++) {
+        options[k] = oxl_train_options_default(OXL_PRESET_DRAFT);
+        options[k].iterations = 1000, options[k].exposure = k ? OXL_AUTO : OXL_OFF;
+        options[k].medium = OXL_OFF;
+        t[k] = (struct train){.ctx = test_ctx, .options = &options[k], .callback = &count};
+        t[k].decisions.ctx = test_ctx;
+        CHECK_OK(oxl_scene_load(test_ctx, test_path("waves"), NULL, &t[k].scene));
+        CHECK_OK(train_begin(&t[k]));
+    }
+    CHECK(!t[0].trial && t[1].trial && exposure_test_has_decided(&t[0], "lamp"));
+    CHECK(step_imaging(&t[0]).lamps == 1 && !exposure_test_has_decided(&t[1], "lamp"));
+    CHECK_OK(model_copy(test_ctx, &t[1].trained.model, &first));
+    exposure_test_trial_steps = 0;
+    test_ctx->options.stopped = exposure_test_is_over;
+    CHECK(selection_trial(&t[1]) == OXL_ERR_INTERRUPTED && exposure_test_trial_steps == 800);
+    test_ctx->options.stopped = NULL;
+    CHECK(t[1].trial && !exposure_test_has_decided(&t[1], "lamp") &&
+          !exposure_test_has_decided(&t[1], "exposure") && train_same(&t[1].trained.model, &first));
+    CHECK_OK(selection_trial(&t[1]));
+    CHECK(!t[1].trial && exposure_test_has_decided(&t[1], "\"exposure\": {\"chosen\": \"off\"") &&
+          exposure_test_has_decided(&t[1], "\"lamp\": {\"chosen\": \"on\""));
+    CHECK(!train_same(&t[0].trained.model, &first) && train_same(&t[0].trained.model, &t[1].trained.model));
+    oxl_model_free(test_ctx, &first);
+    for (int k = 0; k < 2; k++) {
+        oxl_scene *scene = t[k].scene;
+        train_end(&t[k]);
+        oxl_scene_free(test_ctx, scene);
+    }
+}
+
 /* Medium, exposure and lamp of a synthetic survey; then all images times 0.5, and tinted. */
 TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
 {

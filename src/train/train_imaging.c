@@ -28,19 +28,21 @@ static void train_imaging_match_colours(struct train *t, const double colour[3])
         colour[0], colour[1], colour[2]);
 }
 
-/* Gives what the tracks say to the scene, which a look leaves it to for the run behind it. Keeps a fit with
- * gains that shows more of the parts asked for: gains that jump hide a lamp in one without. */
+/* Gives what the tracks say to the scene, which a look leaves it to for the run behind it. A fit without
+ * gains that are refused must show the same other parts as that with them, which is kept otherwise: gains
+ * that jump hide a lamp, those that drift look like one. */
 static oxl_result train_imaging_measure(struct train *t)
 {
     oxl_scene *scene = t->scene;
     const int parts = parts_tracks(t);
     struct photometry fit = {0}, *kept = scene->measured;
     oxl_result rc;
+    if (kept && kept->requested && !(kept->parts & parts)) kept->requested = parts;
     if (kept && kept->requested == parts) return OXL_OK;
     if (!kept) kept = scene->measured = oxl_calloc(t->ctx, 1, sizeof *kept);
     rc = kept ? photometry_measure(t->ctx, scene, parts, &fit) : OXL_ERR_MEMORY;
     if (rc != OXL_OK) return rc;
-    if (!(kept->parts & parts & ~fit.parts)) OXL_SWAP(struct photometry, *kept, fit);
+    if (!kept->requested || fit.parts == (kept->parts & parts)) OXL_SWAP(struct photometry, *kept, fit);
     photometry_free(t->ctx, &fit);
     kept->requested = parts;
     return rc;
@@ -51,8 +53,8 @@ OXL_INTERNAL int train_imaging_is_open(const struct train *t)
     return t->trial && !t->is_trial && t->step == t->task.first;
 }
 
-/* Measures again where gains are refused, so that lamp and medium are those of a fit without them. Before a
- * trial the first colours stay as they are. */
+/* Measures again where gains are refused, so that lamp and medium have the values of a fit without them.
+ * Before a trial the first colours stay as they are. */
 OXL_INTERNAL oxl_result train_imaging_use_tracks(struct train *t)
 {
     const oxl_result rc = train_imaging_measure(t);
