@@ -3778,8 +3778,8 @@ static void vulkan_check_mask_of(oxl_context *device, int width, int height, int
         vulkan_drop_images(r->v, 0);
     }
     CHECK(differ == 0 && none > 3 * pixels / 20 && none < 3 * pixels * 19 / 20 && loss.masked > 0);
-    transients_free(device, &m);
-    transients_free(device, &cpu);
+    transients_free(&(struct train){.ctx = device}, &m);
+    transients_free(&(struct train){.ctx = device}, &cpu);
     renderer_free(device, t.renderer);
     oxl_scene_free(device, t.scene);
     oxl_model_free(test_ctx, &model);
