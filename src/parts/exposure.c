@@ -15,8 +15,9 @@
  * those views do: the root of the difference of squares is compared with the tracks' noise. From
  * EXPOSURE_PLAUSIBLE times on, a trial before the first step decides: half of the training views is trained
  * with gains and without, and predicts the other half; then the other way round, unless EXPOSURE_SURE is
- * reached. Without a trial (exposure_may_try) they are on from EXPOSURE_CLEAR times on. Gains that are
- * refused are not in the fit of lamp and medium either (train_imaging.c).
+ * reached. Without a trial (exposure_may_try) they are on from EXPOSURE_CLEAR times on. Where
+ * gains are refused, lamp and medium have the values of a fit without them, if it shows the same parts
+ * (train_imaging.c).
  *
  * Rendering on a device, a step's gains do not depend on the gradient of the step before: that is read while
  * the device works on the step
@@ -189,7 +190,6 @@ static void exposure_archive(struct archive *a, struct train *t, void *state)
 
 /* ---------------- the part */
 
-/* Gains that are refused are not in the fit of lamp and medium either. */
 static int exposure_tracks(const struct train *t, const void *state)
 {
     const struct exposure *e = state;

@@ -44,8 +44,8 @@ struct part {
     /* Writes or reads the state that later steps depend on. */
     void (*archive)(struct archive *a, struct train *t, void *state);
 
-    /* Names the PHOTOMETRY_* that the part takes from the colours of tracks before the first step of a run;
-     * what use_tracks has refused no longer. */
+    /* Names the PHOTOMETRY_* that the part takes from the colours of tracks before the first step of a run,
+     * without what use_tracks has refused. */
     int (*tracks)(const struct train *t, const void *state);
     void (*use_tracks)(struct train *t, void *state, const struct photometry *p);
 
