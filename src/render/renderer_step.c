@@ -46,8 +46,7 @@ static oxl_result render_reserve_part(oxl_context *ctx, struct renderer *r)
     return rc == OXL_OK && lobes ? model_set_lobes(ctx, &r->part, rows) : rc;
 }
 
-/* Steps the packs of a job, whose gradient, whose gradient is complete or, if unprojected, is completed
- * here. */
+/* Steps the packs of a job, whose gradient is complete or, if unprojected, is completed here. */
 static void render_step_packs(const oxl_context *ctx, struct renderer *r, const struct gaussians *part,
                               struct adam_job *job, struct renderer_nonfinite *out)
 {
