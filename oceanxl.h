@@ -74,7 +74,7 @@ typedef struct oxl_context oxl_context;
 typedef enum oxl_log_level { OXL_LOG_ERROR = 0, OXL_LOG_WARNING, OXL_LOG_INFO, OXL_LOG_DEBUG } oxl_log_level;
 
 /* The device that renders and trains. Only builds with `make VULKAN=1` have the Vulkan backend. It was tested
- * on lavapipe and SwiftShader, Vulkan devices made of the CPU, so the CPU is the default. */
+ * on one GPU, an NVIDIA H100, and on lavapipe and SwiftShader, so the CPU is the default. */
 typedef enum oxl_backend {
     OXL_BACKEND_CPU = 0,
     OXL_BACKEND_AUTO,  /* a Vulkan device that is not a CPU driver, if present; else the CPU */

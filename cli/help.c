@@ -22,21 +22,20 @@ static const struct {
 } HELP_OUTPUTS[] = {
     {"scene.ply",
      "the model, for any viewer: the SH degrees in use, second lobes in an element of their own."},
-    {"scene_standard.ply",
-     "the same in the 62 columns that every 3DGS viewer reads, if scene.ply is not that already."},
+    {"scene_standard.ply", "the same in the 62 columns that every viewer reads, where scene.ply differs."},
     {"scene_clear.ply, imaging.txt",
      "the scene without its medium, or at mean exposure where gains alone differ (scene.ply is then for viewers); parameters of exposure, lamp, medium, poses. eval and render use both."},
     {"metrics.json",
      "psnr, cc_psnr, ssim, ms_ssim, structure, explained of held-out views, each and mean; psnr, cc_psnr, structure, explained of training views, flag (pose, exposure, blur, colour, reflections, no structure); gaussians, bytes, seconds, iterations, peak_rss_bytes."},
     {"run.json",
-     "version, options (\"job\"), what rendered (\"backend\"), what the survey holds, decisions with evidence, log lines."},
+     "version, options (\"job\"), what rendered (\"backend\"), the survey, decisions with evidence, log lines."},
     {"report.html", "one page: charts, map, worst views."},
-    {"renders/",
-     "NAME.png and NAME.image.png of each held-out view; NAME.clear.png without lamp and medium, where a medium is fitted."},
+    {"renders/, training_views/",
+     "NAME.png and NAME.image.png of each held-out view, of the worst training views; NAME.clear.png without lamp and medium, where a medium is fitted."},
     {"partition.txt, partition.svg", "blocks of a cut survey."},
     {"blocks/KKK/",
      "of each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained; of `partition`: a COLMAP text export."},
-    {"blocks/coarse/", "the coarse model that several blocks begin with; blocks/whole/: the merged model."},
+    {"blocks/coarse/", "the coarse model, with which blocks begin; blocks/whole/: the merged model."},
 };
 
 enum { HELP_DEFAULT = 160, HELP_NOTE = 240, HELP_COLUMN = 31 };
