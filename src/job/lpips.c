@@ -140,7 +140,8 @@ OXL_INTERNAL oxl_result lpips_read(oxl_context *ctx, const char *path, struct lp
     const unsigned char *weight[LPIPS_LAYERS], *bias[LPIPS_LAYERS], *linear[LPIPS_LAYERS];
     size_t floats = 0;
     oxl_result rc = os_read_file(ctx, path, &map);
-    struct lpips_file f = {path, (const unsigned char *)map.data, (const unsigned char *)map.data + map.size};
+    const unsigned char *data = (const unsigned char *)map.data;
+    struct lpips_file f = {path, data, data ? data + map.size : NULL};
     const char *fault = rc == OXL_OK ? lpips_parse(&f, &head, weight, bias, linear) : NULL;
     *out = NULL;
     if (fault) rc = lpips_fail(ctx, path, fault);

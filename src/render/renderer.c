@@ -181,10 +181,10 @@ static struct project_job render_context_job(struct renderer *r, int64_t task)
                                 .end_pack =
                                     OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs - r->packs),
                                 .splat = r->splat + r->packs * PACK,
-                                .lobe = r->lobe + r->in.lobes,
+                                .lobe = r->lobe ? r->lobe + r->in.lobes : NULL,
                                 .visible = r->visible + r->packs,
                                 .medium = render_has_medium(r) ? &r->context_medium : NULL,
-                                .medium_pack = r->medium_pack + r->packs};
+                                .medium_pack = r->medium_pack ? r->medium_pack + r->packs : NULL};
 }
 
 OXL_INTERNAL void renderer_set_transients(struct renderer *r, const struct renderer_transients *transients)

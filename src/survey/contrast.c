@@ -108,11 +108,11 @@ static oxl_result contrast_integrate(oxl_context *ctx, const struct training_ima
     memset(w->integral, 0, stride * sizeof *w->integral);
     for (int y = 0; y < image->height; y++) {
         const uint8_t *rgb = image->rgb + (size_t)y * image->width;
-        uint32_t *out = w->integral + ((size_t)y + 1) * stride, sum = 0;
+        uint32_t *above = w->integral + (size_t)y * stride, *out = above + stride, sum = 0;
         out[0] = 0;
         for (int x = 0; x < image->width; x++) {
             sum += (uint32_t)rgb[x] + rgb[x + pixels] + rgb[x + 2 * pixels];
-            out[x + 1] = out[x + 1 - stride] + sum;
+            out[x + 1] = above[x + 1] + sum;
         }
     }
     return OXL_OK;
