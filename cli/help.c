@@ -31,7 +31,7 @@ static const struct {
      "version, options (\"job\"), what rendered (\"backend\"), the survey, decisions with evidence, log lines."},
     {"report.html", "one page: charts, map, worst views."},
     {"renders/, training_views/",
-     "NAME.png and NAME.image.png of each held-out view, of the worst training views; NAME.clear.png without lamp and medium, where a medium is fitted."},
+     "NAME.png and NAME.image.png of each held-out view and of the worst training views; NAME.clear.png without lamp and medium, where a medium is fitted."},
     {"partition.txt, partition.svg", "blocks of a cut survey."},
     {"blocks/KKK/",
      "of each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained; of `partition`: a COLMAP text export."},

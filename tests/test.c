@@ -1,5 +1,6 @@
 /* test.c - runs the tests: all, or those whose names hold one of the words given, and no -WORD. One line a
- * test, then a sum. OXL_TEST_SHARE=K/N runs each N-th of them, from the K-th on, so that N processes share them.
+ * test, then a sum. OXL_TEST_SHARE=K/N runs each N-th of them, from the K-th on, so that N processes share
+ * them.
  *
  * Test files are objects that link the library's objects and see its internal headers. Each test gets a
  * context that counts memory.
@@ -141,13 +142,13 @@ static const struct {
 
 static int wanted(const char *name, int argc, char **argv)
 {
-    int words = 0, found = 0;
+    int has_words = 0, found = 0;
     for (int i = 1; i < argc; i++) {
-        if (argv[i][0] == '-' && strstr(name, argv[i] + 1)) return 0;
-        words += argv[i][0] != '-';
-        found += argv[i][0] != '-' && strstr(name, argv[i]);
+        const int without = argv[i][0] == '-', holds = strstr(name, argv[i] + without) != NULL;
+        if (without && holds) return 0;
+        has_words |= !without, found |= holds;
     }
-    return !words || found;
+    return found || !has_words;
 }
 
 static void run(const char *name, void (*body)(void))
