@@ -159,13 +159,6 @@ void arguments_apply(const struct arguments *a, oxl_job_options *o)
         if (a->given[i]) oxl_option_set(oxl_option_at(i), o, a->given[i], NULL, 0);
 }
 
-const char *arguments_given(const struct arguments *a, const char *name)
-{
-    for (int i = 0; i < oxl_option_count(); i++)
-        if (strcmp(oxl_option_at(i)->name, name) == 0) return a->given[i];
-    return NULL;
-}
-
 /* Reads the options that stand in place of a command. */
 static void parse_first(int argc, char **argv, struct arguments *a)
 {

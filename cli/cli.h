@@ -355,8 +355,6 @@ const char *cli_option_word(const oxl_option *o, char out[40]); /* writes "--nam
 int arguments_parse(int argc, char **argv, struct arguments *out);
 /* Replaces in `o` each option of the job that was given. */
 void arguments_apply(const struct arguments *a, oxl_job_options *o);
-/* Returns the text that was given for an option of the job; NULL: not given. */
-const char *arguments_given(const struct arguments *a, const char *name);
 
 /* ---------------- help.c: text generated from the tables */
 

@@ -68,16 +68,15 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
     [COMMAND_ABLATE] =
         {"ablate", 1, 1, "SCENE -o OUT", "Trains the paper's variants: gain and cost of each part.",
          "oceanxl ablate survey -o ablation --preset standard --seeds 3",
-         "OUT gets ablation.md (tables), ablation.csv, ablation.svg, and for each row and seed a run of train, in NAME-seedS/. The\n"
-         "same command resumes a stopped study. All rows share the options below. Rows: 3dgs (midpoint cuts), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4 (+DoG\n"
-         "on all), oceanxl (DoG selective); the controls v1-count (V1 with a lower densify threshold, as many Gaussians as V2: up to 4 trainings) and\n"
-         "v3-bytes (V3 with the bytes of OceanXL); and, when named, v3-315 (keeps 0.315, as the paper's sizes say), auto (oceanxl with --ucd auto)."},
+         "OUT gets ablation.md (tables), ablation.csv, and for each row and seed a run of train, in NAME-seedS/. The same command resumes\n"
+         "a stopped study. All rows share the options below. Rows: 3dgs (midpoint cuts), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4 (+DoG on all),\n"
+         "oceanxl (DoG selective); the controls v1-count (V1 with as many Gaussians as V2) and v3-bytes (V3 with the bytes of OceanXL)."},
     [COMMAND_TRADEOFF] =
         {"tradeoff", 1, 1, "SCENE -o OUT",
          "Measures speed against accuracy on a survey: options one at a time, and the presets.",
          "oceanxl tradeoff survey -o tradeoff --budget 20m",
-         "OUT gets tradeoff.md (tables), tradeoff.svg, tradeoff.csv, and a run for each row and seed, in NAME-seedS/. Rows that\n"
-         "do not fit the budget are named; the same command with a larger one resumes. Without --max-side images are reduced to fit it."},
+         "OUT gets tradeoff.md (tables), tradeoff.csv, and a run for each row and seed, in NAME-seedS/. Rows that do not fit the budget\n"
+         "are named; the same command with a larger one resumes."},
 };
 
 /* ---------------- options of the program */

@@ -32,11 +32,9 @@ static oxl_result run_study(oxl_context *ctx, const struct arguments *a, struct 
                        .rows = a->rows,
                        .seeds = a->seeds,
                        .budget = a->command == COMMAND_TRADEOFF ? a->budget : 0,
-                       .side_is_given = arguments_given(a, "max-side") != NULL,
                        .job = a->job,
                        .memory = &console->memory,
-                       .callback = {console_progress, console},
-                       .log = console_log};
+                       .callback = {console_progress, console}};
     oxl_result rc;
     console_catch_signals();
     rc = (a->command == COMMAND_ABLATE ? ablate_run : tradeoff_run)(ctx, &o, stdout);

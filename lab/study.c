@@ -2,7 +2,9 @@
  * more time, resumes.
  *
  * All rows' first seeds come before all second ones: a slow hour of the machine affects every row. With a
- * time budget, rows that do not fit are named, not trained.
+ * time budget, rows that do not fit are named, not trained. Memory is what the library held at its peak: the
+ * process's own peak never falls and is useless after a larger training. It and the CPU time are kept in the
+ * training's study.json.
  */
 #include "study.h"
 
@@ -11,13 +13,7 @@
 #include <string.h>
 #include <time.h>
 
-#define STUDY_SIDE_MIN 240 /* px: images are not reduced below this to fit the budget */
-/* times the base: rows of more steps are not counted when the image size is chosen */
-#define STUDY_LONG 3.0
-#define STUDY_ALIKE 0.03 /* log of the accepted ratio of counts */
-#define STUDY_GUESS 0.75 /* of the base's densify threshold: where the search for an equal count starts */
-#define STUDY_SLOPE -0.8 /* of log count over log threshold, until two trials measure it */
-enum { STUDY_TRIALS = 4 };
+#define STUDY_DENSER 0.3f /* of the base's densify threshold: enough for a control to reach its limit */
 
 /* ---------------- rows */
 
@@ -37,247 +33,216 @@ static int study_row_index(const struct study *s, const char *name)
     return -1;
 }
 
-static oxl_result study_wrong_row(const struct study *s, const char *name, size_t length)
-{
-    char names[500] = "";
-    size_t used = 0;
-    for (int i = s->kind->has_baseline; i < s->kind->rows && used < sizeof names; i++)
-        used += (size_t)snprintf(names + used, sizeof names - used, " %s", s->kind->row[i].name);
-    return oxl_fail(
-        s->meter.ctx, OXL_ERR_USAGE,
-        "--rows: found '%.*s', expected each of these at most once:%s\nfix: --rows with some of them, joined by commas",
-        length > 40 ? 40 : (int)length, name, names);
-}
-
 static oxl_result study_choose_row(struct study *s, const char *name, size_t length)
 {
     const struct study_row *row = study_find_row(s->kind, name, length);
-    if (!row || study_row_index(s, row->name) >= s->kind->has_baseline)
-        return study_wrong_row(s, name, length);
-    if (study_row_index(s, row->name) >= 0) return OXL_OK;
-    if (row->like && study_row_index(s, row->like) < 0)
-        return oxl_fail(s->meter.ctx, OXL_ERR_USAGE,
-                        "--rows: found %s without %s before it, which it is compared with\nfix: --rows %s,%s",
-                        row->name, row->like, row->like, row->name);
-    s->row[s->rows++] = row;
-    return OXL_OK;
+    char names[500] = "";
+    if (row && study_row_index(s, row->name) < 0 && (!row->like || study_row_index(s, row->like) >= 0)) {
+        s->row[s->rows++] = row;
+        return OXL_OK;
+    }
+    for (int i = s->kind->has_baseline; i < s->kind->rows; i++)
+        snprintf(names + strlen(names), sizeof names - strlen(names), " %s", s->kind->row[i].name);
+    return oxl_fail(
+        s->ctx, OXL_ERR_USAGE,
+        "--rows: found '%.*s', expected each of these at most once, controls after their rows:%s\n"
+        "fix: --rows with some of them, joined by commas",
+        length > 40 ? 40 : (int)length, name, names);
 }
 
+/* Chooses the rows of --rows, or all. */
 static oxl_result study_choose_rows(struct study *s)
 {
     oxl_result rc = OXL_OK;
     const char *rows = s->options->rows;
-    if (!rows || s->kind->has_baseline) s->row[s->rows++] = &s->kind->row[0];
-    for (; !rows && s->rows < s->kind->by_default; s->rows++) s->row[s->rows] = &s->kind->row[s->rows];
+    if (s->kind->has_baseline) s->row[s->rows++] = &s->kind->row[0];
+    while (!rows && s->rows < s->kind->rows) s->row[s->rows] = &s->kind->row[s->rows], s->rows++;
     for (; rows && rc == OXL_OK; rows = strchr(rows, ',') ? strchr(rows, ',') + 1 : NULL)
         rc = study_choose_row(s, rows, strcspn(rows, ","));
     return rc;
 }
 
-static oxl_job_options study_job(const struct study *s, int row, int seed)
+/* Sets the options of a row, "cut=midpoint ucd=off". Refuses one of a part that this build does not have. */
+static oxl_result study_set_options(oxl_context *ctx, const struct study_row *row, oxl_job_options *job)
+{
+    char name[40], value[40];
+    for (const char *at = row->options; sscanf(at, "%39[^=]=%39s", name, value) == 2; at += *at == ' ') {
+        const oxl_option *o = oxl_option_find(name);
+        if (!o || oxl_option_set(o, job, value, NULL, 0) != OXL_OK)
+            return oxl_fail(ctx, OXL_ERR_USAGE,
+                            "row %s sets --%s, which this build does not have\nfix: --rows without %s",
+                            row->name, name, row->name);
+        at += strcspn(at, " ");
+    }
+    return OXL_OK;
+}
+
+static oxl_result study_job(const struct study *s, int row, int seed, oxl_job_options *job)
 {
     const struct study_row *r = s->row[row];
-    oxl_job_options job = s->base;
-    job.seed = (uint64_t)seed;
-    job.block = -1;
-    job.renders = 0;
-    if (r->preset) job.train = oxl_train_options_default((oxl_preset)(r->preset - 1));
-    job.train.max_gaussians = s->base.train.max_gaussians;
-    if (r->iterations > 0) job.train.iterations = (int)(r->iterations * s->base.train.iterations + 0.5);
-    for (int i = 0; i < STUDY_OPTIONS && r->option[i][0]; i++)
-        oxl_option_set(oxl_option_find(r->option[i][0]), &job, r->option[i][1], NULL, 0);
-    if (!r->preset) job.train.ucd.learn = s->base.train.ucd.learn; /* rows differ by the mode alone */
-    if (r->equal == STUDY_GAUSSIANS) job.train.densify_gradient = (float)s->threshold[row];
-    if (r->equal == STUDY_BYTES)
-        job.train.keep =
-            (oxl_keep){OXL_KEEP_BYTES, s->value[study_row_index(s, r->like)][seed - 1][STUDY_BYTES]};
-    return job;
-}
-
-/* ---------------- time */
-
-/* Returns the steps of the row, in the base's. */
-static double study_steps(const struct study *s, int row)
-{
-    const int trials = s->row[row]->equal == STUDY_GAUSSIANS ? STUDY_TRIALS : 1;
-    return (double)trials * study_job(s, row, 1).train.iterations / s->base.train.iterations;
-}
-
-/* Reduces images, without a size asked for, until the first seeds of all rows but the longest are likely to
- * fit the budget. The choice is kept in this folder, so a resumed study compares equal sizes. */
-static oxl_result study_choose_side(struct study *s)
-{
-    char *before = output_read(s->options->out, "study.json", NULL);
-    const double chosen = oxl_json_number(before, "max_side");
-    double steps = 0;
-    oxl_survey survey;
-    struct output t = {0};
-    oxl_result rc = oxl_check(s->meter.ctx, s->options->scene, &s->base, &survey);
-    free(before);
-    if (rc != OXL_OK) return rc;
-    s->train_views = survey.train_views;
-    for (int i = 0; i < s->rows; i++) steps += study_steps(s, i) < STUDY_LONG ? study_steps(s, i) : 0;
-    if (!(s->options->budget > 0) || s->options->side_is_given) return OXL_OK;
-    if (chosen >= 1) s->base.scene.max_side = (int)chosen;
-    else {
-        const int side = survey.width > survey.height ? survey.width : survey.height;
-        const int fits = (int)(side * sqrt(s->options->budget / (survey.seconds * steps))) / 16 * 16;
-        if (fits < side) s->base.scene.max_side = fits < STUDY_SIDE_MIN ? STUDY_SIDE_MIN : fits;
-    }
-    output_add(&t, "{\n  \"max_side\": %d\n}\n", s->base.scene.max_side);
-    return study_write(s->meter.ctx, s->options->out, "study.json", &t);
-}
-
-static int study_is_finished(const char *folder)
-{
-    char *run = output_read(folder, "run.json", NULL);
-    const int finished = oxl_json_is_true(run, "finished");
-    free(run);
-    return finished;
-}
-
-/* ---------------- training */
-
-/* Trains one row. trial: of a search, from 0; each has its folder. */
-static oxl_result study_train_in(struct study *s, int row, int seed, int trial, struct study_result *out)
-{
-    const oxl_job_options job = study_job(s, row, seed);
-    char folder[1000], line[200];
-    snprintf(folder, sizeof folder, trial ? "%s/%s-seed%d-%d" : "%s/%s-seed%d", s->options->out,
-             s->row[row]->name, seed, trial);
-    snprintf(line, sizeof line, "%s, seed %d (row %d of %d, seed %d of %d)", s->row[row]->label, seed,
-             row + 1, s->rows, seed, s->options->seeds);
-    if (s->options->log) s->options->log(s->options->callback.user, OXL_LOG_INFO, line);
-    return study_train(&s->meter, folder, &job, out);
-}
-
-/* Takes a secant step in logarithms: the count is near a power of the threshold. off: log of count over the
- * wanted one, of k + 1 trials. */
-static double study_next(const double *threshold, const double *off, int k)
-{
-    double slope = STUDY_SLOPE;
-    if (k > 0 && threshold[k] != threshold[k - 1])
-        slope = fmin(-0.2, fmax(-3, (off[k] - off[k - 1]) / (threshold[k] - threshold[k - 1])));
-    return threshold[k] - off[k] / slope;
-}
-
-/* Trains a control: the densify threshold, the same at all depths, is adjusted until the number of
- * Gaussians equals that of the row `like`. The nearest trial is used. */
-static oxl_result study_train_equal(struct study *s, int row, int seed, struct study_result *out)
-{
-    const double wanted = s->value[study_row_index(s, s->row[row]->like)][seed - 1][STUDY_GAUSSIANS];
-    /* off: log of count over wanted */
-    double least = HUGE_VAL, found = 0, threshold[STUDY_TRIALS], off[STUDY_TRIALS];
-    oxl_result rc = OXL_OK;
-    if (!(s->threshold[row] > 0)) s->threshold[row] = STUDY_GUESS * s->base.train.densify_gradient;
-    for (int k = 0; k < STUDY_TRIALS && least > STUDY_ALIKE && rc == OXL_OK; k++) {
-        struct study_result r;
-        rc = study_train_in(s, row, seed, k, &r);
-        if (rc != OXL_OK) return rc;
-        threshold[k] = log(s->threshold[row]);
-        off[k] = log(fmax(1, r.value[STUDY_GAUSSIANS]) / fmax(1, wanted));
-        if (fabs(off[k]) < least) least = fabs(off[k]), found = s->threshold[row], *out = r;
-        s->threshold[row] = exp(study_next(threshold, off, k));
-    }
-    s->threshold[row] = found;
+    const int like = study_row_index(s, r->like);
+    oxl_result rc;
+    *job = s->base;
+    job->seed = (uint64_t)seed;
+    job->block = -1;
+    job->renders = 0;
+    if (r->preset) job->train = oxl_train_options_default((oxl_preset)(r->preset - 1));
+    job->train.max_gaussians = s->base.train.max_gaussians;
+    if (r->iterations > 0) job->train.iterations = (int)(r->iterations * s->base.train.iterations + 0.5);
+    rc = study_set_options(s->ctx, r, job);
+    if (!r->preset) job->train.ucd.learn = s->base.train.ucd.learn; /* rows differ by the mode alone */
+    if (like < 0) return rc;
+    if (r->equal == STUDY_GAUSSIANS) {
+        job->train.densify_gradient *= STUDY_DENSER;
+        job->train.max_gaussians = (int)s->value[like][seed - 1][STUDY_GAUSSIANS];
+    } else job->train.keep = (oxl_keep){OXL_KEEP_BYTES, s->value[like][seed - 1][STUDY_BYTES]};
     return rc;
 }
 
-static oxl_result study_train_row(struct study *s, int row, int seed, time_t started)
+/* ---------------- one training */
+
+static double study_cpu(void)
 {
-    const double left =
-        s->options->budget > 0 ? s->options->budget - difftime(time(NULL), started) : HUGE_VAL;
-    struct study_result got;
+    return (double)clock() / CLOCKS_PER_SEC;
+}
+
+static int study_progress(void *user, const oxl_progress *p)
+{
+    struct study *s = user;
+    const oxl_callback *c = &s->options->callback;
+    if (s->is_fresh < 0) {
+        s->is_fresh = p->iteration <= 1 && p->block == 0 &&
+                      p->stage == (p->blocks > 1 ? OXL_STAGE_COARSE : OXL_STAGE_BLOCK);
+        s->cpu = study_cpu();
+    }
+    return c->progress ? c->progress(c->user, p) : 0;
+}
+
+static oxl_result study_write(oxl_context *ctx, const char *folder, const char *name, struct output *t)
+{
+    char path[1100];
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    return output_save(t, path)
+               ? OXL_OK
+               : oxl_fail(ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", path);
+}
+
+/* Records the cost: the memory's peak over all the parts in which it was trained, and their CPU time. */
+static oxl_result study_record_cost(const struct study *s, const char *folder)
+{
+    double cpu = study_cpu() - s->cpu, peak = (double)s->options->memory->peak;
+    char *before = output_read(folder, "study.json", NULL);
+    struct output t = {0};
+    if (!s->is_fresh) {
+        cpu += oxl_json_number(before, "cpu_seconds");
+        peak = fmax(peak, oxl_json_number(before, "library_peak_bytes"));
+    }
+    free(before);
+    if (s->is_fresh < 0) return OXL_OK;
+    output_add(&t, "{\n  \"library_peak_bytes\": %.0f", peak);
+    if (!isnan(cpu)) output_add(&t, ",\n  \"cpu_seconds\": %.2f", cpu);
+    output_add(&t, "\n}\n");
+    return study_write(s->ctx, folder, "study.json", &t);
+}
+
+static oxl_result study_read(const struct study *s, const char *folder, double value[STUDY_MEASURES])
+{
+    char *metrics = output_read(folder, "metrics.json", NULL),
+         *cost = output_read(folder, "study.json", NULL);
+    for (int m = 0; m < STUDY_MEASURES; m++)
+        value[m] = oxl_json_number(m < STUDY_CPU ? metrics : cost, STUDY_COLUMNS[m].member);
+    free(metrics);
+    free(cost);
+    if (!isnan(value[STUDY_PSNR]) && !isnan(value[STUDY_BYTES]) && !isnan(value[STUDY_GAUSSIANS]))
+        return OXL_OK;
+    return oxl_fail(
+        s->ctx, OXL_ERR_INPUT,
+        "no whole metrics.json of a training\nfix: remove this folder and run the command again: %s", folder);
+}
+
+static oxl_result study_train(struct study *s, int row, int seed)
+{
+    const oxl_callback callback = {study_progress, s};
+    oxl_job_options job;
     char folder[1000];
-    oxl_result rc;
+    oxl_result rc = study_job(s, row, seed, &job), noted;
     snprintf(folder, sizeof folder, "%s/%s-seed%d", s->options->out, s->row[row]->name, seed);
-    s->wanted[row] = row == 0 ? 0 : study_steps(s, row) * study_mean(s, 0, STUDY_SECONDS).mean;
-    if (s->row[row]->like && s->done[study_row_index(s, s->row[row]->like)] < seed) return OXL_OK;
-    if (s->done[row] < seed - 1 || (s->wanted[row] > left && !study_is_finished(folder))) return OXL_OK;
-    if (s->row[row]->equal == STUDY_GAUSSIANS) rc = study_train_equal(s, row, seed, &got);
-    else rc = study_train_in(s, row, seed, 0, &got);
-    if (rc != OXL_OK) return rc;
-    s->done[row] = seed;
-    s->blocks[row] = got.blocks;
-    s->held_out = got.held_out;
-    memcpy(s->value[row][seed - 1], got.value, sizeof got.value);
-    return OXL_OK;
+    s->options->memory->peak = s->options->memory->used;
+    s->is_fresh = -1;
+    if (rc == OXL_OK) rc = oxl_job_run(s->ctx, s->options->scene, folder, &job, &callback);
+    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
+    noted = study_record_cost(s, folder);
+    if (rc == OXL_OK) rc = noted;
+    if (rc == OXL_OK) rc = study_read(s, folder, s->value[row][seed - 1]);
+    if (rc == OXL_OK) s->done[row] = seed;
+    return rc;
 }
 
 /* ---------------- all of it */
 
-static oxl_result study_write_all(struct study *s, FILE *to)
+/* Returns 1 where the row that this one is made equal to has that seed, and what the training would take, by
+ * the first row's, is left of the budget. */
+static int study_is_due(const struct study *s, int row, int seed, double left)
 {
-    static void (*const make[])(struct output * t, const struct study *s) = {study_page, study_csv,
-                                                                             study_plot};
-    static const char *const ends[] = {"md", "csv", "svg"};
-    oxl_result rc = OXL_OK;
-    for (int i = 0; i < 3 && rc == OXL_OK; i++) {
-        struct output t = {0};
-        char name[40];
-        snprintf(name, sizeof name, "%s.%s", s->kind->file, ends[i]);
-        make[i](&t, s);
-        if (i == 0 && !t.failed) print_format(to, "%s\n", t.data);
-        rc = study_write(s->meter.ctx, s->options->out, name, &t);
-        if (rc == OXL_OK) print_format(to, "%-5s %s/%s\n", ends[i], s->options->out, name);
-    }
+    const int like = study_row_index(s, s->row[row]->like);
+    oxl_job_options job;
+    if ((like >= 0 && s->done[like] < seed) || s->done[row] < seed - 1) return 0;
+    return row == 0 || !(s->options->budget > 0) || study_job(s, row, 1, &job) != OXL_OK ||
+           study_mean(s, 0, STUDY_SECONDS).mean * job.train.iterations / s->base.train.iterations <= left;
+}
+
+static oxl_result study_write_all(const struct study *s, FILE *to)
+{
+    struct output page = {0}, csv = {0};
+    char name[40];
+    oxl_result rc;
+    study_page(&page, s);
+    study_csv(&csv, s);
+    if (!page.failed) print_format(to, "%s\n", page.data);
+    snprintf(name, sizeof name, "%s.md", s->kind->file);
+    rc = study_write(s->ctx, s->options->out, name, &page);
+    snprintf(name, sizeof name, "%s.csv", s->kind->file);
+    if (rc == OXL_OK) rc = study_write(s->ctx, s->options->out, name, &csv);
+    else free(csv.data);
+    if (rc == OXL_OK)
+        print_format(to, "page      %s/%s.md\ntable     %s/%s.csv\n", s->options->out, s->kind->file,
+                     s->options->out, s->kind->file);
     return rc;
 }
 
-/* Refuses rows that set an option of a part of training which this build does not have. */
-static oxl_result study_check_options(const struct study *s)
+/* Refuses rows and options that cannot be trained, and to replace tables of another program. */
+static oxl_result study_begin(struct study *s)
 {
-    for (int r = 0; r < s->rows; r++)
-        for (int i = 0; i < STUDY_OPTIONS && s->row[r]->option[i][0]; i++)
-            if (!oxl_option_find(s->row[r]->option[i][0]))
-                return oxl_fail(
-                    s->meter.ctx, OXL_ERR_USAGE,
-                    "row %s sets --%s, which this build does not have\nfix: --rows without %s, or a build with the "
-                    "part of training that the option belongs to",
-                    s->row[r]->name, s->row[r]->option[i][0], s->row[r]->name);
-    return OXL_OK;
-}
-
-/* Refuses to replace tables of another program, and a study.json that is not of a study. */
-static oxl_result study_check_files(const struct study *s)
-{
-    static const char *const own[][2] = {
-        {"md", "![PSNR over cost]("}, {"csv", "row,against,seed,blocks"}, {"svg", "class='title'>"}};
-    oxl_result rc = output_check_own(s->meter.ctx, s->options->out, "study.json", "\"max_side\"");
-    for (size_t i = 0; i < sizeof own / sizeof *own && rc == OXL_OK; i++) {
-        char name[40];
-        snprintf(name, sizeof name, "%s.%s", s->kind->file, own[i][0]);
-        rc = output_check_own(s->meter.ctx, s->options->out, name, own[i][1]);
-    }
-    return rc;
-}
-
-static oxl_result study_train_rows(struct study *s, FILE *to)
-{
-    const time_t started = time(NULL);
+    char name[40];
+    oxl_job_options job;
     oxl_result rc = study_choose_rows(s);
-    if (rc == OXL_OK) rc = study_check_options(s);
+    for (int r = 0; r < s->rows && rc == OXL_OK; r++) rc = study_job(s, r, 1, &job);
     if (rc == OXL_OK && strlen(s->options->out) > 900)
-        rc = oxl_fail(s->meter.ctx, OXL_ERR_USAGE,
+        rc = oxl_fail(s->ctx, OXL_ERR_USAGE,
                       "the name of the folder is too long\nfix: a shorter one than -o %s", s->options->out);
-    if (rc == OXL_OK) rc = oxl_make_folder(s->meter.ctx, s->options->out);
-    if (rc == OXL_OK) rc = study_check_files(s);
-    if (rc == OXL_OK) rc = study_choose_side(s);
-    for (int seed = 1; seed <= s->options->seeds && rc == OXL_OK; seed++)
-        for (int row = 0; row < s->rows && rc == OXL_OK; row++) rc = study_train_row(s, row, seed, started);
-    return rc == OXL_OK ? study_write_all(s, to) : rc;
+    if (rc == OXL_OK) rc = oxl_make_folder(s->ctx, s->options->out);
+    snprintf(name, sizeof name, "%s.md", s->kind->file);
+    if (rc == OXL_OK) rc = output_check_own(s->ctx, s->options->out, name, "## Effects");
+    snprintf(name, sizeof name, "%s.csv", s->kind->file);
+    return rc == OXL_OK ? output_check_own(s->ctx, s->options->out, name, "row,seed,psnr") : rc;
 }
 
 oxl_result study_run(oxl_context *ctx, const struct study_kind *kind, const study_options *options, FILE *to)
 {
+    const time_t started = time(NULL);
     struct study *s = calloc(1, sizeof *s);
     oxl_result rc;
     if (!s) return OXL_ERR_MEMORY;
+    s->ctx = ctx;
     s->kind = kind;
     s->options = options;
     s->base = options->job;
-    s->meter = (struct study_meter){.ctx = ctx, .options = options};
-    rc = study_train_rows(s, to);
+    rc = study_begin(s);
+    for (int seed = 1; seed <= options->seeds && rc == OXL_OK; seed++)
+        for (int row = 0; row < s->rows && rc == OXL_OK; row++)
+            if (study_is_due(s, row, seed, options->budget - difftime(time(NULL), started)))
+                rc = study_train(s, row, seed);
+    if (rc == OXL_OK) rc = study_write_all(s, to);
     free(s);
     return rc;
 }

@@ -1,0 +1,185 @@
+/* study_page.c - results of a study: means, spreads, comparisons, the Pareto front; one page for people, one
+ * CSV for programs.
+ *
+ * Rows are compared seed by seed, which removes what both share. An effect not larger than its spread over
+ * the seeds is "none". A saving is useful only if the same time with fewer iterations gives less: each row of a
+ * sweep is compared with that, too.
+ */
+#include "study.h"
+
+#include <math.h>
+#include <string.h>
+
+const struct study_column STUDY_COLUMNS[STUDY_MEASURES] = {
+    {"PSNR dB", "psnr", 1, 2, 1},
+    {"SSIM", "ssim", 1, 4, 1},
+    {"structure", "structure", 1, 3, 1},
+    {"LPIPS", "lpips", 1, 4, 1},
+    {"Gaussians", "gaussians", 1, 0, 0},
+    {"MB", "bytes", 1e-6, 2, 0},
+    {"seconds", "seconds", 1, 1, 0},
+    {"CPU s", "cpu_seconds", 1, 1, 0},
+    {"memory MB", "library_peak_bytes", 1e-6, 1, 0},
+};
+
+/* ---------------- figures */
+
+static struct study_figure page_summary(const double *x, int count)
+{
+    struct study_figure f = {0, 0};
+    for (int i = 0; i < count; i++) f.mean += x[i] / count;
+    for (int i = 0; i < count; i++) f.spread += (x[i] - f.mean) * (x[i] - f.mean) / (count - 1);
+    return (struct study_figure){count > 0 ? f.mean : NAN, count > 1 ? sqrt(f.spread) : NAN};
+}
+
+struct study_figure study_mean(const struct study *s, int row, enum study_measure m)
+{
+    double x[CLI_SEEDS];
+    for (int i = 0; i < s->done[row]; i++) x[i] = s->value[row][i][m];
+    return page_summary(x, s->done[row]);
+}
+
+struct study_figure study_compare(const struct study *s, int row, int base, enum study_measure m)
+{
+    const int both = s->done[row] < s->done[base] ? s->done[row] : s->done[base];
+    double x[CLI_SEEDS];
+    for (int i = 0; i < both; i++) {
+        const double value = s->value[row][i][m], other = s->value[base][i][m];
+        x[i] = STUDY_COLUMNS[m].difference ? value - other : value / other;
+    }
+    return page_summary(x, both);
+}
+
+int study_is_pareto_optimal(const struct study *s, int row)
+{
+    const double psnr = study_mean(s, row, STUDY_PSNR).mean, cpu = study_mean(s, row, STUDY_CPU).mean;
+    for (int i = 0; i < s->rows; i++) {
+        const double other = study_mean(s, i, STUDY_PSNR).mean, cost = study_mean(s, i, STUDY_CPU).mean;
+        /* of equals the first is on it */
+        if (i != row && other >= psnr && cost <= cpu && (other > psnr || cost < cpu || i < row)) return 0;
+    }
+    return !isnan(psnr) && !isnan(cpu);
+}
+
+/* Estimates the PSNR that the base's options reach in so much processor time with more iterations or fewer:
+ * linear in the logarithm of time between the two neighbours among the rows that differ in iterations
+ * alone; NaN outside of them. */
+static double page_by_iterations(const struct study *s, double cpu)
+{
+    double below = 0, above = HUGE_VAL, psnr_below = NAN, psnr_above = NAN;
+    for (int i = 0; i < s->rows; i++) {
+        const double c = study_mean(s, i, STUDY_CPU).mean;
+        if (!(s->row[i]->iterations > 0)) continue;
+        if (c <= cpu && c > below) below = c, psnr_below = study_mean(s, i, STUDY_PSNR).mean;
+        if (c >= cpu && c < above) above = c, psnr_above = study_mean(s, i, STUDY_PSNR).mean;
+    }
+    if (below == above) return psnr_below;
+    return psnr_below + (psnr_above - psnr_below) * log(cpu / below) / log(above / below);
+}
+
+/* Returns 1 if a row is compared with another: one of its own, or else the first. */
+static int page_is_compared(const struct study *s, int row, int base)
+{
+    int own = 0;
+    for (int k = 0; k < STUDY_AGAINST && s->row[row]->against[k]; k++)
+        for (int i = 0; i < s->rows; i++) {
+            if (i == row || !s->done[i] || strcmp(s->row[i]->name, s->row[row]->against[k]) != 0) continue;
+            if (i == base) return 1;
+            own = 1;
+        }
+    return !own && base == 0 && row > 0 && s->done[0] > 0;
+}
+
+/* ---------------- the page */
+
+static void page_header(struct output *t, const char *first, const char *last)
+{
+    output_add(t, "\n| %s |", first);
+    for (int m = 0; m < STUDY_MEASURES; m++) output_add(t, " %s |", STUDY_COLUMNS[m].title);
+    output_add(t, "%s\n|---|", last);
+    for (int m = 0; m < STUDY_MEASURES + !!last[0]; m++) output_add(t, "---:|");
+    output_add(t, "\n");
+}
+
+/* Writes "+0.75 +-0.25", "x0.885" or "-": what is known of a figure. */
+static void page_cell(struct output *t, struct study_figure f, const char *sign, int decimals)
+{
+    const char *mean = OUTPUT_FIXED(f.mean, decimals), *spread = OUTPUT_FIXED(f.spread, decimals);
+    output_add(t, " %s%s%s%s |", mean[0] && mean[0] != '-' ? sign : "", mean[0] ? mean : "-",
+               spread[0] ? " +-" : "", spread);
+}
+
+static void page_rows(struct output *t, const struct study *s)
+{
+    page_header(t, "row", "");
+    for (int r = 0; r < s->rows; r++) {
+        if (s->done[r] == 0) continue;
+        output_add(t, "| %s%s |", s->row[r]->label, study_is_pareto_optimal(s, r) ? " \\*" : "");
+        for (enum study_measure m = 0; m < STUDY_MEASURES; m++) {
+            const struct study_figure f = study_mean(s, r, m);
+            const double scale = STUDY_COLUMNS[m].scale;
+            page_cell(t, (struct study_figure){f.mean * scale, f.spread * scale}, "",
+                      STUDY_COLUMNS[m].decimals);
+        }
+        output_add(t, "\n");
+    }
+}
+
+static void page_effect(struct output *t, const struct study *s, int row, int base)
+{
+    output_add(t, "| %s against %s |", s->row[row]->label, s->row[base]->label);
+    for (enum study_measure m = 0; m < STUDY_MEASURES; m++) {
+        const struct study_column *c = &STUDY_COLUMNS[m];
+        const struct study_figure f = study_compare(s, row, base, m);
+        if (fabs(f.mean - !c->difference) <= f.spread) output_add(t, " none |"); /* of one seed never */
+        else page_cell(t, f, c->difference ? "+" : "x", c->difference ? c->decimals : 3);
+    }
+    if (s->kind->has_baseline) {
+        const double other = page_by_iterations(s, study_mean(s, row, STUDY_CPU).mean),
+                     psnr = s->row[row]->iterations > 0 ? NAN : study_mean(s, row, STUDY_PSNR).mean;
+        page_cell(t, (struct study_figure){psnr - other, NAN}, "+", 2);
+    }
+    output_add(t, "\n");
+}
+
+void study_page(struct output *t, const struct study *s)
+{
+    output_add(t, "# %s\n\n%s: preset %s, %d iterations, images of at most %d px a side, seeds 1 to %d",
+               s->kind->title, s->options->scene, s->base.preset ? s->base.preset : "-",
+               s->base.train.iterations, s->base.scene.max_side, s->options->seeds);
+    output_add(t, " (mean +- standard deviation).\n\n## Rows\n");
+    page_rows(t, s);
+    output_add(t,
+               "\n## Effects\n\nDifferences, or ratios (x), seed by seed. none: not larger than the standard "
+               "deviation over the seeds.\n");
+    page_header(t, "row against row", s->kind->has_baseline ? " dB over other iterations |" : "");
+    for (int r = 0; r < s->rows; r++)
+        for (int base = 0; s->done[r] && base < s->rows; base++)
+            if (page_is_compared(s, r, base)) page_effect(t, s, r, base);
+    for (int r = 0; r < s->rows; r++)
+        if (s->done[r] < s->options->seeds)
+            output_add(t,
+                       "\nNot trained: %s, %d of %d seeds done; the rest does not fit the budget. The same "
+                       "command with a larger --budget resumes.\n",
+                       s->row[r]->name, s->done[r], s->options->seeds);
+    output_add(t,
+               "\n\\*: on the front, no other row has as good a PSNR in no more CPU time. structure: "
+               "correlation of detail, 0 is a veil.\nMB: the model's file. seconds: training. CPU s: all "
+               "threads together. memory: what the library held at its peak.\n%s",
+               s->kind->notes);
+}
+
+/* ---------------- CSV */
+
+void study_csv(struct output *t, const struct study *s)
+{
+    output_add(t, "row,seed");
+    for (int m = 0; m < STUDY_MEASURES; m++) output_add(t, ",%s", STUDY_COLUMNS[m].member);
+    output_add(t, "\n");
+    for (int r = 0; r < s->rows; r++)
+        for (int i = 0; i < s->done[r]; i++) {
+            output_add(t, "%s,%d", s->row[r]->name, i + 1);
+            for (int m = 0; m < STUDY_MEASURES; m++) output_add(t, ",%.6f", s->value[r][i][m]);
+            output_add(t, "\n");
+        }
+}
