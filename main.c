@@ -171,19 +171,15 @@ static oxl_result run_report(oxl_context *ctx, const struct arguments *a)
 static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
 {
     oxl_partition_report report = {0};
-    char *json = NULL;
     oxl_result rc;
     console_catch_signals();
     rc = oxl_partition(ctx, a->path[0], a->out, &a->job, &report);
-    if (rc == OXL_OK && a->json) rc = oxl_partition_to_json(ctx, &report, &json);
-    if (json) fputs(json, stdout);
-    else if (rc == OXL_OK) {
+    if (rc == OXL_OK) {
         info_print_blocks(stdout, &report);
         print_format(stdout,
                      "\nblocks    %s/blocks\nlist      %s/partition.txt\nmap       %s/partition.svg\n",
                      a->out, a->out, a->out);
     }
-    oxl_text_free(ctx, json);
     oxl_partition_report_free(ctx, &report);
     return rc;
 }

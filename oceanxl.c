@@ -190,19 +190,19 @@
 #include "src/large/rounds.c" /* several blocks trained as one model */
 
 /* the whole job */
-#include "src/job/survey_report.c"     /* content of a survey and predicted cost of training */
-#include "src/job/partition_balance.c" /* balance of the blocks, predicted cost of each */
-#include "src/job/survey_checksum.c"   /* whether the files are those of an earlier run */
-#include "src/job/manifest.c"          /* run.json: all inputs of a result */
-#include "src/job/out_folder.c"        /* folders that a run may not write to */
-#include "src/job/overlap.c"           /* does a model belong to a survey? */
-#include "src/job/start.c"             /* a model in the place of the points, --from and continuing */
-#include "src/job/render_names.c"      /* their names */
-#include "src/job/render_files.c"      /* renders as files */
-#include "src/job/training_views.c"    /* training views with much larger error than their neighbours */
-#include "src/job/unseen.c"            /* removes Gaussians that no training view shows */
-#include "src/job/lpips.c"             /* LPIPS, for evaluations */
-#include "src/job/metrics_json.c"      /* metrics as JSON */
-#include "src/job/job_result.c"        /* the model in its files, metrics.json, run.json, renders */
-#include "src/job/misfit.c"            /* measures what the error of a render is made of */
-#include "src/job/job_run.c"           /* the whole job: survey folder in, output folder out */
+#include "src/job/survey_report.c"   /* content of a survey and predicted cost of training */
+#include "src/job/partition_job.c"   /* the command `partition` */
+#include "src/job/survey_checksum.c" /* whether the files are those of an earlier run */
+#include "src/job/manifest.c"        /* run.json: all inputs of a result */
+#include "src/job/out_folder.c"      /* folders that a run may not write to */
+#include "src/job/overlap.c"         /* does a model belong to a survey? */
+#include "src/job/start.c"           /* a model in the place of the points, --from and continuing */
+#include "src/job/render_names.c"    /* their names */
+#include "src/job/render_files.c"    /* renders as files */
+#include "src/job/training_views.c"  /* training views with much larger error than their neighbours */
+#include "src/job/unseen.c"          /* removes Gaussians that no training view shows */
+#include "src/job/lpips.c"           /* LPIPS, for evaluations */
+#include "src/job/metrics_json.c"    /* metrics as JSON */
+#include "src/job/job_result.c"      /* the model in its files, metrics.json, run.json, renders */
+#include "src/job/misfit.c"          /* measures what the error of a render is made of */
+#include "src/job/job_run.c"         /* the whole job: survey folder in, output folder out */

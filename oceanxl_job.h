@@ -236,23 +236,12 @@ OXL_API oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *
 /* ---------------- the partition of a survey */
 
 typedef struct oxl_block {
-    size_t points, start_points;       /* inside the block; initial points of its training */
-    int base_views, border_views;      /* views by overlap [OceanXL sec. 3.1] */
-    double gaussians, memory, seconds; /* predicted, as in oxl_survey */
+    size_t points, start_points;  /* inside the block; these, and what its views see beside */
+    int base_views, border_views; /* views by overlap [OceanXL sec. 3.1] */
+    double memory, seconds;       /* predicted, as in oxl_survey */
 } oxl_block;
 
-/* peak: largest / mean; spread: standard deviation / mean; 1 and 0 are optimal */
-typedef struct oxl_balance {
-    int blocks;
-    double points_peak, points_spread, views_peak, views_spread;
-    double memory, seconds, longest; /* predicted: largest block; all blocks in sequence; longest block */
-} oxl_balance;
-
 typedef struct oxl_partition_report {
-    int dimensions;         /* 2 or 3 */
-    double extent[3];       /* along the principal axes, in the survey's unit */
-    oxl_cut cut;            /* used */
-    oxl_balance balance[2]; /* by oxl_cut: for the cut used and for the other */
     int block_count;
     oxl_block *block;
 } oxl_partition_report;
@@ -264,7 +253,6 @@ typedef struct oxl_partition_report {
 OXL_API oxl_result oxl_partition(oxl_context *ctx, const char *scene, const char *out,
                                  const oxl_job_options *options, oxl_partition_report *report);
 OXL_API void oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report);
-OXL_API oxl_result oxl_partition_to_json(oxl_context *ctx, const oxl_partition_report *report, char **out);
 /* The last stage of oxl_job_run: merges the finished blocks of the run in folder `out` into scene.ply and
  * evaluates it. callback may be NULL. */
 OXL_API oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *callback);

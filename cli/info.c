@@ -248,40 +248,25 @@ oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json)
     return rc;
 }
 
-/* ---------------- a partition: each block, and the balance beside the baseline's */
+/* ---------------- a partition */
 
 enum { INFO_BLOCKS = 60 }; /* most blocks that are printed; partition.txt has them all */
 
-static void info_print_balance(FILE *to, const char *what, const char *balanced, const char *midpoint)
-{
-    fprintf(to, "%-34s%11s%11s\n", what, balanced, midpoint);
-}
-
 void info_print_blocks(FILE *to, const oxl_partition_report *r)
 {
-    const oxl_balance *b = &r->balance[OXL_CUT_BALANCED], *m = &r->balance[OXL_CUT_MIDPOINT];
+    double points = 0, views = 0, most_points = 0, most_views = 0;
     fprintf(to, "%6s %10s %10s %6s %7s %11s %10s\n", "block", "points", "starts", "base", "border", "memory",
             "time");
-    for (int i = 0; i < r->block_count && i < INFO_BLOCKS; i++) {
+    for (int i = 0; i < r->block_count; i++) {
         const oxl_block *k = &r->block[i];
-        fprintf(to, "%6d %10zu %10zu %6d %7d %11s %10s\n", i, k->points, k->start_points, k->base_views,
-                k->border_views, OUTPUT_SIZE(k->memory), OUTPUT_SECONDS(k->seconds));
+        const double seen_by = k->base_views + k->border_views;
+        points += (double)k->points, views += seen_by;
+        most_points = fmax(most_points, (double)k->points), most_views = fmax(most_views, seen_by);
+        if (i < INFO_BLOCKS)
+            fprintf(to, "%6d %10zu %10zu %6d %7d %11s %10s\n", i, k->points, k->start_points, k->base_views,
+                    k->border_views, OUTPUT_SIZE(k->memory), OUTPUT_SECONDS(k->seconds));
     }
     if (r->block_count > INFO_BLOCKS) fprintf(to, "   ... and %d more\n", r->block_count - INFO_BLOCKS);
-    fprintf(to, "\n%-34s%11s%11s   (%s was used)\n", "", "balanced", "midpoint",
-            r->cut == OXL_CUT_MIDPOINT ? "midpoint" : "balanced");
-    info_print_balance(to, "blocks", OUTPUT_FIXED(b->blocks, 0), OUTPUT_FIXED(m->blocks, 0));
-    info_print_balance(to, "points a block, largest / mean", OUTPUT_FIXED(b->points_peak, 3),
-                       OUTPUT_FIXED(m->points_peak, 3));
-    info_print_balance(to, "  coefficient of variation", OUTPUT_FIXED(b->points_spread, 3),
-                       OUTPUT_FIXED(m->points_spread, 3));
-    info_print_balance(to, "cameras a block, largest / mean", OUTPUT_FIXED(b->views_peak, 3),
-                       OUTPUT_FIXED(m->views_peak, 3));
-    info_print_balance(to, "  coefficient of variation", OUTPUT_FIXED(b->views_spread, 3),
-                       OUTPUT_FIXED(m->views_spread, 3));
-    info_print_balance(to, "memory of the largest block", OUTPUT_SIZE(b->memory), OUTPUT_SIZE(m->memory));
-    info_print_balance(to, "time of the longest block", OUTPUT_SECONDS(b->longest),
-                       OUTPUT_SECONDS(m->longest));
-    info_print_balance(to, "time of all, one after the other", OUTPUT_SECONDS(b->seconds),
-                       OUTPUT_SECONDS(m->seconds));
+    fprintf(to, "\nlargest / mean: %.3f of the points, %.3f of the views\n",
+            most_points * r->block_count / points, most_views * r->block_count / fmax(views, 1));
 }

@@ -137,7 +137,7 @@ static const oxl_option CLI_OPTIONS[] = {
 {"frames", "N", OXL_OPTION_INT, FIELD(frames), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "number of frames of the flight", NULL},
 {"scale", "METRES", OXL_OPTION_DOUBLE, FIELD(scale), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(CONVERT) | IN(REPORT), "Views", "metres per unit of the survey, as printed by measure: depths, heights, positions, models and the report's lengths get metres", NULL},
 {"o", "FOLDER", OXL_OPTION_TEXT, FIELD(out), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN) | IN(RENDER) | IN(SYNTH) | IN(PARTITION) | STUDIES, "Program", "output folder; created if missing", NULL},
-{"json", NULL, OXL_OPTION_FLAG, FIELD(json), 0, 1, NO_TEXT, OXL_TIER_BASIC, TRAINS | IN(EVAL) | IN(INFO), "Program", "print results on standard output as JSON", NULL},
+{"json", NULL, OXL_OPTION_FLAG, FIELD(json), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN) | IN(CHECK) | IN(EVAL) | IN(INFO), "Program", "print results on standard output as JSON", NULL},
 {"quality", NULL, OXL_OPTION_FLAG, FIELD(quality), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(CHECK), "Program", "decode every image and name those that are more blurred, darker or brighter than their neighbours", NULL},
 {"control", "FILE", OXL_OPTION_TEXT, FIELD(control), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(CHECK), "Program", "also compare control points with where the cameras see them; lines of NAME,X,Y,Z,IMG,X,Y,IMG,X,Y: world, and pixels in two images or more", NULL},
 {"dry-run", NULL, OXL_OPTION_FLAG, FIELD(dry_run), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN), "Program", "check the survey, the options and OUT, print predicted time and memory, write nothing", NULL},

@@ -129,8 +129,6 @@ struct partition_candidate partition_choose(const struct partition_build *b, con
                                             const struct partition_bin *bins);
 /* src/large/block_plan.c */
 double plan_best_rectangle(const double *value, int width, int height, struct image_window *best);
-/* src/job/partition_balance.c */
-oxl_balance balance_summary(const oxl_block *block, int count);
 /* src/job/render_files.c */
 char *render_file_path(oxl_context *ctx, const char *folder, const char *name, const char *suffix);
 oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, const char *name, const float *depth,

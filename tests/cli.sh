@@ -348,13 +348,12 @@ promise convert_says_that_gains_are_another_models 0 "is another model's" on_std
 promise convert_to_splat_warns_of_the_origin 0 "cannot store the origin" on_stderr "$program" convert out/scene.ply scene.splat
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply
-promise partition_compares_both_cuts 0 "balanced   midpoint" on_stdout "$program" partition survey -o cut --block-points 250
+promise partition_says_how_even_the_blocks_are 0 "largest / mean" on_stdout "$program" partition survey -o cut --block-points 250
 promise partition_writes_list_and_drawing 0 "<svg" sh -c 'test -s cut/partition.txt && head -c 100 cut/partition.svg'
 promise a_block_is_a_survey_of_its_own 0 "0 held-out views" "$program" check cut/blocks/001 --test-every 0
 promise partition_takes_the_options_of_train 0 "" "$program" partition survey -o cut --block-points 250 --seed 3 --mask-transients --exposure off
 promise help_all_lists_what_stands_in_place_of_a_command 0 "--options-page" on_stdout "$program" --help all
 promise help_breaks_the_line_after_a_long_option 0 "" sh -c "'$program' train --help | grep -qx '  --keep FRACTION|COUNT|SIZE|auto|all'"
-promise partition_prints_json 0 '"midpoint": {"blocks": ' on_stdout "$program" partition survey -o cut --block-points 250 --json
 promise partition_none_is_one_block 0 "stay one block" "$program" partition survey -o whole --block-points 9 --partition none
 promise ablate_compares_rows 0 "V1 +BSP against 3DGS, midpoint" on_stdout "$program" ablate survey -o ablation --rows 3dgs,v1 --iterations 20 --block-points 250 --threads 1 --quiet
 promise ablate_keeps_each_run 0 "v1,1," sh -c 'test -s ablation/3dgs-seed1/scene.ply && test -s ablation/v1-seed1/scene.ply && test -s ablation/ablation.md && cat ablation/ablation.csv'

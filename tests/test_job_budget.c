@@ -161,8 +161,6 @@ TEST(budget_is_what_partition_predicts_with)
     options.ram = (size_t)OXL_MAX(0.9 * free.block[0].memory, 1.5 * (double)os_peak_rss());
     CHECK_OK(oxl_partition(test_ctx, test_path("survey"), test_path("limited"), &options, &limited));
     for (int k = 0; k < limited.block_count; k++) CHECK(limited.block[k].memory <= (double)options.ram);
-    CHECK(limited.balance[0].memory <= (double)options.ram &&
-          limited.balance[1].memory <= (double)options.ram);
     oxl_partition_report_free(test_ctx, &free);
     oxl_partition_report_free(test_ctx, &limited);
 }
