@@ -105,7 +105,6 @@
 #include "backends/vulkan/images.c"   /* training images that stay on the device */
 #include "backends/vulkan/resident.c" /* what else stays on the device between steps */
 #include "backends/vulkan/imaging.c"  /* medium, lamp, dropout, depth loss */
-#include "backends/vulkan/masks.c"    /* masks of transients */
 #include "backends/vulkan/forward.c"  /* the forward pass as passes */
 #include "backends/vulkan/renderer.c" /* functions of the renderer as passes */
 #endif
@@ -138,7 +137,6 @@
 #include "src/parts/dropout.c"       /* leaves out Gaussians at random */
 #include "src/parts/lobes.c"         /* which Gaussians get a second lobe */
 #include "src/parts/prune.c"         /* pruning: schedule and scores */
-#include "src/parts/transients.c"    /* masks pixels that disagree with all other images */
 #include "src/parts/exposure.c"      /* log gains per training image */
 #include "src/parts/medium.c"        /* the nine parameters of the medium */
 #include "src/parts/lamp.c"          /* a light that moves with the camera */

@@ -503,7 +503,6 @@ typedef struct oxl_train_options {
     int antialias;       /* 1: as oxl_model.antialias, and no Gaussian is smaller than a pixel of any view */
     int gaps;            /* 1: Gaussians to start from also where a view has no point nearby */
     int carve;           /* 1: Gaussians between a camera and the points that it observes are removed */
-    int mask_transients; /* 1: pixels that disagree with all other images, such as fish, are masked */
     /* difference-of-Gaussians lobes */
     oxl_dog dog;
     /* fraction of the run at which lobes are assigned, during pruning [OceanXL sec. 3.2] */

@@ -3,7 +3,7 @@
  *     make bench VULKAN=1 BACKEND=vulkan [BENCH="GAUSSIANS WIDTH HEIGHT [DEVICE [cpu]]"]
  *
  * With OXL_BENCH_PARTS=1 in the environment a step has all parts: lamp, medium that trains, dropout, the loss
- * in front of points, masks of transients.
+ * in front of points.
  *
  * A plane of Gaussians as a survey looks from above, SH degree 3, everything in view. Times of passes are the
  * device's own (timestamps);
@@ -62,9 +62,6 @@ static const char *const DEVICE_PASSES[PASS_COUNT] = {[PASS_PROJECT] = "project"
                                                       [PASS_IMAGING_ROWS] = "imaging, rows",
                                                       [PASS_IMAGING_TOTAL] = "imaging, total",
                                                       [PASS_DEPTH_LOSS] = "depth loss",
-                                                      [PASS_TRANSIENTS_MEASURE] = "transients, measure",
-                                                      [PASS_TRANSIENTS_MARK] = "transients, mark",
-                                                      [PASS_TRANSIENTS_APPLY] = "transients, apply",
                                                       [PASS_PEAK] = "peak"};
 
 struct device_most {    /* what the passes are held against */
@@ -96,13 +93,11 @@ struct device_run {
     struct training_image image;
     float *numbers;
     oxl_point *point; /* (as many as Gaussians) */
-    struct renderer_transients masks;
     struct renderer *renderer;
 };
 
 static void device_begin(oxl_context *ctx, size_t count, int width, int height, struct device_run *r)
 {
-    const struct transients_grid grid = transients_grid(width, height);
     oxl_point *point = oxl_calloc(ctx, count, sizeof *point);
     if (!point) device_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu points", count));
     for (size_t i = 0; i < count; i++)
@@ -125,19 +120,6 @@ static void device_begin(oxl_context *ctx, size_t count, int width, int height, 
         device_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image"));
     for (size_t i = 0; i < 3 * (size_t)width * (size_t)height; i++)
         r->image.rgb[i] = (uint8_t)random_bits(8, i, 0);
-    r->masks = (struct renderer_transients){.point = point,
-                                            .points = count,
-                                            .expected = r->numbers + 2 * count,
-                                            .update = 1,
-                                            .side = grid.side,
-                                            .across = grid.across,
-                                            .down = grid.down,
-                                            .votes = TRANSIENTS_VOTES,
-                                            .near = TRANSIENTS_NEAR,
-                                            .error = TRANSIENTS_ERROR,
-                                            .times = TRANSIENTS_TIMES,
-                                            .rate = TRANSIENTS_RATE,
-                                            .most = TRANSIENTS_MAX};
     device_check(ctx, renderer_create(ctx, &r->renderer));
     renderer_expect_steps(r->renderer);
 }
@@ -164,7 +146,6 @@ static void device_set_parts(struct device_run *r)
     renderer_set_medium(r->renderer, &DEVICE_MEDIUM, 1);
     renderer_set_gain(r->renderer, gain);
     renderer_set_dropout(r->renderer, 0.2, 7, 3);
-    renderer_set_transients(r->renderer, &r->masks);
 }
 
 /* Points all over the image, a little behind the plane. */

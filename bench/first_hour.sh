@@ -33,7 +33,7 @@ verdict() { # NAME CODE
     if [ "$2" = 0 ]; then echo "- $1: ok"; else echo "- $1: FAILED ($2), see $log"; failed=1; fi
 }
 
-# One line of the table of passes: what bench/device.c prints, in milliseconds. OXL_BENCH_PARTS=1: with lamp, medium, dropout, depth loss, masks of transients.
+# One line of the table of passes: what bench/device.c prints, in milliseconds. OXL_BENCH_PARTS=1: with lamp, medium, dropout, depth loss.
 times() { # GAUSSIANS:WIDTH:HEIGHT [BATCH]
     local g w h out
     IFS=: read -r g w h <<<"$1"
@@ -49,7 +49,6 @@ times() { # GAUSSIANS:WIDTH:HEIGHT [BATCH]
         END {
             sort = t["scan"] + t["compact"] + t["sort, count"] + t["sort, scatter"] + t["footprint"] + t["ranges"]
             parts = t["lamp"] + t["imaging, pixels"] + t["imaging, rows"] + t["imaging, total"] + t["depth loss"]
-            parts += t["transients, measure"] + t["transients, mark"] + t["transients, apply"]
             loss = t["loss forward"] + t["loss total"] + t["loss backward"] + t["unpack"]
             printf "| %s | %s | %s | %s | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %s | %s |\n", g, size, batch, pairs, t["project"], sort,
                 t["raster"], loss, t["raster backward"], t["backward + Adam"], parts, t["step"], waits, dispatches
@@ -87,12 +86,12 @@ echo '| Gaussians | image | batch | pairs | project | sort | raster | loss | ras
 echo '|---|---|---|---|---|---|---|---|---|---|---|---|---|---|'
 for size in $sizes; do times "$size"; done
 for batch in 4 16; do times "$variants" $batch; done
-echo "The last with lamp, medium, dropout, the loss in front of points and masks of transients (OXL_BENCH_PARTS=1):" >>"$log"
+echo "The last with lamp, medium, dropout, the loss in front of points (OXL_BENCH_PARTS=1):" >>"$log"
 export OXL_BENCH_PARTS=1
 times "$variants"
 unset OXL_BENCH_PARTS
 echo
-echo 'Waits: of the host while the device has nothing else to do. Parts: passes of lamp, medium, the loss in front of points and masks of transients, which the last line has.'
+echo 'Waits: of the host while the device has nothing else to do. Parts: passes of lamp, medium, the loss in front of points, which the last line has.'
 echo
 echo '## Training'
 echo
@@ -123,6 +122,6 @@ train deep-1 deep vulkan 'lamp and medium'
 train deep-2 deep vulkan 'lamp and medium'
 same 'two trainings with lamp and medium' deep-1 deep-2
 for backend in cpu vulkan; do
-    train "blocks-$backend" deep $backend 'two blocks in front of each other, masks of transients, dropout' --blocks 2 --mask-transients --dropout 0.1
+    train "blocks-$backend" deep $backend 'two blocks in front of each other, dropout' --blocks 2 --dropout 0.1
 done
 exit $failed

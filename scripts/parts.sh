@@ -25,7 +25,6 @@ words() { # of identifiers, by part; the option keep of prune is left out, a com
         free_space) echo 'free_space|carve|carved' ;;
         lobes) echo 'lobes|lobe|dog' ;;
         prune) echo 'prune|pruned|pruning' ;;
-        transients) echo 'transients|transient' ;;
         lamp) echo 'lamp|lamps' ;;
         *) echo "$1" ;;
     esac

@@ -111,8 +111,6 @@ void checkpoint_case_free(struct checkpoint_case *c);
 struct checkpoint_case checkpoint_of(oxl_scene *scene, oxl_train_options options);
 oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int until, oxl_model *out);
 
-/* test_transients.c */
-oxl_scene *transients_test_scene(int views);
 /* test_underwater.c */
 struct lamp lamp_of(int view);
 struct imaging imaging_test_make(int views, const int *known, int count);

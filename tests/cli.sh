@@ -351,7 +351,7 @@ promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene
 promise partition_says_how_even_the_blocks_are 0 "largest / mean" on_stdout "$program" partition survey -o cut --block-points 250
 promise partition_writes_list_and_drawing 0 "<svg" sh -c 'test -s cut/partition.txt && head -c 100 cut/partition.svg'
 promise a_block_is_a_survey_of_its_own 0 "0 held-out views" "$program" check cut/blocks/001 --test-every 0
-promise partition_takes_the_options_of_train 0 "" "$program" partition survey -o cut --block-points 250 --seed 3 --mask-transients --exposure off
+promise partition_takes_the_options_of_train 0 "" "$program" partition survey -o cut --block-points 250 --seed 3 --exposure off
 promise help_all_lists_what_stands_in_place_of_a_command 0 "--options-page" on_stdout "$program" --help all
 promise help_breaks_the_line_after_a_long_option 0 "" sh -c "'$program' train --help | grep -qx '  --keep FRACTION|COUNT|SIZE|auto|all'"
 promise partition_none_is_one_block 0 "stay one block" "$program" partition survey -o whole --block-points 9 --partition none

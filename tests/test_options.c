@@ -145,7 +145,6 @@ TEST(options_check_names_the_one_that_is_out_of_range)
 TEST(options_read_their_former_names)
 {
     CHECK(oxl_option_find("split") == oxl_option_find("cut"));
-    CHECK(oxl_option_find("robust") == oxl_option_find("mask-transients"));
 }
 
 /* Another value than the default's for every option of the result. */

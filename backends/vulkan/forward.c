@@ -308,7 +308,6 @@ OXL_INTERNAL oxl_result vulkan_forward(void *device, const oxl_model *model, con
     vulkan_take_view(r, model, camera, options, settings);
     if (r->veil_trains)
         vulkan_reserve(r->v, &r->through, (size_t)camera->width * (size_t)camera->height, 4, "pixels");
-    vulkan_take_transients(r, settings->transients);
     vulkan_order_rows(r);
     vulkan_make_pair_room(r, steps);
     vulkan_order_pairs(r);

@@ -40,9 +40,6 @@ static const struct {
     VULKAN_PASS(IMAGING_ROWS),
     VULKAN_PASS(IMAGING_TOTAL),
     VULKAN_PASS(DEPTH_LOSS),
-    VULKAN_PASS(TRANSIENTS_MEASURE),
-    VULKAN_PASS(TRANSIENTS_MARK),
-    VULKAN_PASS(TRANSIENTS_APPLY),
     VULKAN_PASS(PEAK),
 };
 
@@ -176,8 +173,7 @@ OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t v
                         push);
     vulkan_stamp(v, pass, 0);
     v->dispatches++;
-    v->relied_on |= pass == PASS_STEP || pass == PASS_OBSERVE || pass == PASS_MOVE || pass == PASS_UNPACK ||
-                    pass == PASS_TRANSIENTS_APPLY;
+    v->relied_on |= pass == PASS_STEP || pass == PASS_OBSERVE || pass == PASS_MOVE || pass == PASS_UNPACK;
     v->CmdDispatch(v->commands, (uint32_t)across, (uint32_t)down, 1);
     vulkan_stamp(v, pass, 1);
     vulkan_barrier(v);

@@ -60,9 +60,7 @@ static oxl_result vulkan_loss(void *device, const float *rgb, const float *weigh
     struct vulkan_renderer *r = device;
     struct vulkan *v = r->v;
     const size_t pixels = (size_t)r->view.width * r->view.height;
-    const int masks = r->masks && !rgb;
     float total[OXL_COUNT(r->report->totals)];
-    uint32_t masked = 0;
     r->exposed = gains->gain != NULL;
     if (gains->gain) memcpy(r->gain, gains->gain, sizeof r->gain);
     r->contrast = gains->contrast > 0 ? (float)(gains->contrast * gains->contrast) : 9e-4f;
@@ -75,14 +73,11 @@ static oxl_result vulkan_loss(void *device, const float *rgb, const float *weigh
     if (weight) vulkan_reserve(v, &r->weight, pixels, 4, "pixels");
     if (rgb) vulkan_upload(v, &r->target, 0, rgb, 12 * pixels);
     if (weight) vulkan_upload(v, &r->weight, 0, weight, 4 * pixels);
-    if (masks) vulkan_mask_transients(r);
-    vulkan_compare(r, ssim_weight, rgb ? weight != NULL : r->masked || masks);
+    vulkan_compare(r, ssim_weight, rgb ? weight != NULL : r->masked);
     r->ssim_weight = ssim_weight;
     if (r->deferred) return v->rc;
     vulkan_download(v, &r->totals, 0, total, sizeof total);
-    if (masks) vulkan_download(v, &r->counts, COUNT_MASKED * sizeof masked, &masked, sizeof masked);
     if (v->rc == OXL_OK) *out = vulkan_loss_of(total, ssim_weight);
-    out->masked = (double)masked / (double)pixels;
     return v->rc;
 }
 
@@ -235,7 +230,6 @@ static oxl_result vulkan_end_step(struct vulkan_renderer *r)
                 sizeof r->report->counts);
     vulkan_copy(v, &r->totals, &r->reports, at + offsetof(struct vulkan_report, totals),
                 sizeof r->report->totals + sizeof r->report->imaging);
-    r->report_pixels[r->steps % VULKAN_REPORTS] = (size_t)r->view.width * r->view.height;
     r->steps += vulkan_next_frame(v) == OXL_OK;
     return v->rc;
 }
@@ -295,8 +289,6 @@ static oxl_result vulkan_report(void *device, int wait, struct renderer_report *
     *out = (struct renderer_report){1, here->counts[COUNT_HALT], vulkan_loss_of(here->totals, r->ssim_weight),
                                     vulkan_nonfinite_of(here->counts + COUNT_NONFINITE)};
     vulkan_imaging_of(here->imaging, out->loss.dlamp, out->loss.dmedium);
-    out->loss.masked =
-        (double)here->counts[COUNT_MASKED] / (double)r->report_pixels[(r->reported - 1) % VULKAN_REPORTS];
     if (out->halt == HALT_NONE) return OXL_OK;
     r->reported = r->steps; /* those behind it did nothing */
     r->room = 0;            /* to be found anew */

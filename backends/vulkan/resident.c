@@ -248,11 +248,9 @@ OXL_INTERNAL oxl_result vulkan_download_model(void *device, enum renderer_downlo
     for (int k = 0; r->stepped && what != DOWNLOAD_SHAPE && k < TRAINED_PARTS; k++)
         vulkan_copy_model(r, model_trained_part(r->trained, k), r->planes, 0);
     if (r->observed) vulkan_copy_sums(r, 0);
-    if (what != DOWNLOAD_SHAPE) vulkan_copy_expected(r);
     if (r->v->rc != OXL_OK) return r->v->rc; /* the device still has what the host has not */
     if (what != DOWNLOAD_SHAPE) r->stepped = 0;
     r->observed = 0;
-    if (what != DOWNLOAD_SHAPE) r->expected_newer = 0;
     if (what != DOWNLOAD_TO_READ) r->sums_here = 0;
     if (what == DOWNLOAD_TO_CHANGE) r->model_here = r->moments_here = 0;
     return r->v->rc;

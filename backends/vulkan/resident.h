@@ -37,7 +37,6 @@ enum vulkan_count {
     COUNT_NONFINITE,
     COUNT_FIRST_NONFINITE,
     COUNT_CLEARED,
-    COUNT_MASKED, /* pixels, as transients */
     COUNTS
 };
 
@@ -73,7 +72,6 @@ struct vulkan_renderer {
     size_t steps, reported; /* deferred steps submitted; those reported */
     /* (VULKAN_REPORTS) step n's is n % VULKAN_REPORTS; as the host sees it */
     const struct vulkan_report *report;
-    size_t report_pixels[VULKAN_REPORTS]; /* of the step's image */
     struct vulkan_slab *slab;
     size_t slabs, slab_capacity;
     uint32_t stride;             /* rows of a slab */
@@ -102,10 +100,6 @@ struct vulkan_renderer {
      * dropout */
     int in_medium, medium_trains, veil_trains, drops, is_window;
     int may_be_lit; /* the loss may have a lamp */
-    /* the last view masks transients; as which; its expected errors are newer here than on the host */
-    int masks;
-    struct renderer_transients transients;
-    int expected_newer;
     int sort_end; /* which of the pairs' key and value buffers holds the sorted ones */
     /* from here on nothing but buffers: vulkan_renderer_free goes through them. By row */
     struct vulkan_buffer splat_a, splat_b, splat_c, lobe_a, lobe_b, seen, rank, row_key[2], row_value[2],
@@ -117,8 +111,6 @@ struct vulkan_renderer {
     struct vulkan_buffer start, rgb, drgb, target, weight, slope[3], partial, passing, through, lamp;
     /* shares of the sums over pixels and rows; of a view's lamp and points */
     struct vulkan_buffer pixel_sums, row_sums, powers, depth_points, depth_first;
-    /* transients, by point and by square of pixels */
-    struct vulkan_buffer position, expected, place, square_error, square_expected, square_mark;
     /* small, or of sorting and scanning */
     struct vulkan_buffer view_buffer, counts, rates, totals, histogram, digits, scan_sums, reports;
 };
@@ -181,11 +173,5 @@ OXL_INTERNAL void vulkan_imaging_of(const float imaging[VULKAN_IMAGING], double 
                                     double dmedium[MEDIUM_SUMS]);
 OXL_INTERNAL oxl_result vulkan_imaging_gradient(void *device, double dlamp[LAMP_TERMS],
                                                 double dmedium[MEDIUM_SUMS]);
-
-/* ---------------- masks.c */
-
-OXL_INTERNAL void vulkan_take_transients(struct vulkan_renderer *r, const struct renderer_transients *t);
-OXL_INTERNAL void vulkan_mask_transients(struct vulkan_renderer *r);
-OXL_INTERNAL void vulkan_copy_expected(struct vulkan_renderer *r); /* to the host, where it is newer */
 
 #endif

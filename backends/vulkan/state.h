@@ -9,7 +9,6 @@
  *     images.c    training images that stay on the device
  *     resident.c  what else a renderer keeps there
  *     imaging.c   medium, lamp, dropout, the loss in front of points
- *     masks.c     masks of transients
  *     forward.c   the forward pass
  *     renderer.c  loss, backward pass, step; the table of struct renderer_device
  *
@@ -106,9 +105,6 @@ enum vulkan_pass {
     PASS_IMAGING_ROWS,
     PASS_IMAGING_TOTAL,
     PASS_DEPTH_LOSS,
-    PASS_TRANSIENTS_MEASURE,
-    PASS_TRANSIENTS_MARK,
-    PASS_TRANSIENTS_APPLY,
     PASS_PEAK, /* of the benchmark alone */
     PASS_COUNT
 };

@@ -10,7 +10,6 @@
     ROW(dropout)        \
     ROW(lobes)          \
     ROW(prune)          \
-    ROW(transients)     \
     ROW(exposure)       \
     ROW(medium)         \
     ROW(lamp)           \

@@ -18,7 +18,6 @@ struct renderer_settings {
     double dropout;
     uint64_t dropout_seed;
     int dropout_step;
-    const struct renderer_transients *transients; /* NULL: none */
 };
 
 /* What lies between the rendered image and the loss. */

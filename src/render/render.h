@@ -70,11 +70,6 @@ OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r,
                                            const struct training_image *image,
                                            const struct image_window *window, int halved);
 
-/* On the CPU, after forward: that image, (3,H,W), and its weights, (H,W), for a caller that fills them;
- * has_mask 0: they have no values yet. */
-OXL_INTERNAL oxl_result renderer_target(oxl_context *ctx, struct renderer *r, const float **rgb,
-                                        float **weight, int *has_mask);
-
 enum {                         /* gradients of a medium: where they are in an array of MEDIUM_SUMS */
        MEDIUM_ATTENUATION = 0, /* three channels each */
        MEDIUM_BACKSCATTER = 3,
@@ -89,7 +84,6 @@ struct renderer_loss {
     double dlog_gain[3];         /* dL/d(log gain), with renderer_set_gain */
     double dlamp[LAMP_TERMS];    /* dL/d(shape), with renderer_set_lamp; here after the step */
     double dmedium[MEDIUM_SUMS]; /* of a medium that trains, likewise */
-    double masked;               /* on a device: fraction of the pixels that renderer_set_transients masked */
 };
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb,
                                       const float *weight, float ssim_weight, struct renderer_loss *out);
@@ -217,18 +211,6 @@ OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int
 /* From now on, forward may be followed by loss, backward and step: a device allocates memory for all of them
  * in forward, where the CPU can still take over. */
 OXL_INTERNAL void renderer_expect_steps(struct renderer *r);
-/* On a device, from the next forward on: masks transients, as src/parts/transients.c has them, in losses
- * against the image of renderer_set_image. NULL: none. Borrowed. */
-struct renderer_transients {
-    const oxl_point *point; /* (points) of the scene */
-    size_t points;
-    float *expected;        /* (points) their expected errors, of which the device keeps a copy */
-    int update;             /* 1: they change; renderer_download brings them to the host */
-    int side, across, down; /* px; squares of pixels in the image */
-    int votes, near;        /* squares that make an outlier; radius in which points count, in squares */
-    float error, times, rate, most; /* the limits there */
-};
-OXL_INTERNAL void renderer_set_transients(struct renderer *r, const struct renderer_transients *transients);
 /* From the next forward on, these Gaussians are rendered as well, without gradients. Borrowed. Call it before
  * the first forward: where they have second lobes, the CPU renders from then on. */
 OXL_INTERNAL void renderer_set_context(struct renderer *r, const oxl_model *context);

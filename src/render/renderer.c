@@ -187,11 +187,6 @@ static struct project_job render_context_job(struct renderer *r, int64_t task)
                                 .medium_pack = r->medium_pack ? r->medium_pack + r->packs : NULL};
 }
 
-OXL_INTERNAL void renderer_set_transients(struct renderer *r, const struct renderer_transients *transients)
-{
-    r->transients = transients;
-}
-
 OXL_INTERNAL void renderer_expect_steps(struct renderer *r)
 {
     r->steps = 1;
@@ -404,7 +399,7 @@ static oxl_result render_forward_on_device(oxl_context *ctx, struct renderer *r,
                                                r->medium_trains,  r->lamp != NULL,
                                                r->full[0] > 0,    r->context,
                                                r->dropout,        r->dropout_seed,
-                                               r->dropout_step,   r->transients};
+                                               r->dropout_step};
     const oxl_result rc = oxl_reserve(ctx, &r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
     if (rc != OXL_OK) return rc;
     r->kernel_camera = render_kernel_camera(camera, options->near_plane);

@@ -34,16 +34,6 @@ OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r,
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result renderer_target(oxl_context *ctx, struct renderer *r, const float **rgb,
-                                        float **weight, int *has_mask)
-{
-    const size_t pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
-    const oxl_result rc = oxl_reserve(ctx, &r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
-    *rgb = r->target, *weight = r->weight, *has_mask = r->masked;
-    r->masked = 1;
-    return rc;
-}
-
 OXL_INTERNAL void renderer_set_gain(struct renderer *r, const float gain[3])
 {
     r->has_gain = gain != NULL;

@@ -49,7 +49,6 @@ struct renderer {
     double dropout; /* of renderer_set_dropout */
     uint64_t dropout_seed;
     int dropout_step;
-    const struct renderer_transients *transients; /* of renderer_set_transients */
     float gain[3];                                /* of renderer_set_gain */
     int has_gain;
     double contrast;         /* of renderer_set_contrast */

@@ -20,7 +20,7 @@ const float LN_2              = 0.6931471805599453;
 
 /* Words of the buffer of counts (resident.h, enum vulkan_count). A training step that cannot be done sets HALT: then neither it nor any
  * after it changes the model, what was seen of it or the statistics, until the host has looked. */
-const uint VISIBLE = 0u, PAIRS = 1u, PAIRS_FOUND = 2u, HALT = 3u, NONFINITE = 4u, FIRST_NONFINITE = 5u, CLEARED = 6u, MASKED = 7u;
+const uint VISIBLE = 0u, PAIRS = 1u, PAIRS_FOUND = 2u, HALT = 3u, NONFINITE = 4u, FIRST_NONFINITE = 5u, CLEARED = 6u;
 const uint HALT_PAIRS = 1u, HALT_LOSS = 2u; /* more pairs than there is room for; a loss that is not finite */
 
 uint work_group() { return gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x; }
