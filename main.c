@@ -199,17 +199,12 @@ static const char *model_file(oxl_context *ctx, const struct arguments *a, char 
 }
 
 /* Loads the model in the survey's own frame and unit. */
-static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_large_model *large, oxl_scene **scene)
+static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *model, oxl_scene **scene)
 {
-    oxl_model *model = &large->model;
     char path[4096];
     const char *file = model_file(ctx, a, path, sizeof path);
     oxl_scene_options options = a->job.scene;
-    oxl_result rc = oxl_large_open(ctx, file, a->job.ram / 4, large);
-    if (rc == OXL_OK && large->pages && model->scale > 0) {
-        oxl_large_free(ctx, large);
-        rc = oxl_model_read(ctx, file, model);
-    }
+    oxl_result rc = oxl_model_read(ctx, file, model);
     if (a->job.ram && options.image_cache_bytes > a->job.ram / 4) options.image_cache_bytes = a->job.ram / 4;
     /* convert --scale wrote it in metres */
     if (rc == OXL_OK && model->scale > 0) oxl_model_rescale(model, 1 / model->scale);
@@ -227,15 +222,15 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_large_mo
             "scene.ply, or put it elsewhere\n",
             file);
     /* a block's or another program's has its own */
-    if (rc == OXL_OK) oxl_large_move_origin(large, oxl_scene_origin(*scene));
-    if (rc == OXL_OK) rc = oxl_model_check_overlap(ctx, large, *scene, a->path[0]);
+    if (rc == OXL_OK) oxl_model_move_origin(model, oxl_scene_origin(*scene));
+    if (rc == OXL_OK) rc = oxl_model_check_overlap(ctx, model, *scene, a->path[0]);
     return rc;
 }
 
 static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     const oxl_render_output what = {(oxl_split)a->split, 0, a->depth, a->scale, a->clear, 0};
-    oxl_large_model model = {.pages = NULL};
+    oxl_model model = {0};
     oxl_scene *scene = NULL;
     int count = a->frames;
     oxl_result rc = load(ctx, a, &model, &scene);
@@ -246,7 +241,7 @@ static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct
     console_clear(console);
     if (rc == OXL_OK && !a->ortho) print_format(stdout, "%d images in %s\n", count, a->out);
     oxl_scene_free(ctx, scene);
-    oxl_large_free(ctx, &model);
+    oxl_model_free(ctx, &model);
     return rc;
 }
 
@@ -285,20 +280,20 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
 
 static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)
 {
-    oxl_large_model model = {.pages = NULL};
+    oxl_model model = {0};
     oxl_scene *scene = NULL;
     oxl_metrics metrics = {0};
     char *json = NULL;
     oxl_result rc = load(ctx, a, &model, &scene);
     if (rc == OXL_OK && a->job.lpips) rc = oxl_scene_read_lpips(ctx, scene, a->job.lpips);
-    if (rc == OXL_OK) rc = oxl_large_evaluate(ctx, &model, scene, (oxl_split)a->split, &metrics);
+    if (rc == OXL_OK) rc = oxl_evaluate(ctx, &model, scene, (oxl_split)a->split, &metrics);
     if (rc == OXL_OK && a->json) rc = oxl_metrics_to_json(ctx, scene, &metrics, &json);
     if (rc == OXL_OK && json) fputs(json, stdout);
     if (rc == OXL_OK && !json) print_metrics(scene, &metrics);
     oxl_text_free(ctx, json);
     oxl_metrics_free(ctx, &metrics);
     oxl_scene_free(ctx, scene);
-    oxl_large_free(ctx, &model);
+    oxl_model_free(ctx, &model);
     return rc;
 }
 

@@ -72,7 +72,6 @@
 #include "src/formats/splat_file.c"       /* models as .splat */
 #include "src/formats/model_columns.h"    /* the columns of the standard PLY */
 #include "src/formats/model_file.c"       /* models from PLY */
-#include "src/formats/model_pages.c"      /* a model that stays in its file */
 #include "src/formats/model_write.c"      /* models as PLY */
 #include "src/formats/image_write.c"      /* writes PNG and JPEG, in memory by codec */
 #include "src/formats/model_formats.c"    /* the formats of models, a row each */
@@ -172,7 +171,6 @@
 #include "src/large/look.c"                 /* a first look at a survey, for forecasts */
 #include "src/large/cost.c"                 /* predicted Gaussians, memory and time of training */
 #include "src/large/budget.c"               /* --ram: limits that fit a memory budget */
-#include "src/large/large_model.c"          /* draw a model that stays in its file */
 #include "src/large/os_job_posix.c"         /* the operating system: locks, links, peak memory */
 #include "src/large/os_job_windows.c"       /* the same on Windows */
 #include "src/large/os_job.c"               /* on top of them: links refused, locks */
@@ -184,8 +182,7 @@
 #include "src/large/job_state.h"            /* shared by the files of a job */
 #include "src/large/job_state.c"            /* names in OUT, the survey, progress, the blocks' models */
 #include "src/large/block_plan.c"           /* windows, steps and budget of each block */
-#include "src/large/groups.c" /* the merged model in groups of views, if memory does not hold it */
-#include "src/large/rounds.c" /* several blocks trained as one model */
+#include "src/large/rounds.c"               /* several blocks trained as one model */
 
 /* the whole job */
 #include "src/job/survey_report.c"   /* content of a survey and predicted cost of training */

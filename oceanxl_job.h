@@ -182,35 +182,14 @@ OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_
 OXL_API oxl_result oxl_check_quality(oxl_context *ctx, const char *scene, const oxl_job_options *options,
                                      oxl_survey *out);
 
-/* ---------------- models that memory need not hold */
-
-/* With pages the rows stay in a PLY file, which must not change, and `model` is a head without planes:
- * counts, degree, origin, scale and background. Else `model` is all of it, and pages is NULL. */
-typedef struct oxl_large_model {
-    oxl_model model;
-    struct oxl_model_pages *pages;
-} oxl_large_model;
-
-/* oxl_model_read, but rows of a PLY file that take more than max_bytes (0: half of the free memory) stay
- * there. Rendering a view reads those that it may show; the pixels are the same. */
-OXL_API oxl_result oxl_large_open(oxl_context *ctx, const char *path, size_t max_bytes, oxl_large_model *out);
-OXL_API void oxl_large_free(oxl_context *ctx, oxl_large_model *large);
-OXL_API void oxl_large_move_origin(oxl_large_model *large,
-                                   const double origin[3]); /* oxl_model_move_origin */
-/* oxl_render, oxl_evaluate */
-OXL_API oxl_result oxl_large_render(oxl_context *ctx, const oxl_large_model *large, const oxl_camera *camera,
-                                    const oxl_render_options *options, oxl_image *out, float *depth);
-OXL_API oxl_result oxl_large_evaluate(oxl_context *ctx, const oxl_large_model *large, oxl_scene *scene,
-                                      oxl_split split, oxl_metrics *out);
-
 /* Reads weights of LPIPS v0.1 with AlexNet (Zhang 2018; the file's layout: src/job/lpips.c), by which
  * evaluations of the scene measure LPIPS, too. */
 OXL_API oxl_result oxl_scene_read_lpips(oxl_context *ctx, oxl_scene *scene, const char *path);
 
 /* Logs a warning if the model, in the scene's frame, does not seem to cover the survey: of another frame, or
  * scale. */
-OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_large_model *model,
-                                           const oxl_scene *scene, const char *name);
+OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                                           const char *name);
 
 /* Trains the survey in folder `scene` and writes to folder `out`: scene.ply; scene_standard.ply if scene.ply
  * is not in the standard
@@ -277,7 +256,7 @@ typedef struct oxl_render_output {
     int clear;   /* 1: without the exposure and medium of imaging.txt (0) */
     int replace; /* 1: overwrites files that no earlier call wrote; 0: such a file is OXL_ERR_INPUT (0) */
 } oxl_render_output;
-OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_large_model *model, oxl_scene *scene,
+OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
                                     const oxl_render_output *what, const char *folder, int *count);
 
 /* The file that oxl_render_views writes of a view, named `view`, to a folder; free with oxl_text_free. Its

@@ -39,9 +39,8 @@ static oxl_result borders_view(struct borders *b, int view, float *depth, oxl_im
     const double *origin = oxl_scene_origin(b->scene);
     oxl_result rc = oxl_scene_image(b->ctx, b->scene, view, image);
     for (int k = 0; k < b->models && rc == OXL_OK; k++) {
-        const struct render_source source = render_source_of(&b->model[k]);
         oxl_image rendered = {0};
-        rc = evaluate_draw(b->ctx, &(struct drawn){b->renderer, &source, b->scene, &b->imaging[k]}, view,
+        rc = evaluate_draw(b->ctx, &(struct drawn){b->renderer, &b->model[k], b->scene, &b->imaging[k]}, view,
                            &rendered, k == 0 ? depth : NULL);
         if (rc == OXL_OK)
             seam_add_view(&(struct seam_view){&b->partition, &of->camera, origin, &rendered, image, depth},

@@ -104,10 +104,9 @@ int main(int argc, char **argv)
     for (int v = 0; v < oxl_scene_view_count(scene); v++) {
         const oxl_view *view = oxl_scene_view(scene, v);
         oxl_image image = {0};
-        const struct render_source source = render_source_of(&model);
         float *depth = malloc(sizeof *depth * (size_t)view->camera.width * (size_t)view->camera.height);
         if (depth &&
-            evaluate_draw(ctx, &(struct drawn){r, &source, scene, NULL}, v, &image, depth) == OXL_OK) {
+            evaluate_draw(ctx, &(struct drawn){r, &model, scene, NULL}, v, &image, depth) == OXL_OK) {
             if (scene_colmap(scene)) heights_add_points(&points, scene, v, depth);
             heights_add_truth(&truth, argv[3], view, depth);
         }

@@ -73,7 +73,6 @@ static inline oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, co
                                         struct metrics_sum sum[2])
 {
     const oxl_camera *camera = &oxl_scene_view(scene, view)->camera;
-    const struct render_source source = render_source_of(model);
     oxl_image rendered = {0}, image = {0};
     float *depth = NULL;
     oxl_result rc = oxl_scene_image(ctx, scene, view, &image);
@@ -85,7 +84,7 @@ static inline oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, co
                       camera->height);
         goto done;
     }
-    rc = evaluate_draw(ctx, &(struct drawn){r, &source, scene, &scene->imaging}, view, &rendered, depth);
+    rc = evaluate_draw(ctx, &(struct drawn){r, model, scene, &scene->imaging}, view, &rendered, depth);
     if (rc != OXL_OK) goto done;
     seam_add_view(&(struct seam_view){p, camera, oxl_scene_origin(scene), &rendered, &image, depth}, sum);
 done:

@@ -154,11 +154,11 @@ void ground_place(const struct ground *g, double x, double y, double height, dou
  * in units; 0: they show nothing of the model. views: about so many are measured, GROUND_DISTANCE_VIEWS at
  * most. */
 enum { GROUND_DISTANCE_VIEWS = 50, GROUND_DISTANCE_FEW = 12 };
-oxl_result ground_measure_distance(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
+oxl_result ground_measure_distance(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                    int views, double *distance, double *pixel);
 /* Counts into `seen` and `confirmed` the training views that see each place (ground.c). Without a
  * model, nothing hides a place. */
-oxl_result ground_count_views(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
+oxl_result ground_count_views(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                               const struct ground *g);
 
 /* ---------------- ortho.c: an orthomosaic and a height model */
@@ -166,8 +166,8 @@ oxl_result ground_count_views(oxl_context *ctx, const oxl_large_model *model, co
 /* Writes ortho.tif, height.tif and frame.txt to -o, with --png ortho.png, ortho.pgw and ortho.height.pfm too,
  * by --pixel (0: the median ground sampling distance), --scale (0: not known) and --min-views. Makes
  * Gaussians that no training view shows invisible in the model. */
-oxl_result ortho_write(oxl_context *ctx, oxl_large_model *model, const oxl_scene *scene,
-                       const struct arguments *a, FILE *to);
+oxl_result ortho_write(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, const struct arguments *a,
+                       FILE *to);
 
 enum { OVERVIEW_VIEWS = 2 /* least training views that see a place of the overview */ };
 struct overview {
@@ -181,13 +181,13 @@ struct overview {
 };
 /* Renders the map along the frame of the kind auto; side: px, at most. Makes Gaussians that no training view
  * shows invisible in the model. The caller frees the image, also on error. */
-oxl_result ortho_overview(oxl_context *ctx, oxl_large_model *model, const oxl_scene *scene, int side,
+oxl_result ortho_overview(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, int side,
                           struct overview *out);
 
 /* ---------------- flight.c: frames along a path */
 
 /* Writes --frames images along --flight to -o. A nonzero result of `stop` ends the flight. */
-oxl_result flight_write(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
+oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                         const struct arguments *a,
                         int (*stop)(void *user, const char *what, long done, long total), void *user);
 

@@ -130,14 +130,14 @@ static oxl_result flight_list_frames(oxl_context *ctx, const char *folder, int c
     return rc;
 }
 
-oxl_result flight_write(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
+oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                         const struct arguments *a,
                         int (*stop)(void *user, const char *what, long done, long total), void *user)
 {
     oxl_render_options render = oxl_render_options_default();
     const int orbit = strcmp(a->flight, "orbit") == 0;
     oxl_result rc = oxl_make_folder(ctx, a->out);
-    memcpy(render.background, model->model.background, sizeof render.background);
+    memcpy(render.background, model->background, sizeof render.background);
     render.near_plane = (float)oxl_scene_near_plane(scene);
     if (rc == OXL_OK && !orbit && strcmp(a->flight, "survey") != 0)
         return oxl_fail(ctx, OXL_ERR_USAGE,
@@ -154,7 +154,7 @@ oxl_result flight_write(oxl_context *ctx, const oxl_large_model *model, const ox
         if (!orbit) flight_survey(scene, fraction, &c);
         else if (!flight_orbit(scene, fraction, &c)) rc = OXL_ERR_MEMORY;
         snprintf(path, sizeof path, "%s/frame_%05d.png", a->out, i);
-        if (rc == OXL_OK) rc = oxl_large_render(ctx, model, &c, &render, &image, NULL);
+        if (rc == OXL_OK) rc = oxl_render(ctx, model, &c, &render, &image, NULL);
         if (rc == OXL_OK) rc = oxl_image_write(ctx, path, &image);
         oxl_image_free(ctx, &image);
         if (rc == OXL_OK && stop(user, "frames", i + 1, a->frames)) rc = OXL_ERR_INTERRUPTED;

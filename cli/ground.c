@@ -194,7 +194,7 @@ void ground_place(const struct ground *g, double x, double y, double height, dou
     }
 }
 
-oxl_result ground_count_views(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
+oxl_result ground_count_views(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                               const struct ground *g)
 {
     const size_t pixels = (size_t)g->width * (size_t)g->height;
@@ -217,7 +217,7 @@ oxl_result ground_count_views(oxl_context *ctx, const oxl_large_model *model, co
         if (view->is_test) continue;
         ground_window(g, &c, height, first, last);
         if (first[0] >= last[0] || first[1] >= last[1]) continue;
-        if (b) rc = oxl_large_render(ctx, model, &c, &render, &image, b->depth);
+        if (b) rc = oxl_render(ctx, model, &c, &render, &image, b->depth);
         if (rc == OXL_OK && b) ground_find_detail(&image, b);
         if (rc == OXL_OK) ground_add(g, &c, b, first, last);
         oxl_image_free(ctx, &image);
@@ -243,7 +243,7 @@ static double ground_median(float *depth, size_t count)
     return n ? z[n / 2] : 0;
 }
 
-oxl_result ground_measure_distance(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
+oxl_result ground_measure_distance(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                    int views, double *distance, double *pixel)
 {
     const int count = oxl_scene_view_count(scene), step = 1 + count / views;
@@ -261,7 +261,7 @@ oxl_result ground_measure_distance(oxl_context *ctx, const oxl_large_model *mode
         double z;
         if (view->is_test || training++ % step != 0) continue;
         render.near_plane = (float)oxl_scene_near_plane(scene);
-        rc = oxl_large_render(ctx, model, &c, &render, &image, depth);
+        rc = oxl_render(ctx, model, &c, &render, &image, depth);
         oxl_image_free(ctx, &image);
         if (rc != OXL_OK) break;
         z = ground_median(depth, (size_t)c.width * (size_t)c.height);

@@ -84,13 +84,11 @@ static int ortho_list_views(struct ortho *o)
     return o->order != NULL;
 }
 
-/* Makes Gaussians invisible whose centres lie in no training view's image, nor near it. Returns their number.
- * Leaves a model in pages as it is: its Gaussians are not in memory. */
-static size_t ortho_hide_unseen(const struct ortho *o, oxl_large_model *large)
+/* Makes Gaussians invisible whose centres lie in no training view's image, nor near it. Returns their number. */
+static size_t ortho_hide_unseen(const struct ortho *o, oxl_model *model)
 {
-    oxl_model *model = &large->model;
     size_t hidden = 0;
-    for (size_t i = 0; !large->pages && i < model->count; i++) {
+    for (size_t i = 0; i < model->count; i++) {
         const double p[3] = {model->plane[OXL_MEAN][i], model->plane[OXL_MEAN + 1][i],
                              model->plane[OXL_MEAN + 2][i]};
         int seen = 0;
@@ -182,7 +180,7 @@ static void ortho_take(struct ortho *o, const oxl_image *image, const float *dep
 
 /* Empties pixels that fewer than min_views see, removes the heights that fewer
  * confirm, and counts the others. */
-static oxl_result ortho_keep_seen(struct ortho *o, const oxl_large_model *model, int min_views)
+static oxl_result ortho_keep_seen(struct ortho *o, const oxl_model *model, int min_views)
 {
     const size_t pixels = (size_t)o->width * (size_t)o->height;
     unsigned short *seen = malloc(2 * sizeof *seen * pixels);
@@ -207,7 +205,7 @@ static oxl_result ortho_keep_seen(struct ortho *o, const oxl_large_model *model,
     return rc;
 }
 
-static oxl_result ortho_draw(struct ortho *o, const oxl_large_model *model, int min_views)
+static oxl_result ortho_draw(struct ortho *o, const oxl_model *model, int min_views)
 {
     float *depth = malloc(sizeof *depth * ORTHO_PATCH * ORTHO_PATCH);
     const size_t pixels = (size_t)o->width * (size_t)o->height;
@@ -215,7 +213,7 @@ static oxl_result ortho_draw(struct ortho *o, const oxl_large_model *model, int 
     oxl_result rc = OXL_OK;
     render.near_plane = 0;
     render.parallel = (float)o->ground;
-    memcpy(render.background, model->model.background, sizeof render.background);
+    memcpy(render.background, model->background, sizeof render.background);
     o->rgba = malloc(4 * pixels);
     o->level = malloc(sizeof *o->level * pixels);
     o->ground_level = malloc(sizeof *o->ground_level * pixels);
@@ -226,7 +224,7 @@ static oxl_result ortho_draw(struct ortho *o, const oxl_large_model *model, int 
         for (int x = 0; x < o->width && rc == OXL_OK; x += ORTHO_PATCH) {
             const oxl_camera camera = ortho_camera(o, x, y);
             oxl_image image = {0};
-            rc = oxl_large_render(o->ctx, model, &camera, &render, &image, depth);
+            rc = oxl_render(o->ctx, model, &camera, &render, &image, depth);
             if (rc == OXL_OK) ortho_take(o, &image, depth, x, y);
             oxl_image_free(o->ctx, &image);
         }
@@ -386,7 +384,7 @@ static void ortho_say(const struct ortho *o, const struct arguments *a, size_t h
 /* ---------------- the whole map */
 
 /* Chooses the frame, the pixel size and the bounds of the map, and refuses what cannot be mapped. */
-static oxl_result ortho_open(struct ortho *o, const oxl_large_model *model, const struct arguments *a)
+static oxl_result ortho_open(struct ortho *o, const oxl_model *model, const struct arguments *a)
 {
     oxl_result rc;
     double side;
@@ -456,8 +454,8 @@ static oxl_result ortho_check_files(const struct ortho *o, const struct argument
     return rc;
 }
 
-oxl_result ortho_write(oxl_context *ctx, oxl_large_model *model, const oxl_scene *scene,
-                       const struct arguments *a, FILE *to)
+oxl_result ortho_write(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, const struct arguments *a,
+                       FILE *to)
 {
     struct ortho o = {.ctx = ctx, .scene = scene, .unit = a->scale > 0 ? a->scale : 1};
     size_t hidden = 0;
@@ -480,7 +478,7 @@ oxl_result ortho_write(oxl_context *ctx, oxl_large_model *model, const oxl_scene
     return rc;
 }
 
-oxl_result ortho_overview(oxl_context *ctx, oxl_large_model *model, const oxl_scene *scene, int side,
+oxl_result ortho_overview(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, int side,
                           struct overview *out)
 {
     const struct arguments a = {.out = ""};

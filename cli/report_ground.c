@@ -15,16 +15,15 @@
 enum { GROUND_SIDE = 800, GROUND_SIDE_SHORT = 560, GROUND_SHORT = 1000 };
 #define GROUND_LITTLE 0.6 /* Warns if a smaller share of the ground has a height. */
 
-/* Opens the model that other viewers show, and renders it from above. Gives no overview of one
- * that does not fit in memory. */
+/* Reads the model that other viewers show, and renders it from above. */
 static void ground_render(struct report *r)
 {
     char path[4200];
     const int side =
         oxl_json_number(r->metrics, "iterations") < GROUND_SHORT ? GROUND_SIDE_SHORT : GROUND_SIDE;
     snprintf(path, sizeof path, "%s/scene.ply", r->out);
-    if (oxl_large_open(r->silent, path, r->options.ram / 4, &r->viewed) != OXL_OK || r->viewed.pages) return;
-    oxl_large_move_origin(&r->viewed, oxl_scene_origin(r->survey_scene));
+    if (oxl_model_read(r->silent, path, &r->viewed) != OXL_OK) return;
+    oxl_model_move_origin(&r->viewed, oxl_scene_origin(r->survey_scene));
     if (oxl_scene_point_count(r->survey_scene) > 2 &&
         ortho_overview(r->silent, &r->viewed, r->survey_scene, side, &r->ground) != OXL_OK)
         oxl_image_free(r->silent, &r->ground.image);
@@ -34,9 +33,9 @@ int ground_view(struct report *r, const char *name, oxl_image *out)
 {
     for (int v = 0; r->survey_scene && v < oxl_scene_view_count(r->survey_scene); v++)
         if (strcmp(oxl_scene_view(r->survey_scene, v)->name, name) == 0)
-            return r->viewed.model.count > 0 && !r->viewed.pages &&
-                   oxl_large_render(r->ctx, &r->viewed, &oxl_scene_view(r->survey_scene, v)->camera, NULL,
-                                    out, NULL) == OXL_OK;
+            return r->viewed.count > 0 &&
+                   oxl_render(r->ctx, &r->viewed, &oxl_scene_view(r->survey_scene, v)->camera, NULL, out,
+                              NULL) == OXL_OK;
     return 0;
 }
 
@@ -53,7 +52,7 @@ void ground_open(struct report *r)
 void ground_close(struct report *r)
 {
     if (r->silent) oxl_image_free(r->silent, &r->ground.image);
-    if (r->silent) oxl_large_free(r->silent, &r->viewed);
+    if (r->silent) oxl_model_free(r->silent, &r->viewed);
     oxl_scene_free(r->silent, r->survey_scene);
     oxl_context_free(r->silent);
 }

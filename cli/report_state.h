@@ -45,7 +45,7 @@ struct report {
     struct report_block *block;
     oxl_context *silent; /* context of survey_scene without log: the run has logged its warnings already */
     oxl_scene *survey_scene; /* survey as the run read it, without its images; NULL: not found */
-    oxl_large_model viewed;  /* scene.ply, which other viewers show; empty: not opened */
+    oxl_model viewed;        /* scene.ply, which other viewers show; empty: not read */
     struct overview ground;  /* map from above; image.rgb NULL: there is none */
     struct output page;
     int sections; /* number of sections begun */

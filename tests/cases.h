@@ -53,9 +53,6 @@ struct job_test_watch {
 oxl_metrics job_test_evaluate(const char *model, int imaging);
 int job_test_has(const char *file, const char *words);
 oxl_result job_test_image(const char *path, int view);
-void job_test_limit_memory(const char *out, const oxl_job_options *options, double share);
-/* 1: the merged model of the run in `out` was trained in groups of views. */
-int job_test_went_in_groups(const char *out);
 oxl_job_options job_test_options(void);
 int job_test_progress(void *user, const oxl_progress *p);
 void job_test_replace(const char *file, const char *from, const char *to);

@@ -53,30 +53,7 @@ promise "a_run_survives_${kills}_kills" kill_often killed
 promise it_gives_the_same_bytes same reference killed
 promise "a_run_in_blocks_survives_${kills}_kills" kill_often killed_blocks --block-points 500
 promise it_gives_the_same_bytes_in_blocks same calm_blocks killed_blocks
-# Where memory does not hold the merged model, in groups of views: killed when these begin, then again and again.
-"$program" synth -o strip --path lawnmower --views 24 --size 96x64 --points 5000 --quiet >/dev/null || exit 1
-groups="--iterations 200 --ram 25M"
-kill_in_groups() { # OUT
-    seed=7
-    for i in $(seq "$kills"); do
-        seed=$(((seed * 1103515245 + 12345) % 2147483648))
-        "$program" train strip -o "$1" $groups --threads 1 --quiet >/dev/null 2>&1 &
-        pid=$!
-        while kill -0 "$pid" 2>/dev/null && ! [ -f "$1/blocks/whole/groups.txt" ]; do sleep 0.01; done
-        sleep "0.$(printf '%03d' $((20 + seed / 65536 % 400)))"
-        kill -9 "$pid" 2>/dev/null
-        wait "$pid" 2>/dev/null
-        grep -a "^groups" "$1/blocks/whole/groups.txt"
-    done
-    [ ! -f "$1/metrics.json" ] || echo "finished before the last kill"
-    "$program" train strip -o "$1" $groups --threads 1 --quiet
-}
-same_files() { [ "$(cd "$1/blocks/whole" && ls)" = "$(cd "$2/blocks/whole" && ls)" ]; }
-promise in_groups_of_views_too "$program" train strip -o calm_groups $groups --threads 1 --quiet
-promise "a_run_in_groups_survives_${kills}_kills" kill_in_groups killed_groups
-promise it_gives_the_same_bytes_in_groups same calm_groups killed_groups
-promise no_version_of_a_group_is_left same_files calm_groups killed_groups
-promise nothing_is_left_of_files_half_written sh -c '! find killed killed_blocks killed_groups -name "*.tmp" | grep .'
+promise nothing_is_left_of_files_half_written sh -c '! find killed killed_blocks -name "*.tmp" | grep .'
 
 # stop_at FILE OUT: Ctrl-C as soon as the run has written OUT/blocks/000/FILE, however fast the machine is.
 stop_at() {

@@ -296,22 +296,13 @@ TEST(job_trains_its_blocks_again_when_the_survey_has_changed)
     CHECK(watch.calls > 1);
 }
 
-/* 1: the merged model was trained in groups of views, whose record has no number of iterations. */
-int job_test_went_in_groups(const char *out)
-{
-    char path[600];
-    snprintf(path, sizeof path, "%s/blocks/whole/block.json", out);
-    return job_test_has(path, "\"iterations_done\": 1,");
-}
-
-TEST(job_in_blocks_trains_the_merged_model_last_in_one_part_where_memory_holds_it)
+TEST(job_in_blocks_trains_the_merged_model_last)
 {
     oxl_job_options options = job_test_blocks();
     options.train.iterations = 40;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("ample"), &options, NULL));
     CHECK(os_is_file(test_path("ample/blocks/whole/model.ply")));
     CHECK(!job_test_same(test_path("ample/blocks/whole/model.ply"), test_path("ample/blocks/000/model.ply")));
-    CHECK(!job_test_went_in_groups(test_path("ample")) && !os_is_file(test_path("ample/blocks/survey.oxl")));
 }
 
 TEST(job_in_blocks_lets_the_merged_model_grow_to_what_its_blocks_have_left_of_the_number_allowed)
@@ -436,84 +427,31 @@ TEST(job_in_blocks_of_a_wholly_black_survey_ends_with_a_model)
     CHECK(os_is_file(test_path("out/scene.ply")));
 }
 
-/* Nine cameras along a wall of ten columns of points, 15 apart: a view shows a few of them. */
-static const char *job_test_strip(void)
+/* Memory that a partition states is kept, whatever the machine has. */
+TEST(job_in_blocks_grows_to_what_memory_holds_of_the_merged_model)
 {
-    struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
-    const char *survey = job_test_survey();
-    for (int i = 0; i < JOB_VIEWS; i++)
-        text_add(&images, "%d 1 0 0 0 %d 0 0 1 %d.png\n24 16 %d\n", i + 1, -15 * i, i, i + 1);
-    for (int i = 0; i < 60; i++)
-        text_add(&points, "%d %d %.3f 4 %d 120 60 0.5 %d 0 %d 0\n", i + 1, 15 * (i % 10),
-                 -1.25 + 0.5 * (i / 10), 4 * i, OXL_MIN(i % 10 + 1, JOB_VIEWS), OXL_MAX(i % 10, 1));
-    test_write("survey/sparse/0/images.txt", images.data ? images.data : "");
-    test_write("survey/sparse/0/points3D.txt", points.data ? points.data : "");
-    text_free(&images);
-    text_free(&points);
-    return survey;
-}
-
-/* --ram with which a merged model of the blocks in a folder keeps this share of its Gaussians in memory, into
- * partition.txt. */
-void job_test_limit_memory(const char *out, const oxl_job_options *options, double share)
-{
-    oxl_job_options o = *options;
+    oxl_job_options options = job_test_blocks(), limited;
     oxl_scene *scene = NULL;
-    struct partition p;
     struct cost_load load;
-    double rows = 0;
-    char path[600];
-    snprintf(path, sizeof path, "%s/partition.txt", out);
-    CHECK_OK(partition_read(test_ctx, path, &p));
-    for (int k = 0; k < p.block_count; k++) {
-        oxl_model m;
-        char model[600];
-        snprintf(model, sizeof model, "%s/blocks/%03d/model.ply", out, k);
-        CHECK_OK(oxl_model_read(test_ctx, model, &m));
-        rows += (double)m.count;
-        oxl_model_free(test_ctx, &m);
-    }
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o.scene, &scene));
-    load = cost_load_of_scene(scene);
-    for (o.ram = (size_t)1e7; budget_max_gaussians(&load, &o) < share * rows && o.ram < (size_t)1e8;)
-        o.ram += 1000;
-    p.memory = (double)o.ram;
-    CHECK_OK(partition_write(test_ctx, path, &p));
-    oxl_scene_free(test_ctx, scene);
-    partition_free(test_ctx, &p);
-}
-
-TEST(job_in_blocks_trains_groups_of_views_where_memory_is_small_and_resumes_to_the_same_bytes)
-{
-    oxl_job_options options = job_test_blocks();
-    const char *survey = job_test_strip();
-    char out[2][200] = {{0}};
+    struct partition p;
+    oxl_model model = {0};
     options.train.iterations = 120;
-    options.partition.block_points = 30;
-    for (int run = 0; run < 2; run++) {
-        snprintf(out[run], sizeof out[run], "%s", test_path(run ? "stopped" : "whole"));
-        for (options.block = 0; options.block < 2; options.block++)
-            CHECK_OK(oxl_job_run(test_ctx, survey, out[run], &options, NULL));
-        job_test_limit_memory(out[run], &options, 0.6);
-    }
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("whole/blocks/whole")));
-    test_write("whole/blocks/whole/model_standard.ply", "of an earlier model");
-    lint_heard[0] = 0;
-    test_ctx->options.log = lint_listen;
-    CHECK_OK(oxl_merge(test_ctx, out[0], NULL));
-    CHECK(!strstr(lint_heard, "rotation 0 0 0 0")); /* moments are no models */
-    CHECK(job_test_went_in_groups(out[0]));
-    CHECK(!os_is_file(test_path("whole/blocks/whole/model_standard.ply")));
-    CHECK(job_test_has(test_path("whole/metrics.json"), "\"iterations\": 120"));
-    for (int stop = 3; stop < 42; stop += 6) {
-        struct job_test_watch watch = {0, stop};
-        const oxl_callback callback = {job_test_progress, &watch};
-        CHECK(oxl_merge(test_ctx, out[1], &callback) == OXL_ERR_INTERRUPTED);
-        CHECK(!job_test_has(test_path("stopped/blocks/whole/groups.txt"), "groups 1 "));
-    }
-    CHECK_OK(oxl_merge(test_ctx, out[1], NULL));
-    CHECK(job_test_same(test_path("whole/scene.ply"), test_path("stopped/scene.ply")));
-    CHECK(!os_is_file(test_path("whole/blocks/whole/checkpoint.oxl")));
+    options.train.densify_gradient = 1e-12f;
+    options.train.max_gaussians = 400;
+    CHECK_OK(oxl_partition(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &options.scene, &scene));
+    load = cost_load_of_scene(scene);
+    limited = options;
+    for (limited.ram = (size_t)1e7; budget_max_gaussians(&load, &limited) < 150;) limited.ram += 1000;
+    oxl_scene_free(test_ctx, scene);
+    CHECK_OK(partition_read(test_ctx, test_path("out/partition.txt"), &p));
+    p.memory = (double)limited.ram;
+    CHECK_OK(partition_write(test_ctx, test_path("out/partition.txt"), &p));
+    partition_free(test_ctx, &p);
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+    CHECK_OK(oxl_model_read(test_ctx, test_path("out/blocks/whole/model.ply"), &model));
+    CHECK(model.count > 100 && model.count <= 150);
+    oxl_model_free(test_ctx, &model);
 }
 
 /* Of a run in blocks with gains alone: scene.ply shows the held-out views without imaging.txt, better than
@@ -640,7 +578,6 @@ TEST(job_in_blocks_with_gains_alone_writes_a_model_for_viewers_and_resumes_it)
     int left = 5;
     const oxl_callback stop = {job_test_stop_viewers, &left};
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("whole"), &options, NULL));
-    CHECK(!job_test_went_in_groups(test_path("whole")));
     job_test_shows_viewers("whole");
     CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("stopped"), &options, &stop) ==
           OXL_ERR_INTERRUPTED);
@@ -648,108 +585,6 @@ TEST(job_in_blocks_with_gains_alone_writes_a_model_for_viewers_and_resumes_it)
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("stopped"), &options, NULL));
     CHECK(job_test_same(test_path("whole/scene.ply"), test_path("stopped/scene.ply")));
     CHECK(job_test_same(test_path("whole/scene_clear.ply"), test_path("stopped/scene_clear.ply")));
-}
-
-struct job_test_files {
-    const char *word;
-    int count;
-};
-
-static void job_test_count_file(void *user, const char *name)
-{
-    struct job_test_files *f = user;
-    f->count += strstr(name, f->word) != NULL;
-}
-
-/* Files of the merged model's folder with a word in their names. */
-static int job_test_group_files(const char *out, const char *word)
-{
-    struct job_test_files f = {word, 0};
-    char path[600];
-    snprintf(path, sizeof path, "%s/blocks/whole", out);
-    CHECK_OK(os_list_folder(test_ctx, path, job_test_count_file, &f));
-    return f.count;
-}
-
-/* Runs what was stopped in groups to its end with memory for the whole model: it stays in groups. Killed between
- * the last record and the removal of the groups' files, the next run removes them. */
-static void job_test_finish_groups(const char *out, const oxl_job_options *options)
-{
-    job_test_limit_memory(out, options, 4);
-    CHECK_OK(oxl_merge(test_ctx, out, NULL));
-    CHECK(job_test_went_in_groups(out));
-    CHECK(job_test_group_files(out, "groups.txt") == 0 && job_test_group_files(out, ".square.") == 0);
-    test_write("stopped/blocks/whole/groups.txt", "killed");
-    test_write("stopped/blocks/whole/001.square.7.ply", "killed");
-    test_write("stopped/blocks/whole/imaging.7.txt", "killed");
-    test_write("stopped/blocks/whole/001.square.7.ply.txt", "not of groups");
-    job_test_replace(test_path("stopped/run.json"), "\"finished\": true", "\"finished\": false");
-    CHECK_OK(oxl_merge(test_ctx, out, NULL));
-    CHECK(job_test_group_files(out, "groups.txt") == 0 && job_test_group_files(out, ".7.") == 1);
-}
-
-TEST(job_in_blocks_trains_the_model_for_viewers_in_groups_and_resumes_to_the_same_bytes)
-{
-    NEEDS_PART(sh_degree);
-    NEEDS_PART(exposure);
-    oxl_job_options options = job_test_gains_in_blocks();
-    const char *survey = job_test_strip();
-    char out[2][200] = {{0}};
-    options.partition.block_points = 30;
-    for (int run = 0; run < 2; run++) {
-        snprintf(out[run], sizeof out[run], "%s", test_path(run ? "stopped" : "whole"));
-        for (options.block = 0; options.block < 2; options.block++)
-            CHECK_OK(oxl_job_run(test_ctx, survey, out[run], &options, NULL));
-        job_test_limit_memory(out[run], &options, 0.6);
-    }
-    CHECK_OK(oxl_merge(test_ctx, out[0], NULL));
-    CHECK(job_test_went_in_groups(out[0]));
-    job_test_shows_viewers("whole");
-    for (int stop = 1; stop <= 5; stop++) {
-        int left = stop;
-        const oxl_callback callback = {job_test_stop_viewers, &left};
-        CHECK(oxl_merge(test_ctx, out[1], &callback) == OXL_ERR_INTERRUPTED && left == 0);
-        CHECK(os_is_file(test_path("stopped/blocks/whole/model.ply")));
-        if (stop == 1) CHECK(job_test_group_files(out[1], ".mean.") == 0); /* what they begin with is 0 */
-        if (stop == 3) /* what the model for viewers began with: all begins again */
-            CHECK(os_remove(test_path("stopped/blocks/whole/model.ply")) == 0);
-    }
-    job_test_finish_groups(out[1], &options);
-    CHECK(job_test_same(test_path("whole/scene.ply"), test_path("stopped/scene.ply")));
-    CHECK(job_test_same(test_path("whole/scene_clear.ply"), test_path("stopped/scene_clear.ply")));
-    CHECK(job_test_same(test_path("whole/imaging.txt"), test_path("stopped/imaging.txt")));
-    /* A result that is lost is made again, although the files of its tasks are gone. */
-    job_test_replace(test_path("stopped/run.json"), "\"finished\": true", "\"finished\": false");
-    CHECK(os_remove(test_path("stopped/scene.ply")) == 0 &&
-          os_remove(test_path("stopped/blocks/whole/model_standard.ply")) == 0);
-    job_test_limit_memory(out[1], &options, 0.6);
-    CHECK_OK(oxl_merge(test_ctx, out[1], NULL));
-    CHECK(job_test_same(test_path("whole/scene.ply"), test_path("stopped/scene.ply")));
-}
-
-TEST(job_whose_groups_lost_their_files_says_so_and_not_that_memory_is_small)
-{
-    oxl_job_options options = job_test_blocks();
-    struct job_test_watch watch = {0, 9};
-    const oxl_callback callback = {job_test_progress, &watch};
-    const char *survey = job_test_strip();
-    char out[200];
-    snprintf(out, sizeof out, "%s", test_path("stopped"));
-    options.train.iterations = 120;
-    options.partition.block_points = 30;
-    for (options.block = 0; options.block < 2; options.block++)
-        CHECK_OK(oxl_job_run(test_ctx, survey, out, &options, NULL));
-    job_test_limit_memory(out, &options, 0.6);
-    CHECK(oxl_merge(test_ctx, out, &callback) == OXL_ERR_INTERRUPTED);
-    CHECK(job_test_group_files(out, ".square.") > 0);
-    for (int version = 1; version < 40; version++)
-        for (int block = 0; block < 2; block++)
-            os_remove(PATH(out, "blocks/whole/%03d.square.%d.ply", block, version));
-    job_test_limit_memory(out, &options, 4);
-    lint_heard[0] = 0;
-    test_ctx->options.log = lint_listen;
-    CHECK_OK(oxl_merge(test_ctx, out, NULL));
-    CHECK_TEXT(lint_heard, "missing or damaged, so it begins again: 1 group of views\n");
 }
 
 TEST(job_trains_a_block_again_whose_folder_was_emptied)
@@ -947,13 +782,11 @@ TEST(renders_that_cannot_be_written_are_named_and_those_before_counted)
     CHECK_OK(oxl_scene_load(test_ctx, job_test_survey(), NULL, &scene));
     CHECK_OK(oxl_model_from_points(test_ctx, &point, 1, 0, &model));
     test_ctx->threads = 4;
-    CHECK_OK(oxl_render_views(test_ctx, &(oxl_large_model){.model = model}, scene, &what, test_path("drawn"),
-                              &count));
+    CHECK_OK(oxl_render_views(test_ctx, &model, scene, &what, test_path("drawn"), &count));
     CHECK(count == JOB_VIEWS && os_is_file(test_path("drawn/0.png.png")) &&
           os_is_file(test_path("drawn/8.png.image.png")));
     test_write("again/1.png.png/.keep", "");
-    CHECK(oxl_render_views(test_ctx, &(oxl_large_model){.model = model}, scene, &what, test_path("again"),
-                           &count) == OXL_ERR_IO);
+    CHECK(oxl_render_views(test_ctx, &model, scene, &what, test_path("again"), &count) == OXL_ERR_IO);
     CHECK_TEXT(oxl_error_text(test_ctx), "again/1.png.png");
     CHECK(count == 1 && os_is_file(test_path("again/0.png.image.png")) &&
           !os_is_file(test_path("again/8.png.png")));

@@ -120,7 +120,7 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
         model.plane[OXL_SH + k][0] = 1.7f;
     }
     model.plane[OXL_OPACITY][0] = 6;
-    CHECK_OK(ortho_write(test_ctx, &(oxl_large_model){.model = model}, scene, &options, to));
+    CHECK_OK(ortho_write(test_ctx, &model, scene, &options, to));
     CHECK_OK(oxl_image_read(test_ctx, test_path("ortho/ortho.png"), &image));
     pixels = (size_t)image.width * (size_t)image.height;
     for (size_t i = 0; i < pixels; i++)
@@ -150,7 +150,7 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
     }
     free(text);
     options.pixel = 1e-9;
-    CHECK(ortho_write(test_ctx, &(oxl_large_model){.model = model}, scene, &options, to) == OXL_ERR_USAGE);
+    CHECK(ortho_write(test_ctx, &model, scene, &options, to) == OXL_ERR_USAGE);
     fclose(to);
     oxl_image_free(test_ctx, &image);
     oxl_model_free(test_ctx, &model);
@@ -293,7 +293,7 @@ static void ortho_test_pixel(const double p[3], int min_views, int *alpha, float
         model.plane[OXL_SH][i] = i ? 1.7f : 0;
         model.plane[OXL_OPACITY][i] = 6;
     }
-    CHECK_OK(ortho_write(test_ctx, &(oxl_large_model){.model = model}, scene, &a, to));
+    CHECK_OK(ortho_write(test_ctx, &model, scene, &a, to));
     fclose(to);
     t = ortho_test_file("map/ortho.tif", NULL);
     if (t) {
@@ -365,18 +365,18 @@ TEST(ground_is_not_seen_through_what_is_before_it_nor_from_far_away)
     CHECK_OK(ground_count_views(test_ctx, NULL, scene, &g));
     CHECK(seen == 1);
     g.enough = 0;
-    CHECK_OK(ground_count_views(test_ctx, &(oxl_large_model){.model = model}, scene, &g));
+    CHECK_OK(ground_count_views(test_ctx, &model, scene, &g));
     CHECK(seen == 1);
     model.plane[OXL_MEAN + 2][0] -=
         2.9f; /* to within a twentieth of the place's depth: a slope, not a wall */
     model.plane[OXL_MEAN][0] += 1, model.plane[OXL_MEAN + 1][0] += 0.02f;
-    CHECK_OK(ground_count_views(test_ctx, &(oxl_large_model){.model = model}, scene, &g));
+    CHECK_OK(ground_count_views(test_ctx, &model, scene, &g));
     CHECK(seen == 2);
     g.usual = 5.9 / GROUND_FAR;
-    CHECK_OK(ground_count_views(test_ctx, &(oxl_large_model){.model = model}, scene, &g));
+    CHECK_OK(ground_count_views(test_ctx, &model, scene, &g));
     CHECK(seen == 0);
     level = NAN;
-    CHECK_OK(ground_count_views(test_ctx, &(oxl_large_model){.model = model}, scene, &g));
+    CHECK_OK(ground_count_views(test_ctx, &model, scene, &g));
     CHECK(seen == 0);
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
@@ -403,7 +403,7 @@ TEST(ground_height_is_confirmed_by_images_of_that_depth)
             model.plane[OXL_LOG_SCALE + k][0] = logf(k < 2 ? 3 : 0.01f);
         }
         model.plane[OXL_OPACITY][0] = behind == 2 ? -20 : 6;
-        CHECK_OK(ground_count_views(test_ctx, &(oxl_large_model){.model = model}, scene, &g));
+        CHECK_OK(ground_count_views(test_ctx, &model, scene, &g));
         CHECK(seen == 2 && confirmed == (behind ? 0 : 2));
     }
     CHECK_OK(ground_count_views(test_ctx, NULL, scene, &g));
@@ -434,10 +434,10 @@ TEST(ground_height_wants_detail_in_the_images_that_confirm_it)
         }
     model.plane[OXL_SH][1] = 0.2f;
     model.plane[OXL_OPACITY][0] = 6, model.plane[OXL_OPACITY][1] = -20;
-    CHECK_OK(ground_count_views(test_ctx, &(oxl_large_model){.model = model}, scene, &g));
+    CHECK_OK(ground_count_views(test_ctx, &model, scene, &g));
     CHECK(seen == 2 && confirmed == 0);
     model.plane[OXL_OPACITY][1] = 6;
-    CHECK_OK(ground_count_views(test_ctx, &(oxl_large_model){.model = model}, scene, &g));
+    CHECK_OK(ground_count_views(test_ctx, &model, scene, &g));
     CHECK(seen == 2 && confirmed == 2);
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
@@ -515,7 +515,7 @@ TEST(ortho_has_its_corners_within_a_pixel_of_the_surveys_points)
     for (int k = 0; k < 3; k++)
         model.plane[OXL_MEAN + k][0] = (float)((const double[]){3, 2, 0}[k] - scene->origin[k]);
     for (int k = 0; k < 3; k++) scene->origin[k] += (double[3]){500000, 6700000, -20}[k];
-    CHECK_OK(ortho_write(test_ctx, &(oxl_large_model){.model = model}, scene, &a, to));
+    CHECK_OK(ortho_write(test_ctx, &model, scene, &a, to));
     fclose(to);
     t = ortho_test_file("map/height.tif", NULL);
     if (t) {
@@ -547,7 +547,7 @@ TEST(ortho_overview_measures_the_ground_that_two_views_share)
         model.plane[OXL_LOG_SCALE + k][0] = logf(k < 2 ? 10 : 0.01f);
     }
     model.plane[OXL_SH][0] = 0, model.plane[OXL_OPACITY][0] = 6;
-    CHECK_OK(ortho_overview(test_ctx, &(oxl_large_model){.model = model}, scene, 100, &v));
+    CHECK_OK(ortho_overview(test_ctx, &model, scene, 100, &v));
     CHECK_CLOSE(v.sampling, 0.18, 0.001); /* 9 to the model's ground, by 50 px */
     CHECK_CLOSE(v.area, 12.8, 0.7);
     CHECK_CLOSE(v.covered, 0.32, 0.02);
@@ -599,8 +599,7 @@ TEST(ortho_refuses_an_up_that_is_down)
     model.plane[OXL_OPACITY][0] = 6;
     for (int is_down = 0; is_down < 2; is_down++) {
         a.up[2] = is_down ? -1 : 1;
-        CHECK(ortho_write(test_ctx, &(oxl_large_model){.model = model}, scene, &a, to) ==
-              (is_down ? OXL_ERR_INPUT : OXL_OK));
+        CHECK(ortho_write(test_ctx, &model, scene, &a, to) == (is_down ? OXL_ERR_INPUT : OXL_OK));
     }
     CHECK(strstr(oxl_error_text(test_ctx), "fix: --up") != NULL);
     fclose(to);

@@ -1504,19 +1504,3 @@ TEST(medium_and_lamp_of_blocks_are_the_coarse_model_s_and_show_the_images)
     }
     blocks_test_shows_the_images(23);
 }
-
-TEST(medium_of_blocks_that_memory_does_not_hold_together_is_baked_into_scene_ply)
-{
-    NEEDS_PART(medium);
-    oxl_job_options o = blocks_test_options();
-    char line[2][300];
-    for (o.block = 0; o.block < 2; o.block++)
-        CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &o, NULL));
-    blocks_test_line("out/blocks/coarse/imaging.txt", "bD 0.3", line[0]);
-    CHECK(!strcmp(line[0], blocks_test_line("out/blocks/001/imaging.txt", "bD 0.3",
-                                            line[1]))); /* read by another process */
-    job_test_limit_memory(test_path("out"), &o, 0.6);
-    CHECK_OK(oxl_merge(test_ctx, test_path("out"), NULL));
-    CHECK(job_test_went_in_groups(test_path("out")));
-    blocks_test_shows_the_images(18);
-}

@@ -2813,8 +2813,7 @@ static void vulkan_check_one_upload(oxl_context *device)
     CHECK_OK(oxl_evaluate(device, &m, scene, OXL_SPLIT_ALL, &metrics));
     CHECK(metrics.count == 6 && v->sent - before == vulkan_bytes_of(&m));
     before = v->sent;
-    CHECK_OK(
-        oxl_render_views(device, &(oxl_large_model){.model = m}, scene, &what, test_path("drawn"), &count));
+    CHECK_OK(oxl_render_views(device, &m, scene, &what, test_path("drawn"), &count));
     CHECK(count == 6 && v->sent - before == vulkan_bytes_of(&m));
     oxl_metrics_free(device, &metrics);
     oxl_model_free(test_ctx, &m);
@@ -2846,74 +2845,6 @@ static void vulkan_check_models_of_a_renderer(oxl_context *device)
     vulkan_compare_images(&t);
     oxl_model_free(test_ctx, &m);
     oxl_model_free(test_ctx, &other);
-    vulkan_twins_free(&t);
-}
-
-/* Memory that is given from its beginning again when vulkan_arena_at is set to 0: the same requests, the same
- * places. */
-static char vulkan_arena[1 << 20];
-static size_t vulkan_arena_at;
-static void *(*vulkan_real_reallocate)(void *user, void *old, size_t size);
-
-static void *vulkan_from_arena(void *user, void *old, size_t size)
-{
-    const int ours = (char *)old >= vulkan_arena && (char *)old < vulkan_arena + sizeof vulkan_arena;
-    char *at = vulkan_arena + vulkan_arena_at;
-    if (size == 0) return ours ? NULL : vulkan_real_reallocate(user, old, 0);
-    size = (size + 63) & ~(size_t)63;
-    if (old || size > sizeof vulkan_arena - vulkan_arena_at) return NULL;
-    vulkan_arena_at += size;
-    return at;
-}
-
-/* Gaussian `view` of two that are 40 apart, the first red, the second green; `shared` is where the rows of
- * other views lay. */
-static void vulkan_check_page(struct vulkan_twins *t, const oxl_large_model *paged, int view, int shared)
-{
-    const oxl_render_options options = oxl_render_options_default();
-    const struct render_source source = large_source(paged);
-    struct vulkan_renderer *r = t->r[1]->device;
-    const float *before = r->plane;
-    const size_t centre = t->pixels / 2 + (size_t)t->camera.width / 2;
-    oxl_image image[2];
-    t->camera.translation[0] = -40 * view;
-    vulkan_arena_at = 0;
-    for (int k = 0; k < 2; k++) {
-        if (k && shared) t->ctx[k]->options.reallocate = vulkan_from_arena;
-        CHECK_OK(renderer_draw_source(t->ctx[k], t->r[k], &source, &t->camera, &options, &image[k], NULL));
-        CHECK(image[k].rgb[centre + t->pixels * (size_t)view] > 0.5f);
-        CHECK(image[k].rgb[centre + t->pixels * (size_t)(1 - view)] < 0.2f);
-    }
-    for (size_t i = 0; i < 3 * t->pixels; i += 7) CHECK_CLOSE(image[1].rgb[i], image[0].rgb[i], 2.0 / 255);
-    for (int k = 0; k < 2; k++) oxl_image_free(t->ctx[k], &image[k]);
-    t->ctx[1]->options.reallocate = vulkan_real_reallocate;
-    CHECK(r->count == 1 && (r->plane == before) == (shared > 1));
-}
-
-/* Two Gaussians, one in each of two views: what is read of the file has the same shape for both, and lies in
- * the same place. */
-static void vulkan_check_pages(oxl_context *device)
-{
-    struct vulkan_twins t = vulkan_twins(device, 64, 48);
-    oxl_model m;
-    oxl_large_model paged;
-    vulkan_scene(2, 0, 0, &m);
-    for (int i = 0; i < 2; i++) {
-        for (int a = 0; a < 3; a++) m.plane[OXL_MEAN + a][i] = a == 2 ? 4 : a == 0 ? 40 * (float)i : 0;
-        for (int a = 0; a < 3; a++)
-            m.plane[OXL_LOG_SCALE + a][i] = -1, m.plane[OXL_SH + a][i] = i == a ? 2 : -2;
-        m.plane[OXL_OPACITY][i] = 3;
-    }
-    memset(t.camera.rotation, 0, sizeof t.camera.rotation);
-    for (int a = 0; a < 3; a++) t.camera.rotation[4 * a] = 1, t.camera.translation[a] = 0;
-    CHECK_OK(model_file_write_ply(test_ctx, test_path("two.ply"), &m, 1));
-    CHECK_OK(oxl_large_open(test_ctx, test_path("two.ply"), 1, &paged));
-    CHECK(paged.pages != NULL);
-    vulkan_real_reallocate = device->options.reallocate;
-    vulkan_check_page(&t, &paged, 0, 0); /* the renderer's own memory is allocated */
-    for (int view = 1; view >= 0; view--) vulkan_check_page(&t, &paged, view, view ? 1 : 2);
-    oxl_model_free(test_ctx, &m);
-    oxl_large_free(test_ctx, &paged);
     vulkan_twins_free(&t);
 }
 
@@ -3986,11 +3917,6 @@ TEST(vulkan_uploads_a_model_once_for_all_views_of_an_evaluation)
 TEST(vulkan_renders_the_current_model)
 {
     ON_DEVICE(vulkan_check_model_now);
-}
-
-TEST(vulkan_renders_each_view_of_a_model_that_stays_in_its_file)
-{
-    ON_DEVICE(vulkan_check_pages);
 }
 
 TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus)

@@ -32,7 +32,7 @@ OXL_INTERNAL oxl_result align_view(oxl_context *ctx, const struct drawn *d, int 
     renderer_set_pose(d->r, 1);
     for (int i = 0; i < ALIGN_STEPS && rc == OXL_OK; i++) {
         rule.rate = ALIGN_RATE * vecmath_exp((double)i / ALIGN_STEPS * vecmath_log(ALIGN_LAST));
-        rc = renderer_forward(ctx, d->r, d->source->model, out, options);
+        rc = renderer_forward(ctx, d->r, d->model, out, options);
         if (rc == OXL_OK) rc = renderer_loss(ctx, d->r, image->rgb, image->weight, ALIGN_SSIM, &loss);
         if (rc == OXL_OK) rc = renderer_backward(ctx, d->r, NULL, gradient);
         if (rc == OXL_OK) pose_step(&pose, given, renderer_pose_gradient(d->r), &rule);

@@ -8,16 +8,16 @@
 /* ---------------- a view as its image was taken */
 
 /* Returns the model's background, or the scene's if the model has none. */
-static void evaluate_background(const struct render_source *source, const oxl_scene *scene, float out[3])
+static void evaluate_background(const oxl_model *model, const oxl_scene *scene, float out[3])
 {
     static const float none[3] = {-1, -1, -1};
-    scene_background(scene, source->background ? source->background : none, out);
+    scene_background(scene, model->has_background ? model->background : none, out);
 }
 
-OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const struct render_source *source, oxl_scene *scene)
+OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, oxl_scene *scene)
 {
     float background[3];
-    evaluate_background(source, scene, background);
+    evaluate_background(model, scene, background);
     scene_set_background(ctx, scene, background);
 }
 
@@ -25,7 +25,7 @@ static oxl_render_options evaluate_options(const struct drawn *d)
 {
     oxl_render_options options = oxl_render_options_default();
     options.near_plane = (float)oxl_scene_near_plane(d->scene);
-    evaluate_background(d->source, d->scene, options.background);
+    evaluate_background(d->model, d->scene, options.background);
     return options;
 }
 
@@ -35,7 +35,7 @@ static oxl_result evaluate_draw_medium(oxl_context *ctx, const struct drawn *d, 
 {
     const oxl_render_options options = evaluate_options(d);
     renderer_set_medium(d->r, d->imaging ? &d->imaging->medium : NULL, 0);
-    return renderer_draw_source(ctx, d->r, d->source, camera, &options, out, depth);
+    return renderer_draw(ctx, d->r, d->model, camera, &options, out, depth);
 }
 
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
@@ -70,7 +70,7 @@ static oxl_result evaluate_add_bands(oxl_context *ctx, const oxl_scene *scene, i
 /* Holds what the evaluation of all views shares. */
 struct evaluate_pass {
     struct renderer *r;
-    const struct render_source *source;
+    const oxl_model *model;
     oxl_scene *scene;
     struct evaluate_bands *bands; /* NULL: measures as evaluate_quick or, if `shown`, as evaluate_shown */
     int shown, most;              /* most: evaluates so many views, evenly spaced */
@@ -119,7 +119,7 @@ static oxl_result evaluate_aligned(oxl_context *ctx, struct evaluate_pass *p, co
                                    const oxl_image *image, oxl_view_metrics *row)
 {
     const oxl_render_options options = evaluate_options(d);
-    const oxl_model *model = p->source->model;
+    const oxl_model *model = p->model;
     oxl_image rendered = {0};
     oxl_camera camera;
     oxl_result rc = OXL_OK;
@@ -136,14 +136,14 @@ static oxl_result evaluate_aligned(oxl_context *ctx, struct evaluate_pass *p, co
 
 static int evaluate_aligns(const struct evaluate_pass *p, int view)
 {
-    return p->scene->imaging.pose && p->bands && p->source->model && !renderer_has_device(p->r) &&
+    return p->scene->imaging.pose && p->bands && !renderer_has_device(p->r) &&
            oxl_scene_view(p->scene, view)->is_test;
 }
 
 static oxl_result evaluate_view(oxl_context *ctx, struct evaluate_pass *p, const oxl_image *image,
                                 oxl_view_metrics *row)
 {
-    const struct drawn d = {p->r, p->source, p->scene, &p->scene->imaging};
+    const struct drawn d = {p->r, p->model, p->scene, &p->scene->imaging};
     oxl_image rendered = {0};
     oxl_result rc =
         evaluate_draw_medium(ctx, &d, &oxl_scene_view(p->scene, row->view)->camera, &rendered, NULL);
@@ -218,7 +218,7 @@ static oxl_result evaluate_views(oxl_context *ctx, struct evaluate_pass p, oxl_s
     for (int i = 0; i < count; i++) view[i] = view[(int)((int64_t)i * all / count)];
     if (rc == OXL_OK && p.bands) rc = depth_bands_begin(ctx, p.scene, view, count, &p.bands->of);
     if (rc == OXL_OK) rc = renderer_create(ctx, &p.r);
-    evaluate_begin(ctx, p.source, p.scene);
+    evaluate_begin(ctx, p.model, p.scene);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         rc = context_stopped(ctx);
         scene_images_ahead(ctx, p.scene, view + i, count - i);
@@ -232,35 +232,28 @@ static oxl_result evaluate_views(oxl_context *ctx, struct evaluate_pass p, oxl_s
     return rc;
 }
 
-OXL_INTERNAL oxl_result evaluate_source(oxl_context *ctx, const struct render_source *source,
-                                        oxl_scene *scene, oxl_split split, oxl_metrics *out)
+oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
+                        oxl_metrics *out)
 {
     struct evaluate_bands bands = {.sum = {{0}}};
-    const struct evaluate_pass p = {.source = source, .scene = scene, .bands = &bands, .most = INT_MAX};
+    const struct evaluate_pass p = {.model = model, .scene = scene, .bands = &bands, .most = INT_MAX};
     const oxl_result rc = evaluate_views(ctx, p, split, out);
     if (rc == OXL_OK) evaluate_sum_up(out, &bands);
     depth_bands_free(ctx, &bands.of);
     return rc;
 }
 
-oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
-                        oxl_metrics *out)
-{
-    const struct render_source source = render_source_of(model);
-    return evaluate_source(ctx, &source, scene, split, out);
-}
-
-OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
+OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
                                        oxl_split split, int most, oxl_metrics *out)
 {
-    const struct evaluate_pass p = {.source = source, .scene = scene, .most = most};
+    const struct evaluate_pass p = {.model = model, .scene = scene, .most = most};
     return evaluate_views(ctx, p, split, out);
 }
 
-OXL_INTERNAL oxl_result evaluate_shown(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
+OXL_INTERNAL oxl_result evaluate_shown(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
                                        oxl_split split, oxl_metrics *out)
 {
-    const struct evaluate_pass p = {.source = source, .scene = scene, .most = INT_MAX, .shown = 1};
+    const struct evaluate_pass p = {.model = model, .scene = scene, .most = INT_MAX, .shown = 1};
     return evaluate_views(ctx, p, split, out);
 }
 

@@ -35,7 +35,7 @@ OXL_INTERNAL double structure_explained(const oxl_image *rendered, const oxl_ima
 
 struct drawn;
 /* Finds the camera of a view that fits its image best, from its pose on. d->imaging: not NULL; d->r: on the
- * CPU; gradient: of the shape of d->source->model, overwritten. */
+ * CPU; gradient: of the shape of d->model, overwritten. */
 OXL_INTERNAL oxl_result align_view(oxl_context *ctx, const struct drawn *d, int view, const oxl_image *image,
                                    const oxl_render_options *options, oxl_model *gradient, oxl_camera *out);
 
@@ -43,26 +43,23 @@ OXL_INTERNAL oxl_result align_view(oxl_context *ctx, const struct drawn *d, int 
 
 struct drawn { /* Names what evaluate_draw renders. */
     struct renderer *r;
-    const struct render_source *source;
+    const oxl_model *model;
     const oxl_scene *scene;
     /* medium, lamp and gains with which the images were taken; NULL: none */
     const struct imaging *imaging;
 };
 /* Composites the scene's images over the model's background from now on; called before the
  * first image is compared. */
-OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const struct render_source *source, oxl_scene *scene);
+OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, oxl_scene *scene);
 /* Renders a view; depth (H,W), or NULL. */
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
                                       float *depth);
-/* Evaluates a source like oxl_evaluate. */
-OXL_INTERNAL oxl_result evaluate_source(oxl_context *ctx, const struct render_source *source,
-                                        oxl_scene *scene, oxl_split split, oxl_metrics *out);
-/* Evaluates plain_psnr, psnr and ssim of a source; other values are not set. */
-OXL_INTERNAL oxl_result evaluate_shown(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
+/* Evaluates plain_psnr, psnr and ssim of a model; other values are not set. */
+OXL_INTERNAL oxl_result evaluate_shown(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
                                        oxl_split split, oxl_metrics *out);
 /* Evaluates `most` views of a split at most, evenly spaced, without ssim (NaN), ms_ssim, lpips, plain_psnr,
  * half_psnr, alignment and depths, in a third of the time. */
-OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
+OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
                                        oxl_split split, int most, oxl_metrics *out);
 
 #endif

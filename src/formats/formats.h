@@ -51,28 +51,13 @@ OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const c
 
 /* ---------------- model_file.c, model_write.c: models as PLY */
 
-/* Replaces infinite logits and logarithms by finite limits; returns the number of rows changed.
- * model_file_report_dropped warns of rows that were left out. */
+/* Replaces infinite logits and logarithms by finite limits; returns the number of rows changed. */
 OXL_INTERNAL size_t model_file_settle_limits(oxl_model *model);
-OXL_INTERNAL void model_file_report_dropped(oxl_context *ctx, const char *path, size_t dropped, size_t count);
 
-/* Describes a PLY file whose rows can be read some at a time: little endian, all properties float. */
-struct model_file_layout {
-    uint64_t data, lobe_data; /* bytes before the first row of element vertex, and of element dog */
-    size_t rows, row_bytes, lobes;
-    int degree, offset[OXL_PLANES]; /* bytes before a plane's value in its row */
-};
 /* Reads a PLY file for oxl_model_read. */
 OXL_INTERNAL oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_model *out);
 /* Removes rows with values that are not finite, with messages. */
 OXL_INTERNAL oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_model *model);
-/* Finds the layout and gives the model the file's origin and scale; *has 0: rows of this file
- * cannot be read some at a time. */
-OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, struct model_file_layout *out,
-                                          oxl_model *model, int *has);
-/* Reads model->count rows, starting at row `first`. */
-OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct model_file_layout *l,
-                                             struct os_reader *file, size_t first, oxl_model *model);
 /* Writes a model with its second lobes. oxl_model_write passes file_degree 3, the standard's; the model's own
  * degree writes fewer columns. */
 OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model,
@@ -80,35 +65,6 @@ OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path,
 /* Fails if a value in the columns of a file of degree file_degree is not finite. */
 OXL_INTERNAL oxl_result model_write_check_finite(oxl_context *ctx, const char *path, const oxl_model *model,
                                                  int file_degree);
-/* Writes several models of the same origin as one file; models that stay in files are read page by page. */
-OXL_INTERNAL oxl_result model_file_write_large(oxl_context *ctx, const char *path,
-                                               const oxl_large_model *large, int count, int file_degree);
-
-/* ---------------- model_pages.c: a model that stays in its file */
-
-struct model_page {
-    double centre[3], radius, sigma; /* from the file's origin; radius -1: the page has no finite row */
-};
-
-struct oxl_model_pages {
-    char *path;
-    struct model_file_layout layout;
-    double origin[3];        /* origin of the file's coordinates */
-    struct model_page *page; /* (pages) */
-    size_t pages;
-};
-/* Returns 1 if a Gaussian may show in a view. */
-OXL_INTERNAL int model_row_shows(const oxl_camera *camera, double near_plane, const oxl_model *model,
-                                 size_t row);
-/* Opens a model whose rows stay in a file of layout `of`; out->model has origin and scale already. */
-OXL_INTERNAL oxl_result model_pages_open(oxl_context *ctx, const char *path,
-                                         const struct model_file_layout *of, oxl_large_model *out);
-/* Reads one page, around the model's origin. */
-OXL_INTERNAL oxl_result model_pages_get(oxl_context *ctx, const oxl_large_model *large, size_t page,
-                                        oxl_model *out);
-/* Copies the rows of a model with pages that a view may show. */
-OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_large_model *large,
-                                         const oxl_camera *camera, double near_plane, oxl_model *out);
 
 /* ---------------- imaging_file.c: imaging.txt */
 

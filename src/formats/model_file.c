@@ -81,14 +81,6 @@ OXL_INTERNAL size_t model_file_settle_limits(oxl_model *model)
     return settled;
 }
 
-OXL_INTERNAL void model_file_report_dropped(oxl_context *ctx, const char *path, size_t dropped, size_t count)
-{
-    if (dropped)
-        oxl_log(ctx, OXL_LOG_WARNING,
-                "%s: dropped %zu of %zu Gaussians that hold values which are not finite", path, dropped,
-                count);
-}
-
 static void model_file_find_range(const oxl_model *m, int plane, int planes, float *low, float *high)
 {
     *low = INFINITY, *high = -INFINITY;
@@ -150,7 +142,10 @@ OXL_INTERNAL oxl_result model_file_drop_rows(oxl_context *ctx, const char *path,
             "%s: all %zu Gaussians hold values that are not finite, so nothing is left\n"
             "fix: export the model again; its training has diverged, or its columns are in another order",
             path, count);
-    model_file_report_dropped(ctx, path, model->not_finite, count);
+    if (model->not_finite)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: dropped %zu of %zu Gaussians that hold values which are not finite", path,
+                model->not_finite, count);
     unturned = model_file_count_unturned(model);
     model_file_check_units(ctx, path, model);
     if (limits)
@@ -252,84 +247,6 @@ static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *p
     rc = ply_read(ctx, ply, element, target);
     if (rc == OXL_OK && rgb) model_file_from_rgb(vertex, out);
     oxl_free(ctx, target);
-    return rc;
-}
-
-/* ---------------- PLY in, some rows at a time */
-
-/* Sets the bytes before each plane's value in its row; returns 0 if a property is missing or not a float. */
-static int model_file_offsets(const struct ply_element *vertex, const struct ply_element *dog,
-                              struct model_file_layout *out)
-{
-    struct model_file_column column[MODEL_FILE_COLUMNS];
-    const int columns = model_file_columns(out->degree, out->degree, column);
-    int plain = vertex->row_bytes == 4 * (size_t)vertex->properties;
-    for (int c = 0; c < vertex->properties; c++) plain &= vertex->property[c].type == PLY_FLOAT32;
-    for (int c = 0; c < columns; c++) {
-        const int at = ply_find_property(vertex, column[c].name);
-        plain &= column[c].plane < 0 || at >= 0;
-        if (column[c].plane >= 0) out->offset[column[c].plane] = 4 * at;
-    }
-    for (int k = 0; k < MODEL_LOBE_PLANES && dog; k++) {
-        plain &= dog->properties == MODEL_LOBE_PLANES && ply_find_property(dog, MODEL_FILE_LOBE[k]) == k &&
-                 dog->property[k].type == PLY_FLOAT32;
-        out->offset[OXL_LOBE + k] = 4 * k;
-    }
-    return plain && !vertex->has_list;
-}
-
-OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, struct model_file_layout *out,
-                                          oxl_model *model, int *has)
-{
-    struct ply ply = {0};
-    const struct ply_element *e;
-    struct os_reader file = {0};
-    *out = (struct model_file_layout){0};
-    *has = 0;
-    /* Returns without a message: model_file_read_ply, which reads the file instead, reports the error. */
-    if (ply_open_header(ctx, path, MODEL_FILE_HEADER, &ply) != OXL_OK) return OXL_OK;
-    if (os_reader_open(ctx, path, &file) != OXL_OK) goto done;
-    e = ply.element;
-    if (ply.format == PLY_LITTLE && ply.elements >= 1 && ply.elements <= 2 && !strcmp(e[0].name, "vertex") &&
-        (ply.elements == 1 || !strcmp(e[1].name, "dog")) &&
-        model_file_read_degree(ctx, &ply, e, &out->degree) == OXL_OK) {
-        *has = model_file_offsets(e, ply.elements > 1 ? e + 1 : NULL, out);
-        out->rows = (size_t)e->rows;
-        out->row_bytes = e->row_bytes;
-        out->lobes = ply.elements > 1 ? (size_t)e[1].rows : 0;
-        out->data = ply.data;
-        out->lobe_data = ply.data + e->rows * e->row_bytes;
-        *has &= out->lobes <= out->rows && out->lobe_data + out->lobes * MODEL_LOBE_BYTES <= file.size;
-    }
-    for (int c = 0; c < ply.comments && *has; c++) model_read_comment(ctx, path, ply.comment[c], model);
-done:
-    os_reader_close(&file);
-    ply_close(ctx, &ply);
-    return OXL_OK;
-}
-
-OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct model_file_layout *l,
-                                             struct os_reader *file, size_t first, oxl_model *model)
-{
-    unsigned char *rows = oxl_alloc(ctx, model->count + 1, l->row_bytes);
-    size_t got = 0;
-    oxl_result rc = rows ? OXL_OK : OXL_ERR_MEMORY;
-    if (rc == OXL_OK) rc = os_reader_seek(ctx, file, l->data + (uint64_t)first * l->row_bytes);
-    if (rc == OXL_OK) rc = os_reader_read(ctx, file, rows, model->count * l->row_bytes, &got);
-    for (int k = 0; k < oxl_model_planes(model) && rc == OXL_OK; k++)
-        for (size_t i = 0; i < got / l->row_bytes; i++)
-            model->plane[k][i] = bytes_float(rows + i * l->row_bytes + l->offset[k]);
-    if (rc == OXL_OK && got < model->count * l->row_bytes)
-        rc = oxl_fail(ctx, OXL_ERR_IO, "%s: it was cut short", file->path);
-    if (rc == OXL_OK && model->lobes)
-        rc = os_reader_seek(ctx, file, l->lobe_data + (uint64_t)first * MODEL_LOBE_BYTES);
-    if (rc == OXL_OK && model->lobes)
-        rc = os_reader_read(ctx, file, rows, model->lobes * MODEL_LOBE_BYTES, &got);
-    for (int k = 0; k < MODEL_LOBE_PLANES && rc == OXL_OK; k++)
-        for (size_t i = 0; i < model->lobes; i++)
-            model->plane[OXL_LOBE + k][i] =
-                bytes_float(rows + i * MODEL_LOBE_BYTES + l->offset[OXL_LOBE + k]);
-    oxl_free(ctx, rows);
     return rc;
 }
 

@@ -107,19 +107,6 @@ oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
     return rc;
 }
 
-oxl_result oxl_large_open(oxl_context *ctx, const char *path, size_t max_bytes, oxl_large_model *out)
-{
-    const size_t room = max_bytes > 0 ? max_bytes : os_memory_free() > 0 ? os_memory_free() / 2 : SIZE_MAX;
-    struct model_file_layout layout = {0};
-    int has = 0;
-    oxl_result rc;
-    *out = (oxl_large_model){.pages = NULL};
-    rc = model_file_layout(ctx, path, &layout, &out->model, &has);
-    if (rc != OXL_OK) return rc;
-    if (!has || layout.rows * layout.row_bytes <= room) return oxl_model_read(ctx, path, &out->model);
-    return model_pages_open(ctx, path, &layout, out);
-}
-
 oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model)
 {
     const struct model_format *format = model_format_by_name(path);

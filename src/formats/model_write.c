@@ -56,8 +56,10 @@ static oxl_result model_write_put(oxl_context *ctx, const struct os_writer *w, c
 }
 
 static oxl_result model_write_header(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
-                                     const struct model_file_column *column, int columns)
+                                     int file_degree)
 {
+    struct model_file_column column[MODEL_FILE_COLUMNS];
+    const int columns = model_file_columns(file_degree, file_degree, column);
     struct text t = {.ctx = ctx};
     oxl_result rc = OXL_ERR_MEMORY;
     text_add(&t, "ply\nformat binary_little_endian 1.0\ncomment origin %s %s %s", NUMBER(model->origin[0]),
@@ -81,15 +83,15 @@ static oxl_result model_write_header(oxl_context *ctx, const struct os_writer *w
 }
 
 static oxl_result model_write_rows(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
-                                   size_t from, size_t end, int file_degree)
+                                   int file_degree)
 {
     struct model_file_column column[MODEL_FILE_COLUMNS];
     const int columns = model_file_columns(file_degree, model->sh_degree, column);
     const size_t row = 4 * (size_t)columns; /* bytes */
     unsigned char *rows = oxl_alloc(ctx, MODEL_WRITE_ROWS, row);
     oxl_result rc = rows ? OXL_OK : OXL_ERR_MEMORY;
-    for (size_t first = from; rc == OXL_OK && first < end; first += MODEL_WRITE_ROWS) {
-        const size_t n = OXL_MIN(end - first, MODEL_WRITE_ROWS);
+    for (size_t first = 0; rc == OXL_OK && first < model->count; first += MODEL_WRITE_ROWS) {
+        const size_t n = OXL_MIN(model->count - first, MODEL_WRITE_ROWS);
         for (int c = 0; c < columns; c++)
             for (size_t i = 0; i < n; i++)
                 bytes_put_float(rows + i * row + 4 * (size_t)c,
@@ -112,55 +114,15 @@ static oxl_result model_write_lobes(oxl_context *ctx, const struct os_writer *w,
     return rc;
 }
 
-enum model_write_which { ROWS_WITH_LOBES, ROWS_WITHOUT, ROWS_LOBES };
-
-/* Writes one kind of a model's rows, page by page if they are in a file: in the file, vertices with second
- * lobes come before all others. */
-static oxl_result model_write_part(oxl_context *ctx, const struct os_writer *w, const oxl_large_model *large,
-                                   enum model_write_which which, int file_degree)
-{
-    const size_t pages = large->pages ? large->pages->pages : 1;
-    oxl_result rc = OXL_OK;
-    for (size_t k = 0; k < pages && rc == OXL_OK; k++) {
-        oxl_model page = large->model;
-        if (large->pages) rc = model_pages_get(ctx, large, k, &page);
-        if (rc == OXL_OK && which == ROWS_LOBES) rc = model_write_lobes(ctx, w, &page);
-        else if (rc == OXL_OK)
-            rc = model_write_rows(ctx, w, &page, which == ROWS_WITHOUT ? page.lobes : 0,
-                                  which == ROWS_WITHOUT ? page.count : page.lobes, file_degree);
-        if (large->pages) oxl_model_free(ctx, &page);
-    }
-    return rc;
-}
-
-/* Goes through all models three times: vertices with second lobes, vertices without, the lobes. */
-OXL_INTERNAL oxl_result model_file_write_large(oxl_context *ctx, const char *path,
-                                               const oxl_large_model *large, int count, int file_degree)
-{
-    struct model_file_column column[MODEL_FILE_COLUMNS];
-    const int columns = model_file_columns(file_degree, file_degree, column);
-    oxl_model all = {.scale = large[0].model.scale};
-    struct os_writer w = {0};
-    oxl_result rc = OXL_OK;
-    memcpy(all.origin, large[0].model.origin, sizeof all.origin);
-    model_copy_rendering(&large[0].model, &all);
-    for (int m = 0; m < count && rc == OXL_OK; m++) {
-        all.count += large[m].model.count, all.lobes += large[m].model.lobes;
-        /* Checks models in memory alone: pages_read drops rows that are not finite. */
-        if (!large[m].pages) rc = model_write_check_finite(ctx, path, &large[m].model, file_degree);
-    }
-    if (rc == OXL_OK) rc = os_writer_open(ctx, path, &w);
-    if (rc != OXL_OK) return rc;
-    rc = model_write_header(ctx, &w, &all, column, columns);
-    for (int which = ROWS_WITH_LOBES; which <= ROWS_LOBES; which++)
-        for (int m = 0; m < count && rc == OXL_OK; m++)
-            rc = model_write_part(ctx, &w, &large[m], which, file_degree);
-    return os_writer_close(ctx, &w, rc);
-}
-
 OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model,
                                              int file_degree)
 {
-    const oxl_large_model whole = {.model = *model};
-    return model_file_write_large(ctx, path, &whole, 1, file_degree);
+    struct os_writer w = {0};
+    oxl_result rc = model_write_check_finite(ctx, path, model, file_degree);
+    if (rc == OXL_OK) rc = os_writer_open(ctx, path, &w);
+    if (rc != OXL_OK) return rc;
+    rc = model_write_header(ctx, &w, model, file_degree);
+    if (rc == OXL_OK) rc = model_write_rows(ctx, &w, model, file_degree);
+    if (rc == OXL_OK) rc = model_write_lobes(ctx, &w, model);
+    return os_writer_close(ctx, &w, rc);
 }

@@ -100,7 +100,7 @@ OXL_INTERNAL oxl_result render_names_check(oxl_context *ctx, const oxl_scene *sc
 
 struct render_source;
 struct render_files {
-    const struct render_source *source;
+    const oxl_model *source;
     oxl_scene *scene;
     const oxl_render_output *what;
     const char *folder;
@@ -116,7 +116,7 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_fi
  * worst views beside their images into `folder` (NULL: none). After enough iterations also logs views that
  * fit far worse than their neighbours. measured: metrics of all training views; NULL: evaluates them, or
  * some if the run is short. */
-OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_large_model *model, oxl_scene *scene,
+OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
                                              int iterations, const oxl_metrics *measured, struct text *json,
                                              const char *folder);
 

@@ -17,16 +17,15 @@ enum { JOB_STEPS_A_VIEW = 40 }; /* least training steps for each view that unsee
 
 /* Removes Gaussians that no training view shows: nothing trained them, and they float before other cameras.
  * Only finished runs of one block with JOB_STEPS_A_VIEW steps for each view do so: in others rendering all
- * views, for each model, takes more than 2 % of the time for some 30 rows, and rows of merged blocks may be
- * in files. */
-static oxl_result job_drop_unseen(struct job *job, oxl_large_model *large)
+ * views, for each model, takes more than 2 % of the time for some 30 rows. */
+static oxl_result job_drop_unseen(struct job *job, oxl_model *model)
 {
     size_t dropped = 0;
     oxl_result rc;
-    if (job->partition.block_count != 1 || job->unfinished || !job->scene || large->pages ||
+    if (job->partition.block_count != 1 || job->unfinished || !job->scene ||
         schedule_training_views(job->scene) > job->options.train.iterations / JOB_STEPS_A_VIEW)
         return OXL_OK;
-    rc = unseen_drop(job->ctx, job->scene, &large->model, &dropped);
+    rc = unseen_drop(job->ctx, job->scene, model, &dropped);
     if (rc == OXL_OK && dropped)
         oxl_log(job->ctx, OXL_LOG_INFO, "%zu Gaussians that no training view shows are left out", dropped);
     return rc;
@@ -39,14 +38,14 @@ static int job_last_block(const struct job *job)
 }
 
 /* Reads the model of the one block, or the merged model, and its imaging. */
-static oxl_result job_final_model(struct job *job, int standard, oxl_large_model *out)
+static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
 {
     const int one = job_last_block(job);
-    oxl_result rc = job_open_model(job, one, standard, out);
+    oxl_result rc = job_read_model(job, one, standard, out);
     if (rc == OXL_OK && job->scene)
         rc = oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, one), "model.ply"));
     if (rc == OXL_OK) rc = job_drop_unseen(job, out);
-    if (rc == OXL_OK && out->model.count == 0)
+    if (rc == OXL_OK && out->count == 0)
         rc = oxl_fail(job->ctx, OXL_ERR_FAILED,
                       "no Gaussian is left in %s\nfix: oceanxl check looks at cameras, points and images",
                       job->out);
@@ -89,15 +88,15 @@ static void job_choose_view(const oxl_scene *scene, oxl_model *model)
     }
 }
 
-static oxl_result job_write_ply(struct job *job, const char *name, const oxl_large_model *model, int degree,
+static oxl_result job_write_ply(struct job *job, const char *name, const oxl_model *model, int degree,
                                 size_t *bytes)
 {
     struct os_reader file = {0};
     const char *path = PATH(job->out, "%s", name);
-    oxl_large_model seen = *model;
+    oxl_model seen = *model;
     oxl_result rc = OXL_OK;
-    if (job->scene) job_choose_view(job->scene, &seen.model);
-    rc = model_file_write_large(job->ctx, path, &seen, 1, degree);
+    if (job->scene) job_choose_view(job->scene, &seen);
+    rc = model_file_write_ply(job->ctx, path, &seen, degree);
     if (rc == OXL_OK) rc = os_reader_open(job->ctx, path, &file);
     *bytes = (size_t)file.size;
     os_reader_close(&file);
@@ -105,30 +104,29 @@ static oxl_result job_write_ply(struct job *job, const char *name, const oxl_lar
 }
 
 /* Makes the model without second lobes and medium; in an unfinished run it is not refined. */
-static oxl_result job_make_standard(struct job *job, oxl_large_model *out)
+static oxl_result job_make_standard(struct job *job, oxl_model *out)
 {
-    const int made = !job->unfinished && (job->result.model.lobes > 0 || job_hides(job));
-    oxl_result rc = made || job->result.pages ? job_final_model(job, made, out)
-                                              : model_copy(job->ctx, &job->result.model, &out->model);
-    if (rc == OXL_OK && !made && !out->pages && job->scene) medium_make_standard(job->scene, 0, &out->model);
-    else model_drop_lobes(&out->model);
+    const int made = !job->unfinished && (job->result.lobes > 0 || job_hides(job));
+    oxl_result rc = made ? job_final_model(job, 1, out) : model_copy(job->ctx, &job->result, out);
+    if (rc == OXL_OK && !made && job->scene) medium_make_standard(job->scene, 0, out);
+    else model_drop_lobes(out);
     return rc;
 }
 
 /* Writes scene.ply: the model with its SH degree and lobes, or with a medium the standard model;
  * scene_clear.ply then has the former. Writes scene_standard.ply unless scene.ply has the standard columns
  * already. bytes: of the file that the metrics are of, and of the standard model's. */
-static oxl_result job_write_models(struct job *job, oxl_large_model *standard, size_t bytes[2])
+static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t bytes[2])
 {
     const int hides = job_hides(job),
-              is_standard = job->result.model.sh_degree == 3 && (hides || job->result.model.lobes == 0);
-    const oxl_large_model *shown = hides ? standard : &job->result;
+              is_standard = job->result.sh_degree == 3 && (hides || job->result.lobes == 0);
+    const oxl_model *shown = hides ? standard : &job->result;
     oxl_result rc = hides || !is_standard ? job_make_standard(job, standard) : OXL_OK;
     size_t full = 0;
     bytes[0] = bytes[1] = 0;
-    if (rc == OXL_OK) rc = job_write_ply(job, "scene.ply", shown, shown->model.sh_degree, &bytes[hides]);
+    if (rc == OXL_OK) rc = job_write_ply(job, "scene.ply", shown, shown->sh_degree, &bytes[hides]);
     if (rc == OXL_OK && hides)
-        rc = job_write_ply(job, "scene_clear.ply", &job->result, job->result.model.sh_degree, &bytes[0]);
+        rc = job_write_ply(job, "scene_clear.ply", &job->result, job->result.sh_degree, &bytes[0]);
     else os_remove(PATH(job->out, "scene_clear.ply"));
     if (is_standard) os_remove(PATH(job->out, "scene_standard.ply"));
     if (rc == OXL_OK && !is_standard) rc = job_write_ply(job, "scene_standard.ply", standard, 3, &full);
@@ -158,18 +156,17 @@ static oxl_split job_evaluated_split(const struct job *job)
 }
 
 /* Evaluates the image of a viewer without second lobes and medium; *m gets its PSNR at mean exposure. */
-static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_large_model *standard,
-                                   size_t bytes, oxl_metrics *m)
+static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes,
+                                   oxl_metrics *m)
 {
     struct imaging *imaging = &job->scene->imaging, whole = *imaging;
     const int hides = job_hides(job);
-    const struct render_source source = large_source(standard);
     oxl_metrics plain;
     oxl_result rc;
-    if (job->result.model.lobes == 0 && !hides) return OXL_OK;
+    if (job->result.lobes == 0 && !hides) return OXL_OK;
     if (hides && imaging_is_gains_alone(imaging)) imaging->on = 0;
     imaging->medium = (struct medium){0};
-    rc = evaluate_shown(job->ctx, &source, job->scene, job_evaluated_split(job), &plain);
+    rc = evaluate_shown(job->ctx, standard, job->scene, job_evaluated_split(job), &plain);
     *imaging = whole;
     if (rc != OXL_OK) return rc;
     oxl_log(job->ctx, OXL_LOG_INFO,
@@ -187,9 +184,9 @@ static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_la
 static void job_add_figures(struct job *job, struct text *t, size_t bytes)
 {
     text_add(t, "{\n  \"split\": \"%s\",\n", job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "train");
-    text_add_member(t, "gaussians", (double)job->result.model.count);
-    text_add_member(t, "lobes", (double)job->result.model.lobes);
-    text_add_member(t, "sh_degree", job->result.model.sh_degree);
+    text_add_member(t, "gaussians", (double)job->result.count);
+    text_add_member(t, "lobes", (double)job->result.lobes);
+    text_add_member(t, "sh_degree", job->result.sh_degree);
     text_add_member(t, "bytes", (double)bytes);
     text_add_member(t, "blocks", job->partition.block_count);
     text_add_member(t, "iterations", job->total.iterations);
@@ -200,14 +197,13 @@ static void job_add_figures(struct job *job, struct text *t, size_t bytes)
     nonfinite_add_json(t, &job->total.nonfinite);
 }
 
-static oxl_result job_write_metrics(struct job *job, const oxl_large_model *standard, const size_t bytes[2])
+static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, const size_t bytes[2])
 {
     oxl_metrics m = {0};
     struct text t = {.ctx = job->ctx};
     oxl_result rc =
         job->options.lpips ? oxl_scene_read_lpips(job->ctx, job->scene, job->options.lpips) : OXL_OK;
-    if (rc == OXL_OK)
-        rc = oxl_large_evaluate(job->ctx, &job->result, job->scene, job_evaluated_split(job), &m);
+    if (rc == OXL_OK) rc = oxl_evaluate(job->ctx, &job->result, job->scene, job_evaluated_split(job), &m);
     if (rc != OXL_OK) goto done;
     if (m.count == 0)
         oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be evaluated, so there are no metrics");
@@ -216,7 +212,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_large_model *stan
             job->ctx, OXL_LOG_INFO,
             "%s views: PSNR %.2f dB, SSIM %.4f, structure %.3f, at least %.3f, over %d; %zu Gaussians, %.1f MB",
             job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.structure,
-            m.structure_least, m.count, job->result.model.count, (double)bytes[0] / 1e6);
+            m.structure_least, m.count, job->result.count, (double)bytes[0] / 1e6);
     if (!isnan(m.aligned_psnr))
         oxl_log(job->ctx, OXL_LOG_INFO,
                 "test views moved onto their images, as poses were refined: PSNR %.2f dB, SSIM %.4f",
@@ -338,7 +334,7 @@ static oxl_result job_write_gains(struct job *job)
  * the other files are there. */
 OXL_INTERNAL oxl_result job_finish(struct job *job, int evaluate)
 {
-    oxl_large_model standard = {.pages = NULL};
+    oxl_model standard = {0};
     size_t bytes[2];
     oxl_result rc = job->scene || !evaluate ? OXL_OK : job_load(job);
     if (rc == OXL_OK) rc = job_final_model(job, 0, &job->result);
@@ -353,6 +349,6 @@ OXL_INTERNAL oxl_result job_finish(struct job *job, int evaluate)
         os_remove(PATH(job->out, "blocks/survey.oxl"));
         job_remove_decoded(job);
     }
-    oxl_large_free(job->ctx, &standard);
+    oxl_model_free(job->ctx, &standard);
     return rc;
 }

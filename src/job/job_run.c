@@ -236,11 +236,9 @@ static oxl_result job_find_start(struct job *job, const struct oxl_manifest *run
         start_find(job->ctx, job->out, run, &job->options, job->key.data, &job->found, &job->start);
     if (rc != OXL_OK || job->start.model.count == 0) return rc;
     oxl_model_move_origin(&job->start.model, job->origin);
-    if (job->start.after == 0 && job->scene && job->options.from) {
-        const oxl_large_model start = {.model = job->start.model};
-        rc = oxl_model_check_overlap(job->ctx, &start, job->scene, job->options.from);
-        if (rc != OXL_OK) return rc;
-    }
+    if (job->start.after == 0 && job->scene && job->options.from)
+        rc = oxl_model_check_overlap(job->ctx, &job->start.model, job->scene, job->options.from);
+    if (rc != OXL_OK) return rc;
     job->total.iterations = job->start.after;
     text_free(&job->key);
     return job_make_key(job);
@@ -501,7 +499,7 @@ static void job_end(struct job *job)
     job->ctx->notes = NULL;
     oxl_unlock_folder(job->ctx, &job->lock);
     partition_free(job->ctx, &job->partition);
-    oxl_large_free(job->ctx, &job->result);
+    oxl_model_free(job->ctx, &job->result);
     oxl_model_free(job->ctx, &job->start.model);
     oxl_scene_free(job->ctx, job->scene);
     oxl_free(job->ctx, job->decoded);

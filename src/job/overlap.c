@@ -60,7 +60,7 @@ static double overlap_inside(const struct overlap_box *box, const oxl_point *poi
 }
 
 /* Computes the fraction of the pixels of a few reduced views in which no Gaussian is met. */
-static oxl_result overlap_empty(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
+static oxl_result overlap_empty(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                 double *fraction)
 {
     const int views = oxl_scene_view_count(scene), asked = views < OVERLAP_VIEWS ? views : OVERLAP_VIEWS;
@@ -77,7 +77,7 @@ static oxl_result overlap_empty(oxl_context *ctx, const oxl_large_model *model, 
         oxl_result rc = depth ? OXL_OK : OXL_ERR_MEMORY;
         c.width = width, c.height = height;
         c.fx *= factor, c.fy *= factor, c.cx *= factor, c.cy *= factor;
-        if (rc == OXL_OK) rc = oxl_large_render(ctx, model, &c, &render, &image, depth);
+        if (rc == OXL_OK) rc = oxl_render(ctx, model, &c, &render, &image, depth);
         for (int i = 0; rc == OXL_OK && i < width * height; i++) empty += depth[i] == 0;
         all += (size_t)width * (size_t)height;
         oxl_image_free(ctx, &image);
@@ -110,16 +110,15 @@ static oxl_result overlap_compare(oxl_context *ctx, const oxl_model *model, cons
     return OXL_OK;
 }
 
-oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
+oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                    const char *name)
 {
     const double most_empty = scene_is_composited(scene) ? OVERLAP_OBJECT : OVERLAP_EMPTY;
     double ratio = 1, inside = 1, empty = 0;
     oxl_result rc = overlap_empty(ctx, model, scene, &empty);
-    if (rc == OXL_OK && oxl_scene_point_count(scene) >= OVERLAP_POINTS &&
-        model->model.count >= OVERLAP_POINTS && !model->pages)
-        rc = overlap_compare(ctx, &model->model, scene, &ratio, &inside);
-    if (rc == OXL_OK && model->model.count > 0 &&
+    if (rc == OXL_OK && oxl_scene_point_count(scene) >= OVERLAP_POINTS && model->count >= OVERLAP_POINTS)
+        rc = overlap_compare(ctx, model, scene, &ratio, &inside);
+    if (rc == OXL_OK && model->count > 0 &&
         (ratio < OVERLAP_SMALL || ratio > OVERLAP_LARGE || inside < OVERLAP_INSIDE || empty > most_empty))
         oxl_log(
             ctx, OXL_LOG_WARNING,

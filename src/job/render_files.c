@@ -381,12 +381,11 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_fi
     return rc;
 }
 
-oxl_result oxl_render_views(oxl_context *ctx, const oxl_large_model *model, oxl_scene *scene,
+oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
                             const oxl_render_output *what, const char *folder, int *count)
 {
     int *view = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
-    const struct render_source source = large_source(model);
-    struct render_files f = {&source, scene, what, folder, view, 0};
+    struct render_files f = {model, scene, what, folder, view, 0};
     oxl_result rc;
     *count = 0;
     if (!view) return OXL_ERR_MEMORY;

@@ -121,7 +121,7 @@ static double training_limit(struct training_views *t)
 
 /* ---------------- what its error is made of */
 
-static oxl_result training_misfit(struct training_views *t, const struct render_source *source, int at,
+static oxl_result training_misfit(struct training_views *t, const oxl_model *model, int at,
                                   struct misfit *out)
 {
     oxl_image image = {0}, rendered = {0};
@@ -131,7 +131,7 @@ static oxl_result training_misfit(struct training_views *t, const struct render_
     *out = (struct misfit){0};
     if (rc == OXL_OK) rc = renderer_create(t->ctx, &r);
     if (rc == OXL_OK)
-        rc = evaluate_draw(t->ctx, &(struct drawn){r, source, t->scene, &t->scene->imaging}, view, &rendered,
+        rc = evaluate_draw(t->ctx, &(struct drawn){r, model, t->scene, &t->scene->imaging}, view, &rendered,
                            NULL);
     if (rc == OXL_OK) rc = misfit_measure(t->ctx, &rendered, &image, out);
     renderer_free(t->ctx, r);
@@ -194,13 +194,13 @@ static int training_suffers(const struct training_views *t, const struct trainin
 }
 
 /* Says what a view's error is. A view without structure differs in everything. */
-static oxl_result training_cause(struct training_views *t, const struct render_source *source,
+static oxl_result training_cause(struct training_views *t, const oxl_model *model,
                                  const struct training_row *row, enum training_flag *out)
 {
     const int has_structure = !(row->structure < OXL_STRUCTURE_NONE);
     struct misfit error;
     int blurred = 0;
-    oxl_result rc = training_misfit(t, source, row->at, &error);
+    oxl_result rc = training_misfit(t, model, row->at, &error);
     *out = TRAINING_NONE;
     if (rc != OXL_OK) return rc;
     if (error.shifted > TRAINING_SHIFTED) {
@@ -216,7 +216,7 @@ static oxl_result training_cause(struct training_views *t, const struct render_s
 }
 
 /* Flags the rows in their order, the worst first, so that a displaced view is known before its neighbours. */
-static oxl_result training_flag(struct training_views *t, const struct render_source *source)
+static oxl_result training_flag(struct training_views *t, const oxl_model *model)
 {
     const double exposure = training_limit(t);
     oxl_result rc = OXL_OK;
@@ -225,7 +225,7 @@ static oxl_result training_flag(struct training_views *t, const struct render_so
         if (row->exposure > exposure) row->flag = TRAINING_EXPOSURE;
         if (row->flag || row->lacks <= TRAINING_DECIBEL) continue;
         rc = context_stopped(t->ctx);
-        if (rc == OXL_OK) rc = training_cause(t, source, row, &row->flag);
+        if (rc == OXL_OK) rc = training_cause(t, model, row, &row->flag);
     }
     return rc;
 }
@@ -323,11 +323,10 @@ static int training_add_fog(const struct training_views *t, int count, int *show
     return count;
 }
 
-OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_large_model *model, oxl_scene *scene,
+OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
                                              int iterations, const oxl_metrics *measured, struct text *json,
                                              const char *folder)
 {
-    const struct render_source source = large_source(model);
     const oxl_render_output what = {.split = OXL_SPLIT_ALL, .images = 1, .replace = 1};
     oxl_metrics m = {0};
     struct training_views t = {.ctx = ctx, .scene = scene, .m = &m, .all = schedule_training_views(scene)};
@@ -335,7 +334,7 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_large_m
               evident = iterations >= TRAINING_STEPS * t.all;
     int shown[2 * TRAINING_SHOWN], count = 0, worst = TRAINING_SHOWN;
     oxl_result rc = OXL_OK;
-    if (!measured) rc = evaluate_quick(ctx, &source, scene, OXL_SPLIT_TRAIN, judged, &m);
+    if (!measured) rc = evaluate_quick(ctx, model, scene, OXL_SPLIT_TRAIN, judged, &m);
     if (rc != OXL_OK) return rc;
     if (measured) m = *measured;
     if (judged < t.all)
@@ -350,7 +349,7 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_large_m
     for (int i = 0; i < m.count; i++) t.view[i] = m.views[i].view;
     training_compare(&t);
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
-    if (evident) rc = training_flag(&t, &source);
+    if (evident) rc = training_flag(&t, model);
     if (rc != OXL_OK) goto done;
     if (evident) training_flag_structure(&t);
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
@@ -363,8 +362,7 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_large_m
     for (; count < worst; count++) shown[count] = m.views[t.row[count].at].view;
     count = training_add_fog(&t, count, shown);
     if (folder)
-        rc =
-            render_files_of(ctx, &(struct render_files){&source, scene, &what, folder, shown, count}, &count);
+        rc = render_files_of(ctx, &(struct render_files){model, scene, &what, folder, shown, count}, &count);
 done:
     OXL_FREE(ctx, t.row, t.work, t.view);
     if (!measured) oxl_metrics_free(ctx, &m);

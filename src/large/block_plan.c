@@ -19,13 +19,16 @@
 /* Bounds the gain of a window from below, as a fraction of the image's pixels: the block does
  * without views that give less. */
 #define PLAN_MIN 0.002
-/* Limits the Gaussians that a view shows to this fraction of those that memory holds: views
- * differ in how they grow. */
-#define PLAN_VIEW_FRACTION 0.8
 #define PLAN_VIEWS_MAX (1 << 24)
 #define PLAN_GAUSSIANS_MAX 1e15 /* Limits the number of Gaussians in a file. */
 #define PLAN_VIEW_TEXT 10       /* Bounds the bytes of a view's line from below. */
-#define PLAN_TILE 16            /* Sets the step (px) of the edges of windows, besides the image's borders. */
+/* Reaches, in standard deviations, where alpha at opacity 1 is below 1/255 (3.33). */
+#define PLAN_REACH 3.34
+#define PLAN_BLUR 2.0 /* Widens the view (px) by the reach of the renderer's low pass. */
+/* Bounds the slope at which a Gaussian is projected, in half images: the renderer evaluates its Jacobian at
+ * most 1.3 of them from the centre. */
+#define PLAN_SLOPE 1.5
+#define PLAN_TILE 16 /* Sets the step (px) of the edges of windows, besides the image's borders. */
 
 OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan)
 {
@@ -42,6 +45,29 @@ OXL_INTERNAL double block_plan_merged_fraction(const struct job *job)
 {
     const oxl_train_options *o = &job->options.train;
     return o->keep.kind == OXL_KEEP_ALL && o->dog == OXL_DOG_OFF ? JOB_MERGED : JOB_MERGED_LATER;
+}
+
+/* ---------------- what a view may show */
+
+OXL_INTERNAL int block_plan_shows(const oxl_camera *c, double near_plane, const oxl_model *m, size_t row)
+{
+    const double focal[2] = {c->fx, c->fy}, middle[2] = {c->cx, c->cy}, size[2] = {c->width, c->height};
+    double mean[3], at[3], sigma = -HUGE_VAL;
+    for (int a = 0; a < 3; a++) {
+        const double factor = row < m->lobes ? OXL_MAX((double)m->plane[OXL_LOBE + 1 + a][row], 0) : 0;
+        mean[a] = m->plane[OXL_MEAN + a][row];
+        sigma = OXL_MAX(sigma, m->plane[OXL_LOG_SCALE + a][row] + factor);
+    }
+    camera_transform(c, mean, NULL, at);
+    if (!(at[2] > near_plane * (1 - 1e-6))) return 0;
+    for (int a = 0; a < 2; a++) {
+        const double slope = PLAN_SLOPE * OXL_MAX(middle[a], size[a] - middle[a]) / focal[a];
+        const double reach = focal[a] * PLAN_REACH * vecmath_exp(sigma) * sqrt(1 + slope * slope);
+        if (focal[a] * at[a] - reach > (size[a] - middle[a] + PLAN_BLUR) * at[2] ||
+            focal[a] * at[a] + reach < (-middle[a] - PLAN_BLUR) * at[2])
+            return 0;
+    }
+    return 1;
 }
 
 /* ---------------- the file */
@@ -233,7 +259,7 @@ struct plan_sum {        /* Sums over the views of a block. */
 static int plan_may_show(const oxl_camera *camera, double near_plane, const oxl_model *own)
 {
     for (size_t i = 0; i < own->count; i++)
-        if (model_row_shows(camera, near_plane, own, i)) return 1;
+        if (block_plan_shows(camera, near_plane, own, i)) return 1;
     return 0;
 }
 
@@ -289,29 +315,12 @@ static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coa
 
 /* ---------------- steps and budgets */
 
-/* Returns the largest fraction of the coarse model that is visible in one view. */
-static double plan_largest_fraction(const struct job *job, const oxl_model *coarse)
-{
-    const double near = oxl_scene_near_plane(job->scene);
-    size_t most = 1;
-    for (int v = 0; v < oxl_scene_view_count(job->scene); v++) {
-        const oxl_view *view = oxl_scene_view(job->scene, v);
-        size_t seen = 0;
-        for (size_t i = 0; i < coarse->count && !view->is_test; i++)
-            seen += (size_t)model_row_shows(&view->camera, near, coarse, i);
-        most = OXL_MAX(most, seen);
-    }
-    return (double)most / (double)OXL_MAX(coarse->count, (size_t)1);
-}
-
-/* Returns the limit of Gaussians in the merged model: memory need hold only those that one view shows. */
-static double plan_cap(const struct job *job, const oxl_model *coarse)
+/* Returns the limit of Gaussians in the merged model: memory holds its training. */
+static double plan_cap(const struct job *job)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
     const double cap = (double)schedule_gaussian_cap(job->scene, &job->options.train);
-    if (budget_fits(&load, &job->options, cap)) return cap;
-    return OXL_MIN(cap, PLAN_VIEW_FRACTION * budget_max_gaussians(&load, &job->options) /
-                            plan_largest_fraction(job, coarse));
+    return OXL_MIN(cap, budget_max_gaussians(&load, &job->options));
 }
 
 /* Gives all blocks the same number of epochs, such that the pixels of all blocks' steps are those of the
@@ -363,7 +372,7 @@ OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse
     oxl_result rc = plan && sum ? OXL_OK : OXL_ERR_MEMORY;
     for (int k = 0; k < blocks && rc == OXL_OK; k++) rc = plan_of_block(job, k, coarse, &plan[k], &sum[k]);
     if (rc == OXL_OK) {
-        plan_divide(job, plan_cap(job, coarse), plan, sum);
+        plan_divide(job, plan_cap(job), plan, sum);
         plan_find_neighbours(job, plan);
     }
     for (int k = 0; k < blocks && rc == OXL_OK; k++) {

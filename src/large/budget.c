@@ -74,13 +74,6 @@ OXL_INTERNAL double budget_max_gaussians(const struct cost_load *load, const oxl
     return budget_gaussians(&bare, load, JOB_GAUSSIANS_MAX);
 }
 
-OXL_INTERNAL int budget_fits(const struct cost_load *load, const oxl_job_options *o, double gaussians)
-{
-    oxl_job_options bare = *o;
-    budget_disable_trials(&bare);
-    return budget_holds(&bare, load, gaussians);
-}
-
 /* Returns the Gaussians that a run is not expected to exceed, or fewer if the images allow fewer. */
 static double budget_wanted(const oxl_job_options *o, const struct cost_load *load)
 {

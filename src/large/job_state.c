@@ -1,7 +1,7 @@
 /* job_state.c - holds what the files of a job share: names in OUT, the survey, decoded images, progress,
  * records, the blocks' models.
  *
- * Invariant: nothing here trains; job_run.c, rounds.c and groups.c call these functions, but none of theirs
+ * Invariant: nothing here trains; job_run.c and rounds.c call these functions, but none of theirs
  * is called here.
  */
 #include "job_state.h"
@@ -9,8 +9,7 @@
 #include "../survey/scene.h"
 #include "os_job.h"
 
-#define JOB_MEMORY_FRACTION 4 /* Leaves a merged model of more than --ram divided by this in its file. */
-#define JOB_SECONDS_MIN 1e-3  /* Bounds the time left from below, since 0 would be no limit. */
+#define JOB_SECONDS_MIN 1e-3 /* Bounds the time left from below, since 0 would be no limit. */
 /* Requires free disk for decoded images, in their own size: a full disk must not stop the run. */
 #define JOB_DISK 4
 
@@ -231,14 +230,6 @@ OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard,
 {
     char path[PATH_LENGTH];
     return oxl_model_read(job->ctx, job_model_file(path, job, block, standard), out);
-}
-
-OXL_INTERNAL oxl_result job_open_model(struct job *job, int block, int standard, oxl_large_model *out)
-{
-    char path[PATH_LENGTH];
-    const size_t most =
-        block == JOB_MERGED_MODEL && job->options.ram ? job->options.ram / JOB_MEMORY_FRACTION : SIZE_MAX;
-    return oxl_large_open(job->ctx, job_model_file(path, job, block, standard), most, out);
 }
 
 OXL_INTERNAL void job_add_imaging(struct imaging *all, int *count, const struct imaging *block)

@@ -34,7 +34,7 @@ struct job {
     oxl_survey survey;
     struct partition partition;
     double origin[3];
-    oxl_large_model result;
+    oxl_model result;
     struct text line, found;   /* "job": {...} and "found": {...} of run.json */
     struct text key;           /* both lines: all that a block depends on */
     struct text device;        /* line of a run that began on another device; or empty */
@@ -87,7 +87,6 @@ OXL_INTERNAL void job_add_imaging(struct imaging *all, int *count, const struct 
 OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out);
 /* Reads a block's model, the coarse or the merged one; standard: model_standard.ply, if it exists. */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);
-OXL_INTERNAL oxl_result job_open_model(struct job *job, int block, int standard, oxl_large_model *out);
 /* Writes a file of OUT. */
 OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struct text *t);
 OXL_INTERNAL void job_remove_decoded(struct job *job);
@@ -114,6 +113,9 @@ struct block_plan {
 OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse);
 /* Reads a block's plan; views 0: there is none. */
 OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block_plan *out);
+/* Returns 1 if a Gaussian may show in a view. */
+OXL_INTERNAL int block_plan_shows(const oxl_camera *camera, double near_plane, const oxl_model *m,
+                                  size_t row);
 /* Returns 1 if the plan fits the scene's views. */
 OXL_INTERNAL int block_plan_fits(const struct block_plan *plan, const oxl_scene *scene);
 /* Returns the merged model's fraction of the run. */
@@ -127,11 +129,6 @@ OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_m
 /* ---------------- rounds.c: several blocks, trained as one model */
 
 OXL_INTERNAL oxl_result rounds_run(struct job *job);
-/* Trains the merged model in groups of views if it does not fit into memory (groups.c). */
-OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder);
-/* *begun: 1 if groups of this run were made in `folder`, which then go on. */
-OXL_INTERNAL oxl_result groups_have_begun(const struct job *job, const char *folder, int *begun);
-OXL_INTERNAL void groups_clean(struct job *job); /* removes their files, after the merged model's record */
 /* Trains the merged model after processes with --block have trained all blocks; fails if
  * a block is not finished. */
 OXL_INTERNAL oxl_result rounds_collect(struct job *job);

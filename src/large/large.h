@@ -83,9 +83,6 @@ OXL_INTERNAL void checkpoint_remove(const char *folder, int others); /* others 1
  * front. On failure `into` keeps its rows. */
 OXL_INTERNAL oxl_result merge_rows(oxl_context *ctx, const oxl_model *from, const uint8_t *keep,
                                    oxl_model *into);
-/* Merges model files into one, page by page; rows with a second lobe come first. */
-OXL_INTERNAL oxl_result merge_files(oxl_context *ctx, char *const *path, int count, const double origin[3],
-                                    const char *out);
 /* Marks in inside (count) the Gaussians whose centres lie in the block's box; a centre that is
  * not finite lies in no box. */
 OXL_INTERNAL void merge_mark(const struct partition *p, int block, const oxl_model *model, uint8_t *inside);
@@ -145,8 +142,6 @@ OXL_INTERNAL double cost_seconds(const oxl_scene *scene, const oxl_job_options *
 /* Sets image cache, trials, SH degree and the limit of Gaussians so that the load fits options->ram and
  * options->device_ram (0: no limit); returns 0 if it cannot. */
 OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o);
-/* Returns 1 if a run without trials that ends with `gaussians` fits both limits. */
-OXL_INTERNAL int budget_fits(const struct cost_load *load, const oxl_job_options *o, double gaussians);
 OXL_INTERNAL size_t budget_cache(const oxl_job_options *o); /* bytes of decoded images */
 /* Returns the most Gaussians of a run without trials that fit both limits. */
 OXL_INTERNAL double budget_max_gaussians(const struct cost_load *load, const oxl_job_options *o);
@@ -238,12 +233,6 @@ OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const st
  * where a look is not possible, is 0. */
 OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
                                   size_t most, struct look *out);
-
-/* ---------------- large_model.c: a model that may stay in its file */
-
-struct render_source;
-/* Makes a source of rows for the renderer from a model in memory or in a file. */
-OXL_INTERNAL struct render_source large_source(const oxl_large_model *large);
 
 /* ---------------- lock.c: a folder that one process writes to at a time */
 

@@ -98,20 +98,3 @@ OXL_INTERNAL void merge_mark(const struct partition *p, int block, const oxl_mod
 {
     for (size_t i = 0; i < model->count; i++) inside[i] = (uint8_t)merge_is_inside(p, block, model, i);
 }
-
-OXL_INTERNAL oxl_result merge_files(oxl_context *ctx, char *const *path, int count, const double origin[3],
-                                    const char *out)
-{
-    oxl_large_model *model = oxl_calloc(ctx, (size_t)count + 1, sizeof *model);
-    int degree = 0;
-    oxl_result rc = model ? OXL_OK : OXL_ERR_MEMORY;
-    for (int k = 0; k < count && rc == OXL_OK; k++) {
-        rc = oxl_large_open(ctx, path[k], 1, &model[k]);
-        if (rc == OXL_OK) oxl_large_move_origin(&model[k], origin);
-        degree = OXL_MAX(degree, model[k].model.sh_degree);
-    }
-    if (rc == OXL_OK) rc = model_file_write_large(ctx, out, model, count, degree);
-    for (int k = 0; k < count && model; k++) oxl_large_free(ctx, &model[k]);
-    oxl_free(ctx, model);
-    return rc;
-}

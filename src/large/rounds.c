@@ -8,7 +8,7 @@
  *    which it shares a view, as of this round if they precede it, otherwise as of the round before: two
  *    neighbours never correct the same error at the same time. It sees other blocks in the coarse model.
  * 4. The last stage of the run trains the merged model on all views, in blocks/whole, and lets it grow once
- *    to the allowed number; if memory does not hold the model, it is trained in groups (groups.c).
+ *    to the allowed number.
  *
  * Invariant: the context of a round is a function of survey and options, not of the process or the order of
  * training. A process with --block K trains that block, and others while it waits for them.
@@ -141,7 +141,7 @@ static void rounds_mark_visible(const struct rounds *r, const struct block_plan 
         keep[i] = 0;
         for (int v = 0; v < plan->views && !keep[i]; v++)
             keep[i] =
-                plan->shows[v] && model_row_shows(&oxl_scene_view(scene, v)->camera, near, model, (size_t)i);
+                plan->shows[v] && block_plan_shows(&oxl_scene_view(scene, v)->camera, near, model, (size_t)i);
     }
 }
 
@@ -493,13 +493,6 @@ static void rounds_end(struct rounds *r)
 
 /* ---------------- the merged model */
 
-/* Returns 1 if memory holds the merged model. */
-static int rounds_merged_fits(const struct job *job)
-{
-    const struct cost_load load = cost_load_of_scene(job->scene);
-    return budget_fits(&load, &job->options, (double)job->total.gaussians);
-}
-
 /* Returns the options of the merged model, which grows once by the Gaussians that the blocks have left of the
  * allowed number and memory holds. */
 static oxl_train_options rounds_merged_options(const struct job *job, int sh_degree)
@@ -518,51 +511,44 @@ static oxl_train_options rounds_merged_options(const struct job *job, int sh_deg
     return o.train;
 }
 
-static oxl_result rounds_run_merged(struct job *job, const char *folder)
+static oxl_result rounds_refine_merged(struct job *job, const char *folder, const oxl_model *merged)
 {
     const oxl_callback callback = {job_progress, job};
-    oxl_model merged = {0};
     struct block_task task = {.folder = folder,
                               .key = job->key.data,
                               .callback = &callback,
-                              .start = &merged,
-                              .standard = block_standard_steps(&job->options.train)};
-    oxl_result rc = job_merge(job, 0, &merged);
-    if (rc == OXL_OK && block_hides(job->scene)) job->stage_viewers = block_hiding_steps(task.standard);
-    task.train = rounds_merged_options(job, merged.sh_degree);
-    task.predicted_seconds = block_plan_merged_fraction(job) * job->survey.seconds;
+                              .start = merged,
+                              .train = rounds_merged_options(job, merged->sh_degree),
+                              .standard = block_standard_steps(&job->options.train),
+                              .predicted_seconds = job->stage * job->survey.seconds};
+    if (block_hides(job->scene)) job->stage_viewers = block_hiding_steps(task.standard);
     job_limit_time(job, &task.train);
-    if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
-    oxl_model_free(job->ctx, &merged);
-    return rc;
+    oxl_log(job->ctx, OXL_LOG_INFO, "merged model: %d steps", job->stage_until);
+    return block_train(job->ctx, job->scene, &task);
 }
 
-/* Trains the merged model after all blocks, in memory or in groups. */
-static oxl_result rounds_train_merged(struct job *job)
+/* Merges the blocks' models, and trains the merged one. */
+static oxl_result rounds_make_merged(struct job *job)
 {
     const char *folder = JOB_BLOCK(job, JOB_MERGED_MODEL);
     struct block_record record = {0};
+    oxl_model merged = {0};
     oxl_result rc = job_read_record(job, folder, &record);
-    int groups = 0;
-    const int steps = (int)OXL_MAX(1, block_plan_merged_fraction(job) * job->options.train.iterations);
     job->block = JOB_MERGED_MODEL;
     job->stage = block_plan_merged_fraction(job);
-    job->stage_first = 0, job->stage_until = steps;
+    job->stage_first = 0;
+    job->stage_until = (int)OXL_MAX(1, job->stage * job->options.train.iterations);
     if (rc == OXL_OK && !record.finished) {
-        if (!job->scene) rc = job_load(job);
-        if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "merged model: %d steps", steps);
-        if (rc == OXL_OK) rc = groups_have_begun(job, folder, &groups);
-        if (rc == OXL_OK)
-            rc =
-                rounds_merged_fits(job) && !groups ? rounds_run_merged(job, folder) : groups_run(job, folder);
+        rc = job_merge(job, 0, &merged);
+        if (rc == OXL_OK) rc = rounds_refine_merged(job, folder, &merged);
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
         job->unfinished += rc == OXL_OK && !record.finished;
     }
-    if (rc == OXL_OK && record.finished) groups_clean(job);
     if (rc == OXL_OK && record.exists) {
         job_add_record(job, &record);
         job->total.iterations = job->options.train.iterations;
     }
+    oxl_model_free(job->ctx, &merged);
     return rc;
 }
 
@@ -613,7 +599,7 @@ OXL_INTERNAL oxl_result rounds_run(struct job *job)
         rc = job->options.block >= 0 ? rounds_run_block(&r, job->options.block) : rounds_run_blocks(&r);
     rounds_end(&r);
     if (rc == OXL_OK && !job->unfinished && job->options.block < 0) rc = rounds_add_records(job, &missing);
-    if (rc == OXL_OK && !job->unfinished && job->options.block < 0) rc = rounds_train_merged(job);
+    if (rc == OXL_OK && !job->unfinished && job->options.block < 0) rc = rounds_make_merged(job);
     return rc;
 }
 
@@ -622,7 +608,7 @@ OXL_INTERNAL oxl_result rounds_collect(struct job *job)
     int missing = -1;
     oxl_result rc = rounds_add_records(job, &missing);
     if (rc != OXL_OK) return rc;
-    if (missing < 0) return rounds_train_merged(job);
+    if (missing < 0) return rounds_make_merged(job);
     return oxl_fail(job->ctx, OXL_ERR_INPUT,
                     "%s/blocks/%03d: this block is not finished\nfix: oceanxl train %s -o %s --block %d",
                     job->out, missing, SHELL_WORD(job->scene_path), SHELL_WORD(job->out), missing);

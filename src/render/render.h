@@ -37,26 +37,6 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
                                          const oxl_camera *camera, const oxl_render_options *options);
 OXL_INTERNAL oxl_result renderer_image(oxl_context *ctx, struct renderer *r, const float **out); /* (3,H,W) */
 
-/* A model to be drawn: in memory, or elsewhere, where `rows` fetches those that a view may show. */
-struct render_source {
-    const oxl_model *model; /* NULL: `rows` is called, and its model freed */
-    oxl_result (*rows)(oxl_context *ctx, const void *user, const oxl_camera *camera, double near_plane,
-                       oxl_model *out);
-    const void *user;
-    const float *background; /* the model's; NULL: not known */
-};
-static inline struct render_source render_source_of(const oxl_model *model)
-{
-    return (struct render_source){.model = model,
-                                  .background = model->has_background ? model->background : NULL};
-}
-OXL_INTERNAL oxl_result renderer_draw_source(oxl_context *ctx, struct renderer *r,
-                                             const struct render_source *source, const oxl_camera *camera,
-                                             const oxl_render_options *options, oxl_image *out, float *depth);
-/* oxl_render of a source; options: not NULL. */
-OXL_INTERNAL oxl_result render_source_once(oxl_context *ctx, const struct render_source *source,
-                                           const oxl_camera *camera, const oxl_render_options *options,
-                                           oxl_image *out, float *depth);
 /* oxl_render for many views of an unchanged model, which is uploaded once to a device. options: not NULL. */
 OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model,
                                       const oxl_camera *camera, const oxl_render_options *options,

@@ -12,9 +12,9 @@ static oxl_result render_depth(oxl_context *ctx, struct renderer *r, float *dept
     return OXL_OK;
 }
 
-static oxl_result render_whole(oxl_context *ctx, struct renderer *r, const oxl_model *model,
-                               const oxl_camera *camera, const oxl_render_options *options, oxl_image *out,
-                               float *depth)
+static oxl_result render_view(oxl_context *ctx, struct renderer *r, const oxl_model *model,
+                              const oxl_camera *camera, const oxl_render_options *options, oxl_image *out,
+                              float *depth)
 {
     const float *rgb = NULL;
     oxl_result rc = renderer_forward(ctx, r, model, camera, options);
@@ -25,23 +25,6 @@ static oxl_result render_whole(oxl_context *ctx, struct renderer *r, const oxl_m
         if (depth) rc = render_depth(ctx, r, depth);
     }
     if (rc != OXL_OK) oxl_image_free(ctx, out);
-    return rc;
-}
-
-/* Renders what the source has for this view. */
-static oxl_result render_view(oxl_context *ctx, struct renderer *r, const struct render_source *source,
-                              const oxl_camera *camera, const oxl_render_options *options, oxl_image *out,
-                              float *depth)
-{
-    const oxl_camera far = render_far_camera(camera, options);
-    oxl_model shown;
-    oxl_result rc;
-    if (source->model) return render_whole(ctx, r, source->model, camera, options, out, depth);
-    rc = source->rows(ctx, source->user, &far, options->parallel > 0 ? 0 : options->near_plane, &shown);
-    /* the view before may have lain where this one does */
-    if (rc == OXL_OK) rc = renderer_download(ctx, r, DOWNLOAD_TO_CHANGE);
-    if (rc == OXL_OK) rc = render_whole(ctx, r, &shown, camera, options, out, depth);
-    oxl_model_free(ctx, &shown);
     return rc;
 }
 
@@ -62,23 +45,15 @@ static oxl_result render_check_camera(oxl_context *ctx, const oxl_camera *camera
     return oxl_fail(ctx, OXL_ERR_USAGE, "a camera of %d x %d px has no image", camera->width, camera->height);
 }
 
-OXL_INTERNAL oxl_result renderer_draw_source(oxl_context *ctx, struct renderer *r,
-                                             const struct render_source *source, const oxl_camera *camera,
-                                             const oxl_render_options *options, oxl_image *out, float *depth)
-{
-    oxl_result rc = render_check_camera(ctx, camera);
-    *out = (oxl_image){0};
-    if (rc != OXL_OK) return rc;
-    rc = render_view(ctx, r, source, camera, options, out, depth);
-    return render_begins_anew(ctx, r, rc) ? render_view(ctx, r, source, camera, options, out, depth) : rc;
-}
-
 OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model,
                                       const oxl_camera *camera, const oxl_render_options *options,
                                       oxl_image *out, float *depth)
 {
-    const struct render_source source = render_source_of(model);
-    return renderer_draw_source(ctx, r, &source, camera, options, out, depth);
+    oxl_result rc = render_check_camera(ctx, camera);
+    *out = (oxl_image){0};
+    if (rc != OXL_OK) return rc;
+    rc = render_view(ctx, r, model, camera, options, out, depth);
+    return render_begins_anew(ctx, r, rc) ? render_view(ctx, r, model, camera, options, out, depth) : rc;
 }
 
 static oxl_render_options render_options_of(const float *background)
@@ -88,25 +63,17 @@ static oxl_render_options render_options_of(const float *background)
     return o;
 }
 
-OXL_INTERNAL oxl_result render_source_once(oxl_context *ctx, const struct render_source *source,
-                                           const oxl_camera *camera, const oxl_render_options *options,
-                                           oxl_image *out, float *depth)
-{
-    struct renderer *r = NULL;
-    oxl_result rc = renderer_create(ctx, &r);
-    *out = (oxl_image){0};
-    if (rc == OXL_OK && options->parallel > 0) renderer_use_cpu(r);
-    if (rc == OXL_OK) rc = renderer_draw_source(ctx, r, source, camera, options, out, depth);
-    renderer_free(ctx, r);
-    return rc;
-}
-
 oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                       const oxl_render_options *options, oxl_image *out, float *depth)
 {
-    const oxl_render_options own = render_options_of(model->background);
-    const struct render_source source = render_source_of(model);
-    return render_source_once(ctx, &source, camera, options ? options : &own, out, depth);
+    const oxl_render_options o = options ? *options : render_options_of(model->background);
+    struct renderer *r = NULL;
+    oxl_result rc = renderer_create(ctx, &r);
+    *out = (oxl_image){0};
+    if (rc == OXL_OK && o.parallel > 0) renderer_use_cpu(r);
+    if (rc == OXL_OK) rc = renderer_draw(ctx, r, model, camera, &o, out, depth);
+    renderer_free(ctx, r);
+    return rc;
 }
 
 static oxl_result render_gradient(oxl_context *ctx, struct renderer *r, const oxl_model *model,

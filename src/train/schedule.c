@@ -121,8 +121,7 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
         (float)(short_run_factor * schedule_position_rate(o, progress) * oxl_scene_extent(t->scene));
     const double early = SCHEDULE_EARLY_EXPONENT * OXL_MAX(0, 1 - progress / SCHEDULE_EARLY_UNTIL) *
                          vecmath_log(short_run_factor);
-    struct adam_params adam = {.beta = RENDERER_BETAS,
-                               .step = t->step - (t->task.moments ? 0 : t->task.first)};
+    struct adam_params adam = {.beta = RENDERER_BETAS, .step = t->step - t->task.first};
     adam.beta[0] = OXL_MAX(SCHEDULE_BETA_MIN, 1 - (1 - adam.beta[0]) * momentum_factor * momentum_factor);
     adam.beta[1] =
         OXL_MIN(SCHEDULE_BETA_MAX, 1 - (1 - adam.beta[1]) / (momentum_factor * sqrt(momentum_factor)));

@@ -29,9 +29,7 @@ struct train_task {
     const oxl_model *from;  /* a model that is densified like the points */
     const oxl_model *start; /* a trained model that is continued, with the scene's imaging */
     int first;              /* step that `start` is at */
-    /* mean and square of `start`: consumed, and returned with the model; NULL: 0 */
-    struct trained_model *moments;
-    int until; /* the run pauses after this step and writes a checkpoint; 0: no pause */
+    int until;              /* the run pauses after this step and writes a checkpoint; 0: no pause */
 
     /* one block of a survey (src/large/rounds.c) */
     const oxl_model *context; /* Gaussians that are rendered but not trained; NULL: none */

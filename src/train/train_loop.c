@@ -119,15 +119,6 @@ static oxl_result train_first_model(struct train *t)
     return rc;
 }
 
-static oxl_result train_begin_moments(struct train *t)
-{
-    struct trained_model *given = t->task.moments;
-    if (!given) return model_trained_begin(t->ctx, &t->trained);
-    OXL_SWAP(oxl_model, t->trained.mean, given->mean);
-    OXL_SWAP(oxl_model, t->trained.square, given->square);
-    return OXL_OK;
-}
-
 /* Returns the mean share of the Gaussians that a training view shows, by pairs of both; of a block, those in
  * its window of the view. */
 static double train_share_shown(const struct train *t)
@@ -160,7 +151,7 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
     if (rc == OXL_OK) rc = train_first_model(t);
     if (rc != OXL_OK) return rc;
     memcpy(t->trained.model.origin, oxl_scene_origin(t->scene), sizeof t->trained.model.origin);
-    rc = train_begin_moments(t);
+    rc = model_trained_begin(ctx, &t->trained);
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
     if (rc == OXL_OK) renderer_expect_steps(t->renderer);
     if (rc == OXL_OK) renderer_set_context(t->renderer, t->task.context);
@@ -367,10 +358,7 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     if (rc == OXL_OK) rc = train_loop(&t);
     OXL_SWAP(oxl_model, *out, t.trained.model);
     train_return_background(&t, out);
-    if (t.task.moments && t.trained.square.memory) { /* rows keep their places */
-        t.task.moments->mean = t.trained.mean, t.task.moments->square = t.trained.square;
-        t.trained = (struct trained_model){0};
-    } else if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) ended = nonfinite_end(ctx, &t.nonfinite, out);
+    if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) ended = nonfinite_end(ctx, &t.nonfinite, out);
     if (ended != OXL_OK) rc = ended;
     if (task) task->nonfinite = t.nonfinite;
     if (task) task->finished = rc == OXL_OK && t.step == options->iterations;
