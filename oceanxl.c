@@ -43,13 +43,9 @@
 #include "src/model/model.c" /* planes of Gaussians: create, grow, initialise from points */
 
 /* readers and writers of files */
-#include "src/formats/colmap_order.c"     /* rows sorted by id */
 #include "src/formats/colmap.h"           /* shared by the COLMAP readers */
-#include "src/formats/colmap_text.c"      /* lines and fields of text files, and their errors */
-#include "src/formats/colmap_binary.c"    /* binary files */
-#include "src/formats/colmap_points.c"    /* points3D.txt, multi-threaded */
-#include "src/formats/colmap_sightings.c" /* 2D points of an image, and the points they are of */
-#include "src/formats/colmap.c"           /* cameras.txt, images.txt, and the whole model */
+#include "src/formats/colmap_fields.c"    /* fields of COLMAP's files, text or binary */
+#include "src/formats/colmap.c"           /* COLMAP models, and where an image saw its points */
 #include "src/formats/json.c"             /* JSON reader */
 #include "src/formats/json_survey.c"      /* surveys in JSON, converted to COLMAP rows */
 #include "src/formats/ply.c"              /* PLY reader */

@@ -240,17 +240,17 @@ TEST(colmap_cameras_are_read_as_written)
     colmap_free(test_ctx, &c);
 }
 
-TEST(colmap_images_are_read_as_written_in_the_order_of_the_file)
+TEST(colmap_images_are_read_as_written_by_id)
 {
     struct colmap c;
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
     CHECK(c.image_count == 3);
-    CHECK(c.image[0].id == 7 && c.image[0].camera_id == 1 && c.image[0].line == 2 &&
-          c.image[0].points_size > 0);
-    CHECK_CLOSE(c.image[0].translation[1], -1.5, 0);
-    CHECK(c.image[1].id == 2 && c.image[1].camera_id == 3 && c.image[1].points_size == 0);
-    CHECK_CLOSE(c.image[1].rotation[1], 0.6, 0);
-    CHECK(c.image[2].id == 5 && c.image[2].points_at > c.image[0].points_at && c.image[2].points_size > 0);
+    CHECK(c.image[2].id == 7 && c.image[2].camera_id == 1 && c.image[2].line == 2 &&
+          c.image[2].points_size > 0);
+    CHECK_CLOSE(c.image[2].translation[1], -1.5, 0);
+    CHECK(c.image[0].id == 2 && c.image[0].camera_id == 3 && c.image[0].points_size == 0);
+    CHECK_CLOSE(c.image[0].rotation[1], 0.6, 0);
+    CHECK(c.image[1].id == 5 && c.image[1].points_at > c.image[2].points_at && c.image[1].points_size > 0);
     colmap_free(test_ctx, &c);
 }
 
@@ -258,8 +258,8 @@ TEST(colmap_a_name_is_the_rest_of_the_line)
 {
     struct colmap c;
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
-    CHECK_TEXT(c.names + c.image[1].name, "dive 1/IMG 0001.JPG");
-    CHECK(strlen(c.names + c.image[1].name) == 19);
+    CHECK_TEXT(c.names + c.image[0].name, "dive 1/IMG 0001.JPG");
+    CHECK(strlen(c.names + c.image[0].name) == 19);
     colmap_free(test_ctx, &c);
 }
 
@@ -363,7 +363,7 @@ TEST(colmap_missing_lines_of_2d_points_are_noticed)
         colmap_good_cameras,
         "7 1 0 0 0 0.5 -1.5 2 1 b.jpg\n2 0.8 0.6 0 0 1 2 3 3 dive 1/IMG 0001.JPG\n# a\n5 0 0 0 1 0 0 0 1 c.png\n",
         colmap_good_points, &c));
-    CHECK(c.image_count == 3 && c.image[1].id == 2 && c.image[2].id == 5 && c.image[2].points_size == 0 &&
+    CHECK(c.image_count == 3 && c.image[0].id == 2 && c.image[1].id == 5 && c.image[1].points_size == 0 &&
           c.warnings == 2);
     colmap_free(test_ctx, &c);
 }
@@ -375,7 +375,7 @@ TEST(colmap_missing_lines_of_2d_points_are_noticed_when_names_are_numbers)
                         "7 1 0 0 0 0.5 -1.5 2 1 0001\n2 0.8 0.6 0 0 1 2 3 3 0002\n5 0 0 0 1 0 0 0 1 0003 4\n",
                         colmap_good_points, &c));
     CHECK(c.image_count == 3 && c.warnings == 2);
-    CHECK_TEXT(c.names + c.image[2].name, "0003 4");
+    CHECK_TEXT(c.names + c.image[1].name, "0003 4");
     colmap_free(test_ctx, &c);
 }
 
@@ -493,20 +493,20 @@ TEST(colmap_each_id_comes_once)
 {
     CHECK_TEXT(
         colmap_refused_cameras("1 PINHOLE 640 480 500 500 320 240\n1 PINHOLE 640 480 500 500 320 240\n"),
-        "cameras.txt:2: camera id 1 was there before");
+        "cameras.txt:2: CAMERA_ID 1 was there before");
     CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 0 0 1 a\n\n8 1 0 0 0 0 0 0 1 b\n\n7 1 0 0 0 0 0 0 1 c\n"),
-               "images.txt:5: image id 7 was there before");
+               "images.txt:5: IMAGE_ID 7 was there before");
     CHECK_TEXT(colmap_refused_points("9 1 2 3 4 5 6 0.5\n8 1 2 3 4 5 6 0.5\n9 1 2 3 4 5 6 0.5\n"),
-               "points3D.txt:3: point id 9 was there before");
+               "points3D.txt:3: POINT3D_ID 9 was there before");
 }
 
 TEST(colmap_an_image_without_its_camera_is_refused_with_the_ids_that_are_there)
 {
     CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 0 0 9 b.jpg\n"),
-               "images.txt:1: camera id 9 is not in cameras.txt (ids there: 2 from 1 to 3)");
+               "images.txt:1: camera id 9 is not in cameras.txt (2 ids there: 1 to 3)");
     CHECK_TEXT(colmap_refused("1 PINHOLE 640 480 500 500 320 240\n2 PINHOLE 640 480 500 500 320 240\n",
                               "7 1 0 0 0 0 0 0 9 b.jpg\n", ""),
-               "(ids there: 1-2)");
+               "(2 ids there: 1 to 2)");
 }
 
 TEST(colmap_a_pose_must_be_finite_and_a_rotation)
@@ -715,9 +715,9 @@ TEST(colmap_a_point_id_that_comes_again_names_its_line_whatever_the_window)
     text_add(
         &points,
         "7 1 2 nan 4 5 6 0.5 7 0\n7 1 2 3 4 5 6 0.5\n\n7 1 2 3 4 5 6 0.5\n"); /* the first of them is left out */
-    colmap_check_refused_in_windows(points.data, "points3D.txt:1005: point id 7 was there before");
+    colmap_check_refused_in_windows(points.data, "points3D.txt:1003: POINT3D_ID 7 was there before");
     text_add(&points, "9000000000000000000 1 2 3 4 5 6 0.5\n"); /* too far off for a bit each */
-    colmap_check_refused_in_windows(points.data, "points3D.txt:1005: point id 7 was there before");
+    colmap_check_refused_in_windows(points.data, "points3D.txt:1003: POINT3D_ID 7 was there before");
     text_free(&points);
 }
 
@@ -746,7 +746,7 @@ TEST(colmap_a_place_in_a_track_has_32_bits)
 
 TEST(colmap_records_the_offset_of_the_text_of_2d_points)
 {
-    static const char *const wanted[3] = {"10.5 20.25 4 30 -0.5 -1", "", "1.5 2.5 9"};
+    static const char *const wanted[3] = {"", "1.5 2.5 9", "10.5 20.25 4 30 -0.5 -1"};
     struct colmap c;
     struct os_reader file;
     char text[64];

@@ -144,8 +144,6 @@ static void binary_check_same(const char *text_folder, const char *binary_folder
     CHECK_OK(colmap_read(test_ctx, text_folder, &text));
     CHECK_OK(colmap_read_buffered(test_ctx, binary_folder, window, &binary));
     CHECK(text.format == COLMAP_TEXT && binary.format == COLMAP_BINARY && binary.warnings == 0);
-    CHECK_OK(colmap_order(test_ctx, &text));
-    CHECK_OK(colmap_order(test_ctx, &binary));
     CHECK(binary_same(&text, &binary));
     colmap_free(test_ctx, &text);
     colmap_free(test_ctx, &binary);
@@ -275,19 +273,8 @@ TEST(colmap_binary_huge_counts_are_refused_before_memory_is_taken)
     for (int f = 0; f < 3; f++) {
         binary_good();
         binary_replace(binary_names[f], many, sizeof many);
-        CHECK_TEXT(binary_refused(), "found the number 1152921504606846975 where 56 bytes follow");
+        CHECK_TEXT(binary_refused(), ": found the number 1152921504606846975 where 56 bytes follow");
     }
-}
-
-TEST(colmap_binary_a_track_leaves_room_for_the_points_that_follow)
-{
-    unsigned char points[8 + 3 * 51] = {3};
-    binary_good();
-    points[8] = 1;       /* id */
-    points[8 + 43] = 12; /* of 102 bytes that two points need */
-    binary_replace("points3D.bin", points, sizeof points);
-    CHECK_TEXT(binary_refused(),
-               "byte 51, record 1: found the number 12 where 102 bytes and as many points as 2 follow");
 }
 
 TEST(colmap_binary_empty_and_random_files_are_refused)
@@ -312,7 +299,7 @@ TEST(colmap_binary_an_unknown_camera_model_leads_to_the_undistorter)
     binary_good();
     binary_replace("cameras.bin", cameras, sizeof cameras);
     CHECK_TEXT(binary_refused(),
-               "byte 12, record 1: found the camera model 18, expected 0 to 17 (SIMPLE_PINHOLE, ");
+               "byte 12, record 1: found 18 for the camera model, expected one of SIMPLE_PINHOLE, ");
     CHECK_TEXT(oxl_error_text(test_ctx), "colmap image_undistorter");
 }
 
@@ -338,36 +325,4 @@ TEST(colmap_binary_incomplete_models_are_named_by_what_is_missing)
     CHECK(remove(test_path("binary/images.bin")) == 0);
     CHECK(colmap_read(test_ctx, test_path("binary"), &c) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "images.bin is not there, expected a COLMAP model");
-}
-
-/* ---------------- order */
-
-TEST(colmap_order_is_by_id_and_tracks_follow_their_images)
-{
-    struct colmap c;
-    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
-    CHECK_OK(colmap_order(test_ctx, &c));
-    CHECK(c.image[0].id == 2 && c.image[1].id == 5 && c.image[2].id == 7 && c.point[0].id == 4 &&
-          c.point[1].id == 9);
-    CHECK(c.image[c.track[c.point[0].first_track].image_row].id == 7 &&
-          c.image[c.track[c.point[1].first_track].image_row].id == 5);
-    colmap_free(test_ctx, &c);
-}
-
-TEST(colmap_order_of_many_points_is_that_of_their_ids_near_or_far_apart)
-{
-    for (int far = 0; far < 2; far++) {
-        struct colmap c = {.point_count = 1000};
-        int64_t repeated;
-        c.point = oxl_calloc(test_ctx, c.point_count, sizeof *c.point);
-        for (size_t i = 0; i < c.point_count; i++) {
-            c.point[i].id = (int64_t)(i * 7919 % 1009) * (far ? INT64_C(1) << 40 : 1) - 50;
-            c.point[i].position[0] = (double)c.point[i].id;
-        }
-        CHECK_OK(colmap_order_points(test_ctx, &c, &repeated));
-        for (size_t i = 0; i < c.point_count; i++)
-            CHECK((i == 0 || c.point[i - 1].id < c.point[i].id) &&
-                  c.point[i].position[0] == (double)c.point[i].id);
-        colmap_free(test_ctx, &c);
-    }
 }

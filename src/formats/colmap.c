@@ -1,110 +1,200 @@
-/* colmap.c - reads the text files of a COLMAP model (cameras.txt, images.txt, points3D.txt), and chooses
- * between text and binary files where a folder holds both.
+/* colmap.c - reads a COLMAP model, text or binary: cameras, images, points3D; and where an image saw its
+ * points.
  *
- * Source: "Output Format" in COLMAP's documentation, and variants of other programs: CR LF, tabs, a missing
- * line of 2D points, decimal commas, -nan(ind). Recoverable deviations are read with a warning; others are an
- * error that names file:line, the value found, the value expected, and a fix.
+ * Source: "Output Format" in COLMAP's documentation, src/colmap/scene/reconstruction_io_binary.cc (3.x to
+ * 4.1), and variants of other programs: CR LF, tabs, a missing line of 2D points, decimal commas, -nan(ind).
+ * Both formats have the same fields in the same order. Binary files are little endian, nothing is aligned, and
+ * begin with the number of their rows (u64):
  *
- * Invariants of colmap_read's result: ids are unique; each image's camera and each track's image exist; all
- * numbers are finite (an unknown reprojection error is -1, as in COLMAP); no image name points outside the
- * image folder.
+ *     cameras    u32 id  i32 model  u64 width  u64 height  f64 parameters[of the model]
+ *     images     u32 id  f64 qw qx qy qz tx ty tz  u32 camera  name, zero  u64 n, then
+ *                n x (f64 x y, u64 point)
+ *     points3D   u64 id  f64 x y z  u8 r g b  f64 error  u64 n, then n x (u32 image, u32 observation)
+ *
+ * In text, a name is the rest of the line, and an image's 2D points are a line of their own, that may be empty;
+ * some programs leave it out. rigs.bin and frames.bin of COLMAP 3.12 and later are not read: images.bin has
+ * each image's own pose. Recoverable deviations are read with a warning.
+ *
+ * Invariants of colmap_read's result: rows are sorted by their ids, since COLMAP writes them in the order of its
+ * hash tables; ids are unique; each image's camera and each track's image exist; all numbers are finite (an
+ * unknown reprojection error is -1, as in COLMAP); no image name points outside the image folder.
  * Not guaranteed: that points named by observations, and observations named by tracks, exist.
  */
 #include "colmap.h"
+#include "../core/bytes.h"
 #include "json_survey.h"
 
-/* ---------------- cameras.txt: CAMERA_ID MODEL WIDTH HEIGHT PARAMS[] */
+enum {
+    COLMAP_ROWS_FIRST = 4096, /* rows of points and tracks before their number is estimated */
+    COLMAP_OBSERVATION = 24   /* bytes of a 2D point in images.bin */
+};
 
-static oxl_result colmap_read_model(struct colmap_reader *r, struct colmap_camera *c)
+/* ---------------- ids */
+
+static int colmap_compare_ids(const void *a, const void *b)
 {
-    char buffer[64];
-    const char *token;
-    colmap_skip_blanks(r);
-    token = r->cursor;
-    while (!colmap_at_field_end(r)) r->cursor++;
-    c->model = camera_model_find(token, (size_t)(r->cursor - token));
-    if (c->model < 0)
-        return oxl_fail(
-            r->ctx, OXL_ERR_INPUT,
-            "%s:%d: found %s for the camera model, expected one of %s\n"
-            "fix: let COLMAP undistort: colmap image_undistorter --image_path IMAGES --input_path MODEL --output_path OUT",
-            r->path, r->line, colmap_printable(token, r->end, buffer), camera_model_list());
-    c->parameter_count = camera_model_at(c->model)->parameter_count;
-    return OXL_OK;
+    int64_t x, y;
+    memcpy(&x, a, sizeof x);
+    memcpy(&y, b, sizeof y);
+    return (x > y) - (x < y);
 }
 
-static oxl_result colmap_read_camera(struct colmap_reader *r, struct colmap_camera *c)
+/* Finds the row with an id among sorted rows, which begin with theirs; NULL: there is none. Looks first where
+ * it is if no id is left out. */
+static const void *colmap_find(const void *rows, size_t count, size_t size, int64_t id)
 {
-    int64_t width = 0, height = 0;
-    oxl_result rc = colmap_id(r, "CAMERA_ID", &c->id);
-    if (rc == OXL_OK) rc = colmap_read_model(r, c);
-    if (rc == OXL_OK) rc = colmap_whole(r, "WIDTH", 1, INT_MAX, &width);
-    if (rc == OXL_OK) rc = colmap_whole(r, "HEIGHT", 1, INT_MAX, &height);
-    for (int i = 0; i < c->parameter_count && rc == OXL_OK; i++) {
-        const char *token;
-        colmap_skip_blanks(r);
-        token = r->cursor;
-        rc = colmap_finite(r, "PARAMS", &c->parameter[i]);
-        if (rc == OXL_OK && i < camera_model_at(c->model)->focal_count && !(c->parameter[i] > 0))
-            rc = colmap_fail_token(r, token, "a focal length", "more than 0 px");
+    int64_t first = 0;
+    uint64_t at;
+    const char *guess;
+    if (count == 0) return NULL;
+    memcpy(&first, rows, sizeof first);
+    at = (uint64_t)id - (uint64_t)first;
+    guess = (const char *)rows + (at < count ? at : 0) * size;
+    return colmap_compare_ids(guess, &id) == 0 ? guess : bsearch(&id, rows, count, size, colmap_compare_ids);
+}
+
+OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap *c, int64_t id)
+{
+    return colmap_find(c->camera, c->camera_count, sizeof *c->camera, id);
+}
+
+/* Sorts rows by their ids; returns the row after one of the same id, or NULL. */
+static const void *colmap_sort(void *rows, size_t count, size_t size)
+{
+    const char *row = rows;
+    int is_sorted = 1;
+    for (size_t i = 1; i < count && is_sorted; i++)
+        is_sorted = colmap_compare_ids(row + (i - 1) * size, row + i * size) < 0;
+    if (is_sorted) return NULL;
+    qsort(rows, count, size, colmap_compare_ids);
+    for (size_t i = 1; i < count; i++)
+        if (colmap_compare_ids(row + (i - 1) * size, row + i * size) == 0) return row + i * size;
+    return NULL;
+}
+
+/* Reads the id of a row. Fails at the second row of an id that is known to be there twice. */
+static int64_t colmap_row_id(struct colmap_reader *r, const char *what, size_t size)
+{
+    const int64_t id = colmap_id(r, what, size);
+    if (r->repeated && id == *r->repeated && r->met++)
+        colmap_fail(r, COLMAP_FIX_EXPORT, "%s %" PRId64 " was there before, expected each id once", what, id);
+    return id;
+}
+
+/* ---------------- cameras */
+
+static void colmap_read_model(struct colmap_reader *r, struct colmap_camera *c)
+{
+    char seen[64];
+    const struct camera_model *model;
+    if (!colmap_field(r, "MODEL", 4)) return;
+    if (r->out->format == COLMAP_BINARY) {
+        c->model = (int)OXL_MIN(bytes_u32(r->field), (uint32_t)INT_MAX);
+        snprintf(seen, sizeof seen, "%d", c->model);
+    } else {
+        while (!colmap_at_field_end(r)) r->cursor++;
+        c->model = camera_model_find(r->field, (size_t)(r->cursor - r->field));
+        colmap_printable(r, seen);
     }
-    colmap_skip_blanks(r);
-    if (rc == OXL_OK && r->cursor != r->end)
-        rc = colmap_fail_token(r, r->cursor, "the end of the line", "after the model's parameters");
-    c->width = (int)width;
-    c->height = (int)height;
-    c->file = "cameras.txt";
-    c->line = r->line;
-    return rc;
+    model = camera_model_at(c->model);
+    if (model) c->parameter_count = model->parameter_count;
+    else
+        colmap_fail(r,
+                    "let COLMAP undistort: colmap image_undistorter --image_path IMAGES --input_path MODEL "
+                    "--output_path OUT",
+                    "found %s for the camera model, expected one of %s", seen, camera_model_list());
 }
 
-static oxl_result colmap_read_cameras(struct colmap_reader *r)
+static void colmap_read_camera(struct colmap_reader *r)
 {
     struct colmap *out = r->out;
-    oxl_result rc = OXL_OK;
-    while (rc == OXL_OK && colmap_next_record(r)) {
-        struct colmap_camera camera = {0};
-        rc = colmap_read_camera(r, &camera);
-        if (rc == OXL_OK) rc = colmap_add_camera(r, &camera);
+    struct colmap_camera c = {.id = colmap_row_id(r, "CAMERA_ID", 4)};
+    colmap_read_model(r, &c);
+    c.width = (int)colmap_whole(r, "WIDTH", 8, 1, INT_MAX);
+    c.height = (int)colmap_whole(r, "HEIGHT", 8, 1, INT_MAX);
+    for (int i = 0; i < c.parameter_count && r->rc == OXL_OK; i++) {
+        c.parameter[i] = colmap_finite(r, "PARAMS");
+        if (i < camera_model_at(c.model)->focal_count && !(c.parameter[i] > 0))
+            colmap_fail_field(r, "a focal length", "more than 0 px", c.parameter[i]);
     }
-    if (rc == OXL_OK) rc = r->rc;
-    if (rc == OXL_OK && out->camera_count == 0)
-        rc = oxl_fail(r->ctx, OXL_ERR_INPUT,
-                      "%s:%d: found the end of the file, expected a camera\nfix: " COLMAP_FIX_EXPORT, r->path,
-                      r->line);
-    return rc;
+    if (colmap_field(r, "the end", 0) && out->format == COLMAP_TEXT && r->cursor != r->end)
+        colmap_fail_field(r, "the end of the line", "after the model's parameters", 0);
+    c.file = out->format == COLMAP_TEXT ? "cameras.txt" : "cameras.bin";
+    c.line = r->line;
+    if (r->rc == OXL_OK)
+        r->rc = oxl_reserve(r->ctx, &out->camera, &r->camera_capacity, out->camera_count + 1, sizeof c);
+    if (r->rc == OXL_OK) out->camera[out->camera_count++] = c;
 }
 
-/* ---------------- images.txt: two lines an image
- *
- *     IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME       the name is the rest of the line
- *     (X Y POINT3D_ID)*                                  may be empty; some programs leave it out
- */
+/* ---------------- images */
 
-static oxl_result colmap_read_pose(struct colmap_reader *r, struct colmap_image *image)
+static void colmap_check_camera(struct colmap_reader *r, int64_t id)
 {
-    static const char *const what[7] = {"QW", "QX", "QY", "QZ", "TX", "TY", "TZ"};
-    oxl_result rc = colmap_id(r, "IMAGE_ID", &image->id);
-    for (int i = 0; i < 7 && rc == OXL_OK; i++)
-        rc = colmap_finite(r, what[i], i < 4 ? &image->rotation[i] : &image->translation[i - 4]);
-    if (rc == OXL_OK) rc = colmap_check_rotation(r, image->rotation);
-    if (rc == OXL_OK) rc = colmap_id(r, "CAMERA_ID", &image->camera_id);
-    if (rc == OXL_OK) rc = colmap_check_camera(r, image->camera_id);
-    if (rc == OXL_OK) rc = colmap_read_name(r, &image->name);
-    image->line = r->line;
-    return rc;
+    const struct colmap *c = r->out;
+    if (r->rc == OXL_OK && !colmap_find_camera(c, id))
+        colmap_fail(r, "export all three files from the same COLMAP model",
+                    "camera id %" PRId64 " is not in %s (%zu ids there: %" PRId64 " to %" PRId64 ")", id,
+                    c->camera->file, c->camera_count, c->camera[0].id, c->camera[c->camera_count - 1].id);
+}
+
+OXL_INTERNAL void colmap_check_rotation(struct colmap_reader *r, const double q[4])
+{
+    const double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    if (!(length >= 1e-6 && length <= 1e6))
+        colmap_fail(r, "take this image out of the model (colmap image_deleter) and export it again",
+                    "found the quaternion %g %g %g %g, expected a rotation (length 1)", q[0], q[1], q[2],
+                    q[3]);
+    if (fabs(length - 1) > COLMAP_UNIT_ERROR) colmap_warn(r, WARN_QUATERNION);
+}
+
+/* Returns 0 for paths outside the image folder: absolute paths, drives, ".."
+ * between slashes of either kind. */
+OXL_INTERNAL int colmap_name_is_safe(const char *name, const char *end)
+{
+    const char *part = name;
+    if (*name == '/' || *name == '\\' || (end - name > 1 && name[1] == ':')) return 0;
+    for (const char *p = name;; p++) {
+        if (p < end && *p == 0) return 0;
+        if (p < end && *p != '/' && *p != '\\') continue;
+        if (p - part == 2 && part[0] == '.' && part[1] == '.') return 0;
+        if (p == end) return 1;
+        part = p + 1;
+    }
+}
+
+OXL_INTERNAL void colmap_read_name(struct colmap_reader *r, size_t *name)
+{
+    struct colmap *out = r->out;
+    size_t size;
+    if (r->rc != OXL_OK) return;
+    colmap_skip_blanks(r);
+    /* Removes "./": without it the name is the same image's. */
+    while (r->end - r->cursor > 2 && r->cursor[0] == '.' && r->cursor[1] == '/')
+        for (r->cursor += 2; r->cursor < r->end && r->cursor[0] == '/';) r->cursor++;
+    size = (size_t)(r->end - r->cursor);
+    r->field = r->cursor;
+    if (size == 0)
+        colmap_fail(r, COLMAP_FIX_EXPORT,
+                    "found the end of the line, expected NAME, a file in the image folder");
+    else if (memchr(r->cursor, '\n', size) || memchr(r->cursor, '\r', size))
+        colmap_fail(r, COLMAP_FIX_EXPORT, "found a line end in a name, expected a name of one line");
+    else if (!colmap_name_is_safe(r->cursor, r->end))
+        colmap_fail(r, "give names relative to that folder, without \"..\"",
+                    "found the name '%.*s', expected a path inside the image folder",
+                    (int)OXL_MIN(size, (size_t)200), r->cursor);
+    if (r->rc == OXL_OK)
+        r->rc = oxl_reserve(r->ctx, &out->names, &r->names_capacity, out->names_size + size + 1, 1);
+    if (r->rc != OXL_OK) return;
+    *name = out->names_size;
+    memcpy(out->names + *name, r->cursor, size);
+    out->names[*name + size] = 0;
+    out->names_size += size + 1;
 }
 
 static int colmap_peek_real(const char **p, const char *end, double *out)
 {
     while (*p < end && colmap_is_blank(**p)) ++*p;
     return parse_double(p, end, out) && (*p == end || colmap_is_blank(**p));
-}
-
-static int colmap_peek_whole(const char **p, const char *end, int64_t *out)
-{
-    while (*p < end && colmap_is_blank(**p)) ++*p;
-    return parse_int64(p, end, out) && (*p == end || colmap_is_blank(**p));
 }
 
 static size_t colmap_count_fields(const char *p, const char *end)
@@ -117,119 +207,196 @@ static size_t colmap_count_fields(const char *p, const char *end)
     return count;
 }
 
-/* Returns 1 if the line at the position of 2D points is the first line of an image: an integer, 7 numbers,
- * an integer, and a name. Most names are not numbers, which decides. With a numeric name, it is an image if
- * the number of fields is not a multiple of 3, the rotation is plausible and the camera exists. */
+/* Returns 1 if the line at the position of 2D points is the first line of an image: 9 numbers and a name.
+ * Most names are not numbers, which decides. With a numeric name, it is an image if the rotation is one and
+ * the number of fields is not a multiple of 3. */
 static int colmap_is_pose(const struct colmap_reader *r)
 {
     const char *p = r->cursor;
-    int64_t image, camera;
-    double v[7], name, square;
-    /* Returns here for nearly all lines of 2D points, whose first number is no integer. */
-    if (!colmap_peek_whole(&p, r->end, &image)) return 0;
-    for (int i = 0; i < 7; i++)
+    double v[9], name;
+    for (int i = 0; i < 9; i++)
         if (!colmap_peek_real(&p, r->end, &v[i])) return 0;
-    if (!colmap_peek_whole(&p, r->end, &camera) || p == r->end) return 0;
+    if (p == r->end) return 0;
     if (!colmap_peek_real(&p, r->end, &name)) return 1;
-    square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3];
-    return fabs(square - 1) < COLMAP_UNIT_ERROR && colmap_has_camera(r, camera) &&
+    return fabs(v[1] * v[1] + v[2] * v[2] + v[3] * v[3] + v[4] * v[4] - 1) < COLMAP_UNIT_ERROR &&
            colmap_count_fields(r->cursor, r->end) % 3 != 0;
 }
 
-/* Reads the second line of an image. If it is missing, the reader does not advance. */
-static oxl_result colmap_read_second_line(struct colmap_reader *r, struct colmap_image *image)
+/* Finds where an image's 2D points are. If their line is missing, the reader does not advance. */
+static void colmap_read_observations(struct colmap_reader *r, struct colmap_image *image)
 {
-    if (!colmap_next_line(r)) return r->rc;
-    if (r->cursor < r->end && (*r->cursor == '#' || colmap_is_pose(r))) {
-        colmap_warn(r, WARN_NO_POINTS_LINE);
-        r->next = r->cursor;
-        r->line--;
-        return OXL_OK;
+    if (r->out->format == COLMAP_BINARY) {
+        image->points_size = (size_t)colmap_count(r, "the number of 2D points", COLMAP_OBSERVATION);
+        image->points_size *= COLMAP_OBSERVATION;
+        image->points_at = colmap_offset(r, r->next);
+        colmap_skip(r, image->points_size);
+    } else if (colmap_next_line(r)) {
+        if (r->cursor < r->end && (*r->cursor == '#' || colmap_is_pose(r))) {
+            colmap_warn(r, WARN_NO_POINTS_LINE);
+            r->next = r->cursor;
+            r->line--;
+            return;
+        }
+        image->points_at = colmap_offset(r, r->cursor);
+        image->points_size = (size_t)(r->end - r->cursor);
     }
-    image->points_at = r->offset + (uint64_t)(r->cursor - r->buffer);
-    image->points_size = (size_t)(r->end - r->cursor);
-    return OXL_OK;
 }
 
-static oxl_result colmap_read_images(struct colmap_reader *r)
+static void colmap_read_image(struct colmap_reader *r)
+{
+    static const char *const what[7] = {"QW", "QX", "QY", "QZ", "TX", "TY", "TZ"};
+    struct colmap *out = r->out;
+    struct colmap_image image = {.id = colmap_row_id(r, "IMAGE_ID", 4), .line = r->line};
+    for (int i = 0; i < 7; i++)
+        *(i < 4 ? &image.rotation[i] : &image.translation[i - 4]) = colmap_finite(r, what[i]);
+    colmap_check_rotation(r, image.rotation);
+    image.camera_id = colmap_id(r, "CAMERA_ID", 4);
+    colmap_check_camera(r, image.camera_id);
+    colmap_begin_name(r);
+    colmap_read_name(r, &image.name);
+    colmap_read_observations(r, &image);
+    if (r->rc == OXL_OK)
+        r->rc = oxl_reserve(r->ctx, &out->image, &r->image_capacity, out->image_count + 1, sizeof image);
+    if (r->rc == OXL_OK) out->image[out->image_count++] = image;
+}
+
+/* ---------------- points */
+
+/* Reserves rows for the whole file, by the part that was read, so that large arrays need not grow often. */
+static void colmap_reserve(struct colmap_reader *r, void *array, size_t *capacity, size_t needed, size_t size)
+{
+    const double read = (double)colmap_offset(r, r->next), all = (double)OXL_MAX(r->file.size, 1);
+    size_t wanted = COLMAP_ROWS_FIRST;
+    if (needed <= *capacity || r->rc != OXL_OK) return;
+    if (needed > COLMAP_ROWS_FIRST && read > 0 && read < all)
+        wanted = (size_t)(1.05 * (double)needed * (all / read));
+    r->rc = oxl_reserve(r->ctx, array, capacity, OXL_MAX(needed, wanted), size);
+}
+
+/* Reads the track of a point, as the last rows of all. */
+static void colmap_read_track(struct colmap_reader *r, struct colmap_point *point)
 {
     struct colmap *out = r->out;
-    oxl_result rc = OXL_OK;
-    while (rc == OXL_OK && colmap_next_record(r)) {
-        struct colmap_image image = {0};
-        rc = colmap_read_pose(r, &image);
-        if (rc == OXL_OK) rc = colmap_add_image(r, &image);
-        if (rc == OXL_OK) rc = colmap_read_second_line(r, &out->image[out->image_count - 1]);
+    const int binary = out->format == COLMAP_BINARY;
+    uint64_t left = binary ? colmap_count(r, "the length of a track", 8) : UINT64_MAX;
+    for (; left > 0 && r->rc == OXL_OK; left--) {
+        const struct colmap_image *image;
+        int64_t id, observation;
+        colmap_skip_blanks(r);
+        if (!binary && r->cursor == r->end) return;
+        id = colmap_id(r, "IMAGE_ID of a track (IMAGE_ID POINT2D_IDX)", 4);
+        observation = colmap_whole(r, "POINT2D_IDX of a track (IMAGE_ID POINT2D_IDX)", 4, 0, UINT32_MAX);
+        image = colmap_find(out->image, out->image_count, sizeof *image, id);
+        if (!image) colmap_warn(r, WARN_TRACK);
+        colmap_reserve(r, &out->track, &r->track_capacity, out->track_count + point->track_count + 1,
+                       sizeof *out->track);
+        if (image && r->rc == OXL_OK)
+            out->track[out->track_count + point->track_count++] =
+                (struct colmap_track){(uint32_t)(image - out->image), (uint32_t)observation};
     }
-    if (rc == OXL_OK) rc = r->rc;
-    if (rc == OXL_OK && out->image_count == 0)
-        rc = oxl_fail(
-            r->ctx, OXL_ERR_INPUT,
-            "%s:%d: found the end of the file, expected an image\nfix: take a model with registered images (sparse/0, "
-            "sparse/1, ...), or " COLMAP_FIX_EXPORT,
-            r->path, r->line);
-    return rc;
 }
 
-/* ---------------- the three together */
+/* Reads a point, and leaves it out if its position is not finite. */
+static void colmap_read_point(struct colmap_reader *r)
+{
+    static const char *const axis[3] = {"X", "Y", "Z"}, *const channel[3] = {"R", "G", "B"};
+    struct colmap *out = r->out;
+    struct colmap_point point = {.id = colmap_row_id(r, "POINT3D_ID", 8), .first_track = out->track_count};
+    for (int i = 0; i < 3; i++) point.position[i] = colmap_real(r, axis[i]);
+    for (int i = 0; i < 3; i++) point.rgb[i] = (uint8_t)colmap_whole(r, channel[i], 1, 0, 255);
+    point.error = colmap_real(r, "ERROR");
+    if (!(fabs(point.position[0]) + fabs(point.position[1]) + fabs(point.position[2]) <= DBL_MAX)) {
+        colmap_warn(r, WARN_POSITION);
+        if (out->format == COLMAP_BINARY) colmap_skip(r, 8 * colmap_count(r, "the length of a track", 8));
+        return;
+    }
+    if (!(fabs(point.error) <= DBL_MAX)) {
+        colmap_warn(r, WARN_ERROR);
+        point.error = -1;
+    }
+    colmap_read_track(r, &point);
+    colmap_reserve(r, &out->point, &r->point_capacity, out->point_count + 1, sizeof point);
+    if (r->rc != OXL_OK) return;
+    out->point[out->point_count++] = point;
+    out->track_count += point.track_count;
+}
 
-enum { COLMAP_FILES = 3 };
-static const char *const colmap_names[2][COLMAP_FILES] = {{"cameras.txt", "images.txt", "points3D.txt"},
-                                                          {"cameras.bin", "images.bin", "points3D.bin"}};
+/* ---------------- the three files */
 
-struct colmap_files { /* Counts the three files of one format that are there. */
-    int count;
-    const char *missing; /* the first missing file */
-    int has_poses;       /* files that poses need, cameras and images: 0 to 2 */
-    int64_t modified;    /* time of the newest file */
+enum { COLMAP_FILES = 3, COLMAP_POSES = 2 /* files that hold the poses; the points may be elsewhere */ };
+static const struct colmap_file {
+    const char *name[2]; /* by format */
+    const char *rows, *row, *fix;
+    void (*read)(struct colmap_reader *r);
+} colmap_files[COLMAP_FILES] = {
+    {{"cameras.txt", "cameras.bin"}, "cameras", "a camera", COLMAP_FIX_EXPORT, colmap_read_camera},
+    {{"images.txt", "images.bin"},
+     "images",
+     "an image",
+     "take a model with registered images (sparse/0, sparse/1, ...), or " COLMAP_FIX_EXPORT,
+     colmap_read_image},
+    {{"points3D.txt", "points3D.bin"}, "points", NULL, NULL, colmap_read_point},
 };
 
-static struct colmap_files colmap_find_files(const char *folder, enum colmap_format format)
+/* Reads a file's rows and sorts them by id. If an id is there twice, reads them again, up to the second. */
+static void colmap_read_file(struct colmap_reader *r, const char *folder, int i)
 {
-    struct colmap_files found = {.count = 0};
-    for (int i = 0; i < COLMAP_FILES; i++) {
-        const char *path = PATH(folder, "%s", colmap_names[format][i]);
-        if (os_is_file(path)) {
-            found.count++;
-            found.has_poses += i < COLMAP_FILES - 1;
-            found.modified = OXL_MAX(found.modified, os_modified(path));
-        } else if (!found.missing) {
-            found.missing = colmap_names[format][i];
-        }
-    }
-    return found;
+    const struct colmap_file *file = &colmap_files[i];
+    struct colmap *out = r->out;
+    const void *twice;
+    int64_t id;
+    colmap_open(r, folder, file->name[out->format]);
+    while (colmap_next_record(r)) file->read(r);
+    if (r->rows == 0 && file->row)
+        colmap_fail(r, file->fix, "found the end of the file, expected %s", file->row);
+    colmap_close(r, file->rows);
+    if (r->rc != OXL_OK) return;
+    twice = i == 0   ? colmap_sort(out->camera, out->camera_count, sizeof *out->camera)
+            : i == 1 ? colmap_sort(out->image, out->image_count, sizeof *out->image)
+                     : colmap_sort(out->point, out->point_count, sizeof *out->point);
+    if (!twice) return;
+    memcpy(&id, twice, sizeof id);
+    r->repeated = &id;
+    colmap_open(r, folder, file->name[out->format]);
+    while (colmap_next_record(r)) file->read(r);
+    colmap_fail(r, "run again, if another program is writing it", "an id was there twice, and is not now");
+    colmap_close(r, file->rows);
 }
 
 /* Chooses between text and binary files: the newer ones; text if both have the same age, since it may have
  * been edited. */
 static oxl_result colmap_choose(oxl_context *ctx, const char *folder, enum colmap_format *out)
 {
-    const struct colmap_files text = colmap_find_files(folder, COLMAP_TEXT),
-                              binary = colmap_find_files(folder, COLMAP_BINARY);
-    *out = binary.count == COLMAP_FILES && (text.count < COLMAP_FILES || binary.modified > text.modified)
-               ? COLMAP_BINARY
-               : COLMAP_TEXT;
-    if (text.count == COLMAP_FILES && binary.count == COLMAP_FILES)
+    int has[2] = {0}, poses[2] = {0};
+    int64_t modified[2] = {0};
+    const char *missing[2] = {NULL, NULL}, *compressed = NULL;
+    for (int f = 0; f < 2; f++)
+        for (int i = COLMAP_FILES; i-- > 0;) {
+            const char *path = PATH(folder, "%s", colmap_files[i].name[f]);
+            if (!os_is_file(path)) missing[f] = colmap_files[i].name[f];
+            if (os_is_compressed(path)) compressed = colmap_files[i].name[f];
+            if (!os_is_file(path)) continue;
+            has[f]++;
+            poses[f] += i < COLMAP_POSES;
+            modified[f] = OXL_MAX(modified[f], os_modified(path));
+        }
+    *out = has[1] == COLMAP_FILES && (has[0] < COLMAP_FILES || modified[1] > modified[0]) ? COLMAP_BINARY
+           : has[0] < COLMAP_FILES && poses[0] < COLMAP_POSES && poses[1] == COLMAP_POSES ? COLMAP_BINARY
+                                                                                          : COLMAP_TEXT;
+    if (has[0] == COLMAP_FILES && has[1] == COLMAP_FILES)
         oxl_log(ctx, OXL_LOG_INFO,
                 "%s holds the model as text and as binary files; the %s files are %s and are read", folder,
-                *out == COLMAP_TEXT ? "text" : "binary",
-                text.modified == binary.modified ? "as new" : "newer");
-    if (text.count == COLMAP_FILES || binary.count == COLMAP_FILES) return OXL_OK;
-    for (int i = 0; i < 2 * COLMAP_FILES; i++) {
-        const char *path = PATH(folder, "%s", colmap_names[i / COLMAP_FILES][i % COLMAP_FILES]);
-        if (os_is_compressed(path))
-            return oxl_fail(ctx, OXL_ERR_INPUT, "%s: it is compressed\nfix: gunzip %s.gz", path,
-                            SHELL_WORD(path));
-    }
-    if (text.has_poses == COLMAP_FILES - 1 || binary.has_poses == COLMAP_FILES - 1) {
-        *out = text.has_poses == COLMAP_FILES - 1 ? COLMAP_TEXT : COLMAP_BINARY;
-        return OXL_OK;
-    }
+                *out == COLMAP_TEXT ? "text" : "binary", modified[0] == modified[1] ? "as new" : "newer");
+    if (has[*out] == COLMAP_FILES) return OXL_OK;
+    if (compressed)
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s/%s: it is compressed\nfix: gunzip %s.gz", folder, compressed,
+                        SHELL_WORD(PATH(folder, "%s", compressed)));
+    if (poses[*out] == COLMAP_POSES) return OXL_OK;
     return oxl_fail(
         ctx, OXL_ERR_INPUT,
         "%s: %s is not there, expected a COLMAP model: cameras, images and points3D, all .txt or all .bin\n"
         "fix: name the folder that holds all three, or export them with colmap model_converter --output_type TXT",
-        folder, binary.count > text.count ? binary.missing : text.missing);
+        folder, missing[has[1] > has[0]]);
 }
 
 /* Reads the points of points3D.ply, if it is there: simulators and motion capture export poses without
@@ -249,51 +416,91 @@ static oxl_result colmap_read_other_points(struct colmap_reader *r, const char *
     return OXL_OK;
 }
 
-OXL_INTERNAL int colmap_has_points(const char *folder, enum colmap_format format)
-{
-    return os_is_file(PATH(folder, "%s", colmap_names[format == COLMAP_BINARY][COLMAP_FILES - 1]));
-}
-
-static oxl_result colmap_read_text(struct colmap_reader *r, const char *folder)
-{
-    struct colmap *out = r->out;
-    oxl_result rc = colmap_open(r, folder, "cameras.txt");
-    if (rc == OXL_OK) rc = colmap_read_cameras(r);
-    if (rc == OXL_OK) colmap_compare(r, "cameras", out->camera_count);
-    colmap_close(r);
-    if (rc == OXL_OK) rc = colmap_open(r, folder, "images.txt");
-    if (rc == OXL_OK) rc = colmap_read_images(r);
-    if (rc == OXL_OK) colmap_compare(r, "images", out->image_count);
-    colmap_close(r);
-    if (rc == OXL_OK && !colmap_has_points(folder, COLMAP_TEXT)) return colmap_read_other_points(r, folder);
-    if (rc == OXL_OK) rc = colmap_open(r, folder, "points3D.txt");
-    if (rc == OXL_OK) rc = colmap_read_points(r);
-    if (rc == OXL_OK) colmap_compare(r, "points", out->point_count + (size_t)r->warned[WARN_POSITION]);
-    colmap_close(r);
-    return rc;
-}
-
 OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folder, size_t buffer,
                                              struct colmap *out)
 {
     struct colmap_reader r = {.ctx = ctx, .out = out, .buffer_size = buffer};
     enum colmap_format format = COLMAP_TEXT;
-    oxl_result rc;
     *out = (struct colmap){0};
-    rc = colmap_choose(ctx, folder, &format);
-    if (rc == OXL_OK && (out->folder = oxl_strdup(ctx, folder)) == NULL) rc = OXL_ERR_MEMORY;
+    r.rc = colmap_choose(ctx, folder, &format);
     out->format = format;
-    out->images_file = colmap_names[format][1];
-    if (rc == OXL_OK)
-        rc = format == COLMAP_TEXT ? colmap_read_text(&r, folder) : colmap_read_binary(&r, folder);
-    if (rc == OXL_OK && format == COLMAP_BINARY && !colmap_has_points(folder, format))
-        rc = colmap_read_other_points(&r, folder);
-    OXL_FREE(ctx, r.buffer, r.cameras.slot, r.images.slot);
-    if (rc != OXL_OK) colmap_free(ctx, out);
-    return rc;
+    out->images_file = colmap_files[1].name[format];
+    if (r.rc == OXL_OK && (out->folder = oxl_strdup(ctx, folder)) == NULL) r.rc = OXL_ERR_MEMORY;
+    for (int i = 0; i < COLMAP_FILES && r.rc == OXL_OK; i++)
+        if (i < COLMAP_POSES || os_is_file(PATH(folder, "%s", colmap_files[i].name[format])))
+            colmap_read_file(&r, folder, i);
+        else r.rc = colmap_read_other_points(&r, folder);
+    oxl_free(ctx, r.buffer);
+    if (r.rc != OXL_OK) colmap_free(ctx, out);
+    return r.rc;
 }
 
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out)
 {
     return colmap_read_buffered(ctx, folder, COLMAP_BUFFER, out);
+}
+
+/* ---------------- where an image saw its points; only one image's are in memory */
+
+OXL_INTERNAL oxl_result colmap_sightings_open(oxl_context *ctx, const struct colmap *c, size_t room,
+                                              struct colmap_sightings *out)
+{
+    size_t most = 0;
+    for (size_t i = 0; i < c->image_count; i++) most = OXL_MAX(most, c->image[i].points_size);
+    *out = (struct colmap_sightings){.colmap = c, .room = OXL_MIN(most, room)};
+    out->text = oxl_alloc(ctx, out->room + 1, 1);
+    return out->text ? os_reader_open(ctx, path_in(out->path, c->folder, "%s", c->images_file), &out->file)
+                     : OXL_ERR_MEMORY;
+}
+
+OXL_INTERNAL void colmap_sightings_close(oxl_context *ctx, struct colmap_sightings *s)
+{
+    os_reader_close(&s->file);
+    oxl_free(ctx, s->text);
+}
+
+OXL_INTERNAL oxl_result colmap_sightings_of(oxl_context *ctx, struct colmap_sightings *s,
+                                            const struct colmap_image *image)
+{
+    const size_t wanted = OXL_MIN(image->points_size, s->room);
+    size_t got = 0;
+    oxl_result rc = wanted ? os_reader_seek(ctx, &s->file, image->points_at) : OXL_OK;
+    if (wanted && rc == OXL_OK) rc = os_reader_read(ctx, &s->file, s->text, wanted, &got);
+    if (rc == OXL_OK && got < wanted)
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s: ends within the 2D points of an image; it was longer when the survey was read\n"
+                      "fix: export the survey again, or run again if another program is writing it",
+                      s->path);
+    s->at = s->text, s->end = s->text + got;
+    return rc;
+}
+
+/* Reads the next 2D point of the list; 0: the list has ended. */
+static int colmap_read_sighting(struct colmap_sightings *s, double pixel[2], int64_t *id)
+{
+    if (s->colmap->format == COLMAP_TEXT) {
+        for (int k = 0; k < 2; k++)
+            if (!colmap_peek_real(&s->at, s->end, &pixel[k])) return 0;
+        while (s->at < s->end && colmap_is_blank(*s->at)) s->at++;
+        return parse_int64(&s->at, s->end, id);
+    }
+    if (s->end - s->at < COLMAP_OBSERVATION) return 0;
+    pixel[0] = bytes_double(s->at), pixel[1] = bytes_double(s->at + 8);
+    *id = (int64_t)bytes_get(s->at + 16, 8);
+    s->at += COLMAP_OBSERVATION;
+    return 1;
+}
+
+OXL_INTERNAL int colmap_sightings_next(struct colmap_sightings *s, struct colmap_sighting *out)
+{
+    const struct colmap *c = s->colmap;
+    int64_t id;
+    while (colmap_read_sighting(s, out->pixel, &id)) {
+        const struct colmap_point *point =
+            id < 0 ? NULL : colmap_find(c->point, c->point_count, sizeof *point, id);
+        if (!point) continue;
+        memcpy(out->world, point->position, sizeof point->position);
+        return 1;
+    }
+    return 0;
 }

@@ -9,16 +9,13 @@
 OXL_INTERNAL oxl_result json_survey_fail(struct colmap_reader *r, const char *what, const char *seen,
                                          const char *wanted)
 {
-    return oxl_fail(r->ctx, OXL_ERR_INPUT,
-                    "%s: record %d: found %s for %s, expected %s\nfix: export the survey again", r->path,
-                    r->line, seen, what, wanted);
+    return colmap_fail(r, "export the survey again", "found %s for %s, expected %s", seen, what, wanted);
 }
 
 OXL_INTERNAL oxl_result json_survey_open(struct colmap_reader *r, const char *path, struct os_file_map *map)
 {
     const char *fault;
-    r->path = oxl_strdup(r->ctx, path);
-    if (!r->path) return OXL_ERR_MEMORY;
+    snprintf(r->path, sizeof r->path, "%s", path);
     r->rc = os_read_file(r->ctx, path, map);
     if (r->rc == OXL_OK) r->rc = os_refuse_gzip(r->ctx, path, map->data, map->size);
     if (r->rc != OXL_OK) return r->rc;
@@ -73,15 +70,14 @@ OXL_INTERNAL oxl_result json_survey_add_image(struct colmap_reader *r, const cha
 {
     struct colmap *out = r->out;
     struct colmap_image image = {.id = (int64_t)out->image_count, .camera_id = camera, .line = r->line};
-    oxl_result rc = colmap_check_rotation(r, rotation);
+    oxl_result rc;
+    colmap_check_rotation(r, rotation);
     memcpy(image.rotation, rotation, sizeof image.rotation);
     memcpy(image.translation, translation, sizeof image.translation);
     r->cursor = name;
     r->end = end;
-    if (rc == OXL_OK &&
-        (memchr(name, '\n', (size_t)(end - name)) || memchr(name, '\r', (size_t)(end - name))))
-        rc = json_survey_fail(r, "an image's name", "a line end", "a name of one line");
-    if (rc == OXL_OK) rc = colmap_read_name(r, &image.name);
+    colmap_read_name(r, &image.name);
+    rc = r->rc;
     if (rc == OXL_OK)
         rc = oxl_reserve(r->ctx, &out->image, &r->image_capacity, out->image_count + 1, sizeof image);
     if (rc == OXL_OK) out->image[out->image_count++] = image;
@@ -91,12 +87,11 @@ OXL_INTERNAL oxl_result json_survey_add_image(struct colmap_reader *r, const cha
 OXL_INTERNAL oxl_result json_survey_add_mask(struct colmap_reader *r, const char *path)
 {
     size_t offset = 0;
-    oxl_result rc;
     r->cursor = path;
     r->end = path + strlen(path);
-    rc = colmap_read_name(r, &offset);
-    if (rc == OXL_OK) r->out->image[r->out->image_count - 1].mask = offset;
-    return rc;
+    colmap_read_name(r, &offset);
+    if (r->rc == OXL_OK) r->out->image[r->out->image_count - 1].mask = offset;
+    return r->rc;
 }
 
 OXL_INTERNAL oxl_result json_survey_add_point(struct colmap_reader *r, const double position[3],

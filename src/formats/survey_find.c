@@ -108,7 +108,6 @@ static oxl_result json_survey_add_file(struct colmap_reader *r, const struct sur
     struct os_file_map map = {0};
     const size_t before = r->out->image_count;
     oxl_result rc;
-    oxl_free(r->ctx, r->path);
     r->line = 0;
     rc = json_survey_open(r, path, &map);
     if (rc == OXL_OK) rc = format->read_json(r, map.data);
@@ -142,7 +141,6 @@ static oxl_result survey_read_json(oxl_context *ctx, const struct survey_format 
     if (rc == OXL_OK && (slash = strrchr(path, '/')) != NULL) *slash = 0;
     out->folder = path;
     out->warnings += r.warned[WARN_QUATERNION];
-    oxl_free(ctx, r.path);
     if (rc != OXL_OK) colmap_free(ctx, out);
     return rc;
 }

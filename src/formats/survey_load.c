@@ -47,7 +47,6 @@ static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene
             "%s: a file there holds fewer rows than its header announces (see the warning), expected all of them\n"
             "fix: export the model again: colmap model_converter --output_type TXT; or train what is there: --force",
             scene->colmap.folder);
-    if (rc == OXL_OK) rc = colmap_order(ctx, &scene->colmap);
     scene->from_files = 1;
     scene->may_miss = o->missing_images;
     scene->images = o->images                     ? oxl_strdup(ctx, o->images)

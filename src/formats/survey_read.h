@@ -5,18 +5,12 @@
 #include "../survey/imaging.h"
 #include "../survey/sparse.h"
 
-/* ---------------- colmap_order.c: rows by id */
+/* ---------------- colmap.c */
 
-/* Sorts cameras and images by id, and renumbers the images of the tracks. */
-OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
-/* Finds a camera after colmap_order; NULL: there is none. */
+/* Finds a camera; NULL: there is none. */
 OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap *c, int64_t id);
-/* Sorts points by id; OXL_ERR_INPUT without a message: two points have the id *repeated. */
-OXL_INTERNAL oxl_result colmap_order_points(oxl_context *ctx, struct colmap *c, int64_t *repeated);
 /* Returns 1 for a relative path without "..", up to `end`. */
 OXL_INTERNAL int colmap_name_is_safe(const char *name, const char *end);
-
-/* ---------------- colmap_sightings.c: where an image saw its points */
 
 struct colmap_sightings { /* Reads the 2D points of one image at a time. */
     const struct colmap *colmap;

@@ -63,7 +63,7 @@ enum colmap_format {
 struct colmap {
     struct colmap_camera *camera;
     size_t camera_count;
-    struct colmap_image *image; /* in the file's order, or by id after colmap_order */
+    struct colmap_image *image; /* by id */
     size_t image_count;
     struct colmap_point *point; /* by id */
     size_t point_count;
