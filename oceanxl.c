@@ -128,7 +128,6 @@
 
 /* the parts of training: a file and a row of the table each */
 #include "src/parts/ucd.c"           /* depth weights of density control */
-#include "src/parts/free_space.c"    /* removes Gaussians between a camera and the points that it saw */
 #include "src/parts/dropout.c"       /* leaves out Gaussians at random */
 #include "src/parts/lobes.c"         /* which Gaussians get a second lobe */
 #include "src/parts/prune.c"         /* pruning: schedule and scores */

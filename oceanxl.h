@@ -499,10 +499,9 @@ typedef struct oxl_train_options {
     oxl_switch lamp;
     /* a medium of nine parameters between camera and Gaussians (docs/IMAGING.md) */
     oxl_switch medium;
-    oxl_switch poses;    /* each training view's camera is turned and moved a little, with the scene */
-    int antialias;       /* 1: as oxl_model.antialias, and no Gaussian is smaller than a pixel of any view */
-    int gaps;            /* 1: Gaussians to start from also where a view has no point nearby */
-    int carve;           /* 1: Gaussians between a camera and the points that it observes are removed */
+    oxl_switch poses; /* each training view's camera is turned and moved a little, with the scene */
+    int antialias;    /* 1: as oxl_model.antialias, and no Gaussian is smaller than a pixel of any view */
+    int gaps;         /* 1: Gaussians to start from also where a view has no point nearby */
     /* difference-of-Gaussians lobes */
     oxl_dog dog;
     /* fraction of the run at which lobes are assigned, during pruning [OceanXL sec. 3.2] */

@@ -173,7 +173,6 @@ static void report_decisions(struct report *r)
                                              {"Lamp (--lamp)", "lamp"},
                                              {"Medium (--medium)", "medium"},
                                              {"Poses (--poses)", "poses"},
-                                             {"Free space (--carve)", "carve"},
                                              {"Dropout (--dropout)", "dropout"},
                                              {"Contrast of SSIM (--ssim-contrast)", "ssim_contrast"},
                                              {"Second lobes (--dog)", "dog"}};

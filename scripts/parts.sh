@@ -22,7 +22,6 @@ train='sh_degree lobes antialias OXL_LOBE MODEL_LOBE_RATE_OPACITY MODEL_LOBE_RAT
 
 words() { # of identifiers, by part; the option keep of prune is left out, a common word
     case $1 in
-        free_space) echo 'free_space|carve|carved' ;;
         lobes) echo 'lobes|lobe|dog' ;;
         prune) echo 'prune|pruned|pruning' ;;
         lamp) echo 'lamp|lamps' ;;

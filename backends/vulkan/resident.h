@@ -100,7 +100,7 @@ struct vulkan_renderer {
      * dropout */
     int in_medium, medium_trains, veil_trains, drops, is_window;
     int may_be_lit; /* the loss may have a lamp */
-    int sort_end; /* which of the pairs' key and value buffers holds the sorted ones */
+    int sort_end;   /* which of the pairs' key and value buffers holds the sorted ones */
     /* from here on nothing but buffers: vulkan_renderer_free goes through them. By row */
     struct vulkan_buffer splat_a, splat_b, splat_c, lobe_a, lobe_b, seen, rank, row_key[2], row_value[2],
         row_pairs, row_slots, mean2d, statistics, score, moves;

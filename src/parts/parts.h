@@ -6,7 +6,6 @@
 
 #define PARTS_EACH(ROW) \
     ROW(ucd)            \
-    ROW(free_space)     \
     ROW(dropout)        \
     ROW(lobes)          \
     ROW(prune)          \

@@ -49,7 +49,7 @@ struct renderer {
     double dropout; /* of renderer_set_dropout */
     uint64_t dropout_seed;
     int dropout_step;
-    float gain[3];                                /* of renderer_set_gain */
+    float gain[3]; /* of renderer_set_gain */
     int has_gain;
     double contrast;         /* of renderer_set_contrast */
     const struct lamp *lamp; /* of renderer_set_lamp, or NULL */

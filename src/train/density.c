@@ -160,7 +160,6 @@ static enum density_verdict density_classify(const struct density *d, const oxl_
 {
     const double mean = d->views[i] > 0 ? d->gradient[i] / d->views[i] : 0;
     if (!model_row_is_finite(m, i)) return DENSITY_REMOVE;
-    if (rules->unwanted && rules->unwanted[i]) return DENSITY_REMOVE;
     if (vecmath_sigmoid(m->plane[OXL_OPACITY][i]) < DENSITY_OPACITY_MIN) return DENSITY_REMOVE;
     if (rules->split_large && density_scale(m, i) > DENSITY_SCALE_MAX * rules->extent) return DENSITY_SPLIT;
     return mean >= rules->gradient ? DENSITY_SPLIT : DENSITY_KEEP;

@@ -62,10 +62,9 @@ struct part {
                        const struct renderer_loss *loss);
 
     /* Are called while Gaussians are densified: before the step's gradients are added up, before rows are
-     * chosen, after that, and after a reset of opacities. */
+     * chosen, and after a reset of opacities. */
     oxl_result (*before_observe)(struct train *t, void *state);
     oxl_result (*before_density)(struct train *t, void *state, struct density_rules *rules);
-    void (*after_density)(struct train *t, void *state);
     void (*after_reset)(struct train *t, void *state);
 
     /* Is called after a step and its density control. */

@@ -123,11 +123,6 @@ OXL_INTERNAL oxl_result parts_before_density(struct train *t, struct density_rul
     PARTS_CALL(before_density, t, t->part[k], rules);
 }
 
-OXL_INTERNAL void parts_after_density(struct train *t)
-{
-    PARTS_FOR(k, after_density) parts_at(k)->after_density(t, t->part[k]);
-}
-
 OXL_INTERNAL void parts_after_reset(struct train *t)
 {
     PARTS_FOR(k, after_reset) parts_at(k)->after_reset(t, t->part[k]);

@@ -24,7 +24,6 @@ OXL_INTERNAL void parts_after_loss(struct train *t, const struct train_deferred 
                                    const struct renderer_loss *loss);
 OXL_INTERNAL oxl_result parts_before_observe(struct train *t);
 OXL_INTERNAL oxl_result parts_before_density(struct train *t, struct density_rules *rules);
-OXL_INTERNAL void parts_after_density(struct train *t);
 OXL_INTERNAL void parts_after_reset(struct train *t);
 OXL_INTERNAL oxl_result parts_after_step(struct train *t);
 OXL_INTERNAL int parts_validate_until(const struct train *t);

@@ -330,7 +330,6 @@ OXL_INTERNAL oxl_result step_densify(struct train *t)
     oxl_result rc = step_download(t, DOWNLOAD_SHAPE);
     if (rc == OXL_OK) rc = parts_before_density(t, &rules);
     if (rc == OXL_OK) rc = density_decide(t->ctx, t->density, &t->trained.model, &rules, &change);
-    parts_after_density(t);
     if (rc == OXL_OK && change.removed + change.split > 0)
         rc = step_move_rows(t, &change, NULL, t->trained.model.sh_degree, &moved);
     if (rc == OXL_OK) rc = density_apply(t->ctx, t->density, &t->trained, &change, moved);
