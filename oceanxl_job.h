@@ -57,7 +57,7 @@ typedef struct oxl_job_options {
     int iterations_for;
     int block;         /* train only this block and do not merge; -1: all */
     int keep_decoded;  /* 1: decoded images stay in OUT/blocks/decoded for the next run */
-    int restart;       /* 1: discard unfinished work with other options in OUT */
+    int restart;       /* 1: train anew whatever run OUT holds */
     uint64_t seed;     /* 0: the context's */
     const char *lpips; /* weights of LPIPS, for evaluations; NULL: it is not measured */
     const char *from;  /* model that training starts from; NULL: the survey's points */
@@ -207,8 +207,8 @@ OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *mo
  * A finished run of one block is continued when it is called with more iterations and otherwise the same
  * options: the missing steps refine the model in blocks/000 without density control. With `from`, training
  * starts from that model in the place of the points.
- * An unfinished run with other options is not overwritten (OXL_ERR_USAGE) unless options->restart is set; if
- * run.json is lost, its checkpoints are renamed to NAME.other. options may be NULL: the draft preset. */
+ * An unfinished run with other options is not overwritten (OXL_ERR_USAGE) unless options->restart is set.
+ * options may be NULL: the draft preset. */
 OXL_API oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out,
                                const oxl_job_options *options, const oxl_callback *callback);
 
@@ -254,7 +254,7 @@ typedef struct oxl_render_output {
     int images, depth;
     double unit; /* factor of depths: metres per unit of the scene; 0: none (0) */
     int clear;   /* 1: without the exposure and medium of imaging.txt (0) */
-    int replace; /* 1: overwrites files that no earlier call wrote; 0: such a file is OXL_ERR_INPUT (0) */
+    int replace; /* 1: first removes renders of all views from the folder (0) */
 } oxl_render_output;
 OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
                                     const oxl_render_output *what, const char *folder, int *count);
@@ -268,10 +268,6 @@ OXL_API oxl_result oxl_render_path(oxl_context *ctx, const char *folder, const c
  * cannot be written. */
 OXL_API oxl_result oxl_write_pfm(oxl_context *ctx, const char *path, const float *value, int width,
                                  int height);
-
-/* For images that the caller renders: removes the files of the previous call, which FOLDER/.renders lists,
- * and writes the new list: one name per line. */
-OXL_API oxl_result oxl_render_list(oxl_context *ctx, const char *folder, const char *list, int replace);
 
 /* As JSON, in the form of metrics.json; free with oxl_text_free. */
 OXL_API oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics,

@@ -108,26 +108,12 @@ static void flight_survey(const oxl_scene *scene, double fraction, oxl_camera *c
 
 /* ---------------- the frames */
 
-/* Lists the frames in the folder, and removes those of an earlier flight. Refuses a folder with another
- * program's frame behind the last, which a film of these would show. */
-static oxl_result flight_list_frames(oxl_context *ctx, const char *folder, int count)
+/* Removes frames of an earlier, longer flight, which a film of these would show. */
+static void flight_remove_frames(const char *folder, int count)
 {
-    struct output list = {0};
     char path[4200];
-    FILE *next = NULL;
-    oxl_result rc = OXL_ERR_MEMORY;
-    for (int i = 0; i < count; i++) output_add(&list, "frame_%.5d.png\n", i);
-    if (!list.failed) rc = oxl_render_list(ctx, folder, list.data, 0);
-    free(list.data);
-    snprintf(path, sizeof path, "%s/frame_%05d.png", folder, count);
-    if (rc == OXL_OK && (next = fopen(path, "rb"))) {
-        fclose(next);
-        rc = oxl_fail(
-            ctx, OXL_ERR_INPUT,
-            "%s is there already, and no earlier render wrote it\nfix: name another folder, or remove it",
-            path);
-    }
-    return rc;
+    do snprintf(path, sizeof path, "%s/frame_%05d.png", folder, count++);
+    while (remove(path) == 0);
 }
 
 oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
@@ -144,7 +130,7 @@ oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scen
                         "--flight: found '%s', expected orbit or survey\nfix: --flight orbit", a->flight);
     if (rc == OXL_OK && (oxl_scene_view_count(scene) < 1 || (orbit && oxl_scene_point_count(scene) < 3)))
         return oxl_fail(ctx, OXL_ERR_INPUT, "--flight %s: the survey has too few views or points", a->flight);
-    if (rc == OXL_OK) rc = flight_list_frames(ctx, a->out, a->frames);
+    if (rc == OXL_OK) flight_remove_frames(a->out, a->frames);
     for (int i = 0; i < a->frames && rc == OXL_OK; i++) {
         oxl_camera c = oxl_scene_view(scene, 0)->camera;
         const double fraction =

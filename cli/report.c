@@ -263,7 +263,7 @@ static void report_options(struct report *r, int of_survey)
     for (int i = 1; i < oxl_option_count(); i++) {
         const oxl_option *o = oxl_option_at(i);
         char member[40], usual[4096], seen[4096];
-        if (!oxl_json_member(r->job, oxl_option_member(o, member))) continue;
+        if (o->kind != OXL_OPTION_TEXT && !oxl_json_member(r->job, oxl_option_member(o, member))) continue;
         if (of_survey && (o->use & uses) != wanted) continue;
         if (strcmp(oxl_option_get(o, &r->options, seen, sizeof seen),
                    oxl_option_get(o, &fresh, usual, sizeof usual)) == 0)

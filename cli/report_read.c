@@ -69,7 +69,7 @@ void report_open(struct report *r)
     const double blocks = oxl_json_number(r->run, "blocks");
     r->job = oxl_json_member(r->run, "job");
     r->survey = oxl_json_member(r->run, "survey");
-    r->scene = json_string(oxl_json_member(r->job, "scene"));
+    r->scene = json_string(oxl_json_member(oxl_json_member(r->run, "inputs"), "scene"));
     r->metrics = output_read(r->out, "metrics.json", NULL);
     r->options = oxl_job_options_default(OXL_PRESET_DRAFT);
     if (r->scene) oxl_job_resume(r->ctx, r->scene, r->out, &r->options, &r->manifest);

@@ -296,15 +296,15 @@ static oxl_train_options fuzz_train_options(void)
 /* The file as checkpoint_write makes it, with a right sum. */
 static void fuzz_write_checkpoint(const uint8_t *data, size_t size)
 {
-    static const unsigned char head[] = {'O', 'X', 'L', 'S', 'T', 'A', 'T', 'E', CHECKPOINT_VERSION,
-                                         0,   0,   0,   0,   0,   0,   0,   3,   0,
-                                         0,   0,   0,   0,   0,   0,   'k', 'e', 'y'};
+    const uint64_t numbers[] = {CHECKPOINT_VERSION, checksum_add(CHECKSUM_SEED, "key", 3)};
+    unsigned char head[24] = {'O', 'X', 'L', 'S', 'T', 'A', 'T', 'E'};
     unsigned char *bytes = malloc(sizeof head + size + 8);
     uint64_t sum;
     fuzz_promise(bytes != NULL, "memory for the input");
+    for (int i = 0; i < 16; i++) head[8 + i] = (unsigned char)(numbers[i / 8] >> 8 * (i % 8));
     memcpy(bytes, head, sizeof head);
     if (size) memcpy(bytes + sizeof head, data, size);
-    sum = archive_hash(ARCHIVE_SEED, bytes, sizeof head + size);
+    sum = checksum_add(CHECKSUM_SEED, bytes, sizeof head + size);
     for (int i = 0; i < 8; i++) bytes[sizeof head + size + (size_t)i] = (unsigned char)(sum >> 8 * i);
     fuzz_write("checkpoint.oxl", bytes, sizeof head + size + 8);
     free(bytes);
@@ -342,18 +342,20 @@ static void fuzz_run(oxl_context *ctx, const uint8_t *data, size_t size)
     oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
     struct oxl_manifest run;
     struct block_record record;
-    struct text line = {.ctx = ctx};
+    struct text line = {.ctx = ctx}, inputs = line;
     oxl_result rc;
     fuzz_write("run.json", data, size);
     fuzz_write("block.json", data, size);
     fuzz_write("model.ply", data, 0);
     rc = manifest_read(ctx, fuzz_folder(), &run);
     fuzz_explained(ctx, rc);
-    if (rc == OXL_OK && run.line) {
+    if (rc == OXL_OK && run.text) {
         manifest_options(&run, &options);
-        manifest_describe(&line, "scene", &options);
+        manifest_describe(&line, &inputs, "scene", &options);
+        manifest_differences(&run, line.data, &inputs);
     }
     text_free(&line);
+    text_free(&inputs);
     manifest_free(ctx, &run);
     fuzz_explained(ctx, block_read(ctx, fuzz_folder(), "\"job\": {", &record));
 }

@@ -615,7 +615,7 @@ TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
     CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(test_ctx), "--restart");
     CHECK_TEXT(oxl_error_text(test_ctx),
-               "survey:\n  --iterations: 12 there, 13 here\nfix: "); /* and nothing else */
+               "survey:\n  iterations: 12 there, 13 here\nfix: "); /* and nothing else */
     CHECK(os_is_file(test_path("out/blocks/000/checkpoint.oxl")));
     options.restart = 1;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
@@ -633,39 +633,7 @@ TEST(job_with_lobes_leaves_no_checkpoint_behind)
     survey = job_test_stopped(&options);
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
     CHECK(os_is_file(test_path("out/scene_standard.ply")));
-    CHECK(!os_is_file(test_path("out/blocks/000/checkpoint.oxl")) &&
-          !os_is_file(test_path("out/blocks/000/checkpoint.oxl.other")));
-}
-
-TEST(job_restarted_with_the_same_options_goes_on)
-{
-    oxl_job_options options = job_test_options();
-    struct job_test_watch watch = {0, -1};
-    const oxl_callback callback = {job_test_progress, &watch};
-    const char *survey = job_test_stopped(&options);
-    options.restart = 1;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
-    CHECK(watch.calls < options.train.iterations);
-}
-
-TEST(job_keeps_the_checkpoint_of_a_run_whose_run_json_is_lost)
-{
-    oxl_job_options options = job_test_options();
-    struct job_test_watch watch = {0, -1};
-    const oxl_callback callback = {job_test_progress, &watch};
-    const char *survey = job_test_stopped(&options);
-    CHECK(remove(test_path("out/run.json")) == 0);
-    options.train.iterations++;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options,
-                         NULL)); /* it cannot be known which survey that was */
-    CHECK(os_is_file(test_path("out/blocks/000/checkpoint.oxl.other")));
-    CHECK(job_test_has(test_path("out/blocks/000/block.json"), "is kept as"));
-    CHECK(rename(test_path("out/blocks/000/checkpoint.oxl.other"),
-                 test_path("out/blocks/000/checkpoint.oxl")) == 0);
-    CHECK(remove(test_path("out/run.json")) == 0);
-    options.train.iterations--;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
-    CHECK(watch.calls < options.train.iterations); /* it can be resumed */
+    CHECK(!os_is_file(test_path("out/blocks/000/checkpoint.oxl")));
 }
 
 TEST(job_does_not_overwrite_the_finished_model_of_another_survey)
@@ -683,7 +651,8 @@ TEST(job_does_not_overwrite_the_finished_model_of_another_survey)
     survey = job_test_survey();
     options.restart = 0;
     CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "holds the finished result of another survey");
+    CHECK_TEXT(oxl_error_text(test_ctx),
+               "holds the finished result of a run with other options or of another survey");
     options.restart = 1;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
 }
@@ -1170,7 +1139,7 @@ TEST(job_starts_from_a_model_of_any_format_and_notices_when_it_changes)
     CHECK_OK(oxl_model_write(test_ctx, options.from, &model));
     options.restart = 0;
     CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("changed"), &options, NULL) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "model to start from: ");
+    CHECK_TEXT(oxl_error_text(test_ctx), "  start: {\"after\": 0, ");
     options.partition.block_points = 40;
     CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("cut"), &options, NULL) == OXL_ERR_USAGE);
     for (int i = 0; i < oxl_option_count(); i++) { /* the table names this option, and no other */

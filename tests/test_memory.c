@@ -52,7 +52,7 @@ static uint64_t memory_sum(const char *file)
     struct os_file_map map;
     uint64_t sum = 0;
     if (!os_is_file(file) || os_read_file(test_ctx, file, &map) != OXL_OK) return 0;
-    sum = archive_hash(ARCHIVE_SEED, (const unsigned char *)map.data, map.size);
+    sum = checksum_add(CHECKSUM_SEED, map.data, map.size);
     os_release_file(test_ctx, &map);
     return sum;
 }

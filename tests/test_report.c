@@ -11,10 +11,11 @@
 #include "../cli/report_verdict.c"
 
 #define REPORT_TEST_JOB                                                                                                                      \
-    "\"job\": {\"version\": \"0\", \"seed\": 3, \"scene\": \"no <where> & 'here'\", \"images_folder\": null, \"iterations\": 12, "           \
+    "\"inputs\": {\"scene\": \"no <where> & 'here'\", \"images_folder\": null, \"masks_folder\": \"m & n\"}, "                               \
+    "\"job\": {\"version\": \"0\", \"seed\": 3, \"iterations\": 12, "                                                                        \
     "\"sh_degree\": 3, \"ucd\": \"1.5,3,fixed\", \"keep\": 0.5, \"dog\": \"selective\", \"dog_threshold\": \"90%\", \"partition\": \"2d\", " \
     "\"cut\": \"midpoint\", \"coarse\": 0.125, \"cooldown\": 0.5, \"alpha_min\": 0.04, \"lr_sh\": 0.001, "                                   \
-    "\"densify_gradient\": 4e-4, \"max_gaussians\": 0, \"masks_folder\": \"m & n\"}"
+    "\"densify_gradient\": 4e-4, \"max_gaussians\": 0}"
 
 /* The page of the test's folder OUT, in memory to be freed. */
 static char *report_test_page(void)

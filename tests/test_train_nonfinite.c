@@ -193,7 +193,7 @@ TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
                               &found) == (fault ? OXL_ERR_INPUT : OXL_OK));
         CHECK(found == (fault == 0));
         if (fault) CHECK_TEXT(oxl_error_text(test_ctx), "holds invalid numbers");
-        checkpoint_remove(place.store.folder, 0);
+        checkpoint_remove(place.store.folder);
         nonfinite_test_free(&c);
         nonfinite_test_free(&again);
         text_free(&log);

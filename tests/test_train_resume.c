@@ -107,22 +107,19 @@ static void checkpoint_cut(const char *path, size_t size)
     os_release_file(test_ctx, &map);
 }
 
-/* Two checkpoints, the newer damaged in each of several places: the run continues from the older. */
-TEST(checkpoint_that_is_damaged_is_noticed_and_the_one_before_it_used)
+/* Damaged in each of several places: the run starts again. */
+TEST(checkpoint_that_is_damaged_is_noticed)
 {
     static const long places[] = {0, 30, 5000, -1, -20};
     struct checkpoint_case c = checkpoint_case();
     oxl_model model;
     for (size_t i = 0; i <= OXL_COUNT(places); i++) {
-        checkpoint_remove(test_folder(), 0);
-        for (int step = 10; step <= 20; step += 10) {
-            CHECK(checkpoint_run(&c, "key", step, &model) == OXL_ERR_INTERRUPTED);
-            oxl_model_free(test_ctx, &model);
-        }
-        CHECK(os_is_file(test_path("checkpoint.oxl")) && os_is_file(test_path("checkpoint.prev.oxl")));
+        checkpoint_remove(test_folder());
+        CHECK(checkpoint_run(&c, "key", 10, &model) == OXL_ERR_INTERRUPTED);
+        oxl_model_free(test_ctx, &model);
         if (i < OXL_COUNT(places)) checkpoint_change_byte(test_path("checkpoint.oxl"), places[i]);
         else checkpoint_cut(test_path("checkpoint.oxl"), 4000);
-        CHECK(checkpoint_run(&c, "key", 10, &model) == OXL_ERR_INTERRUPTED && c.first == 10);
+        CHECK(checkpoint_run(&c, "key", 10, &model) == OXL_ERR_INTERRUPTED && c.first == 1);
         oxl_model_free(test_ctx, &model);
     }
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));

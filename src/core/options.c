@@ -35,7 +35,7 @@ static const oxl_option OPTIONS[] = {
 {"ram", "SIZE", OXL_OPTION_BYTES, OPTION_AT(ram), 0, OPTION_BYTES_MAX, EACH("0"), OXL_TIER_BASIC, SURVEY | TRAINING | RESULT, "Training", "memory limit, e.g. 4G; blocks, image cache and Gaussians follow from it; 0: the free memory", NULL},
 {"device-ram", "SIZE", OXL_OPTION_BYTES, OPTION_AT(device_ram), 0, OPTION_BYTES_MAX, EACH("0"), OXL_TIER_ADVANCED, SURVEY | TRAINING | RESULT, "Training", "memory limit of the device, e.g. 2G; blocks and Gaussians follow from it; 0: none", NULL},
 {"from", "MODEL", OXL_OPTION_TEXT, OPTION_AT(from), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, TRAINING | RESULT | ONE_BLOCK, "Training", "start from this .ply, .spz or .splat model instead of the points, with the schedule of a whole run", NULL},
-{"restart", NULL, OXL_OPTION_FLAG, OPTION_AT(restart), 0, 1, EACH("false"), OXL_TIER_BASIC, OXL_OPTION_OF_OUT, "Training", "train a finished run in OUT anew, or discard unfinished work of other options or another survey", NULL},
+{"restart", NULL, OXL_OPTION_FLAG, OPTION_AT(restart), 0, 1, EACH("false"), OXL_TIER_BASIC, OXL_OPTION_OF_OUT, "Training", "train anew whatever run OUT holds", NULL},
 {"force", NULL, OXL_OPTION_FLAG, OPTION_AT(scene.allow_truncated), 0, 1, EACH("false"), OXL_TIER_ADVANCED, OXL_OPTION_OF_OUT, "Training", "train although a file of the survey has fewer rows than its header states", NULL},
 {"block", "all|K", OXL_OPTION_INT, OPTION_AT(block), 0, INT_MAX, EACH("all"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "train only block K, counted from 0; merge joins the blocks", NULL},
 {"renders", "off|on", OXL_OPTION_CHOICE, OPTION_AT(renders), 0, 1, EACH("on"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "write images of the held-out views to OUT/renders", NULL},

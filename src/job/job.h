@@ -28,42 +28,24 @@ OXL_INTERNAL oxl_result lpips_distance(oxl_context *ctx, const struct lpips *net
 
 /* ---------------- manifest.c: run.json, what a result depends on */
 
-enum { MANIFEST_VALUES = 96, MANIFEST_DIFFERENCES = 10 /* most options; most lines about differences */ };
-
-struct oxl_manifest { /* Holds what run.json states of a run. */
+struct oxl_manifest {
     int finished;
-    int is_mixed;       /* 1: the run was begun on one device and continued on another */
-    char *line, *found; /* "job": {...} and "found": {...}; line NULL: there is no run */
-    char *result;       /* checksum of a finished run's scene.ply; NULL: not stated */
-    /* (MANIFEST_VALUES) options as text, in the table's order; NULL: absent */
-    char *scene, *preset, *value[MANIFEST_VALUES];
-    uint64_t seed;
+    char *text;   /* run.json; NULL: there is no run */
+    char *values; /* strings that options of the run refer to */
+    size_t used;  /* bytes of them */
 };
-OXL_INTERNAL void manifest_describe(struct text *t, const char *scene,
-                                    const oxl_job_options *o); /* adds "job": {...} */
+/* Adds "job": {...}, options that the result depends on, and "inputs": {...}, paths of survey and model. */
+OXL_INTERNAL void manifest_describe(struct text *job, struct text *inputs, const char *scene,
+                                    const oxl_job_options *o);
 OXL_INTERNAL oxl_result manifest_read(oxl_context *ctx, const char *folder, struct oxl_manifest *out);
 OXL_INTERNAL void manifest_free(oxl_context *ctx, struct oxl_manifest *run);
-/* Sets the options of the run; o borrows its strings. */
-OXL_INTERNAL void manifest_options(const struct oxl_manifest *run, oxl_job_options *o);
-struct manifest_changes {
-    int count;             /* number of members of "job" and "found" that differ between two runs */
-    int iterations, start; /* 1: this member differs */
-};
-/* Lists the differences of two runs. t: gets a line for each; or NULL. */
-OXL_INTERNAL oxl_result manifest_differences(oxl_context *ctx, const char *old, const char *current,
-                                             struct text *t, struct manifest_changes *changes);
-/* Compares two lines "job": {...}. *same: they differ at most in names of the same folders or, if `found` is
- * the same, in names of folders that have moved. */
-OXL_INTERNAL oxl_result manifest_equivalent(oxl_context *ctx, const char *old, const char *current, int found,
-                                            int *same);
-/* Adds the line "job": {...} with the device of line `of`, or without one if that has none. */
-OXL_INTERNAL void manifest_add_with_device(struct text *t, const char *line, const char *of);
-/* Returns 1 if two lines have the same device, or none. */
-OXL_INTERNAL int manifest_same_device(const char *a, const char *b);
-/* Adds the device of a line, or "cpu", as a JSON string. */
-OXL_INTERNAL void manifest_add_device(struct text *t, const char *line);
-/* Returns 1 if the survey is that of the run, by another name or at another place. */
-OXL_INTERNAL int manifest_is_of(const struct oxl_manifest *run, const char *scene);
+/* Sets the options of the run, once; o borrows its strings. Returns the path of its survey, or NULL. */
+OXL_INTERNAL const char *manifest_options(struct oxl_manifest *run, oxl_job_options *o);
+/* Returns 1 if the run has the member "NAME": {...} with these contents. */
+OXL_INTERNAL int manifest_has(const struct oxl_manifest *run, const struct text *member);
+/* Counts the values inside of "NAME": {...} that the run does not have, and adds a line for each to t, or
+ * NULL. */
+OXL_INTERNAL int manifest_differences(const struct oxl_manifest *run, const char *member, struct text *t);
 
 /* ---------------- out_folder.c */
 
@@ -72,16 +54,11 @@ OXL_INTERNAL oxl_result out_check_inputs(oxl_context *ctx, const char *out, cons
                                          const oxl_scene_options *o);
 /* Refuses an OUT without a run that holds a file which a run would replace. */
 OXL_INTERNAL oxl_result out_check_files(oxl_context *ctx, const char *out);
-/* Refuses an OUT with a partition, or a file of its names, that our programs did not write. */
-OXL_INTERNAL oxl_result out_check_partition(oxl_context *ctx, const char *out);
 
 /* ---------------- start.c: a model to start from instead of the points */
 
-/* Finds the model to start from, and adds its checksum to `found` of run.json. key: "job" and "found" of the
- * same run from the points. */
-OXL_INTERNAL oxl_result start_find(oxl_context *ctx, const char *out, const struct oxl_manifest *run,
-                                   const oxl_job_options *o, const char *key, struct text *found,
-                                   struct start *start);
+/* Finds the model to start from, and adds its checksum to job->found. */
+OXL_INTERNAL oxl_result start_find(struct job *job, const struct oxl_manifest *run);
 /* Sets the task's start; the scene gets the imaging of a continued run. */
 OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char *out,
                                   const struct start *start, struct block_task *task);
@@ -90,9 +67,9 @@ OXL_INTERNAL oxl_result start_check(oxl_context *ctx, const struct start *start,
 
 /* ---------------- render_names.c, render_files.c */
 
-/* Lists the suffixes of a view's files, and the temporary names of these and of their list. */
+/* Lists the suffixes of a view's files, and the temporary names of these. */
 #define RENDER_SUFFIXES ".png", ".image.png", ".clear.png", ".depth.png", ".depth.pfm", ".depth16.png"
-#define RENDER_FILES "*.png *.pfm .renders"
+#define RENDER_FILES "*.png *.pfm"
 /* Makes the name of a view's files in their folder, without suffix (oxl_render_path). */
 OXL_INTERNAL oxl_result render_name(oxl_context *ctx, const char *view, char **out);
 /* Refuses views whose files would have the same name. */

@@ -282,26 +282,20 @@ OXL_INTERNAL oxl_result job_write_run(struct job *job, int finished)
 {
     struct text t = {.ctx = job->ctx};
     oxl_result rc = OXL_OK;
-    uint64_t sum = 0;
     text_add(
         &t,
         "{\n  \"oceanxl\": \"%s\",\n  \"finished\": %s,\n  \"threads\": %d,\n  \"instructions\": \"%s\",\n",
         OXL_VERSION, finished ? "true" : "false", job->ctx->threads, oxl_isa_name(job->ctx));
     text_add(&t, "  \"backend\": ");
     text_add_json_string(&t, oxl_backend_name(job->ctx));
-    if (job->is_mixed) {
-        text_add(&t, ",\n  \"began_on\": ");
-        manifest_add_device(&t, job->line.data);
-    }
     text_add(&t, ",\n  \"preset\": ");
     text_add_json_string(&t, job->options.preset ? job->options.preset : "");
-    text_add(&t,
-             ",\n  \"iterations_done\": %d,\n  \"blocks\": %d,\n  \"origin\": [%s, %s, %s],\n  %s,\n  %s,\n",
-             job->total.iterations, job->partition.block_count, NUMBER(job->origin[0]),
-             NUMBER(job->origin[1]), NUMBER(job->origin[2]), job->line.data, job->found.data);
+    text_add(
+        &t,
+        ",\n  \"iterations_done\": %d,\n  \"blocks\": %d,\n  \"origin\": [%s, %s, %s],\n  %s,\n  %s,\n  %s,\n",
+        job->total.iterations, job->partition.block_count, NUMBER(job->origin[0]), NUMBER(job->origin[1]),
+        NUMBER(job->origin[2]), job->inputs.data, job->line.data, job->found.data);
     if (finished) rc = job_add_decisions(job, &t);
-    if (rc == OXL_OK && finished) rc = checksum_of_file(job->ctx, PATH(job->out, "scene.ply"), &sum);
-    if (finished) text_add(&t, "  \"result\": \"%016llx\",\n", (unsigned long long)sum);
     text_add(&t, "  \"survey\": ");
     survey_add_json(&t, &job->survey, "  ");
     text_add(&t, ",\n  \"notes\": [%s]\n}\n", job->notes.size ? job->notes.data : "");

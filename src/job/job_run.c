@@ -20,75 +20,44 @@ static oxl_result job_describe_found(struct job *job)
 {
     uint64_t sum = 0;
     const oxl_result rc = survey_checksum(job->ctx, job->scene, &sum);
-    text_add(&job->found,
-             "\"found\": {\"images\": %d, \"points\": %zu, \"extent\": %s, \"files\": \"%016llx\"}",
-             job->survey.images - job->survey.images_missing, job->survey.points, NUMBER(job->survey.extent),
-             (unsigned long long)sum);
+    text_add(
+        &job->found,
+        "\"found\": {\"images\": %d, \"points\": %zu, \"extent\": %s, \"checksum_of_files\": \"%016llx\"}",
+        job->survey.images - job->survey.images_missing, job->survey.points, NUMBER(job->survey.extent),
+        (unsigned long long)sum);
     return rc;
 }
 
 static oxl_result job_make_key(struct job *job)
 {
+    text_free(&job->key);
     text_add(&job->key, "%s, %s", job->line.data, job->found.data);
     return job->found.failed || job->key.failed ? OXL_ERR_MEMORY : OXL_OK;
 }
 
-/* Writes the line "job", with the device that began the run. */
-static void job_describe(struct job *job, const char *scene)
+static void job_describe(struct job *job)
 {
-    struct text line = {.ctx = job->ctx};
-    manifest_describe(&line, scene, &job->options);
     text_free(&job->line);
-    if (line.failed || !job->device.size) {
-        job->line = line;
-        return;
-    }
-    manifest_add_with_device(&job->line, line.data, job->device.data);
-    text_free(&line);
-}
-
-oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const char *out, oxl_job_options *options,
-                          oxl_manifest **run)
-{
-    oxl_result rc = OXL_OK;
-    *run = oxl_calloc(ctx, 1, sizeof **run);
-    if (!*run) return OXL_ERR_MEMORY;
-    rc = manifest_read(ctx, out, *run);
-    if (rc == OXL_OK && (*run)->line && manifest_is_of(*run, scene)) manifest_options(*run, options);
-    if (rc != OXL_OK) oxl_manifest_free(ctx, run);
-    return rc;
-}
-
-void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run)
-{
-    if (!*run) return;
-    manifest_free(ctx, *run);
-    oxl_free(ctx, *run);
-    *run = NULL;
+    text_free(&job->inputs);
+    manifest_describe(&job->line, &job->inputs, job->scene_path, &job->options);
 }
 
 /* ---------------- what is there already */
 
-/* Locks OUT. A finished run in a folder that cannot be written to needs no lock. */
+/* Locks OUT; a finished run in a folder that cannot be written to needs no lock. */
 static oxl_result job_lock(struct job *job)
 {
-    struct oxl_manifest run = {0};
-    oxl_result rc = lock_check_parents(job->ctx, job->out);
-    if (rc != OXL_OK) return rc;
-    rc = lock_folder(job->ctx, job->out, job->options.block >= 0, &job->lock);
-    if (rc == OXL_ERR_IO && job->options.block < 0 && !job->options.restart &&
-        manifest_read(job->ctx, job->out, &run) == OXL_OK)
-        job->is_read_only = run.finished && os_is_file(PATH(job->out, "scene.ply"));
-    manifest_free(job->ctx, &run);
-    if (job->is_read_only) return OXL_OK;
+    const oxl_result rc = lock_folder(job->ctx, job->out, job->options.block >= 0, &job->lock);
+    if (rc == OXL_ERR_IO && os_is_file(PATH(job->out, "scene.ply"))) return OXL_OK;
     return rc == OXL_OK ? job_refuse_links(job) : rc;
 }
 
-/* Makes the lock of a run of --block K exclusive if `alone`, so that it replaces results in OUT, or trains a
- * survey of one block, only while no other process works there. */
-static oxl_result job_lock_alone(struct job *job, int alone)
+/* Makes the lock exclusive, so that a run of --block K replaces results in OUT, or trains a survey of one
+ * block, only while no other process works there. */
+static oxl_result job_lock_alone(struct job *job)
 {
-    return job->options.block >= 0 ? lock_change(job->ctx, job->lock, job->out, !alone) : OXL_OK;
+    if (!job->lock) return lock_folder(job->ctx, job->out, 0, &job->lock);
+    return job->options.block >= 0 ? lock_change(job->ctx, job->lock, job->out, 0) : OXL_OK;
 }
 
 static void job_count_block(void *user, const char *name)
@@ -104,179 +73,68 @@ static int job_has_blocks(struct job *job)
     return blocks > 0;
 }
 
-/* Returns 1 if the survey is in another folder and has other contents; one that moved,
- * or has grown, is the same. */
-static int job_is_of_another_survey(const struct job *job, const struct oxl_manifest *run)
-{
-    return run->scene && run->found && strcmp(run->scene, job->scene_path) != 0 &&
-           strcmp(run->found, job->found.data) != 0;
-}
-
-static int job_is_of_another_run(const struct job *job, const struct oxl_manifest *run)
-{
-    return strcmp(run->line, job->line.data) || !run->found || strcmp(run->found, job->found.data);
-}
-
 /* Refuses OUT; the error names the options, or properties of the survey, that differ. */
 static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
 {
-    struct text t = {.ctx = job->ctx}, there = t;
-    struct manifest_changes changes;
+    struct text t = {.ctx = job->ctx};
     oxl_result rc;
-    text_add(&there, "%s, %s", run->line, run->found ? run->found : "");
-    rc = there.failed ? OXL_ERR_MEMORY
-                      : manifest_differences(job->ctx, there.data, job->key.data, &t, &changes);
-    if (rc == OXL_OK)
-        rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
-                      "%s holds the %s of a run with other options or of another survey:\n%s"
-                      "fix: use the same options%s, --restart to %s it, or another -o",
-                      job->out, run->finished ? "finished result" : "unfinished work",
-                      !run->line[0] ? "  its run.json is truncated\n"
-                      : t.data      ? t.data
-                                    : "",
-                      run->finished ? "" : " to resume it", run->finished ? "replace" : "discard");
+    manifest_differences(run, job->line.data, &t);
+    if (manifest_differences(run, job->found.data, &t) > 0) manifest_differences(run, job->inputs.data, &t);
+    rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
+                  "%s holds the %s of a run with other options or of another survey:\n%s"
+                  "fix: use the same options%s, --restart to %s it, or another -o",
+                  job->out, run->finished ? "finished result" : "unfinished work",
+                  t.data ? t.data : "  the model to start from\n", run->finished ? "" : " to resume it",
+                  run->finished ? "replace" : "discard");
     text_free(&t);
-    text_free(&there);
     return rc;
 }
 
-/* Keeps the line of a run that names the same folders otherwise, since its blocks and
- * checkpoints are found by it. */
-static oxl_result job_adopt_names(struct job *job, const struct oxl_manifest *run)
+/* Removes what another run, or one that is trained anew, left in OUT. */
+static oxl_result job_replace_run(struct job *job)
 {
-    const int found = run->found && !strcmp(run->found, job->found.data);
-    int same = 0;
-    oxl_result rc;
-    if (!run->line[0] || !strcmp(run->line, job->line.data)) return OXL_OK;
-    /* Other options may still differ. */
-    if (run->scene && (found || os_is_same(run->scene, job->scene_path))) {
-        text_free(&job->key);
-        job_describe(job, run->scene);
-        rc = job->line.failed ? OXL_ERR_MEMORY : job_make_key(job);
-        if (rc != OXL_OK || !strcmp(run->line, job->line.data)) return rc;
-    }
-    rc = manifest_equivalent(job->ctx, run->line, job->line.data, found, &same);
-    if (rc != OXL_OK || !same) return rc;
-    text_free(&job->line);
-    text_free(&job->key);
-    text_add(&job->line, "%s", run->line);
-    return job->line.failed ? OXL_ERR_MEMORY : job_make_key(job);
-}
-
-static oxl_result job_describe_anew(struct job *job)
-{
-    text_free(&job->key);
-    job_describe(job, job->scene_path);
-    return job->line.failed ? OXL_ERR_MEMORY : job_make_key(job);
-}
-
-static void job_say_other_device(struct job *job, const struct oxl_manifest *run)
-{
-    struct text began = {.ctx = job->ctx};
-    manifest_add_device(&began, run->line);
-    oxl_log(job->ctx, OXL_LOG_WARNING,
-            "%s was begun on %s and continues on \"%s\": its bytes will not be those of an undisturbed run",
-            job->out, began.data ? began.data : "another device",
-            backend_device(job->ctx) ? backend_device(job->ctx) : "cpu");
-    text_free(&began);
-}
-
-/* Continues a run that another device began, under the line with that device, since its blocks and
- * checkpoints are found by it. Leaves a finished result to that device, unless the result is of both. */
-static oxl_result job_adopt_device(struct job *job, const struct oxl_manifest *run)
-{
-    oxl_result rc;
-    job->is_mixed = run->is_mixed;
-    if (!run->line[0] || manifest_same_device(run->line, job->line.data) || (run->finished && !run->is_mixed))
-        return job_adopt_names(job, run);
-    text_add(&job->device, "%s", run->line);
-    rc = job->device.failed ? OXL_ERR_MEMORY : job_describe_anew(job);
-    if (rc == OXL_OK) rc = job_adopt_names(job, run);
-    if (rc == OXL_OK && strcmp(run->line, job->line.data) != 0) { /* Gives up if other options differ, too. */
-        text_free(&job->device);
-        rc = job_describe_anew(job);
-        return rc == OXL_OK ? job_adopt_names(job, run) : rc;
-    }
-    if (rc != OXL_OK || run->finished) return rc;
-    job->is_mixed = 1;
-    job_say_other_device(job, run);
-    return OXL_OK;
-}
-
-/* Removes the records of another run: only with --restart, unless its finished result is continued or
- * there is no work of it yet. */
-static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *run)
-{
-    oxl_result rc;
-    if (run->finished && job->start.after == 0 && job_is_of_another_survey(job, run) && !job->options.restart)
-        return oxl_fail(job->ctx, OXL_ERR_USAGE,
-                        "%s holds the finished result of another survey, %s\n"
-                        "fix: name another folder by -o; --restart replaces it",
-                        job->out, run->scene);
-    if (run->finished ? job->start.after == 0 && !job->options.restart
-                      : job_has_blocks(job) && !job->options.restart)
-        return job_refuse(job, run);
-    /* Locks a folder that could not be locked before; the error says why it cannot be written to. */
-    rc = job->is_read_only ? lock_folder(job->ctx, job->out, 0, &job->lock) : job_lock_alone(job, 1);
+    static const char *const files[] = {"run.json", "metrics.json", "partition.txt", "blocks/survey.oxl"};
+    const oxl_result rc = job_lock_alone(job);
     if (rc != OXL_OK) return rc;
-    if (!run->finished && job->options.block < 0 && job_is_of_another_run(job, run))
+    if (job->options.block < 0) {
+        job_drop_records(job);
         job_drop_checkpoints(job);
-    if (run->finished && job->options.block < 0) job_drop_records(job);
-    os_remove(PATH(job->out, "run.json"));
-    os_remove(PATH(job->out, "metrics.json"));
-    os_remove(PATH(job->out, "partition.txt"));
-    os_remove(PATH(job->out, "blocks/survey.oxl"));
+    }
+    for (size_t i = 0; i < OXL_COUNT(files); i++) os_remove(PATH(job->out, "%s", files[i]));
     return OXL_OK;
 }
 
 /* Finds the model that training starts from, if it does not start from the points. */
 static oxl_result job_find_start(struct job *job, const struct oxl_manifest *run)
 {
-    oxl_result rc =
-        start_find(job->ctx, job->out, run, &job->options, job->key.data, &job->found, &job->start);
+    oxl_result rc = start_find(job, run);
     if (rc != OXL_OK || job->start.model.count == 0) return rc;
     oxl_model_move_origin(&job->start.model, job->origin);
-    if (job->start.after == 0 && job->scene && job->options.from)
+    if (job->start.after == 0)
         rc = oxl_model_check_overlap(job->ctx, &job->start.model, job->scene, job->options.from);
-    if (rc != OXL_OK) return rc;
     job->total.iterations = job->start.after;
-    text_free(&job->key);
-    return job_make_key(job);
+    return rc == OXL_OK ? job_make_key(job) : rc;
 }
 
-/* Warns if scene.ply is not what the finished run wrote: it may be damaged or edited, so it is kept. */
-static oxl_result job_check_result(struct job *job, const struct oxl_manifest *run)
-{
-    const char *path = PATH(job->out, "scene.ply");
-    char text[20];
-    uint64_t sum = 0;
-    const oxl_result rc = run->result ? checksum_of_file(job->ctx, path, &sum) : OXL_OK;
-    snprintf(text, sizeof text, "%016llx", (unsigned long long)sum);
-    if (rc == OXL_OK && run->result && strcmp(run->result, text) != 0)
-        oxl_log(job->ctx, OXL_LOG_WARNING,
-                "%s is not what the run wrote: it is damaged, or was changed by another program\n"
-                "fix: move it away, and the same command writes it again",
-                path);
-    return rc;
-}
-
-/* Compares the run with the run in OUT. *done: nothing is left to do. */
+/* Compares the run with the run in OUT: resumes it, continues it if it is finished, or replaces it; without
+ * --restart only if there is no work of it. *done: nothing is left to do. */
 static oxl_result job_find_earlier(struct job *job, int *done)
 {
     struct oxl_manifest run = {0};
+    const int restart = job->options.restart;
+    int same;
     oxl_result rc = manifest_read(job->ctx, job->out, &run);
-    *done = 0;
-    if (rc == OXL_OK && run.line && !job->options.restart) rc = job_adopt_device(job, &run);
-    if (rc == OXL_OK && !run.line && !job->options.restart && !job_has_blocks(job)) {
+    if (rc == OXL_OK && !run.text && !restart && !job_has_blocks(job))
         rc = out_check_files(job->ctx, job->out);
-        if (rc == OXL_OK) rc = out_check_partition(job->ctx, job->out);
-    }
     if (rc == OXL_OK) rc = job_find_start(job, &run);
-    if (rc != OXL_OK || !run.line) goto leave;
-    if (job_is_of_another_run(job, &run) || job->options.restart) rc = job_replace_run(job, &run);
-    else *done = run.finished && os_is_file(PATH(job->out, "scene.ply"));
-    if (*done) rc = job_check_result(job, &run);
-leave:
+    if (rc != OXL_OK) goto done;
+    same = manifest_has(&run, &job->line) && manifest_has(&run, &job->found);
+    *done = same && !restart && run.finished && os_is_file(PATH(job->out, "scene.ply"));
+    if (run.text && !same && !restart && (run.finished ? job->start.after == 0 : job_has_blocks(job)))
+        rc = job_refuse(job, &run);
+    else if (restart || (run.text && !same)) rc = job_replace_run(job);
+    else if (!*done && !job->lock) rc = job_lock_alone(job);
+done:
     manifest_free(job->ctx, &run);
     return rc;
 }
@@ -293,7 +151,7 @@ static void job_count_iterations(struct job *job, int images)
 {
     job->options.train.iterations = cost_iterations(&job->options, images);
     job->options.iterations_for = 0;
-    job_describe(job, job->scene_path);
+    job_describe(job);
 }
 
 static oxl_result job_open(struct job *job)
@@ -438,7 +296,7 @@ static oxl_result job_run_single(struct job *job)
 {
     const char *folder = JOB_BLOCK(job, 0);
     struct block_record record;
-    oxl_result rc = job_lock_alone(job, 1), trained = OXL_OK;
+    oxl_result rc = job_lock_alone(job), trained = OXL_OK;
     if (rc == OXL_OK) rc = job_read_record(job, folder, &record);
     /* Loads the survey for a resumed --block 0. */
     if (rc == OXL_OK && !record.finished && !job->scene) rc = job_load(job);
@@ -475,22 +333,24 @@ static void job_begin(struct job *job, oxl_context *ctx, const char *scene, cons
                         .options = options ? *options : oxl_job_options_default(OXL_PRESET_DRAFT),
                         .callback = callback,
                         .line = {.ctx = ctx},
+                        .inputs = {.ctx = ctx},
                         .found = {.ctx = ctx},
                         .key = {.ctx = ctx},
-                        .device = {.ctx = ctx},
                         .notes = {.ctx = ctx},
                         .started = os_seconds(),
                         .seed = ctx->options.seed};
     if (job->options.seed) ctx->options.seed = job->options.seed;
     ctx->notes = &job->notes;
     backend_begin_run(ctx);
-    job_describe(job, scene);
+    job_describe(job);
 }
 
 static oxl_result job_check(struct job *job)
 {
-    const oxl_result rc = job->line.failed ? OXL_ERR_MEMORY : oxl_job_options_check(job->ctx, &job->options);
-    return rc == OXL_OK ? train_check(job->ctx, &job->options.train) : rc;
+    oxl_result rc = job->line.failed || job->inputs.failed ? OXL_ERR_MEMORY
+                                                           : oxl_job_options_check(job->ctx, &job->options);
+    if (rc == OXL_OK) rc = train_check(job->ctx, &job->options.train);
+    return rc == OXL_OK ? out_check_inputs(job->ctx, job->out, job->scene_path, &job->options.scene) : rc;
 }
 
 static void job_end(struct job *job)
@@ -504,9 +364,9 @@ static void job_end(struct job *job)
     oxl_scene_free(job->ctx, job->scene);
     oxl_free(job->ctx, job->decoded);
     text_free(&job->line);
+    text_free(&job->inputs);
     text_free(&job->found);
     text_free(&job->key);
-    text_free(&job->device);
     text_free(&job->notes);
 }
 
@@ -515,7 +375,7 @@ static void job_end(struct job *job)
 static oxl_result job_remove_temporaries(struct job *job)
 {
     oxl_result rc = OXL_OK;
-    if (job->options.block >= 0) return rc;
+    if (job->options.block >= 0 || !job->lock) return rc;
     rc = os_remove_temporaries(job->ctx, job->out, JOB_FILES);
     return rc == OXL_OK ? os_remove_temporaries(job->ctx, PATH(job->out, "renders"), RENDER_FILES) : rc;
 }
@@ -525,10 +385,8 @@ static oxl_result job_prepare(struct job *job, int *done)
 {
     oxl_result rc = job_open(job);
     if (rc == OXL_OK && job->options.renders) rc = render_names_check(job->ctx, job->scene);
-    if (rc == OXL_OK && !job->is_read_only) rc = job_remove_temporaries(job);
+    if (rc == OXL_OK) rc = job_remove_temporaries(job);
     if (rc == OXL_OK) rc = job_find_earlier(job, done);
-    if (rc == OXL_OK && !*done && job->is_read_only && !job->lock)
-        rc = lock_folder(job->ctx, job->out, 0, &job->lock);
     if (rc == OXL_OK && *done)
         oxl_log(job->ctx, OXL_LOG_INFO,
                 "%s already holds the finished result of this survey, these options and this seed", job->out);
@@ -536,7 +394,8 @@ static oxl_result job_prepare(struct job *job, int *done)
     rc = context_stopped(job->ctx);
     if (rc == OXL_OK) rc = job_partition(job);
     if (rc == OXL_OK) rc = job_write_run(job, 0);
-    return rc == OXL_OK ? job_lock_alone(job, 0) : rc;
+    if (rc == OXL_OK && job->options.block >= 0) rc = lock_change(job->ctx, job->lock, job->out, 1);
+    return rc;
 }
 
 /* Prepares one block of a run that has a partition: the files in OUT suffice, so the survey is not read.
@@ -545,74 +404,71 @@ static oxl_result job_prepare_block(struct job *job, int *ready)
 {
     const oxl_job_options requested = job->options;
     struct oxl_manifest run = {0};
-    oxl_result rc = manifest_read(job->ctx, job->out, &run);
-    *ready = rc == OXL_OK && job->options.block >= 0 && !job->options.restart && run.line && run.found &&
-             os_is_file(PATH(job->out, "partition.txt"));
-    if (*ready)
-        job_count_iterations(
-            job, (int)OXL_CLAMP(oxl_json_number(oxl_json_value(run.found), "images"), 0, INT_MAX));
-    *ready = *ready && job->line.data && !strcmp(run.line, job->line.data);
-    if (!*ready) job->options = requested;
+    oxl_result rc = job->options.block >= 0 ? manifest_read(job->ctx, job->out, &run) : OXL_OK;
+    const char *found = oxl_json_member(run.text, "found");
+    if (found && !job->options.restart && os_is_file(PATH(job->out, "partition.txt"))) {
+        job_count_iterations(job, (int)OXL_CLAMP(oxl_json_number(found, "images"), 0, INT_MAX));
+        *ready = manifest_has(&run, &job->line) && manifest_has(&run, &job->inputs);
+        if (!*ready) job->options = requested;
+    }
     if (*ready) {
-        text_add(&job->found, "%s", run.found);
+        text_add(&job->found, "\"found\": %.*s", (int)(oxl_json_end(found) - found), found);
         rc = job_make_key(job);
     }
     manifest_free(job->ctx, &run);
     return rc == OXL_OK && *ready ? job_partition(job) : rc;
 }
 
+static oxl_result job_train(struct job *job)
+{
+    oxl_result rc = job->scene ? values_check(job->ctx, job->scene) : OXL_OK;
+    if (rc == OXL_OK && job->scene) rc = match_check(job->ctx, job->scene, 0, &job->survey);
+    if (rc == OXL_OK) rc = job->partition.block_count > 1 ? rounds_run(job) : job_run_single(job);
+    return rc;
+}
+
+/* Trains, or only merges, what OUT does not hold yet. */
+static oxl_result job_run(struct job *job, oxl_result (*train)(struct job *job))
+{
+    int ready = 0, done = 0;
+    oxl_result rc = job_check(job);
+    if (rc == OXL_OK) rc = job_lock(job);
+    if (rc == OXL_OK) rc = job_prepare_block(job, &ready);
+    if (rc == OXL_OK && !ready) rc = job_prepare(job, &done);
+    if (rc == OXL_OK && !done) rc = job_plan_decoded(job);
+    if (rc == OXL_OK && !done) rc = job_finish_if_complete(job, train(job));
+    job_end(job);
+    return rc;
+}
+
 oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,
                        const oxl_callback *callback)
 {
     struct job job;
-    oxl_result rc = oxl_backend_begin(ctx); /* Opens the device first, since the result depends on it. */
-    int ready = 0, done = 0;
+    const oxl_result rc =
+        oxl_backend_begin(ctx); /* Opens the device first, since the result depends on it. */
     if (rc != OXL_OK) return rc;
     job_begin(&job, ctx, scene, out, options, callback);
-    rc = job_check(&job);
-    if (rc == OXL_OK) rc = out_check_inputs(ctx, out, scene, &job.options.scene);
-    if (rc == OXL_OK) rc = job_lock(&job);
-    if (rc == OXL_OK) rc = job_prepare_block(&job, &ready);
-    if (rc == OXL_OK && !ready) rc = job_prepare(&job, &done);
-    if (rc == OXL_OK && !done) {
-        rc = job_plan_decoded(&job);
-        if (rc == OXL_OK && job.scene) rc = values_check(ctx, job.scene);
-        if (rc == OXL_OK && job.scene) rc = match_check(ctx, job.scene, 0, &job.survey);
-        if (rc == OXL_OK) rc = job.partition.block_count > 1 ? rounds_run(&job) : job_run_single(&job);
-        rc = job_finish_if_complete(&job, rc);
-    }
-    job_end(&job);
-    return rc;
+    return job_run(&job, job_train);
 }
-
-/* ---------------- merge */
 
 oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *callback)
 {
     oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
     struct oxl_manifest run = {0};
+    const char *scene = NULL;
     struct job job;
-    int done = 0;
     oxl_result rc = oxl_backend_begin(ctx);
     if (rc == OXL_OK) rc = manifest_read(ctx, out, &run);
-    if (rc == OXL_OK && (!run.line || !run.scene))
+    if (rc == OXL_OK && run.text) scene = manifest_options(&run, &options);
+    if (scene) {
+        options.scene.allow_truncated = 1; /* Allows what the training was allowed. */
+        job_begin(&job, ctx, scene, out, &options, callback);
+        rc = job_run(&job, rounds_collect);
+    } else if (rc == OXL_OK)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s holds no run.json of a run\nfix: oceanxl train SCENE -o %s --block K comes first",
                       out, SHELL_WORD(out));
-    if (rc != OXL_OK) {
-        manifest_free(ctx, &run);
-        return rc;
-    }
-    manifest_options(&run, &options);
-    options.scene.allow_truncated = 1; /* Allows what the training was allowed. */
-    job_begin(&job, ctx, run.scene, out, &options, callback);
-    rc = job_check(&job);
-    if (rc == OXL_OK) rc = job_lock(&job);
-    if (rc == OXL_OK) rc = job_prepare(&job, &done);
-    if (rc == OXL_OK && !done) rc = job_plan_decoded(&job);
-    if (rc == OXL_OK && !done) rc = rounds_collect(&job);
-    if (rc == OXL_OK && !done) rc = job_finish(&job, 1);
-    job_end(&job);
     manifest_free(ctx, &run);
     return rc;
 }

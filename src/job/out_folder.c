@@ -43,23 +43,3 @@ OXL_INTERNAL oxl_result out_check_files(oxl_context *ctx, const char *out)
                             out, files[i]);
     return OXL_OK;
 }
-
-OXL_INTERNAL oxl_result out_check_partition(oxl_context *ctx, const char *out)
-{
-    static const char *const files[] = {"partition.txt", "partition.svg", "blocks/000/sparse/0/images.txt"},
-                             *const marks[] = {"# The survey in blocks, cut", "<title>The survey in ",
-                                               "# Image list with "};
-    for (size_t i = 0; i < OXL_COUNT(files); i++) {
-        const char *path = PATH(out, "%s", files[i]);
-        struct os_file_map map = {0};
-        const oxl_result rc = os_is_file(path) ? os_read_file(ctx, path, &map) : OXL_OK;
-        const int is_own = !map.data || strstr(map.data, marks[i]);
-        os_release_file(ctx, &map);
-        if (rc != OXL_OK) return rc;
-        if (!is_own)
-            return oxl_fail(
-                ctx, OXL_ERR_USAGE,
-                "%s is there, and no partition wrote it\nfix: another folder by -o, or move it away", path);
-    }
-    return OXL_OK;
-}

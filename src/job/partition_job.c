@@ -48,7 +48,6 @@ oxl_result oxl_partition(oxl_context *ctx, const char *scene_path, const char *o
     }
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, scene_path, &o.scene, &scene);
     if (rc == OXL_OK) rc = oxl_lock_folder(ctx, out, &lock);
-    if (rc == OXL_OK) rc = out_check_partition(ctx, out);
     if (rc == OXL_OK)
         o.train.iterations = cost_iterations(&o, scene->stats.images_listed - scene->stats.images_missing);
     if (rc == OXL_OK) rc = budget_partition(ctx, scene, &o, &p);

@@ -9,32 +9,22 @@
 #include "../survey/scene.h"
 #include "../large/os_job.h"
 
-/* Joins the names of a folder and a file in it; makes the file's own folders with `make`. Refuses links among
- * them, which would lead elsewhere. NULL: the error is set. */
-static char *render_file_in(oxl_context *ctx, const char *folder, const char *file, int make)
-{
-    char *inside = oxl_strdup(ctx, file), *path = oxl_path_join(ctx, folder, file), *slash;
-    oxl_result rc = inside && path ? OXL_OK : OXL_ERR_MEMORY;
-    slash = inside ? strrchr(inside, '/') : NULL;
-    if (rc == OXL_OK && slash) {
-        *slash = 0;
-        rc = make ? os_make_folder_in(ctx, folder, inside) : os_refuse_links(ctx, folder, inside);
-    }
-    oxl_free(ctx, inside);
-    if (rc == OXL_OK) return path;
-    oxl_free(ctx, path);
-    return NULL;
-}
-
-/* Returns the path of a view's file, and makes the folders in its name. NULL: the error is set. */
+/* Returns the path of a view's file, and makes the folders in its name; refuses links among them, which would
+ * lead elsewhere. NULL: the error is set. */
 OXL_INTERNAL char *render_file_path(oxl_context *ctx, const char *folder, const char *view,
                                     const char *suffix)
 {
-    char *file = NULL, *path = NULL;
-    if (oxl_render_path(ctx, "", view, suffix, &file) == OXL_OK)
-        path = render_file_in(ctx, folder, file + 1, 1);
+    char *file = NULL, *path = NULL, *slash;
+    oxl_result rc = oxl_render_path(ctx, "", view, suffix, &file);
+    if (rc != OXL_OK) return NULL;
+    path = oxl_path_join(ctx, folder, file + 1);
+    slash = strrchr(file, '/');
+    *slash = 0;
+    if (path && slash > file) rc = os_make_folder_in(ctx, folder, file + 1);
     oxl_free(ctx, file);
-    return path;
+    if (rc == OXL_OK) return path;
+    oxl_free(ctx, path);
+    return NULL;
 }
 
 static oxl_result render_file_write_image(oxl_context *ctx, const char *folder, const char *name,
@@ -249,112 +239,18 @@ static oxl_result render_files_write(oxl_context *ctx, struct render_file *file,
     return *written < count ? ctx->failed : OXL_OK;
 }
 
-/* ---------------- FOLDER/.renders lists the files that the last call wrote there */
-
-/* Copies the next line of a list, without its end; NULL: there is none. Skips lines that no call has written,
- * of another folder or kind of file, since the list may be another program's. */
-static char *render_list_line(oxl_context *ctx, const char **at)
+/* Removes renders of all views, since those of an earlier run may be of other views. */
+static oxl_result render_files_remove(oxl_context *ctx, const struct render_files *f)
 {
-    while (**at) {
-        const size_t size = strcspn(*at, "\n");
-        const char *start = *at;
-        struct text line = {.ctx = ctx};
-        char *out;
-        *at += size + (start[size] != 0);
-        text_add(&line, "%.*s", (int)size, start);
-        if (text_take(&line, &out) != OXL_OK) return NULL;
-        if (size > 4 && out[0] != '/' && !strstr(out, "..") &&
-            (!strcmp(out + size - 4, ".png") || !strcmp(out + size - 4, ".pfm")))
-            return out;
-        oxl_free(ctx, out);
-    }
-    return NULL;
-}
-
-/* Returns 1 if the list has the line. *at: where the search begins, then where it found the line, since lists
- * mostly have the same order. */
-static int render_list_has(const char *list, const char *line, const char **at)
-{
-    const size_t size = strlen(line);
-    for (int again = 0; again < 2; again++, *at = list)
-        for (const char *s = *at; (s = strstr(s, line)); s++)
-            if ((s == list || s[-1] == '\n') && s[size] == '\n') {
-                *at = s;
-                return 1;
-            }
-    return 0;
-}
-
-/* Refuses to replace a file of the new list that the old list does not have. */
-static oxl_result render_list_check(oxl_context *ctx, const char *folder, const char *old, const char *list)
-{
-    const char *at = old;
-    oxl_result rc = OXL_OK;
-    for (char *name; rc == OXL_OK && (name = render_list_line(ctx, &list)); oxl_free(ctx, name)) {
-        char *path = render_file_in(ctx, folder, name, 0);
-        if (!path) rc = ctx->failed;
-        else if (os_is_file(path) && !render_list_has(old, name, &at))
-            rc = oxl_fail(
-                ctx, OXL_ERR_INPUT,
-                "%s exists, and no earlier render wrote it\nfix: choose another folder, or remove the file",
-                path);
-        oxl_free(ctx, path);
-    }
-    return rc;
-}
-
-static oxl_result render_list_remove(oxl_context *ctx, const char *folder, const char *old)
-{
-    oxl_result rc = OXL_OK;
-    for (char *name; rc == OXL_OK && (name = render_list_line(ctx, &old)); oxl_free(ctx, name)) {
-        char *path = render_file_in(ctx, folder, name, 0);
-        if (path) os_remove(path);
-        else rc = ctx->failed;
-        oxl_free(ctx, path);
-    }
-    return rc;
-}
-
-oxl_result oxl_render_list(oxl_context *ctx, const char *folder, const char *list, int replace)
-{
-    struct os_file_map map = {0};
-    char *path = oxl_path_join(ctx, folder, ".renders");
-    oxl_result rc = path ? OXL_OK : OXL_ERR_MEMORY;
-    if (rc == OXL_OK && os_is_file(path)) rc = os_read_file(ctx, path, &map);
-    if (rc == OXL_OK && !replace) rc = render_list_check(ctx, folder, map.data ? map.data : "", list);
-    if (rc == OXL_OK && map.data) rc = render_list_remove(ctx, folder, map.data);
-    if (rc == OXL_OK) rc = os_write_file(ctx, path, list, strlen(list));
-    os_release_file(ctx, &map);
-    oxl_free(ctx, path);
-    return rc;
-}
-
-static oxl_result render_files_replace(oxl_context *ctx, const struct render_files *f)
-{
-    const oxl_render_output *what = f->what;
-    struct text list = {.ctx = ctx};
-    char *text;
-    oxl_result rc;
-    for (int i = 0; i < f->views; i++) {
-        char *name = NULL;
-        rc = render_name(ctx, oxl_scene_view(f->scene, f->view[i])->name, &name);
-        if (rc != OXL_OK) {
-            text_free(&list);
-            return rc;
+    static const char *const suffix[] = {RENDER_SUFFIXES};
+    for (int v = 0; v < oxl_scene_view_count(f->scene); v++)
+        for (size_t i = 0; i < OXL_COUNT(suffix); i++) {
+            char *path = render_file_path(ctx, f->folder, oxl_scene_view(f->scene, v)->name, suffix[i]);
+            if (!path) return ctx->failed;
+            os_remove(path);
+            oxl_free(ctx, path);
         }
-        text_add(&list, "%s.png\n", name);
-        if (what->images) text_add(&list, "%s.image.png\n", name);
-        if (what->images && !what->clear && imaging_alters_colours(&f->scene->imaging))
-            text_add(&list, "%s.clear.png\n", name);
-        if (what->depth) text_add(&list, "%s.depth.png\n%s.depth.pfm\n%s.depth16.png\n", name, name, name);
-        oxl_free(ctx, name);
-    }
-    text_add(&list, "%s", "");
-    rc = text_take(&list, &text);
-    if (rc != OXL_OK) return OXL_ERR_MEMORY;
-    rc = oxl_render_list(ctx, f->folder, text, what->replace);
-    oxl_free(ctx, text);
-    return rc;
+    return OXL_OK;
 }
 
 OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_files *f, int *count)
@@ -364,7 +260,7 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_fi
     oxl_result rc = oxl_make_folder(ctx, f->folder);
     *count = 0;
     if (rc == OXL_OK && !file) rc = OXL_ERR_MEMORY;
-    if (rc == OXL_OK) rc = render_files_replace(ctx, f);
+    if (rc == OXL_OK && f->what->replace) rc = render_files_remove(ctx, f);
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     evaluate_begin(ctx, f->source, f->scene);
     while (rc == OXL_OK && *count < f->views) {

@@ -34,30 +34,16 @@ static oxl_result start_back_up(oxl_context *ctx, const char *out, const char *s
     return rc == OXL_OK ? start_copy(ctx, PATH(out, "blocks/000"), start, "model.ply") : rc;
 }
 
-/* Finds the iterations of the finished run that is continued; *after 0: the runs differ by more than a
- * larger number of iterations. */
-static oxl_result start_of_finished(oxl_context *ctx, const char *out, const struct oxl_manifest *run,
-                                    const char *key, int iterations, int *after)
+/* Returns the iterations of the finished run that is continued; 0: the runs differ by more than a larger
+ * number of iterations. */
+static int start_of_finished(const struct job *job, const struct oxl_manifest *run)
 {
-    struct text there = {.ctx = ctx};
-    struct manifest_changes changes = {0};
-    const int was =
-        run->line ? (int)OXL_CLAMP(oxl_json_number(oxl_json_value(run->line), "iterations"), 0, INT_MAX) : 0;
-    oxl_result rc = OXL_OK;
-    *after = 0;
-    if (!run->finished || !run->found || was <= 0 || was >= iterations) return OXL_OK;
-    text_add(&there, "%s, %s", run->line, run->found);
-    rc = there.failed ? OXL_ERR_MEMORY : manifest_differences(ctx, there.data, key, NULL, &changes);
-    /* Allows another start, too: a run that was continued itself has one. */
-    if (rc == OXL_OK && changes.iterations && changes.count == 1 + changes.start) *after = was;
-    if (*after && os_is_file(PATH(out, "partition.txt")))
-        rc = oxl_fail(
-            ctx, OXL_ERR_USAGE,
-            "%s holds the finished result of %d iterations in several blocks: only one block can be continued\n"
-            "fix: --restart trains it anew; or name another folder by -o",
-            out, was);
-    text_free(&there);
-    return rc;
+    const double was = oxl_json_number(oxl_json_member(run->text, "job"), "iterations");
+    return run->finished && was > 0 && was < job->options.train.iterations &&
+                   manifest_differences(run, job->line.data, NULL) == 1 &&
+                   manifest_differences(run, job->found.data, NULL) == 0
+               ? (int)was
+               : 0;
 }
 
 /* Reads the model to start from; adds its size and checksum to "found". */
@@ -70,36 +56,40 @@ static oxl_result start_read(oxl_context *ctx, const char *path, int after, stru
     found->data[found->size - 1] = 0; /* Removes the closing brace. */
     found->size--;
     text_add(found, ", \"start\": {\"after\": %d, \"bytes\": %zu, \"checksum\": \"%016llx\"}}", after,
-             map.size, (unsigned long long)checkpoint_sum(map.data, map.size));
+             map.size, (unsigned long long)checksum_add(CHECKSUM_SEED, map.data, map.size));
     os_release_file(ctx, &map);
     rc = oxl_model_read(ctx, path, model);
     if (rc == OXL_OK && model->scale > 0) oxl_model_rescale(model, 1 / model->scale);
     return rc;
 }
 
-OXL_INTERNAL oxl_result start_find(oxl_context *ctx, const char *out, const struct oxl_manifest *run,
-                                   const oxl_job_options *o, const char *key, struct text *found,
-                                   struct start *start)
+OXL_INTERNAL oxl_result start_find(struct job *job, const struct oxl_manifest *run)
 {
-    const char *folder = PATH(out, "blocks/start"), *kept = PATH(folder, "model.ply");
+    const char *folder = PATH(job->out, "blocks/start"), *kept = PATH(folder, "model.ply"),
+               *path = job->options.from;
     const double was =
-        run->found ? oxl_json_number(oxl_json_member(oxl_json_value(run->found), "start"), "after") : NAN;
-    const char *path = o->from;
-    const int same = run->line && !strncmp(run->line, key, strlen(run->line));
+        oxl_json_number(oxl_json_member(oxl_json_member(run->text, "found"), "start"), "after");
+    const int same = manifest_has(run, &job->line);
+    struct start *start = &job->start;
     oxl_result rc = OXL_OK;
-    *start = (struct start){0};
-    if (!o->restart && o->block < 0) {
+    if (!job->options.restart && job->options.block < 0) {
         /* Continues the same run if it was under way or is finished, or else a finished one. */
-        if (same && was >= 0) start->after = (int)OXL_MIN(was, INT_MAX); /* 0: a start by --from */
-        else rc = start_of_finished(ctx, out, run, key, o->train.iterations, &start->after);
-        if (rc == OXL_OK && start->after > 0 && !same) rc = start_back_up(ctx, out, folder);
-        if (rc == OXL_OK && start->after > 0) path = kept;
+        if (same && was > 0) start->after = (int)OXL_MIN(was, INT_MAX); /* 0: a start by --from */
+        else if (!same) start->after = start_of_finished(job, run);
+        if (start->after > 0 && !same && os_is_file(PATH(job->out, "partition.txt")))
+            return oxl_fail(
+                job->ctx, OXL_ERR_USAGE,
+                "%s holds the finished result of %d iterations in several blocks: only one block can "
+                "be continued\nfix: --restart trains it anew; or name another folder by -o",
+                job->out, start->after);
+        if (start->after > 0 && !same) rc = start_back_up(job->ctx, job->out, folder);
+        if (start->after > 0) path = kept;
     }
-    if (rc == OXL_OK && path) rc = start_read(ctx, path, start->after, found, &start->model);
+    if (rc == OXL_OK && path) rc = start_read(job->ctx, path, start->after, &job->found, &start->model);
     if (rc == OXL_OK && start->after > 0 && !same)
-        oxl_log(ctx, OXL_LOG_INFO,
+        oxl_log(job->ctx, OXL_LOG_INFO,
                 "the finished run of %d iterations is continued: %d more, without density control",
-                start->after, o->train.iterations - start->after);
+                start->after, job->options.train.iterations - start->after);
     return rc;
 }
 

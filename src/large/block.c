@@ -301,7 +301,7 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
     if (written == OXL_OK) written = block_write_imaging(b, scene);
     if (written == OXL_OK) written = block_write_record(b, record);
     /* Removes the checkpoint, since the model is complete. */
-    if (written == OXL_OK && train.finished) checkpoint_remove(task->folder, 0);
+    if (written == OXL_OK && train.finished) checkpoint_remove(task->folder);
     return written == OXL_OK ? rc : written;
 }
 
@@ -439,7 +439,7 @@ static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_r
     if (rc != OXL_OK || !done) return rc;
     record->finished = 1;
     rc = block_write_record(b, record);
-    if (rc == OXL_OK) checkpoint_remove(b->task->folder, 0);
+    if (rc == OXL_OK) checkpoint_remove(b->task->folder);
     return rc;
 }
 

@@ -192,7 +192,7 @@ OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *o)
 static void job_drop_checkpoint(void *user, const char *name)
 {
     struct job *job = user;
-    if (job_is_block(name)) checkpoint_remove(PATH(job->out, "blocks/%s", name), 1);
+    if (job_is_block(name)) checkpoint_remove(PATH(job->out, "blocks/%s", name));
 }
 
 static void job_drop_record(void *user, const char *name)

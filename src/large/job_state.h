@@ -37,8 +37,7 @@ struct job {
     oxl_model result;
     struct text line, found;   /* "job": {...} and "found": {...} of run.json */
     struct text key;           /* both lines: all that a block depends on */
-    struct text device;        /* line of a run that began on another device; or empty */
-    int is_mixed;              /* 1: the run was begun on one device and continued on another */
+    struct text inputs;        /* "inputs": {...} of run.json */
     struct text notes;         /* log lines outside of the blocks' training */
     struct block_record total; /* sum of the records of blocks, coarse and merged model */
     int block;                 /* the block in training, JOB_COARSE_MODEL or JOB_MERGED_MODEL */
@@ -51,8 +50,9 @@ struct job {
     int stage_viewers;            /* steps of a model for viewers behind those of the merged model */
     uint64_t seed;                /* seed of the context, restored at the end */
     struct start start;
-    oxl_lock *lock;   /* lock of OUT: shared by processes that train single blocks, otherwise exclusive */
-    int is_read_only; /* OUT holds a finished run and cannot be written to: lock is NULL */
+    /* lock of OUT: shared by processes that train single blocks, otherwise exclusive; NULL: OUT cannot be
+     * written to */
+    oxl_lock *lock;
 };
 
 /* ---------------- job_state.c */

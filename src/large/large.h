@@ -60,21 +60,19 @@ OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partitio
 
 /* ---------------- checkpoint.c: files of a run's state */
 
-#define CHECKPOINT_VERSION 15
-/* Writes FOLDER/checkpoint.oxl and keeps the previous one as checkpoint.prev.oxl. `key`: all inputs of the
- * result. */
+#define CHECKPOINT_VERSION 16
+/* Writes FOLDER/checkpoint.oxl. `key`: all inputs of the result. */
 OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key,
                                          archive_state *state, void *user);
-/* Reads the newest complete checkpoint with key `key`. *found 0: there is none,
- * and the state is unchanged. */
+/* Reads the checkpoint with key `key`. *found 0: there is none, or it is damaged, and the state is
+ * unchanged. */
 OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key,
                                         archive_state *state, void *user, int *found);
 /* Returns a store that keeps a run's state in checkpoints of a folder. */
 OXL_INTERNAL struct train_store checkpoint_in(const char *folder, const char *key);
-OXL_INTERNAL uint64_t checkpoint_sum(const void *bytes, size_t size); /* checksum of checkpoints, FNV-1a */
-/* Returns the step of the newest complete checkpoint with key `key`; 0: there is none. */
+/* Returns the step of the complete checkpoint with key `key`; 0: there is none. */
 OXL_INTERNAL int checkpoint_step(oxl_context *ctx, const char *folder, const char *key);
-OXL_INTERNAL void checkpoint_remove(const char *folder, int others); /* others 1: NAME.other, too */
+OXL_INTERNAL void checkpoint_remove(const char *folder);
 
 /* ---------------- merge.c: rows of models */
 
@@ -236,11 +234,8 @@ OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_
 
 /* ---------------- lock.c: a folder that one process writes to at a time */
 
-/* Locks a folder like oxl_lock_folder, without a look at its parents; shared: other
- * processes may share the lock. */
+/* Locks a folder like oxl_lock_folder; shared: other processes may share the lock. */
 OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int shared, oxl_lock **out);
-/* Fails if the folder is inside OUT of a run that another process holds. */
-OXL_INTERNAL oxl_result lock_check_parents(oxl_context *ctx, const char *folder);
 /* Locks the folder; OXL_OK and *out NULL: another process holds it. */
 OXL_INTERNAL oxl_result lock_folder_if_free(oxl_context *ctx, const char *folder, oxl_lock **out);
 /* Makes a lock shared or exclusive; fails if other processes do not allow that. */

@@ -74,45 +74,23 @@ OXL_INTERNAL int os_link(const char *target, const char *path)
 
 /* ---------------- locks */
 
-/* Reads "process N on HOST" from the file; if the system names another process, the holder is "process N"
- * alone. Returns 0 if the file is no lock's. A part of the text, or zeros, which a full disk or a power cut
- * leaves, count as a lock's. */
-static int os_lock_holder(struct os_lock *lock)
-{
-    static const char start[] = "process ";
-    const size_t size = os_lock_read(lock, lock->holder, sizeof lock->holder - 1);
-    int is_own;
-    long named = 0;
-    lock->holder[size] = 0;
-    is_own = strncmp(lock->holder, start, OXL_MIN(strlen(lock->holder), sizeof start - 1)) == 0;
-    lock->holder[strcspn(lock->holder, "\r\n")] = 0;
-    if (sscanf(lock->holder, "process %ld", &named) != 1) lock->holder[0] = 0;
-    if (lock->process > 0 && named != lock->process)
-        snprintf(lock->holder, sizeof lock->holder, "process %ld", lock->process);
-    return is_own;
-}
-
-/* Opens and locks the file, unless its text says that it is another program's, which
- * must not be overwritten. */
-OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, int create, struct os_lock *out)
-{
-    enum os_locked got;
-    *out = (struct os_lock){0};
-    if (os_lock_file(path, create, out) != 0) return OS_LOCK_FAILED;
-    got = os_lock_try(out, shared);
-    if (!os_lock_holder(out) && got != OS_LOCK_REMOVED) {
-        os_lock_close(out, NULL);
-        errno = EEXIST;
-        return OS_LOCK_FAILED;
-    }
-    if (got == OS_LOCK_BUSY || got == OS_LOCK_REMOVED) os_lock_close(out, NULL);
-    return got;
-}
-
 OXL_INTERNAL enum os_locked os_lock_change(struct os_lock *lock, int shared)
 {
     const enum os_locked got = os_lock_try(lock, shared);
-    if (got == OS_LOCK_BUSY) os_lock_holder(lock);
+    if (got == OS_LOCK_BUSY) {
+        lock->holder[os_lock_read(lock, lock->holder, sizeof lock->holder - 1)] = 0;
+        lock->holder[strcspn(lock->holder, "\r\n")] = 0;
+    }
+    return got;
+}
+
+OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, struct os_lock *out)
+{
+    enum os_locked got;
+    *out = (struct os_lock){0};
+    if (os_lock_file(path, out) != 0) return OS_LOCK_FAILED;
+    got = os_lock_change(out, shared);
+    if (got == OS_LOCK_BUSY || got == OS_LOCK_REMOVED) os_lock_close(out, NULL);
     return got;
 }
 

@@ -38,16 +38,13 @@ enum os_locked {
     OS_LOCK_BUSY,    /* `holder` holds it; the file is closed, or the lock is unchanged */
     OS_LOCK_REMOVED, /* its last holder has removed the file, which is closed */
     OS_LOCK_NONE,    /* the file system has no locks; the file stays open */
-    OS_LOCK_FAILED   /* the file cannot be opened, or is no lock's: errno */
+    OS_LOCK_FAILED   /* the file cannot be opened: errno */
 };
 struct os_lock {
     intptr_t file;
-    long process; /* process that holds the lock, by the system; 0: unknown */
-    char holder
-        [128]; /* "process 17 on reef": the holder (BUSY), or a killed former holder (TAKEN); "": unknown */
+    char holder[128]; /* BUSY: the file's text, "process 17 on reef" */
 };
-/* Locks a file. create 0: only looks whether another process holds it, and changes nothing. */
-OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, int create, struct os_lock *out);
+OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, struct os_lock *out);
 OXL_INTERNAL enum os_locked os_lock_change(struct os_lock *lock, int shared);
 OXL_INTERNAL void os_lock_write_owner(const struct os_lock *lock); /* names this process in the file */
 /* Releases the lock. remove: path of the file to remove first, or NULL. */
@@ -61,9 +58,9 @@ OXL_INTERNAL int os_working_folder(char *out, size_t size);          /* 0: succe
 OXL_INTERNAL int os_make_link(const char *target, const char *path); /* replaces only a link */
 OXL_INTERNAL void os_host_name(char *out, size_t size);              /* name of this machine */
 OXL_INTERNAL void os_sleep(double seconds);                          /* returns early after a signal */
-/* Opens the file, or creates it with `create`. Refuses a link, a pipe and a file of several names, since
+/* Opens or creates the file. Refuses a link, a pipe and a file of several names, since
  * writing to them would change what lies elsewhere. */
-OXL_INTERNAL int os_lock_file(const char *path, int create, struct os_lock *lock);
+OXL_INTERNAL int os_lock_file(const char *path, struct os_lock *lock);
 OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared);
 OXL_INTERNAL size_t os_lock_read(const struct os_lock *lock, char *text, size_t size); /* bytes read */
 OXL_INTERNAL void os_lock_write(const struct os_lock *lock, const char *text); /* replaces the file's text */

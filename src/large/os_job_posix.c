@@ -84,23 +84,20 @@ OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared)
 {
     struct flock l = {.l_type = shared ? F_RDLCK : F_WRLCK, .l_whence = SEEK_SET};
     struct stat s;
-    lock->process = 0;
     if (fcntl((int)lock->file, F_SETLK, &l) == 0)
         return fstat((int)lock->file, &s) == 0 && s.st_nlink == 0 ? OS_LOCK_REMOVED : OS_LOCK_TAKEN;
-    if (errno != EACCES && errno != EAGAIN) return OS_LOCK_NONE;
-    if (fcntl((int)lock->file, F_GETLK, &l) == 0 && l.l_type != F_UNLCK) lock->process = (long)l.l_pid;
-    return OS_LOCK_BUSY;
+    return errno == EACCES || errno == EAGAIN ? OS_LOCK_BUSY : OS_LOCK_NONE;
 }
 
 /* Opens or creates the file. A new one is writable for all, so that users with different umask take
  * over each other's locks. */
-OXL_INTERNAL int os_lock_file(const char *path, int create, struct os_lock *lock)
+OXL_INTERNAL int os_lock_file(const char *path, struct os_lock *lock)
 {
     enum { flags = O_RDWR | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC };
     struct stat s;
-    int file = create ? open(path, flags | O_CREAT | O_EXCL, 0666) : -1;
+    int file = open(path, flags | O_CREAT | O_EXCL, 0666);
     if (file >= 0 && fchmod(file, 0666) != 0) errno = 0; /* Ignores file systems without modes. */
-    if (file < 0) file = open(path, flags | (create ? O_CREAT : 0), 0666);
+    if (file < 0) file = open(path, flags | O_CREAT, 0666);
     if (file >= 0 && (fstat(file, &s) != 0 || !S_ISREG(s.st_mode) || s.st_nlink > 1)) {
         close(file);
         errno = EMLINK;

@@ -96,7 +96,6 @@ OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared)
 {
     OVERLAPPED place = {.Offset = 0x7fffffff};
     const DWORD how = LOCKFILE_FAIL_IMMEDIATELY | (shared ? 0 : LOCKFILE_EXCLUSIVE_LOCK);
-    lock->process = 0;
     /* Releases the handle's own lock first, since a lock cannot be changed. */
     UnlockFileEx((HANDLE)lock->file, 0, 1, 0, &place);
     if (LockFileEx((HANDLE)lock->file, how, 0, 1, 0, &place)) return OS_LOCK_TAKEN;
@@ -104,13 +103,13 @@ OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared)
                                                                                         : OS_LOCK_NONE;
 }
 
-OXL_INTERNAL int os_lock_file(const char *path, int create, struct os_lock *lock)
+OXL_INTERNAL int os_lock_file(const char *path, struct os_lock *lock)
 {
     wchar_t wide[OS_PATH_MAX];
     lock->file = (intptr_t)CreateFileW(
         os_wide(path, wide), GENERIC_READ | GENERIC_WRITE, FILE_SHARE_READ | FILE_SHARE_WRITE, NULL,
         /* Omits FILE_SHARE_DELETE, so that the file cannot be removed while it is open. */
-        create ? OPEN_ALWAYS : OPEN_EXISTING, FILE_ATTRIBUTE_NORMAL | FILE_FLAG_OPEN_REPARSE_POINT, NULL);
+        OPEN_ALWAYS, FILE_ATTRIBUTE_NORMAL | FILE_FLAG_OPEN_REPARSE_POINT, NULL);
     return os_done((HANDLE)lock->file != INVALID_HANDLE_VALUE);
 }
 

@@ -358,7 +358,7 @@ static void rounds_go_back(struct rounds *r, int block)
         JOB_BLOCK(job, block));
     for (int k = 0; k < job->partition.block_count; k++) {
         os_remove(PATH(JOB_BLOCK(job, k), "block.json"));
-        checkpoint_remove(JOB_BLOCK(job, k), 0);
+        checkpoint_remove(JOB_BLOCK(job, k));
     }
 }
 

@@ -97,7 +97,7 @@ static void poses_archive(struct archive *a, struct train *t, void *state)
     const int views = oxl_scene_view_count(t->scene);
     uint64_t here, kept;
     if (!p->asked) return;
-    here = kept = archive_hash(ARCHIVE_SEED, (unsigned char *)p->pose, (size_t)views * sizeof *p->pose);
+    here = kept = checksum_add(CHECKSUM_SEED, p->pose, (size_t)views * sizeof *p->pose);
     archive_numbers(a, &kept, 1, sizeof kept);
     if (kept != here)
         archive_fail(a, OXL_ERR_INPUT, "the images' 2D points say other poses than when it was written");

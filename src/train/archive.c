@@ -5,15 +5,7 @@
  */
 #include "train_tools.h"
 
-#define ARCHIVE_PRIME UINT64_C(0x100000001B3)
-
 /* ---------------- bytes, both ways */
-
-OXL_INTERNAL uint64_t archive_hash(uint64_t sum, const unsigned char *bytes, size_t size)
-{
-    for (size_t i = 0; i < size; i++) sum = (sum ^ bytes[i]) * ARCHIVE_PRIME;
-    return sum;
-}
 
 OXL_INTERNAL void archive_fail(struct archive *a, oxl_result rc, const char *what)
 {
@@ -39,7 +31,6 @@ static void archive_write(struct archive *a, const unsigned char *data, size_t c
         const size_t n = OXL_MIN(room, count - at);
         memcpy(chunk, data + at * size, n * size);
         for (size_t i = 0; i < n; i++) archive_swap(chunk + i * size, size);
-        a->sum = archive_hash(a->sum, chunk, n * size);
         if (fwrite(chunk, size, n, a->file) != n)
             archive_fail(a, OXL_ERR_IO, "cannot write; the disk may be full");
     }

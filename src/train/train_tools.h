@@ -25,7 +25,7 @@ struct archive {
     const char *path;
     FILE *file;                    /* NULL: in memory */
     struct archive_memory *memory; /* of this machine's byte order; what is read there is not checked */
-    uint64_t sum, left;            /* checksum so far; bytes still to read */
+    uint64_t left;                 /* bytes still to read */
     oxl_result rc;
 };
 OXL_INTERNAL void archive_int(struct archive *a, int *value);
@@ -45,8 +45,6 @@ OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size);
 /* For what surrounds a state in a file (large/checkpoint.c). */
 OXL_INTERNAL void archive_numbers(struct archive *a, void *data, size_t count, size_t size);
 OXL_INTERNAL void archive_fail(struct archive *a, oxl_result rc, const char *what);
-#define ARCHIVE_SEED UINT64_C(0xCBF29CE484222325) /* Fowler, Noll & Vo: FNV-1a, 64 bits */
-OXL_INTERNAL uint64_t archive_hash(uint64_t sum, const unsigned char *bytes, size_t size);
 /* Writes the state to memory, or reads it from there. Free memory->data with oxl_free. */
 OXL_INTERNAL oxl_result archive_to_memory(oxl_context *ctx, struct archive_memory *memory,
                                           archive_state *state, void *user);
