@@ -152,32 +152,29 @@
 #include "src/checks/reprojection.c" /* how far points project from where images saw them */
 
 /* what one model in memory does not need: memory and time predicted, blocks, rounds */
-#include "src/large/partition.h"            /* shared by these files */
-#include "src/large/partition_axes.c"       /* principal axes, the frame of the partition */
-#include "src/large/partition_visibility.c" /* points seen by each view */
-#include "src/large/partition_build.h"      /* the tree of cuts */
-#include "src/large/partition_cut.c"        /* where a box is cut */
-#include "src/large/partition_assign.c"     /* points and views of each block */
-#include "src/large/partition_make.c"       /* how many blocks, and the plan of them */
-#include "src/large/partition_file.c"       /* partition.txt */
-#include "src/large/partition_svg.c"        /* partition.svg */
-#include "src/large/partition_export.c"     /* blocks as COLMAP text exports */
-#include "src/large/merge.c"                /* merge the models of blocks */
-#include "src/large/look.c"                 /* a first look at a survey, for forecasts */
-#include "src/large/cost.c"                 /* predicted Gaussians, memory and time of training */
-#include "src/large/budget.c"               /* --ram: limits that fit a memory budget */
-#include "src/large/os_job_posix.c"         /* the operating system: locks, links, peak memory */
-#include "src/large/os_job_windows.c"       /* the same on Windows */
-#include "src/large/os_job.c"               /* on top of them: links refused, locks */
-#include "src/large/lock.c"                 /* one process at a time writes to a folder */
-#include "src/large/scene_file.c"           /* a survey in one file that is mapped */
-#include "src/large/nonfinite_record.c"     /* counts of values that are not finite, as JSON */
-#include "src/large/checkpoint.c"           /* a run's state in a file, for resuming */
-#include "src/large/block.c"                /* training of one block in its folder */
-#include "src/large/job_state.h"            /* shared by the files of a job */
-#include "src/large/job_state.c"            /* names in OUT, the survey, progress, the blocks' models */
-#include "src/large/block_plan.c"           /* windows, steps and budget of each block */
-#include "src/large/rounds.c"               /* several blocks trained as one model */
+#include "src/large/partition.h"        /* shared by these files */
+#include "src/large/partition_axes.c"   /* principal axes, the frame of the partition */
+#include "src/large/partition_cut.c"    /* where a box is cut */
+#include "src/large/partition_make.c"   /* how many blocks, and the plan of them */
+#include "src/large/partition_file.c"   /* partition.txt */
+#include "src/large/partition_svg.c"    /* partition.svg */
+#include "src/large/partition_export.c" /* blocks as COLMAP text exports */
+#include "src/large/merge.c"            /* merge the models of blocks */
+#include "src/large/look.c"             /* a first look at a survey, for forecasts */
+#include "src/large/cost.c"             /* predicted Gaussians, memory and time of training */
+#include "src/large/budget.c"           /* --ram: limits that fit a memory budget */
+#include "src/large/os_job_posix.c"     /* the operating system: locks, links, peak memory */
+#include "src/large/os_job_windows.c"   /* the same on Windows */
+#include "src/large/os_job.c"           /* on top of them: links refused, locks */
+#include "src/large/lock.c"             /* one process at a time writes to a folder */
+#include "src/large/scene_file.c"       /* a survey in one file that is mapped */
+#include "src/large/nonfinite_record.c" /* counts of values that are not finite, as JSON */
+#include "src/large/checkpoint.c"       /* a run's state in a file, for resuming */
+#include "src/large/block.c"            /* training of one block in its folder */
+#include "src/large/job_state.h"        /* shared by the files of a job */
+#include "src/large/job_state.c"        /* names in OUT, the survey, progress, the blocks' models */
+#include "src/large/block_plan.c"       /* windows, steps and budget of each block */
+#include "src/large/rounds.c"           /* several blocks trained as one model */
 
 /* the whole job */
 #include "src/job/survey_report.c"   /* content of a survey and predicted cost of training */

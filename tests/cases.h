@@ -67,7 +67,7 @@ extern char partition_test_log[4096];
 /* test_partition.c */
 void partition_test_listen(void);
 oxl_scene *partition_test_load(const char *path);
-oxl_partition_options partition_test_options(int block_points, oxl_cut cut);
+struct partition partition_test_cut(const oxl_scene *scene, int block_points, oxl_cut cut);
 oxl_scene *partition_test_reef_scene(double flat);
 
 struct prune_case {
@@ -119,9 +119,6 @@ synth_options photometry_test_make(const char *name, enum synth_type water);
 oxl_ucd option_default_ucd(void);
 int option_read_keep(const char *text, oxl_keep *out);
 int option_read_ucd(const char *text, oxl_ucd *out);
-/* src/large/partition_cut.c */
-struct partition_candidate partition_choose(const struct partition_build *b, const struct partition_node *n,
-                                            const struct partition_bin *bins);
 /* src/large/block_plan.c */
 double plan_best_rectangle(const double *value, int width, int height, struct image_window *best);
 /* src/job/render_files.c */

@@ -12,7 +12,6 @@
 #include "../src/core/simd.h"
 #include "../src/core/vecmath.h"
 #include "../src/large/partition.h"
-#include "../src/large/partition_build.h"
 #include "../src/checks/checks.h"
 #include "../src/evaluate/evaluate.h"
 #include "../src/formats/formats.h"

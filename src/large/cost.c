@@ -83,19 +83,20 @@ OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int 
 {
     const struct partition_plan *plan = p->plan;
     const struct partition_block *b = &p->block[block];
+    const size_t views = (size_t)oxl_scene_view_count(plan->scene);
     const double size = (double)OXL_MAX(b->points, (size_t)1);
     struct cost_load load = {.points = b->points,
                              .begun = plan->scene->stats.begun,
                              .share = plan->scene->stats.splitting,
                              .context = OXL_MAX(0, (double)b->start_points / size - 1)};
-    for (size_t v = 0; v < plan->visibility->views; v++) {
+    for (size_t v = 0; v < views; v++) {
         const oxl_camera *c = &oxl_scene_view(plan->scene, (int)v)->camera;
-        if (plan->role[(size_t)block * plan->visibility->views + v] == PARTITION_OUT) continue;
+        if (plan->role[(size_t)block * views + v] == PARTITION_OUT) continue;
         load.views++;
         load.pixels += (double)c->width * c->height;
         load.largest = OXL_MAX(load.largest, (double)c->width * c->height);
         load.largest_file = OXL_MAX(load.largest_file, scene_file_pixels(plan->scene, (int)v));
-        load.observations += plan->visibility->first[v + 1] - plan->visibility->first[v];
+        load.observations += plan->seen[v];
     }
     load.schedule_pixels =
         schedule_pixels(plan->scene) * size / (double)OXL_MAX(plan->scene->stats.points, (size_t)1);

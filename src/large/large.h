@@ -20,10 +20,9 @@ static inline int partition_contains(const struct partition_box *box, const doub
     return inside;
 }
 struct partition_block {
-    struct partition_box box;      /* the boxes of all blocks are disjoint and cover all space */
-    struct partition_box expanded; /* `box`, wider by 5 % of its size on each side, for the export */
-    struct partition_box finite;   /* `box` clipped to the trimmed extents of the points */
-    /* points inside `box`; points the block starts from: in `expanded` or seen by its views */
+    struct partition_box box;    /* the boxes of all blocks are disjoint and cover all space */
+    struct partition_box finite; /* `box` clipped to the trimmed extents of the points */
+    /* points inside `box`; points in the wider box or seen by its views, which an export has */
     size_t points, start_points;
     int base_views, border_views; /* training views by overlap [OceanXL sec. 3.1, BlockGaussian] */
 };
