@@ -167,7 +167,6 @@
 #include "src/large/os_job_windows.c"   /* the same on Windows */
 #include "src/large/os_job.c"           /* on top of them: links refused, locks */
 #include "src/large/lock.c"             /* one process at a time writes to a folder */
-#include "src/large/scene_file.c"       /* a survey in one file that is mapped */
 #include "src/large/nonfinite_record.c" /* counts of values that are not finite, as JSON */
 #include "src/large/checkpoint.c"       /* a run's state in a file, for resuming */
 #include "src/large/block.c"            /* training of one block in its folder */

@@ -88,7 +88,7 @@ static void fuzz_clean(void)
                                         "block.json",      "checkpoint.oxl",      "partition.txt",
                                         "transforms.json", "reconstruction.json", "model.spz",
                                         "cameras.bin",     "images.bin",          "points3D.bin",
-                                        "imaging.txt",     "survey.oxl",          "blocks/000/plan.txt"};
+                                        "imaging.txt",     "blocks/000/plan.txt"};
     for (size_t i = 0; i < OXL_COUNT(names); i++) os_remove(fuzz_path(names[i]));
     remove(fuzz_path("blocks/000"));
     remove(fuzz_path("blocks"));
@@ -430,53 +430,6 @@ static void fuzz_imaging(oxl_context *ctx, const uint8_t *data, size_t size)
     oxl_scene_free(ctx, scene);
 }
 
-/* The survey of a run with some bytes changed: pairs of an offset, two bytes, and a value. */
-static void fuzz_survey(oxl_context *ctx, const uint8_t *data, size_t size)
-{
-    static const char cameras[] = "1 PINHOLE 12 12 14 14 6 6\n",
-                      images[] = "1 1 0 0 0 0 0 2 1 a.png\n6 6 1\n2 1 0 0 0 0.1 0 2 1 b.png\n6 6 1\n",
-                      points[] = "1 0 0 0 9 9 9 0.5 1 0 2 0\n2 0.1 0 0.1 9 9 9 0.5 1 0 2 0\n";
-    oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene *scene = NULL, *mapped = NULL;
-    struct os_file_map map = {0};
-    uint64_t sum;
-    char *bytes;
-    options.read_images = 0;
-    fuzz_write("cameras.txt", (const uint8_t *)cameras, sizeof cameras - 1);
-    fuzz_write("images.txt", (const uint8_t *)images, sizeof images - 1);
-    fuzz_write("points3D.txt", (const uint8_t *)points, sizeof points - 1);
-    fuzz_promise(oxl_scene_load(ctx, fuzz_folder(), &options, &scene) == OXL_OK, "a survey");
-    fuzz_promise(scene_file_write(ctx, fuzz_path("survey.oxl"), scene, "key") == OXL_OK &&
-                     os_read_file(ctx, fuzz_path("survey.oxl"), &map) == OXL_OK,
-                 "a file of it");
-    bytes = oxl_alloc(ctx, map.size, 1);
-    fuzz_promise(bytes != NULL, "memory for it");
-    memcpy(bytes, map.data, map.size);
-    for (size_t i = 0; i + 2 < size; i += 3)
-        bytes[((size_t)data[i] << 8 | data[i + 1]) % (map.size - 64)] = (char)data[i + 2];
-    sum = checksum_add(CHECKSUM_SEED, bytes, map.size - 64);
-    memcpy(bytes + map.size - 64, &sum, sizeof sum);
-    fuzz_write("survey.oxl", (const uint8_t *)bytes, map.size);
-    fuzz_explained(ctx, scene_file_map(ctx, fuzz_path("survey.oxl"), "key", &mapped));
-    if (mapped) {
-        const struct colmap *c = scene_colmap(mapped);
-        uint64_t seen = 0;
-        int *view = scene_views_by_image(ctx, mapped, OXL_SPLIT_ALL);
-        for (size_t i = 0; view && i < c->point_count; i++)
-            for (size_t k = 0; k < c->point[i].track_count; k++)
-                seen += (uint64_t)view[c->track[c->point[i].first_track + k].image_row];
-        for (int i = 0; i < oxl_scene_view_count(mapped); i++)
-            seen += strlen(oxl_scene_view(mapped, i)->name) + (uint64_t)scene_source_camera(mapped, i)->width;
-        for (size_t i = 0; i < oxl_scene_point_count(mapped); i++) seen += oxl_scene_points(mapped)[i].rgb[0];
-        fuzz_promise(seen != UINT64_C(0x9e3779b97f4a7c15), "what is mapped can be read");
-        oxl_free(ctx, view);
-    }
-    oxl_scene_free(ctx, mapped);
-    oxl_scene_free(ctx, scene);
-    oxl_free(ctx, bytes);
-    os_release_file(ctx, &map);
-}
-
 /* ---------------- words: one a line */
 
 static void fuzz_options(oxl_context *ctx, const uint8_t *data, size_t size)
@@ -515,7 +468,6 @@ static const struct fuzz_target {
                     {"partition", fuzz_partition},
                     {"plan", fuzz_plan},
                     {"imaging", fuzz_imaging},
-                    {"survey", fuzz_survey},
                     {"options", fuzz_options}};
 
 static void fuzz_one(const struct fuzz_target *target, const uint8_t *data, size_t size)

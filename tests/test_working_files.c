@@ -23,89 +23,11 @@ static int working_same(const char *a, const char *b)
     return sum[0] == sum[1];
 }
 
-/* ---------------- survey.oxl */
-
-static const char *working_scene_file(oxl_scene **scene)
+static oxl_scene *working_scene(void)
 {
-    const oxl_scene_options options = oxl_scene_options_default();
-    const char *path = test_path("survey.oxl");
-    CHECK_OK(oxl_scene_load(test_ctx, job_test_survey(), &options, scene));
-    CHECK_OK(scene_file_write(test_ctx, path, *scene, "key"));
-    return path;
-}
-
-TEST(survey_file_with_any_changed_byte_is_not_taken)
-{
-    oxl_scene *scene = NULL, *mapped = NULL;
-    const char *path = working_scene_file(&scene);
-    CHECK_OK(scene_file_map(test_ctx, path, "key", &mapped));
-    CHECK(mapped && oxl_scene_view_count(mapped) == oxl_scene_view_count(scene) &&
-          oxl_scene_point_count(mapped) == oxl_scene_point_count(scene));
-    oxl_scene_free(test_ctx, mapped);
-    for (int i = 0; i <= 60; i++) {
-        CHECK_OK(scene_file_write(test_ctx, path, scene, "key"));
-        working_damage(path, i / 60.0, 56); /* the last bytes are zeros behind the checksum */
-        CHECK_OK(scene_file_map(test_ctx, path, "key", &mapped));
-        CHECK(!mapped);
-        oxl_scene_free(test_ctx, mapped);
-    }
-    oxl_scene_free(test_ctx, scene);
-}
-
-TEST(survey_file_gives_the_scene_that_was_written)
-{
-    oxl_scene *scene = NULL, *mapped = NULL;
-    const char *path = working_scene_file(&scene), *again = test_path("again.oxl");
-    CHECK_OK(scene_file_map(test_ctx, path, "key", &mapped));
-    CHECK_OK(scene_file_write(test_ctx, again, mapped, "key"));
-    CHECK(working_same(path, again));
-    CHECK(mapped && !strcmp(oxl_scene_view(mapped, 3)->name, oxl_scene_view(scene, 3)->name));
-    CHECK(mapped && !strcmp(mapped->colmap.images_file, scene->colmap.images_file));
-    CHECK(mapped && !strcmp(mapped->colmap.camera->file, scene->colmap.camera->file));
-    CHECK(mapped && scene_file_pixels(mapped, 3) == scene_file_pixels(scene, 3));
-    oxl_scene_free(test_ctx, mapped);
-    CHECK_OK(scene_file_map(test_ctx, path, "another", &mapped));
-    CHECK(!mapped);
-    oxl_scene_free(test_ctx, scene);
-}
-
-/* A right checksum over wrong counts and indices. */
-TEST(survey_file_with_counts_and_indices_out_of_range_is_not_taken)
-{
-    oxl_scene *scene = NULL, *mapped = NULL;
-    const char *path = working_scene_file(&scene);
-    for (int kind = 0; kind < 10; kind++) {
-        const oxl_scene whole = *scene;
-        const struct scene_source source = scene->source[3];
-        const struct colmap_track track = scene->colmap.track[5];
-        const struct colmap_point point = scene->colmap.point[2];
-        const struct colmap_image image = scene->colmap.image[1];
-        const struct colmap_camera camera = scene->colmap.camera[0];
-        if (kind == 0) scene->source[3].image = scene->colmap.image_count;
-        if (kind == 1) scene->source[3].camera = SIZE_MAX;
-        if (kind == 2) scene->colmap.track[5].image_row = UINT32_MAX;
-        if (kind == 3) scene->colmap.point[2].first_track = scene->colmap.track_count;
-        if (kind == 4) scene->colmap.image[1].name = scene->colmap.names_size;
-        if (kind == 5) scene->colmap.names_size -= 1; /* the last name has no end */
-        if (kind == 6) scene->colmap.names[scene->colmap.image[1].name] = '/';
-        if (kind == 7) scene->colmap.image[1].mask = scene->colmap.names_size;
-        if (kind == 8) scene->colmap.format = (enum colmap_format)77;
-        if (kind == 9) scene->colmap.camera[0].parameter_count = CAMERA_PARAMETERS + 1;
-        CHECK_OK(scene_file_write(test_ctx, path, scene, "key"));
-        CHECK_OK(scene_file_map(test_ctx, path, "key", &mapped));
-        CHECK(!mapped);
-        if (mapped) printf("  kind %d\n", kind);
-        oxl_scene_free(test_ctx, mapped);
-        *scene = whole;
-        scene->source[3] = source, scene->colmap.track[5] = track, scene->colmap.point[2] = point;
-        scene->colmap.image[1] = image, scene->colmap.camera[0] = camera;
-        if (kind == 6) scene->colmap.names[scene->colmap.image[1].name] = '1';
-    }
-    CHECK_OK(scene_file_write(test_ctx, path, scene, "key"));
-    CHECK_OK(scene_file_map(test_ctx, path, "key", &mapped));
-    CHECK(mapped != NULL);
-    oxl_scene_free(test_ctx, mapped);
-    oxl_scene_free(test_ctx, scene);
+    oxl_scene *scene = NULL;
+    CHECK_OK(oxl_scene_load(test_ctx, job_test_survey(), NULL, &scene));
+    return scene;
 }
 
 /* ---------------- imaging.txt, partition.txt */
@@ -113,10 +35,9 @@ TEST(survey_file_with_counts_and_indices_out_of_range_is_not_taken)
 TEST(imaging_file_with_a_zero_byte_or_another_checksum_is_refused)
 {
     static const char zero[] = "gain 1 1 1 1.png\0AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA\n";
-    oxl_scene *scene = NULL;
+    oxl_scene *scene = working_scene();
     struct imaging m = {0};
     const char *path = test_path("imaging.txt");
-    working_scene_file(&scene);
     CHECK_OK(os_write_file(test_ctx, path, zero, sizeof zero - 1));
     CHECK(imaging_read(test_ctx, path, scene, &m) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "imaging.txt:1: found a byte of value 0");
@@ -170,23 +91,13 @@ static int working_stop(void *user, const oxl_progress *p)
     return p->stage == s->stage && p->block == s->block && p->iteration >= s->iteration;
 }
 
-TEST(survey_of_a_fresh_run_of_blocks_is_written)
-{
-    const oxl_job_options options = working_blocks();
-    struct working_stop stop = {OXL_STAGE_COARSE, 0, 1};
-    const oxl_callback callback = {working_stop, &stop};
-    const oxl_result rc = oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback);
-    CHECK(rc == OXL_ERR_INTERRUPTED);
-    CHECK(os_is_file(test_path("out/blocks/survey.oxl")));
-}
-
 /* Stopped in the second block, in a later round: the state of both is needed. */
 TEST(blocks_with_a_damaged_file_end_in_the_same_bytes_or_are_refused)
 {
-    static const char *const files[] = {
-        "blocks/000/checkpoint.oxl", "blocks/000/block.json",     "blocks/000/model.ply",
-        "blocks/000/plan.txt",       "blocks/001/checkpoint.oxl", "blocks/001/model.ply",
-        "blocks/coarse/model.ply",   "blocks/survey.oxl",         "partition.txt"};
+    static const char *const files[] = {"blocks/000/checkpoint.oxl", "blocks/000/block.json",
+                                        "blocks/000/model.ply",      "blocks/000/plan.txt",
+                                        "blocks/001/checkpoint.oxl", "blocks/001/model.ply",
+                                        "blocks/coarse/model.ply",   "partition.txt"};
     const oxl_job_options options = working_blocks();
     char survey[512];
     struct working_stop stop = {OXL_STAGE_BLOCK, 1, 40};
@@ -305,7 +216,7 @@ TEST(api_refuses_views_cameras_focal_lengths_and_presets_that_are_none)
     oxl_image image = {0};
     double start[3], direction[3];
     float rgb[3 * 256] = {0};
-    working_scene_file(&scene);
+    scene = working_scene();
     CHECK(oxl_scene_ray(test_ctx, scene, -1, 1, 1, start, direction) == OXL_ERR_USAGE);
     CHECK(oxl_scene_ray(test_ctx, scene, 9, 1, 1, start, direction) == OXL_ERR_USAGE);
     oxl_scene_free(test_ctx, scene);

@@ -201,10 +201,6 @@ OXL_INTERNAL int os_is_compressed(const char *path);
 OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start,
                                           struct os_file_map *out);
 OXL_INTERNAL void os_release_file(oxl_context *ctx, struct os_file_map *map);
-/* Maps a file: pages are read on use and may be dropped again; no zero byte follows. Reads it on
- * systems without mapping. */
-OXL_INTERNAL oxl_result os_map_file(oxl_context *ctx, const char *path, struct os_file_map *out);
-OXL_INTERNAL void os_unmap_file(oxl_context *ctx, struct os_file_map *map);
 
 /* Reads a file in pieces. `path` is borrowed. */
 struct os_reader {

@@ -125,18 +125,6 @@ OXL_INTERNAL void os_release_file(oxl_context *ctx, struct os_file_map *map)
     *map = (struct os_file_map){0};
 }
 
-OXL_INTERNAL oxl_result os_map_file(oxl_context *ctx, const char *path, struct os_file_map *out)
-{
-    *out = (struct os_file_map){0};
-    return (out->data = os_map(path, &out->size)) != NULL ? OXL_OK : os_read_file(ctx, path, out);
-}
-
-OXL_INTERNAL void os_unmap_file(oxl_context *ctx, struct os_file_map *map)
-{
-    if (map->data && !os_unmap(map->data, map->size)) oxl_free(ctx, (void *)map->data);
-    *map = (struct os_file_map){0};
-}
-
 OXL_INTERNAL oxl_result os_reader_open(oxl_context *ctx, const char *path, struct os_reader *out)
 {
     *out = (struct os_reader){.file = os_open(path), .path = path};

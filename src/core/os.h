@@ -21,11 +21,8 @@ OXL_INTERNAL FILE *os_create(const char *path);
 OXL_INTERNAL int os_list(const char *path, void (*visit)(void *user, const char *name), void *user);
 OXL_INTERNAL long os_process(void); /* id of this process */
 
-/* read-only; NULL: the file cannot be mapped */
-OXL_INTERNAL const char *os_map(const char *path, size_t *size);
-OXL_INTERNAL int os_unmap(const char *data, size_t size); /* 1: success */
-OXL_INTERNAL int os_seek(FILE *file, uint64_t offset);    /* offset: from the start */
-OXL_INTERNAL int os_sync(FILE *file);                     /* makes written data reach the disk */
+OXL_INTERNAL int os_seek(FILE *file, uint64_t offset); /* offset: from the start */
+OXL_INTERNAL int os_sync(FILE *file);                  /* makes written data reach the disk */
 /* Makes renames in the folder reach the disk, if the system supports this. */
 OXL_INTERNAL void os_sync_folder(const char *path);
 

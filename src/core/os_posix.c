@@ -69,22 +69,6 @@ OXL_INTERNAL FILE *os_create(const char *path)
     return out;
 }
 
-OXL_INTERNAL const char *os_map(const char *path, size_t *size)
-{
-    struct stat s;
-    const int file = os_open_regular(path);
-    void *data = MAP_FAILED;
-    if (file >= 0 && fstat(file, &s) == 0 && s.st_size > 0)
-        data = mmap(NULL, *size = (size_t)s.st_size, PROT_READ, MAP_PRIVATE, file, 0);
-    if (file >= 0) close(file);
-    return data == MAP_FAILED ? NULL : data;
-}
-
-OXL_INTERNAL int os_unmap(const char *data, size_t size)
-{
-    return munmap((void *)(uintptr_t)data, size) == 0;
-}
-
 OXL_INTERNAL int os_remove(const char *path)
 {
     return unlink(path);

@@ -111,18 +111,6 @@ OXL_INTERNAL int os_processor_quota(void)
     return 0;
 }
 
-OXL_INTERNAL const char *os_map(const char *path, size_t *size)
-{
-    (void)path, (void)size;
-    return NULL; /* the caller reads the file instead */
-}
-
-OXL_INTERNAL int os_unmap(const char *data, size_t size)
-{
-    (void)data, (void)size;
-    return 0;
-}
-
 OXL_INTERNAL size_t os_memory_free(void)
 {
     MEMORYSTATUSEX status = {.dwLength = sizeof status};

@@ -340,7 +340,6 @@ OXL_INTERNAL oxl_result job_finish(struct job *job, int evaluate)
     if (rc == OXL_OK && !job->unfinished) {
         /* Removes the checkpoints of paused blocks. */
         if (job->partition.block_count > 1) job_drop_checkpoints(job);
-        os_remove(PATH(job->out, "blocks/survey.oxl"));
         job_remove_decoded(job);
     }
     oxl_model_free(job->ctx, &standard);

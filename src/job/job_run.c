@@ -93,7 +93,7 @@ static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
 /* Removes what another run, or one that is trained anew, left in OUT. */
 static oxl_result job_replace_run(struct job *job)
 {
-    static const char *const files[] = {"run.json", "metrics.json", "partition.txt", "blocks/survey.oxl"};
+    static const char *const files[] = {"run.json", "metrics.json", "partition.txt"};
     const oxl_result rc = job_lock_alone(job);
     if (rc != OXL_OK) return rc;
     if (job->options.block < 0) {
@@ -171,30 +171,6 @@ static oxl_result job_open(struct job *job)
 
 /* ---------------- blocks */
 
-/* Writes the survey to a file, which is mapped instead of it while several blocks are trained. A full disk
- * only costs memory: it must not stop the run. */
-static oxl_result job_map_survey(struct job *job)
-{
-    const char *path = PATH(job->out, "blocks/survey.oxl");
-    oxl_scene *mapped = NULL;
-    oxl_result rc = scene_file_map(job->ctx, path, job->key.data, &mapped), written = OXL_OK;
-    if (rc == OXL_OK && !mapped) {
-        written = os_make_folder_in(job->ctx, job->out, "blocks");
-        if (written == OXL_OK) written = scene_file_write(job->ctx, path, job->scene, job->key.data);
-        if (written == OXL_OK) rc = scene_file_map(job->ctx, path, job->key.data, &mapped);
-        else
-            oxl_log(job->ctx, OXL_LOG_WARNING,
-                    "the survey stays in memory, as its file cannot be written: %s",
-                    oxl_error_text(job->ctx));
-    }
-    if (!mapped) return rc;
-    partition_free_plan(job->ctx, &job->partition);
-    oxl_scene_free(job->ctx, job->scene);
-    job->scene = mapped;
-    job_set_cache(job, job->options.scene.image_cache_bytes);
-    return rc;
-}
-
 /* Reads the blocks from partition.txt, or makes and writes them. Of several processes the first one does,
  * since they may find different free memory; the others wait. One block that fits in any case has no file. */
 static oxl_result job_make_partition(struct job *job)
@@ -220,7 +196,7 @@ static oxl_result job_make_partition(struct job *job)
 static oxl_result job_partition(struct job *job)
 {
     oxl_result rc = job_make_partition(job);
-    if (rc == OXL_OK && job->partition.block_count > 1 && job->scene) rc = job_map_survey(job);
+    partition_free_plan(job->ctx, &job->partition);
     if (rc == OXL_OK && job->partition.memory > 0) job->options.ram = (size_t)job->partition.memory;
     if (rc == OXL_OK && job->options.block >= job->partition.block_count)
         rc = oxl_fail(

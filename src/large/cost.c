@@ -88,6 +88,9 @@ OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int 
     struct cost_load load = {.points = b->points,
                              .begun = plan->scene->stats.begun,
                              .share = plan->scene->stats.splitting,
+                             .observations = plan->scene->stats.observations,
+                             .survey = (sizeof(struct colmap_point) + sizeof(oxl_point)) *
+                                       (double)(plan->scene->stats.points - b->points),
                              .context = OXL_MAX(0, (double)b->start_points / size - 1)};
     for (size_t v = 0; v < views; v++) {
         const oxl_camera *c = &oxl_scene_view(plan->scene, (int)v)->camera;
@@ -96,7 +99,6 @@ OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int 
         load.pixels += (double)c->width * c->height;
         load.largest = OXL_MAX(load.largest, (double)c->width * c->height);
         load.largest_file = OXL_MAX(load.largest_file, scene_file_pixels(plan->scene, (int)v));
-        load.observations += plan->seen[v];
     }
     load.schedule_pixels =
         schedule_pixels(plan->scene) * size / (double)OXL_MAX(plan->scene->stats.points, (size_t)1);
@@ -123,7 +125,7 @@ OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load
     return COST_PROGRAM_BYTES + cache + load->largest * COST_PIXEL_BYTES +
            gaussians * (sets * 4 * planes + COST_SPLAT_BYTES) +
            gaussians * load->context * (4 * planes + COST_SPLAT_BYTES) +
-           (double)load->observations * sizeof(struct colmap_track) + depths;
+           (double)load->observations * sizeof(struct colmap_track) + load->survey + depths;
 }
 
 OXL_INTERNAL double cost_device_memory(const oxl_job_options *o, const struct cost_load *load,

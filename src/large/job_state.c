@@ -73,11 +73,7 @@ static oxl_result job_use_decoded(struct job *job)
 
 OXL_INTERNAL oxl_result job_load(struct job *job)
 {
-    oxl_result rc = OXL_OK;
-    if (job->partition.block_count > 1)
-        rc = scene_file_map(job->ctx, PATH(job->out, "blocks/survey.oxl"), job->key.data, &job->scene);
-    if (rc == OXL_OK && !job->scene)
-        rc = oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
+    const oxl_result rc = oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
     return rc == OXL_OK ? job_use_decoded(job) : rc;
 }
 

@@ -64,7 +64,7 @@ enum { JOB_COARSE_MODEL = -2, JOB_MERGED_MODEL = -3 };
 /* Returns the path OUT/blocks/KKK, OUT/blocks/coarse or OUT/blocks/whole, in a temporary like PATH. */
 OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block);
 #define JOB_BLOCK(job, block) job_block_folder((char[PATH_LENGTH]){0}, job, block)
-OXL_INTERNAL oxl_result job_load(struct job *job); /* Loads the survey, or maps blocks/survey.oxl. */
+OXL_INTERNAL oxl_result job_load(struct job *job); /* Loads the survey. */
 /* Reads the record of the one block, the coarse or the merged model. If the record or its files are damaged,
  * it warns and returns no record: the training is repeated and gives the same bytes. */
 OXL_INTERNAL oxl_result job_read_record(struct job *job, const char *folder, struct block_record *out);

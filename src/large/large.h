@@ -103,6 +103,7 @@ struct cost_load {               /* Counts what a survey or a block loads memory
     double largest_file; /* px of the largest image file */
     /* Gaussians of other blocks in its views, per Gaussian of its own */
     double context;
+    double survey; /* bytes of the survey's points outside of a block */
 };
 struct cost {
     double gaussians, memory, seconds; /* number at the end of the run; peak in bytes; s with ctx's threads */
@@ -239,13 +240,5 @@ OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int sh
 OXL_INTERNAL oxl_result lock_folder_if_free(oxl_context *ctx, const char *folder, oxl_lock **out);
 /* Makes a lock shared or exclusive; fails if other processes do not allow that. */
 OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char *folder, int shared);
-
-/* ---------------- scene_file.c: a survey in one file that processes share */
-
-/* Write a scene to a file, and map the file as a scene; *out NULL: the file is missing,
- * damaged or has another key. */
-OXL_INTERNAL oxl_result scene_file_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
-                                         const char *key);
-OXL_INTERNAL oxl_result scene_file_map(oxl_context *ctx, const char *path, const char *key, oxl_scene **out);
 
 #endif

@@ -1,5 +1,5 @@
 /* scene.h - declares views, points and images of a scene: filled by scene_make.c, scene_images.c, imaging.c;
- * formats/scene_build.c, formats/scene_views.c; large/scene_file.c. */
+ * formats/scene_build.c, formats/scene_views.c. */
 #ifndef OXL_SCENE_H
 #define OXL_SCENE_H
 
@@ -57,8 +57,6 @@ struct oxl_scene {
     char *decoded;               /* folder of decoded images, or NULL */
     int transparent;             /* images with an alpha channel */
     struct image_alpha alpha;    /* how transparent pixels are used */
-    /* file of scene_file_map, which holds all arrays but those of views and cameras; or no data */
-    struct os_file_map map;
 };
 
 struct scene_order { /* Orders images by name, and equal names by file order. */

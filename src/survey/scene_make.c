@@ -47,12 +47,6 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
     scene_forget_look(ctx, scene);
     oxl_free(ctx, scene->lpips);
     OXL_FREE(ctx, scene->view, scene->source, scene->on_disk, scene->decoded, scene->given);
-    if (scene->map.data) { /* Unmaps the other arrays. */
-        oxl_free(ctx, scene->colmap.camera);
-        os_unmap_file(ctx, &scene->map);
-        oxl_free(ctx, scene);
-        return;
-    }
     OXL_FREE(ctx, scene->point, scene->depth, scene->images, scene->masks);
     colmap_free(ctx, &scene->colmap);
     oxl_free(ctx, scene);
