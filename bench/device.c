@@ -2,7 +2,7 @@
  *
  *     make bench VULKAN=1 BACKEND=vulkan [BENCH="GAUSSIANS WIDTH HEIGHT [DEVICE [cpu]]"]
  *
- * With OXL_BENCH_PARTS=1 in the environment a step has all parts: lamp, medium that trains, dropout, the loss
+ * With OXL_BENCH_PARTS=1 in the environment a step has all parts: lamp, medium, dropout, the loss
  * in front of points.
  *
  * A plane of Gaussians as a survey looks from above, SH degree 3, everything in view. Times of passes are the
@@ -59,7 +59,6 @@ static const char *const DEVICE_PASSES[PASS_COUNT] = {[PASS_PROJECT] = "project"
                                                       [PASS_MOVE] = "move",
                                                       [PASS_LAMP] = "lamp",
                                                       [PASS_IMAGING_PIXELS] = "imaging, pixels",
-                                                      [PASS_IMAGING_ROWS] = "imaging, rows",
                                                       [PASS_IMAGING_TOTAL] = "imaging, total",
                                                       [PASS_DEPTH_LOSS] = "depth loss",
                                                       [PASS_PEAK] = "peak"};
@@ -136,14 +135,14 @@ static void device_end(oxl_context *ctx, struct device_run *r)
 
 static const struct lamp DEVICE_LAMP = {-1, {0.1f, -0.2f, 0.05f, 0.02f, 0.1f}};
 static const struct medium DEVICE_MEDIUM = {
-    1, 1, {0.1f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}, 0.8f, 3, 3};
+    1, {0.1f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}, 3};
 
 static void device_set_parts(struct device_run *r)
 {
     static const float gain[3] = {1.1f, 1, 0.9f};
     if (!getenv("OXL_BENCH_PARTS")) return;
     renderer_set_lamp(r->renderer, &DEVICE_LAMP);
-    renderer_set_medium(r->renderer, &DEVICE_MEDIUM, 1);
+    renderer_set_medium(r->renderer, &DEVICE_MEDIUM);
     renderer_set_gain(r->renderer, gain);
     renderer_set_dropout(r->renderer, 0.2, 7, 3);
 }

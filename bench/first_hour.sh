@@ -48,7 +48,7 @@ times() { # GAUSSIANS:WIDTH:HEIGHT [BATCH]
         / a step:/ { waits = $3; for (i = 1; i <= NF; i++) if ($i ~ /^dispatches/) dispatches = $(i - 1) }
         END {
             sort = t["scan"] + t["compact"] + t["sort, count"] + t["sort, scatter"] + t["footprint"] + t["ranges"]
-            parts = t["lamp"] + t["imaging, pixels"] + t["imaging, rows"] + t["imaging, total"] + t["depth loss"]
+            parts = t["lamp"] + t["imaging, pixels"] + t["imaging, total"] + t["depth loss"]
             loss = t["loss forward"] + t["loss total"] + t["loss backward"] + t["unpack"]
             printf "| %s | %s | %s | %s | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %s | %s |\n", g, size, batch, pairs, t["project"], sort,
                 t["raster"], loss, t["raster backward"], t["backward + Adam"], parts, t["step"], waits, dispatches

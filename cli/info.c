@@ -109,7 +109,7 @@ static int info_is_pose(const char *line)
     return strncmp(line, "pose ", 5) == 0;
 }
 
-static int info_is_medium(const char *line) /* of bD, bB, Binf or falloff */
+static int info_is_medium(const char *line) /* of bD, bB or Binf */
 {
     return line[0] == 'b' || line[0] == 'B' || line[0] == 'f';
 }

@@ -317,7 +317,7 @@ static void gradient_stepped(const struct wide *r, int late, struct trained_mode
     CHECK_OK(model_trained_begin(test_ctx, m));
     CHECK_OK(oxl_model_create(test_ctx, 40, 0, &gradient));
     CHECK_OK(renderer_create(test_ctx, &renderer));
-    renderer_set_medium(renderer, &murky, 1);
+    renderer_set_medium(renderer, &murky);
     CHECK_OK(renderer_forward(test_ctx, renderer, &m->model, &camera, &options));
     CHECK_OK(renderer_backward(test_ctx, renderer, drgb, late ? NULL : &gradient));
     CHECK_OK(renderer_step(test_ctx, renderer, m, late ? NULL : &gradient, &adam, &aside));

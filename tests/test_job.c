@@ -959,7 +959,8 @@ TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt
     options.train.lamp = options.train.medium = OXL_ON;
     options.train.dog = OXL_DOG_ALL;
     options.train.iterations = 60;
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    photometry_test_make("survey", SYNTH_3C);
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
     full = job_test_evaluate("out/scene_clear.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
     gains = job_test_evaluate("out/scene.ply", 1);
     CHECK_OK(os_read_file(test_ctx, test_path("out/metrics.json"), &json));
@@ -981,8 +982,9 @@ TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt
     CHECK(oxl_json_number(json.data, "bytes") == (double)clear.size);
     os_release_file(test_ctx, &clear);
     os_release_file(test_ctx, &json);
-    CHECK(os_is_file(test_path("out/renders/0.png.clear.png")));
-    CHECK(!job_test_same(test_path("out/renders/0.png.clear.png"), test_path("out/renders/0.png.png")));
+    CHECK(os_is_file(test_path("out/renders/IMG_00000.png.clear.png")));
+    CHECK(!job_test_same(test_path("out/renders/IMG_00000.png.clear.png"),
+                         test_path("out/renders/IMG_00000.png.png")));
 }
 
 /* Where the images differ by gains alone, scene.ply is trained on without them, and is read without them in whatever

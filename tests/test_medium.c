@@ -20,11 +20,11 @@ TEST(medium_is_what_the_tracks_support_and_says_why)
     struct photometry p = {.points = 100, .observations = 900, .with_medium = 0.003, .without = {0.0036}};
     for (int c = 0; c < 3; c++) p.attenuation[c] = p.backscatter[c] = 0.1, p.veiling_light[c] = 0.3;
     for (int on = 0; on < 2; on++) {
-        struct medium_fit f = {.range = 2};
+        struct medium m = {0};
         char why[400];
         p.parts = on ? PHOTOMETRY_MEDIUM : 0;
-        medium_fit_set_from_tracks(&f, 1.2, &p, why, sizeof why);
-        CHECK(f.on == on && f.fixed == on);
+        medium_set_from_tracks(&m, 1.2, &p, why, sizeof why);
+        CHECK(m.on == on);
         CHECK_TEXT(why, on ? "bD 0.1 0.1 0.1" : "span a factor of 1.2: less than 2 does not identify");
     }
 }

@@ -73,8 +73,8 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
         CHECK_OK(renderer_create(test_ctx, &a));
         CHECK_OK(renderer_create(test_ctx, &b));
         renderer_set_context(a, &context);
-        renderer_set_medium(a, kind > 1 ? &medium : NULL, 0);
-        renderer_set_medium(b, kind > 1 ? &medium : NULL, 0);
+        renderer_set_medium(a, kind > 1 ? &medium : NULL);
+        renderer_set_medium(b, kind > 1 ? &medium : NULL);
         CHECK_OK(renderer_forward(test_ctx, a, &own, &camera, &o));
         CHECK_OK(renderer_forward(test_ctx, b, &all, &camera, &o));
         CHECK_OK(renderer_image(test_ctx, a, &x));
@@ -97,7 +97,7 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
             for (int c = 0; c < 3; c++) factor[c] = exp(-0.5 * (double)medium.attenuation[c]);
             medium.training_range = 0.5f;
             model_scale_colour(&own, factor);
-            renderer_set_medium(a, &medium, 0);
+            renderer_set_medium(a, &medium);
             CHECK_OK(renderer_forward(test_ctx, a, &own, &camera, &o));
             CHECK_OK(renderer_image(test_ctx, a, &x));
             CHECK(rounds_test_largest_difference(x, y, 3 * 64 * 48) < 1e-5);

@@ -31,7 +31,7 @@ static void tviews_draw(const oxl_model *m, const oxl_camera *camera, int in_med
     const oxl_render_options options = oxl_render_options_default();
     struct renderer *r = NULL;
     CHECK_OK(renderer_create(test_ctx, &r));
-    renderer_set_medium(r, in_medium ? &tviews_medium : NULL, 0);
+    renderer_set_medium(r, in_medium ? &tviews_medium : NULL);
     CHECK_OK(renderer_draw(test_ctx, r, m, camera, &options, out, NULL));
     renderer_free(test_ctx, r);
 }

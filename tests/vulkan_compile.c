@@ -24,22 +24,20 @@ static unsigned compile_variants(int pass)
 {
     if (pass == PASS_SCAN) return 1 | 2 | 4 | 8;
     if (pass == PASS_LOSS_BACKWARD || pass == PASS_PROJECT) return 255;
-    if (pass == PASS_IMAGING_PIXELS) return 2 | 4 | 8;
     if (pass == PASS_STEP) return 1 | 2 | 4;
     if (pass == PASS_PROJECT_BACKWARD) return 1 | 4;
     if (pass == PASS_FOOTPRINT || pass == PASS_LOSS_TOTAL || pass == PASS_LOSS_FORWARD ||
-        pass == PASS_OBSERVE || pass == PASS_UNPACK || pass == PASS_RASTER || pass == PASS_RASTER_LOBED)
+        pass == PASS_OBSERVE || pass == PASS_UNPACK)
         return 1 | 2;
     return pass >= PASS_RASTER_BACKWARD_4 && pass <= PASS_RASTER_BACKWARD_8_LOBED ? 1 | 4 : 1;
 }
 
-/* Whether the variant is the plain one and a part of training: dropout, medium, lamp, what is left behind the
- * last splat. So it has more instructions, or the plain one has them, too. */
+/* Whether the variant is the plain one and a part of training: dropout, medium, lamp. So it has more instructions, or the plain one has them, too. */
 static int compile_adds(int pass, uint32_t variant)
 {
     if (pass == PASS_PROJECT) return variant & 3;
     if (pass == PASS_STEP || pass == PASS_PROJECT_BACKWARD) return variant == 2;
-    return variant == 1 && (pass == PASS_RASTER || pass == PASS_RASTER_LOBED || pass == PASS_LOSS_FORWARD);
+    return variant == 1 && pass == PASS_LOSS_FORWARD;
 }
 
 int main(void)

@@ -168,15 +168,14 @@ OXL_INTERNAL void vulkan_in_parts(struct vulkan_renderer *r,
 static void vulkan_draw_part(struct vulkan_renderer *r, const uint32_t part[2], uint32_t depths)
 {
     const uint32_t push[4] = {(uint32_t)r->lobes, part[0], part[1], depths};
-    const uint32_t variant = r->veil_trains && !depths;
     if (r->lobes)
-        VULKAN_RUN(r->v, RASTER_LOBED, variant, r->tiles, push,
+        VULKAN_RUN(r->v, RASTER_LOBED, 0, r->tiles, push,
                    VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged,
-                                  &r->splat_a, &r->splat_b, &r->splat_c, &r->lobe_a, &r->rgb, &r->through));
+                                  &r->splat_a, &r->splat_b, &r->splat_c, &r->lobe_a, &r->rgb));
     else
-        VULKAN_RUN(r->v, RASTER, variant, r->tiles, push,
+        VULKAN_RUN(r->v, RASTER, 0, r->tiles, push,
                    VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged,
-                                  &r->splat_a, &r->splat_b, &r->splat_c, NULL, &r->rgb, &r->through));
+                                  &r->splat_a, &r->splat_b, &r->splat_c, NULL, &r->rgb));
 }
 
 static void vulkan_draw(struct vulkan_renderer *r, int depths)
@@ -306,8 +305,6 @@ OXL_INTERNAL oxl_result vulkan_forward(void *device, const oxl_model *model, con
     r->drawn_sh_degree = options->sh_degree < 0 || options->sh_degree > model->sh_degree ? model->sh_degree
                                                                                          : options->sh_degree;
     vulkan_take_view(r, model, camera, options, settings);
-    if (r->veil_trains)
-        vulkan_reserve(r->v, &r->through, (size_t)camera->width * (size_t)camera->height, 4, "pixels");
     vulkan_order_rows(r);
     vulkan_make_pair_room(r, steps);
     vulkan_order_pairs(r);

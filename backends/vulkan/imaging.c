@@ -2,7 +2,7 @@
  * lamp, the loss in front of points.
  *
  * What a view has none of costs nothing: it is in no variant of a pass that runs, and its passes do not run.
- * The gradients of lamp and medium are sums over pixels and rows in a written order, and lie behind the
+ * The gradient of the lamp is a sum over pixels in a written order, and lies behind the
  * loss' totals, where a deferred step's report finds them.
  */
 #include "resident.h"
@@ -18,8 +18,6 @@ OXL_INTERNAL void vulkan_take_settings(struct vulkan_renderer *r, const struct r
     const struct medium *m = s->medium;
     const uint64_t mixed = random_mix(s->dropout_seed);
     r->in_medium = m != NULL;
-    r->medium_trains = m && s->medium_trains;
-    r->veil_trains = r->medium_trains && m->on;
     r->drops = s->dropout > 0;
     r->may_be_lit = s->has_lamp;
     r->is_window = s->is_window;
@@ -35,11 +33,8 @@ OXL_INTERNAL void vulkan_take_settings(struct vulkan_renderer *r, const struct r
     memcpy(r->view.attenuation, m->attenuation, sizeof m->attenuation);
     memcpy(r->view.backscatter, m->backscatter, sizeof m->backscatter);
     memcpy(r->view.veiling_light, m->veiling_light, sizeof m->veiling_light);
-    r->view.falloff = m->has_falloff ? m->falloff : 0;
-    r->view.reference = m->has_falloff ? m->reference : 0;
-    r->view.least = LAMP_RANGE_MIN * r->view.reference;
     r->view.training_range = m->training_range;
-    if (m->on) memcpy(r->view.background, m->veiling_light, sizeof m->veiling_light);
+    memcpy(r->view.background, m->veiling_light, sizeof m->veiling_light);
 }
 
 /* ---------------- the lamp over the image */
@@ -92,49 +87,16 @@ OXL_INTERNAL void vulkan_draw_lamp(struct vulkan_renderer *r, const struct rende
     VULKAN_RUN(r->v, LAMP, 0, vulkan_groups(pixels), push, VULKAN_BUFFERS(&r->powers, &r->lamp));
 }
 
-/* ---------------- gradients of lamp and medium */
+/* ---------------- the gradient of the lamp */
 
 static size_t vulkan_pixel_groups(const struct vulkan_renderer *r)
 {
     return ((size_t)r->view.width * r->view.height + VULKAN_PIXELS_EACH - 1) / VULKAN_PIXELS_EACH;
 }
 
-static size_t vulkan_row_groups(const struct vulkan_renderer *r, size_t slab)
-{
-    return vulkan_groups(vulkan_slab_rows(r, slab, r->count));
-}
-
-static size_t vulkan_all_row_groups(const struct vulkan_renderer *r)
-{
-    size_t groups = 0;
-    for (size_t s = 0; s < r->slabs; s++) groups += vulkan_row_groups(r, s);
-    return groups;
-}
-
-static void vulkan_add_pixels(struct vulkan_renderer *r)
-{
-    uint32_t push[7];
-    vulkan_push_area(r, push);
-    push[6] = vulkan_bits(1 / r->window_fraction);
-    VULKAN_RUN(r->v, IMAGING_PIXELS, (uint32_t)r->lit + 2 * (uint32_t)r->veil_trains, vulkan_pixel_groups(r),
-               push, VULKAN_BUFFERS(&r->rgb, &r->drgb, &r->through, &r->pixel_sums));
-}
-
-static void vulkan_add_rows(struct vulkan_renderer *r)
-{
-    uint32_t push[7] = {0, 0, 0, 0, 0, 0, 0};
-    for (size_t s = 0; s < r->slabs; s++) {
-        vulkan_row_push(r, s, push);
-        VULKAN_RUN(r->v, IMAGING_ROWS, 0, vulkan_row_groups(r, s), push,
-                   VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->seen, &r->row_slots, &r->sums_b,
-                                  &r->sums_c, &r->row_sums));
-        push[6] += (uint32_t)vulkan_row_groups(r, s);
-    }
-}
-
 OXL_INTERNAL void vulkan_reserve_imaging(struct vulkan_renderer *r)
 {
-    const int lit = r->lit || r->may_be_lit, pixels = lit || r->veil_trains;
+    const int lit = r->lit || r->may_be_lit;
     if (r->in_medium) {
         vulkan_reserve(r->v, &r->depth_points, DEPTH_POINTS, 4 * sizeof(float), "points");
         vulkan_reserve(r->v, &r->depth_first, DEPTH_POINTS + 1, sizeof(uint32_t), "points");
@@ -143,54 +105,44 @@ OXL_INTERNAL void vulkan_reserve_imaging(struct vulkan_renderer *r)
     if (lit) {
         vulkan_reserve(r->v, &r->lamp, (size_t)r->view.width * r->view.height, sizeof(float), "pixels");
         vulkan_reserve(r->v, &r->powers, VULKAN_POWERS, sizeof(float), "numbers");
+        vulkan_reserve(r->v, &r->pixel_sums, vulkan_pixel_groups(r), VULKAN_POWERS * sizeof(float), "pixels");
         vulkan_prepare(r->v, PASS_LAMP, 0);
+        vulkan_prepare(r->v, PASS_IMAGING_PIXELS, 0);
+        vulkan_prepare(r->v, PASS_IMAGING_TOTAL, 0);
     }
-    if (pixels) {
-        vulkan_reserve(r->v, &r->pixel_sums, vulkan_pixel_groups(r), 18 * sizeof(float), "pixels");
-        vulkan_prepare(r->v, PASS_IMAGING_PIXELS, (uint32_t)lit + 2 * (uint32_t)r->veil_trains);
-    }
-    if (r->medium_trains) {
-        vulkan_reserve(r->v, &r->row_sums, vulkan_all_row_groups(r), 10 * sizeof(float), "Gaussians");
-        vulkan_prepare(r->v, PASS_IMAGING_ROWS, 0);
-    }
-    if (pixels || r->medium_trains) vulkan_prepare(r->v, PASS_IMAGING_TOTAL, 0);
 }
 
 /* After the backward pass of the pairs, before the step. */
 OXL_INTERNAL void vulkan_add_imaging(struct vulkan_renderer *r)
 {
-    const int pixels = r->lit || r->veil_trains;
-    if (!pixels && !r->medium_trains) return;
+    uint32_t push[7];
+    if (!r->lit) return;
     vulkan_reserve_imaging(r);
-    if (pixels) vulkan_add_pixels(r);
-    if (r->medium_trains) vulkan_add_rows(r);
-    VULKAN_RUN(r->v, IMAGING_TOTAL, 0, 1,
-               VULKAN_PUSH(pixels ? (uint32_t)vulkan_pixel_groups(r) : 0,
-                           r->medium_trains ? (uint32_t)vulkan_all_row_groups(r) : 0),
-               VULKAN_BUFFERS(&r->pixel_sums, &r->row_sums, &r->totals));
+    vulkan_push_area(r, push);
+    push[6] = vulkan_bits(1 / r->window_fraction);
+    VULKAN_RUN(r->v, IMAGING_PIXELS, 0, vulkan_pixel_groups(r), push,
+               VULKAN_BUFFERS(&r->rgb, &r->drgb, &r->pixel_sums));
+    VULKAN_RUN(r->v, IMAGING_TOTAL, 0, 1, VULKAN_PUSH((uint32_t)vulkan_pixel_groups(r)),
+               VULKAN_BUFFERS(&r->pixel_sums, &r->totals));
 }
 
 /* imaging: of struct vulkan_report. */
-OXL_INTERNAL void vulkan_imaging_of(const float imaging[VULKAN_IMAGING], double dlamp[LAMP_TERMS],
-                                    double dmedium[MEDIUM_SUMS])
+OXL_INTERNAL void vulkan_imaging_of(const float imaging[VULKAN_POWERS], double dlamp[LAMP_TERMS])
 {
     double power[VULKAN_POWERS];
     for (int k = 0; k < VULKAN_POWERS; k++) power[k] = (double)imaging[k];
     vulkan_terms_of(power, dlamp);
-    for (int k = 0; k < MEDIUM_SUMS; k++) dmedium[k] = (double)imaging[VULKAN_POWERS + 3 + k];
-    for (int c = 0; c < 3; c++) dmedium[MEDIUM_VEILING_LIGHT + c] += (double)imaging[VULKAN_POWERS + c];
 }
 
-OXL_INTERNAL oxl_result vulkan_imaging_gradient(void *device, double dlamp[LAMP_TERMS],
-                                                double dmedium[MEDIUM_SUMS])
+OXL_INTERNAL oxl_result vulkan_lamp_gradient(void *device, double dlamp[LAMP_TERMS])
 {
     struct vulkan_renderer *r = device;
-    float imaging[VULKAN_IMAGING];
+    float imaging[VULKAN_POWERS];
     vulkan_enter(r->v);
     vulkan_download(r->v, &r->totals,
                     offsetof(struct vulkan_report, imaging) - offsetof(struct vulkan_report, totals), imaging,
                     sizeof imaging);
-    if (r->v->rc == OXL_OK) vulkan_imaging_of(imaging, dlamp, dmedium);
+    if (r->v->rc == OXL_OK) vulkan_imaging_of(imaging, dlamp);
     return r->v->rc;
 }
 

@@ -288,7 +288,7 @@ static oxl_result vulkan_report(void *device, int wait, struct renderer_report *
     r->most_pairs = OXL_MAX(r->most_pairs, (size_t)here->counts[COUNT_PAIRS_FOUND]);
     *out = (struct renderer_report){1, here->counts[COUNT_HALT], vulkan_loss_of(here->totals, r->ssim_weight),
                                     vulkan_nonfinite_of(here->counts + COUNT_NONFINITE)};
-    vulkan_imaging_of(here->imaging, out->loss.dlamp, out->loss.dmedium);
+    vulkan_imaging_of(here->imaging, out->loss.dlamp);
     if (out->halt == HALT_NONE) return OXL_OK;
     r->reported = r->steps; /* those behind it did nothing */
     r->room = 0;            /* to be found anew */
@@ -335,7 +335,7 @@ OXL_INTERNAL const struct renderer_device *vulkan_functions(void)
                                                      .loss = vulkan_loss,
                                                      .backward = vulkan_backward,
                                                      .gradient = vulkan_gradient,
-                                                     .imaging_gradient = vulkan_imaging_gradient,
+                                                     .lamp_gradient = vulkan_lamp_gradient,
                                                      .score = vulkan_score,
                                                      .step = vulkan_step,
                                                      .defer = vulkan_defer,

@@ -59,7 +59,7 @@ OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out)
     vulkan_reserve(v, &r->counts, COUNTS, sizeof(uint32_t), "numbers");
     vulkan_reserve(v, &r->digits, VULKAN_DIGITS, sizeof(uint32_t), "numbers");
     vulkan_reserve(v, &r->rates, OXL_PLANES, sizeof(float), "numbers");
-    vulkan_reserve(v, &r->totals, OXL_COUNT(r->report->totals) + VULKAN_IMAGING, sizeof(float), "numbers");
+    vulkan_reserve(v, &r->totals, OXL_COUNT(r->report->totals) + VULKAN_POWERS, sizeof(float), "numbers");
     vulkan_create(v, &r->reports, VULKAN_REPORTS * sizeof *r->report, 1);
     if (v->rc == OXL_OK)
         vulkan_ok(v, v->MapMemory(v->device, r->reports.memory, 0, VK_WHOLE_SIZE, 0, &mapped), "reports");

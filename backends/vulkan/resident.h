@@ -14,8 +14,8 @@ struct vulkan_view {
     float rotation[9], translation[3], eye[3], fx, fy, cx, cy, limit_x, limit_y, near_plane, background[3],
         alpha_min, cut;
     uint32_t width, height, tiles_x, tiles_y, infinity, antialias;
-    float half_width, half_height, attenuation[3], backscatter[3], veiling_light[3], falloff, reference,
-        least, training_range, dropout_gain;
+    float half_width, half_height, attenuation[3], backscatter[3], veiling_light[3], training_range,
+        dropout_gain;
     uint32_t dropout_most, dropout_low, dropout_high, dropout_step, context_shift;
 };
 
@@ -40,14 +40,13 @@ enum vulkan_count {
     COUNTS
 };
 
-/* Sums of lamp and medium behind the loss' totals, as shaders/imaging_total.comp has them: the lamp's powers,
- * the veil behind the last splat, the medium's. */
-enum { VULKAN_POWERS = 15, VULKAN_IMAGING = VULKAN_POWERS + 3 + MEDIUM_SUMS };
+/* Sums of the lamp behind the loss' totals, as shaders/imaging_total.comp has them: by powers of y and x. */
+enum { VULKAN_POWERS = 15 };
 
 /* What a deferred step leaves for the host: the counts, then the loss' totals. */
 struct vulkan_report {
     uint32_t counts[COUNTS];
-    float totals[8], imaging[VULKAN_IMAGING];
+    float totals[8], imaging[VULKAN_POWERS];
 };
 
 enum { VULKAN_REPORTS = VULKAN_FRAMES };
@@ -95,12 +94,10 @@ struct vulkan_renderer {
     int exposed;                          /* 1: the loss is that of the rendered image times `gain` */
     int lit;                              /* 1: and times the lamp's */
     struct lamp_area lamp_area;
-    float window_fraction; /* of the full image's pixels */
-    /* of the last view: medium or falloff, whether its gradient is wanted, that of the veiling light too;
-     * dropout */
-    int in_medium, medium_trains, veil_trains, drops, is_window;
-    int may_be_lit; /* the loss may have a lamp */
-    int sort_end;   /* which of the pairs' key and value buffers holds the sorted ones */
+    float window_fraction;           /* of the full image's pixels */
+    int in_medium, drops, is_window; /* of the last view */
+    int may_be_lit;                  /* the loss may have a lamp */
+    int sort_end;                    /* which of the pairs' key and value buffers holds the sorted ones */
     /* from here on nothing but buffers: vulkan_renderer_free goes through them. By row */
     struct vulkan_buffer splat_a, splat_b, splat_c, lobe_a, lobe_b, seen, rank, row_key[2], row_value[2],
         row_pairs, row_slots, mean2d, statistics, score, moves;
@@ -108,9 +105,9 @@ struct vulkan_renderer {
     struct vulkan_buffer pair_key[2], pair_value[2], staged, sums_a, sums_b, sums_c, sums_d, sums_e;
     /* by tile or pixel */
     /* passing: an image that is not kept */
-    struct vulkan_buffer start, rgb, drgb, target, weight, slope[3], partial, passing, through, lamp;
+    struct vulkan_buffer start, rgb, drgb, target, weight, slope[3], partial, passing, lamp;
     /* shares of the sums over pixels and rows; of a view's lamp and points */
-    struct vulkan_buffer pixel_sums, row_sums, powers, depth_points, depth_first;
+    struct vulkan_buffer pixel_sums, powers, depth_points, depth_first;
     /* small, or of sorting and scanning */
     struct vulkan_buffer view_buffer, counts, rates, totals, histogram, digits, scan_sums, reports;
 };
@@ -169,9 +166,7 @@ OXL_INTERNAL void vulkan_reserve_imaging(struct vulkan_renderer *r);
 OXL_INTERNAL void vulkan_add_imaging(struct vulkan_renderer *r);
 OXL_INTERNAL void vulkan_add_depths(struct vulkan_renderer *r, const struct depth_point *point, int points,
                                     double weight);
-OXL_INTERNAL void vulkan_imaging_of(const float imaging[VULKAN_IMAGING], double dlamp[LAMP_TERMS],
-                                    double dmedium[MEDIUM_SUMS]);
-OXL_INTERNAL oxl_result vulkan_imaging_gradient(void *device, double dlamp[LAMP_TERMS],
-                                                double dmedium[MEDIUM_SUMS]);
+OXL_INTERNAL void vulkan_imaging_of(const float imaging[VULKAN_POWERS], double dlamp[LAMP_TERMS]);
+OXL_INTERNAL oxl_result vulkan_lamp_gradient(void *device, double dlamp[LAMP_TERMS]);
 
 #endif

@@ -102,7 +102,6 @@ enum vulkan_pass {
     PASS_MOVE,
     PASS_LAMP,
     PASS_IMAGING_PIXELS,
-    PASS_IMAGING_ROWS,
     PASS_IMAGING_TOTAL,
     PASS_DEPTH_LOSS,
     PASS_PEAK, /* of the benchmark alone */

@@ -26,7 +26,7 @@ OXL_INTERNAL oxl_result align_view(oxl_context *ctx, const struct drawn *d, int 
     if (!(rule.depth > 0)) rule.depth = oxl_scene_extent(d->scene);
     *out = *given;
     if (d->imaging->on) imaging_gain(d->imaging, view, gain);
-    renderer_set_medium(d->r, &d->imaging->medium, 0);
+    renderer_set_medium(d->r, &d->imaging->medium);
     renderer_set_lamp(d->r, imaging_lamp(d->imaging, d->scene, view));
     renderer_set_gain(d->r, d->imaging->on ? gain : NULL);
     renderer_set_pose(d->r, 1);

@@ -34,7 +34,7 @@ static oxl_result evaluate_draw_medium(oxl_context *ctx, const struct drawn *d, 
                                        oxl_image *out, float *depth)
 {
     const oxl_render_options options = evaluate_options(d);
-    renderer_set_medium(d->r, d->imaging ? &d->imaging->medium : NULL, 0);
+    renderer_set_medium(d->r, d->imaging ? &d->imaging->medium : NULL);
     return renderer_draw(ctx, d->r, d->model, camera, &options, out, depth);
 }
 

@@ -4,7 +4,7 @@
  *     # comment
  *     gain 1.0231 0.9877 1.0102 dive1/IMG 0001.JPG      red green blue, then the name to the end of the line
  *
- * Lines of the medium, lamps and poses begin with bD, bB, Binf, falloff, lamp and pose.
+ * Lines of the medium, lamps and poses begin with bD, bB, Binf, lamp and pose.
  */
 #include "formats.h"
 #include "../survey/imaging.h"
@@ -28,7 +28,6 @@ static void imaging_write_line(struct text *t, const char *word, const float *va
 
 static void imaging_write_medium(struct text *t, const struct medium *m)
 {
-    const float falloff[2] = {m->falloff, m->reference};
     if (m->on) {
         text_add(
             t,
@@ -36,10 +35,6 @@ static void imaging_write_medium(struct text *t, const struct medium *m)
         imaging_write_line(t, "bD", m->attenuation, 3, NULL);
         imaging_write_line(t, "bB", m->backscatter, 3, NULL);
         imaging_write_line(t, "Binf", m->veiling_light, 3, NULL);
-    }
-    if (m->has_falloff) {
-        text_add(t, "# falloff P R: J times (R / r)^P\n");
-        imaging_write_line(t, "falloff", falloff, 2, NULL);
     }
 }
 
@@ -125,16 +120,10 @@ static int imaging_read_medium(const char *at, const char *end, struct medium *m
 {
     static const char *const names[3] = {"bD", "bB", "Binf"};
     float *const values[3] = {m->attenuation, m->backscatter, m->veiling_light};
-    float falloff[2];
     for (int k = 0; k < 3; k++)
         if (imaging_skip_word(&at, end, names[k]))
             return m->on = imaging_read_numbers(at, end, 0, IMAGING_MEDIUM_MAX, values[k], 3);
-    if (!imaging_skip_word(&at, end, "falloff") ||
-        !imaging_read_numbers(at, end, 0, IMAGING_DISTANCE_MAX, falloff, 2))
-        return 0;
-    m->falloff = OXL_MIN(falloff[0], LAMP_FALLOFF_MAX);
-    m->reference = falloff[1];
-    return m->has_falloff = falloff[1] > 0;
+    return 0;
 }
 
 /* Returns 1 if the line states a lamp and is complete; skips the lamp of a view that
@@ -271,7 +260,7 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
                  !imaging_read_lamp(at, stop, scene, out) && !imaging_read_pose(at, stop, scene, out))
             rc = oxl_fail(
                 ctx, OXL_ERR_INPUT,
-                "%s:%d: not a complete line of gain, bD, bB, Binf, falloff, lamp, pose or #\nfix: write the file again by training",
+                "%s:%d: not a complete line of gain, bD, bB, Binf, lamp, pose or #\nfix: write the file again by training",
                 path, line);
         at = stop + 1;
     }

@@ -2,14 +2,12 @@
  *
  * Model: the rendered image times exp(s(x, y)), s a polynomial of degree 4 of zero mean over the image, one
  * for each physical camera
- * (imaging_camera, survey/imaging.c); and the Gaussians' colours times (r0 / r)^p (render/medium.h), p from 0
- * to 2, one for all cameras, r0 the median range of the survey's points. A survey's light that stands still
- * has s = 0 and p = 0, where both begin. p is trained where --medium is not `auto`, which counts falloff as
- * attenuation, and where the points' depths identify it.
+ * (imaging_camera, survey/imaging.c). A survey's light that stands still has s = 0, where it begins. Light also
+ * falls with distance: that looks like attenuation, and counts as such in the fit of a medium.
  *
  * s starts from the fit to the tracks (survey/photometry.c), which also shows whether it is needed; Adam
- * (Kingma & Ba 2015) from LAMP_FROM of the run on. Gauge: s has no constant term, and at r0 the falloff is 1;
- * so the lamp changes neither the brightness of the scene nor the mean gain.
+ * (Kingma & Ba 2015) from LAMP_FROM of the run on. Gauge: s has no constant term, so
+ * the lamp changes neither the brightness of the scene nor the mean gain.
  *
  * Rendering on a device, a step's lamp does not depend on the gradient of the step before, which is read
  * while the device works on the step; see exposure.c.
@@ -31,17 +29,11 @@ static oxl_result lamp_begin(struct train *t, void *state)
     const struct imaging *continued = t->continues ? &t->scene->imaging : NULL;
     if (t->options->lamp == OXL_OFF) return OXL_OK;
     l->frozen = t->task.frozen || t->task.context; /* a block sees a part of each image */
-    l->reference = scene_depth_quantile(t->scene, 0.5);
-    l->has_falloff = t->options->medium != OXL_AUTO && scene_depth_span(t->scene) >= SCENE_DEPTH_SPAN_MIN;
-    if (!(l->reference > 0)) l->reference = 1;
     l->groups = 1, l->group[0].view = -1;
     if (!continued) l->groups = imaging_set_lamps(t->scene, l->group);
     if (!continued || continued->lamps == 0) return OXL_OK;
     l->on = 1, l->groups = continued->lamps;
     memcpy(l->group, continued->lamp, sizeof l->group);
-    l->falloff = continued->medium.falloff;
-    l->has_falloff = continued->medium.has_falloff;
-    l->reference = continued->medium.reference > 0 ? (double)continued->medium.reference : l->reference;
     return OXL_OK;
 }
 
@@ -72,8 +64,6 @@ static void lamp_apply_pending(struct lamp_fit *l, int last)
         scalar_adam_step(&at, &l->mean[g][k], &l->square[g][k], p->shape[k], rate, l->visits[g]);
         l->group[g].shape[k] = (float)OXL_CLAMP(at, -LAMP_SHAPE_MAX, LAMP_SHAPE_MAX);
     }
-    scalar_adam_step(&l->falloff, &l->falloff_mean, &l->falloff_square, p->falloff, rate, l->steps);
-    l->falloff = OXL_CLAMP(l->falloff, 0, LAMP_FALLOFF_MAX);
 }
 
 static void lamp_archive(struct archive *a, struct train *t, void *state)
@@ -94,16 +84,10 @@ static void lamp_archive(struct archive *a, struct train *t, void *state)
             archive_expect(a, fabs(l->group[g].shape[k]) <= LAMP_SHAPE_MAX &&
                                   fabs(l->mean[g][k]) <= DBL_MAX && l->square[g][k] >= 0);
     }
-    archive_doubles(a, &l->falloff, 1);
-    archive_doubles(a, &l->falloff_mean, 1);
-    archive_doubles(a, &l->falloff_square, 1);
-    archive_expect(a, l->falloff >= 0 && l->falloff <= LAMP_FALLOFF_MAX && fabs(l->falloff_mean) <= DBL_MAX &&
-                          l->falloff_square >= 0);
     archive_int(a, &p->step);
     archive_int(a, &p->group);
     archive_doubles(a, &p->progress, 1);
     archive_doubles(a, p->shape, LAMP_TERMS);
-    archive_doubles(a, &p->falloff, 1);
     archive_expect(a, p->step >= 0 && p->group >= 0 && p->group < l->groups && p->progress >= 0);
 }
 
@@ -127,9 +111,6 @@ static void lamp_form_image(const void *state, struct imaging *m)
 {
     const struct lamp_fit *l = state;
     m->lamps = l->on ? l->groups : 0;
-    m->medium.has_falloff = l->on && l->has_falloff;
-    m->medium.falloff = m->medium.has_falloff ? (float)l->falloff : 0;
-    m->medium.reference = m->medium.has_falloff ? (float)l->reference : 0;
     if (l->on) memcpy(m->lamp, l->group, sizeof m->lamp);
 }
 
@@ -155,26 +136,15 @@ static void lamp_after_loss(struct train *t, void *state, const struct train_def
     const int group = l->on ? imaging_find_lamp(t->scene, l->group, l->groups, step->view) : -1;
     if (group < 0) return;
     lamp_apply_pending(l, INT_MAX);
-    l->pending = (struct lamp_gradient){.step = step->step,
-                                        .group = group,
-                                        .progress = (double)step->step / t->options->iterations,
-                                        .falloff = loss->dmedium[MEDIUM_FALLOFF]};
+    l->pending = (struct lamp_gradient){
+        .step = step->step, .group = group, .progress = (double)step->step / t->options->iterations};
     memcpy(l->pending.shape, loss->dlamp, sizeof l->pending.shape);
     if (!renderer_has_device(t->renderer)) lamp_apply_pending(l, INT_MAX);
 }
 
-static void lamp_describe(struct train *t, void *state)
-{
-    const struct medium *m = &t->scene->imaging.medium;
-    (void)state;
-    if (m->has_falloff)
-        oxl_log(t->ctx, OXL_LOG_INFO, "lamp on: light falls with range to the power of %.2f",
-                (double)m->falloff);
-}
-
 /* clang-format off */
 static const oxl_option lamp_options[] = {
-{"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit a light that moves with the camera: smooth gain over the image, falloff with distance; auto: if tracks show it", NULL},
+{"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit a light that moves with the camera: smooth gain over the image; auto: if tracks show it", NULL},
 {0}};
 /* clang-format on */
 
@@ -189,5 +159,4 @@ OXL_INTERNAL const struct part part_lamp = {.name = "lamp",
                                             .set_gain = lamp_before_step,
                                             .form_image = lamp_form_image,
                                             .before_render = lamp_before_render,
-                                            .after_loss = lamp_after_loss,
-                                            .describe = lamp_describe};
+                                            .after_loss = lamp_after_loss};

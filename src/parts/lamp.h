@@ -6,17 +6,15 @@
 
 struct lamp_gradient {
     int step, group; /* step 0: none; whose camera's */
-    double progress, shape[LAMP_TERMS], falloff;
+    double progress, shape[LAMP_TERMS];
 };
 
 struct lamp_fit {
-    /* has_falloff: falloff is trained; frozen: nothing is */
-    int on, has_falloff, frozen, steps, groups;
-    int visits[LAMP_MAX]; /* steps of a camera */
+    int on, frozen, steps, groups; /* frozen: it is not trained */
+    int visits[LAMP_MAX];          /* steps of a camera */
     /* the first: cameras that have none of their own */
     struct lamp group[LAMP_MAX];
     double mean[LAMP_MAX][LAMP_TERMS], square[LAMP_MAX][LAMP_TERMS]; /* Adam's moments */
-    double falloff, falloff_mean, falloff_square, reference;
     struct lamp_gradient pending; /* gradient of the last step, not yet applied */
     struct lamp drawn;            /* of the view that is rendered */
 };

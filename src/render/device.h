@@ -10,8 +10,7 @@
 /* Settings of a view beyond its camera: from the setters of renderer.c. */
 struct renderer_settings {
     const struct kernel_camera *camera; /* units and limits of the full image, where it is a window */
-    const struct medium *medium;        /* NULL: none, and no falloff */
-    int medium_trains;                  /* 1: backward computes the gradient of its parameters, too */
+    const struct medium *medium;        /* NULL: none */
     int has_lamp;                       /* 1: the loss may have one */
     int is_window;                      /* 1: the camera shows a part of the image */
     const oxl_model *context;           /* of renderer_set_context, without second lobes; or NULL */
@@ -50,7 +49,7 @@ struct renderer_device {
                            double weight);
     oxl_result (*gradient)(void *device, oxl_model *gradient);
     /* Of the last loss and backward; waits. */
-    oxl_result (*imaging_gradient)(void *device, double dlamp[LAMP_TERMS], double dmedium[MEDIUM_SUMS]);
+    oxl_result (*lamp_gradient)(void *device, double dlamp[LAMP_TERMS]);
     oxl_result (*score)(void *device, const float *drgb, float *score);
     oxl_result (*step)(void *device, struct trained_model *trained, const struct adam_params *adam,
                        struct renderer_nonfinite *out);

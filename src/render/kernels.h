@@ -101,7 +101,7 @@ struct lobe {
 #define SUM_RED 6 /* alpha T dL/dC, without d: colour, three channels */
 
 struct medium_pack { /* stored by the forward pass for the backward pass, by channel and row */
-    real range[PACK], log_near[PACK], through[3][PACK], rest[3][PACK], clear[3][PACK];
+    real range[PACK], through[3][PACK], rest[3][PACK], clear[3][PACK];
 };
 
 struct project_job {
@@ -111,11 +111,9 @@ struct project_job {
     struct splat *splat;             /* (count) written for visible rows */
     struct lobe *lobe;               /* (lobes) written for visible rows */
     uint16_t *visible;               /* (packs) a bit a row */
-    const struct medium *medium;     /* NULL: no medium, no falloff */
+    const struct medium *medium;     /* NULL: no medium */
     struct medium_pack *medium_pack; /* (packs) of the visible ones */
     /* backward only: */
-    /* (MEDIUM_SUMS) adds dL/d(bD, bB, Binf by channel, falloff); NULL: these are not wanted */
-    double *medium_sum;
     double *pose_sum;               /* (6) adds dL/d(pose of the camera), pose.h; NULL: it is not wanted */
     const real (*sums)[SPLAT_SUMS]; /* (slots, SPLAT_SUMS) */
     /* dL/d(parameter), overwritten for visible packs (0 in their invisible rows) */
@@ -193,14 +191,6 @@ OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *camera,
 OXL_INTERNAL oxl_camera render_far_camera(const oxl_camera *camera, const oxl_render_options *options);
 /* at least ALPHA_MIN */
 OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *kernel_camera, float alpha_min);
-#endif
-
-/* ---------------- medium.c: the veiling light behind the last Gaussian */
-
-#ifndef OXL_REFERENCE
-/* sum: adds the gradients of Binf. */
-OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmittance, int width, int height,
-                                       double sum[MEDIUM_SUMS]);
 #endif
 
 /* ---------------- depth_loss.c: in front of points of known depth */

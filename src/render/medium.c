@@ -1,7 +1,4 @@
-/* medium.c - attenuation and backscatter between the camera and the Gaussians (medium.h): what a whole model
- * looks like through them;
- * the light behind the last Gaussian.
- */
+/* medium.c - what a whole model looks like through the medium (medium.h), for viewers that know none. */
 #include "kernels.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
@@ -10,15 +7,6 @@
 #define MEDIUM_MIN 0.02
 #define MEDIUM_NEAR 1e-12 /* square of the range to a Gaussian in the camera, at least */
 #define MEDIUM_DARK 0.02  /* J at the start, at least */
-
-/* Factors of J: attenuation and, with a lamp, falloff. */
-static void medium_through(const struct medium *m, float range, float through[3])
-{
-    const float near = m->has_falloff ? OXL_MAX(range, LAMP_RANGE_MIN * m->reference) : 1;
-    const float log_near = m->has_falloff ? (float)(real_log2(0, m->reference / near) * LN_2) : 0;
-    for (int c = 0; c < 3; c++)
-        through[c] = real_exp(0, m->falloff * log_near - m->attenuation[c] * (range - m->training_range));
-}
 
 /* Gives the model what a viewer without imaging.txt is to show: the colours through the medium and, where
  * `imaging` has lamps, by these, or gains alone, by them, as the views see the centre; the mean of both terms
@@ -58,8 +46,10 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
             const float range = (float)sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
             const double weight = 1 / OXL_MAX(range * range, MEDIUM_NEAR); /* its size in the image */
             float through[3] = {1, 1, 1}, veil[3] = {0};
-            if (m->on) medium_through(m, range, through);
-            for (int c = 0; c < 3 && m->on; c++) veil[c] = 1 - real_exp(0, -m->backscatter[c] * range);
+            for (int c = 0; c < 3 && m->on; c++) {
+                through[c] = real_exp(0, -m->attenuation[c] * (range - m->training_range));
+                veil[c] = 1 - real_exp(0, -m->backscatter[c] * range);
+            }
             for (int k = 0; k <= seen; k++) {
                 const double light =
                     k && lamp[v] ? vecmath_exp(lamp_log_gain(lamp[v]->shape,
@@ -86,20 +76,6 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
             model->plane[OXL_SH + c][i] = (float)((colour - 0.5) / MODEL_SH0);
         }
     }
-}
-
-/* Computes dL/dBinf of the light behind the last splat: sum of T dL/dC, row by row. */
-OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmittance, int width, int height,
-                                       double sum[MEDIUM_SUMS])
-{
-    const size_t plane = (size_t)width * (size_t)height;
-    for (int c = 0; c < 3; c++)
-        for (int y = 0; y < height; y++) {
-            double row = 0;
-            for (size_t i = (size_t)y * (size_t)width; i < (size_t)(y + 1) * (size_t)width; i++)
-                row += (double)transmittance[i] * drgb[(size_t)c * plane + i];
-            sum[MEDIUM_VEILING_LIGHT + c] += row;
-        }
 }
 
 OXL_INTERNAL void medium_make_standard(oxl_scene *scene, int with_gains, oxl_model *model)

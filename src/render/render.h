@@ -50,20 +50,12 @@ OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r,
                                            const struct training_image *image,
                                            const struct image_window *window, int halved);
 
-enum {                         /* gradients of a medium: where they are in an array of MEDIUM_SUMS */
-       MEDIUM_ATTENUATION = 0, /* three channels each */
-       MEDIUM_BACKSCATTER = 3,
-       MEDIUM_VEILING_LIGHT = 6,
-       MEDIUM_FALLOFF = 9,
-       MEDIUM_SUMS = 10
-};
 /* Loss of the rendered image against rgb (3,H,W) with weight (H,W) or NULL, or, with rgb NULL, against the
  * image of renderer_set_image; keeps its gradient for renderer_backward. */
 struct renderer_loss {
     double total, l1, ssim, mse;
-    double dlog_gain[3];         /* dL/d(log gain), with renderer_set_gain */
-    double dlamp[LAMP_TERMS];    /* dL/d(shape), with renderer_set_lamp; here after the step */
-    double dmedium[MEDIUM_SUMS]; /* of a medium that trains, likewise */
+    double dlog_gain[3];      /* dL/d(log gain), with renderer_set_gain */
+    double dlamp[LAMP_TERMS]; /* dL/d(shape), with renderer_set_lamp; here after the step */
 };
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb,
                                       const float *weight, float ssim_weight, struct renderer_loss *out);
@@ -220,17 +212,14 @@ OXL_INTERNAL const double *renderer_pose_gradient(const struct renderer *r);
 
 /* ---------------- medium.c, exposure.c: medium and lamp */
 
-/* From the next forward on. trains: the gradient of its parameters is computed, too. */
-OXL_INTERNAL void renderer_set_medium(struct renderer *r, const struct medium *medium, int trains);
-/* (MEDIUM_SUMS) gradient of the last backward, complete after the step: attenuation, backscatter, veiling
- * light, falloff. */
-OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r);
+OXL_INTERNAL void renderer_set_medium(struct renderer *r,
+                                      const struct medium *medium); /* from the next forward on */
 /* From the next loss on, the rendered image is also multiplied by the lamp's gain at each pixel; NULL: no
  * lamp. Borrowed. */
 OXL_INTERNAL void renderer_set_lamp(struct renderer *r, const struct lamp *lamp);
 /* (14) dL/d(shape) of the last loss, complete after the step. */
 OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
-/* Fills the gradients by lamp and medium, which are known after the step. */
+/* Fills the gradient by the lamp, which is known after the step. */
 OXL_INTERNAL void renderer_complete_loss(const struct renderer *r, struct renderer_loss *loss);
 /* Bakes medium and lamp into the colours, as the views see them, for viewers that ignore imaging.txt;
  * backwards: recovers the colours behind medium and lamp, if there is either. */

@@ -57,8 +57,8 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     loss_free(ctx, &r->loss);
     oxl_model_free(ctx, &r->part);
     OXL_FREE(ctx, r->splat, r->lobe, r->visible, r->dmean2d, r->rgb, r->drgb, r->transmittance, r->target,
-             r->exposed, r->lamp_map, r->medium_pack, r->medium_sum, r->pose_sum, r->weight, r->sums,
-             r->score, r->tile_range, r);
+             r->exposed, r->lamp_map, r->medium_pack, r->pose_sum, r->weight, r->sums, r->score,
+             r->tile_range, r);
 }
 
 /* ---------------- into the kernels' terms */
@@ -154,7 +154,7 @@ OXL_INTERNAL int64_t render_tasks(const struct renderer *r)
 
 static int render_has_medium(const struct renderer *r)
 {
-    return r->medium.on || r->medium.has_falloff;
+    return r->medium.on;
 }
 
 OXL_INTERNAL struct project_job render_project_job(struct renderer *r, int64_t task)
@@ -252,15 +252,12 @@ static void render_measure_depths(oxl_context *ctx, struct renderer *r, const ox
 
 static oxl_result render_begin_medium(oxl_context *ctx, struct renderer *r)
 {
-    const size_t tasks = (size_t)render_tasks(r);
-    oxl_result rc = oxl_reserve(ctx, &r->medium_pack, &r->medium_pack_capacity, r->bins.packs + 1,
-                                sizeof *r->medium_pack);
-    if (rc == OXL_OK)
-        rc = oxl_reserve(ctx, &r->medium_sum, &r->medium_sum_capacity, tasks + 1, sizeof *r->medium_sum);
+    const oxl_result rc = oxl_reserve(ctx, &r->medium_pack, &r->medium_pack_capacity, r->bins.packs + 1,
+                                      sizeof *r->medium_pack);
     if (rc != OXL_OK) return rc;
     r->context_medium = r->medium;
     r->context_medium.training_range = 0;
-    if (r->medium.on) memcpy(r->background, r->medium.veiling_light, sizeof r->background);
+    memcpy(r->background, r->medium.veiling_light, sizeof r->background);
     return OXL_OK;
 }
 
@@ -269,9 +266,6 @@ OXL_INTERNAL void render_add_task_sums(struct renderer *r)
     memset(r->dpose, 0, sizeof r->dpose);
     for (int64_t task = 0; r->has_pose && task < render_tasks(r); task++)
         for (int k = 0; k < POSE_SUMS; k++) r->dpose[k] += r->pose_sum[task][k];
-    if (!render_has_medium(r) || !r->medium_trains) return;
-    for (int64_t task = 0; task < render_tasks(r); task++)
-        for (int k = 0; k < MEDIUM_SUMS; k++) r->dmedium[k] += r->medium_sum[task][k];
 }
 
 OXL_INTERNAL void renderer_use_cpu(struct renderer *r)
@@ -291,15 +285,9 @@ OXL_INTERNAL int renderer_has_device(const struct renderer *r)
     return r->device != NULL;
 }
 
-OXL_INTERNAL void renderer_set_medium(struct renderer *r, const struct medium *medium, int trains)
+OXL_INTERNAL void renderer_set_medium(struct renderer *r, const struct medium *medium)
 {
     r->medium = medium ? *medium : (struct medium){0};
-    r->medium_trains = trains;
-}
-
-OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r)
-{
-    return r->dmedium;
 }
 
 static struct raster_job render_raster_job(struct renderer *r, int tile, const float *drgb)
@@ -396,10 +384,9 @@ static oxl_result render_forward_on_device(oxl_context *ctx, struct renderer *r,
 {
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
     const struct renderer_settings settings = {&r->kernel_camera, render_has_medium(r) ? &r->medium : NULL,
-                                               r->medium_trains,  r->lamp != NULL,
-                                               r->full[0] > 0,    r->context,
-                                               r->dropout,        r->dropout_seed,
-                                               r->dropout_step};
+                                               r->lamp != NULL,   r->full[0] > 0,
+                                               r->context,        r->dropout,
+                                               r->dropout_seed,   r->dropout_step};
     const oxl_result rc = oxl_reserve(ctx, &r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
     if (rc != OXL_OK) return rc;
     r->kernel_camera = render_kernel_camera(camera, options->near_plane);

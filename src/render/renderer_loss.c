@@ -64,7 +64,6 @@ OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r)
 OXL_INTERNAL void renderer_complete_loss(const struct renderer *r, struct renderer_loss *loss)
 {
     memcpy(loss->dlamp, r->dlamp, sizeof loss->dlamp);
-    memcpy(loss->dmedium, renderer_medium_gradient(r), sizeof loss->dmedium);
 }
 
 OXL_INTERNAL void renderer_set_pose(struct renderer *r, int wanted)
@@ -171,10 +170,6 @@ OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct rendere
     job.first_pack = first_pack, job.end_pack = end_pack;
     job.out = *out;
     job.out_row = out_row;
-    if (job.medium && r->medium_trains) {
-        job.medium_sum = r->medium_sum[task];
-        if (first_pack % RENDER_TASK == 0) memset(job.medium_sum, 0, sizeof r->medium_sum[task]);
-    }
     if (r->has_pose) {
         job.pose_sum = r->pose_sum[task];
         if (first_pack % RENDER_TASK == 0) memset(job.pose_sum, 0, sizeof r->pose_sum[task]);
@@ -209,10 +204,6 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     render_each_tile(ctx, r, drgb ? drgb : r->drgb, raster_backward);
     depth_loss_backward(&r->bins, r->depth_point, r->depth_points, r->depth_weight, r->sums);
     r->depth_points = 0;
-    memset(r->dmedium, 0, sizeof r->dmedium);
-    if (r->medium.on && r->medium_trains)
-        medium_backward_veil(drgb ? drgb : r->drgb, r->transmittance, r->kernel_camera.width,
-                             r->kernel_camera.height, r->dmedium);
     r->unprojected = !gradient;
     if (!gradient) return OXL_OK;
     out = render_gaussians(gradient, r->in.sh_degree);
@@ -229,8 +220,8 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
 OXL_INTERNAL oxl_result render_read_imaging_gradient(oxl_context *ctx, struct renderer *r)
 {
     (void)ctx;
-    if (!r->device || r->deferred || !(r->lamp || r->medium_trains)) return OXL_OK;
-    return r->backend->imaging_gradient(r->device, r->dlamp, r->dmedium);
+    if (!r->device || r->deferred || !r->lamp) return OXL_OK;
+    return r->backend->lamp_gradient(r->device, r->dlamp);
 }
 
 OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, oxl_model *gradient)

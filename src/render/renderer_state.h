@@ -38,14 +38,11 @@ struct renderer {
     float *depth;                         /* (H,W) the caller's, while its depths are rendered; else NULL */
     float parallel;                       /* of the options */
     struct medium medium, context_medium; /* the context's: its colours have no training range */
-    int medium_trains;                    /* 1: the backward pass computes dmedium, too */
     struct medium_pack *medium_pack;      /* (packs) with a medium */
-    double (*medium_sum)[MEDIUM_SUMS];    /* (tasks) with one that trains */
-    double dmedium[MEDIUM_SUMS];
-    int has_pose;                  /* 1: the backward pass computes dpose, too */
-    double (*pose_sum)[POSE_SUMS]; /* (tasks) */
+    int has_pose;                         /* 1: the backward pass computes dpose, too */
+    double (*pose_sum)[POSE_SUMS];        /* (tasks) */
     double dpose[POSE_SUMS];
-    size_t medium_pack_capacity, medium_sum_capacity, pose_sum_capacity;
+    size_t medium_pack_capacity, pose_sum_capacity;
     double dropout; /* of renderer_set_dropout */
     uint64_t dropout_seed;
     int dropout_step;

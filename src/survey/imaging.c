@@ -375,5 +375,5 @@ OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *sc
 
 OXL_INTERNAL int imaging_alters_colours(const struct imaging *m)
 {
-    return m->medium.on || m->medium.has_falloff;
+    return m->medium.on;
 }

@@ -5,18 +5,13 @@
 #include "../core/core.h"
 
 #define EXPOSURE_MIN 0.05 /* Bounds gains from below; its inverse bounds them from above. */
-/* Describes a medium: c' = J (reference / r)^falloff exp(-attenuation r) + veiling_light (1 -
- * exp(-backscatter r)), with r the range; the falloff takes r as at least LAMP_RANGE_MIN x reference.
+/* Describes a medium: c' = J exp(-attenuation r) + veiling_light (1 - exp(-backscatter r)), with r the range;
  * imaging.txt and the evidence name attenuation bD, backscatter bB and veiling light Binf. */
-#define LAMP_RANGE_MIN 0.125f
-#define LAMP_FALLOFF_MAX 2
 #define LAMP_SHAPE_MAX 4 /* Bounds a lamp's coefficients (log units). */
 struct medium {
-    int on;          /* 0: there is no medium */
-    int has_falloff; /* 0: there is no falloff */
+    int on; /* 0: there is no medium */
     /* per unit of the scene; per unit; 0..1; all 0 without a medium */
     float attenuation[3], backscatter[3], veiling_light[3];
-    float falloff, reference; /* 0..2, units of the scene */
     /* range through which training has J; 0 outside of training */
     float training_range;
 };

@@ -22,7 +22,6 @@ struct part_view {
     double progress;        /* fraction of the run */
     oxl_camera camera;      /* at the step's window and resolution */
     struct imaging imaging; /* lamp and medium in front of the scene, from the hooks form_image */
-    int imaging_learns;     /* 1: gradients of the medium's parameters are wanted */
     struct train_deferred *step;
 };
 

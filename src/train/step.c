@@ -129,10 +129,9 @@ static oxl_result step_forward_loss(struct train *t, struct part_view *v, struct
     oxl_result rc;
     v->camera = step_camera(t, v->view);
     v->imaging = v->step->imaging;
-    v->imaging_learns = v->learns;
     rc = parts_before_render(t, v);
     if (rc != OXL_OK) return rc;
-    renderer_set_medium(t->renderer, &v->imaging.medium, v->imaging_learns);
+    renderer_set_medium(t->renderer, &v->imaging.medium);
     rc = renderer_forward(t->ctx, t->renderer, &t->trained.model, &v->camera, &t->render);
     renderer_set_gain(t->renderer, v->step->has_gain ? v->step->gain : NULL);
     if (rc == OXL_OK) rc = parts_after_render(t, v);

@@ -80,10 +80,10 @@ OXL_INTERNAL void train_imaging_describe(struct train *t)
     const struct imaging *m = &t->scene->imaging;
     const double span = scene_depth_span(t->scene);
     parts_describe(t);
-    if ((m->medium.on || m->medium.has_falloff) && span < SCENE_DEPTH_SPAN_MIN)
+    if (m->medium.on && span < SCENE_DEPTH_SPAN_MIN)
         oxl_log(
             t->ctx, OXL_LOG_INFO,
-            "the points' depths, without the nearest and the farthest tenth, span a factor of %.1f: medium and falloff are not identified, "
+            "the points' depths, without the nearest and the farthest tenth, span a factor of %.1f: the medium is not identified, "
             "and scene_clear.ply is not measured colour",
             span);
 }

@@ -1,6 +1,6 @@
 /* medium.glsl - what lies between the camera and a Gaussian: the counterpart of src/render/medium.h. Needs geometry.glsl. */
 struct Medium {
-    float range, log_near;
+    float range;
     vec3  way, through, rest; /* way: from the eye to the centre */
 };
 
@@ -15,8 +15,7 @@ Medium medium_of(uint i, float training_range)
     Medium m;
     m.way      = vec3(at(MEAN, i), at(MEAN + 1u, i), at(MEAN + 2u, i)) - vec3(view.eye[0], view.eye[1], view.eye[2]);
     m.range    = sqrt(dot(m.way, m.way));
-    m.log_near = view.reference > 0.0 ? own_log2(view.reference / max(m.range, view.least)) * LN_2 : 0.0;
-    m.through  = exp_of(vec3(view.falloff * m.log_near) - view_attenuation() * (m.range - training_range));
+    m.through  = exp_of(-view_attenuation() * (m.range - training_range));
     m.rest     = exp_of(-view_backscatter() * m.range);
     return m;
 }
@@ -29,7 +28,6 @@ vec3 medium_backward(Medium m, vec3 clear, vec3 light, out vec3 dmean)
     float inverse = m.range > 0.0 ? 1.0 / m.range : 0.0;
     vec3  direct  = light * clear * m.through;
     float dr      = dot(light * view_veil() * view_backscatter(), m.rest) - dot(view_attenuation(), direct);
-    float fall    = m.range > view.least ? view.falloff * inverse * (direct.x + direct.y + direct.z) : 0.0;
-    dmean         = (dr - fall) * inverse * m.way;
+    dmean         = dr * inverse * m.way;
     return light * m.through;
 }

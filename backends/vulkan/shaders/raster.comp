@@ -1,11 +1,10 @@
 /* raster.comp - splats to pixels, front to back; or the depth of each pixel, in two turns (raster_depth in src/render/raster.c): the first finds
- * the layer of most weight, the second the mean of what is in it. VARIANT 1: also what is left behind the last splat. */
+ * the layer of most weight, the second the mean of what is in it. */
 #version 450
 #include "common.glsl"
 #include "view.glsl"
 #include "raster.glsl"
 layout(std430, binding = 8) writeonly buffer Rgb { float rgb[]; }; /* (3,H,W) */
-layout(std430, binding = 9) writeonly buffer Through { float through[]; }; /* (H,W) transmittance, VARIANT 1 */
 
 const float LAYER = 0.04, WEIGHT_MIN = 1.0 / 3.0, OPAQUE_MIN = 0.5;
 
@@ -74,5 +73,4 @@ void main()
     if (push.depths != 0u) rgb[to] = layer_depth(layer, abs(t));
     for (uint ch = 0u; ch < 3u && push.depths == 0u; ch++)
         rgb[ch * plane + to] = light[ch] + abs(t) * view.background[ch];
-    if (VARIANT == 1u) through[to] = abs(t);
 }

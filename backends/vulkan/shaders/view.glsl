@@ -9,8 +9,8 @@ layout(std430, set = 0, binding = 0) readonly buffer View
     uint  infinity; /* its bits: see common.glsl */
     uint  antialias;
     float half_width, half_height; /* of the full image, where this is a window of it */
-    /* a medium, read by variants that have one: src/render/medium.h; reference 0: no falloff */
-    float attenuation[3], backscatter[3], veiling_light[3], falloff, reference, least, training_range;
+    /* a medium, read by variants that have one: src/render/medium.h */
+    float attenuation[3], backscatter[3], veiling_light[3], training_range;
     /* dropout, read by variants that have it: what is added to log2 of the opacity; rows whose random number is below are left out */
     float dropout_gain;
     uint  dropout_most, dropout_low, dropout_high, dropout_step;
