@@ -43,34 +43,33 @@
 #include "src/model/model.c" /* planes of Gaussians: create, grow, initialise from points */
 
 /* readers and writers of files */
-#include "src/formats/colmap.h"           /* shared by the COLMAP readers */
-#include "src/formats/colmap_fields.c"    /* fields of COLMAP's files, text or binary */
-#include "src/formats/colmap.c"           /* COLMAP models, and where an image saw its points */
-#include "src/formats/json.c"             /* JSON reader */
-#include "src/formats/json_survey.c"      /* surveys in JSON, converted to COLMAP rows */
-#include "src/formats/ply.c"              /* PLY reader */
-#include "src/formats/ply_points.c"       /* points of a PLY file */
-#include "src/formats/nerfstudio_names.c" /* its images: names, sizes, which are held out */
-#include "src/formats/nerfstudio.c"       /* transforms.json */
-#include "src/formats/opensfm.c"          /* reconstruction.json */
-#include "src/formats/survey_find.c"      /* the formats of surveys, a row each; which sub-model */
-#include "src/formats/survey_files.c"     /* paths of a survey's files */
-#include "src/formats/ideal_camera.c"     /* the pinhole camera of undistorted images */
-#include "src/formats/survey_alpha.c"     /* transparent pixels: composited or masked */
-#include "src/formats/scene_views.c"      /* views of a survey */
-#include "src/formats/resect.c"           /* poses from the points that images saw */
-#include "src/formats/scene_build.c"      /* a scene from the rows of files: origin, points, masks */
-#include "src/formats/survey_load.c"      /* a scene from a survey's folder */
-#include "src/formats/imaging_file.c"     /* imaging.txt beside a model */
-#include "src/formats/model_text.c"       /* comments and values that the formats of models share */
-#include "src/formats/spz.c"              /* models as SPZ */
-#include "src/formats/gltf.c"             /* models as binary glTF */
-#include "src/formats/splat_file.c"       /* models as .splat */
-#include "src/formats/model_columns.h"    /* the columns of the standard PLY */
-#include "src/formats/model_file.c"       /* models from PLY */
-#include "src/formats/model_write.c"      /* models as PLY */
-#include "src/formats/image_write.c"      /* writes PNG and JPEG, in memory by codec */
-#include "src/formats/model_formats.c"    /* the formats of models, a row each */
+#include "src/formats/colmap.h"        /* shared by the COLMAP readers */
+#include "src/formats/colmap_fields.c" /* fields of COLMAP's files, text or binary */
+#include "src/formats/colmap.c"        /* COLMAP models, and where an image saw its points */
+#include "src/formats/json.c"          /* JSON reader */
+#include "src/formats/json_survey.c"   /* surveys in JSON, converted to COLMAP rows */
+#include "src/formats/ply.c"           /* PLY reader */
+#include "src/formats/ply_points.c"    /* points of a PLY file */
+#include "src/formats/nerfstudio.c"    /* transforms.json */
+#include "src/formats/opensfm.c"       /* reconstruction.json */
+#include "src/formats/survey_find.c"   /* the formats of surveys, a row each; which sub-model */
+#include "src/formats/survey_files.c"  /* paths of a survey's files */
+#include "src/formats/ideal_camera.c"  /* the pinhole camera of undistorted images */
+#include "src/formats/survey_alpha.c"  /* transparent pixels: composited or masked */
+#include "src/formats/scene_views.c"   /* views of a survey */
+#include "src/formats/resect.c"        /* poses from the points that images saw */
+#include "src/formats/scene_build.c"   /* a scene from the rows of files: origin, points, masks */
+#include "src/formats/survey_load.c"   /* a scene from a survey's folder */
+#include "src/formats/imaging_file.c"  /* imaging.txt beside a model */
+#include "src/formats/model_text.c"    /* comments and values that the formats of models share */
+#include "src/formats/spz.c"           /* models as SPZ */
+#include "src/formats/gltf.c"          /* models as binary glTF */
+#include "src/formats/splat_file.c"    /* models as .splat */
+#include "src/formats/model_columns.h" /* the columns of the standard PLY */
+#include "src/formats/model_file.c"    /* models from PLY */
+#include "src/formats/model_write.c"   /* models as PLY */
+#include "src/formats/image_write.c"   /* writes PNG and JPEG, in memory by codec */
+#include "src/formats/model_formats.c" /* the formats of models, a row each */
 
 /* forward and backward pass of one image */
 #include "src/render/real.h"    /* the number type of the kernels and its arithmetic */

@@ -3,21 +3,21 @@
  *
  * Source: "Output Format" in COLMAP's documentation, src/colmap/scene/reconstruction_io_binary.cc (3.x to
  * 4.1), and variants of other programs: CR LF, tabs, a missing line of 2D points, decimal commas, -nan(ind).
- * Both formats have the same fields in the same order. Binary files are little endian, nothing is aligned, and
- * begin with the number of their rows (u64):
+ * Both formats have the same fields in the same order. Binary files are little endian, nothing is aligned,
+ * and begin with the number of their rows (u64):
  *
  *     cameras    u32 id  i32 model  u64 width  u64 height  f64 parameters[of the model]
  *     images     u32 id  f64 qw qx qy qz tx ty tz  u32 camera  name, zero  u64 n, then
  *                n x (f64 x y, u64 point)
  *     points3D   u64 id  f64 x y z  u8 r g b  f64 error  u64 n, then n x (u32 image, u32 observation)
  *
- * In text, a name is the rest of the line, and an image's 2D points are a line of their own, that may be empty;
- * some programs leave it out. rigs.bin and frames.bin of COLMAP 3.12 and later are not read: images.bin has
- * each image's own pose. Recoverable deviations are read with a warning.
+ * In text, a name is the rest of the line, and an image's 2D points are a line of their own, which may be
+ * empty; some programs leave it out. rigs.bin and frames.bin of COLMAP 3.12 and later are not read:
+ * images.bin has each image's own pose. Recoverable deviations are read with a warning.
  *
- * Invariants of colmap_read's result: rows are sorted by their ids, since COLMAP writes them in the order of its
- * hash tables; ids are unique; each image's camera and each track's image exist; all numbers are finite (an
- * unknown reprojection error is -1, as in COLMAP); no image name points outside the image folder.
+ * Invariants of colmap_read's result: rows are sorted by their ids, since COLMAP writes them in the order of
+ * its hash tables; ids are unique; each image's camera and each track's image exist; all numbers are finite
+ * (an unknown reprojection error is -1, as in COLMAP); no image name points outside the image folder.
  * Not guaranteed: that points named by observations, and observations named by tracks, exist.
  */
 #include "colmap.h"

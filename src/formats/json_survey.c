@@ -1,32 +1,16 @@
-/* json_survey.c - adds rows for the readers of surveys in JSON: nerfstudio's transforms.json and OpenSfM's
- * reconstruction.json, read into the struct of COLMAP's files.
+/* json_survey.c - reads surveys in JSON, nerfstudio's transforms.json and OpenSfM's reconstruction.json, into
+ * the struct of COLMAP's files.
  *
  * Invariant: as in colmap.c: finite numbers, rotations, names inside the image folder, each image's camera
  * exists. There are no 2D points and no tracks, so such a survey is one block.
  */
+#include "formats.h"
 #include "json_survey.h"
 
-OXL_INTERNAL oxl_result json_survey_fail(struct colmap_reader *r, const char *what, const char *seen,
-                                         const char *wanted)
+OXL_INTERNAL void json_survey_fail(struct colmap_reader *r, const char *what, const char *seen,
+                                   const char *wanted)
 {
-    return colmap_fail(r, "export the survey again", "found %s for %s, expected %s", seen, what, wanted);
-}
-
-OXL_INTERNAL oxl_result json_survey_open(struct colmap_reader *r, const char *path, struct os_file_map *map)
-{
-    const char *fault;
-    snprintf(r->path, sizeof r->path, "%s", path);
-    r->rc = os_read_file(r->ctx, path, map);
-    if (r->rc == OXL_OK) r->rc = os_refuse_gzip(r->ctx, path, map->data, map->size);
-    if (r->rc != OXL_OK) return r->rc;
-    /* Blanks the byte order mark, which programs of Windows write. */
-    if (map->size >= 3 && !memcmp(map->data, "\xef\xbb\xbf", 3)) memset((char *)map->data, ' ', 3);
-    fault = memchr(map->data, 0, map->size) ? map->data + strlen(map->data) : oxl_json_error(map->data);
-    if (!fault) return OXL_OK;
-    return r->rc = oxl_fail(
-               r->ctx, OXL_ERR_INPUT,
-               "%s: byte %zu: the JSON text ends too early, or something follows it\nfix: export the survey again",
-               path, (size_t)(fault - map->data));
+    colmap_fail(r, "export the survey again", "found %s for %s, expected %s", seen, what, wanted);
 }
 
 OXL_INTERNAL int json_survey_numbers(const char *array, int count, double *out)
@@ -41,71 +25,160 @@ OXL_INTERNAL int json_survey_numbers(const char *array, int count, double *out)
     return 1;
 }
 
-OXL_INTERNAL oxl_result json_survey_add_camera(struct colmap_reader *r, const struct colmap_camera *camera)
+/* ---------------- strings of the text */
+
+static int json_names_compare(const void *a, const void *b)
 {
-    struct colmap *out = r->out;
-    const struct camera_model *m = camera_model_at(camera->model);
-    oxl_result rc =
-        oxl_reserve(r->ctx, &out->camera, &r->camera_capacity, out->camera_count + 1, sizeof *camera);
-    if (rc != OXL_OK) return rc;
-    if (camera->width < 1 || camera->height < 1)
-        return json_survey_fail(r, "width and height", "none", "1 px or more of each");
-    for (int i = 0; i < m->parameter_count; i++)
-        if (!(fabs(camera->parameter[i]) <= DBL_MAX) || (i < m->focal_count && !(camera->parameter[i] > 0)))
-            return json_survey_fail(
-                r, "the camera", "a parameter that is missing or not finite, or a focal length of 0 or less",
-                "focal lengths and distortion as numbers");
-    out->camera[out->camera_count] = *camera;
-    out->camera[out->camera_count].id = (int64_t)out->camera_count;
-    out->camera[out->camera_count].line = r->line;
-    out->camera[out->camera_count].file = out->images_file;
-    out->camera[out->camera_count].parameter_count = m->parameter_count;
-    out->camera_count++;
-    return OXL_OK;
+    const struct json_name *s = a, *t = b;
+    if (s->length != t->length) return s->length < t->length ? -1 : 1;
+    return memcmp(s->text, t->text, s->length);
 }
 
-OXL_INTERNAL oxl_result json_survey_add_image(struct colmap_reader *r, const char *name, const char *end,
-                                              int64_t camera, const double rotation[4],
-                                              const double translation[3])
+static int json_names_order(const void *a, const void *b)
+{
+    const struct json_name *s = a, *t = b;
+    const int order = json_names_compare(a, b);
+    return order ? order : (s->value > t->value) - (s->value < t->value);
+}
+
+/* Finds the string of a value, without a leading "./"; the length is 0 if it is none. */
+static struct json_name json_name_of(const char *text, int64_t value)
+{
+    struct json_name name = {text, text && *text == '"' ? (size_t)(oxl_json_end(text) - text) : 0, value};
+    if (name.length > 2 && !strncmp(text, "\"./", 3)) name.text += 2, name.length -= 2;
+    if (name.length) name.text++, name.length--;
+    return name;
+}
+
+OXL_INTERNAL void json_names_add(struct colmap_reader *r, struct json_names *names, const char *text,
+                                 int64_t value)
+{
+    const struct json_name name = json_name_of(text, value);
+    if (r->rc != OXL_OK || !name.length) return;
+    r->rc = oxl_reserve(r->ctx, &names->name, &names->capacity, names->count + 1, sizeof name);
+    if (r->rc == OXL_OK) names->name[names->count++] = name;
+}
+
+OXL_INTERNAL void json_names_sort(struct json_names *names)
+{
+    if (names->count) qsort(names->name, names->count, sizeof *names->name, json_names_order);
+}
+
+OXL_INTERNAL int64_t json_names_find(const struct json_names *names, const char *text)
+{
+    const struct json_name wanted = json_name_of(text, 0);
+    const struct json_name *found =
+        wanted.length && names->count
+            ? bsearch(&wanted, names->name, names->count, sizeof wanted, json_names_compare)
+            : NULL;
+    while (found && found > names->name && !json_names_compare(found - 1, found)) found--;
+    return found ? found->value : -1;
+}
+
+/* ---------------- rows */
+
+OXL_INTERNAL void json_survey_add_camera(struct colmap_reader *r, const struct colmap_camera *camera)
+{
+    struct colmap *out = r->out;
+    struct colmap_camera c = *camera;
+    const struct camera_model *m = camera_model_at(c.model);
+    if (r->rc != OXL_OK) return;
+    if (c.width < 1 || c.height < 1) json_survey_fail(r, "width and height", "none", "1 px or more of each");
+    for (int i = 0; i < m->parameter_count; i++)
+        if (!(fabs(c.parameter[i]) <= DBL_MAX) || (i < m->focal_count && !(c.parameter[i] > 0)))
+            json_survey_fail(r, "the camera",
+                             "a parameter that is missing or not finite, or a focal length of 0 or less",
+                             "focal lengths and distortion as numbers");
+    c.id = (int64_t)out->camera_count;
+    c.line = r->line;
+    c.file = out->images_file;
+    c.parameter_count = m->parameter_count;
+    if (r->rc == OXL_OK)
+        r->rc = oxl_reserve(r->ctx, &out->camera, &r->camera_capacity, out->camera_count + 1, sizeof c);
+    if (r->rc == OXL_OK) out->camera[out->camera_count++] = c;
+}
+
+OXL_INTERNAL void json_survey_add_image(struct colmap_reader *r, const char *name, const char *end,
+                                        int64_t camera, const double rotation[4], const double translation[3])
 {
     struct colmap *out = r->out;
     struct colmap_image image = {.id = (int64_t)out->image_count, .camera_id = camera, .line = r->line};
-    oxl_result rc;
     colmap_check_rotation(r, rotation);
     memcpy(image.rotation, rotation, sizeof image.rotation);
     memcpy(image.translation, translation, sizeof image.translation);
     r->cursor = name;
     r->end = end;
     colmap_read_name(r, &image.name);
-    rc = r->rc;
-    if (rc == OXL_OK)
-        rc = oxl_reserve(r->ctx, &out->image, &r->image_capacity, out->image_count + 1, sizeof image);
-    if (rc == OXL_OK) out->image[out->image_count++] = image;
-    return rc;
+    if (r->rc == OXL_OK)
+        r->rc = oxl_reserve(r->ctx, &out->image, &r->image_capacity, out->image_count + 1, sizeof image);
+    if (r->rc == OXL_OK) out->image[out->image_count++] = image;
 }
 
-OXL_INTERNAL oxl_result json_survey_add_mask(struct colmap_reader *r, const char *path)
-{
-    size_t offset = 0;
-    r->cursor = path;
-    r->end = path + strlen(path);
-    colmap_read_name(r, &offset);
-    if (r->rc == OXL_OK) r->out->image[r->out->image_count - 1].mask = offset;
-    return r->rc;
-}
-
-OXL_INTERNAL oxl_result json_survey_add_point(struct colmap_reader *r, const double position[3],
-                                              const double rgb[3])
+OXL_INTERNAL void json_survey_add_point(struct colmap_reader *r, const double position[3],
+                                        const double rgb[3])
 {
     struct colmap *out = r->out;
     struct colmap_point point = {.id = (int64_t)out->point_count, .error = -1};
-    const oxl_result rc =
-        oxl_reserve(r->ctx, &out->point, &r->point_capacity, out->point_count + 1, sizeof point);
-    if (rc != OXL_OK) return rc;
+    if (r->rc == OXL_OK)
+        r->rc = oxl_reserve(r->ctx, &out->point, &r->point_capacity, out->point_count + 1, sizeof point);
+    if (r->rc != OXL_OK) return;
     for (int i = 0; i < 3; i++) {
         point.position[i] = position[i];
         point.rgb[i] = (uint8_t)(OXL_CLAMP(rgb[i], 0, 255) + 0.5);
     }
     out->point[out->point_count++] = point;
-    return OXL_OK;
+}
+
+/* ---------------- files */
+
+/* Adds the images and points of one file, if all its brackets are closed. */
+static void json_survey_add_file(struct colmap_reader *r, const char *folder, const char *name)
+{
+    struct os_file_map map = {0};
+    const size_t before = r->out->image_count;
+    const char *fault;
+    path_in(r->path, folder, "%s", name);
+    r->line = 0;
+    r->rc = os_read_file(r->ctx, r->path, &map);
+    if (r->rc == OXL_OK) r->rc = os_refuse_gzip(r->ctx, r->path, map.data, map.size);
+    if (r->rc == OXL_OK) {
+        /* Blanks the byte order mark, which programs of Windows write. */
+        if (map.size >= 3 && !memcmp(map.data, "\xef\xbb\xbf", 3)) memset((char *)map.data, ' ', 3);
+        fault = memchr(map.data, 0, map.size) ? map.data + strlen(map.data) : oxl_json_error(map.data);
+        if (fault)
+            colmap_fail(r, "export the survey again",
+                        "byte %zu: the JSON text ends too early, or something follows it",
+                        (size_t)(fault - map.data));
+        else if (!strncmp(name, "transforms", 10)) nerfstudio_read(r, map.data);
+        else opensfm_read(r, map.data);
+        if (r->out->image_count == before) json_survey_fail(r, "the images", "none", "one or more");
+    }
+    os_release_file(r->ctx, &map);
+}
+
+/* Reads the file and, for NeRF synthetic, also the file of the held-out images. */
+OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name,
+                                         const char *images, struct colmap *out)
+{
+    static const char *const held_out[] = {"transforms_test.json", "transforms_val.json"};
+    struct colmap_reader r = {.ctx = ctx, .out = out, .image_folder = images};
+    *out = (struct colmap){.format = COLMAP_JSON, .images_file = path_base_name(name)};
+    json_survey_add_file(&r, folder, name);
+    for (size_t i = 0; r.rc == OXL_OK && !strcmp(name, JSON_SURVEY_TRAIN) && i < OXL_COUNT(held_out); i++) {
+        const size_t trained = out->image_count;
+        if (!os_is_file(PATH(folder, "%s", held_out[i]))) continue;
+        json_survey_add_file(&r, folder, held_out[i]);
+        out->states_split = 1;
+        for (size_t k = 0; k < out->image_count; k++)
+            out->image[k].split = k < trained ? COLMAP_TRAIN : COLMAP_TEST;
+        break;
+    }
+    *strrchr(r.path, '/') = 0;
+    if (r.rc == OXL_OK && (out->folder = oxl_strdup(ctx, r.path)) == NULL) r.rc = OXL_ERR_MEMORY;
+    out->warnings += r.warned[WARN_QUATERNION];
+    if (r.rc != OXL_OK) colmap_free(ctx, out);
+    else
+        oxl_log(ctx, OXL_LOG_INFO, "%s/%s is read: %zu images, %zu points without tracks", folder, name,
+                out->image_count, out->point_count);
+    return r.rc;
 }

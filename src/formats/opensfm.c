@@ -50,63 +50,25 @@ static void opensfm_parameters(const char *camera, const struct opensfm_model *m
     for (int i = 0; i < 5 && m->distortion[i]; i++) *p++ = opensfm_number(camera, m->distortion[i]);
 }
 
-static oxl_result opensfm_camera(struct colmap_reader *r, const char *camera)
+static void opensfm_camera(struct colmap_reader *r, const char *camera)
 {
     char name[40];
     const double w = oxl_json_number(camera, "width"), h = oxl_json_number(camera, "height");
     struct colmap_camera c = {0};
+    size_t i = 0;
     oxl_json_text(oxl_json_member(camera, "projection_type"), name, sizeof name);
-    for (size_t i = 0; i < OXL_COUNT(opensfm_models); i++) {
-        if (strcmp(opensfm_models[i].name, name)) continue;
-        if (!(w >= 1 && w <= INT_MAX && h >= 1 && h <= INT_MAX))
-            return json_survey_fail(r, "width and height", "none", "1 px or more");
-        c.model = camera_model_find(opensfm_models[i].colmap, strlen(opensfm_models[i].colmap));
-        c.width = (int)w;
-        c.height = (int)h;
-        opensfm_parameters(camera, &opensfm_models[i], &c);
-        return json_survey_add_camera(r, &c);
-    }
-    return json_survey_fail(r, "projection_type", name[0] ? name : "none",
-                            "perspective, simple_radial, radial, brown, fisheye or fisheye_opencv");
-}
-
-/* Holds a camera's name as it stands in the text; the names are sorted, since each shot searches them. */
-struct opensfm_name {
-    const char *key;
-    size_t length; /* bytes by oxl_json_room */
-    int64_t row;   /* row of the camera */
-};
-
-static int opensfm_compare(const void *a, const void *b)
-{
-    const struct opensfm_name *s = a, *t = b;
-    if (s->length != t->length) return s->length < t->length ? -1 : 1;
-    return memcmp(s->key, t->key, s->length - 4);
-}
-
-/* Orders cameras by name and row, so that of equal names the first counts. */
-static int opensfm_order(const void *a, const void *b)
-{
-    const struct opensfm_name *s = a, *t = b;
-    const int order = opensfm_compare(a, b);
-    return order ? order : (s->row > t->row) - (s->row < t->row);
-}
-
-struct opensfm_cameras {
-    struct opensfm_name *name;
-    size_t count, capacity;
-};
-
-/* Returns the row of the camera with a name; -1: no camera has it. */
-static int64_t opensfm_camera_row(const struct opensfm_cameras *cameras, const char *value)
-{
-    const struct opensfm_name wanted = {value, oxl_json_room(value), 0};
-    const struct opensfm_name *found =
-        wanted.length && cameras->count
-            ? bsearch(&wanted, cameras->name, cameras->count, sizeof wanted, opensfm_compare)
-            : NULL;
-    while (found && found > cameras->name && !opensfm_compare(found - 1, found)) found--;
-    return found ? found->row : -1;
+    while (i < OXL_COUNT(opensfm_models) && strcmp(opensfm_models[i].name, name) != 0) i++;
+    if (i == OXL_COUNT(opensfm_models))
+        json_survey_fail(r, "projection_type", name[0] ? name : "none",
+                         "perspective, simple_radial, radial, brown, fisheye or fisheye_opencv");
+    if (!(w >= 1 && w <= INT_MAX && h >= 1 && h <= INT_MAX))
+        json_survey_fail(r, "width and height", "none", "1 px or more");
+    if (r->rc != OXL_OK) return;
+    c.model = camera_model_find(opensfm_models[i].colmap, strlen(opensfm_models[i].colmap));
+    c.width = (int)w;
+    c.height = (int)h;
+    opensfm_parameters(camera, &opensfm_models[i], &c);
+    json_survey_add_camera(r, &c);
 }
 
 #define OPENSFM_SMALL 1e-12 /* Bounds the half angles (radians) below which sin x / x is 1 to the last bit. */
@@ -120,85 +82,58 @@ static void opensfm_quaternion(const double v[3], double q[4])
     for (int i = 0; i < 3; i++) q[1 + i] = scale * v[i];
 }
 
-static oxl_result opensfm_shot(struct colmap_reader *r, const struct opensfm_cameras *cameras,
-                               const char *key, const char *shot)
+static void opensfm_shot(struct colmap_reader *r, const struct json_names *cameras, const char *key,
+                         const char *shot)
 {
     char name[1024];
     const size_t length = oxl_json_text(key, name, sizeof name);
+    const int64_t camera = json_names_find(cameras, oxl_json_member(shot, "camera"));
     double v[3], t[3], q[4];
-    int64_t camera = opensfm_camera_row(cameras, oxl_json_member(shot, "camera"));
-    if (length == 0) return json_survey_fail(r, "a shot's name", "none", "a file of the image folder");
+    if (length == 0) json_survey_fail(r, "a shot's name", "none", "a file of the image folder");
     if (camera < 0)
-        return json_survey_fail(r, "camera of a shot", "a name that is not among the cameras", "one of them");
+        json_survey_fail(r, "camera of a shot", "a name that is not among the cameras", "one of them");
     if (!json_survey_numbers(oxl_json_member(shot, "rotation"), 3, v) ||
         !json_survey_numbers(oxl_json_member(shot, "translation"), 3, t) ||
         !(fabs(v[0]) + fabs(v[1]) + fabs(v[2]) < 100))
-        return json_survey_fail(r, "rotation and translation of a shot", "too little",
-                                "3 finite numbers each");
+        json_survey_fail(r, "rotation and translation of a shot", "too little", "3 finite numbers each");
+    if (r->rc != OXL_OK) return;
     opensfm_quaternion(v, q);
-    return json_survey_add_image(r, name, name + length, camera, q, t);
+    json_survey_add_image(r, name, name + length, camera, q, t);
 }
 
+/* Goes through the members of an object: key and its value. */
+#define OPENSFM_EACH(r, key, value, object)                                                                  \
+    for (const char *key = oxl_json_first(object), *value = oxl_json_value(key); (r)->rc == OXL_OK && value; \
+         key = oxl_json_next(value), value = oxl_json_value(key))
+
 /* Returns full white of the points' colours: 255, or 1 if none of the first points has more. */
-static double opensfm_white(const char *points)
+static double opensfm_white(const struct colmap_reader *r, const char *points)
 {
-    enum { FIRST = 1000 };
-    const char *key = oxl_json_first(points);
     double most = 0, rgb[3];
-    for (int i = 0; i < FIRST && key && oxl_json_value(key); i++, key = oxl_json_next(oxl_json_value(key)))
-        for (int c = 0; c < 3 && json_survey_numbers(oxl_json_member(oxl_json_value(key), "color"), 3, rgb);
-             c++)
+    int left = 1000;
+    OPENSFM_EACH(r, key, point, points)
+    {
+        if (left-- == 0) break;
+        for (int c = 0; c < 3 && json_survey_numbers(oxl_json_member(point, "color"), 3, rgb); c++)
             most = OXL_MAX(most, rgb[c]);
+    }
     return most > 0 && most <= 1 ? 1 : 255;
 }
 
-static oxl_result opensfm_points(struct colmap_reader *r, const char *points)
+static void opensfm_points(struct colmap_reader *r, const char *points)
 {
-    const double white = opensfm_white(points);
-    oxl_result rc = OXL_OK;
-    for (const char *key = oxl_json_first(points); key && rc == OXL_OK;) {
-        const char *point = oxl_json_value(key);
-        double position[3], rgb[3] = {0, 0, 0};
+    const double white = opensfm_white(r, points);
+    r->line = 0;
+    OPENSFM_EACH(r, key, point, points)
+    {
+        double position[3], rgb[3];
         r->line++;
         if (!json_survey_numbers(oxl_json_member(point, "coordinates"), 3, position))
-            return json_survey_fail(r, "coordinates of a point", "too little", "3 finite numbers");
+            json_survey_fail(r, "coordinates of a point", "too little", "3 finite numbers");
         if (!json_survey_numbers(oxl_json_member(point, "color"), 3, rgb)) memset(rgb, 0, sizeof rgb);
         for (int c = 0; c < 3; c++) rgb[c] *= 255 / white;
-        rc = json_survey_add_point(r, position, rgb);
-        key = oxl_json_next(point);
+        json_survey_add_point(r, position, rgb);
     }
-    return rc;
-}
-
-static size_t opensfm_count(const char *object)
-{
-    size_t count = 0;
-    for (const char *key = oxl_json_first(object); key; key = oxl_json_next(oxl_json_value(key))) {
-        if (!oxl_json_value(key)) return count;
-        count++;
-    }
-    return count;
-}
-
-/* Reads the cameras and keeps their names; a camera's row is its place in the object. */
-static oxl_result opensfm_read_cameras(struct colmap_reader *r, const char *object,
-                                       struct opensfm_cameras *out)
-{
-    oxl_result rc = OXL_OK;
-    for (const char *key = oxl_json_first(object); key && rc == OXL_OK;
-         key = oxl_json_next(oxl_json_value(key))) {
-        r->line++;
-        if (!oxl_json_value(key))
-            return json_survey_fail(r, "cameras", "no JSON object", "names and cameras");
-        rc = opensfm_camera(r, oxl_json_value(key));
-        if (rc == OXL_OK)
-            rc = oxl_reserve(r->ctx, &out->name, &out->capacity, out->count + 1, sizeof *out->name);
-        if (rc != OXL_OK || !oxl_json_room(key)) continue;
-        out->name[out->count] = (struct opensfm_name){key, oxl_json_room(key), (int64_t)r->line - 1};
-        out->count++;
-    }
-    if (out->count) qsort(out->name, out->count, sizeof *out->name, opensfm_order);
-    return rc;
 }
 
 /* Reads the place of the world's origin, {"latitude": , "longitude": } in degrees. */
@@ -212,54 +147,47 @@ static void opensfm_reference(struct colmap *out, const char *lla)
 
 /* Reads the reference of the reconstruction, or else reference_lla.json of its folder,
  * where OpenDroneMap writes it. */
-static oxl_result opensfm_read_reference(struct colmap_reader *r, const char *reconstruction)
+static void opensfm_read_reference(struct colmap_reader *r, const char *reconstruction)
 {
-    char *folder = oxl_strdup(r->ctx, r->path), *path = NULL;
-    char *slash = folder ? strrchr(folder, '/') : NULL;
     struct os_file_map map = {0};
-    oxl_result rc = folder ? OXL_OK : OXL_ERR_MEMORY;
+    char path[PATH_LENGTH];
+    snprintf(path, sizeof path, "%.*sreference_lla.json", (int)(path_base_name(r->path) - r->path), r->path);
     opensfm_reference(r->out, oxl_json_member(reconstruction, "reference_lla"));
-    if (slash) {
-        *slash = 0;
-        path = oxl_path_join(r->ctx, folder, "reference_lla.json");
-        if (!path) rc = OXL_ERR_MEMORY;
-    }
-    if (path && !r->out->has_reference && os_is_file(path)) {
-        rc = os_read_file(r->ctx, path, &map);
-        if (rc == OXL_OK && !oxl_json_error(map.data)) opensfm_reference(r->out, map.data);
-        if (rc == OXL_OK && !r->out->has_reference)
-            oxl_log(r->ctx, OXL_LOG_WARNING,
-                    "%s has no latitude and longitude in degrees: maps have no place on Earth", path);
-        os_release_file(r->ctx, &map);
-    }
-    OXL_FREE(r->ctx, folder, path);
-    return rc;
+    if (r->rc != OXL_OK || r->out->has_reference || !os_is_file(path)) return;
+    r->rc = os_read_file(r->ctx, path, &map);
+    if (r->rc == OXL_OK && !oxl_json_error(map.data)) opensfm_reference(r->out, map.data);
+    if (r->rc == OXL_OK && !r->out->has_reference)
+        oxl_log(r->ctx, OXL_LOG_WARNING,
+                "%s has no latitude and longitude in degrees: maps have no place on Earth", path);
+    os_release_file(r->ctx, &map);
 }
 
-OXL_INTERNAL oxl_result opensfm_read(struct colmap_reader *r, const char *json)
+OXL_INTERNAL void opensfm_read(struct colmap_reader *r, const char *json)
 {
     const char *best = NULL;
-    struct opensfm_cameras cameras = {0};
-    size_t shots = 0, found = 0;
-    oxl_result rc = OXL_OK;
+    struct json_names cameras = {0};
+    size_t most = 0, found = 0;
     for (const char *one = oxl_json_first(json); one && *json == '['; one = oxl_json_next(one), found++) {
-        const size_t count = opensfm_count(oxl_json_member(one, "shots"));
-        if (count > shots) best = one, shots = count;
+        size_t shots = 0;
+        OPENSFM_EACH(r, key, shot, oxl_json_member(one, "shots")) shots++;
+        if (shots > most) best = one, most = shots;
     }
     if (found > 1)
         oxl_log(r->ctx, OXL_LOG_WARNING,
-                "%s holds %zu reconstructions; the one with most shots (%zu) is used", r->path, found, shots);
-    rc = opensfm_read_cameras(r, oxl_json_member(best, "cameras"), &cameras);
+                "%s holds %zu reconstructions; the one with most shots (%zu) is used", r->path, found, most);
+    OPENSFM_EACH(r, key, camera, oxl_json_member(best, "cameras"))
+    {
+        json_names_add(r, &cameras, key, r->line++);
+        opensfm_camera(r, camera);
+    }
+    json_names_sort(&cameras);
     r->line = 0;
-    for (const char *key = oxl_json_first(oxl_json_member(best, "shots")); key && rc == OXL_OK;
-         key = oxl_json_next(oxl_json_value(key))) {
+    OPENSFM_EACH(r, key, shot, oxl_json_member(best, "shots"))
+    {
         r->line++;
-        rc = oxl_json_value(key) ? opensfm_shot(r, &cameras, key, oxl_json_value(key))
-                                 : json_survey_fail(r, "shots", "no JSON object", "names and shots");
-        if (rc != OXL_OK) break;
+        opensfm_shot(r, &cameras, key, shot);
     }
     oxl_free(r->ctx, cameras.name);
-    r->line = 0;
-    if (rc == OXL_OK) rc = opensfm_read_reference(r, best);
-    return rc == OXL_OK ? opensfm_points(r, oxl_json_member(best, "points")) : rc;
+    opensfm_read_reference(r, best);
+    opensfm_points(r, oxl_json_member(best, "points"));
 }

@@ -36,28 +36,26 @@ static int ply_points_column(const struct ply_element *vertex, int plane)
     return found;
 }
 
-/* Reads the columns of all rows. value: (6,rows). */
-static oxl_result ply_points_columns(struct colmap_reader *r, const struct ply *ply, int element,
-                                     double *value, double *white)
+/* Reads the columns of all rows. value: (6,rows), zeros. */
+static oxl_result ply_points_columns(oxl_context *ctx, const struct ply *ply, int element, double *value,
+                                     double *white)
 {
     const struct ply_element *vertex = &ply->element[element];
     const size_t rows = (size_t)vertex->rows;
-    struct ply_target *target = oxl_calloc(r->ctx, (size_t)vertex->properties + 1, sizeof *target);
+    struct ply_target *target = oxl_calloc(ctx, (size_t)vertex->properties + 1, sizeof *target);
     enum ply_type type = PLY_UINT8;
-    oxl_result rc =
-        target ? OXL_OK : oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory for its points", ply->path);
-    memset(value, 0, PLY_POINTS_PLANES * rows * sizeof *value);
+    oxl_result rc = target ? OXL_OK : OXL_ERR_MEMORY;
     for (int i = 0; i < PLY_POINTS_PLANES && rc == OXL_OK; i++) {
         const int p = ply_points_column(vertex, i);
         if (p >= 0) target[p].as_double = value + (size_t)i * rows;
         else if (i < 3)
-            rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: no property %c of its points\nfix: export them again",
+            rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: no property %c of its points\nfix: export them again",
                           ply->path, 'x' + i);
         if (p >= 0 && i >= 3) type = vertex->property[p].type;
     }
-    if (rc == OXL_OK) rc = ply_read(r->ctx, ply, element, target);
+    if (rc == OXL_OK) rc = ply_read(ctx, ply, element, target);
     if (rc == OXL_OK) *white = ply_points_white(type, value + 3 * rows, 3 * rows);
-    oxl_free(r->ctx, target);
+    oxl_free(ctx, target);
     return rc;
 }
 
@@ -67,15 +65,17 @@ OXL_INTERNAL oxl_result ply_points_read(struct colmap_reader *r, const char *pat
     oxl_result rc = ply_open(r->ctx, path, &ply);
     const int element = rc == OXL_OK ? ply_find_element(&ply, "vertex") : -1;
     const size_t rows = element < 0 ? 0 : (size_t)ply.element[element].rows;
-    double *value = oxl_alloc(r->ctx, PLY_POINTS_PLANES * rows + 1, sizeof *value), white = PLY_POINTS_NARROW;
-    if (rc == OXL_OK && !value) rc = oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory for its points", path);
-    if (rc == OXL_OK && element >= 0) rc = ply_points_columns(r, &ply, element, value, &white);
+    double *value = oxl_calloc(r->ctx, PLY_POINTS_PLANES * rows + 1, sizeof *value),
+           white = PLY_POINTS_NARROW;
+    if (rc == OXL_OK && !value) rc = OXL_ERR_MEMORY;
+    if (rc == OXL_OK && element >= 0) rc = ply_points_columns(r->ctx, &ply, element, value, &white);
     for (size_t k = 0; k < rows && rc == OXL_OK; k++) {
         const double position[3] = {value[k], value[rows + k], value[2 * rows + k]};
         double rgb[3];
         for (size_t c = 0; c < 3; c++) rgb[c] = PLY_POINTS_NARROW * value[(3 + c) * rows + k] / white;
         if (fabs(position[0]) + fabs(position[1]) + fabs(position[2]) <= DBL_MAX)
-            rc = json_survey_add_point(r, position, rgb);
+            json_survey_add_point(r, position, rgb);
+        rc = r->rc;
     }
     oxl_free(r->ctx, value);
     ply_close(r->ctx, &ply);

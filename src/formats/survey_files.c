@@ -60,7 +60,7 @@ struct survey_unregistered {
     int has_views; /* 1: an image of the model is in `inside` itself */
 };
 
-static int survey_is_image_name(const char *name)
+OXL_INTERNAL int survey_is_image_name(const char *name)
 {
     static const char *const known[] = {".jpg", ".jpeg", ".png"};
     const char *dot = strrchr(name, '.');

@@ -10,161 +10,57 @@
 #include "formats.h"
 #include "json_survey.h"
 
-/* Lists the formats of surveys, a row each; the first row whose file exists is taken. */
-static const struct survey_format {
-    const char *file[2]; /* a folder with one of them holds such a survey */
-    /* reads the folder's files; NULL: read_json is set */
-    oxl_result (*read)(oxl_context *ctx, const char *folder, struct colmap *out);
-    oxl_result (*read_json)(struct colmap_reader *r, const char *json); /* reads the text of file[0] */
-} SURVEY_FORMATS[] = {
-    {{"images.txt", "images.bin"}, colmap_read, NULL},
-    /* an incomplete model, whose reader says what is missing */
-    {{"cameras.txt", "cameras.bin"}, colmap_read, NULL},
-    {{"transforms.json", NULL}, NULL, nerfstudio_read},
-    {{JSON_SURVEY_TRAIN, NULL}, NULL, nerfstudio_read},
-    {{"reconstruction.json", NULL}, NULL, opensfm_read},
-    {{"opensfm/reconstruction.json", NULL}, NULL, opensfm_read}, /* an OpenDroneMap project */
+/* Lists the files of surveys: a folder with one of a row holds such a survey; the first row that does is
+ * taken. */
+enum { SURVEY_COLMAP = 2 }; /* rows of COLMAP's files; those behind them are in JSON */
+static const char *const SURVEY_FILES[][2] = {
+    {"images.txt", "images.bin"},
+    {"cameras.txt", "cameras.bin"}, /* an incomplete model, whose reader says what is missing */
+    {"transforms.json", NULL},
+    {JSON_SURVEY_TRAIN, NULL},
+    {"reconstruction.json", NULL},
+    {"opensfm/reconstruction.json", NULL}, /* an OpenDroneMap project */
 };
 
-static int survey_holds(const struct survey_format *format, const char *folder)
+struct survey_search { /* Tries folders, and keeps the model of most images. */
+    oxl_context *ctx;
+    size_t row;         /* of SURVEY_FILES */
+    const char *in;     /* folder whose entries are tried */
+    const char *images; /* as in json_survey_read */
+    struct colmap *best;
+    int models;
+    oxl_result rc;
+};
+
+static int survey_holds(size_t row, const char *folder)
 {
-    for (int i = 0; i < 2 && format->file[i]; i++) {
-        const char *path = PATH(folder, "%s", format->file[i]);
+    for (int i = 0; i < 2 && SURVEY_FILES[row][i]; i++) {
+        const char *path = PATH(folder, "%s", SURVEY_FILES[row][i]);
         /* Accepts compressed files, too: their reader says how to unpack them. */
         if (os_is_file(path) || os_is_compressed(path)) return 1;
     }
     return 0;
 }
 
-/* ---------------- which sub-model */
-
-struct survey_find_folders {
-    oxl_context *ctx;
-    char **name;
-    size_t count, capacity;
-    int failed;
-};
-
-static void survey_find_visit_folder(void *user, const char *name)
-{
-    struct survey_find_folders *f = user;
-    if (oxl_reserve(f->ctx, &f->name, &f->capacity, f->count + 1, sizeof *f->name) != OXL_OK) f->failed = 1;
-    else if ((f->name[f->count] = oxl_strdup(f->ctx, name)) == NULL) f->failed = 1;
-    else f->count++;
-}
-
-static int survey_find_compare_names(const void *a, const void *b)
-{
-    return strcmp(*(char *const *)a, *(char *const *)b);
-}
-
-/* Reads `folder` and keeps it in *best if it has more images. */
-static oxl_result survey_find_try_model(oxl_context *ctx, const struct survey_format *format,
-                                        const char *folder, struct colmap *best, char **best_folder,
-                                        int *models)
+/* Reads the model of a folder, if it holds one; of equally many images, the first by name counts. */
+static void survey_try(struct survey_search *s, const char *folder)
 {
     struct colmap found;
-    const oxl_result rc = format->read(ctx, folder, &found);
-    if (rc != OXL_OK) return rc;
-    ++*models;
-    if (*best_folder && found.image_count <= best->image_count) {
-        colmap_free(ctx, &found);
-        return OXL_OK;
-    }
-    oxl_free(ctx, *best_folder);
-    colmap_free(ctx, best);
-    *best = found;
-    *best_folder = oxl_strdup(ctx, folder);
-    return *best_folder ? OXL_OK : OXL_ERR_MEMORY;
+    if (s->rc != OXL_OK || !survey_holds(s->row, folder)) return;
+    s->rc = s->row < SURVEY_COLMAP
+                ? colmap_read(s->ctx, folder, &found)
+                : json_survey_read(s->ctx, folder, SURVEY_FILES[s->row][0], s->images, &found);
+    if (s->rc != OXL_OK) return;
+    if (s->models++ == 0 || found.image_count > s->best->image_count ||
+        (found.image_count == s->best->image_count && strcmp(found.folder, s->best->folder) < 0))
+        OXL_SWAP(struct colmap, found, *s->best);
+    colmap_free(s->ctx, &found);
 }
 
-/* Reads the folder itself and, if `inside` is 1, each folder in it that holds a survey of this format. */
-static oxl_result survey_find_try_folder(oxl_context *ctx, const struct survey_format *format,
-                                         const char *folder, int inside, struct colmap *best,
-                                         char **best_folder, int *models)
+static void survey_try_entry(void *user, const char *name)
 {
-    struct survey_find_folders in = {.ctx = ctx};
-    oxl_result rc = OXL_OK;
-    if (survey_holds(format, folder))
-        rc = survey_find_try_model(ctx, format, folder, best, best_folder, models);
-    if (rc == OXL_OK && inside && os_is_folder(folder))
-        rc = os_list_folder(ctx, folder, survey_find_visit_folder, &in);
-    if (rc == OXL_OK && in.failed) rc = OXL_ERR_MEMORY;
-    if (in.count) qsort(in.name, in.count, sizeof *in.name, survey_find_compare_names);
-    for (size_t i = 0; i < in.count; i++) {
-        const char *path = PATH(folder, "%s", in.name[i]);
-        if (rc == OXL_OK && survey_holds(format, path))
-            rc = survey_find_try_model(ctx, format, path, best, best_folder, models);
-        oxl_free(ctx, in.name[i]);
-    }
-    oxl_free(ctx, in.name);
-    return rc;
-}
-
-/* Adds the images and points of one file. */
-static oxl_result json_survey_add_file(struct colmap_reader *r, const struct survey_format *format,
-                                       const char *path)
-{
-    struct os_file_map map = {0};
-    const size_t before = r->out->image_count;
-    oxl_result rc;
-    r->line = 0;
-    rc = json_survey_open(r, path, &map);
-    if (rc == OXL_OK) rc = format->read_json(r, map.data);
-    if (rc == OXL_OK && r->out->image_count == before)
-        rc = json_survey_fail(r, "the images", "none", "one or more");
-    os_release_file(r->ctx, &map);
-    return rc;
-}
-
-/* Reads the format's file and, for NeRF synthetic, also the file of the held-out images. */
-static oxl_result survey_read_json(oxl_context *ctx, const struct survey_format *format, const char *folder,
-                                   const char *images, struct colmap *out)
-{
-    static const char *const held_out[] = {"transforms_test.json", "transforms_val.json"};
-    struct colmap_reader r = {.ctx = ctx, .out = out, .image_folder = images};
-    const char *name = format->file[0];
-    char *path = oxl_path_join(ctx, folder, name), *slash;
-    oxl_result rc = path ? OXL_OK : OXL_ERR_MEMORY;
-    *out = (struct colmap){.format = COLMAP_JSON, .images_file = path_base_name(name)};
-    if (rc == OXL_OK) rc = json_survey_add_file(&r, format, path);
-    for (size_t i = 0; rc == OXL_OK && !strcmp(name, JSON_SURVEY_TRAIN) && i < OXL_COUNT(held_out); i++) {
-        const size_t trained = out->image_count;
-        if (!os_is_file(PATH(folder, "%s", held_out[i]))) continue;
-        rc = json_survey_add_file(&r, format, PATH(folder, "%s", held_out[i]));
-        out->states_split = 1;
-        for (size_t k = 0; k < out->image_count; k++)
-            out->image[k].split = k < trained ? COLMAP_TRAIN : COLMAP_TEST;
-        break;
-    }
-    /* Cuts the file's name off the path, which leaves the folder. */
-    if (rc == OXL_OK && (slash = strrchr(path, '/')) != NULL) *slash = 0;
-    out->folder = path;
-    out->warnings += r.warned[WARN_QUATERNION];
-    if (rc != OXL_OK) colmap_free(ctx, out);
-    return rc;
-}
-
-OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name,
-                                         const char *images, struct colmap *out)
-{
-    size_t i = 0;
-    while (i + 1 < OXL_COUNT(SURVEY_FORMATS) && strcmp(SURVEY_FORMATS[i].file[0], name) != 0) i++;
-    return survey_read_json(ctx, &SURVEY_FORMATS[i], folder, images, out);
-}
-
-/* Reads a survey of a single file, if the folder holds it. */
-static oxl_result survey_find_try_json(oxl_context *ctx, const struct survey_format *format, const char *path,
-                                       const char *images, struct colmap *out, int *models)
-{
-    oxl_result rc;
-    if (!survey_holds(format, path)) return OXL_OK;
-    rc = survey_read_json(ctx, format, path, images, out);
-    if (rc != OXL_OK) return rc;
-    ++*models;
-    oxl_log(ctx, OXL_LOG_INFO, "%s/%s is read: %zu images, %zu points without tracks", path, format->file[0],
-            out->image_count, out->point_count);
-    return OXL_OK;
+    struct survey_search *s = user;
+    survey_try(s, PATH(s->in, "%s", name));
 }
 
 /* ---------------- files of programs that are not read */
@@ -228,34 +124,29 @@ static oxl_result survey_find_fail(oxl_context *ctx, const char *path, const cha
 OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse_option,
                                           const char *images, struct colmap *out)
 {
-    char *sparse = sparse_option ? oxl_strdup(ctx, sparse_option) : oxl_path_join(ctx, path, "sparse");
-    const char *requested = sparse_option ? sparse_option : path;
-    char *folder = NULL;
-    int models = 0;
-    oxl_result rc = OXL_OK;
+    const char *sparse = sparse_option ? sparse_option : PATH(path, "sparse");
+    const char *requested = sparse_option ? sparse_option : path, *inside = PATH(path, "%s", requested);
+    struct survey_search s = {.ctx = ctx, .in = sparse, .images = images, .best = out};
     *out = (struct colmap){0};
-    if (!sparse) rc = OXL_ERR_MEMORY;
-    if (rc == OXL_OK && !os_is_folder(requested))
-        rc = oxl_fail(
-            ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s%s", requested,
-            sparse_option && os_is_folder(PATH(path, "%s", sparse_option)) ? PATH(path, "%s", sparse_option)
-                                                                           : "",
-            sparse_option && os_is_folder(PATH(path, "%s", sparse_option)) ? " is one: name it by --sparse"
-            : sparse_option ? "--sparse names the folder of cameras, images and points3D, .txt or .bin"
-                            : "give the folder that holds images/ and sparse/");
-    for (size_t i = 0; rc == OXL_OK && models == 0 && i < OXL_COUNT(SURVEY_FORMATS); i++) {
-        const struct survey_format *format = &SURVEY_FORMATS[i];
-        if (format->read) rc = survey_find_try_folder(ctx, format, sparse, 1, out, &folder, &models);
-        if (rc != OXL_OK || models > 0 || sparse_option) continue;
-        if (format->read) rc = survey_find_try_folder(ctx, format, path, 0, out, &folder, &models);
-        else rc = survey_find_try_json(ctx, format, path, images, out, &models);
+    if (!os_is_folder(requested))
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s%s", requested,
+                        sparse_option && os_is_folder(inside) ? inside : "",
+                        !sparse_option         ? "give the folder that holds images/ and sparse/"
+                        : os_is_folder(inside) ? " is one: name it by --sparse"
+                                               : "--sparse names the folder of cameras, images and points3D, "
+                                                 ".txt or .bin");
+    for (; s.row < OXL_COUNT(SURVEY_FILES) && s.rc == OXL_OK && s.models == 0; s.row++) {
+        if (s.row < SURVEY_COLMAP) {
+            survey_try(&s, sparse);
+            if (s.rc == OXL_OK && os_is_folder(sparse)) os_list_folder(ctx, sparse, survey_try_entry, &s);
+        }
+        if (s.models == 0 && !sparse_option) survey_try(&s, path);
     }
-    if (rc == OXL_OK && models == 0) rc = survey_find_fail(ctx, path, sparse, sparse_option != NULL);
-    if (rc == OXL_OK && models > 1)
+    if (s.rc == OXL_OK && s.models == 0) s.rc = survey_find_fail(ctx, path, sparse, sparse_option != NULL);
+    if (s.rc == OXL_OK && s.models > 1)
         oxl_log(ctx, OXL_LOG_WARNING,
-                "%d sub-models found; %s has most images (%zu) and is used; --sparse names another", models,
-                folder, out->image_count);
-    OXL_FREE(ctx, sparse, folder);
-    if (rc != OXL_OK) colmap_free(ctx, out);
-    return rc;
+                "%d sub-models found; %s has most images (%zu) and is used; --sparse names another", s.models,
+                out->folder, out->image_count);
+    if (s.rc != OXL_OK) colmap_free(ctx, out);
+    return s.rc;
 }

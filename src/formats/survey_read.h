@@ -67,6 +67,7 @@ OXL_INTERNAL int resect_residual(const struct resect *r, const oxl_camera *now,
 OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out,
                                    size_t size);
 
+OXL_INTERNAL int survey_is_image_name(const char *name); /* 1: it ends as those of JPEG and PNG files do */
 /* Counts the images in the image folder, and the folders in it, that the model does not have. */
 OXL_INTERNAL int survey_count_unregistered(oxl_context *ctx, const oxl_scene *scene);
 
