@@ -247,19 +247,16 @@ static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct
 
 static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
 {
-    const int lpips = m->lpips == m->lpips; /* not NaN */
-    printf("%8s %8s %8s %8s %9s %9s%s  view\n", "PSNR dB", "cc-PSNR", "SSIM", "MS-SSIM", "structure",
-           "explained", lpips ? "    LPIPS" : "");
+    printf("%8s %8s %8s %8s %9s %9s  view\n", "PSNR dB", "cc-PSNR", "SSIM", "MS-SSIM", "structure",
+           "explained");
     for (int i = 0; i < m->count; i++) {
         const oxl_view_metrics *v = &m->views[i];
         printf("%8.3f %8.3f %8.5f %8.5f %9.4f %9.3f", v->psnr, v->cc_psnr, v->ssim, v->ms_ssim, v->structure,
                v->explained);
-        if (lpips) printf(" %8.5f", v->lpips);
         print_format(stdout, "  %s\n", oxl_scene_view(scene, v->view)->name);
     }
     printf("%8.3f %8.3f %8.5f %8.5f %9.4f %9.3f", m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->structure,
            m->explained);
-    if (lpips) printf(" %8.5f", m->lpips);
     printf("  mean of %d\n", m->count);
     printf("%8.4f %d  least structure; views below %.1f\n", m->structure_least, m->no_structure,
            OXL_STRUCTURE_NONE);
@@ -285,7 +282,6 @@ static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)
     oxl_metrics metrics = {0};
     char *json = NULL;
     oxl_result rc = load(ctx, a, &model, &scene);
-    if (rc == OXL_OK && a->job.lpips) rc = oxl_scene_read_lpips(ctx, scene, a->job.lpips);
     if (rc == OXL_OK) rc = oxl_evaluate(ctx, &model, scene, (oxl_split)a->split, &metrics);
     if (rc == OXL_OK && a->json) rc = oxl_metrics_to_json(ctx, scene, &metrics, &json);
     if (rc == OXL_OK && json) fputs(json, stdout);

@@ -380,7 +380,6 @@ typedef struct oxl_view_metrics {
     double plain_psnr; /* PSNR of the render at mean exposure: without the image's exposure gains and lamp */
     /* PSNR of the right half after each channel is multiplied by its least-squares factor on the left half */
     double half_psnr;
-    double lpips; /* NaN: not measured */
     /* from the pose at which the image fits best, of a held-out view, where training refined poses; else
      * NaN */
     double aligned_psnr, aligned_ssim;
@@ -392,7 +391,6 @@ typedef struct oxl_view_metrics {
 
 typedef struct oxl_metrics {
     double psnr, cc_psnr, ssim, ms_ssim, plain_psnr, half_psnr; /* means over the views; 0 without views */
-    double lpips;                                               /* NaN: not measured */
     double aligned_psnr, aligned_ssim;                          /* NaN: not measured */
     /* means over the views that have them, and the least; NaN: no view has */
     double structure, explained, structure_least;

@@ -55,12 +55,11 @@ typedef struct oxl_job_options {
     size_t device_ram; /* the same of a device's memory; 0: no limit */
     /* images that train.iterations are for: more images raise them, few limit them; 0: neither */
     int iterations_for;
-    int block;         /* train only this block and do not merge; -1: all */
-    int keep_decoded;  /* 1: decoded images stay in OUT/blocks/decoded for the next run */
-    int restart;       /* 1: train anew whatever run OUT holds */
-    uint64_t seed;     /* 0: the context's */
-    const char *lpips; /* weights of LPIPS, for evaluations; NULL: it is not measured */
-    const char *from;  /* model that training starts from; NULL: the survey's points */
+    int block;        /* train only this block and do not merge; -1: all */
+    int keep_decoded; /* 1: decoded images stay in OUT/blocks/decoded for the next run */
+    int restart;      /* 1: train anew whatever run OUT holds */
+    uint64_t seed;    /* 0: the context's */
+    const char *from; /* model that training starts from; NULL: the survey's points */
 } oxl_job_options;
 
 OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);
@@ -98,12 +97,11 @@ typedef enum oxl_option_tier { OXL_TIER_BASIC = 0, OXL_TIER_ADVANCED, OXL_TIER_E
 
 /* what takes the option, and where it does not apply: bits of oxl_option.use */
 enum {
-    OXL_OPTION_OF_SURVEY = 1,      /* reading a survey */
-    OXL_OPTION_OF_TRAINING = 2,    /* training, in a run or a study, and its prediction */
-    OXL_OPTION_OF_RUN = 4,         /* one run, or its prediction */
-    OXL_OPTION_OF_OUT = 8,         /* an existing folder OUT */
-    OXL_OPTION_OF_BLOCK = 16,      /* a run or one block of it, not its prediction */
-    OXL_OPTION_OF_EVALUATION = 32, /* a run, a study, or an evaluation */
+    OXL_OPTION_OF_SURVEY = 1,   /* reading a survey */
+    OXL_OPTION_OF_TRAINING = 2, /* training, in a run or a study, and its prediction */
+    OXL_OPTION_OF_RUN = 4,      /* one run, or its prediction */
+    OXL_OPTION_OF_OUT = 8,      /* an existing folder OUT */
+    OXL_OPTION_OF_BLOCK = 16,   /* a run or one block of it, not its prediction */
     OXL_OPTION_OF_RESULT =
         64, /* no command: the bytes of every block depend on it; recorded in "job" of run.json */
     /* off while a finished model is refined: after merging, for viewers, to continue a run */
@@ -181,10 +179,6 @@ OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_
  * blurred and the badly exposed ones. */
 OXL_API oxl_result oxl_check_quality(oxl_context *ctx, const char *scene, const oxl_job_options *options,
                                      oxl_survey *out);
-
-/* Reads weights of LPIPS v0.1 with AlexNet (Zhang 2018; the file's layout: src/job/lpips.c), by which
- * evaluations of the scene measure LPIPS, too. */
-OXL_API oxl_result oxl_scene_read_lpips(oxl_context *ctx, oxl_scene *scene, const char *path);
 
 /* Logs a warning if the model, in the scene's frame, does not seem to cover the survey: of another frame, or
  * scale. */

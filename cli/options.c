@@ -47,8 +47,8 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
         {"eval", 2, 0, "MODEL SCENE",
          "Compares a model with images: PSNR, cc-PSNR (without exposure), SSIM and MS-SSIM, for each view and in the mean.",
          "oceanxl eval out/scene.ply survey",
-         "The images are those that train held out, unless --split says otherwise. --lpips WEIGHTS adds LPIPS: its network's\n"
-         "weights do not come with the program, examples/lpips_weights.py writes them."},
+         "The images are those that train held out, unless --split says otherwise. oceanxl-lab lpips WEIGHTS\n"
+         "OUT/renders/*.image.png compares a run's renders by LPIPS; examples/lpips_weights.py writes the weights."},
     [COMMAND_INFO] = {"info", 1, 0, "FILE", "Prints what a model file holds.", "oceanxl info out/scene.ply",
                       "Reads .ply, .spz and .splat."},
     [COMMAND_CONVERT] =
@@ -195,7 +195,6 @@ static unsigned cli_commands_of(unsigned use)
     if (use & OXL_OPTION_OF_RUN) commands |= TRAINS;
     if (use & OXL_OPTION_OF_OUT) commands |= IN(TRAIN) | STUDIES;
     if (use & OXL_OPTION_OF_BLOCK) commands |= IN(TRAIN);
-    if (use & OXL_OPTION_OF_EVALUATION) commands |= IN(TRAIN) | STUDIES | IN(EVAL);
     return commands;
 }
 

@@ -34,8 +34,6 @@ static void report_tiles(struct report *r)
         output_add(t, "<div class=\"tile\"><b>%.2f dB</b><span>mean PSNR</span></div>\n",
                    oxl_json_number(r->metrics, "psnr"));
         report_tile(t, OUTPUT_FIXED(oxl_json_number(r->metrics, "ssim"), 3), "mean SSIM");
-        if (oxl_json_member(r->metrics, "lpips"))
-            report_tile(t, OUTPUT_FIXED(oxl_json_number(r->metrics, "lpips"), 3), "mean LPIPS (AlexNet)");
         if (!isnan(oxl_json_number(r->metrics, "structure")))
             report_tile(t, OUTPUT_FIXED(oxl_json_number(r->metrics, "structure"), 3), "mean structure");
         if (isfinite(oxl_json_number(r->metrics, "cc_psnr")))

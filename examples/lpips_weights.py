@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""lpips_weights.py FILE - writes the weights of LPIPS v0.1 with AlexNet, for `oceanxl eval --lpips FILE`.
+"""lpips_weights.py FILE - writes the weights of LPIPS v0.1 with AlexNet, for `oceanxl-lab lpips FILE OUT/renders/*.image.png`.
 
 pip install torch torchvision lpips; the convolutions are torchvision's (BSD-3-Clause), the linear heads those of the
 package lpips (BSD-2-Clause). The layout is at the top of src/job/lpips.c.

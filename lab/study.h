@@ -15,7 +15,6 @@ enum study_measure {
     STUDY_PSNR, /* dB */
     STUDY_SSIM,
     STUDY_STRUCTURE, /* oxl_metrics.structure */
-    STUDY_LPIPS,     /* with --lpips */
     STUDY_GAUSSIANS,
     STUDY_BYTES,   /* of scene.ply */
     STUDY_SECONDS, /* of training */

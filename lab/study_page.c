@@ -11,15 +11,10 @@
 #include <string.h>
 
 const struct study_column STUDY_COLUMNS[STUDY_MEASURES] = {
-    {"PSNR dB", "psnr", 1, 2, 1},
-    {"SSIM", "ssim", 1, 4, 1},
-    {"structure", "structure", 1, 3, 1},
-    {"LPIPS", "lpips", 1, 4, 1},
-    {"Gaussians", "gaussians", 1, 0, 0},
-    {"MB", "bytes", 1e-6, 2, 0},
-    {"seconds", "seconds", 1, 1, 0},
-    {"CPU s", "cpu_seconds", 1, 1, 0},
-    {"memory MB", "library_peak_bytes", 1e-6, 1, 0},
+    {"PSNR dB", "psnr", 1, 2, 1},        {"SSIM", "ssim", 1, 4, 1},
+    {"structure", "structure", 1, 3, 1}, {"Gaussians", "gaussians", 1, 0, 0},
+    {"MB", "bytes", 1e-6, 2, 0},         {"seconds", "seconds", 1, 1, 0},
+    {"CPU s", "cpu_seconds", 1, 1, 0},   {"memory MB", "library_peak_bytes", 1e-6, 1, 0},
 };
 
 /* ---------------- figures */

@@ -386,11 +386,9 @@ promise a_mask_of_alpha_has_no_background 0 "pixels of 12 images are masked: as 
     "'$program' train object/split -o object/masked --iterations 60 --alpha mask 2>&1 && ! grep -qa '^comment background' object/masked/scene.ply"
 
 if [ -f "$docs/../../shared/lpips/alex.bin" ]; then
-    promise lpips_is_in_metrics_report_and_eval 0 "mean LPIPS (AlexNet)" sh -c \
-        "'$program' synth -o seen --views 9 --size 96x64 --points 300 --quiet && '$program' train seen -o seen/out --iterations 20 --lpips '$docs/../../shared/lpips/alex.bin' --quiet &&
-         grep '\"lpips\": ' seen/out/metrics.json && '$program' eval seen/out seen --lpips '$docs/../../shared/lpips/alex.bin' | grep '    LPIPS  view' && cat seen/out/report.html"
+    promise lpips_of_renders_is_printed 0 "mean of 3, LPIPS" sh -c "'$program-lab' lpips '$docs/../../shared/lpips/alex.bin' out/renders/*.image.png | sed 's/of [0-9]*,/of 3,/'"
 fi
-promise damaged_lpips_weights_are_refused 3 "examples/lpips_weights.py" "$program" eval out/scene.ply survey --lpips "$docs/OPTIONS.md"
+promise damaged_lpips_weights_are_refused 3 "examples/lpips_weights.py" "$program-lab" lpips "$docs/OPTIONS.md" x.image.png
 
 echo "command line: $passed passed, $failed failed"
 [ "$failed" = 0 ]

@@ -565,7 +565,7 @@ TEST(job_counts_the_views_and_files_of_its_evaluation_as_time_left)
     oxl_scene *scene = NULL;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback));
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &options.scene, &scene));
-    after = cost_evaluation(test_ctx, scene, &options);
+    after = cost_evaluation(scene, &options);
     CHECK(left > after && left < after + 5);
     oxl_scene_free(test_ctx, scene);
 }

@@ -235,12 +235,11 @@ TEST(forecast_of_time_has_the_seconds_of_evaluation_that_no_step_shortens)
     oxl_train_options o = train_options(100);
     oxl_job_options job = oxl_job_options_default(OXL_PRESET_DRAFT);
     struct look look = {.gaussians = 400, .seconds = 1, .timed = 400, .share = 1e-12}, after = look;
-    const double a_view = cost_evaluation(test_ctx, scene, &job);
+    const double a_view = cost_evaluation(scene, &job);
     after.after = 10;
     CHECK_CLOSE(forecast_seconds(scene, &o, &after, 400, 8, 0),
                 10 + 8 + forecast_seconds(scene, &o, &look, 400, 0, 0), 1e-6);
-    job.lpips = "weights";
-    CHECK(a_view > 0.03 && cost_evaluation(test_ctx, scene, &job) > a_view);
+    CHECK(a_view > 0.03);
     oxl_scene_free(test_ctx, scene);
 }
 

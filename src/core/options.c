@@ -40,7 +40,6 @@ static const oxl_option OPTIONS[] = {
 {"block", "all|K", OXL_OPTION_INT, OPTION_AT(block), 0, INT_MAX, EACH("all"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "train only block K, counted from 0; merge joins the blocks", NULL},
 {"renders", "off|on", OXL_OPTION_CHOICE, OPTION_AT(renders), 0, 1, EACH("on"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "write images of the held-out views to OUT/renders", NULL},
 {"ssim-weight", "W", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_weight), 0, 1, PRESETS("0.3", "0.2", "0.2"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "weight of SSIM in the loss, (1-W) L1 + W (1-SSIM)", NULL},
-{"lpips", "WEIGHTS", OXL_OPTION_TEXT, OPTION_AT(lpips), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, OXL_OPTION_OF_EVALUATION, "Input", "measure LPIPS, too, by this file of weights; examples/lpips_weights.py writes it", NULL},
 {"images", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.images), 0, 0, EACH(NULL), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "image folder; otherwise SCENE/images", NULL},
 {"sparse", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.sparse), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, SURVEY | RESULT, "Input", "folder with cameras, images and points3D, .txt or .bin; otherwise SCENE/sparse/0, SCENE/sparse or SCENE", NULL},
 {"masks", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.masks), 0, 0, EACH(NULL), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "mask folder, black pixels are ignored; otherwise SCENE/masks if it exists", NULL},

@@ -108,8 +108,6 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
     if (rc == OXL_OK) rc = evaluate_explained(ctx, p, rendered, image, row);
     if (rc != OXL_OK || !p->bands) return rc;
     rc = metrics_ssim(ctx, rendered, image, &row->ssim, &row->ms_ssim);
-    if (rc == OXL_OK && p->scene->lpips)
-        rc = p->scene->lpips_distance(ctx, p->scene->lpips, rendered, image, &row->lpips);
     return rc == OXL_OK ? evaluate_add_bands(ctx, p->scene, row->view, rendered, image, p->bands) : rc;
 }
 
@@ -158,8 +156,7 @@ static oxl_result evaluate_view(oxl_context *ctx, struct evaluate_pass *p, const
 static oxl_result evaluate_add_view(oxl_context *ctx, struct evaluate_pass *p, int view, oxl_metrics *out)
 {
     oxl_image image = {0};
-    oxl_view_metrics row = {
-        .view = view, .ssim = NAN, .lpips = NAN, .aligned_psnr = NAN, .aligned_ssim = NAN};
+    oxl_view_metrics row = {.view = view, .ssim = NAN, .aligned_psnr = NAN, .aligned_ssim = NAN};
     oxl_result rc = oxl_scene_image(ctx, p->scene, view, &image);
     if (rc == OXL_OK) rc = evaluate_view(ctx, p, &image, &row);
     oxl_image_free(ctx, &image);
@@ -194,11 +191,10 @@ static void evaluate_sum_up_views(oxl_metrics *m)
 
 static void evaluate_sum_up(oxl_metrics *m, const struct evaluate_bands *bands)
 {
-    m->lpips = m->aligned_psnr = m->aligned_ssim = m->count ? 0 : NAN;
+    m->aligned_psnr = m->aligned_ssim = m->count ? 0 : NAN;
     for (int i = 0; i < m->count; i++) {
         m->half_psnr += m->views[i].half_psnr / m->count;
         m->ms_ssim += m->views[i].ms_ssim / m->count;
-        m->lpips += m->views[i].lpips / m->count; /* NaN if a view's value is */
         m->aligned_psnr += m->views[i].aligned_psnr / m->count;
         m->aligned_ssim += m->views[i].aligned_ssim / m->count;
     }

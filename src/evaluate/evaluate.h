@@ -57,7 +57,7 @@ OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, i
 /* Evaluates plain_psnr, psnr and ssim of a model; other values are not set. */
 OXL_INTERNAL oxl_result evaluate_shown(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
                                        oxl_split split, oxl_metrics *out);
-/* Evaluates `most` views of a split at most, evenly spaced, without ssim (NaN), ms_ssim, lpips, plain_psnr,
+/* Evaluates `most` views of a split at most, evenly spaced, without ssim (NaN), ms_ssim, plain_psnr,
  * half_psnr, alignment and depths, in a third of the time. */
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
                                        oxl_split split, int most, oxl_metrics *out);

@@ -17,15 +17,6 @@ OXL_INTERNAL oxl_result metrics_json_add(struct text *t, const oxl_scene *scene,
 OXL_INTERNAL oxl_result render_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey,
                                            int width, int height);
 
-/* ---------------- lpips.c */
-
-struct lpips; /* the network, one allocation, which oxl_free frees */
-OXL_INTERNAL oxl_result lpips_read(oxl_context *ctx, const char *path, struct lpips **out);
-/* Measures LPIPS; pixels that b masks count as equal. *out NaN: a side is below 31 px, so
- * that a layer has no rows. */
-OXL_INTERNAL oxl_result lpips_distance(oxl_context *ctx, const struct lpips *net, const oxl_image *a,
-                                       const oxl_image *b, double *out);
-
 /* ---------------- manifest.c: run.json, what a result depends on */
 
 struct oxl_manifest {

@@ -201,9 +201,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
 {
     oxl_metrics m = {0};
     struct text t = {.ctx = job->ctx};
-    oxl_result rc =
-        job->options.lpips ? oxl_scene_read_lpips(job->ctx, job->scene, job->options.lpips) : OXL_OK;
-    if (rc == OXL_OK) rc = oxl_evaluate(job->ctx, &job->result, job->scene, job_evaluated_split(job), &m);
+    oxl_result rc = oxl_evaluate(job->ctx, &job->result, job->scene, job_evaluated_split(job), &m);
     if (rc != OXL_OK) goto done;
     if (m.count == 0)
         oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be evaluated, so there are no metrics");
@@ -217,7 +215,6 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
         oxl_log(job->ctx, OXL_LOG_INFO,
                 "test views moved onto their images, as poses were refined: PSNR %.2f dB, SSIM %.4f",
                 m.aligned_psnr, m.aligned_ssim);
-    if (!isnan(m.lpips)) oxl_log(job->ctx, OXL_LOG_INFO, "test views: LPIPS (AlexNet) %.4f", m.lpips);
     if (m.cc_psnr > m.psnr + JOB_EXPOSURE)
         oxl_log(
             job->ctx, OXL_LOG_INFO,

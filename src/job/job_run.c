@@ -254,7 +254,7 @@ static oxl_result job_train_single(struct job *job, const char *folder)
     struct block_task task = {.folder = folder,
                               .key = job->key.data,
                               .viewed = cost_evaluated_views(job->scene, job->options.train.iterations),
-                              .after = cost_evaluation(job->ctx, job->scene, &job->options),
+                              .after = cost_evaluation(job->scene, &job->options),
                               .standard = block_standard_steps(&job->options.train)};
     oxl_job_options options;
     struct job_single single = {.job = job, .task = &task, .options = &options};

@@ -84,7 +84,7 @@ static oxl_result survey_predict(oxl_context *ctx, oxl_scene *scene, const oxl_j
     const oxl_result rc = !waits && survey_has_room(o, &load)
                               ? look_take(ctx, scene, &o->train, survey_look_gaussians(o, &load), &look)
                               : OXL_OK;
-    look.after = cost_evaluation(ctx, scene, o);
+    look.after = cost_evaluation(scene, o);
     scene->stats.splitting = load.share = look.share;
     scene->stats.begun = load.begun = look.gaussians / (double)OXL_MAX(load.points, (size_t)1);
     fitted.ram = budget_limit(scene, o);

@@ -38,11 +38,10 @@
 #define COST_JUDGED_MIN 6 /* Bounds the number of judged views from below. */
 /* Counts s for the files of a result, with the report. */
 #define COST_FILES 0.1
-/* Counts s for a held-out view, whose metrics, renders and place in the report the CPU makes: for the view,
- * for each of its pixels and, with LPIPS, s of a thread for each pixel. */
+/* Counts s for a held-out view, whose metrics, renders and place in the report the CPU makes: for the view
+ * and for each of its pixels. */
 #define COST_HELD_OUT 0.03
 #define COST_HELD_OUT_PIXEL 6e-7
-#define COST_LPIPS_PIXEL 4.4e-6
 /* Counts s per pixel of a training view that is judged. */
 #define COST_JUDGED_PIXEL 1e-7
 /* Limits a preset's iterations per image: more overfit (docs/TRADEOFF.md). */
@@ -186,12 +185,11 @@ OXL_INTERNAL double cost_range(const oxl_job_options *o, double seconds, int tim
     return OXL_MIN(seconds, limit);
 }
 
-OXL_INTERNAL double cost_evaluation(const oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o)
+OXL_INTERNAL double cost_evaluation(const oxl_scene *scene, const oxl_job_options *o)
 {
     const int training = schedule_training_views(scene), held_out = oxl_scene_view_count(scene) - training;
-    const double a_pixel = COST_HELD_OUT_PIXEL + (o->lpips ? COST_LPIPS_PIXEL / ctx->threads : 0),
-                 a_view = schedule_pixels(scene) / OXL_MAX(1, training);
-    return COST_FILES + held_out * (COST_HELD_OUT + a_pixel * a_view) +
+    const double a_view = schedule_pixels(scene) / OXL_MAX(1, training);
+    return COST_FILES + held_out * (COST_HELD_OUT + COST_HELD_OUT_PIXEL * a_view) +
            cost_judged_views(scene, o->train.iterations) * COST_JUDGED_PIXEL * a_view;
 }
 

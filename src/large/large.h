@@ -129,7 +129,7 @@ OXL_INTERNAL int cost_evaluated_views(const oxl_scene *scene, int iterations);
 /* Limits predicted seconds by --max-time, and says within what range they are. timed: steps were. */
 OXL_INTERNAL double cost_range(const oxl_job_options *options, double seconds, int timed, double range[2]);
 /* Predicts the seconds that evaluation of these views takes on the CPU, whatever renders them. */
-OXL_INTERNAL double cost_evaluation(const oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o);
+OXL_INTERNAL double cost_evaluation(const oxl_scene *scene, const oxl_job_options *o);
 /* Predicts the duration in s for all blocks of the scene, from the steps of a look, or from the cost if there
  * was no look. range: lower and upper limit. */
 OXL_INTERNAL double cost_seconds(const oxl_scene *scene, const oxl_job_options *options,

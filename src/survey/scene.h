@@ -43,9 +43,6 @@ struct oxl_scene {
     struct imaging imaging; /* imaging of the model that was trained on this scene or read for it */
     /* (view_count) cameras of the survey, while imaging.pose moves those of the views; otherwise NULL */
     oxl_camera *given;
-    struct lpips *lpips; /* network for evaluations, in one allocation (src/job/lpips.c), or NULL */
-    oxl_result (*lpips_distance)(oxl_context *ctx, const struct lpips *net, const oxl_image *a,
-                                 const oxl_image *b, double *out); /* evaluates the network */
 
     struct scene_stats stats;
     int from_files;

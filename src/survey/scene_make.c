@@ -45,7 +45,6 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
     image_cache_free(ctx, &scene->cache);
     imaging_free(ctx, &scene->imaging);
     scene_forget_look(ctx, scene);
-    oxl_free(ctx, scene->lpips);
     OXL_FREE(ctx, scene->view, scene->source, scene->on_disk, scene->decoded, scene->given);
     OXL_FREE(ctx, scene->point, scene->depth, scene->images, scene->masks);
     colmap_free(ctx, &scene->colmap);
