@@ -27,14 +27,14 @@ typedef enum oxl_partition_kind {
 } oxl_partition_kind;
 
 typedef enum oxl_cut {
-    /* at 0.3 to 0.7 of the box, where the loads of the sides come nearest to their numbers of blocks */
+    /* at 0.3 to 0.7 of the box, by the number of points on each side */
     OXL_CUT_BALANCED = 0,
     OXL_CUT_MIDPOINT /* at 0.5, as in BlockGaussian: the baseline */
 } oxl_cut;
 
 typedef struct oxl_partition_options {
     int block_points; /* blocks with more points are cut; 0: as memory requires */
-    /* approximate number of blocks, in place of block_points; 0: by block_points or memory */
+    /* number of blocks, in place of block_points; 0: by block_points or memory */
     int blocks;
     oxl_partition_kind kind;
     oxl_cut cut; /* option --cut */

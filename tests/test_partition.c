@@ -105,18 +105,19 @@ static int partition_test_homes(const struct partition *p, const double frame[3]
     return count;
 }
 
-/* Points, listed block by block, and places on every face, edge and corner, far away too, have one home. */
+/* Points, and places on every face, edge and corner, far away too, have one owner each. */
 static void partition_test_check_homes(const struct partition *p, const oxl_scene *scene)
 {
     const struct colmap *c = scene_colmap(scene);
-    size_t listed = 0;
-    for (int b = 0; b < p->block_count; b++)
-        for (size_t end = listed + p->block[b].points; listed < end; listed++) {
-            double at[3];
-            partition_to_frame(p, c->point[p->plan->point[listed]].position, at);
-            CHECK(partition_test_homes(p, at) == 1 && partition_contains(&p->block[b].box, at));
-        }
-    CHECK(listed == c->point_count);
+    size_t sum = 0;
+    for (size_t i = 0; i < c->point_count; i++) {
+        double at[3];
+        partition_to_frame(p, c->point[i].position, at);
+        CHECK(partition_test_homes(p, at) == 1);
+        CHECK(partition_contains(&p->block[p->plan->owner[i]].box, at));
+    }
+    for (int i = 0; i < p->block_count; i++) sum += p->block[i].points;
+    CHECK(sum == c->point_count);
     for (int i = 0; i < 2000; i++) {
         double at[3];
         for (int k = 0; k < 3; k++) {
@@ -292,20 +293,15 @@ TEST(partition_takes_a_slab_for_2d_and_a_cube_for_3d_whatever_a_few_outliers_say
     }
 }
 
-/* Counts the points in the box that a view sees (view -1: all), by the tracks alone. box NULL: any place. */
-static size_t partition_test_count(const struct partition *p, const struct partition_box *box, int view)
+/* Counts the points of a block (-1: of all) that a view sees, by the tracks alone. */
+static size_t partition_test_count(const struct partition *p, int block, int view)
 {
     const struct colmap *c = scene_colmap(p->plan->scene);
     size_t count = 0;
-    for (size_t i = 0; i < c->point_count; i++) {
-        int seen = view < 0;
-        double at[3];
-        partition_to_frame(p, c->point[i].position, at);
-        for (uint32_t k = 0; k < c->point[i].track_count; k++)
-            seen |= view >= 0 && &c->image[c->track[c->point[i].first_track + k].image_row] ==
-                                     scene_source_image(p->plan->scene, view);
-        count += (size_t)(seen && (!box || partition_contains(box, at)));
-    }
+    for (size_t k = 0; k < c->point_count; k++)
+        for (uint32_t j = 0; j < c->point[k].track_count && (block < 0 || p->plan->owner[k] == block); j++)
+            count += &c->image[c->track[c->point[k].first_track + j].image_row] ==
+                     scene_source_image(p->plan->scene, view);
     return count;
 }
 
@@ -315,26 +311,17 @@ TEST(partition_assigns_training_views_by_its_rules_and_test_views_never)
     const int views = oxl_scene_view_count(scene);
     struct partition p = partition_test_cut(scene, 300, OXL_CUT_BALANCED);
     int roles[3] = {0};
-    for (int b = 0; b < p.block_count; b++) {
-        struct partition_box wide = p.block[b].box;
-        size_t inside;
-        for (int k = 0; k < 3; k++) {
-            const double size = p.block[b].finite.high[k] - p.block[b].finite.low[k];
-            CHECK(size > 0);
-            wide.low[k] -= 0.05 * size, wide.high[k] += 0.05 * size;
-        }
-        inside = partition_test_count(&p, &wide, -1);
+    for (int b = 0; b < p.block_count; b++)
         for (int v = 0; v < views; v++) {
-            const double all = (double)partition_test_count(&p, NULL, v),
-                         both = (double)partition_test_count(&p, &wide, v);
-            const int role = oxl_scene_view(scene, v)->is_test ? PARTITION_OUT
-                             : 10 * both > 3 * all             ? PARTITION_BASE
-                             : 10 * both > (double)inside      ? PARTITION_BORDER
-                                                               : PARTITION_OUT;
+            const double all = (double)partition_test_count(&p, -1, v),
+                         both = (double)partition_test_count(&p, b, v);
+            const int role = oxl_scene_view(scene, v)->is_test        ? PARTITION_OUT
+                             : both > 0.3 * all                       ? PARTITION_BASE
+                             : both > 0.1 * (double)p.block[b].points ? PARTITION_BORDER
+                                                                      : PARTITION_OUT;
             CHECK(p.plan->role[b * views + v] == role);
             roles[role]++;
         }
-    }
     CHECK(roles[PARTITION_BASE] > 20 && roles[PARTITION_BORDER] > 2);
     partition_free(test_ctx, &p);
     oxl_scene_free(test_ctx, scene);

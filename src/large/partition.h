@@ -11,9 +11,9 @@ enum partition_role { PARTITION_OUT, PARTITION_BASE, PARTITION_BORDER };
 struct partition_plan {
     const oxl_scene *scene;
     struct partition_box finite; /* trimmed extents of the survey */
-    uint32_t *point;             /* (points that the scene keeps) rows of the COLMAP model, block by block */
-    int *view_of;                /* (images) training view of each image of the COLMAP model; -1: none */
-    size_t *seen;                /* (views) points that each training view observes */
+    int *owner;                  /* (points of the COLMAP model) block; -1: the scene drops the point */
+    int *view_of;                /* (images of the COLMAP model) training view; -1: none */
+    size_t *seen;                /* (views) number of points that each training view sees */
     uint8_t *role;               /* (blocks, views) enum partition_role */
 };
 
@@ -22,9 +22,9 @@ OXL_INTERNAL oxl_result partition_axes(oxl_context *ctx, const oxl_scene *scene,
 /* Cuts the survey into `blocks` blocks, and into more until none has more than `limit` points (partition_cut.c). */
 OXL_INTERNAL oxl_result partition_cut(oxl_context *ctx, struct partition *p, oxl_cut cut, int blocks,
                                       size_t limit);
-/* Calculates a block's box with its margin. */
-OXL_INTERNAL struct partition_box partition_expand(const struct partition_block *b);
-/* Returns 1 if the block starts from the point: it lies in the wider box, or a view of the block sees it. */
+/* Returns 1 if the block has the view; 0 for view -1. */
+OXL_INTERNAL int partition_has_view(const struct partition *p, int block, int view);
+/* Returns 1 if the block starts from the point: it is its own, or a view of the block sees it. */
 OXL_INTERNAL int partition_starts_from(const struct partition *p, int block, size_t point);
 /* Writes the drawing of the blocks (partition_svg.c). */
 OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition *p, const char *path);

@@ -6,7 +6,7 @@
  *     OUT/partition.txt          written last: it marks the export as complete
  *
  * A block holds its training views and initial points, in the world coordinates, camera models, names and ids
- * of the survey; numbers as %.17g. Tracks are reduced to the block's views. Since all points that a view sees
+ * of the survey; numbers as %.17g; all cameras. Tracks are reduced to the block's views. Since all points that a view sees
  * are in its blocks, its 2D points are those of the survey: text is copied, binary numbers are written out.
  */
 #include "partition.h"
@@ -30,31 +30,24 @@ struct exporter {
     FILE *file;
 };
 
-static int exporter_has_view(const struct exporter *e, int view)
+/* Writes numbers as %.17g, each after a blank. */
+static void exporter_numbers(const struct exporter *e, const double *value, int count)
 {
-    const size_t views = (size_t)oxl_scene_view_count(e->p->plan->scene);
-    return view >= 0 && e->p->plan->role[(size_t)e->block * views + (size_t)view] != PARTITION_OUT;
+    for (int k = 0; k < count; k++) {
+        char text[NUMBER_TEXT_MAX];
+        format_double(text, value[k]);
+        fprintf(e->file, " %s", text);
+    }
 }
-
-static const char *exporter_number(char out[NUMBER_TEXT_MAX], double value)
-{
-    format_double(out, value);
-    return out;
-}
-#define EXACT(value) exporter_number((char[NUMBER_TEXT_MAX]){0}, value)
 
 static oxl_result exporter_cameras(struct exporter *e)
 {
-    const oxl_scene *scene = e->p->plan->scene;
     fprintf(e->file, "# Camera list with one line of data per camera:\n"
                      "#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n");
     for (size_t i = 0; i < e->colmap->camera_count; i++) {
         const struct colmap_camera *c = &e->colmap->camera[i];
-        int view = oxl_scene_view_count(scene) - 1;
-        while (view >= 0 && (!exporter_has_view(e, view) || scene_source_camera(scene, view) != c)) view--;
-        if (view < 0) continue;
         fprintf(e->file, "%" PRId64 " %s %d %d", c->id, camera_model_at(c->model)->name, c->width, c->height);
-        for (int k = 0; k < c->parameter_count; k++) fprintf(e->file, " %s", EXACT(c->parameter[k]));
+        exporter_numbers(e, c->parameter, c->parameter_count);
         fputc('\n', e->file);
     }
     return OXL_OK;
@@ -72,9 +65,11 @@ static oxl_result exporter_list(struct exporter *e, const struct colmap_image *i
                       e->reader.path);
     if (e->colmap->format == COLMAP_TEXT) fwrite(e->list, 1, got, e->file);
     else
-        for (const char *p = e->list; p + EXPORT_OBSERVATION <= e->list + got; p += EXPORT_OBSERVATION)
-            fprintf(e->file, "%s%s %s %" PRId64, p > e->list ? " " : "", EXACT(bytes_double(p)),
-                    EXACT(bytes_double(p + 8)), (int64_t)bytes_get(p + 16, 8));
+        for (const char *p = e->list; p + EXPORT_OBSERVATION <= e->list + got; p += EXPORT_OBSERVATION) {
+            const double pixel[2] = {bytes_double(p), bytes_double(p + 8)};
+            exporter_numbers(e, pixel, 2);
+            fprintf(e->file, " %" PRId64, (int64_t)bytes_get(p + 16, 8));
+        }
     fputc('\n', e->file);
     return rc;
 }
@@ -88,10 +83,10 @@ static oxl_result exporter_images(struct exporter *e)
                      "#   POINTS2D[] as (X, Y, POINT3D_ID)\n");
     for (int v = 0; v < oxl_scene_view_count(scene) && rc == OXL_OK; v++) {
         const struct colmap_image *image = scene_source_image(scene, v);
-        if (!exporter_has_view(e, v)) continue;
+        if (!partition_has_view(e->p, e->block, v)) continue;
         fprintf(e->file, "%" PRId64, image->id);
-        for (int k = 0; k < 4; k++) fprintf(e->file, " %s", EXACT(image->rotation[k]));
-        for (int k = 0; k < 3; k++) fprintf(e->file, " %s", EXACT(image->translation[k]));
+        exporter_numbers(e, image->rotation, 4);
+        exporter_numbers(e, image->translation, 3);
         fprintf(e->file, " %" PRId64 " %s\n", image->camera_id, e->colmap->names + image->name);
         rc = exporter_list(e, image);
     }
@@ -105,12 +100,13 @@ static oxl_result exporter_points(struct exporter *e)
     for (size_t i = 0; i < e->colmap->point_count; i++) {
         const struct colmap_point *p = &e->colmap->point[i];
         if (!partition_starts_from(e->p, e->block, i)) continue;
-        fprintf(e->file, "%" PRId64 " %s %s %s %d %d %d %s", p->id, EXACT(p->position[0]),
-                EXACT(p->position[1]), EXACT(p->position[2]), p->rgb[0], p->rgb[1], p->rgb[2],
-                EXACT(p->error));
+        fprintf(e->file, "%" PRId64, p->id);
+        exporter_numbers(e, p->position, 3);
+        fprintf(e->file, " %d %d %d", p->rgb[0], p->rgb[1], p->rgb[2]);
+        exporter_numbers(e, &p->error, 1);
         for (uint32_t k = 0; k < p->track_count; k++) {
             const struct colmap_track *t = &e->colmap->track[p->first_track + k];
-            if (exporter_has_view(e, e->p->plan->view_of[t->image_row]))
+            if (partition_has_view(e->p, e->block, e->p->plan->view_of[t->image_row]))
                 fprintf(e->file, " %" PRId64 " %" PRIu32, e->colmap->image[t->image_row].id, t->observation);
         }
         fputc('\n', e->file);

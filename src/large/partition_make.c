@@ -2,18 +2,16 @@
  * sec. 3.1, Alg. 1).
  *
  * A view belongs to a block that holds more than 0.3 of the points it sees (base), or of whose points it sees
- * more than 0.1 (border) [BlockGaussian]. A block starts from the points in its box, made 5 % wider on each
- * side, and from all points that its views see.
+ * more than 0.1 (border) [BlockGaussian]. A block starts from its own points and all that its views see.
  *
- * The paper discards blocks of too few points or views, and blocks holes; here no block is discarded.
+ * The paper discards blocks of too few points or views, and leaves holes; here no block is discarded.
  */
 #include "partition.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
 #include "../survey/tracks.h"
 
-#define PARTITION_FLAT 0.3    /* Bounds l3 / l2 of a survey that is cut in 2D [OceanXL]. */
-#define PARTITION_MARGIN 0.05 /* Enlarges the box on each side, in sizes of the box [BlockGaussian]. */
+#define PARTITION_FLAT 0.3 /* Bounds l3 / l2 of a survey that is cut in 2D [OceanXL]. */
 
 OXL_INTERNAL void partition_to_frame(const struct partition *p, const double world[3], double out[3])
 {
@@ -25,63 +23,36 @@ OXL_INTERNAL void partition_to_frame(const struct partition *p, const double wor
 
 /* ---------------- views of the blocks */
 
-OXL_INTERNAL struct partition_box partition_expand(const struct partition_block *b)
+OXL_INTERNAL int partition_has_view(const struct partition *p, int block, int view)
 {
-    struct partition_box box = b->box;
-    for (int k = 0; k < 3; k++) {
-        const double margin = PARTITION_MARGIN * (b->finite.high[k] - b->finite.low[k]);
-        box.low[k] -= margin;
-        box.high[k] += margin;
-    }
-    return box;
-}
-
-/* Counts the points in a box that each view sees, and returns the number of all points there. seen: (views)
- * zeros. */
-static size_t partition_count_seen(const struct partition *p, const struct partition_box *box, size_t *seen)
-{
-    const struct colmap *c = scene_colmap(p->plan->scene);
-    size_t inside = 0;
-    for (size_t i = 0; i < c->point_count; i++) {
-        struct tracks_walk w = tracks_of_point(c, p->plan->view_of, i);
-        double frame[3];
-        partition_to_frame(p, c->point[i].position, frame);
-        if (!partition_contains(box, frame)) continue;
-        inside++;
-        while (tracks_next(&w)) seen[w.view]++;
-    }
-    return inside;
+    const size_t views = (size_t)oxl_scene_view_count(p->plan->scene);
+    return view >= 0 && p->plan->role[(size_t)block * views + (size_t)view] != PARTITION_OUT;
 }
 
 OXL_INTERNAL int partition_starts_from(const struct partition *p, int block, size_t point)
 {
-    const struct partition_plan *plan = p->plan;
-    const struct colmap *c = scene_colmap(plan->scene);
-    const uint8_t *role = plan->role + (size_t)block * (size_t)oxl_scene_view_count(plan->scene);
-    const struct partition_box box = partition_expand(&p->block[block]);
-    struct tracks_walk w = tracks_of_point(c, plan->view_of, point);
-    double frame[3];
+    struct tracks_walk w = tracks_of_point(scene_colmap(p->plan->scene), p->plan->view_of, point);
+    if (p->plan->owner[point] == block) return 1;
     while (tracks_next(&w))
-        if (role[w.view] != PARTITION_OUT) return 1;
-    partition_to_frame(p, c->point[point].position, frame);
-    return partition_contains(&box, frame);
+        if (partition_has_view(p, block, w.view)) return 1;
+    return 0;
 }
 
-/* Decides on the views of a block by the paper's two rules, exactly, in integers. seen: (views) zeros. */
-static void partition_assign_views(const struct partition *p, int block, size_t *seen)
+/* Decides on the views of a block by the paper's two rules, exactly, in integers. seen: (views) points of the
+ * block that each sees. */
+static void partition_assign_views(const struct partition *p, int block, const size_t *seen)
 {
     const struct partition_plan *plan = p->plan;
+    const int views = oxl_scene_view_count(plan->scene);
     struct partition_block *b = &p->block[block];
-    const struct partition_box box = partition_expand(b);
-    const size_t views = (size_t)oxl_scene_view_count(plan->scene);
-    const size_t inside = partition_count_seen(p, &box, seen);
-    for (size_t v = 0; v < views; v++) {
-        const int is_alone = p->block_count == 1 && !oxl_scene_view(plan->scene, (int)v)->is_test;
-        plan->role[(size_t)block * views + v] = is_alone || 10 * seen[v] > 3 * plan->seen[v] ? PARTITION_BASE
-                                                : 10 * seen[v] > inside ? PARTITION_BORDER
-                                                                        : PARTITION_OUT;
-        b->base_views += plan->role[(size_t)block * views + v] == PARTITION_BASE;
-        b->border_views += plan->role[(size_t)block * views + v] == PARTITION_BORDER;
+    uint8_t *role = plan->role + (size_t)block * (size_t)views;
+    for (int v = 0; v < views; v++) {
+        const int is_alone = p->block_count == 1 && !oxl_scene_view(plan->scene, v)->is_test;
+        role[v] = is_alone || 10 * seen[v] > 3 * plan->seen[v] ? PARTITION_BASE
+                  : 10 * seen[v] > b->points                   ? PARTITION_BORDER
+                                                               : PARTITION_OUT;
+        b->base_views += role[v] == PARTITION_BASE;
+        b->border_views += role[v] == PARTITION_BORDER;
     }
     for (size_t i = 0; i < scene_colmap(plan->scene)->point_count; i++)
         b->start_points += (size_t)partition_starts_from(p, block, i);
@@ -89,10 +60,14 @@ static void partition_assign_views(const struct partition *p, int block, size_t 
 
 static oxl_result partition_find_views(oxl_context *ctx, struct partition *p)
 {
-    const size_t views = (size_t)oxl_scene_view_count(p->plan->scene), blocks = (size_t)p->block_count;
-    size_t *seen = oxl_calloc(ctx, blocks * views + 1, sizeof *seen);
-    p->plan->role = oxl_calloc(ctx, blocks * views + 1, 1);
+    const size_t views = (size_t)oxl_scene_view_count(p->plan->scene),
+                 size = (size_t)p->block_count * views + 1;
+    struct tracks_walk w = tracks_of(scene_colmap(p->plan->scene), p->plan->view_of);
+    size_t *seen = oxl_calloc(ctx, size, sizeof *seen);
+    p->plan->role = oxl_calloc(ctx, size, 1);
     if (seen && p->plan->role) {
+        for (w.origin = p->origin; tracks_next(&w); p->plan->seen[w.view]++)
+            seen[(size_t)p->plan->owner[w.point] * views + (size_t)w.view]++;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
         for (int i = 0; i < p->block_count; i++) partition_assign_views(p, i, seen + (size_t)i * views);
     }
@@ -128,15 +103,13 @@ static oxl_result partition_check(oxl_context *ctx, const oxl_scene *scene, int 
 static oxl_result partition_begin(oxl_context *ctx, const oxl_scene *scene, struct partition *p)
 {
     struct partition_plan *plan = p->plan = oxl_calloc(ctx, 1, sizeof *plan);
-    struct tracks_walk w;
     if (!plan) return OXL_ERR_MEMORY;
     memcpy(p->origin, oxl_scene_origin(scene), sizeof p->origin);
     plan->scene = scene;
-    plan->point = oxl_alloc(ctx, scene_colmap(scene)->point_count + 1, sizeof *plan->point);
+    plan->owner = oxl_alloc(ctx, scene_colmap(scene)->point_count + 1, sizeof *plan->owner);
     plan->seen = oxl_calloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *plan->seen);
     plan->view_of = scene_views_by_image(ctx, scene, OXL_SPLIT_TRAIN);
-    if (!plan->point || !plan->seen || !plan->view_of) return OXL_ERR_MEMORY;
-    for (w = tracks_of(scene_colmap(scene), plan->view_of); tracks_next(&w);) plan->seen[w.view]++;
+    if (!plan->owner || !plan->seen || !plan->view_of) return OXL_ERR_MEMORY;
     return partition_axes(ctx, scene, p);
 }
 
@@ -187,7 +160,7 @@ OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene,
 OXL_INTERNAL void partition_free_plan(oxl_context *ctx, struct partition *p)
 {
     if (!p->plan) return;
-    OXL_FREE(ctx, p->plan->point, p->plan->view_of, p->plan->seen, p->plan->role, p->plan);
+    OXL_FREE(ctx, p->plan->owner, p->plan->view_of, p->plan->seen, p->plan->role, p->plan);
     p->plan = NULL;
 }
 

@@ -34,33 +34,30 @@ static void draw_mark(const struct drawing_panel *d, const double world[3])
     text_add(d->t, "M%d %dh0", at[0], at[1]);
 }
 
-/* Draws a block in a colour of its own: points, box, number. Returns where the next block's points begin. */
-static size_t draw_block(const struct drawing_panel *d, int block, size_t first, size_t step)
+/* Draws a block in a colour of its own: every step-th point, box, number. */
+static void draw_block(const struct drawing_panel *d, int block, size_t step)
 {
-    const struct partition_plan *plan = d->p->plan;
-    const struct partition_block *b = &d->p->block[block];
+    const struct colmap *c = scene_colmap(d->p->plan->scene);
+    const struct partition_box *box = &d->p->block[block].finite;
     int low[2], high[2];
-    draw_place(d, b->finite.low, low);
-    draw_place(d, b->finite.high, high);
+    draw_place(d, box->low, low);
+    draw_place(d, box->high, high);
     text_add(d->t, "<g stroke='hsl(%d 60%% 45%%)'><path d='", block * 137 % 360); /* the golden angle */
-    for (size_t i = (first + step - 1) / step * step; i < first + b->points; i += step)
-        draw_mark(d, scene_colmap(plan->scene)->point[plan->point[i]].position);
+    for (size_t i = 0; i < c->point_count; i += step)
+        if (d->p->plan->owner[i] == block) draw_mark(d, c->point[i].position);
     text_add(d->t, "'/><rect x='%d' y='%d' width='%d' height='%d'/></g><text x='%d' y='%d'>%d</text>\n",
-             low[0], high[1], OXL_MAX(high[0] - low[0], 1), OXL_MAX(low[1] - high[1], 1), low[0] + 4,
-             high[1] + 15, block);
-    return first + b->points;
+             low[0], high[1], high[0] - low[0], low[1] - high[1], low[0] + 4, high[1] + 15, block);
 }
 
 static void draw_panel(const struct drawing_panel *d)
 {
-    const struct partition_plan *plan = d->p->plan;
-    size_t first = 0, points = 0;
-    for (int i = 0; i < d->p->block_count; i++) points += d->p->block[i].points;
-    for (int i = 0; i < d->p->block_count; i++) first = draw_block(d, i, first, points / DRAW_POINTS + 1);
+    const oxl_scene *scene = d->p->plan->scene;
+    for (int i = 0; i < d->p->block_count; i++)
+        draw_block(d, i, scene_colmap(scene)->point_count / DRAW_POINTS + 1);
     text_add(d->t, "<path class='camera' d='");
-    for (int v = 0; v < oxl_scene_view_count(plan->scene); v++) {
+    for (int v = 0; v < oxl_scene_view_count(scene); v++) {
         double centre[3];
-        camera_position(&oxl_scene_view(plan->scene, v)->camera, centre);
+        camera_position(&oxl_scene_view(scene, v)->camera, centre);
         for (int k = 0; k < 3; k++) centre[k] += d->p->origin[k];
         draw_mark(d, centre);
     }
