@@ -65,9 +65,7 @@
 #include "src/formats/spz.c"           /* models as SPZ */
 #include "src/formats/gltf.c"          /* models as binary glTF */
 #include "src/formats/splat_file.c"    /* models as .splat */
-#include "src/formats/model_columns.h" /* the columns of the standard PLY */
 #include "src/formats/model_file.c"    /* models from PLY */
-#include "src/formats/model_write.c"   /* models as PLY */
 #include "src/formats/image_write.c"   /* writes PNG and JPEG, in memory by codec */
 #include "src/formats/model_formats.c" /* the formats of models, a row each */
 

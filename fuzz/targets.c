@@ -244,7 +244,7 @@ static void fuzz_spz(oxl_context *ctx, const uint8_t *data, size_t size)
     for (size_t i = 0; i < 2; i++)
         file[11 + i] = (unsigned char)(size >> 8 * i), file[13 + i] = (unsigned char)(~size >> 8 * i);
     memcpy(file + HEAD, data, size);
-    bytes_put(file + HEAD + size, spz_crc(data, size), 4);
+    bytes_put(file + HEAD + size, codec_png_checksum(data, (int)size), 4);
     bytes_put(file + HEAD + size + 4, (uint32_t)size, 4);
     fuzz_model(ctx, "model.spz", file, HEAD + size + TAIL);
     free(file);

@@ -127,8 +127,6 @@ oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, const c
                                    int width, int height);
 /* src/job/survey_report.c */
 void survey_write_duration(oxl_survey *s, double seconds, const double range[2]);
-/* src/formats/spz.c */
-uint32_t spz_crc(const unsigned char *p, size_t size);
 /* src/render/renderer_step.c */
 float *render_depth_sums(const struct renderer_sums *s, float depth);
 /* src/survey/camera.c */

@@ -49,7 +49,7 @@ OXL_INTERNAL void model_write_view(struct text *t, const char *before, const oxl
 OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
                                      oxl_model *model);
 
-/* ---------------- model_file.c, model_write.c: models as PLY */
+/* ---------------- model_file.c: models as PLY */
 
 /* Replaces infinite logits and logarithms by finite limits; returns the number of rows changed. */
 OXL_INTERNAL size_t model_file_settle_limits(oxl_model *model);

@@ -1,15 +1,15 @@
-/* model_file.c - reads models as PLY: the standard of 3DGS, with an element for second lobes.
+/* model_file.c - reads and writes models as PLY: the standard of 3DGS, with an element for second lobes.
  *
  * Sources: the PLY of Kerbl 2023's reference code (62 float columns, raw values).
  *
  *     element dog   byte  0  opacity_factor  float     4  scale_factor  3 float
  *
- * Row i of element dog belongs to vertex i, or to the vertex of the property vertex_index (earlier versions).
+ * Row i of element dog belongs to vertex i.
  *
  * Invariant: rows with values that are not finite are dropped, and their number is logged; infinities that
- * are the limits of opacity and width are not among them.
+ * are the limits of opacity and width are not among them. None is written: training must not produce them.
  */
-#include "model_columns.h"
+#include "formats.h"
 #include "ply.h"
 
 #include "../core/bytes.h"
@@ -21,11 +21,20 @@ enum { MODEL_FILE_JUDGED = 100 };  /* least number of Gaussians by whose ranges 
 #define MODEL_FILE_OPAQUE 20.0f
 
 enum {
-    MODEL_FILE_ROWS = 256,      /* rows converted at a time */
-    MODEL_FILE_HEADER = 1 << 16 /* bytes; a file with a longer header is read as a whole */
+    MODEL_FILE_COLUMNS = 62, /* columns of the standard layout */
+    MODEL_FILE_ROWS = 64     /* rows converted at a time */
 };
 
+/* Names the float columns of element dog, one for each plane from OXL_LOBE on. */
+static const char *const MODEL_FILE_LOBE[MODEL_LOBE_PLANES] = {"opacity_factor", "scale_factor_0",
+                                                               "scale_factor_1", "scale_factor_2"};
+
 /* ---------------- the columns of the standard PLY */
+
+struct model_file_column {
+    char name[20];
+    int plane; /* plane of the model; -1: written as 0, not needed when read */
+};
 
 static struct model_file_column model_file_column(const char *prefix, int index, int plane)
 {
@@ -34,8 +43,11 @@ static struct model_file_column model_file_column(const char *prefix, int index,
     return c;
 }
 
-OXL_INTERNAL int model_file_columns(int file_degree, int sh_degree,
-                                    struct model_file_column out[MODEL_FILE_COLUMNS])
+/* Lists the columns of a PLY of `file_degree` for a model of `sh_degree`, in the standard's order; f_rest is
+ * channel-major: all coefficients of red, then of green, then of blue. Returns their number: 62 when
+ * file_degree is 3. */
+static int model_file_columns(int file_degree, int sh_degree,
+                              struct model_file_column out[MODEL_FILE_COLUMNS])
 {
     const int rest = (file_degree + 1) * (file_degree + 1) - 1; /* coefficients per channel past degree 0 */
     const int kept = (sh_degree + 1) * (sh_degree + 1);
@@ -113,20 +125,10 @@ static void model_file_check_units(oxl_context *ctx, const char *path, const oxl
                 path, (double)low, (double)high);
 }
 
-static size_t model_file_count_unturned(const oxl_model *m)
-{
-    size_t count = 0;
-    for (size_t i = 0; i < m->count; i++)
-        count += m->plane[OXL_ROTATION][i] == 0 && m->plane[OXL_ROTATION + 1][i] == 0 &&
-                 m->plane[OXL_ROTATION + 2][i] == 0 && m->plane[OXL_ROTATION + 3][i] == 0;
-    return count;
-}
-
 /* Keeps the rows with finite values and sizes, in their order. */
 OXL_INTERNAL oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_model *model)
 {
     const size_t count = model->count, limits = model_file_settle_limits(model);
-    size_t unturned;
     uint8_t *keep = oxl_alloc(ctx, count + 1, 1);
     if (!keep) return OXL_ERR_MEMORY;
     for (size_t i = 0; i < count; i++) {
@@ -146,16 +148,11 @@ OXL_INTERNAL oxl_result model_file_drop_rows(oxl_context *ctx, const char *path,
         oxl_log(ctx, OXL_LOG_WARNING,
                 "%s: dropped %zu of %zu Gaussians that hold values which are not finite", path,
                 model->not_finite, count);
-    unturned = model_file_count_unturned(model);
     model_file_check_units(ctx, path, model);
     if (limits)
         oxl_log(ctx, OXL_LOG_INFO,
                 "%s: %zu Gaussians are at the limit of opacity or width (infinite), and are kept", path,
                 limits);
-    if (unturned)
-        oxl_log(ctx, OXL_LOG_WARNING,
-                "%s: %zu of %zu Gaussians have the rotation 0 0 0 0, and are taken as not turned", path,
-                unturned, model->count);
     return OXL_OK;
 }
 
@@ -198,27 +195,18 @@ static oxl_result model_file_read_degree(oxl_context *ctx, const struct ply *ply
 /* Names the columns that a model may have in the place of f_dc_*, as nerfstudio writes it in its mode rgb. */
 static const char *const MODEL_FILE_RGB[3] = {"red", "green", "blue"};
 
-static int model_file_has_rgb(const struct ply_element *vertex)
+/* Finds the property of a column; of f_dc_*, it may be a colour. -1: there is none. */
+static int model_file_property(const struct ply_element *vertex, const struct model_file_column *column)
 {
-    int has = ply_find_property(vertex, "f_dc_0") < 0;
-    for (int i = 0; i < 3; i++) has &= ply_find_property(vertex, MODEL_FILE_RGB[i]) >= 0;
-    return has;
+    const int found = ply_find_property(vertex, column->name), c = column->plane - OXL_SH;
+    return found < 0 && c >= 0 && c < 3 ? ply_find_property(vertex, MODEL_FILE_RGB[c]) : found;
 }
 
-static const char *model_file_name(const struct model_file_column *column, int rgb)
+/* Turns colours of white `white` into coefficients of degree 0. */
+static void model_file_from_rgb(oxl_model *model, int plane, double white)
 {
-    return rgb && column->plane >= OXL_SH && column->plane < OXL_SH + 3
-               ? MODEL_FILE_RGB[column->plane - OXL_SH]
-               : column->name;
-}
-
-static void model_file_from_rgb(const struct ply_element *vertex, oxl_model *model)
-{
-    for (int c = 0; c < 3; c++) {
-        const double white = ply_white(vertex->property[ply_find_property(vertex, MODEL_FILE_RGB[c])].type);
-        float *plane = model->plane[OXL_SH + c];
-        for (size_t i = 0; i < model->count; i++) plane[i] = (float)((plane[i] / white - 0.5) / MODEL_SH0);
-    }
+    for (size_t i = 0; i < model->count; i++)
+        model->plane[plane][i] = (float)((model->plane[plane][i] / white - 0.5) / MODEL_SH0);
 }
 
 /* Reads the planes of element vertex, each straight from its column. */
@@ -227,14 +215,13 @@ static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *p
 {
     const struct ply_element *vertex = &ply->element[element];
     struct model_file_column column[MODEL_FILE_COLUMNS];
-    struct ply_target *target = NULL;
-    const int rgb = model_file_has_rgb(vertex);
+    struct ply_target *target;
     int degree, columns;
     oxl_result rc = model_file_read_degree(ctx, ply, vertex, &degree);
     if (rc != OXL_OK) return rc;
     columns = model_file_columns(degree, degree, column);
     for (int c = 0; c < columns; c++)
-        if (column[c].plane >= 0 && ply_find_property(vertex, model_file_name(&column[c], rgb)) < 0)
+        if (column[c].plane >= 0 && model_file_property(vertex, &column[c]) < 0)
             return model_file_no_property(ctx, ply, vertex, column[c].name);
     rc = oxl_model_create(ctx, (size_t)vertex->rows, degree, out);
     if (rc != OXL_OK) return rc;
@@ -242,99 +229,42 @@ static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *p
     if (!target) return OXL_ERR_MEMORY;
     for (int c = 0; c < columns; c++)
         if (column[c].plane >= 0)
-            target[ply_find_property(vertex, model_file_name(&column[c], rgb))].as_float =
-                out->plane[column[c].plane];
+            target[model_file_property(vertex, &column[c])].as_float = out->plane[column[c].plane];
     rc = ply_read(ctx, ply, element, target);
-    if (rc == OXL_OK && rgb) model_file_from_rgb(vertex, out);
+    for (int c = 0; c < columns && rc == OXL_OK; c++)
+        if (column[c].plane >= 0 && ply_find_property(vertex, column[c].name) < 0)
+            model_file_from_rgb(out, column[c].plane,
+                                ply_white(vertex->property[model_file_property(vertex, &column[c])].type));
     oxl_free(ctx, target);
     return rc;
 }
 
-/* ---------------- second lobes in */
-
-/* Reads the rows of element dog. index: (rows) vertex of each row, as double; the row number without
- * vertex_index. factor: (4,rows). */
-static oxl_result model_file_read_factors(oxl_context *ctx, const struct ply *ply, int element, double *index,
-                                          float *factor)
+/* Reads row i of element dog as the second lobe of vertex i. */
+static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply, int element,
+                                        oxl_model *model)
 {
     const struct ply_element *dog = &ply->element[element];
     struct ply_target *target = oxl_calloc(ctx, (size_t)dog->properties + 1, sizeof *target);
-    oxl_result rc;
-    if (!target) return OXL_ERR_MEMORY;
-    for (int k = -1; k < MODEL_LOBE_PLANES; k++) {
-        const char *name = k < 0 ? "vertex_index" : MODEL_FILE_LOBE[k];
-        const int at = ply_find_property(dog, name);
-        if (k < 0 && at < 0) {
-            for (size_t i = 0; i < (size_t)dog->rows; i++) index[i] = (double)i;
-            continue;
-        }
-        if (at < 0) {
+    oxl_result rc = target ? OXL_OK : OXL_ERR_MEMORY;
+    if (rc == OXL_OK && (dog->rows > model->count || ply_find_property(dog, "vertex_index") >= 0))
+        rc = oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: element dog announces %llu rows for %zu vertices, or states their vertices; expected "
+            "row i for vertex i\nfix: write the file again with oceanxl, or leave element dog out",
+            ply->path, (unsigned long long)dog->rows, model->count);
+    if (rc == OXL_OK) rc = model_set_lobes(ctx, model, (size_t)dog->rows);
+    for (int k = 0; k < MODEL_LOBE_PLANES && rc == OXL_OK; k++) {
+        const int at = ply_find_property(dog, MODEL_FILE_LOBE[k]);
+        if (at >= 0) target[at].as_float = model->plane[OXL_LOBE + k];
+        else
             rc = oxl_fail(
                 ctx, OXL_ERR_INPUT,
                 "%s: element dog has no property '%s', expected opacity_factor and scale_factor_0 to _2\n"
                 "fix: write the file again with oceanxl, or leave element dog out",
-                ply->path, name);
-            goto done;
-        }
-        if (k < 0) target[at].as_double = index;
-        else target[at].as_float = factor + (size_t)k * (size_t)dog->rows;
+                ply->path, MODEL_FILE_LOBE[k]);
     }
-    rc = ply_read(ctx, ply, element, target);
-done:
+    if (rc == OXL_OK) rc = ply_read(ctx, ply, element, target);
     oxl_free(ctx, target);
-    return rc;
-}
-
-/* Marks the vertices that rows of element dog name, each at most once. */
-static oxl_result model_file_mark_lobes(oxl_context *ctx, const struct ply *ply, const double *index,
-                                        size_t rows, size_t vertices, uint8_t *active)
-{
-    for (size_t i = 0; i < rows; i++) {
-        if (!(index[i] >= 0 && index[i] < (double)vertices && index[i] == floor(index[i])))
-            return oxl_fail(
-                ctx, OXL_ERR_INPUT,
-                "%s: element dog, row %zu: vertex_index is %.10g, expected a whole number below %zu\n"
-                "fix: the lobes belong to another set of vertices; write the file again with oceanxl",
-                ply->path, i, index[i], vertices);
-        if (active[(size_t)index[i]]++)
-            return oxl_fail(
-                ctx, OXL_ERR_INPUT,
-                "%s: element dog, row %zu: vertex_index %.0f was there before, expected one lobe a vertex\n"
-                "fix: remove the repeated row",
-                ply->path, i, index[i]);
-    }
-    return OXL_OK;
-}
-
-static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply, int element,
-                                        oxl_model *model)
-{
-    /* Limits the rows by the vertices: rows without properties need no bytes, so the
-     * header can state any number. */
-    const uint64_t declared = ply->element[element].rows;
-    const size_t vertices = model->count, rows = (size_t)OXL_MIN(declared, vertices);
-    double *index = oxl_alloc(ctx, rows + 1, sizeof *index);
-    float *factor = oxl_alloc(ctx, rows + 1, MODEL_LOBE_PLANES * sizeof *factor);
-    uint8_t *active = oxl_calloc(ctx, vertices + 1, 1);
-    /* (vertices) row in dog of a vertex with a second lobe */
-    size_t *row = oxl_alloc(ctx, vertices + 1, sizeof *row);
-    oxl_result rc = index && factor && active && row ? OXL_OK : OXL_ERR_MEMORY;
-    if (rc == OXL_OK && declared > vertices)
-        rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s: element dog announces %llu rows for %zu vertices, expected at most one each\n"
-                      "fix: write the file again with oceanxl, or leave element dog out",
-                      ply->path, (unsigned long long)declared, vertices);
-    if (rc == OXL_OK) rc = model_file_read_factors(ctx, ply, element, index, factor);
-    if (rc == OXL_OK) rc = model_file_mark_lobes(ctx, ply, index, rows, vertices, active);
-    if (rc == OXL_OK) rc = model_make_lobes(ctx, model, active);
-    for (size_t i = 0, lobe = 0; rc == OXL_OK && i < vertices; i++) {
-        row[i] = lobe;
-        lobe += active[i];
-    }
-    for (int k = 0; k < MODEL_LOBE_PLANES; k++)
-        for (size_t i = 0; rc == OXL_OK && i < rows; i++)
-            model->plane[OXL_LOBE + k][row[(size_t)index[i]]] = factor[(size_t)k * rows + i];
-    OXL_FREE(ctx, row, active, factor, index);
     return rc;
 }
 
@@ -355,4 +285,101 @@ OXL_INTERNAL oxl_result model_file_read_ply(oxl_context *ctx, const char *path, 
     for (int i = 0; rc == OXL_OK && i < ply.comments; i++) model_read_comment(ctx, path, ply.comment[i], out);
     ply_close(ctx, &ply);
     return rc;
+}
+
+/* ---------------- PLY out */
+
+static oxl_result model_write_check_column(oxl_context *ctx, const char *path, const char *name,
+                                           const float *plane, size_t rows)
+{
+    for (size_t i = 0; i < rows; i++)
+        if (!(fabsf(plane[i]) <= FLT_MAX))
+            return oxl_fail(ctx, OXL_ERR_FAILED,
+                            "%s: not written: column %s of row %zu is %f, expected a finite number\n"
+                            "fix: remove such rows before writing",
+                            path, name, i, (double)plane[i]);
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result model_write_check_finite(oxl_context *ctx, const char *path, const oxl_model *model,
+                                                 int file_degree)
+{
+    struct model_file_column column[MODEL_FILE_COLUMNS];
+    const int columns = model_file_columns(file_degree, model->sh_degree, column);
+    oxl_result rc = OXL_OK;
+    for (int i = 0; i < 3; i++)
+        if (!(fabs(model->origin[i]) <= DBL_MAX))
+            return oxl_fail(
+                ctx, OXL_ERR_FAILED,
+                "%s: not written: the model's origin is not finite\nfix: correct the line comment origin of the model it was made from",
+                path);
+    for (int c = 0; rc == OXL_OK && c < columns; c++)
+        if (column[c].plane >= 0)
+            rc = model_write_check_column(ctx, path, column[c].name, model->plane[column[c].plane],
+                                          model->count);
+    for (int k = 0; rc == OXL_OK && k < MODEL_LOBE_PLANES; k++)
+        rc =
+            model_write_check_column(ctx, path, MODEL_FILE_LOBE[k], model->plane[OXL_LOBE + k], model->lobes);
+    return rc;
+}
+
+/* Writes the header; the context's error is that of os_writer_close if the disk is full. */
+static oxl_result model_write_header(oxl_context *ctx, FILE *file, const oxl_model *model, int file_degree)
+{
+    struct model_file_column column[MODEL_FILE_COLUMNS];
+    const int columns = model_file_columns(file_degree, file_degree, column);
+    struct text t = {.ctx = ctx};
+    oxl_result rc = OXL_OK;
+    text_add(&t, "ply\nformat binary_little_endian 1.0\ncomment origin %s %s %s", NUMBER(model->origin[0]),
+             NUMBER(model->origin[1]), NUMBER(model->origin[2]));
+    if (model->scale > 0) text_add(&t, "\ncomment scale %s", NUMBER(model->scale));
+    model_write_background(&t, "\ncomment ", model);
+    model_write_view(&t, "\ncomment ", model);
+    if (model->antialias) text_add(&t, "\ncomment %smip", MODEL_RENDER_MODE);
+    if (model->lobes)
+        text_add(&t, "\ncomment dog: a second lobe, alpha = min(.99, o G) - min(.99, o' G'); raw factors: "
+                     "o' = o sigmoid(opacity_factor), s' = s exp(scale_factor)");
+    text_add(&t, "\nelement vertex %zu\n", model->count);
+    for (int c = 0; c < columns; c++) text_add(&t, "property float %s\n", column[c].name);
+    if (model->lobes) text_add(&t, "element dog %zu\n", model->lobes);
+    for (int k = 0; model->lobes && k < MODEL_LOBE_PLANES; k++)
+        text_add(&t, "property float %s\n", MODEL_FILE_LOBE[k]);
+    text_add(&t, "end_header\n");
+    if (t.failed) rc = OXL_ERR_MEMORY;
+    else fwrite(t.data, 1, t.size, file);
+    text_free(&t);
+    return rc;
+}
+
+/* Writes rows of the planes (columns); -1: zeros. Leaves errors to os_writer_close. */
+static void model_write_rows(FILE *file, const oxl_model *model, const int *plane, int columns, size_t count)
+{
+    unsigned char rows[MODEL_FILE_ROWS * 4 * MODEL_FILE_COLUMNS];
+    const size_t row = 4 * (size_t)columns; /* bytes */
+    for (size_t first = 0; first < count; first += MODEL_FILE_ROWS) {
+        const size_t n = OXL_MIN(count - first, MODEL_FILE_ROWS);
+        for (int c = 0; c < columns; c++)
+            for (size_t i = 0; i < n; i++)
+                bytes_put_float(rows + i * row + 4 * (size_t)c,
+                                plane[c] < 0 ? 0 : model->plane[plane[c]][first + i]);
+        fwrite(rows, row, n, file);
+    }
+}
+
+OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model,
+                                             int file_degree)
+{
+    struct os_writer w = {0};
+    struct model_file_column column[MODEL_FILE_COLUMNS];
+    const int columns = model_file_columns(file_degree, model->sh_degree, column);
+    int plane[MODEL_FILE_COLUMNS], lobe[MODEL_LOBE_PLANES];
+    oxl_result rc = model_write_check_finite(ctx, path, model, file_degree);
+    if (rc == OXL_OK) rc = os_writer_open(ctx, path, &w);
+    if (rc != OXL_OK) return rc;
+    for (int c = 0; c < columns; c++) plane[c] = column[c].plane;
+    for (int k = 0; k < MODEL_LOBE_PLANES; k++) lobe[k] = OXL_LOBE + k;
+    rc = model_write_header(ctx, w.file, model, file_degree);
+    model_write_rows(w.file, model, plane, columns, model->count);
+    model_write_rows(w.file, model, lobe, MODEL_LOBE_PLANES, model->lobes);
+    return os_writer_close(ctx, &w, rc);
 }

@@ -28,6 +28,7 @@ static size_t ply_size(enum ply_type type)
 struct ply_header {
     oxl_context *ctx;
     struct ply *ply;
+    oxl_result rc;            /* the first error; nothing is read after it */
     const char *cursor, *end; /* the rest of the file */
     const char *line_start, *line_end;
     int line;
@@ -51,31 +52,30 @@ static int ply_is(const struct ply_header *h, int word, const char *text)
 static const char *ply_printable(const char *from, const char *end, char out[48])
 {
     size_t n = 0;
-    while (from + n < end && n < 44 && from[n] != '\n' && from[n] != '\r') {
+    for (; from + n < end && n < 44 && from[n] != '\n' && from[n] != '\r'; n++)
         out[n] = from[n] >= ' ' && from[n] <= '~' ? from[n] : '?';
-        n++;
-    }
     out[n] = 0;
     return out;
 }
 
-static oxl_result ply_header_fail(const struct ply_header *h, const char *wanted)
+static void ply_header_fail(struct ply_header *h, const char *wanted)
 {
     char seen[48];
-    return oxl_fail(h->ctx, OXL_ERR_INPUT,
-                    "%s:%d: found '%s', expected %s\nfix: correct the header or export the file again",
-                    h->ply->path, h->line, ply_printable(h->line_start, h->line_end, seen), wanted);
+    if (h->rc != OXL_OK) return;
+    h->rc = oxl_fail(h->ctx, OXL_ERR_INPUT,
+                     "%s:%d: found '%s', expected %s\nfix: correct the header or export the file again",
+                     h->ply->path, h->line, ply_printable(h->line_start, h->line_end, seen), wanted);
 }
 
-static oxl_result ply_next_line(struct ply_header *h)
+static void ply_next_line(struct ply_header *h)
 {
     const char *newline = memchr(h->cursor, '\n', (size_t)(h->end - h->cursor)), *c = h->cursor;
     h->line++;
     h->line_start = h->cursor;
     h->line_end = newline ? newline : h->end;
     h->words = 0;
-    if (!newline) return ply_header_fail(h, "more lines: the header has no end_header");
-    while (h->words < 6) {
+    if (!newline) ply_header_fail(h, "more lines: the header has no end_header");
+    while (newline && h->words < 6) {
         while (c < newline && ply_blank(*c)) c++;
         if (c == newline) break;
         h->word[h->words] = c;
@@ -83,126 +83,114 @@ static oxl_result ply_next_line(struct ply_header *h)
         h->length[h->words] = (size_t)(c - h->word[h->words]);
         h->words++;
     }
-    h->cursor = newline + 1;
-    return OXL_OK;
+    h->cursor = h->line_end + (newline != NULL);
 }
 
-static oxl_result ply_header_format(struct ply_header *h)
+static void ply_header_format(struct ply_header *h)
 {
-    if (ply_is(h, 1, "ascii")) h->ply->format = PLY_ASCII;
-    else if (ply_is(h, 1, "binary_little_endian")) h->ply->format = PLY_LITTLE;
-    else if (ply_is(h, 1, "binary_big_endian")) h->ply->format = PLY_BIG;
-    else return ply_header_fail(h, "format ascii, binary_little_endian or binary_big_endian");
-    return ply_is(h, 2, "1.0") ? OXL_OK : ply_header_fail(h, "version 1.0");
+    static const char *const names[] = {"ascii", "binary_little_endian", "binary_big_endian"};
+    for (int i = 0; i < 3; i++)
+        if (ply_is(h, 1, names[i])) h->ply->format = (enum ply_format)(PLY_ASCII + i);
+    if (h->ply->format == PLY_NO_FORMAT)
+        ply_header_fail(h, "format ascii, binary_little_endian or binary_big_endian");
+    if (!ply_is(h, 2, "1.0")) ply_header_fail(h, "version 1.0");
 }
 
-static oxl_result ply_header_name(const struct ply_header *h, int word, char name[PLY_NAME])
+static void ply_header_name(struct ply_header *h, int word, char name[PLY_NAME])
 {
-    if (word >= h->words) return ply_header_fail(h, "a name");
-    if (h->length[word] >= PLY_NAME) return ply_header_fail(h, "a name of less than 64 letters");
-    memcpy(name, h->word[word], h->length[word]);
-    name[h->length[word]] = 0;
-    return OXL_OK;
+    if (word >= h->words) ply_header_fail(h, "a name");
+    else if (h->length[word] >= PLY_NAME) ply_header_fail(h, "a name of less than 64 letters");
+    else snprintf(name, PLY_NAME, "%.*s", (int)h->length[word], h->word[word]);
 }
 
-static oxl_result ply_header_element(struct ply_header *h)
+static void ply_header_element(struct ply_header *h)
 {
     struct ply *ply = h->ply;
     struct ply_element element = {.name = ""};
-    const char *digits = h->words > 2 ? h->word[2] : NULL, *end;
-    int64_t rows;
-    oxl_result rc = ply_header_name(h, 1, element.name);
-    if (rc != OXL_OK) return rc;
-    if (!digits) return ply_header_fail(h, "element NAME COUNT");
-    end = digits + h->length[2];
-    if (!parse_int64(&digits, end, &rows) || digits != end || rows < 0)
-        return ply_header_fail(h, "a count of rows, 0 to 9223372036854775807");
+    const char *digits = h->words > 2 ? h->word[2] : NULL, *end = digits ? digits + h->length[2] : NULL;
+    int64_t rows = 0;
+    ply_header_name(h, 1, element.name);
+    if (!digits) ply_header_fail(h, "element NAME COUNT");
+    else if (!parse_int64(&digits, end, &rows) || digits != end || rows < 0)
+        ply_header_fail(h, "a count of rows, 0 to 9223372036854775807");
     element.rows = (uint64_t)rows;
-    rc =
-        oxl_reserve(h->ctx, &ply->element, &ply->element_capacity, (size_t)ply->elements + 1, sizeof element);
-    if (rc == OXL_OK) ply->element[ply->elements++] = element;
-    return rc;
+    if (h->rc == OXL_OK)
+        h->rc = oxl_reserve(h->ctx, &ply->element, &ply->element_capacity, (size_t)ply->elements + 1,
+                            sizeof element);
+    if (h->rc == OXL_OK) ply->element[ply->elements++] = element;
 }
 
-static oxl_result ply_header_type(const struct ply_header *h, int word, enum ply_type *out)
+static enum ply_type ply_header_type(struct ply_header *h, int word)
 {
     for (size_t i = 0; i < OXL_COUNT(ply_type_names); i++)
-        if (ply_is(h, word, ply_type_names[i].name)) {
-            *out = ply_type_names[i].type;
-            return OXL_OK;
-        }
-    return ply_header_fail(h, "a type: char, uchar, short, ushort, int, uint, float or double");
+        if (ply_is(h, word, ply_type_names[i].name)) return ply_type_names[i].type;
+    ply_header_fail(h, "a type: char, uchar, short, ushort, int, uint, float or double");
+    return PLY_INT8;
 }
 
-static oxl_result ply_header_property(struct ply_header *h)
+static void ply_header_property(struct ply_header *h)
 {
     struct ply_element *element = h->ply->elements ? &h->ply->element[h->ply->elements - 1] : NULL;
     struct ply_property property = {.is_list = ply_is(h, 1, "list")};
-    oxl_result rc;
-    if (!element) return ply_header_fail(h, "an element before its properties");
-    if (property.is_list && (rc = ply_header_type(h, 2, &property.count_type)) != OXL_OK) return rc;
-    if (property.is_list && property.count_type >= PLY_FLOAT32)
-        return ply_header_fail(h, "a whole number to count the list");
-    if ((rc = ply_header_type(h, property.is_list ? 3 : 1, &property.type)) != OXL_OK) return rc;
-    if ((rc = ply_header_name(h, property.is_list ? 4 : 2, property.name)) != OXL_OK) return rc;
-    rc = oxl_reserve(h->ctx, &element->property, &element->capacity, (size_t)element->properties + 1,
-                     sizeof property);
-    if (rc != OXL_OK) return rc;
+    if (!element) ply_header_fail(h, "an element before its properties");
+    if (property.is_list) property.count_type = ply_header_type(h, 2);
+    if (property.count_type >= PLY_FLOAT32) ply_header_fail(h, "a whole number to count the list");
+    property.type = ply_header_type(h, property.is_list ? 3 : 1);
+    ply_header_name(h, property.is_list ? 4 : 2, property.name);
+    if (h->rc == OXL_OK)
+        h->rc = oxl_reserve(h->ctx, &element->property, &element->capacity, (size_t)element->properties + 1,
+                            sizeof property);
+    if (h->rc != OXL_OK) return;
     element->property[element->properties++] = property;
-    element->has_list |= property.is_list;
     element->row_bytes += ply_size(property.is_list ? property.count_type : property.type);
-    return OXL_OK;
 }
 
-static oxl_result ply_header_comment(struct ply_header *h)
+static void ply_header_comment(struct ply_header *h)
 {
     struct ply *ply = h->ply;
     const char *from = h->word[0] + h->length[0], *end = h->line_end;
     char *copy;
-    oxl_result rc = oxl_reserve(h->ctx, &ply->comment, &ply->comment_capacity, (size_t)ply->comments + 1,
-                                sizeof *ply->comment);
-    if (rc != OXL_OK) return rc;
     while (from < end && ply_blank(*from)) from++;
     while (end > from && ply_blank(end[-1])) end--;
-    copy = oxl_alloc(h->ctx, (size_t)(end - from) + 1, 1);
-    if (!copy) return OXL_ERR_MEMORY;
-    memcpy(copy, from, (size_t)(end - from));
-    copy[end - from] = 0;
-    ply->comment[ply->comments++] = copy;
-    return OXL_OK;
+    h->rc = oxl_reserve(h->ctx, &ply->comment, &ply->comment_capacity, (size_t)ply->comments + 1,
+                        sizeof *ply->comment);
+    copy = h->rc == OXL_OK ? oxl_calloc(h->ctx, (size_t)(end - from) + 1, 1) : NULL;
+    if (!copy) h->rc = OXL_ERR_MEMORY;
+    else ply->comment[ply->comments++] = memcpy(copy, from, (size_t)(end - from));
 }
 
-static oxl_result ply_header_line(struct ply_header *h)
+static void ply_header_line(struct ply_header *h)
 {
-    if (h->words == 0 || ply_is(h, 0, "obj_info")) return OXL_OK;
-    if (ply_is(h, 0, "comment")) return ply_header_comment(h);
-    if (ply_is(h, 0, "format")) return ply_header_format(h);
-    if (ply_is(h, 0, "element")) return ply_header_element(h);
-    if (ply_is(h, 0, "property")) return ply_header_property(h);
-    return ply_header_fail(h, "format, comment, element, property or end_header");
+    if (h->rc != OXL_OK || h->words == 0 || ply_is(h, 0, "obj_info")) return;
+    if (ply_is(h, 0, "comment")) ply_header_comment(h);
+    else if (ply_is(h, 0, "format")) ply_header_format(h);
+    else if (ply_is(h, 0, "element")) ply_header_element(h);
+    else if (ply_is(h, 0, "property")) ply_header_property(h);
+    else ply_header_fail(h, "format, comment, element, property or end_header");
 }
 
 static oxl_result ply_read_header(oxl_context *ctx, struct ply *ply)
 {
     struct ply_header h = {
         .ctx = ctx, .ply = ply, .cursor = ply->file.data, .end = ply->file.data + ply->file.size};
-    oxl_result rc;
     if (ply->file.size < 4 || memcmp(ply->file.data, "ply", 3) ||
         (!ply_blank(ply->file.data[3]) && ply->file.data[3] != '\n')) {
         h.line = 1;
         h.line_start = h.cursor;
         h.line_end = h.end;
-        return ply_header_fail(&h, "a PLY file, whose first line is 'ply'");
+        ply_header_fail(&h, "a PLY file, whose first line is 'ply'");
+        return h.rc;
     }
-    rc = ply_next_line(&h);
-    while (rc == OXL_OK && (rc = ply_next_line(&h)) == OXL_OK) {
+    ply_next_line(&h);
+    while (h.rc == OXL_OK) {
+        ply_next_line(&h);
         if (ply_is(&h, 0, "end_header")) break;
-        rc = ply_header_line(&h);
+        ply_header_line(&h);
     }
-    if (rc == OXL_OK && ply->format == PLY_NO_FORMAT) rc = ply_header_fail(&h, "a format line before it");
+    if (ply->format == PLY_NO_FORMAT) ply_header_fail(&h, "a format line before it");
     ply->data_line = h.line + 1;
     ply->data = (size_t)(h.cursor - ply->file.data);
-    return rc;
+    return h.rc;
 }
 
 /* Compares the header with the size of the file, in double, which does not overflow
@@ -235,18 +223,12 @@ static inline uint64_t ply_bits(const unsigned char *p, size_t size, int big_end
     return bits;
 }
 
-static inline float ply_float(const unsigned char *p, int big_endian)
-{
-    const uint32_t bits = (uint32_t)ply_bits(p, 4, big_endian);
-    float value;
-    memcpy(&value, &bits, sizeof value);
-    return value;
-}
-
 static double ply_value(const unsigned char *p, enum ply_type type, int big_endian)
 {
     const uint64_t bits = ply_bits(p, ply_size(type), big_endian);
+    const uint32_t word = (uint32_t)bits;
     double d;
+    float f;
     switch (type) {
     case PLY_INT8: return (double)bits - (bits >> 7 ? 256 : 0);
     case PLY_INT16: return (double)bits - (bits >> 15 ? 65536 : 0);
@@ -254,7 +236,7 @@ static double ply_value(const unsigned char *p, enum ply_type type, int big_endi
     case PLY_UINT8:
     case PLY_UINT16:
     case PLY_UINT32: return (double)bits;
-    case PLY_FLOAT32: return ply_float(p, big_endian);
+    case PLY_FLOAT32: memcpy(&f, &word, sizeof f); return f;
     case PLY_FLOAT64: memcpy(&d, &bits, sizeof d); return d;
     }
     return 0;
@@ -285,41 +267,7 @@ static oxl_result ply_cut_short(const struct ply_rows *r, uint64_t row)
         (unsigned long long)r->element->rows, r->element->name);
 }
 
-/* Reads binary rows of fixed size, in tiles that stay in the L1 cache while their columns are extracted. */
-static oxl_result ply_read_fixed(struct ply_rows *r)
-{
-    enum { TILE = 64 };
-    const struct ply_element *element = r->element;
-    const size_t rows = (size_t)element->rows; /* fits, as ply_check_size found */
-    const int big_endian = r->ply->format == PLY_BIG;
-    /* Compares again: lists of earlier elements may have used bytes that
-     * ply_check_size counted for these rows. */
-    if ((size_t)(r->end - r->cursor) / element->row_bytes < rows) return ply_cut_short(r, 0);
-    for (size_t first = 0; r->target && first < rows; first += TILE) {
-        const size_t last = OXL_MIN(first + TILE, rows);
-        const unsigned char *tile = (const unsigned char *)r->cursor + first * element->row_bytes;
-        for (int c = 0; c < element->properties; c++) {
-            const enum ply_type type = element->property[c].type;
-            const struct ply_target target = r->target[c];
-            const unsigned char *value = tile;
-            tile += ply_size(type);
-            if (!target.as_float && !target.as_double) continue;
-            /* Copies floats, the common case, several times as fast. */
-            if (type == PLY_FLOAT32 && !big_endian && !target.as_double) {
-                for (size_t i = first; i < last; i++, value += element->row_bytes)
-                    target.as_float[i] = ply_float(value, 0);
-                continue;
-            }
-            for (size_t i = first; i < last; i++, value += element->row_bytes)
-                ply_store(&target, i, ply_value(value, type, big_endian));
-        }
-    }
-    r->cursor += rows * element->row_bytes;
-    return OXL_OK;
-}
-
-/* Reads binary rows with lists, of variable size. */
-static oxl_result ply_read_lists(struct ply_rows *r)
+static oxl_result ply_read_binary(struct ply_rows *r)
 {
     const int big_endian = r->ply->format == PLY_BIG;
     for (uint64_t row = 0; row < r->element->rows; row++) {
@@ -327,7 +275,7 @@ static oxl_result ply_read_lists(struct ply_rows *r)
             const struct ply_property *p = &r->element->property[c];
             const enum ply_type type = p->is_list ? p->count_type : p->type;
             const size_t size = ply_size(type);
-            double value = 0;
+            double value;
             if ((size_t)(r->end - r->cursor) < size) return ply_cut_short(r, row);
             value = ply_value((const unsigned char *)r->cursor, type, big_endian);
             r->cursor += size;
@@ -390,8 +338,7 @@ static oxl_result ply_rows(struct ply_rows *r)
 {
     if (r->element->properties == 0) return OXL_OK; /* Skips rows without bytes. */
     if (r->ply->format == PLY_ASCII) return ply_read_ascii(r);
-    if (r->element->has_list) return ply_read_lists(r);
-    return ply_read_fixed(r);
+    return ply_read_binary(r);
 }
 
 /* ---------------- public functions */
@@ -405,21 +352,6 @@ OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply 
     if (rc == OXL_OK) rc = os_refuse_gzip(ctx, path, out->file.data, out->file.size);
     if (rc == OXL_OK) rc = ply_read_header(ctx, out);
     if (rc == OXL_OK) rc = ply_check_size(ctx, out);
-    if (rc != OXL_OK) ply_close(ctx, out);
-    return rc;
-}
-
-OXL_INTERNAL oxl_result ply_open_header(oxl_context *ctx, const char *path, size_t most, struct ply *out)
-{
-    struct os_reader file = {0};
-    char *data = oxl_calloc(ctx, most + 1, 1);
-    oxl_result rc = data ? OXL_OK : OXL_ERR_MEMORY;
-    *out = (struct ply){.path = oxl_strdup(ctx, path), .file = {.data = data}};
-    if (rc == OXL_OK) rc = os_reader_open(ctx, path, &file);
-    if (rc == OXL_OK) rc = os_reader_read(ctx, &file, data, most, &out->file.size);
-    os_reader_close(&file);
-    if (rc == OXL_OK) rc = os_refuse_gzip(ctx, path, data, out->file.size);
-    if (rc == OXL_OK) rc = ply_read_header(ctx, out);
     if (rc != OXL_OK) ply_close(ctx, out);
     return rc;
 }

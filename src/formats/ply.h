@@ -18,7 +18,7 @@ struct ply_element {
     char name[PLY_NAME];
     uint64_t rows; /* the file is checked to hold at least this many rows */
     struct ply_property *property;
-    int properties, has_list;
+    int properties;
     size_t capacity;
     size_t row_bytes; /* bytes of a binary row; the least if there are lists */
 };
@@ -43,8 +43,6 @@ struct ply_target {
 };
 /* Reads the file and checks its header. */
 OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply *out);
-/* Reads the header from the first `most` bytes, without comparing it with the size of the file. */
-OXL_INTERNAL oxl_result ply_open_header(oxl_context *ctx, const char *path, size_t most, struct ply *out);
 /* Reads an element. target: (properties of the element). */
 OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element,
                                  const struct ply_target *target);

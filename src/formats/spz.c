@@ -49,17 +49,6 @@ enum {
 
 /* ---------------- gzip (RFC 1952) */
 
-OXL_INTERNAL uint32_t spz_crc(const unsigned char *p, size_t size)
-{
-    uint32_t table[256], crc = 0xffffffffu;
-    for (uint32_t i = 0; i < 256; i++) {
-        table[i] = i;
-        for (int k = 0; k < 8; k++) table[i] = table[i] & 1 ? 0xedb88320u ^ table[i] >> 1 : table[i] >> 1;
-    }
-    for (size_t i = 0; i < size; i++) crc = table[(crc ^ p[i]) & 255] ^ crc >> 8;
-    return ~crc;
-}
-
 static oxl_result spz_fail(oxl_context *ctx, const char *path, const char *seen, const char *wanted)
 {
     return oxl_fail(
@@ -108,7 +97,7 @@ static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os
         return strcmp(codec_failure(), "outofmem") == 0
                    ? oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to inflate it", path)
                    : spz_fail(ctx, path, "gzip data that are damaged", "an SPZ file");
-    if (spz_crc(*out, *size) != bytes_u32(p + file->size - 8))
+    if (codec_png_checksum(*out, (int)*size) != bytes_u32(p + file->size - 8))
         return spz_fail(ctx, path, "another checksum", "the one it was written with");
     return OXL_OK;
 }
@@ -151,7 +140,7 @@ static oxl_result spz_pack(oxl_context *ctx, const char *path, const oxl_model *
     rc = head.failed ? OXL_ERR_MEMORY : image_deflate(ctx, data, size, head.size, 8, &all, &deflated);
     if (rc == OXL_OK) {
         memcpy(all, head.data, head.size);
-        bytes_put(all + head.size + deflated, spz_crc(data, size), 4);
+        bytes_put(all + head.size + deflated, codec_png_checksum(data, (int)size), 4);
         bytes_put(all + head.size + deflated + 4, (uint32_t)size, 4);
         rc = os_write_file(ctx, path, all, head.size + deflated + 8);
     }

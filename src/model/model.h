@@ -23,7 +23,7 @@ OXL_INTERNAL int model_row_is_finite(const oxl_model *model, size_t row); /* wit
 /* Keeps the rows whose keep (count) is not 0, in their order and with their lobes, and clears the others. */
 OXL_INTERNAL void model_keep_rows(oxl_model *model, const uint8_t *keep);
 
-/* Returns the bytes of a Gaussian in a model file by model_write.c; MODEL_LOBE_BYTES are
+/* Returns the bytes of a Gaussian in a model file by model_file.c; MODEL_LOBE_BYTES are
  * those of its second lobe. */
 enum { MODEL_LOBE_BYTES = 16 };
 OXL_INTERNAL double model_row_bytes(int sh_degree);
