@@ -268,6 +268,31 @@ OXL_API oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene,
                                        char **out);
 OXL_API oxl_result oxl_survey_to_json(oxl_context *ctx, const oxl_survey *survey, char **out);
 
+/* ---------------- JSON: run.json, metrics.json, block.json */
+
+/* Read JSON text through a cursor, without building a tree. A value is a pointer to its first byte in the text;
+ * NULL is a missing value, without members or number. No function reads past the terminating 0, for any
+ * text. */
+OXL_API const char *oxl_json_member(const char *object, const char *name);
+OXL_API double oxl_json_number(const char *object, const char *name); /* NaN: there is none */
+OXL_API int oxl_json_is_true(const char *object, const char *name);
+/* Find places in an array or object: its first element or key; the element after an element, or the key after
+ * a value; a key's value; the first byte after a value. */
+OXL_API const char *oxl_json_first(const char *value);
+OXL_API const char *oxl_json_next(const char *value);
+OXL_API const char *oxl_json_value(const char *key);
+OXL_API const char *oxl_json_end(const char *value);
+/* Reads a number, whatever the locale, and moves the cursor past it; NaN: there is none. */
+OXL_API double oxl_json_number_at(const char **cursor);
+/* Unescapes a string into `size` bytes, terminated; returns its length, or 0 if the value is no string or does
+ * not fit. It is never longer than oxl_json_room says. */
+OXL_API size_t oxl_json_text(const char *value, char *out, size_t size);
+OXL_API size_t oxl_json_room(const char *value);
+/* Writes the character at s for a string of JSON and returns the number of its bytes in s. */
+OXL_API size_t oxl_json_escape(const char *s, char out[8]);
+/* Writes a number as text that parses to the same value, or "null" if it is not finite; returns out. */
+OXL_API const char *oxl_json_number_text(char out[48], double value);
+
 /* ---------------- files and terminal */
 
 /* Locks a folder against writing by other processes until it is unlocked or this process ends; creates the

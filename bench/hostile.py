@@ -201,7 +201,7 @@ def kind_signals():
 
 def OTHERS(model, to='x'):
     return [command('render', model, 's', '-o', to + '/r', '--split', 'all', '--depth'),
-            command('render', model, 's', '-o', to + '/o', '--ortho', '--png'),
+            command('render', model, 's', '-o', to + '/o', '--ortho'),
             command('render', model, 's', '-o', to + '/f', '--flight', 'orbit', '--frames', 6),
             *[command('convert', model + '/scene.ply', to + '/scene.' + e) for e in ('spz', 'splat', 'glb', 'ply')],
             command('partition', 's', '-o', to + '/p', '--block-points', 200),

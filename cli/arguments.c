@@ -143,12 +143,8 @@ static int check_complete(struct arguments *a)
     const struct cli_command *c = &CLI_COMMANDS[a->command];
     if (a->ortho && a->flight)
         return fail(a, "--ortho and --flight exclude each other\nfix: leave one of the two out");
-    if (!a->ortho && (a->epsg || a->png || a->frame || a->up[0] != 0 || a->up[1] != 0 || a->up[2] != 0))
-        return fail(a, "--%s is of --ortho\nfix: add --ortho, or leave it out",
-                    a->epsg    ? "epsg"
-                    : a->png   ? "png"
-                    : a->frame ? "frame"
-                               : "up");
+    if (!a->ortho && (a->epsg || a->frame))
+        return fail(a, "--%s is of --ortho\nfix: add --ortho, or leave it out", a->epsg ? "epsg" : "frame");
     if (a->devices || (a->path_count == c->paths && (!c->needs_out || a->out))) return 0;
     return fail(a, "oceanxl %s needs %s\nfix: for example: %s", c->name, c->usage, c->example);
 }

@@ -1,13 +1,11 @@
 /* cli.h - the parts of the command line beyond parsing, calling and printing.
  *
- * They use the public headers and json.h, svg.h of src/formats, eigen.h, random.h of src/core, and are not in
- * the library. Each file of cli/ has a section; synth_options is here because `struct arguments` holds it.
+ * They use the public headers alone, and are not in the library. Each file of cli/ has a section; synth_options is here because `struct arguments` holds it.
  */
 #ifndef CLI_H
 #define CLI_H
 
 #include "../oceanxl_job.h"
-#include "../src/formats/json.h"
 
 #include <stdio.h>
 
@@ -48,10 +46,9 @@ struct output {
     FILE *file; /* file under a temporary name, renamed when it is closed: it is whole or not there */
     char path[4096], temporary[4128];
 };
-/* Adds text. The conversions are printf's %s %-*s %*s %.*s %d %.5d %zu %llu %.2f %.*f (rounded half
- * up; nothing if not finite or, with its decimals, of more than 18 digits); %S: a string escaped for
- * XML and HTML, also within quotes; %J: a member of JSON, escaped the same way, or "unknown". %S of
- * NULL is nothing. */
+/* Adds text. The conversions are printf's %s %d %05d %zu %llu %.2f (rounded half up; nothing if not finite or,
+ * with its decimals, of more than 18 digits); %S: a string escaped for XML and HTML, also within quotes; %J: a
+ * member of JSON, escaped the same way, or "unknown". %S of NULL is nothing. */
 void output_add(struct output *t, const char *format, ...);
 void output_bytes(struct output *t, const void *data, size_t size);
 /* Opens a file for t, whose text becomes the file's beginning. */
@@ -99,20 +96,18 @@ struct frame {
     double spread;                /* standard deviation of the points along the widest axis */
 };
 enum frame_kind { FRAME_AUTO, FRAME_WORLD_AXES, FRAME_SURVEY_AXES };
-void frame_of(const oxl_scene *scene, struct frame *out); /* chooses a frame of the kind auto */
-/* Chooses a frame. up (3): above, in the world's axes, for any kind; or NULL. */
-void frame_choose(const oxl_scene *scene, enum frame_kind kind, const double *up, struct frame *out);
-/* Measures along an axis from the centre. */
-double frame_along(const struct frame *f, const double p[3], int axis);
-double frame_camera_height(const struct frame *f, const oxl_scene *scene);
-void frame_eye(const oxl_view *view, double out[3]); /* sets `out` to the camera's centre */
+void frame_choose(const oxl_scene *scene, enum frame_kind kind, struct frame *out);
+double frame_along(const struct frame *f, const double p[3], int axis);    /* from the centre */
+double frame_camera_height(const struct frame *f, const oxl_scene *scene); /* mean above the centre, units */
+void frame_eye(const oxl_camera *c, double out[3]); /* sets `out` to the camera's centre */
 /* Moves the camera to `eye`: sets its translation, and keeps its rotation. */
 void frame_place(oxl_camera *c, const double eye[3]);
+void frame_to_camera(const double rotation[9], const double p[3], double out[3]); /* rotation times p */
 void frame_cross(const double a[3], const double b[3], double out[3]);
-/* Bounds, along right and up, all points but the outermost 1/200 on each side, and all cameras if they are
- * wanted. Returns 0 without memory. */
-int frame_bounds(const struct frame *f, const oxl_scene *scene, int with_cameras, double low[2],
-                 double high[2]);
+double frame_length(const double a[3]);
+int frame_compare(const void *a, const void *b); /* of doubles, for qsort */
+/* Bounds, along right and up, all points but the outermost 1/200 on each side. Returns 0 without memory. */
+int frame_bounds(const struct frame *f, const oxl_scene *scene, double low[2], double high[2]);
 
 /* ---------------- geotiff.c: rasters with a place */
 
@@ -128,64 +123,52 @@ struct geotiff {
  * (height,width) floats, NaN: no data. */
 oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotiff *g, const void *data);
 
-/* ---------------- ground.c: the places of a map, and which of them the views saw */
-
-struct ground {
-    const struct frame *frame;
-    /* units; outer corner of the top-left pixel, along right and up from the frame's centre */
-    double corner[2];
-    double pixel; /* units; side of a pixel */
-    double usual; /* units; usual distance of the ground from the cameras; HUGE_VAL: not known */
-    int width, height;
-    /* (height,width) units; height of the ground above the frame's centre; NaN: no ground */
-    const float *level;
-    unsigned short *seen; /* (height,width) number of training views that see the place */
-    /* (height,width) number of the views that see the place and whose own depth is the
-     * place's; NULL: not wanted */
-    unsigned short *confirmed;
-    unsigned short
-        enough; /* a place that so many views see and confirm is not looked at again; 0: all count */
-};
-/* Projects p into the camera, at: px; returns camera z, which is 0 or less behind the camera. */
-double ground_see(const oxl_camera *c, const double p[3], double at[2]);
-/* Sets `out` to the place at x, y px of the map, in the scene's coordinates. */
-void ground_place(const struct ground *g, double x, double y, double height, double out[3]);
-/* Sets the median distance of the ground that training views show, and the median size of their pixels on it,
- * in units; 0: they show nothing of the model. views: about so many are measured, GROUND_DISTANCE_VIEWS at
- * most. */
-enum { GROUND_DISTANCE_VIEWS = 50, GROUND_DISTANCE_FEW = 12 };
-oxl_result ground_measure_distance(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
-                                   int views, double *distance, double *pixel);
-/* Counts into `seen` and `confirmed` the training views that see each place (ground.c). Without a
- * model, nothing hides a place. */
-oxl_result ground_count_views(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
-                              const struct ground *g);
-
 /* ---------------- ortho.c: an orthomosaic and a height model */
 
-/* Writes ortho.tif, height.tif and frame.txt to -o, with --png ortho.png, ortho.pgw and ortho.height.pfm too,
- * by --pixel (0: the median ground sampling distance), --scale (0: not known) and --min-views. Makes
- * Gaussians that no training view shows invisible in the model. */
+struct map {
+    oxl_context *ctx;
+    const oxl_scene *scene;
+    double pixel;          /* units; side of a pixel; 0: the median ground sampling distance */
+    unsigned short enough; /* training views that must see a place; no more are counted */
+    struct frame frame;
+    double corner[2]; /* units; outer corner of the top-left pixel, along right and up from the centre */
+    double shift[3];  /* units; map coordinates of the frame's centre */
+    double top;       /* units; height of the highest camera above the frame's centre */
+    double distance;  /* units; median distance of the ground from the cameras; 0: not known */
+    double sampling;  /* units; median ground sampling distance of the training views; 0: not known */
+    int width, height;
+    unsigned char *rgba;              /* (height,width,4) */
+    float *level;                     /* (height,width) units; height above the centre; NaN: none */
+    unsigned short *seen, *confirmed; /* (height,width) views that see the place, of these of its depth */
+    size_t hidden;                    /* Gaussians that no training view shows */
+    /* square units; shares of the ground that any training view sees: seen by enough; with a height */
+    double area, covered, high;
+    double error, none; /* units; median difference of heights from the points; share of these without */
+};
+/* Makes the map, and Gaussians that no training view shows invisible in the model. side: px, at most; hidden
+ * places then count as seen, so that it is quick; 0: as many as the pixel size requires. ortho_free frees it,
+ * also on error. */
+oxl_result ortho_make(struct map *m, oxl_model *model, enum frame_kind kind, int side);
+void ortho_free(struct map *m);
+/* Writes ortho.tif, height.tif and frame.txt to -o, by --pixel, --scale and --min-views. */
 oxl_result ortho_write(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, const struct arguments *a,
                        FILE *to);
 
-enum { OVERVIEW_VIEWS = 2 /* least training views that see a place of the overview */ };
-struct overview {
-    oxl_image image; /* map, dark where it has no ground */
-    double sampling; /* units a pixel; median ground sampling distance of the training views; 0: not known */
-    double area;     /* square units; area of the ground on the map */
-    /* shares of the ground that any training view sees: seen by OVERVIEW_VIEWS or more; with a height */
-    double covered, high;
-    double height_error; /* units; median difference of heights from the survey's points; NaN: not known */
-    double distance;     /* units; median distance of the ground from the cameras; 0: not known */
-};
-/* Renders the map along the frame of the kind auto; side: px, at most. Makes Gaussians that no training view
- * shows invisible in the model. The caller frees the image, also on error. */
-oxl_result ortho_overview(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, int side,
-                          struct overview *out);
+/* ---------------- ground.c: which places of a map the views saw */
+
+/* Projects p into the camera, at: px; returns camera z, which is 0 or less behind the camera. */
+double ground_see(const oxl_camera *c, const double p[3], double at[2]);
+/* Sets `out` to the place at x, y px of the map, in the scene's coordinates. */
+void ground_place(const struct map *m, double x, double y, double height, double out[3]);
+/* Sets the map's distance and sampling. */
+oxl_result ground_measure_distance(struct map *m, const oxl_model *model);
+/* Counts into `seen` and `confirmed` the training views that see each place; without a model, nothing hides a
+ * place. */
+oxl_result ground_count_views(const struct map *m, const oxl_model *model);
 
 /* ---------------- flight.c: frames along a path */
 
+enum { FLIGHT_NONE, FLIGHT_ORBIT, FLIGHT_SURVEY };
 /* Writes --frames images along --flight to -o. A nonzero result of `stop` ends the flight. */
 oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                         const struct arguments *a,
@@ -313,15 +296,14 @@ struct arguments {
     const char *help; /* "", or "all" */
     int completion, version, manual, page, quiet, json, depth, no_images, devices, clear;
     int dry_run, quality, progress_json;
-    int split, backend;         /* enum oxl_split, enum oxl_backend */
-    int device, threads, seeds; /* -1: the best, all */
-    double budget;              /* s; time for all rows of a study */
-    int ortho, frames, png, min_views, epsg;
-    int frame;                   /* enum frame_kind */
-    double up[3];                /* direction of --up; 0 0 0: not given */
-    double pixel, scale, length; /* units of the map; metres a unit; metres; 0: not given */
-    const char *flight, *bar;    /* --flight of render; --scale-bar of measure */
-    const char *control;         /* file of --control of check */
+    int split, backend;                         /* enum oxl_split, enum oxl_backend */
+    int device, threads, seeds;                 /* -1: the best, all */
+    double budget;                              /* s; time for all rows of a study */
+    int ortho, flight, frames, min_views, epsg; /* flight: FLIGHT_ORBIT... */
+    int frame;                                  /* enum frame_kind */
+    double pixel, scale, length;                /* units of the map; metres a unit; metres; 0: not given */
+    const char *bar;                            /* --scale-bar of measure */
+    const char *control;                        /* file of --control of check */
     const char *out, *rows;
     synth_options synth;
     oxl_job_options job; /* defaults of the preset, replaced by what was given */

@@ -7,8 +7,7 @@
  * where fewer views confirm it.
  *
  * Map coordinates are the world's x and y, or distances along the frame's axes from its centre, in metres
- * with --scale. The world file has ESRI's six lines: pixel size, two turns (0), minus pixel size, and the
- * place of the top-left pixel's centre.
+ * with --scale.
  *
  * Invariant: pixel corners lie at multiples of the pixel size in map coordinates, so that maps of one frame
  * and pixel size fit each other.
@@ -22,37 +21,12 @@
 enum {
     ORTHO_PATCH = 1024,     /* px; side of a patch */
     ORTHO_SIDE_MAX = 32768, /* px; longest side of a map */
-    ORTHO_CHECKED = 100000  /* most points that the heights are compared with */
+    ORTHO_CHECKED = 100000, /* most points that the heights are compared with */
+    ORTHO_UNCLEAR = 1       /* alpha, while a map is drawn, of a colour whose depth is of no clear surface */
 };
 #define ORTHO_FRAME "# map x, y and height = this matrix times the survey's X, Y, Z, 1\n"
-/* Adds a rim around an image, as a fraction of its sides: a Gaussian whose centre lies in
- * it may show in the image. */
+/* rim around an image, as a fraction of its sides: a Gaussian whose centre lies in it may show in the image */
 #define ORTHO_RIM 0.1
-
-struct ortho {
-    oxl_context *ctx;
-    const oxl_scene *scene;
-    struct frame frame;
-    double unit;     /* metres a unit; 1 without --scale */
-    double pixel;    /* units; side of a pixel */
-    double sampling; /* units; median ground sampling distance of the training views; 0: not known */
-    int fit;         /* px; most that the longer side has; 0: as many as the pixel size requires */
-    /* numbers of pixels with ground that any training view sees; that --min-views see; that have a height */
-    size_t ground_seen, ground_covered, ground_high;
-    double ground; /* units; median distance of the ground from the cameras; 0: not known */
-    double top;    /* units; height of the highest camera above the frame's centre */
-    double low[2], high[2];
-    int width, height;
-    /* units; outer corner of the top-left pixel, along right and up from the frame's centre */
-    double corner[2];
-    double shift[3]; /* units; map coordinates of the frame's centre */
-    int *order;      /* indices of the training views */
-    int views;
-    unsigned char *rgba; /* (height,width,4) */
-    /* (height,width) units; height above the frame's centre where there is a colour; NaN: there is none */
-    float *ground_level;
-    float *level; /* (height,width) map units; height; NaN: none */
-};
 
 /* ---------------- what the views see */
 
@@ -63,451 +37,301 @@ static int ortho_is_seen(const oxl_camera *c, const double p[3], double rim)
            at[1] >= -rim * c->height && at[1] <= (1 + rim) * c->height;
 }
 
-static int ortho_compare(const void *a, const void *b)
+/* Makes Gaussians invisible whose centres lie in no training view's image, nor near it. */
+static void ortho_hide_unseen(struct map *m, oxl_model *model)
 {
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-/* Lists the training views, and finds the height of the highest of all cameras. Returns 0 without memory. */
-static int ortho_list_views(struct ortho *o)
-{
-    const int all = oxl_scene_view_count(o->scene);
-    o->order = malloc(sizeof *o->order * ((size_t)all + 1));
-    o->top = -HUGE_VAL;
-    for (int i = 0; o->order && i < all; i++) {
-        double eye[3];
-        frame_eye(oxl_scene_view(o->scene, i), eye);
-        o->top = fmax(o->top, frame_along(&o->frame, eye, 2));
-        if (!oxl_scene_view(o->scene, i)->is_test) o->order[o->views++] = i;
-    }
-    return o->order != NULL;
-}
-
-/* Makes Gaussians invisible whose centres lie in no training view's image, nor near it. Returns their number. */
-static size_t ortho_hide_unseen(const struct ortho *o, oxl_model *model)
-{
-    size_t hidden = 0;
     for (size_t i = 0; i < model->count; i++) {
         const double p[3] = {model->plane[OXL_MEAN][i], model->plane[OXL_MEAN + 1][i],
                              model->plane[OXL_MEAN + 2][i]};
         int seen = 0;
-        for (int v = 0; v < o->views && !seen; v++)
-            seen = ortho_is_seen(&oxl_scene_view(o->scene, o->order[v])->camera, p, ORTHO_RIM);
-        if (!seen) model->plane[OXL_OPACITY][i] = -100, hidden++;
+        for (int v = 0; v < oxl_scene_view_count(m->scene) && !seen; v++)
+            seen = !oxl_scene_view(m->scene, v)->is_test &&
+                   ortho_is_seen(&oxl_scene_view(m->scene, v)->camera, p, ORTHO_RIM);
+        if (!seen) model->plane[OXL_OPACITY][i] = -100, m->hidden++;
     }
-    return hidden;
 }
 
 /* ---------------- the map's place */
 
 /* Sets the map's size and corner, with pixel corners at multiples of the pixel size. */
-static void ortho_lay_out(struct ortho *o)
+static void ortho_lay_out(struct map *m, const double low[2], const double high[2])
 {
-    const double *origin = oxl_scene_origin(o->scene);
-    long long first[2], last[2];
-    for (int d = 0; d < 3; d++) o->shift[d] = o->frame.is_world ? o->frame.centre[d] + origin[d] : 0;
+    const double *origin = oxl_scene_origin(m->scene);
+    int size[2];
+    for (int d = 0; d < 3; d++) m->shift[d] = m->frame.is_world ? m->frame.centre[d] + origin[d] : 0;
     for (int d = 0; d < 2; d++) {
-        first[d] = (long long)floor((o->low[d] + o->shift[d]) / o->pixel);
-        last[d] = (long long)ceil((o->high[d] + o->shift[d]) / o->pixel);
+        const double first = floor((low[d] + m->shift[d]) / m->pixel),
+                     last = ceil((high[d] + m->shift[d]) / m->pixel);
+        size[d] = (int)(last - first);
+        m->corner[d] = (d ? last : first) * m->pixel - m->shift[d];
     }
-    o->width = (int)(last[0] - first[0]);
-    o->height = (int)(last[1] - first[1]);
-    o->corner[0] = (double)first[0] * o->pixel - o->shift[0];
-    o->corner[1] = (double)last[1] * o->pixel - o->shift[1];
+    m->width = size[0], m->height = size[1];
 }
 
-/* Describes the map to ground.c. level (height,width); seen (2,height,width), the views that see a place and
- * then those that confirm it, up to `enough`; both NULL where only places are wanted. */
-static struct ground ortho_ground(const struct ortho *o, float *level, unsigned short *seen, int enough)
+static oxl_camera ortho_camera(const struct map *m, int x, int y)
 {
-    return (struct ground){&o->frame,
-                           {o->corner[0], o->corner[1]},
-                           o->pixel,
-                           o->ground > 0 ? o->ground : HUGE_VAL,
-                           o->width,
-                           o->height,
-                           level,
-                           seen,
-                           seen ? seen + (size_t)o->width * (size_t)o->height : NULL,
-                           (unsigned short)enough};
-}
-
-static oxl_camera ortho_camera(const struct ortho *o, int x, int y)
-{
-    const int rest_x = o->width - x, rest_y = o->height - y;
+    const int rest_x = m->width - x, rest_y = m->height - y;
     oxl_camera c = {.width = rest_x < ORTHO_PATCH ? rest_x : ORTHO_PATCH,
                     .height = rest_y < ORTHO_PATCH ? rest_y : ORTHO_PATCH,
-                    .fx = 1 / o->pixel,
-                    .fy = 1 / o->pixel};
-    const struct ground g = ortho_ground(o, NULL, NULL, 0);
+                    .fx = 1 / m->pixel,
+                    .fy = 1 / m->pixel};
     double eye[3];
     c.cx = 0.5 * c.width, c.cy = 0.5 * c.height;
-    for (int k = 0; k < 3; k++) {
-        c.rotation[k] = o->frame.axis[0][k];
-        c.rotation[3 + k] = -o->frame.axis[1][k];
-        c.rotation[6 + k] = -o->frame.axis[2][k];
-    }
-    ground_place(&g, x + c.cx, y + c.cy, o->top, eye);
+    for (int k = 0; k < 9; k++) c.rotation[k] = (k < 3 ? 1 : -1) * m->frame.axis[k / 3][k % 3];
+    ground_place(m, x + c.cx, y + c.cy, m->top, eye);
     frame_place(&c, eye);
     return c;
 }
 
-/* ---------------- rendering */
-
-static unsigned char ortho_byte(float value)
+/* Chooses the frame, the pixel size and the bounds of the map, and refuses what cannot be mapped. */
+static oxl_result ortho_open(struct map *m, const oxl_model *model, int side)
 {
-    return (unsigned char)(255 * fminf(fmaxf(value, 0), 1) + 0.5f);
+    double low[2], high[2], eye[3], longest;
+    oxl_result rc;
+    if (oxl_scene_point_count(m->scene) < 3)
+        return oxl_fail(
+            m->ctx, OXL_ERR_INPUT,
+            "ortho: the survey has no points, so its vertical axis is unknown\nfix: export points3D, too");
+    if (!frame_bounds(&m->frame, m->scene, low, high))
+        return oxl_fail(m->ctx, OXL_ERR_MEMORY, "ortho: no memory");
+    m->top = -HUGE_VAL;
+    for (int i = 0; i < oxl_scene_view_count(m->scene); i++) {
+        frame_eye(&oxl_scene_view(m->scene, i)->camera, eye);
+        m->top = fmax(m->top, frame_along(&m->frame, eye, 2));
+    }
+    rc = ground_measure_distance(m, model);
+    if (rc != OXL_OK) return rc;
+    longest = fmax(high[0] - low[0], high[1] - low[1]);
+    if (!(longest > 0))
+        return oxl_fail(m->ctx, OXL_ERR_INPUT,
+                        "ortho: all points lie in one place\nfix: export the survey again");
+    if (!(m->pixel > 0)) m->pixel = m->sampling > 0 ? m->sampling : longest / 2048;
+    if (side > 0) m->pixel = fmax(m->pixel, longest / side);
+    if (longest / m->pixel > ORTHO_SIDE_MAX)
+        return oxl_fail(m->ctx, OXL_ERR_USAGE,
+                        "ortho: the map would have more than %d px a side\nfix: a larger --pixel",
+                        ORTHO_SIDE_MAX);
+    ortho_lay_out(m, low, high);
+    return OXL_OK;
 }
 
+/* ---------------- rendering */
+
 /* Copies a patch into the map; pixels without depth stay empty. */
-static void ortho_take(struct ortho *o, const oxl_image *image, const float *depth, int left, int top)
+static void ortho_take(struct map *m, const oxl_image *image, const float *depth, int left, int top)
 {
     const size_t plane = (size_t)image->width * (size_t)image->height;
     for (size_t i = 0; i < plane; i++) {
         const size_t x = (size_t)left + i % (size_t)image->width, y = (size_t)top + i / (size_t)image->width,
-                     to = y * (size_t)o->width + x;
-        const double height = o->top - (double)fabsf(depth[i]);
-        o->level[to] = o->ground_level[to] = NAN;
-        memset(o->rgba + 4 * to, 0, 4);
+                     to = y * (size_t)m->width + x;
+        m->level[to] = NAN;
         if (!(fabsf(depth[i]) > 0)) continue;
-        o->ground_level[to] = (float)height;
-        if (depth[i] > 0) o->level[to] = (float)((height + o->shift[2]) * o->unit);
-        for (size_t k = 0; k < 3; k++) o->rgba[4 * to + k] = ortho_byte(image->rgb[k * plane + i]);
-        o->rgba[4 * to + 3] = 255;
+        m->level[to] = (float)(m->top - (double)fabsf(depth[i]));
+        for (size_t k = 0; k < 3; k++)
+            m->rgba[4 * to + k] = (unsigned char)(255 * fminf(fmaxf(image->rgb[k * plane + i], 0), 1) + 0.5f);
+        m->rgba[4 * to + 3] = depth[i] > 0 ? 255 : ORTHO_UNCLEAR;
     }
 }
 
-/* Empties pixels that fewer than min_views see, removes the heights that fewer
- * confirm, and counts the others. */
-static oxl_result ortho_keep_seen(struct ortho *o, const oxl_model *model, int min_views)
+/* Empties pixels that fewer views see than are enough, removes the heights that fewer confirm, and counts the
+ * others. */
+static oxl_result ortho_keep_seen(struct map *m, const oxl_model *model)
 {
-    const size_t pixels = (size_t)o->width * (size_t)o->height;
-    unsigned short *seen = malloc(2 * sizeof *seen * pixels);
-    const struct ground g = ortho_ground(o, o->ground_level, seen, min_views);
-    /* Takes hidden places as seen in an overview (o->fit), so that it is quick. */
-    oxl_result rc =
-        seen ? ground_count_views(o->ctx, o->fit ? NULL : model, o->scene, &g)
-             : oxl_fail(o->ctx, OXL_ERR_MEMORY, "ortho: no memory for %d x %d px", o->width, o->height);
-    for (size_t i = 0; rc == OXL_OK && i < pixels; i++) {
-        o->ground_seen += seen[i] > 0;
-        o->ground_covered += seen[i] >= min_views;
-        if (seen[i] < min_views) memset(o->rgba + 4 * i, 0, 4);
-        if (seen[pixels + i] < min_views) o->level[i] = NAN;
-        o->ground_high += !isnan(o->level[i]);
+    const oxl_result rc = ground_count_views(m, model);
+    size_t any = 0;
+    for (size_t i = 0; rc == OXL_OK && i < (size_t)m->width * (size_t)m->height; i++) {
+        unsigned char *p = m->rgba + 4 * i;
+        const int is_clear = p[3] != ORTHO_UNCLEAR;
+        any += m->seen[i] > 0;
+        m->covered += m->seen[i] >= m->enough;
+        if (m->seen[i] < m->enough) memset(p, 0, 4);
+        else if (p[3]) p[3] = 255;
+        if (m->confirmed[i] < m->enough || !is_clear) m->level[i] = NAN;
+        m->high += !isnan(m->level[i]);
     }
-    free(seen);
-    if (rc == OXL_OK && o->ground_seen == 0)
-        rc = oxl_fail(
-            o->ctx, OXL_ERR_INPUT,
+    if (rc == OXL_OK && any == 0)
+        return oxl_fail(
+            m->ctx, OXL_ERR_INPUT,
             "ortho: nothing that a training view sees lies below the cameras: the map's up may be down\n"
-            "fix: --up X,Y,Z, the direction that is up, or --frame survey");
+            "fix: --frame survey");
+    m->area = (double)m->covered * m->pixel * m->pixel;
+    m->covered /= (double)any, m->high /= (double)any;
     return rc;
 }
 
-static oxl_result ortho_draw(struct ortho *o, const oxl_model *model, int min_views)
+static oxl_result ortho_draw(struct map *m, const oxl_model *model, int is_quick)
 {
     float *depth = malloc(sizeof *depth * ORTHO_PATCH * ORTHO_PATCH);
-    const size_t pixels = (size_t)o->width * (size_t)o->height;
+    const size_t pixels = (size_t)m->width * (size_t)m->height;
     oxl_render_options render = oxl_render_options_default();
     oxl_result rc = OXL_OK;
     render.near_plane = 0;
-    render.parallel = (float)o->ground;
+    render.parallel = (float)m->distance;
     memcpy(render.background, model->background, sizeof render.background);
-    o->rgba = malloc(4 * pixels);
-    o->level = malloc(sizeof *o->level * pixels);
-    o->ground_level = malloc(sizeof *o->ground_level * pixels);
-    if (!depth || !o->rgba || !o->level || !o->ground_level)
-        rc = oxl_fail(o->ctx, OXL_ERR_MEMORY, "ortho: no memory for %d x %d px\nfix: a larger --pixel",
-                      o->width, o->height);
-    for (int y = 0; y < o->height && rc == OXL_OK; y += ORTHO_PATCH)
-        for (int x = 0; x < o->width && rc == OXL_OK; x += ORTHO_PATCH) {
-            const oxl_camera camera = ortho_camera(o, x, y);
+    m->rgba = calloc(pixels, 4);
+    m->level = malloc(sizeof *m->level * pixels);
+    m->seen = malloc(sizeof *m->seen * pixels);
+    m->confirmed = malloc(sizeof *m->confirmed * pixels);
+    if (!depth || !m->rgba || !m->level || !m->seen || !m->confirmed)
+        rc = oxl_fail(m->ctx, OXL_ERR_MEMORY, "ortho: no memory for %d x %d px\nfix: a larger --pixel",
+                      m->width, m->height);
+    for (int y = 0; y < m->height && rc == OXL_OK; y += ORTHO_PATCH)
+        for (int x = 0; x < m->width && rc == OXL_OK; x += ORTHO_PATCH) {
+            const oxl_camera camera = ortho_camera(m, x, y);
             oxl_image image = {0};
-            rc = oxl_render(o->ctx, model, &camera, &render, &image, depth);
-            if (rc == OXL_OK) ortho_take(o, &image, depth, x, y);
-            oxl_image_free(o->ctx, &image);
+            rc = oxl_render(m->ctx, model, &camera, &render, &image, depth);
+            if (rc == OXL_OK) ortho_take(m, &image, depth, x, y);
+            oxl_image_free(m->ctx, &image);
         }
     free(depth);
-    return rc == OXL_OK ? ortho_keep_seen(o, model, min_views) : rc;
+    return rc == OXL_OK ? ortho_keep_seen(m, is_quick ? NULL : model) : rc;
+}
+
+/* Compares the heights with the survey's points: sets the median difference and the share of the points on the
+ * map that have no height. */
+static void ortho_compare_points(struct map *m)
+{
+    const size_t count = oxl_scene_point_count(m->scene), stride = 1 + count / ORTHO_CHECKED;
+    double *error = malloc(sizeof *error * (count / stride + 1));
+    size_t n = 0, inside = 0;
+    m->error = m->none = NAN;
+    for (size_t i = 0; error && i < count; i += stride) {
+        const double *p = oxl_scene_points(m->scene)[i].position;
+        const double x = floor((frame_along(&m->frame, p, 0) - m->corner[0]) / m->pixel),
+                     y = floor((m->corner[1] - frame_along(&m->frame, p, 1)) / m->pixel);
+        float level;
+        if (!(x >= 0 && y >= 0 && x < m->width && y < m->height)) continue;
+        inside++;
+        level = m->level[(size_t)y * (size_t)m->width + (size_t)x];
+        if (!isnan(level)) error[n++] = fabs((double)level - frame_along(&m->frame, p, 2));
+    }
+    if (n > 0) {
+        qsort(error, n, sizeof *error, frame_compare);
+        m->error = error[n / 2];
+        m->none = (double)(inside - n) / (double)inside;
+    }
+    free(error);
+}
+
+oxl_result ortho_make(struct map *m, oxl_model *model, enum frame_kind kind, int side)
+{
+    oxl_result rc;
+    frame_choose(m->scene, kind, &m->frame);
+    rc = ortho_open(m, model, side);
+    if (rc == OXL_OK) ortho_hide_unseen(m, model);
+    if (rc == OXL_OK) rc = ortho_draw(m, model, side > 0);
+    if (rc == OXL_OK) ortho_compare_points(m);
+    return rc;
+}
+
+void ortho_free(struct map *m)
+{
+    free(m->rgba);
+    free(m->level);
+    free(m->seen);
+    free(m->confirmed);
 }
 
 /* ---------------- files */
 
-/* Returns 1 if map coordinates are metres east and north of a known place. */
-static int ortho_reference(const struct ortho *o)
+static oxl_result ortho_write_tiffs(const struct map *m, const struct arguments *a, double unit)
 {
-    return oxl_scene_reference(o->scene) && o->frame.is_world && !(fabs(o->unit - 1) > 0);
-}
-
-static oxl_result ortho_write_tiffs(const struct ortho *o, const struct arguments *a)
-{
-    const char *words = a->scale > 0 || a->epsg || o->frame.is_world
-                            ? "oceanxl: coordinates of the survey's world, height along its z"
-                            : "oceanxl: along the axes in frame.txt, in the survey's unit";
-    struct geotiff g = {.width = o->width,
-                        .height = o->height,
-                        .pixel = o->pixel * o->unit,
+    struct geotiff g = {.width = m->width,
+                        .height = m->height,
+                        .pixel = m->pixel * unit,
                         .epsg = a->epsg,
-                        .citation = words,
+                        .citation = "oceanxl: coordinates of the survey's world, height along its z",
                         .is_metric = a->scale > 0};
     char path[4200];
     oxl_result rc;
-    if (!o->frame.is_world) g.citation = "oceanxl: along the axes in frame.txt";
-    else if (ortho_reference(o)) {
-        g.reference = oxl_scene_reference(o->scene);
+    if (!m->frame.is_world) g.citation = "oceanxl: along the axes in frame.txt";
+    else if (oxl_scene_reference(m->scene) && !(fabs(unit - 1) > 0)) {
+        g.reference = oxl_scene_reference(m->scene);
         g.citation = "oceanxl: metres east and north of the survey's reference";
     }
-    for (int d = 0; d < 2; d++) g.corner[d] = (o->corner[d] + o->shift[d]) * o->unit;
+    for (int d = 0; d < 2; d++) g.corner[d] = (m->corner[d] + m->shift[d]) * unit;
     snprintf(path, sizeof path, "%s/ortho.tif", a->out);
-    rc = geotiff_write(o->ctx, path, &g, o->rgba);
+    rc = geotiff_write(m->ctx, path, &g, m->rgba);
+    for (size_t i = 0; i < (size_t)m->width * (size_t)m->height; i++)
+        m->level[i] = (float)(((double)m->level[i] + m->shift[2]) * unit);
     g.is_height = 1;
     snprintf(path, sizeof path, "%s/height.tif", a->out);
-    return rc == OXL_OK ? geotiff_write(o->ctx, path, &g, o->level) : rc;
+    return rc == OXL_OK ? geotiff_write(m->ctx, path, &g, m->level) : rc;
 }
 
 /* Writes the 3 x 4 matrix from the world's coordinates to the map's x, y and height. */
-static oxl_result ortho_write_frame(const struct ortho *o, const char *folder)
+static oxl_result ortho_write_frame(const struct map *m, const char *folder, double unit)
 {
-    const double *origin = oxl_scene_origin(o->scene);
+    const double *origin = oxl_scene_origin(m->scene);
     struct output t = {0};
     char path[4200];
     snprintf(path, sizeof path, "%s/frame.txt", folder);
     output_add(&t, "%s", ORTHO_FRAME);
     for (int d = 0; d < 3; d++) {
-        double offset = o->shift[d];
+        double offset = m->shift[d];
         for (int k = 0; k < 3; k++) {
-            offset -= o->frame.axis[d][k] * (o->frame.centre[k] + origin[k]);
-            output_add(&t, "%s ", oxl_json_number_text((char[48]){0}, o->frame.axis[d][k] * o->unit));
+            offset -= m->frame.axis[d][k] * (m->frame.centre[k] + origin[k]);
+            output_add(&t, "%s ", oxl_json_number_text((char[48]){0}, m->frame.axis[d][k] * unit));
         }
-        output_add(&t, "%s\n", oxl_json_number_text((char[48]){0}, o->frame.is_world ? 0 : offset * o->unit));
+        output_add(&t, "%s\n", oxl_json_number_text((char[48]){0}, m->frame.is_world ? 0 : offset * unit));
     }
     return output_save(&t, path)
                ? OXL_OK
-               : oxl_fail(o->ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", path);
+               : oxl_fail(m->ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", path);
 }
 
-static int ortho_write_world_file(const struct ortho *o, const char *folder)
+static void ortho_say(const struct map *m, const struct arguments *a, double unit, FILE *to)
 {
-    const double pixel = o->pixel * o->unit;
-    struct output t = {0};
-    char path[4200];
-    snprintf(path, sizeof path, "%s/ortho.pgw", folder);
-    output_add(&t, "%.9f\n%.9f\n%.9f\n%.9f\n%.9f\n%.9f\n", pixel, 0.0, 0.0, -pixel,
-               (o->corner[0] + 0.5 * o->pixel + o->shift[0]) * o->unit,
-               (o->corner[1] - 0.5 * o->pixel + o->shift[1]) * o->unit);
-    return output_save(&t, path);
+    const char *words = a->scale > 0 ? "metres" : "units";
+    print_format(to, "map       %s/ortho.tif and height.tif, %d x %d px of %.6g %s, %s\n", a->out, m->width,
+                 m->height, m->pixel * unit, words,
+                 m->frame.is_world ? "in the world's x and y"
+                                   : "along the survey's principal axes, which frame.txt has (--frame world: "
+                                     "the world's)");
+    print_format(
+        to, "ground    %.4g square %s; of what any view sees %d or more see %.1f %%, %.1f %% have a height\n",
+        m->area * unit * unit, words, a->min_views, 100 * m->covered, 100 * m->high);
+    if (m->hidden) print_format(to, "hidden    %zu Gaussians that no training view shows\n", m->hidden);
+    if (isnan(m->error)) return;
+    print_format(to, "heights   median difference from the survey's points %.3g %s", m->error * unit, words);
+    if (m->distance > 0) print_format(to, ", %.2f %% of the cameras' distance", 100 * m->error / m->distance);
+    print_format(to, "; none at %.1f %% of them\n", 100 * m->none);
 }
 
-/* Writes the map as ortho.png, ortho.pgw and ortho.height.pfm. Empty pixels are black in the
- * PNG, NaN in the float map. */
-static oxl_result ortho_write_png(const struct ortho *o, const char *folder)
+/* Refuses to replace a map of another program, and a CRS that is not the map's. */
+static oxl_result ortho_check(const struct map *m, const struct arguments *a, const double *reference)
 {
-    const size_t plane = (size_t)o->width * (size_t)o->height;
-    oxl_image image = {0};
-    char path[4200];
-    oxl_result rc = oxl_image_create(o->ctx, o->width, o->height, &image);
-    for (size_t i = 0; i < 3 * plane && rc == OXL_OK; i++)
-        image.rgb[i] = (float)o->rgba[4 * (i % plane) + i / plane] / 255;
-    snprintf(path, sizeof path, "%s/ortho.png", folder);
-    if (rc == OXL_OK) rc = oxl_image_write(o->ctx, path, &image);
-    oxl_image_free(o->ctx, &image);
-    if (rc == OXL_OK && !ortho_write_world_file(o, folder))
-        rc = oxl_fail(o->ctx, OXL_ERR_IO, "ortho: cannot write ortho.pgw\nfix: free space on the disk");
-    snprintf(path, sizeof path, "%s/ortho.height.pfm", folder);
-    return rc == OXL_OK ? oxl_write_pfm(o->ctx, path, o->level, o->width, o->height) : rc;
-}
-
-/* ---------------- what it says */
-
-/* Compares the heights with the survey's points. Returns the median difference in units, NaN: none has a
- * height. Sets the number compared, and *none to the share without a height of the points on the map. */
-static double ortho_compare_points(const struct ortho *o, size_t *compared, double *none)
-{
-    const size_t count = oxl_scene_point_count(o->scene), stride = 1 + count / ORTHO_CHECKED;
-    double *error = malloc(sizeof *error * (count / stride + 1)), median = NAN;
-    size_t n = 0, inside = 0;
-    for (size_t i = 0; error && i < count; i += stride) {
-        const double *p = oxl_scene_points(o->scene)[i].position;
-        const double x = floor((frame_along(&o->frame, p, 0) - o->corner[0]) / o->pixel),
-                     y = floor((o->corner[1] - frame_along(&o->frame, p, 1)) / o->pixel);
-        float level;
-        if (!(x >= 0 && y >= 0 && x < o->width && y < o->height)) continue;
-        inside++;
-        level = o->level[(size_t)y * (size_t)o->width + (size_t)x];
-        if (!isnan(level))
-            error[n++] = fabs((double)level / o->unit - o->shift[2] - frame_along(&o->frame, p, 2));
-    }
-    if (n > 0) {
-        qsort(error, n, sizeof *error, ortho_compare);
-        median = error[n / 2];
-    }
-    free(error);
-    *compared = n;
-    *none = inside ? (double)(inside - n) / (double)inside : NAN;
-    return median;
-}
-
-static void ortho_say_heights(const struct ortho *o, FILE *to)
-{
-    size_t compared;
-    double none;
-    const double median = ortho_compare_points(o, &compared, &none);
-    if (isnan(median)) return;
-    print_format(to, "heights   median difference from %zu of the survey's points %.3g %s", compared,
-                 median * o->unit, o->unit > 0 && fabs(o->unit - 1) > 0 ? "m" : "units");
-    if (o->ground > 0) print_format(to, ", %.2f %% of the cameras' distance", 100 * median / o->ground);
-    print_format(to, "; none at %.1f %% of them\n", 100 * none);
-}
-
-static void ortho_say(const struct ortho *o, const struct arguments *a, size_t hidden, FILE *to)
-{
-    const char *axes =
-        o->frame.is_world ? "in the world's x and y"
-        : a->up[0] * a->up[0] + a->up[1] * a->up[1] + a->up[2] * a->up[2] > 0
-            ? "seen along --up, by the axes in frame.txt"
-            : "along the survey's principal axes, which frame.txt has (--frame world: the world's)";
-    print_format(to, "map       %s/ortho.tif and height.tif, %d x %d px of %.6g %s, %s\n", a->out, o->width,
-                 o->height, o->pixel * o->unit, a->scale > 0 ? "metres" : "units", axes);
-    if (o->ground_seen > 0)
-        print_format(
-            to,
-            "ground    %.4g square %s; of what any view sees %d or more see %.1f %%, %.1f %% have a height\n",
-            (double)o->ground_covered * o->pixel * o->pixel * o->unit * o->unit,
-            a->scale > 0 ? "metres" : "units", a->min_views,
-            100 * (double)o->ground_covered / (double)o->ground_seen,
-            100 * (double)o->ground_high / (double)o->ground_seen);
-    if (hidden) print_format(to, "hidden    %zu Gaussians that no training view shows\n", hidden);
-    ortho_say_heights(o, to);
-}
-
-/* ---------------- the whole map */
-
-/* Chooses the frame, the pixel size and the bounds of the map, and refuses what cannot be mapped. */
-static oxl_result ortho_open(struct ortho *o, const oxl_model *model, const struct arguments *a)
-{
-    oxl_result rc;
-    double side;
-    if (strlen(a->out) > 4000)
-        return oxl_fail(o->ctx, OXL_ERR_USAGE,
-                        "ortho: the folder's name is too long\nfix: -o with a shorter one");
-    if (oxl_scene_point_count(o->scene) < 3)
+    static const char *const own[][2] = {
+        {"ortho.tif", "oceanxl: "}, {"height.tif", "oceanxl: "}, {"frame.txt", ORTHO_FRAME}};
+    struct frame frame;
+    oxl_result rc = oxl_make_folder(m->ctx, a->out);
+    for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = output_check_own(m->ctx, a->out, own[i][0], own[i][1]);
+    if (rc != OXL_OK || !a->epsg) return rc;
+    if (reference)
         return oxl_fail(
-            o->ctx, OXL_ERR_INPUT,
-            "ortho: the survey has no points, so its vertical axis is unknown\nfix: export points3D, too");
-    frame_choose(o->scene,
-                 a->frame == FRAME_AUTO && oxl_scene_reference(o->scene) ? FRAME_WORLD_AXES
-                                                                         : (enum frame_kind)a->frame,
-                 fabs(a->up[0]) + fabs(a->up[1]) + fabs(a->up[2]) > 0 ? a->up : NULL, &o->frame);
-    if (a->epsg && oxl_scene_reference(o->scene))
-        return oxl_fail(
-            o->ctx, OXL_ERR_USAGE,
+            m->ctx, OXL_ERR_USAGE,
             "ortho: the survey's coordinates are metres around a reference (%.6f, %.6f), not of EPSG:%d\n"
             "fix: leave --epsg out, then gdalwarp -t_srs EPSG:%d map/ortho.tif warped.tif",
-            oxl_scene_reference(o->scene)[0], oxl_scene_reference(o->scene)[1], a->epsg, a->epsg);
-    if (a->epsg && !o->frame.is_world)
-        return oxl_fail(o->ctx, OXL_ERR_USAGE,
-                        "ortho: --epsg names the system of the world's coordinates, but the map is along the "
-                        "survey's own axes\nfix: --frame world if the survey is georeferenced, else "
-                        "georeference it first (docs/TUTORIAL.md, 5)");
-    if (!frame_bounds(&o->frame, o->scene, 0, o->low, o->high) || !ortho_list_views(o))
-        return oxl_fail(o->ctx, OXL_ERR_MEMORY, "ortho: no memory");
-    rc =
-        ground_measure_distance(o->ctx, model, o->scene, o->fit ? GROUND_DISTANCE_FEW : GROUND_DISTANCE_VIEWS,
-                                &o->ground, &o->sampling);
-    if (rc != OXL_OK) return rc;
-    side = fmax(o->high[0] - o->low[0], o->high[1] - o->low[1]);
-    if (!(side > 0))
-        return oxl_fail(o->ctx, OXL_ERR_INPUT,
-                        "ortho: all points lie in one place\nfix: export the survey again");
-    if (!(o->pixel > 0)) o->pixel = o->sampling > 0 ? o->sampling : side / 2048;
-    if (o->fit > 0) o->pixel = fmax(o->pixel, side / o->fit);
-    if (side / o->pixel > ORTHO_SIDE_MAX)
-        return oxl_fail(o->ctx, OXL_ERR_USAGE,
-                        "ortho: the map would have more than %d px a side\nfix: a larger --pixel",
-                        ORTHO_SIDE_MAX);
-    ortho_lay_out(o);
-    return OXL_OK;
-}
-
-static int ortho_has(const char *folder, const char *name)
-{
-    char path[4200];
-    FILE *file;
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    if ((file = oxl_open(path))) fclose(file);
-    return file != NULL;
-}
-
-/* Refuses to replace a map of another program. One of ours has our words in its GeoKeys; the files of --png
- * hold no words, so they are ours where ortho.tif and ortho.height.pfm are there. */
-static oxl_result ortho_check_files(const struct ortho *o, const struct arguments *a)
-{
-    static const char *const with_png[] = {"ortho.png", "ortho.pgw", "ortho.height.pfm"};
-    static const char tag[] = "oceanxl: ";
-    oxl_result rc = output_check_own(o->ctx, a->out, "ortho.tif", tag);
-    if (rc == OXL_OK) rc = output_check_own(o->ctx, a->out, "height.tif", tag);
-    if (rc == OXL_OK) rc = output_check_own(o->ctx, a->out, "frame.txt", ORTHO_FRAME);
-    if (ortho_has(a->out, "ortho.tif") && ortho_has(a->out, with_png[2])) return rc;
-    for (int i = 0; i < 3 && rc == OXL_OK && a->png; i++)
-        rc = output_check_own(o->ctx, a->out, with_png[i], NULL);
-    return rc;
+            reference[0], reference[1], a->epsg, a->epsg);
+    frame_choose(m->scene, (enum frame_kind)a->frame, &frame);
+    if (frame.is_world) return OXL_OK;
+    return oxl_fail(m->ctx, OXL_ERR_USAGE,
+                    "ortho: --epsg names the system of the world's coordinates, but the map is along the "
+                    "survey's own axes\nfix: --frame world if the survey is georeferenced, else "
+                    "georeference it first (docs/TUTORIAL.md, 5)");
 }
 
 oxl_result ortho_write(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, const struct arguments *a,
                        FILE *to)
 {
-    struct ortho o = {.ctx = ctx, .scene = scene, .unit = a->scale > 0 ? a->scale : 1};
-    size_t hidden = 0;
-    oxl_result rc = oxl_make_folder(ctx, a->out);
-    o.pixel = a->pixel / o.unit;
-    if (rc == OXL_OK) rc = ortho_check_files(&o, a);
-    if (rc == OXL_OK) rc = ortho_open(&o, model, a);
-    if (rc == OXL_OK) {
-        hidden = ortho_hide_unseen(&o, model);
-        rc = ortho_draw(&o, model, a->min_views);
-    }
-    if (rc == OXL_OK) rc = ortho_write_tiffs(&o, a);
-    if (rc == OXL_OK) rc = ortho_write_frame(&o, a->out);
-    if (rc == OXL_OK && a->png) rc = ortho_write_png(&o, a->out);
-    if (rc == OXL_OK) ortho_say(&o, a, hidden, to);
-    free(o.order);
-    free(o.rgba);
-    free(o.level);
-    free(o.ground_level);
-    return rc;
-}
-
-oxl_result ortho_overview(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, int side,
-                          struct overview *out)
-{
-    const struct arguments a = {.out = ""};
-    static const float empty[3] = {0.035f, 0.10f, 0.14f}; /* the colour of the report's map */
-    struct ortho o = {.ctx = ctx, .scene = scene, .unit = 1, .fit = side};
-    size_t compared;
-    double none;
-    oxl_result rc = ortho_open(&o, model, &a);
-    memset(out, 0, sizeof *out);
-    if (rc == OXL_OK) {
-        ortho_hide_unseen(&o, model);
-        rc = ortho_draw(&o, model, OVERVIEW_VIEWS);
-    }
-    if (rc == OXL_OK) rc = oxl_image_create(ctx, o.width, o.height, &out->image);
-    if (rc == OXL_OK) {
-        const size_t plane = (size_t)o.width * (size_t)o.height;
-        for (size_t c = 0; c < 3; c++)
-            for (size_t i = 0; i < plane; i++)
-                out->image.rgb[c * plane + i] = o.rgba[4 * i + 3] ? (float)o.rgba[4 * i + c] / 255 : empty[c];
-        out->sampling = o.sampling;
-        out->area = (double)o.ground_covered * o.pixel * o.pixel;
-        out->covered = o.ground_seen ? (double)o.ground_covered / (double)o.ground_seen : 0;
-        out->high = o.ground_seen ? (double)o.ground_high / (double)o.ground_seen : 0;
-        out->height_error = ortho_compare_points(&o, &compared, &none);
-        out->distance = o.ground;
-    }
-    free(o.order);
-    free(o.rgba);
-    free(o.level);
-    free(o.ground_level);
+    const double unit = a->scale > 0 ? a->scale : 1;
+    struct map m = {
+        .ctx = ctx, .scene = scene, .pixel = a->pixel / unit, .enough = (unsigned short)a->min_views};
+    oxl_result rc = ortho_check(&m, a, oxl_scene_reference(scene));
+    if (rc == OXL_OK) rc = ortho_make(&m, model, (enum frame_kind)a->frame, 0);
+    if (rc == OXL_OK) ortho_say(&m, a, unit, to);
+    if (rc == OXL_OK) rc = ortho_write_frame(&m, a->out, unit);
+    if (rc == OXL_OK) rc = ortho_write_tiffs(&m, a, unit);
+    ortho_free(&m);
     return rc;
 }

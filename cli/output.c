@@ -38,41 +38,23 @@ void output_bytes(struct output *t, const void *data, size_t size)
 
 /* ---------------- numbers */
 
-/* Writes the digits of `value` before `end`, `least` of them or more. Returns their start. */
-static char *output_digits(char *end, unsigned long long value, int least)
-{
-    char *at = end;
-    while (value > 0 || end - at < least) {
-        *--at = (char)('0' + value % 10);
-        value /= 10;
-    }
-    return at;
-}
-
-/* Writes a number before `end`, rounded half up. Returns its start; `end` if |value| x
- * 10^decimals is not below 9e18. */
-static char *output_fixed_before(char *end, double value, int decimals)
-{
-    unsigned long long power = 1, scaled;
-    char *at = end;
-    for (int i = 0; i < decimals; i++) power *= 10;
-    if (!(fabs(value) * (double)power < 9e18)) return end;
-    scaled = (unsigned long long)(fabs(value) * (double)power + 0.5);
-    if (decimals > 0) {
-        at = output_digits(at, scaled % power, decimals);
-        *--at = '.';
-    }
-    at = output_digits(at, scaled / power, 1);
-    if (value < 0 && scaled > 0) *--at = '-';
-    return at;
-}
-
+/* Writes a number, rounded half up; nothing if |value| x 10^decimals is not below 9e18. */
 const char *output_fixed(char out[32], double value, int decimals)
 {
-    char digits[32], *end = digits + sizeof digits - 1;
-    const char *at = output_fixed_before(end, value, decimals);
-    *end = 0;
-    return memcpy(out, at, (size_t)(end - at) + 1);
+    unsigned long long scaled;
+    double power = 1;
+    char *at = out + 31;
+    for (int i = 0; i < decimals; i++) power *= 10;
+    *at = 0;
+    scaled = fabs(value) * power < 9e18 ? (unsigned long long)(fabs(value) * power + 0.5) : 0;
+    for (int i = 0, left = fabs(value) * power < 9e18, is_negative = value < 0 && scaled > 0; left; i++) {
+        if (i == decimals && i > 0) *--at = '.';
+        *--at = (char)('0' + scaled % 10);
+        scaled /= 10;
+        left = scaled > 0 || i < decimals;
+        if (!left && is_negative) *--at = '-';
+    }
+    return memmove(out, at, strlen(at) + 1);
 }
 
 /* ---------------- formats */
@@ -99,59 +81,34 @@ static void output_json(struct output *t, const char *value)
     free(text);
 }
 
-/* Adds the conversion at `at`, which is a percent sign. Returns what follows the conversion. */
-static const char *output_convert(struct output *t, const char *at, va_list *list)
-{
-    char digits[32], *last = digits + sizeof digits;
-    const char *text, *end = last;
-    const int left = at[1] == '-';
-    int width = 0, precision = -1, number;
-    at += 1 + left;
-    if (*at == '*') {
-        width = va_arg(*list, int);
-        at++;
-    }
-    if (*at == '.') {
-        precision = at[1] == '*' ? va_arg(*list, int) : at[1] - '0';
-        at += 2;
-    }
-    switch (*at) {
-    case 'd':
-        number = va_arg(*list, int);
-        text = last =
-            output_digits(last, number < 0 ? 0ull - (unsigned long long)number : (unsigned long long)number,
-                          precision > 1 ? precision : 1);
-        if (number < 0) *--last = '-', text = last;
-        break;
-    case 'f': text = output_fixed_before(last, va_arg(*list, double), precision); break;
-    case 'z': text = output_digits(last, va_arg(*list, size_t), 1); break;
-    case 'l': text = output_digits(last, va_arg(*list, unsigned long long), 1); break;
-    case 's':
-        text = va_arg(*list, const char *);
-        end = text + (precision >= 0 ? (size_t)precision : strlen(text));
-        break;
-    case 'S':
-        text = va_arg(*list, const char *);
-        if (text) output_escaped(t, text, strlen(text));
-        return at + 1;
-    case 'J': output_json(t, va_arg(*list, const char *)); return at + 1;
-    default: text = at, end = at + 1;
-    }
-    for (width -= (int)(end - text); width > 0 && !left; width--) output_bytes(t, " ", 1);
-    output_bytes(t, text, (size_t)(end - text));
-    for (; width > 0; width--) output_bytes(t, " ", 1);
-    return at + (*at == 'z' ? 2 : *at == 'l' ? 3 : 1);
-}
-
 void output_add(struct output *t, const char *format, ...)
 {
     va_list list;
     va_start(list, format);
-    while (*format) {
-        const size_t plain = strcspn(format, "%");
-        output_bytes(t, format, plain);
-        format += plain;
-        if (*format) format = output_convert(t, format, &list);
+    for (const char *at = format; *at;) {
+        const size_t plain = strcspn(at, "%"), size = strcspn(at + plain, "dfsSJzl") + 1;
+        const char *type = at + plain + size - 1, *text = "";
+        char digits[40], spec[8] = "";
+        output_bytes(t, at, plain);
+        if (!at[plain]) break;
+        if (at[plain + 1] == '%') {
+            output_bytes(t, "%", 1);
+            at += plain + 2;
+            continue;
+        }
+        memcpy(spec, at + plain, size < sizeof spec ? size : 0);
+        at = type + (*type == 'z' ? 2 : *type == 'l' ? 3 : 1);
+        switch (*type) {
+        case 'd': snprintf(digits, sizeof digits, spec, va_arg(list, int)); break;
+        case 'f': output_fixed(digits, va_arg(list, double), atoi(spec + 2)); break;
+        case 'z': snprintf(digits, sizeof digits, "%zu", va_arg(list, size_t)); break;
+        case 'l': snprintf(digits, sizeof digits, "%llu", va_arg(list, unsigned long long)); break;
+        default: text = va_arg(list, const char *); digits[0] = 0;
+        }
+        if (*type == 'J') output_json(t, text);
+        else if (*type == 'S' && text) output_escaped(t, text, strlen(text));
+        else if (*type == 's') output_bytes(t, text, strlen(text));
+        else output_bytes(t, digits, strlen(digits));
     }
     va_end(list);
 }

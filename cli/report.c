@@ -1,5 +1,5 @@
-/* report.c - writes report.html: quality, decisions with evidence, curves and the command that repeats a run,
- * on one page.
+/* report.c - writes report.html: quality, map, worst views, decisions with evidence, curves and the command that
+ * repeats a run, on one page.
  *
  * It reads OUT's run.json, metrics.json, partition.svg, blocks/KKK/{block.json,log.csv}, renders/,
  * training_views/ and scene.ply, and the survey for the map.
@@ -7,46 +7,86 @@
  * Invariant: every figure on the page is from one of these files; what is absent is left out or reported as
  * missing.
  */
-#include "report_state.h"
+#include "report.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 enum {
-    REPORT_EVIDENCE = 3,  /* lines of evidence that are shown at once */
-    REPORT_NOTES = 12,    /* lines of warnings that are shown at once */
-    REPORT_LINES = 100000 /* most lines of a list */
+    REPORT_BLOCKS = 100000,
+    REPORT_SIDE = 800,  /* px; longest side of the map, */
+    REPORT_SHORT = 560, /* and of runs of fewer iterations than REPORT_QUICK, whose page should be quick */
+    REPORT_QUICK = 1000,
+    REPORT_CAMERAS = 2000, /* cameras on the map, about */
+    REPORT_VIEWS = 2       /* least training views that see a place of the map */
 };
+#define REPORT_VIEWER_LOSS 0.5 /* dB; a loss of images without gains and lamp that is worth a word */
+
+/* ---------------- reading */
+
+static void report_read_part(struct report *r, const char *name, const char *folder)
+{
+    struct report_part *p = &r->part[r->parts];
+    char path[4200];
+    snprintf(path, sizeof path, "%s/blocks/%s", r->out, folder);
+    snprintf(p->name, sizeof p->name, "%s", name);
+    p->json = output_read(path, "block.json", NULL);
+    p->log = p->json ? output_read(path, "log.csv", NULL) : NULL;
+    r->parts += p->json != NULL;
+}
+
+static void report_open(struct report *r)
+{
+    const double blocks = oxl_json_number(r->run, "blocks");
+    r->job = oxl_json_member(r->run, "job");
+    r->survey = oxl_json_member(r->run, "survey");
+    r->scene = json_string(oxl_json_member(oxl_json_member(r->run, "inputs"), "scene"));
+    r->metrics = output_read(r->out, "metrics.json", NULL);
+    r->options = oxl_job_options_default(OXL_PRESET_DRAFT);
+    if (r->scene) oxl_job_resume(r->ctx, r->scene, r->out, &r->options, &r->manifest);
+    r->blocks = blocks >= 1 && blocks <= REPORT_BLOCKS ? (int)blocks : 1;
+    r->part = calloc((size_t)r->blocks + 2, sizeof *r->part);
+    if (!r->part) r->page.failed = 1;
+    for (int k = 0; r->part && k < r->blocks; k++) {
+        char name[40], folder[16];
+        snprintf(folder, sizeof folder, "%03d", k);
+        snprintf(name, sizeof name, "block %d", k);
+        report_read_part(r, name, folder);
+    }
+    if (r->part && r->blocks > 1) {
+        report_read_part(r, "coarse model", "coarse");
+        report_read_part(r, "merged model", "whole");
+    }
+}
+
+static void report_close(struct report *r)
+{
+    for (int k = 0; r->part && k < r->blocks + 2; k++) {
+        free(r->part[k].json);
+        free(r->part[k].log);
+    }
+    oxl_manifest_free(r->ctx, &r->manifest);
+    free(r->part);
+    free(r->run);
+    free(r->scene);
+    free(r->metrics);
+    free(r->page.data);
+}
 
 /* ---------------- at the top */
 
-static void report_tile(struct output *t, const char *figure, const char *what)
+/* Adds a figure, if it is there: with decimals, or as a count, of bytes or seconds. */
+static void report_tile(struct report *r, const char *json, const char *member, char kind, const char *what)
 {
-    output_add(t, "<div class=\"tile\"><b>%s</b><span>%s</span></div>\n", figure, what);
-}
-
-static void report_tiles(struct report *r)
-{
-    struct output *t = &r->page;
-    output_add(t, "<div class=\"tiles\">\n");
-    if (r->metrics) {
-        output_add(t, "<div class=\"tile\"><b>%.2f dB</b><span>mean PSNR</span></div>\n",
-                   oxl_json_number(r->metrics, "psnr"));
-        report_tile(t, OUTPUT_FIXED(oxl_json_number(r->metrics, "ssim"), 3), "mean SSIM");
-        if (!isnan(oxl_json_number(r->metrics, "structure")))
-            report_tile(t, OUTPUT_FIXED(oxl_json_number(r->metrics, "structure"), 3), "mean structure");
-        if (isfinite(oxl_json_number(r->metrics, "cc_psnr")))
-            output_add(t, "<div class=\"tile\"><b>%.2f dB</b><span>mean cc-PSNR</span></div>\n",
-                       oxl_json_number(r->metrics, "cc_psnr"));
-        report_tile(t, OUTPUT_COUNT(oxl_json_number(r->metrics, "gaussians")), "Gaussians");
-        report_tile(t, OUTPUT_SIZE(oxl_json_number(r->metrics, "bytes")), "model");
-        report_tile(t, OUTPUT_SECONDS(oxl_json_number(r->metrics, "seconds")), "training time");
-        report_tile(t, OUTPUT_SIZE(oxl_json_number(r->metrics, "peak_rss_bytes")), "peak memory");
-    }
-    ground_tiles(r);
-    report_tile(t, OUTPUT_COUNT(oxl_json_number(r->survey, "points")), "initial points");
-    output_add(t, "</div>\n");
+    const double value = oxl_json_number(json, member);
+    char text[40];
+    if (isnan(value)) return;
+    if (kind == 'c') output_count(text, value);
+    else if (kind == 'b') output_size(text, value);
+    else if (kind == 's') output_seconds(text, value);
+    else output_fixed(text, value, kind - '0');
+    output_add(&r->page, "<div class=\"tile\"><b>%s</b><span>%s</span></div>\n", text, what);
 }
 
 static void report_head(struct report *r)
@@ -57,196 +97,217 @@ static void report_head(struct report *r)
     page_open(t, name);
     output_add(
         t,
-        "<header><span class=\"pale\">OceanXL report</span><h1>%S"
-        "</h1>\n<span class=\"mark %s\">%s</span> <span class=\"pale\">%s iterations, %d block%s</span></header>\n",
+        "<header><span class=\"pale\">OceanXL report</span><h1>%S</h1>\n<span class=\"mark %s\">%s</span> "
+        "<span class=\"pale\">%s iterations, %d block%s</span></header>\n<div class=\"tiles\">\n",
         name, finished ? "good" : "warn",
         finished ? "finished" : "not finished: run the same command again to resume",
         OUTPUT_COUNT(oxl_json_number(r->run, "iterations_done")), r->blocks, r->blocks == 1 ? "" : "s");
-    report_tiles(r);
+    report_tile(r, r->metrics, "psnr", '2', "dB mean PSNR");
+    if (oxl_json_number(r->metrics, "psnr") - oxl_json_number(r->metrics, "plain_psnr") >= REPORT_VIEWER_LOSS)
+        report_tile(r, r->metrics, "plain_psnr", '2', "dB in other viewers, without gains and lamp");
+    report_tile(r, r->metrics, "cc_psnr", '2', "dB mean cc-PSNR");
+    report_tile(r, r->metrics, "ssim", '3', "mean SSIM");
+    report_tile(r, r->metrics, "structure", '3', "mean structure: correlation of detail, 0 is a veil");
+    report_tile(r, r->metrics, "gaussians", 'c', "Gaussians");
+    report_tile(r, r->metrics, "bytes", 'b', "model");
+    report_tile(r, r->metrics, "seconds", 's', "training time");
+    report_tile(r, r->metrics, "peak_rss_bytes", 'b', "peak memory");
+    report_tile(r, r->survey, "images", 'c', "images with a camera");
+    report_tile(r, r->survey, "images_unregistered", 'c', "images without");
+    report_tile(r, r->survey, "points", 'c', "initial points");
+    output_add(t, "</div>\n");
 }
 
-/* ---------------- lines of the log */
+/* ---------------- warnings, decisions */
 
-struct report_list {
-    struct report *r;
-    const char *tag;   /* tag of a line: "small" or "li" */
-    int folded, count; /* number of lines before those that a click shows; number of lines so far */
-};
-
-/* Adds a line about a block; block -1: about the whole job. */
-static void report_line(struct report_list *list, int block, const char *text)
+/* Adds the warnings among the log lines of the job or a part. Returns how many. */
+static int report_notes(struct output *t, const char *name, const char *json)
 {
-    struct output *t = &list->r->page;
-    if (list->count++ == list->folded) output_add(t, "<details><summary>more</summary>");
-    if (list->count > REPORT_LINES) return;
-    output_add(t, "<%s>", list->tag);
-    if (block >= 0 && list->r->blocks > 1) output_add(t, "%s: ", REPORT_PART(list->r, block));
-    output_add(t, "%S</%s>\n", text, list->tag);
+    int count = 0;
+    for (const char *e = oxl_json_first(oxl_json_member(json, "notes")); e; e = oxl_json_next(e)) {
+        const char *level = oxl_json_member(e, "level");
+        if (!level || strncmp(level, "\"warning\"", 9) != 0) continue;
+        output_add(t, "<li>%s%s%J</li>\n", name, name[0] ? ": " : "", oxl_json_member(e, "text"));
+        count++;
+    }
+    return count;
 }
 
-/* Adds the warnings among the log lines of the job and of each part. */
-static void report_notes(struct report_list *list)
+static void report_warnings(struct report *r)
 {
-    struct report *r = list->r;
-    for (int k = -1; k < r->parts; k++)
-        for (const char *e = oxl_json_first(oxl_json_member(k < 0 ? r->run : r->block[k].json, "notes")); e;
-             e = oxl_json_next(e)) {
-            char *level = json_string(oxl_json_member(e, "level")),
-                 *text = json_string(oxl_json_member(e, "text"));
-            if (level && text && strcmp(level, "warning") == 0) report_line(list, k, text);
-            free(level);
-            free(text);
-        }
+    struct output *t = &r->page;
+    int count;
+    output_add(t, "<section>\n<h2>Warnings</h2>\n<ul>\n");
+    if (!r->metrics) output_add(t, "<li>Not evaluated yet.</li>\n");
+    else if (oxl_json_number(r->survey, "test_views") <= 0)
+        output_add(t, "<li>no view is held out: the metrics are of training views (--test-every 8 holds out "
+                      "every 8th image)</li>\n");
+    count = report_notes(t, "", r->run);
+    for (int k = 0; k < r->parts; k++)
+        count += report_notes(t, r->blocks > 1 ? r->part[k].name : "", r->part[k].json);
+    output_add(t, "</ul>\n%s</section>\n", count > 0 ? "" : "<p>The log has none.</p>\n");
 }
 
-static void report_list_end(struct report_list *list)
+/* Adds each decision of the job or a part that has evidence. */
+static void report_decision(struct output *t, const char *name, const char *json)
 {
-    struct output *t = &list->r->page;
-    if (list->count > REPORT_LINES)
-        output_add(t, "<%s>and %d more</%s>", list->tag, list->count - REPORT_LINES, list->tag);
-    if (list->count > list->folded) output_add(t, "</details>");
+    for (const char *key = oxl_json_first(oxl_json_member(json, "decisions")); key;) {
+        const char *value = oxl_json_value(key), *evidence = oxl_json_member(value, "evidence");
+        if (evidence && strncmp(evidence, "\"\"", 2) != 0)
+            output_add(t, "<dt>%J</dt><dd>%J<small>%s%s%J</small></dd>\n", key,
+                       oxl_json_member(value, "chosen"), name, name[0] ? ": " : "", evidence);
+        key = value ? oxl_json_next(value) : NULL;
+    }
 }
 
-/* ---------------- what went in */
+static void report_decisions(struct report *r)
+{
+    struct output *t = &r->page;
+    output_add(t, "<section>\n<h2>Decisions and evidence</h2>\n<dl>\n");
+    report_decision(t, "", r->run);
+    for (int k = 0; k < r->parts; k++)
+        report_decision(t, r->blocks > 1 ? r->part[k].name : "", r->part[k].json);
+    output_add(t, "</dl>\n</section>\n");
+}
+
+/* ---------------- the map */
+
+/* Writes the image of a map, and the cameras over it as circles; the drawing is large enough for all. */
+static void report_draw_map(struct report *r, const struct map *m, const oxl_image *image)
+{
+    struct output *t = &r->page;
+    const int views = oxl_scene_view_count(m->scene);
+    double low[2] = {0, 0}, high[2] = {m->width, m->height}, eye[3];
+    struct output circles = {0};
+    for (int v = 0; v < views; v += 1 + views / REPORT_CAMERAS) {
+        const oxl_view *view = oxl_scene_view(m->scene, v);
+        double at[2];
+        frame_eye(&view->camera, eye);
+        at[0] = (frame_along(&m->frame, eye, 0) - m->corner[0]) / m->pixel;
+        at[1] = (m->corner[1] - frame_along(&m->frame, eye, 1)) / m->pixel;
+        for (int d = 0; d < 2; d++) low[d] = fmin(low[d], at[d] - 8), high[d] = fmax(high[d], at[d] + 8);
+        output_add(&circles, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"3\"%s><title>%S</title></circle>\n", at[0],
+                   at[1], view->is_test ? " class=\"test\"" : "", view->name);
+    }
+    output_add(t,
+               "<figure><svg class=\"map\" viewBox=\"%.0f %.0f %.0f %.0f\" role=\"img\" aria-label=\"Map\">"
+               "<image width=\"%d\" height=\"%d\" href=\"",
+               low[0], low[1], high[0] - low[0], high[1] - low[1], m->width, m->height);
+    page_jpeg(r, image);
+    output_add(t, "\"/>\n%s</svg>\n", circles.data ? circles.data : "");
+    output_close(&circles);
+}
+
+/* Returns a length with two digits or more. */
+static const char *report_length(char out[32], double value)
+{
+    return output_fixed(out, value, value > 0 ? (int)fmin(9, fmax(0, 1 - floor(log10(value)))) : 0);
+}
+#define REPORT_LENGTH(value) report_length((char[32]){0}, value)
+
+static void report_map(struct report *r, const struct map *m)
+{
+    struct output *t = &r->page;
+    static const float empty[3] = {0.035f, 0.10f, 0.14f};
+    const size_t plane = (size_t)m->width * (size_t)m->height;
+    oxl_image image;
+    if (oxl_image_create(r->ctx, m->width, m->height, &image) != OXL_OK) return;
+    for (size_t i = 0; i < 3 * plane; i++) {
+        const unsigned char *p = m->rgba + 4 * (i % plane);
+        image.rgb[i] = p[3] ? (float)p[i / plane] / 255 : empty[i / plane];
+    }
+    report_draw_map(r, m, &image);
+    oxl_image_free(r->ctx, &image);
+    output_add(
+        t,
+        "<figcaption>The model from straight above, reduced; empty: ground in fewer than %d training "
+        "images, or none. White: cameras of training views, yellow: of held-out views.</figcaption>"
+        "</figure>\n<p>%s %s a pixel of the images on the ground, %s square %s of ground. %.0f %% of the "
+        "ground that any image shows is in %d or more; %.0f %% has a surface clear enough for a height. ",
+        REPORT_VIEWS, REPORT_LENGTH(m->sampling * r->unit), r->words,
+        REPORT_LENGTH(m->area * r->unit * r->unit), r->words, 100 * m->covered, REPORT_VIEWS, 100 * m->high);
+    if (m->error > 0 && m->distance > 0)
+        output_add(t,
+                   "Heights differ from the survey's points by %s %s in the median, %.2f %% of the cameras' "
+                   "distance. ",
+                   REPORT_LENGTH(m->error * r->unit), r->words, 100 * m->error / m->distance);
+    output_add(t, "<code>oceanxl render %S", PRINT_WORD(r->out));
+    output_add(t, " %S -o map --ortho</code> writes it in full resolution.</p>\n", PRINT_WORD(r->scene));
+}
+
+/* Loads the survey and the model without a log, as the run has logged its warnings already, and draws the
+ * map. */
+static void report_ground(struct report *r)
+{
+    oxl_scene_options options = r->options.scene;
+    oxl_model model = {0};
+    struct map m = {.enough = REPORT_VIEWS};
+    oxl_scene *scene = NULL;
+    char path[4200];
+    const int side = oxl_json_number(r->metrics, "iterations") < REPORT_QUICK ? REPORT_SHORT : REPORT_SIDE;
+    snprintf(path, sizeof path, "%s/scene.ply", r->out);
+    options.read_images = 0;
+    options.allow_truncated = 1;
+    output_add(&r->page, "<section>\n<h2>Map</h2>\n");
+    if (r->scene && oxl_context_create(NULL, &m.ctx) == OXL_OK &&
+        oxl_scene_load(m.ctx, r->scene, &options, &scene) == OXL_OK &&
+        oxl_model_read(m.ctx, path, &model) == OXL_OK) {
+        m.scene = scene;
+        oxl_model_move_origin(&model, oxl_scene_origin(scene));
+        if (ortho_make(&m, &model, FRAME_AUTO, side) == OXL_OK) report_map(r, &m);
+    }
+    if (!(m.area > 0))
+        output_add(&r->page, "<p class=\"pale\">No map: the survey or the model is not found, or has no "
+                             "points.</p>\n");
+    ortho_free(&m);
+    if (m.ctx) oxl_model_free(m.ctx, &model);
+    oxl_scene_free(m.ctx, scene);
+    oxl_context_free(m.ctx);
+}
+
+static void report_partition(struct report *r)
+{
+    size_t size = 0;
+    char *svg = r->blocks > 1 ? output_read(r->out, "partition.svg", &size) : NULL;
+    if (svg) {
+        output_add(&r->page, "<figure><img alt=\"Blocks of the survey\" src=\"");
+        page_data(&r->page, "image/svg+xml", svg, size);
+        output_add(&r->page, "\"><figcaption>The blocks of the survey.</figcaption></figure>\n");
+    }
+    free(svg);
+    output_add(&r->page, "</section>\n");
+}
+
+/* ---------------- survey, blocks */
 
 static void report_survey(struct report *r)
 {
     struct output *t = &r->page;
     const char *origin = oxl_json_first(oxl_json_member(r->run, "origin"));
-    const double missing = oxl_json_number(r->survey, "images_missing"),
-                 masks = oxl_json_number(r->survey, "masks"), points = oxl_json_number(r->survey, "points"),
-                 track = oxl_json_number(r->survey, "mean_track"),
-                 error = oxl_json_number(r->survey, "mean_error");
-    output_add(t, "<dl>\n<dt>Images</dt><dd>%s training views, %s held-out views",
+    output_add(t,
+               "<section>\n<h2>Survey</h2>\n<p>%s training views, %s held-out views, %s images missing. %J. "
+               "Trained at up to %s x %s px. Origin: world = model + (",
                OUTPUT_COUNT(oxl_json_number(r->survey, "train_views")),
-               OUTPUT_COUNT(oxl_json_number(r->survey, "test_views")));
-    if (missing > 0) output_add(t, "; <b class=\"warn\">%s missing</b>", OUTPUT_COUNT(missing));
-    if (masks > 0) output_add(t, "; %s masks", OUTPUT_COUNT(masks));
-    output_add(t, "</dd>\n<dt>Cameras</dt><dd>%J<small>trained at up to %s x %s px</small></dd>\n",
+               OUTPUT_COUNT(oxl_json_number(r->survey, "test_views")),
+               OUTPUT_COUNT(oxl_json_number(r->survey, "images_missing")),
                oxl_json_member(r->survey, "cameras_text"), OUTPUT_COUNT(oxl_json_number(r->survey, "width")),
                OUTPUT_COUNT(oxl_json_number(r->survey, "height")));
-    output_add(t, "<dt>Points</dt><dd>%s", points > 0 ? OUTPUT_COUNT(points) : "none");
-    if (track > 0) output_add(t, ", each in %.1f images on average", track);
-    if (track > 0 && error >= 0) output_add(t, "<small>reprojection error %.2f px</small>", error);
-    output_add(t, "</dd>\n");
-    output_add(t, "<dt>Origin</dt><dd>world = model + (");
-    for (int k = 0; k < 3 && origin; k++) {
-        output_add(t, "%s%.6f", k ? ", " : "", oxl_json_number_at(&origin));
-        origin += strspn(origin, ", \n");
-    }
-    output_add(t, ")<small>the origin is also a comment in scene.ply</small></dd>\n</dl>\n");
-}
-
-/* ---------------- decisions */
-
-/* Adds "CHOSEN: EVIDENCE" of a decision from run.json (block -1) or block.json. */
-static void report_decision(struct report_list *list, int block, const char *name)
-{
-    const char *json = block < 0 ? list->r->run : list->r->block[block].json;
-    const char *decision = oxl_json_member(oxl_json_member(json, "decisions"), name);
-    char *chosen = json_string(oxl_json_member(decision, "chosen")),
-         *evidence = json_string(oxl_json_member(decision, "evidence"));
-    char text[1000];
-    snprintf(text, sizeof text, "%s: %s", chosen ? chosen : "", evidence ? evidence : "");
-    if (chosen && evidence) report_line(list, block, text);
-    free(chosen);
-    free(evidence);
-}
-
-/* Adds what was decided in each part; the caller has written what the option was set to. */
-static void report_evidence(struct report *r, const char *name, int first, int end)
-{
-    struct report_list list = {r, "small", REPORT_EVIDENCE, 0};
-    for (int k = first; k < end; k++) report_decision(&list, k, name);
-    report_list_end(&list);
-    output_add(&r->page, "</dd>\n");
-}
-
-static void report_decisions(struct report *r)
-{
-    static const char *const choices[][2] = {{"SH degree (--sh-degree)", "sh_degree"},
-                                             {"Depth weights of densification (--ucd)", "ucd"},
-                                             {"Pruning (--keep)", "keep"},
-                                             {"Exposure (--exposure)", "exposure"},
-                                             {"Lamp (--lamp)", "lamp"},
-                                             {"Medium (--medium)", "medium"},
-                                             {"Poses (--poses)", "poses"},
-                                             {"Dropout (--dropout)", "dropout"},
-                                             {"Contrast of SSIM (--ssim-contrast)", "ssim_contrast"},
-                                             {"Second lobes (--dog)", "dog"}};
-    struct output *t = &r->page;
-    page_section(r, "Decisions and evidence");
-    output_add(t, "<dl>\n<dt>Preset</dt><dd>%J<small>%s iterations, seed %.0f</small></dd>\n",
-               oxl_json_member(r->run, "preset"), OUTPUT_COUNT(oxl_json_number(r->job, "iterations")),
-               oxl_json_number(r->job, "seed"));
-    output_add(t, "<dt>Blocks</dt><dd>%d", r->blocks);
-    if (r->blocks > 1) output_add(t, ", %J cuts", oxl_json_member(r->job, "cut"));
-    report_evidence(r, "partition", -1, 0);
-    for (size_t i = 0; i < sizeof choices / sizeof *choices; i++) {
-        output_add(t, "<dt>%s</dt><dd>%J", choices[i][0], oxl_json_member(r->job, choices[i][1]));
-        report_evidence(r, choices[i][1], 0, r->parts);
-    }
-    output_add(t, "</dl>\n");
-}
-
-/* ---------------- warnings */
-
-static void report_warnings(struct report *r)
-{
-    const double predicted = oxl_json_number(r->metrics, "predicted_memory_bytes"),
-                 peak = oxl_json_number(r->metrics, "peak_rss_bytes");
-    struct report_list list = {r, "li", REPORT_NOTES, 0};
-    char words[160];
-    page_section(r, "Warnings");
-    output_add(&r->page, "<ul>\n");
-    if (!oxl_json_is_true(r->run, "finished"))
-        report_line(&list, -1, "the run is not finished; run the same command again to resume");
-    if (r->metrics && oxl_json_number(r->survey, "test_views") <= 0)
-        report_line(
-            &list, -1,
-            "no view is held out: the metrics are of training views (--test-every 8 holds out every 8th image)");
-    if (peak > 1.5 * predicted) {
-        snprintf(words, sizeof words, "peak memory %s, predicted %s", OUTPUT_SIZE(peak),
-                 OUTPUT_SIZE(predicted));
-        report_line(&list, -1, words);
-    }
-    report_notes(&list);
-    report_list_end(&list);
-    output_add(&r->page, "</ul>\n%s", list.count > 0 ? "" : "<p>None.</p>\n");
-}
-
-/* ---------------- blocks, sizes, times */
-
-static void report_block_rows(struct report *r)
-{
-    struct output *t = &r->page;
-    page_section(r, r->blocks > 1 ? "Blocks" : "Time and memory");
-    output_add(
-        t,
-        "<div class=\"scroll\"><table><tr><th>block<th class=\"n\">iterations<th class=\"n\">Gaussians<th class=\"n\">time"
-        "<th class=\"n\">predicted time<th class=\"n\">memory<th class=\"n\">predicted memory</tr>\n");
+    for (const char *e = origin; e; e = oxl_json_next(e))
+        output_add(t, "%s%.6f", e == origin ? "" : ", ", oxl_json_number_at(&(const char *){e}));
+    output_add(t, ").</p>\n<table><tr><th>part<th class=\"n\">iterations<th class=\"n\">Gaussians<th "
+                  "class=\"n\">time<th class=\"n\">memory</tr>\n");
     for (int k = 0; k < r->parts; k++) {
-        const char *b = r->block[k].json;
+        const char *b = r->part[k].json;
         output_add(
-            t,
-            "<tr><td>%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s</tr>\n",
-            REPORT_PART(r, k), OUTPUT_COUNT(oxl_json_number(b, "iterations_done")),
+            t, "<tr><td>%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s</tr>\n",
+            r->part[k].name, OUTPUT_COUNT(oxl_json_number(b, "iterations_done")),
             OUTPUT_COUNT(oxl_json_number(b, "gaussians")), OUTPUT_SECONDS(oxl_json_number(b, "seconds")),
-            OUTPUT_SECONDS(oxl_json_number(b, "predicted_seconds")),
-            OUTPUT_SIZE(oxl_json_number(b, "peak_rss_bytes")),
-            OUTPUT_SIZE(oxl_json_number(b, "predicted_memory_bytes")));
+            OUTPUT_SIZE(oxl_json_number(b, "peak_rss_bytes")));
     }
-    output_add(
-        t,
-        "</table></div>\n<p><small>Memory: peak of the process that trained the block, including its earlier work.</small></p>\n");
+    output_add(t, "</table>\n</section>\n");
 }
 
 /* ---------------- to repeat it */
-
-static void report_shell(struct output *t, const char *word)
-{
-    output_add(t, "%S", PRINT_WORD(word));
-}
 
 /* Adds the options that differ from the preset's; of_survey: only those that eval and render need too,
  * to have the same images. */
@@ -261,47 +322,34 @@ static void report_options(struct report *r, int of_survey)
     for (int i = 1; i < oxl_option_count(); i++) {
         const oxl_option *o = oxl_option_at(i);
         char member[40], usual[4096], seen[4096];
-        if (o->kind != OXL_OPTION_TEXT && !oxl_json_member(r->job, oxl_option_member(o, member))) continue;
-        if (of_survey && (o->use & uses) != wanted) continue;
-        if (strcmp(oxl_option_get(o, &r->options, seen, sizeof seen),
-                   oxl_option_get(o, &fresh, usual, sizeof usual)) == 0)
+        oxl_option_get(o, &r->options, seen, sizeof seen);
+        if ((o->kind != OXL_OPTION_TEXT && !oxl_json_member(r->job, oxl_option_member(o, member))) ||
+            (of_survey && (o->use & uses) != wanted) ||
+            strcmp(seen, oxl_option_get(o, &fresh, usual, sizeof usual)) == 0)
             continue;
-        output_add(&r->page, o->kind == OXL_OPTION_FLAG ? " --%s" : " --%s ", o->name);
-        if (o->kind != OXL_OPTION_FLAG) report_shell(&r->page, seen);
+        output_add(&r->page, " --%s", o->name);
+        if (o->kind != OXL_OPTION_FLAG) output_add(&r->page, " %S", PRINT_WORD(seen));
     }
 }
 
-/* Adds the command that gives the same bytes as this run. */
-static void report_command(struct report *r)
-{
-    output_add(&r->page, "oceanxl train ");
-    report_shell(&r->page, r->scene ? r->scene : "SCENE");
-    output_add(&r->page, " -o ");
-    report_shell(&r->page, r->out);
-    report_options(r, 0);
-    output_add(&r->page, "\n");
-}
-
-void report_survey_options(struct report *r)
-{
-    report_options(r, 1);
-}
-
+/* Adds the command that gives the same bytes as this run, and the one that evaluates it. */
 static void report_reproduction(struct report *r)
 {
     struct output *t = &r->page;
-    page_section(r, "Reproduction");
+    const char *scene = r->scene ? r->scene : "SCENE";
     output_add(
-        t, "<p>The same survey, options and seed give the same bytes on any number of threads.</p>\n<pre>");
-    report_command(r);
-    output_add(t, "oceanxl eval ");
-    report_shell(t, r->out);
-    output_add(t, "/scene.ply ");
-    report_shell(t, r->scene ? r->scene : "SCENE");
-    report_survey_options(r);
+        t,
+        "<section>\n<h2>Reproduction</h2>\n<p>The same survey, options and seed give the same bytes on "
+        "any number of threads.</p>\n<pre>oceanxl train %S",
+        PRINT_WORD(scene));
+    output_add(t, " -o %S", PRINT_WORD(r->out));
+    report_options(r, 0);
+    output_add(t, "\noceanxl eval %S/scene.ply", PRINT_WORD(r->out));
+    output_add(t, " %S", PRINT_WORD(scene));
+    report_options(r, 1);
     output_add(t,
-               "\n</pre>\n<p><small>OceanXL %J, %s threads, instruction set %J. "
-               "All options are in run.json, line \"job\".</small></p>\n",
+               "\n</pre>\n<p><small>OceanXL %J, %s threads, instruction set %J. All options are in run.json."
+               "</small></p>\n</section>\n",
                oxl_json_member(r->run, "oceanxl"), OUTPUT_COUNT(oxl_json_number(r->run, "threads")),
                oxl_json_member(r->run, "instructions"));
 }
@@ -310,28 +358,29 @@ static void report_reproduction(struct report *r)
 
 static void report_compose(struct report *r)
 {
-    ground_open(r);
     report_head(r);
-    verdict_section(r);
     report_warnings(r);
-    ground_section(r);
-    views_section(r);
-    views_training_section(r);
-    page_section(r, "Survey");
-    map_section(r);
-    report_survey(r);
+    report_ground(r);
+    report_partition(r);
+    views_section(r, "Evaluated views, the worst first", r->metrics, "renders");
+    views_section(r, "Training images that fit worst", oxl_json_member(r->metrics, "training"),
+                  "training_views");
     report_decisions(r);
     chart_section(r);
-    report_block_rows(r);
+    report_survey(r);
     report_reproduction(r);
-    output_add(&r->page, "</section>\n<footer>Written by OceanXL " OXL_VERSION
+    output_add(&r->page, "<footer>Written by OceanXL " OXL_VERSION
                          ". This file needs no network.</footer>\n</main>\n</body>\n</html>\n");
 }
 
 oxl_result report_write(oxl_context *ctx, const char *out, double scale)
 {
-    struct report r = {.ctx = ctx, .out = out, .scale = scale, .run = output_read(out, "run.json", NULL)};
-    oxl_result rc = OXL_ERR_MEMORY;
+    struct report r = {.ctx = ctx,
+                       .out = out,
+                       .unit = scale > 0 ? scale : 1,
+                       .words = scale > 0 ? "metres" : "units",
+                       .run = output_read(out, "run.json", NULL)};
+    oxl_result rc = OXL_OK;
     char path[4096];
     if (!oxl_json_member(r.run, "job")) {
         free(r.run);
@@ -342,12 +391,9 @@ oxl_result report_write(oxl_context *ctx, const char *out, double scale)
     report_open(&r);
     if (!r.page.failed) report_compose(&r);
     snprintf(path, sizeof path, "%s/report.html", out);
-    if (r.page.failed) oxl_fail(ctx, rc, "report: out of memory for the page of %s", out);
-    else if (output_save(&r.page, path)) rc = OXL_OK;
-    else
-        rc = oxl_fail(ctx, OXL_ERR_IO, "report: cannot write %s\nfix: check free disk space and permissions",
-                      path);
-    ground_close(&r);
+    if (!output_save(&r.page, path))
+        rc = oxl_fail(ctx, OXL_ERR_IO,
+                      "report: cannot write %s\nfix: check free disk space, permissions and memory", path);
     report_close(&r);
     return rc;
 }

@@ -1,156 +1,131 @@
-/* report_chart.c - draws curves over the iterations as inline SVG: loss, PSNR, Gaussians, depth weights,
- * memory; a line for each block.
+/* report_chart.c - draws curves over the iterations as inline SVG: loss, PSNR, Gaussians; a line for each
+ * block.
  *
  * Lengths are in the drawing's own units; at a width of 420 px a phone shows it unscaled.
- *
- * Invariant: an axis begins and ends on a multiple of its step, and every value lies within.
  */
-#include "report_state.h"
-#include "../src/formats/svg.h"
+#include "report.h"
 
 #include <math.h>
+#include <string.h>
 
 enum {
     CURVE_WIDTH = 420,
     CURVE_HEIGHT = 210,
     CURVE_LEFT = 46,
-    CURVE_RIGHT = 14,
+    CURVE_RIGHT = 406,
     CURVE_TOP = 12,
-    CURVE_FOOT = 28,
-    /* most blocks with a colour each, as the style has them; with more, all lines are alike */
-    CURVE_NAMED = 6,
-    CURVE_POINTS = 4000 /* most points of a chart, about, over all blocks */
+    CURVE_FOOT = 182,
+    CURVE_COLOURS = 6,  /* colours of lines, as the style has them */
+    CURVE_POINTS = 1000 /* most points of a line, about */
 };
 
 static const struct curve {
-    const char *title, *unit;  /* unit: with the comma before it */
-    enum log_column column[2]; /* the second is drawn dashed, if it is another column */
-    double scale;              /* divisor of the values that are shown */
-    int from_zero;
-} CURVES[] = {
-    {"Loss, smoothed", "", {LOG_LOSS, LOG_LOSS}, 1, 1},
-    {"PSNR of training views, smoothed", ", dB", {LOG_PSNR, LOG_PSNR}, 1, 0},
-    {"Gaussians", ", thousand", {LOG_GAUSSIANS, LOG_GAUSSIANS}, 1e3, 1},
-    {"Depth weights f_mid and f_far (dashed)", "", {LOG_F_MID, LOG_F_FAR}, 1, 0},
-    {"Peak memory of the process", ", MB", {LOG_MEMORY, LOG_MEMORY}, 1e6, 1},
-};
+    const char *title, *column; /* column: of log.csv */
+    double scale;               /* divisor of the values that are shown */
+} CURVES[] = {{"Loss, smoothed", "loss", 1},
+              {"PSNR of training views, smoothed, dB", "psnr", 1},
+              {"Gaussians, thousand", "gaussians", 1e3}};
 
-struct curve_axis {
-    double low, high, step;
-};
-
-static struct curve_axis curve_axis_round(double low, double high)
+/* Returns the place of a column in a line of names; -1: there is no such column. */
+static int curve_place(const char *line, const char *name)
 {
-    struct curve_axis a;
-    if (!(high - low > 1e-6 * fabs(high)) || !(high - low > 1e-5))
-        high = low + (fabs(low) > 1 ? fabs(low) : 1);
-    a.step = axis_step(high - low);
-    a.low = floor(low / a.step + 1e-9) * a.step;
-    a.high = ceil(high / a.step - 1e-9) * a.step;
-    return a;
+    for (int i = 0;; i++, line++) {
+        const size_t length = strcspn(line, ",\r\n");
+        if (strlen(name) == length && strncmp(line, name, length) == 0) return i;
+        line += length;
+        if (*line != ',') return -1;
+    }
 }
 
-/* Sets the axes of a chart. Returns 0 if it has no values to show. */
-static int curve_axes(const struct report *r, const struct curve *c, struct curve_axis *x,
-                      struct curve_axis *y)
+/* Reads iteration and value of the next line, and moves the cursor to it. Returns 0 at the end. */
+static int curve_next(const char **at, int place, double *x, double *y)
 {
-    double low = INFINITY, high = -INFINITY, last = 0;
-    for (int k = 0; k < r->parts; k++)
-        for (int i = 0; i < r->block[k].rows; i++) {
-            const double *row = r->block[k].log + (size_t)i * LOG_COLUMNS;
-            if (row[LOG_ITERATION] > last) last = row[LOG_ITERATION];
-            for (int j = 0; j < 2; j++) {
-                const double value = row[c->column[j]] / c->scale;
-                if (value < low) low = value;
-                if (value > high) high = value;
-            }
-        }
-    /* Shows no curve of depth weights that stayed at 1. */
-    if (!(low <= high) || (c->column[0] == LOG_F_MID && high <= 1)) return 0;
-    *x = curve_axis_round(0, last);
-    *y = curve_axis_round(c->from_zero && low > 0 ? 0 : low, high);
+    const char *line = strchr(*at, '\n');
+    if (place < 0 || !line || !line[1]) return 0;
+    *at = ++line;
+    *x = oxl_json_number_at(&line);
+    for (line = *at; place > 0 && *line && *line != '\n'; line++) place -= *line == ',';
+    *y = place == 0 ? oxl_json_number_at(&line) : NAN;
     return 1;
 }
 
-static double curve_x(const struct curve_axis *a, double value)
-{
-    return CURVE_LEFT + (CURVE_WIDTH - CURVE_LEFT - CURVE_RIGHT) * (value - a->low) / (a->high - a->low);
-}
+struct curve_axes {
+    double end, low, high, step; /* end: last iteration; of y */
+};
 
-static double curve_y(const struct curve_axis *a, double value)
+/* Finds the axes of a chart. Returns 0 if it has no values to show. */
+static int curve_axes(const struct report *r, const struct curve *c, struct curve_axes *a)
 {
-    return CURVE_HEIGHT - CURVE_FOOT -
-           (CURVE_HEIGHT - CURVE_TOP - CURVE_FOOT) * (value - a->low) / (a->high - a->low);
-}
-
-static void curve_grid(struct output *t, const struct curve_axis *x, const struct curve_axis *y)
-{
-    const int decimals = y->step >= 1 ? 0 : (int)ceil(-log10(y->step) - 1e-9);
-    for (int i = 0; y->low + i * y->step <= y->high * (1 + 1e-9) + 1e-12; i++) {
-        const double value = y->low + i * y->step;
-        const double at = curve_y(y, value);
-        output_add(t, "%s%s%.*f</text>",
-                   SVG_LINE(CURVE_LEFT, at, CURVE_WIDTH - CURVE_RIGHT, at, "class='grid'"),
-                   SVG_TEXT(CURVE_LEFT - 6, at + 4, "text-anchor='end'"), decimals, value);
+    double x, y;
+    *a = (struct curve_axes){0, HUGE_VAL, -HUGE_VAL, 0};
+    for (int k = 0; k < r->parts; k++) {
+        const char *at = r->part[k].log;
+        const int place = at ? curve_place(at, c->column) : -1;
+        while (at && curve_next(&at, place, &x, &y)) {
+            a->end = fmax(a->end, x); /* NaN counts for none of these */
+            a->low = fmin(a->low, y / c->scale), a->high = fmax(a->high, y / c->scale);
+        }
     }
-    for (int i = 0; x->low + i * x->step <= x->high * (1 + 1e-9); i++)
-        output_add(t, "%s%s</text>",
-                   SVG_TEXT(curve_x(x, x->low + i * x->step), CURVE_HEIGHT - 8, "text-anchor='middle'"),
-                   OUTPUT_COUNT(x->low + i * x->step));
+    if (!(a->low <= a->high) || !(a->end > 0)) return 0;
+    a->step = axis_step(fmax(a->high - a->low, fmax(1e-3 * fabs(a->high), 1e-5)));
+    a->low = a->step * floor(a->low / a->step), a->high = a->step * (floor(a->high / a->step) + 1);
+    return 1;
 }
 
-/* Draws the curve of a block; leaves out rows, but not the last, so that the chart has about CURVE_POINTS. */
-static void curve_line(struct output *t, const struct report *r, int block, const struct curve *c, int second,
-                       const struct curve_axis *x, const struct curve_axis *y)
+static double curve_y(const struct curve_axes *a, double value)
 {
-    const struct report_block *b = &r->block[block];
-    const int every = 1 + b->rows * r->parts / CURVE_POINTS, colour = r->parts <= CURVE_NAMED ? block : 0;
-    const char *command = "M";
-    output_add(t, "<path style=\"stroke:var(--s%d)\"%s d=\"", colour,
-               second ? " stroke-dasharray=\"5 4\"" : "");
-    for (int i = 0; i < b->rows; i++) {
-        const double *row = b->log + (size_t)i * LOG_COLUMNS, value = row[c->column[second]] / c->scale;
-        if (!isfinite(value) || (i % every != 0 && i + 1 < b->rows)) continue;
-        output_add(t, "%s%.1f %.1f", command, curve_x(x, row[LOG_ITERATION]), curve_y(y, value));
+    return CURVE_FOOT - (CURVE_FOOT - CURVE_TOP) * (value - a->low) / (a->high - a->low);
+}
+
+static void curve_line(struct output *t, const char *log, int place, const struct curve *c,
+                       const struct curve_axes *a)
+{
+    int rows = 0, every, i = 0;
+    const char *at = log, *command = "M";
+    double x, y;
+    while (curve_next(&at, place, &x, &y)) rows++;
+    every = 1 + rows / CURVE_POINTS;
+    for (at = log; curve_next(&at, place, &x, &y); i++) {
+        if (!isfinite(x) || !isfinite(y) || (i % every != 0 && i + 1 < rows)) continue;
+        output_add(t, "%s%.1f %.1f", command, CURVE_LEFT + (CURVE_RIGHT - CURVE_LEFT) * x / a->end,
+                   curve_y(a, y / c->scale));
         command = "L";
     }
-    output_add(t, "\"/>\n");
 }
 
-static void curve_draw(struct output *t, const struct report *r, const struct curve *c)
+static void curve_draw(struct report *r, const struct curve *c)
 {
-    struct curve_axis x, y;
-    if (!curve_axes(r, c, &x, &y)) return;
+    struct output *t = &r->page;
+    struct curve_axes a;
+    if (!curve_axes(r, c, &a)) return;
     output_add(
         t,
-        "<figure><figcaption>%s%s</figcaption>\n<svg class=\"chart%s\" viewBox=\"0 0 %d %d\" width=\"%d\" height=\"%d\" role=\"img\" "
-        "aria-label=\"%s over the iterations\">",
-        c->title, c->unit, r->parts > CURVE_NAMED ? " many" : "", CURVE_WIDTH, CURVE_HEIGHT, 2 * CURVE_WIDTH,
+        "<figure><figcaption>%s</figcaption>\n<svg class=\"chart%s\" viewBox=\"0 0 %d %d\" width=\"%d\" "
+        "height=\"%d\" role=\"img\" aria-label=\"%s over the iterations\">",
+        c->title, r->parts > CURVE_COLOURS ? " many" : "", CURVE_WIDTH, CURVE_HEIGHT, 2 * CURVE_WIDTH,
         2 * CURVE_HEIGHT, c->title);
-    curve_grid(t, &x, &y);
-    for (int k = 0; k < r->parts; k++)
-        for (int j = 0; j < (c->column[0] == c->column[1] ? 1 : 2); j++) curve_line(t, r, k, c, j, &x, &y);
+    for (double y = a.low; y < a.high + 0.5 * a.step; y += a.step)
+        output_add(t,
+                   "<path class=\"grid\" d=\"M%d %.1fH%d\"/><text x=\"%d\" y=\"%.1f\" "
+                   "text-anchor=\"end\">%s</text>\n",
+                   CURVE_LEFT, curve_y(&a, y), CURVE_RIGHT, CURVE_LEFT - 6, curve_y(&a, y) + 4,
+                   OUTPUT_FIXED(y, a.step >= 1 ? 0 : (int)ceil(-log10(a.step) - 1e-9)));
+    output_add(t, "<text x=\"%d\" y=\"202\">0</text><text x=\"%d\" y=\"202\" text-anchor=\"end\">%s</text>\n",
+               CURVE_LEFT, CURVE_RIGHT, OUTPUT_COUNT(a.end));
+    for (int k = 0; k < r->parts; k++) {
+        if (!r->part[k].log) continue;
+        output_add(t, "<path style=\"stroke:var(--s%d)\" d=\"", k % CURVE_COLOURS);
+        curve_line(t, r->part[k].log, curve_place(r->part[k].log, c->column), c, &a);
+        output_add(t, "\"><title>%s</title></path>\n", r->part[k].name);
+    }
     output_add(t, "</svg></figure>\n");
 }
 
 void chart_section(struct report *r)
 {
-    struct output *t = &r->page;
-    int rows = 0;
-    for (int k = 0; k < r->parts; k++) rows += r->block[k].rows;
-    page_section(r, "Training curves");
-    if (rows == 0) output_add(t, "<p>There is no log.csv yet.</p>\n");
-    else
-        output_add(
-            t,
-            "<p class=\"pale\">Horizontal axis: iterations, one image each.</p>\n<div class=\"charts\">\n");
-    for (size_t i = 0; rows > 0 && i < sizeof CURVES / sizeof *CURVES; i++) curve_draw(t, r, &CURVES[i]);
-    if (rows > 0) output_add(t, "</div>\n");
-    if (rows > 0 && r->parts > 1 && r->parts <= CURVE_NAMED) {
-        output_add(t, "<p><small>");
-        for (int k = 0; k < r->parts; k++)
-            output_add(t, "<b style=\"color:var(--s%d)\">&#9644; %s</b> &nbsp; ", k, REPORT_PART(r, k));
-        output_add(t, "</small></p>\n");
-    } else if (rows > 0 && r->parts > CURVE_NAMED)
-        output_add(t, "<p><small>One line per block, %d blocks.</small></p>\n", r->blocks);
+    output_add(&r->page,
+               "<section>\n<h2>Training curves</h2>\n<p class=\"pale\">Horizontal axis: iterations, one "
+               "image each.</p>\n<div class=\"charts\">\n");
+    for (size_t i = 0; i < sizeof CURVES / sizeof *CURVES; i++) curve_draw(r, &CURVES[i]);
+    output_add(&r->page, "</div>\n</section>\n");
 }

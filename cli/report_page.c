@@ -5,7 +5,9 @@
  *
  * Invariant: the page asks the network for nothing, and no name from outside reaches it unescaped.
  */
-#include "report_state.h"
+#include "report.h"
+
+enum { PAGE_QUALITY = 82 }; /* of JPEG */
 
 /* Styles the page. Ink on its ground has a contrast of at least 7 : 1 in both themes, the pale ink 4.5 : 1
  * (WCAG 2.1, levels AAA and AA). */
@@ -62,11 +64,6 @@ void page_open(struct output *t, const char *title)
     output_add(t, "</style>\n</head>\n<body>\n<main>\n");
 }
 
-void page_section(struct report *r, const char *title)
-{
-    output_add(&r->page, "%s<section>\n<h2>%s</h2>\n", r->sections++ ? "</section>\n" : "", title);
-}
-
 /* Writes a data: URI in base64 (RFC 4648, table 1). */
 void page_data(struct output *t, const char *type, const void *data, size_t size)
 {
@@ -83,11 +80,11 @@ void page_data(struct output *t, const char *type, const void *data, size_t size
     }
 }
 
-void page_jpeg(struct report *r, const oxl_image *image, int q)
+void page_jpeg(struct report *r, const oxl_image *image)
 {
     char *bytes = NULL;
     size_t size = 0;
-    if (oxl_image_to_jpeg(r->ctx, image, q, &bytes, &size) == OXL_OK)
+    if (oxl_image_to_jpeg(r->ctx, image, PAGE_QUALITY, &bytes, &size) == OXL_OK)
         page_data(&r->page, "image/jpeg", bytes, size);
     else r->page.failed = 1;
     oxl_text_free(r->ctx, bytes);

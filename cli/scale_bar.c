@@ -119,9 +119,9 @@ oxl_result scale_place(oxl_context *ctx, const oxl_scene *scene, const char *tex
     for (int i = 0; i < e.rays; i++) {
         double from[3], across[3];
         for (int k = 0; k < 3; k++) from[k] = out[k] - ray[i][k];
-        *distance = fmin(*distance, sqrt(from[0] * from[0] + from[1] * from[1] + from[2] * from[2]));
+        *distance = fmin(*distance, frame_length(from));
         frame_cross(from, ray[i] + 3, across);
-        *miss = fmax(*miss, sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2]));
+        *miss = fmax(*miss, frame_length(across));
     }
     return OXL_OK;
 }
@@ -173,15 +173,14 @@ static oxl_result scale_check(oxl_context *ctx, const struct scale_bar *b)
     return OXL_OK;
 }
 
-/* Returns the diagonal, seen from above, of the box of the cameras and of the points without the
- * outermost; 0: not known. */
+/* Returns the diagonal, seen from above, of the box of the points without the outermost; 0: not known. */
 static double scale_survey_size(const oxl_scene *scene)
 {
     struct frame f;
     double low[2], high[2];
     if (oxl_scene_point_count(scene) < 3) return 0;
-    frame_of(scene, &f);
-    if (!frame_bounds(&f, scene, 1, low, high)) return 0;
+    frame_choose(scene, FRAME_AUTO, &f);
+    if (!frame_bounds(&f, scene, low, high)) return 0;
     return sqrt((high[0] - low[0]) * (high[0] - low[0]) + (high[1] - low[1]) * (high[1] - low[1]));
 }
 

@@ -78,7 +78,7 @@ static void export_pose(struct output *to, const struct synth_camera *c, const d
     double r[9], q[4];
     memcpy(r, c->rotation, sizeof r);
     export_quaternion(r, q);
-    for (int i = 0; i < 4; i++) output_add(to, " %.*f", 15, q[i]);
+    for (int i = 0; i < 4; i++) output_add(to, " %.15f", q[i]);
     output_add(to, " %.9f %.9f %.9f", -t.x, -t.y, -t.z);
 }
 
@@ -239,7 +239,7 @@ static void export_model(const struct synth_run *s, struct output *t)
     if (o->alpha > 0)
         output_add(
             t,
-            "Alpha    images/ are transparent, and black, beyond %g m from the vertical axis through the "
+            "Alpha    images/ are transparent, and black, beyond %.2f m from the vertical axis through the "
             "centre;\n         no points are there.\n\n",
             o->alpha);
     output_add(t, "seed %llu\npath %s\nscene %s\nviews %d\n", (unsigned long long)o->seed, paths[o->path],

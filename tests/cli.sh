@@ -181,10 +181,8 @@ promise run_json_has_floats_as_short_as_they_are 0 '"ssim_weight": 0.3,' grep '"
 promise the_report_repeats_the_command 0 "--preset draft --iterations 60" grep "oceanxl train" out/report.html
 promise the_report_states_the_heights 0 "" grep -q "Heights differ from the survey's points by 0[.][0-9]* units in the median, [0-9.]* % of the cameras' distance" out/report.html
 promise the_report_in_metres_has_all_lengths_so 0 "" sh -c \
-    "was=\$(sed -n 's/.*<b>\([0-9.]*\)<.b><span>units a pixel on the ground.*/\1/p' out/report.html) && cp out/report.html in_units.html && '$program' report out --scale 10 >/dev/null &&
-     now=\$(sed -n 's/.*<b>\([0-9.]*\)<.b><span>metres a pixel on the ground.*/\1/p' out/report.html) && awk \"BEGIN { exit !(\$now / \$was > 9.5 && \$now / \$was < 10.5) }\" &&
-     grep -q 'square metres of ground' out/report.html && grep -q 'metres in the median' out/report.html && grep -q ' metres*</text>' out/report.html && grep -q -- '--scale 10 -o map --ortho' out/report.html &&
-     grep -q ' units*</text>' in_units.html && ! grep -q ' units*</text>' out/report.html && cp in_units.html out/report.html"
+    "cp out/report.html in_units.html && '$program' report out --scale 10 >/dev/null && grep -q 'metres a pixel.*square metres of ground.*metres in the median' out/report.html &&
+     grep -q 'units a pixel' in_units.html && ! grep -q 'units a pixel' out/report.html && cp in_units.html out/report.html"
 promise the_report_s_command_gives_the_figures_of_metrics_json 0 "" sh -c \
     "'$program' train survey -o reduced --iterations 30 --max-side 60 --test-every 4 --quiet >/dev/null && mkdir -p path && ln -sf '$program' path/oceanxl &&
      grep '^oceanxl eval' reduced/report.html >command.txt && PATH=path:\$PATH sh -c \"\$(cat command.txt) --json\" 2>/dev/null | grep '^  \"psnr\": ' >again.txt && grep '^  \"psnr\": ' reduced/metrics.json | cmp - again.txt"
@@ -250,13 +248,11 @@ promise a_model_is_placed_by_its_origin 0 "" sh -c \
 promise render_draws_every_view 0 "16 images in all" "$program" render out/scene.ply survey -o all --split all --depth
 promise render_writes_depth 0 "" files 16 all "*.depth.pfm"
 promise render_writes_depth_of_16_bits_too 0 "" files 16 all "*.depth16.png"
-promise render_writes_a_map 0 "in the world's x and y" on_stdout "$program" render out/scene.ply survey -o ortho --ortho --pixel 0.05 --png
-promise map_has_its_world_file_and_heights 0 "0.050000000" sh -c 'test -s ortho/ortho.tif && test -s ortho/height.tif && test -s ortho/ortho.png && test -s ortho/ortho.height.pfm && head -n 1 ortho/ortho.pgw'
+promise render_writes_a_map 0 "in the world's x and y" on_stdout "$program" render out/scene.ply survey -o ortho --ortho --pixel 0.05
+promise map_has_its_heights 0 "" sh -c 'test -s ortho/ortho.tif && test -s ortho/height.tif'
 promise map_replaces_its_own_and_no_other_programs 2 "mine/height.tif is there, and OceanXL did not write it" sh -c \
-    "'$program' render out/scene.ply survey -o ortho --ortho --pixel 0.05 --png && mkdir -p mine && echo dem >mine/height.tif &&
+    "'$program' render out/scene.ply survey -o ortho --ortho --pixel 0.05 && mkdir -p mine && echo dem >mine/height.tif &&
      '$program' render out/scene.ply survey -o mine --ortho; code=\$?; grep -qx dem mine/height.tif && exit \$code"
-promise map_keeps_a_picture_that_somebody_made_of_it 2 "mine2/ortho.png is there" sh -c \
-    "'$program' render out/scene.ply survey -o mine2 --ortho --pixel 0.1 && echo mine >mine2/ortho.png && '$program' render out/scene.ply survey -o mine2 --ortho --png"
 promise convert_again_is_no_fault 0 "Gaussians in metric2.ply" sh -c "'$program' convert out/scene.ply metric2.ply && '$program' convert out/scene.ply metric2.ply --scale 2"
 promise convert_replaces_models_and_nothing_else 2 "points.ply is there, and is no model of Gaussians" sh -c \
     "echo cloud >points.ply; '$program' convert out/scene.ply points.ply; code=\$?; grep -qx cloud points.ply && ! ls points.ply.* 2>/dev/null && exit \$code"
@@ -272,7 +268,7 @@ promise options_of_a_map_want_a_map 2 "--epsg is of --ortho" "$program" render o
 promise render_follows_a_path 0 "3 images in flight" "$program" render out/scene.ply survey -o flight --flight survey --frames 3
 promise a_shorter_flight_removes_old_frames 0 "" sh -c "'$program' render out/scene.ply survey -o flight --flight survey --frames 5 && '$program' render out/scene.ply survey -o flight --flight survey --frames 3"
 promise a_flight_keeps_its_frames 0 "" files 3 flight "frame_*.png"
-promise render_refuses_another_path 2 "expected orbit or survey" "$program" render out/scene.ply survey -o flight --flight home
+promise render_refuses_another_path 2 "orbit|survey" "$program" render out/scene.ply survey -o flight --flight home
 promise a_closed_pipe_does_not_end_the_run 0 "" sh -c "'$program' train survey -o heard --iterations 30 2>&1 | head -n 1; test -s heard/scene.ply"
 promise render_refuses_two_kinds_of_images 2 "leave one of the two out" "$program" render out/scene.ply survey -o flight --flight orbit --ortho
 promise measure_wants_pixels_of_the_image 3 "lies outside of its" "$program" measure survey --scale-bar IMG_00000.png,5000,9000,IMG_00001.png,5,9:0,0,0
@@ -312,10 +308,6 @@ promise control_characters_of_names_are_shown_as_numbers 0 'x1b]0;owned\x07' esc
 promise resume_line_can_be_copied_whatever_the_names_are 130 "oceanxl train 'a b;touch x' -o 'o'\\''o'" \
     ctrl_c sh -c "ln -sfn survey 'a b;touch x'; exec '$program' train 'a b;touch x' -o \"o'o\" --iterations 300000"
 promise viewer_reads_and_sorts_what_a_page_must_not_hang_on 0 "" sh -c "! command -v node || node '$examples/../tests/viewer_parts.js'"
-promise the_report_shows_what_other_viewers_show 0 "" sh -c \
-    "cp -r lit viewed && sed -i 's/\"plain_psnr\": [0-9.]*/\"plain_psnr\": 9.5/' viewed/metrics.json && '$program' report viewed &&
-     grep -q 'by even light, .*9.50 dB against' viewed/report.html && grep -q '>In other viewers<' viewed/report.html &&
-     rm viewed/scene.ply && '$program' report viewed && ! grep -q '>In other viewers<' viewed/report.html"
 promise convert_of_a_model_for_viewers_copies_lamp_and_no_medium 0 "" sh -c \
     "mkdir -p shown clear && '$program' convert lit/scene.ply shown/a.ply >/dev/null && '$program' convert lit/scene_clear.ply clear/a.ply >/dev/null &&
      ! grep -q '^[bBf]' shown/imaging.txt && grep -q '^lamp' shown/imaging.txt && grep -q '^Binf' clear/imaging.txt"

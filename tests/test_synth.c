@@ -642,7 +642,7 @@ TEST(synth_numbers_are_written_as_meant)
     struct os_file_map map = {0};
     output_open(&t, test_path("numbers"));
     for (size_t i = 0; i < OXL_COUNT(value); i++) output_add(&t, "%.3f ", value[i]);
-    output_add(&t, "%d%.1f|%.5d|%*s|%-*s|%.2s|%S|%llu", 0, NAN, 12, 3, "a", 2, "b", "cut", "<&'",
+    output_add(&t, "%d%.1f|%05d|%s|%zu %%|%.15f|%S|%llu", 0, NAN, 12, "cut", (size_t)7, 0.125, "<&'",
                18446744073709551615ull);
     CHECK(output_close(&t));
     CHECK_OK(os_read_file(test_ctx, test_path("numbers"), &map));
@@ -650,7 +650,7 @@ TEST(synth_numbers_are_written_as_meant)
         map.data &&
         strcmp(
             map.data,
-            "0.000 0.000 -1.500 1.000 12.346 4581200.125 0|00012|  a|b |cu|&lt;&amp;&#39;|18446744073709551615") ==
+            "0.000 0.000 -1.500 1.000 12.346 4581200.125 0|00012|cut|7 %|0.125000000000000|&lt;&amp;&#39;|18446744073709551615") ==
             0);
     os_release_file(test_ctx, &map);
 }
