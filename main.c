@@ -199,7 +199,8 @@ static const char *model_file(oxl_context *ctx, const struct arguments *a, char 
 }
 
 /* Loads the model in the survey's own frame and unit. */
-static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *model, oxl_scene **scene)
+static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *model, oxl_scene **scene,
+                       oxl_imaging **imaging)
 {
     char path[4096];
     const char *file = model_file(ctx, a, path, sizeof path);
@@ -213,7 +214,7 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *m
         model->has_background = 1;
     }
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &options, scene);
-    if (rc == OXL_OK) rc = oxl_scene_read_imaging(ctx, *scene, file);
+    if (rc == OXL_OK) rc = oxl_imaging_read(ctx, file, *scene, imaging);
     if (rc == OXL_OK && !a->clear && !a->ortho && !a->flight && info_takes_medium(ctx, file))
         print_format(
             stderr,
@@ -232,14 +233,16 @@ static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct
     const oxl_render_output what = {(oxl_split)a->split, 0, a->depth, a->scale, a->clear, 0};
     oxl_model model = {0};
     oxl_scene *scene = NULL;
+    oxl_imaging *imaging = NULL;
     int count = a->frames;
-    oxl_result rc = load(ctx, a, &model, &scene);
+    oxl_result rc = load(ctx, a, &model, &scene, &imaging);
     console_catch_signals();
     if (rc == OXL_OK && a->ortho) rc = ortho_write(ctx, &model, scene, a, stdout);
     else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &model, scene, a, console_count, console);
-    else if (rc == OXL_OK) rc = oxl_render_views(ctx, &model, scene, &what, a->out, &count);
+    else if (rc == OXL_OK) rc = oxl_render_views(ctx, &model, scene, imaging, &what, a->out, &count);
     console_clear(console);
     if (rc == OXL_OK && !a->ortho) print_format(stdout, "%d images in %s\n", count, a->out);
+    oxl_imaging_free(ctx, imaging);
     oxl_scene_free(ctx, scene);
     oxl_model_free(ctx, &model);
     return rc;
@@ -279,15 +282,17 @@ static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)
 {
     oxl_model model = {0};
     oxl_scene *scene = NULL;
+    oxl_imaging *imaging = NULL;
     oxl_metrics metrics = {0};
     char *json = NULL;
-    oxl_result rc = load(ctx, a, &model, &scene);
-    if (rc == OXL_OK) rc = oxl_evaluate(ctx, &model, scene, (oxl_split)a->split, &metrics);
+    oxl_result rc = load(ctx, a, &model, &scene, &imaging);
+    if (rc == OXL_OK) rc = oxl_evaluate(ctx, &model, scene, imaging, (oxl_split)a->split, &metrics);
     if (rc == OXL_OK && a->json) rc = oxl_metrics_to_json(ctx, scene, &metrics, &json);
     if (rc == OXL_OK && json) fputs(json, stdout);
     if (rc == OXL_OK && !json) print_metrics(scene, &metrics);
     oxl_text_free(ctx, json);
     oxl_metrics_free(ctx, &metrics);
+    oxl_imaging_free(ctx, imaging);
     oxl_scene_free(ctx, scene);
     oxl_model_free(ctx, &model);
     return rc;

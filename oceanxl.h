@@ -8,14 +8,14 @@
  *     {
  *         oxl_context *ctx = NULL;
  *         oxl_scene   *scene = NULL;
- *         oxl_model    model = {0};
+ *         oxl_trained  trained = {0};
  *         oxl_train_options train = oxl_train_options_default(OXL_PRESET_DRAFT);
  *         oxl_result rc = oxl_context_create(NULL, &ctx);
  *         if (rc == OXL_OK) rc = oxl_scene_load(ctx, "survey", NULL, &scene);
- *         if (rc == OXL_OK) rc = oxl_train(ctx, scene, &train, NULL, &model);
- *         if (rc == OXL_OK) rc = oxl_model_write(ctx, "scene.ply", &model);
+ *         if (rc == OXL_OK) rc = oxl_train(ctx, scene, &train, NULL, &trained);
+ *         if (rc == OXL_OK) rc = oxl_trained_write(ctx, ".", scene, &trained);
  *         if (rc != OXL_OK) fprintf(stderr, "%s\n", oxl_error_text(ctx));
- *         oxl_model_free(ctx, &model);
+ *         oxl_trained_free(ctx, &trained);
  *         oxl_scene_free(ctx, scene);
  *         oxl_context_free(ctx);
  *         return rc;
@@ -229,13 +229,22 @@ OXL_API double oxl_scene_extent(const oxl_scene *scene);
 OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y,
                                  double start[3], double direction[3]);
 
-/* Reads imaging.txt beside the model file, if it exists: exposure gains and medium, which evaluation and
- * renders then apply. */
-OXL_API oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path);
-
-/* The image of a view as used in training: undistorted, reduced, masked. Free with oxl_image_free.
+/* The image of a view as used in training: undistorted, reduced, masked; where the scene's images are
+ * transparent, over this background, 0..1 (NULL: white). Free with oxl_image_free.
  * OXL_ERR_INPUT: its file is missing, not readable, or masked completely. */
-OXL_API oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out);
+OXL_API oxl_result oxl_scene_image(oxl_context *ctx, const oxl_scene *scene, int view,
+                                   const float background[3], oxl_image *out);
+
+/* What lies between the colours of a model and the images of its scene: exposure gains of each image, a lamp,
+ * a medium, refined poses (docs/IMAGING.md). Wherever one is taken, NULL means none. */
+typedef struct oxl_imaging oxl_imaging;
+/* Reads the imaging that belongs to a model file, from imaging.txt in its folder; *out NULL: there is none.
+ * scene.ply has the medium in its colours, scene_clear.ply has not. */
+OXL_API oxl_result oxl_imaging_read(oxl_context *ctx, const char *model_path, const oxl_scene *scene,
+                                    oxl_imaging **out);
+OXL_API oxl_result oxl_imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
+                                     const oxl_imaging *imaging);
+OXL_API void oxl_imaging_free(oxl_context *ctx, oxl_imaging *imaging);
 
 /* ---------------- models */
 
@@ -338,6 +347,11 @@ OXL_API oxl_render_options oxl_render_options_default(void);
 OXL_API oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                               const oxl_render_options *options, oxl_image *out, float *depth);
 
+/* Renders a view of the scene as its image was taken: from its camera, on the model's background, with the
+ * pose, medium, lamp and gains that `imaging` has of it (NULL: none). depth as in oxl_render. */
+OXL_API oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, int view,
+                                   const oxl_imaging *imaging, oxl_image *out, float *depth);
+
 /* The gradient of a scalar loss with respect to all parameters, given drgb = dL/d(image), (3,H,W): the exact
  * derivative of oxl_render. gradient is created with the shape of model; errors are those of oxl_render. */
 OXL_API oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
@@ -402,10 +416,10 @@ typedef struct oxl_metrics {
     double by_depth[3];
 } oxl_metrics;
 
-/* Renders the views of the split and compares them with their images; views whose image is not readable are
- * logged and left out. */
-OXL_API oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
-                                oxl_metrics *out);
+/* Renders the views of the split as oxl_render_view and compares them with their images, on the model's
+ * background; views whose image is not readable are logged and left out. imaging: that of the model. */
+OXL_API oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                                const oxl_imaging *imaging, oxl_split split, oxl_metrics *out);
 OXL_API void oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics);
 
 /* ---------------- training */
@@ -553,11 +567,31 @@ typedef struct oxl_callback {
     void *user;
 } oxl_callback;
 
-/* Trains a model on the scene's training views. The same scene, options and seed give the same bytes.
- * callback may be NULL.
+/* What training gives. */
+typedef struct oxl_trained {
+    oxl_model model;      /* with `imaging` it gives the scene's images */
+    oxl_imaging *imaging; /* not NULL in a result */
+    /* for viewers that know neither second lobes nor imaging; count 0: they show `model` */
+    oxl_model viewer;
+    char *decisions; /* members of a JSON object: what was decided by measurement, and the evidence */
+    int iterations;  /* that were made, without those of `viewer` */
+    int finished;    /* 0: stopped by max_seconds or the callback */
+    double seconds;
+    oxl_nonfinite nonfinite;
+} oxl_trained;
+
+/* Trains a model on the scene's training views, as the command `oceanxl train` does with a survey of one
+ * block. The same scene, options and seed give the same bytes. callback may be NULL.
  * OXL_ERR_USAGE: an option is out of its range; OXL_ERR_INTERRUPTED: stopped, out is usable. */
 OXL_API oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                             const oxl_callback *callback, oxl_model *out);
+                             const oxl_callback *callback, oxl_trained *out);
+OXL_API void oxl_trained_free(oxl_context *ctx, oxl_trained *trained);
+/* Writes the files that `oceanxl train` writes of them to a folder: scene.ply, which any viewer shows;
+ * scene_clear.ply, where that has a medium or gains in its colours: the model without them;
+ * scene_standard.ply, where it has not the columns that all viewers read; imaging.txt, where images need it.
+ * Of these files, those that the result has not are removed. */
+OXL_API oxl_result oxl_trained_write(oxl_context *ctx, const char *folder, const oxl_scene *scene,
+                                     const oxl_trained *trained);
 
 #ifdef __cplusplus
 }

@@ -250,8 +250,9 @@ typedef struct oxl_render_output {
     int clear;   /* 1: without the exposure and medium of imaging.txt (0) */
     int replace; /* 1: first removes renders of all views from the folder (0) */
 } oxl_render_output;
-OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
-                                    const oxl_render_output *what, const char *folder, int *count);
+OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                                    const oxl_imaging *imaging, const oxl_render_output *what,
+                                    const char *folder, int *count);
 
 /* The file that oxl_render_views writes of a view, named `view`, to a folder; free with oxl_text_free. Its
  * name is FOLDER/NAME + suffix; "/" is "_" in names with ".." and absolute ones, and a long name is cut. */

@@ -279,7 +279,7 @@ static struct bench_input bench_survey(oxl_context *ctx, const char *path, int m
                                            &in.trained.model));
     in.camera = oxl_scene_view(scene, 1)->camera;
     in.near_plane = (float)oxl_scene_near_plane(scene);
-    bench_check(ctx, oxl_scene_image(ctx, scene, 1, &image));
+    bench_check(ctx, oxl_scene_image(ctx, scene, 1, NULL, &image));
     in.target = image.rgb;
     oxl_free(ctx, image.weight);
     oxl_scene_free(ctx, scene);

@@ -17,7 +17,7 @@ struct borders {
     struct partition partition;
     struct renderer *renderer;
     oxl_model model[BORDERS_MODELS];
-    struct imaging imaging[BORDERS_MODELS];
+    struct oxl_imaging imaging[BORDERS_MODELS];
     struct metrics_sum sum[BORDERS_MODELS][2][2]; /* of held-out and training views; elsewhere and near */
     int models;
 };
@@ -27,9 +27,7 @@ static oxl_result borders_read(struct borders *b, int k, const char *out)
     const char *path = PATH(out, "scene.ply");
     oxl_result rc = oxl_model_read(b->ctx, path, &b->model[k]);
     if (rc == OXL_OK) oxl_model_move_origin(&b->model[k], oxl_scene_origin(b->scene));
-    if (rc == OXL_OK) rc = oxl_scene_read_imaging(b->ctx, b->scene, path);
-    b->imaging[k] = b->scene->imaging;
-    b->scene->imaging = (struct imaging){0};
+    if (rc == OXL_OK) rc = imaging_read_beside(b->ctx, path, b->scene, &b->imaging[k]);
     return rc;
 }
 
@@ -37,7 +35,7 @@ static oxl_result borders_view(struct borders *b, int view, float *depth, oxl_im
 {
     const oxl_view *of = oxl_scene_view(b->scene, view);
     const double *origin = oxl_scene_origin(b->scene);
-    oxl_result rc = oxl_scene_image(b->ctx, b->scene, view, image);
+    oxl_result rc = oxl_scene_image(b->ctx, b->scene, view, NULL, image);
     for (int k = 0; k < b->models && rc == OXL_OK; k++) {
         oxl_image rendered = {0};
         rc = evaluate_draw(b->ctx, &(struct drawn){b->renderer, &b->model[k], b->scene, &b->imaging[k]}, view,

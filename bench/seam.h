@@ -69,13 +69,13 @@ static inline void seam_add_view(const struct seam_view *v, struct metrics_sum s
 
 /* Unreadable images are skipped, as in the evaluation. */
 static inline oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const struct partition *p,
-                                        const oxl_model *model, oxl_scene *scene, int view,
-                                        struct metrics_sum sum[2])
+                                        const oxl_model *model, const oxl_scene *scene,
+                                        const oxl_imaging *imaging, int view, struct metrics_sum sum[2])
 {
     const oxl_camera *camera = &oxl_scene_view(scene, view)->camera;
     oxl_image rendered = {0}, image = {0};
     float *depth = NULL;
-    oxl_result rc = oxl_scene_image(ctx, scene, view, &image);
+    oxl_result rc = oxl_scene_image(ctx, scene, view, NULL, &image);
     if (rc == OXL_ERR_INPUT) return OXL_OK;
     if (rc != OXL_OK) return rc;
     depth = oxl_alloc(ctx, (size_t)camera->width * camera->height, sizeof *depth);
@@ -84,7 +84,7 @@ static inline oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, co
                       camera->height);
         goto done;
     }
-    rc = evaluate_draw(ctx, &(struct drawn){r, model, scene, &scene->imaging}, view, &rendered, depth);
+    rc = evaluate_draw(ctx, &(struct drawn){r, model, scene, imaging}, view, &rendered, depth);
     if (rc != OXL_OK) goto done;
     seam_add_view(&(struct seam_view){p, camera, oxl_scene_origin(scene), &rendered, &image, depth}, sum);
 done:
@@ -95,7 +95,8 @@ done:
 }
 
 static inline oxl_result seam_measure(oxl_context *ctx, const struct partition *p, const oxl_model *model,
-                                      oxl_scene *scene, oxl_split split, struct seam *out)
+                                      const oxl_scene *scene, const oxl_imaging *imaging, oxl_split split,
+                                      struct seam *out)
 {
     struct metrics_sum sum[2] = {{0, 0, 0}, {0, 0, 0}};
     struct renderer *r = NULL;
@@ -106,7 +107,7 @@ static inline oxl_result seam_measure(oxl_context *ctx, const struct partition *
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     for (int i = 0; i < requested && rc == OXL_OK; i++) {
         rc = context_stopped(ctx);
-        if (rc == OXL_OK) rc = seam_draw_view(ctx, r, p, model, scene, view[i], sum);
+        if (rc == OXL_OK) rc = seam_draw_view(ctx, r, p, model, scene, imaging, view[i], sum);
     }
     oxl_free(ctx, view);
     renderer_free(ctx, r);

@@ -60,7 +60,7 @@ int main(int argc, char **argv)
     oxl_context *ctx = NULL;
     oxl_scene *scene = NULL;
     oxl_image image = {0}, fitted = {0};
-    oxl_model model = {0};
+    oxl_trained trained = {0};
     oxl_view view = {.name = "image", .camera = {.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}}};
     oxl_point *points = NULL;
     size_t count = 0;
@@ -74,17 +74,17 @@ int main(int argc, char **argv)
     points = points_on_the_wall(&image, &view.camera, 4, &count);
     train.iterations = 500;
     rc = oxl_scene_from_arrays(ctx, &view, &image, 1, points, count, &scene);
-    if (rc == OXL_OK) rc = oxl_train(ctx, scene, &train, &callback, &model);
-    if (rc == OXL_OK) rc = oxl_render(ctx, &model, &view.camera, NULL, &fitted, NULL);
+    if (rc == OXL_OK) rc = oxl_train(ctx, scene, &train, &callback, &trained);
+    if (rc == OXL_OK) rc = oxl_render(ctx, &trained.model, &view.camera, NULL, &fitted, NULL);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, &fitted, &image, &psnr);
     if (rc == OXL_OK && argc > 2) rc = oxl_image_write(ctx, argv[2], &fitted);
-    if (rc == OXL_OK) printf("%zu Gaussians, PSNR %.2f dB\n", model.count, psnr);
+    if (rc == OXL_OK) printf("%zu Gaussians, PSNR %.2f dB\n", trained.model.count, psnr);
 done:
     if (rc != OXL_OK) fprintf(stderr, "%s\n", oxl_error_text(ctx));
     free(points);
     oxl_image_free(ctx, &fitted);
     oxl_image_free(ctx, &image);
-    oxl_model_free(ctx, &model);
+    oxl_trained_free(ctx, &trained);
     oxl_scene_free(ctx, scene);
     oxl_context_free(ctx);
     return rc != OXL_OK || psnr < 25;

@@ -1,7 +1,7 @@
 /* train_survey.c - a survey trained through the API, with a progress callback that also decides when it is
  * good enough.
  *
- *     build/examples/train_survey SCENE [scene.ply]       SCENE: images and a COLMAP model, as of `oceanxl
+ *     build/examples/train_survey SCENE [FOLDER]       SCENE: images and a COLMAP model, as of `oceanxl
  *     synth -o SCENE`
  */
 #include "oceanxl.h"
@@ -42,11 +42,11 @@ int main(int argc, char **argv)
     oxl_train_options train = oxl_train_options_default(OXL_PRESET_DRAFT);
     oxl_context *ctx = NULL;
     oxl_scene *scene = NULL;
-    oxl_model model = {0};
+    oxl_trained trained = {0};
     oxl_metrics metrics = {0};
     oxl_result rc;
     if (argc < 2) {
-        fprintf(stderr, "usage: %s SCENE [scene.ply]\n", argv[0]);
+        fprintf(stderr, "usage: %s SCENE [FOLDER]\n", argv[0]);
         return 2;
     }
     options.log = print_log;
@@ -54,16 +54,17 @@ int main(int argc, char **argv)
     train.iterations = 300;
     rc = oxl_context_create(&options, &ctx);
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, argv[1], &reading, &scene);
-    if (rc == OXL_OK) rc = oxl_train(ctx, scene, &train, &callback, &model);
+    if (rc == OXL_OK) rc = oxl_train(ctx, scene, &train, &callback, &trained);
     if (rc == OXL_ERR_INTERRUPTED && goal.reached) rc = OXL_OK;
-    if (rc == OXL_OK) rc = oxl_evaluate(ctx, &model, scene, OXL_SPLIT_TEST, &metrics);
-    if (rc == OXL_OK && argc > 2) rc = oxl_model_write(ctx, argv[2], &model);
+    if (rc == OXL_OK)
+        rc = oxl_evaluate(ctx, &trained.model, scene, trained.imaging, OXL_SPLIT_TEST, &metrics);
+    if (rc == OXL_OK && argc > 2) rc = oxl_trained_write(ctx, argv[2], scene, &trained);
     if (rc == OXL_OK)
         printf("held-out views: PSNR %.2f dB, SSIM %.4f over %d\n", metrics.psnr, metrics.ssim,
                metrics.count);
     if (rc != OXL_OK) fprintf(stderr, "%s\n", oxl_error_text(ctx));
     oxl_metrics_free(ctx, &metrics);
-    oxl_model_free(ctx, &model);
+    oxl_trained_free(ctx, &trained);
     oxl_scene_free(ctx, scene);
     oxl_context_free(ctx);
     return rc != OXL_OK;

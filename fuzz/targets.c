@@ -318,7 +318,7 @@ static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
     const struct train_task place = {
         .store = checkpoint_in(fuzz_folder(), "key"), .log = &log, .notes = &notes};
     struct train t = {
-        .ctx = ctx, .scene = fuzz_scene(ctx), .options = &options, .task = place, .decisions = {.ctx = ctx}};
+        .ctx = ctx, .survey = fuzz_scene(ctx), .options = &options, .task = place, .decisions = {.ctx = ctx}};
     oxl_result rc;
     fuzz_write_checkpoint(data, size);
     fuzz_promise(train_begin(&t) == OXL_OK, "a run begins");
@@ -330,7 +330,7 @@ static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
         fuzz_explained(ctx, rc);
     }
     train_end(&t);
-    oxl_scene_free(ctx, t.scene);
+    oxl_scene_free(ctx, t.survey);
     text_free(&log);
     text_free(&notes);
 }
@@ -419,7 +419,7 @@ static void fuzz_plan(oxl_context *ctx, const uint8_t *data, size_t size)
 static void fuzz_imaging(oxl_context *ctx, const uint8_t *data, size_t size)
 {
     oxl_scene *scene = fuzz_scene(ctx);
-    struct imaging m = {0};
+    struct oxl_imaging m = {0};
     oxl_result rc;
     fuzz_write("imaging.txt", data, size);
     rc = imaging_read(ctx, fuzz_path("imaging.txt"), scene, &m);

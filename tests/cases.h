@@ -110,7 +110,7 @@ oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int until,
 
 /* test_underwater.c */
 struct lamp lamp_of(int view);
-struct imaging imaging_test_make(int views, const int *known, int count);
+struct oxl_imaging imaging_test_make(int views, const int *known, int count);
 synth_options photometry_test_make(const char *name, enum synth_type water);
 
 /* ---------------- internal to modules of src/ */

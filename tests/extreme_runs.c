@@ -242,7 +242,7 @@ static int extreme_train(oxl_context *ctx, const struct extreme_survey *e, const
     load.test_every = 0;
     extreme_write_survey(ctx, e, folder);
     if (oxl_scene_load(ctx, folder, &load, &scene) != OXL_OK ||
-        oxl_train(ctx, scene, &train, &count, &model) != OXL_OK)
+        train_run(ctx, scene, &train, &count, NULL, &model) != OXL_OK)
         extreme_fail(oxl_error_text(ctx));
     draw.near_plane = (float)oxl_scene_near_plane(scene);
     for (int v = 0; v < EXTREME_VIEWS; v++) {

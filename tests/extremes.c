@@ -136,7 +136,7 @@ static void extreme_print_long_run(oxl_context *ctx, const char *folder)
     train.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
     if (synth_run(ctx, &options) != OXL_OK) extreme_fail(oxl_error_text(ctx));
     if (oxl_scene_load(ctx, path, NULL, &scene) != OXL_OK ||
-        oxl_train(ctx, scene, &train, &count, &model) != OXL_OK)
+        train_run(ctx, scene, &train, &count, NULL, &model) != OXL_OK)
         extreme_fail(oxl_error_text(ctx));
     for (size_t i = 0; i < model.count; i++) finite &= model_row_is_finite(&model, i);
     finite &= found.steps == 0 && found.rows == 0 && found.cleared == 0;

@@ -151,6 +151,20 @@ static int wanted(const char *name, int argc, char **argv)
     return found || !has_words;
 }
 
+struct oxl_imaging test_imaging;
+
+oxl_result test_read_imaging(const oxl_scene *scene, const char *model_path)
+{
+    imaging_free(test_ctx, &test_imaging);
+    return imaging_read_beside(test_ctx, model_path, scene, &test_imaging);
+}
+
+oxl_result test_train(oxl_scene *scene, const oxl_train_options *options, const oxl_callback *callback,
+                      oxl_model *out)
+{
+    return train_run(test_ctx, scene, options, callback, &(struct train_task){.imaging = &test_imaging}, out);
+}
+
 static void run(const char *name, void (*body)(void))
 {
     oxl_context_options options = oxl_context_options_default();
@@ -160,6 +174,7 @@ static void run(const char *name, void (*body)(void))
     blocks_held = 0;
     if (oxl_context_create(&options, &test_ctx) != OXL_OK) exit(1);
     body();
+    imaging_free(test_ctx, &test_imaging);
     oxl_context_free(test_ctx);
     remove_folder();
     if (blocks_held != 0 && !test_failed++)

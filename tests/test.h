@@ -81,6 +81,13 @@ const char *test_write(const char *name, const char *text);
 /* Path of the folder of surveys beside the project, or NULL when it is not there: then SKIP. */
 const char *test_shared(const char *name);
 
+extern struct oxl_imaging test_imaging; /* of the last test_train, test_read_imaging; freed after the test */
+/* Reads the imaging that belongs to a model file. */
+oxl_result test_read_imaging(const oxl_scene *scene, const char *model_path);
+/* The first run of oxl_train, without a model for viewers. */
+oxl_result test_train(oxl_scene *scene, const oxl_train_options *options, const oxl_callback *callback,
+                      oxl_model *out);
+
 /* What a step of density control does. */
 static inline oxl_result test_density(oxl_context *ctx, struct density *d, struct trained_model *trained,
                                       const struct density_rules *rules, struct density_change *out)

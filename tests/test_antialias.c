@@ -100,7 +100,7 @@ TEST(antialias_of_a_run_is_that_of_its_model_resumed_or_not)
     oxl_model first, second;
     options.antialias = 1;
     c = checkpoint_of(train_scene(6), options);
-    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
+    CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
     CHECK(c.whole.antialias == 1);
     CHECK(checkpoint_run(&c, "key", 15, &first) == OXL_ERR_INTERRUPTED);
     CHECK_OK(checkpoint_run(&c, "key", -1, &second));

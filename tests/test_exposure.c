@@ -52,7 +52,7 @@ static oxl_scene *exposure_test_scene(int jumps)
     oxl_image image[14];
     for (int v = 0; v < 14; v++) {
         view[v] = *oxl_scene_view(scene, v);
-        CHECK_OK(oxl_scene_image(test_ctx, scene, v, &image[v]));
+        CHECK_OK(oxl_scene_image(test_ctx, scene, v, NULL, &image[v]));
         for (int i = 0; i < 3 * image[v].width * image[v].height; i++)
             image[v].rgb[i] = (float)(0.6 * exp(exposure_test_gain(v, jumps)) * (double)image[v].rgb[i]);
     }
@@ -74,7 +74,7 @@ static void exposure_test_begin(struct exposure_test_run *r, double part, int ju
 {
     r->options = train_options(1000);
     r->t = (struct train){.ctx = test_ctx,
-                          .scene = exposure_test_scene(jumps),
+                          .survey = exposure_test_scene(jumps),
                           .options = &r->options,
                           .decisions = {.ctx = test_ctx}};
     CHECK_OK(train_begin(&r->t));
@@ -94,7 +94,7 @@ static void exposure_test_begin(struct exposure_test_run *r, double part, int ju
 
 static void exposure_test_end(struct exposure_test_run *r)
 {
-    oxl_scene *scene = r->t.scene;
+    oxl_scene *scene = r->t.survey;
     train_end(&r->t);
     oxl_scene_free(test_ctx, scene);
 }

@@ -139,16 +139,16 @@ TEST(look_begins_with_as_many_gaussians_as_the_run_gaps_included)
     struct look look;
     oxl_model model, after;
     o.iterations = 5, o.max_gaussians = 40000;
-    CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &model));
+    CHECK_OK(test_train(scene, &o, NULL, &model));
     CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &look));
     CHECK(look.gaussians == (double)model.count && model.count > oxl_scene_point_count(scene));
     CHECK(scene->found && scene->found_count > 0);
-    CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &after));
+    CHECK_OK(test_train(scene, &o, NULL, &after));
     CHECK(!scene->found && train_same(&model, &after));
     CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &look));
     o.max_gaussians = 28700; /* Allows fewer than the look found. */
     oxl_model_free(test_ctx, &after);
-    CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &after));
+    CHECK_OK(test_train(scene, &o, NULL, &after));
     CHECK(after.count < model.count);
     oxl_model_free(test_ctx, &model);
     oxl_model_free(test_ctx, &after);

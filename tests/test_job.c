@@ -252,7 +252,7 @@ static double job_test_psnr(const char *model)
     double psnr;
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
     CHECK_OK(oxl_model_read(test_ctx, test_path(model), &read));
-    CHECK_OK(oxl_evaluate(test_ctx, &read, scene, OXL_SPLIT_TRAIN, &m));
+    CHECK_OK(oxl_evaluate(test_ctx, &read, scene, &test_imaging, OXL_SPLIT_TRAIN, &m));
     psnr = m.psnr;
     oxl_metrics_free(test_ctx, &m);
     oxl_model_free(test_ctx, &read);
@@ -750,11 +750,11 @@ TEST(renders_that_cannot_be_written_are_named_and_those_before_counted)
     CHECK_OK(oxl_scene_load(test_ctx, job_test_survey(), NULL, &scene));
     CHECK_OK(oxl_model_from_points(test_ctx, &point, 1, 0, &model));
     test_ctx->threads = 4;
-    CHECK_OK(oxl_render_views(test_ctx, &model, scene, &what, test_path("drawn"), &count));
+    CHECK_OK(oxl_render_views(test_ctx, &model, scene, NULL, &what, test_path("drawn"), &count));
     CHECK(count == JOB_VIEWS && os_is_file(test_path("drawn/0.png.png")) &&
           os_is_file(test_path("drawn/8.png.image.png")));
     test_write("again/1.png.png/.keep", "");
-    CHECK(oxl_render_views(test_ctx, &model, scene, &what, test_path("again"), &count) == OXL_ERR_IO);
+    CHECK(oxl_render_views(test_ctx, &model, scene, NULL, &what, test_path("again"), &count) == OXL_ERR_IO);
     CHECK_TEXT(oxl_error_text(test_ctx), "again/1.png.png");
     CHECK(count == 1 && os_is_file(test_path("again/0.png.image.png")) &&
           !os_is_file(test_path("again/8.png.png")));
@@ -938,8 +938,8 @@ oxl_metrics job_test_evaluate(const char *model, int imaging)
     o.test_every = oxl_job_options_default(OXL_PRESET_DRAFT).scene.test_every;
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene));
     CHECK_OK(oxl_model_read(test_ctx, test_path(model), &read));
-    if (imaging) CHECK_OK(oxl_scene_read_imaging(test_ctx, scene, test_path(model)));
-    CHECK_OK(oxl_evaluate(test_ctx, &read, scene, OXL_SPLIT_TEST, &m));
+    if (imaging) CHECK_OK(test_read_imaging(scene, test_path(model)));
+    CHECK_OK(oxl_evaluate(test_ctx, &read, scene, imaging ? &test_imaging : NULL, OXL_SPLIT_TEST, &m));
     out = m;
     oxl_metrics_free(test_ctx, &m);
     oxl_model_free(test_ctx, &read);
@@ -974,8 +974,8 @@ TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt
         oxl_scene *scene = NULL;
         oxl_scene_options o = oxl_scene_options_default();
         CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene));
-        CHECK_OK(oxl_scene_read_imaging(test_ctx, scene, test_path(names[i])));
-        CHECK(scene->imaging.medium.on == (i == 0));
+        CHECK_OK(test_read_imaging(scene, test_path(names[i])));
+        CHECK(test_imaging.medium.on == (i == 0));
         oxl_scene_free(test_ctx, scene);
     }
     CHECK_OK(os_read_file(test_ctx, test_path("out/scene_clear.ply"), &clear));
@@ -1190,7 +1190,7 @@ static double job_test_psnr_of_file(const char *model_path)
     CHECK_OK(oxl_model_read(test_ctx, model_path, &model));
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
     oxl_model_move_origin(&model, oxl_scene_origin(scene));
-    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_TRAIN, &m));
+    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_TRAIN, &m));
     oxl_metrics_free(test_ctx, &m);
     oxl_scene_free(test_ctx, scene);
     oxl_model_free(test_ctx, &model);
@@ -1223,4 +1223,82 @@ TEST(job_from_the_ply_of_another_trainer_begins_with_its_images_and_does_not_fal
     end = job_test_psnr_of_file(test_path("other/scene.ply"));
     CHECK(fabs(begin - read) < 1e-3);
     CHECK(end >= read);
+}
+
+/* ---------------- the library and the command */
+
+static void job_test_same_file(const char *name)
+{
+    struct os_file_map a = {0}, b = {0};
+    char one[200], other[200];
+    snprintf(one, sizeof one, "library/%s", name);
+    snprintf(other, sizeof other, "command/%s", name);
+    CHECK(os_is_file(test_path(one)) == os_is_file(test_path(other)));
+    if (!os_is_file(test_path(one))) return;
+    CHECK_OK(os_read_file(test_ctx, test_path(one), &a));
+    CHECK_OK(os_read_file(test_ctx, test_path(other), &b));
+    CHECK(a.size == b.size && memcmp(a.data, b.data, a.size) == 0);
+    os_release_file(test_ctx, &a);
+    os_release_file(test_ctx, &b);
+}
+
+/* With gains, with a medium and lamp, with second lobes, with none. */
+TEST(job_of_one_block_writes_what_the_library_does_byte_for_byte)
+{
+    NEEDS_PART(medium);
+    NEEDS_PART(lamp);
+    NEEDS_PART(exposure);
+    job_test_survey();
+    photometry_test_make("water", SYNTH_3C);
+    for (int k = 0; k < 4; k++) {
+        const char *const survey = k == 1 ? "water" : "survey";
+        oxl_job_options options = job_test_options();
+        oxl_train_options *o = &options.train;
+        oxl_scene *scene = NULL;
+        oxl_trained trained = {.finished = 0};
+        options.restart = 1, options.seed = 0;
+        o->iterations = 60;
+        o->exposure = k == 0 ? OXL_ON : OXL_OFF, o->medium = k == 1 ? OXL_ON : OXL_OFF, o->lamp = o->medium;
+        o->dog = k == 2 ? OXL_DOG_ALL : OXL_DOG_OFF;
+        CHECK_OK(oxl_job_run(test_ctx, test_path(survey), test_path("command"), &options, NULL));
+        CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), &options.scene, &scene));
+        CHECK_OK(oxl_train(test_ctx, scene, o, NULL, &trained));
+        CHECK(trained.finished && trained.iterations == 60);
+        CHECK((trained.viewer.count > 0) == (k < 3));
+        CHECK_OK(oxl_make_folder(test_ctx, test_path("library")));
+        CHECK_OK(oxl_trained_write(test_ctx, test_path("library"), scene, &trained));
+        job_test_same_file("scene.ply");
+        job_test_same_file("scene_clear.ply");
+        job_test_same_file("scene_standard.ply");
+        job_test_same_file("imaging.txt");
+        oxl_trained_free(test_ctx, &trained);
+        oxl_scene_free(test_ctx, scene);
+    }
+}
+
+TEST(job_evaluates_what_the_library_renders)
+{
+    NEEDS_PART(exposure);
+    oxl_job_options options = job_test_options();
+    oxl_scene *scene = NULL;
+    oxl_trained t = {.finished = 0};
+    oxl_metrics m;
+    options.train.iterations = 60, options.train.exposure = options.train.lamp = OXL_ON;
+    CHECK_OK(oxl_scene_load(test_ctx, job_test_survey(), &options.scene, &scene));
+    CHECK_OK(oxl_train(test_ctx, scene, &options.train, NULL, &t));
+    CHECK_OK(oxl_evaluate(test_ctx, &t.model, scene, t.imaging, OXL_SPLIT_ALL, &m));
+    CHECK(m.count == JOB_VIEWS);
+    for (int i = 0; i < m.count; i++) {
+        oxl_image rendered, image;
+        double psnr;
+        CHECK_OK(oxl_render_view(test_ctx, &t.model, scene, m.views[i].view, t.imaging, &rendered, NULL));
+        CHECK_OK(oxl_scene_image(test_ctx, scene, m.views[i].view, NULL, &image));
+        CHECK_OK(oxl_psnr(test_ctx, &rendered, &image, &psnr));
+        CHECK(psnr == m.views[i].psnr);
+        oxl_image_free(test_ctx, &rendered);
+        oxl_image_free(test_ctx, &image);
+    }
+    oxl_metrics_free(test_ctx, &m);
+    oxl_trained_free(test_ctx, &t);
+    oxl_scene_free(test_ctx, scene);
 }

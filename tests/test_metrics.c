@@ -255,10 +255,10 @@ TEST(metrics_evaluate_each_view_of_a_split_and_write_json)
     for (int k = 0; k < 3; k++) model.plane[OXL_LOG_SCALE + k][0] = -1;
     model.plane[OXL_SH][0] = 1;
     scene = metrics_scene(&model, view);
-    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_TEST, &m));
+    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_TEST, &m));
     CHECK(m.count == 1 && strcmp(oxl_scene_view(scene, m.views[0].view)->name, "a \"quoted\"") == 0);
     oxl_metrics_free(test_ctx, &m);
-    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_ALL, &m));
+    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_ALL, &m));
     CHECK(m.count == 2 && m.views[0].view == 0 && m.views[1].view == 1);
     CHECK(m.psnr > 54 && m.psnr < 100 && m.ssim > 0.99);
     CHECK_CLOSE(m.psnr, (m.views[0].psnr + m.views[1].psnr) / 2, 1e-12);
@@ -304,7 +304,7 @@ TEST(metrics_by_depth_are_of_the_same_pixels_for_every_model)
         const double z = far ? 3 : 0.5; /* the same pixels, near and far */
         for (int k = 0; k < 3; k++)
             model.plane[OXL_MEAN + k][0] = (float)((k < 2 ? 1.0 / 3 : 1) * z - oxl_scene_origin(scene)[k]);
-        CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_ALL, &m));
+        CHECK_OK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_ALL, &m));
         CHECK(m.by_depth[0] == 100 && isnan(m.by_depth[1]) && m.by_depth[2] < 50);
         oxl_metrics_free(test_ctx, &m);
     }

@@ -175,7 +175,7 @@ TEST(options_that_a_refinement_must_not_have_are_off_in_it_and_others_stay)
     oxl_job_options others = options_test_others(), used;
     others.train.medium = OXL_OFF;
     used = others;
-    used.train = block_refinement(&others.train, others.train.sh_degree, others.train.iterations);
+    used.train = train_refinement(&others.train, others.train.sh_degree, others.train.iterations);
     CHECK(used.train.dog == OXL_DOG_OFF && used.train.keep.kind == OXL_KEEP_ALL &&
           used.train.densify_until == 0);
     for (int i = 1; i < oxl_option_count(); i++) {

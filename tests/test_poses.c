@@ -110,19 +110,21 @@ TEST(poses_are_read_as_they_were_written)
     oxl_scene *scene = train_scene(5);
     const oxl_camera given = oxl_scene_view(scene, 2)->camera;
     const double at[POSE_TERMS] = {0.001, -0.0023456789012345, 1.0 / 3, 1e-9, -12.5, 0};
-    oxl_camera moved = given;
-    struct imaging m = {0};
+    oxl_camera moved = given, now;
+    struct oxl_imaging m = {0};
     m.pose = oxl_calloc(test_ctx, 5, sizeof *m.pose);
     memcpy(m.pose[2], at, sizeof at);
     CHECK(imaging_is_needed(&m));
-    CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
-    CHECK_OK(oxl_scene_read_imaging(test_ctx, scene, test_path("model.ply")));
+    CHECK_OK(oxl_imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
+    CHECK_OK(test_read_imaging(scene, test_path("model.ply")));
     pose_apply(&given, at, &moved);
-    CHECK(memcmp(&oxl_scene_view(scene, 2)->camera, &moved, sizeof moved) == 0);
-    CHECK(memcmp(scene->imaging.pose[2], at, sizeof at) == 0 && scene->imaging.pose[1][0] == 0);
+    now = scene_camera(scene, &test_imaging, 2);
+    CHECK(memcmp(&now, &moved, sizeof moved) == 0);
+    CHECK(memcmp(test_imaging.pose[2], at, sizeof at) == 0 && test_imaging.pose[1][0] == 0);
     test_write("imaging.txt", "# of a model with the survey's poses\n");
-    CHECK_OK(oxl_scene_read_imaging(test_ctx, scene, test_path("model.ply")));
-    CHECK(memcmp(&oxl_scene_view(scene, 2)->camera, &given, sizeof given) == 0 && !scene->imaging.pose);
+    CHECK_OK(test_read_imaging(scene, test_path("model.ply")));
+    now = scene_camera(scene, &test_imaging, 2);
+    CHECK(memcmp(&now, &given, sizeof given) == 0 && !test_imaging.pose);
     imaging_free(test_ctx, &m);
     oxl_scene_free(test_ctx, scene);
 }
@@ -134,12 +136,12 @@ TEST(poses_of_a_damaged_file_are_refused_and_those_of_other_views_passed_over)
     oxl_scene *scene = train_scene(3);
     for (size_t i = 0; i < OXL_COUNT(broken); i++) {
         test_write("imaging.txt", broken[i]);
-        CHECK(oxl_scene_read_imaging(test_ctx, scene, test_path("model.ply")) == OXL_ERR_INPUT);
+        CHECK(test_read_imaging(scene, test_path("model.ply")) == OXL_ERR_INPUT);
         CHECK_TEXT(oxl_error_text(test_ctx), "imaging.txt:1: ");
     }
     test_write("imaging.txt", "pose 0.1 0 0 0 0 0 another.png\n");
-    CHECK_OK(oxl_scene_read_imaging(test_ctx, scene, test_path("model.ply")));
-    CHECK(scene->imaging.pose && !pose_is_moved(scene->imaging.pose[1]));
+    CHECK_OK(test_read_imaging(scene, test_path("model.ply")));
+    CHECK(test_imaging.pose && !pose_is_moved(test_imaging.pose[1]));
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -183,7 +185,7 @@ static double poses_error(const oxl_scene *scene, const oxl_camera truth[POSES_V
     double sum = 0;
     int count = 0;
     for (int v = 0; v < POSES_VIEWS; v++) {
-        const oxl_camera *c = &scene->view[v].camera;
+        const oxl_camera moved = scene_camera(scene, &test_imaging, v), *c = &moved;
         double world[3], x[3], pixel[2];
         if (scene->view[v].is_test) continue;
         camera_unproject(&truth[v], (double[2]){truth[v].cx, truth[v].cy}, 3, world);
@@ -203,12 +205,12 @@ TEST(poses_that_are_off_by_a_pixel_are_found)
     double before, psnr;
     NEEDS_PART(poses);
     before = poses_error(scene, truth);
-    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    CHECK_OK(test_train(scene, &options, NULL, &model));
     CHECK(poses_error(scene, truth) == before);
     psnr = train_psnr(scene, &model);
     oxl_model_free(test_ctx, &model);
     options.poses = OXL_ON;
-    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    CHECK_OK(test_train(scene, &options, NULL, &model));
     CHECK(poses_error(scene, truth) < 0.5 * before);
     CHECK(train_psnr(scene, &model) > psnr + 1);
     oxl_model_free(test_ctx, &model);
@@ -224,15 +226,15 @@ TEST(poses_of_a_run_stopped_at_any_step_end_in_the_same_bytes)
     oxl_model model;
     NEEDS_PART(poses);
     c.options.poses = OXL_ON;
-    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
-    memcpy(whole, c.scene->imaging.pose, sizeof whole);
+    CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
+    memcpy(whole, test_imaging.pose, sizeof whole);
     CHECK(pose_is_moved(whole[0]));
     for (size_t i = 0; i < OXL_COUNT(stops); i++) {
         CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
         oxl_model_free(test_ctx, &model);
     }
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
-    CHECK(train_same(&model, &c.whole) && memcmp(whole, c.scene->imaging.pose, sizeof whole) == 0);
+    CHECK(train_same(&model, &c.whole) && memcmp(whole, test_imaging.pose, sizeof whole) == 0);
     oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }
@@ -457,10 +459,9 @@ static oxl_model poses_tracked_model(oxl_scene *scene, oxl_switch poses, const o
     oxl_train_options options = train_options(10);
     oxl_model model;
     options.poses = poses;
-    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    CHECK_OK(test_train(scene, &options, NULL, &model));
     for (int v = 0; v < POSES_VIEWS; v++)
-        if (scene->given && scene->view[v].is_test)
-            CHECK(memcmp(&scene->view[v].camera, &scene->given[v], sizeof *truth) == 0);
+        if (scene->view[v].is_test) CHECK(!test_imaging.pose || !pose_is_moved(test_imaging.pose[v]));
     *off = poses_error(scene, truth);
     oxl_scene_free(test_ctx, scene);
     return model;
@@ -494,15 +495,16 @@ static void poses_check_that_they_stay(double noise, const char *without, const 
 {
     oxl_scene *scene[2];
     oxl_model model[2];
+    double pose[2][POSES_VIEWS][POSE_TERMS];
     for (int k = 0; k < 2; k++) { /* as without points */
         oxl_train_options options = train_options(30);
         options.poses = OXL_ON;
         scene[k] = poses_tracked_scene(k ? with : without, noise, k);
-        CHECK_OK(oxl_train(test_ctx, scene[k], &options, NULL, &model[k]));
+        CHECK_OK(test_train(scene[k], &options, NULL, &model[k]));
+        memcpy(pose[k], test_imaging.pose, sizeof pose[k]);
     }
     CHECK(train_same(&model[0], &model[1]));
-    CHECK(memcmp(scene[0]->imaging.pose, scene[1]->imaging.pose,
-                 POSES_VIEWS * sizeof *scene[0]->imaging.pose) == 0);
+    CHECK(memcmp(pose[0], pose[1], sizeof pose[0]) == 0);
     for (int k = 0; k < 2; k++) {
         oxl_model_free(test_ctx, &model[k]);
         oxl_scene_free(test_ctx, scene[k]);
@@ -528,7 +530,7 @@ TEST(poses_moved_onto_points_use_nothing_that_a_look_measured_at_the_given_ones)
         for (int c = 0; k && c < 3; c++) scene->measured->colour[c] = 5;
         if (k) scene->measured->requested = PHOTOMETRY_ALL;
         options.poses = OXL_ON;
-        CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model[k]));
+        CHECK_OK(test_train(scene, &options, NULL, &model[k]));
         oxl_scene_free(test_ctx, scene);
     }
     CHECK(train_same(&model[0], &model[1]));
@@ -550,7 +552,7 @@ TEST(poses_are_not_moved_onto_points_of_a_file_that_was_cut_meanwhile)
     test_write("noisy/sparse/0/images.txt", text);
     oxl_free(test_ctx, text);
     options.poses = OXL_ON;
-    CHECK(oxl_train(test_ctx, scene, &options, NULL, &model) == OXL_ERR_INPUT);
+    CHECK(test_train(scene, &options, NULL, &model) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "longer when the survey was read");
     oxl_scene_free(test_ctx, scene);
 }
@@ -562,15 +564,15 @@ TEST(poses_moved_onto_points_end_in_the_same_bytes_after_a_stop)
     oxl_model model;
     NEEDS_PART(poses);
     c.options.poses = OXL_AUTO;
-    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
-    memcpy(whole, c.scene->imaging.pose, sizeof whole);
+    CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
+    memcpy(whole, test_imaging.pose, sizeof whole);
     CHECK(pose_is_moved(whole[1]));
     for (int stop = 10; stop < 30; stop += 13) {
         CHECK(checkpoint_run(&c, "key", stop, &model) == OXL_ERR_INTERRUPTED);
         oxl_model_free(test_ctx, &model);
     }
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
-    CHECK(train_same(&model, &c.whole) && memcmp(whole, c.scene->imaging.pose, sizeof whole) == 0);
+    CHECK(train_same(&model, &c.whole) && memcmp(whole, test_imaging.pose, sizeof whole) == 0);
     oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }

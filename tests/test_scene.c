@@ -263,13 +263,13 @@ TEST(scene_images_that_go_missing_are_left_out_of_an_evaluation_up_to_that_fract
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     remove(test_path("s/images/img02.png"));
-    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_TRAIN, &metrics));
+    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_TRAIN, &metrics));
     CHECK(metrics.count == 7);
     CHECK_TEXT(scene_log, "img02.png");
     oxl_metrics_free(test_ctx, &metrics);
     remove(test_path("s/images/img03.png"));
     remove(test_path("s/images/img05.png"));
-    CHECK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_TRAIN, &metrics) == OXL_ERR_IO);
+    CHECK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_TRAIN, &metrics) == OXL_ERR_IO);
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
 }
@@ -412,7 +412,7 @@ TEST(scene_images_in_memory_stay_within_the_cache)
         const int view = (int)(random_bits(1, (uint64_t)i, 0) % 5);
         const struct training_image *image = scene_image(test_ctx, scene, view);
         CHECK(image && image->rgb[0] == view + 1);
-        CHECK(scene->cache.held <= 2 * one);
+        CHECK(scene->cache->held <= 2 * one);
     }
     oxl_scene_free(test_ctx, scene);
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
@@ -421,11 +421,11 @@ TEST(scene_images_in_memory_stay_within_the_cache)
     scene_image(test_ctx, scene, 0);
     /* an epoch asks for each once: the one asked for last is not wanted again for longest */
     scene_image(test_ctx, scene, 2);
-    CHECK(!scene->cache.image[0].rgb && scene->cache.image[1].rgb && scene->cache.image[2].rgb);
+    CHECK(!scene->cache->image[0].rgb && scene->cache->image[1].rgb && scene->cache->image[2].rgb);
     oxl_scene_free(test_ctx, scene);
     options.image_cache_bytes = 0; /* the one that was asked for stays all the same */
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
-    CHECK(scene_image(test_ctx, scene, 3)->rgb[0] == 4 && scene->cache.held == one);
+    CHECK(scene_image(test_ctx, scene, 3)->rgb[0] == 4 && scene->cache->held == one);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -464,24 +464,25 @@ TEST(scene_reads_images_ahead_into_the_cache_and_no_further)
     test_ctx->options.reallocate = scene_reallocate_watched;
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     scene_images_ahead(test_ctx, scene, order, VIEWS);
-    CHECK(scene->cache.held == 4 * ONE); /* one on each thread */
-    for (int i = 0; i < VIEWS; i++) CHECK((scene->cache.image[order[i]].rgb != NULL) == (i < 4));
+    CHECK(scene->cache->held == 4 * ONE); /* one on each thread */
+    for (int i = 0; i < VIEWS; i++) CHECK((scene->cache->image[order[i]].rgb != NULL) == (i < 4));
     scene_images_ahead(test_ctx, scene, order, VIEWS); /* the first is there: nothing is to be done */
-    CHECK(scene->cache.held == 4 * ONE);
+    CHECK(scene->cache->held == 4 * ONE);
     scene_images_ahead(test_ctx, scene, order + 4, VIEWS - 4);
-    for (int i = 0; i < VIEWS; i++) CHECK(scene->cache.image[i].rgb && scene->cache.image[i].rgb[0] == i + 1);
+    for (int i = 0; i < VIEWS; i++)
+        CHECK(scene->cache->image[i].rgb && scene->cache->image[i].rgb[0] == i + 1);
     oxl_scene_free(test_ctx, scene);
 
     /* a quarter of it, two images and what decoding takes, may be on its way */
     options.image_cache_bytes = 16 * ONE;
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     scene_images_ahead(test_ctx, scene, order, VIEWS);
-    CHECK(scene->cache.held == 2 * ONE);
+    CHECK(scene->cache->held == 2 * ONE);
     scene_set_cache(scene, 4 * ONE - 1);
     for (int i = 0; i < VIEWS; i++) {
         scene_images_ahead(test_ctx, scene, order + i, VIEWS - i); /* not two at once */
         CHECK(scene_image(test_ctx, scene, order[i])->rgb[0] == order[i] + 1);
-        CHECK(scene->cache.held < 4 * ONE);
+        CHECK(scene->cache->held < 4 * ONE);
     }
     oxl_scene_free(test_ctx, scene);
     CHECK(scene_met == 0);
@@ -501,10 +502,10 @@ TEST(scene_images_read_ahead_are_the_last_to_leave_the_cache)
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     for (int i = 0; i < 16; i++) scene_image(test_ctx, scene, i);
     scene_images_ahead(test_ctx, scene, ahead, 2);
-    CHECK(scene->cache.held == 14 * ONE && scene->cache.image[17].rgb && scene->cache.image[18].rgb &&
-          scene->cache.image[11].rgb && !scene->cache.image[12].rgb);
+    CHECK(scene->cache->held == 14 * ONE && scene->cache->image[17].rgb && scene->cache->image[18].rgb &&
+          scene->cache->image[11].rgb && !scene->cache->image[12].rgb);
     for (int i = 10; i < 16; i++) scene_image(test_ctx, scene, i);
-    CHECK(scene->cache.image[17].rgb && scene->cache.image[18].rgb && scene->cache.held == 16 * ONE);
+    CHECK(scene->cache->image[17].rgb && scene->cache->image[18].rgb && scene->cache->held == 16 * ONE);
     oxl_scene_free(test_ctx, scene);
     test_ctx->threads = threads;
 }
@@ -519,8 +520,8 @@ TEST(scene_image_that_cannot_be_read_ahead_is_named_when_it_is_asked_for)
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     test_ctx->error[0] = 0;
     scene_images_ahead(test_ctx, scene, order, 3);
-    CHECK(test_ctx->error[0] == 0 && !scene->cache.image[1].rgb && scene->cache.image[0].rgb &&
-          scene->cache.image[2].rgb);
+    CHECK(test_ctx->error[0] == 0 && !scene->cache->image[1].rgb && scene->cache->image[0].rgb &&
+          scene->cache->image[2].rgb);
     CHECK(scene_image(test_ctx, scene, 1) == NULL);
     CHECK_TEXT(oxl_error_text(test_ctx), "img01.png");
     oxl_scene_free(test_ctx, scene);
@@ -536,11 +537,11 @@ TEST(scene_image_that_is_corrupt_is_named_and_the_rest_goes_on)
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     CHECK(scene_image(test_ctx, scene, 1) == NULL);
     CHECK_TEXT(oxl_error_text(test_ctx), "img01.png");
-    CHECK(oxl_scene_image(test_ctx, scene, 1, &image) == OXL_ERR_INPUT);
-    CHECK_OK(oxl_scene_image(test_ctx, scene, 2, &image));
+    CHECK(oxl_scene_image(test_ctx, scene, 1, NULL, &image) == OXL_ERR_INPUT);
+    CHECK_OK(oxl_scene_image(test_ctx, scene, 2, NULL, &image));
     CHECK(image.width == 32 && image.height == 24 && !image.weight);
     oxl_image_free(test_ctx, &image);
-    CHECK(oxl_scene_image(test_ctx, scene, 3, &image) == OXL_ERR_USAGE);
+    CHECK(oxl_scene_image(test_ctx, scene, 3, NULL, &image) == OXL_ERR_USAGE);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -558,7 +559,7 @@ TEST(scene_masks_are_found_by_name_with_or_without_the_extension)
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     CHECK(scene->stats.masks == 2);
     for (int i = 0; i < 4; i++) {
-        CHECK_OK(oxl_scene_image(test_ctx, scene, i, &image));
+        CHECK_OK(oxl_scene_image(test_ctx, scene, i, NULL, &image));
         CHECK((image.weight != NULL) == (i % 2 == 0));
         if (image.weight)
             CHECK(image.weight[0] == 0 && image.weight[15] == 0 && image.weight[16] == 1 &&
@@ -703,14 +704,13 @@ TEST(scene_masks_transparent_pixels_where_points_are_and_composites_them_elsewhe
         scene_make_transparent("alpha", 3, cases[k].from, cases[k].to);
         scene_listen();
         CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
-        CHECK(scene->transparent == 3 && scene->alpha.masks == cases[k].masks);
+        CHECK(scene->transparent == 3 && scene->alpha_masks == cases[k].masks);
         CHECK_TEXT(scene_log, cases[k].masks ? "images are masked: " : "images are composited over");
-        CHECK_OK(oxl_scene_image(test_ctx, scene, 0, &image));
+        CHECK_OK(oxl_scene_image(test_ctx, scene, 0, NULL, &image));
         CHECK((image.weight != NULL) == cases[k].masks);
         CHECK(cases[k].masks || (image.rgb[0] == 1 && image.rgb[16] == 51 / 255.0f));
         oxl_image_free(test_ctx, &image);
-        scene_set_background(test_ctx, scene, black);
-        CHECK_OK(oxl_scene_image(test_ctx, scene, 0, &image));
+        CHECK_OK(oxl_scene_image(test_ctx, scene, 0, black, &image));
         CHECK(cases[k].masks || image.rgb[0] == 0);
         oxl_image_free(test_ctx, &image);
         oxl_scene_free(test_ctx, scene);
@@ -727,11 +727,11 @@ TEST(scene_alpha_is_what_the_option_says)
         const char *path = scene_survey("alpha", 3, 0, 1);
         scene_make_transparent("alpha", 3, 3, 14);
         CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
-        CHECK(scene->alpha.masks == (options.alpha == OXL_ALPHA_MASK));
+        CHECK(scene->alpha_masks == (options.alpha == OXL_ALPHA_MASK));
         scene_background(scene, none, rgb);
-        CHECK(rgb[0] == !scene->alpha.masks && rgb[2] == rgb[0]);
+        CHECK(rgb[0] == !scene->alpha_masks && rgb[2] == rgb[0]);
         scene_background(scene, grey, rgb); /* of a composited image's 8 bits */
-        CHECK(rgb[1] == (scene->alpha.masks ? 0.5f : 128 / 255.0f));
+        CHECK(rgb[1] == (scene->alpha_masks ? 0.5f : 128 / 255.0f));
         oxl_scene_free(test_ctx, scene);
     }
 }

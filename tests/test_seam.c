@@ -67,7 +67,7 @@ static struct seam seam_test_run(const struct seam_test *t, oxl_split split, flo
 {
     struct seam seam = {0};
     oxl_scene *scene = seam_test_scene(t, error, first, end, weight);
-    CHECK_OK(seam_measure(test_ctx, &t->partition, &t->model, scene, split, &seam));
+    CHECK_OK(seam_measure(test_ctx, &t->partition, &t->model, scene, NULL, split, &seam));
     oxl_scene_free(test_ctx, scene);
     return seam;
 }

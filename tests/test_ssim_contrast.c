@@ -66,12 +66,12 @@ static double ssim_contrast_test_learned(const synth_options *survey, float cont
     o.densify_every = 50;
     o.lamp = OXL_ON;
     CHECK_OK(oxl_scene_load(test_ctx, survey->out, NULL, &scene));
-    CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &model));
+    CHECK_OK(test_train(scene, &o, NULL, &model));
     oxl_scene_free(test_ctx, scene);
     snprintf(clean, sizeof clean, "%s/truth/clean", survey->out);
     truth.images = clean;
     CHECK_OK(oxl_scene_load(test_ctx, survey->out, &truth, &scene));
-    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_ALL, &metrics));
+    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_ALL, &metrics));
     learned = metrics.structure;
     oxl_metrics_free(test_ctx, &metrics);
     oxl_model_free(test_ctx, &model);

@@ -67,7 +67,8 @@ TEST(depth_of_tracks_is_compared_at_the_places_of_the_window_and_of_halved_image
     struct track_depth d = {0};
     int count;
     photometry_test_make("depth_window", SYNTH_3C);
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_window"), NULL, &t.scene));
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_window"), NULL, &t.survey));
+    t.scene = t.survey;
     CHECK_OK(renderer_create(test_ctx, &t.renderer));
     for (int v = 0; v < 14; v++) all[v] = window;
     for (t.halved = 0; t.halved < 2; t.halved++) {
@@ -83,5 +84,5 @@ TEST(depth_of_tracks_is_compared_at_the_places_of_the_window_and_of_halved_image
     }
     track_depth_free(&(struct train){.ctx = test_ctx}, &d);
     renderer_free(test_ctx, t.renderer);
-    oxl_scene_free(test_ctx, t.scene);
+    oxl_scene_free(test_ctx, t.survey);
 }

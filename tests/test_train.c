@@ -361,7 +361,7 @@ double train_psnr(oxl_scene *scene, const oxl_model *model)
 {
     oxl_metrics metrics;
     double psnr;
-    CHECK_OK(oxl_evaluate(test_ctx, model, scene, OXL_SPLIT_TEST, &metrics));
+    CHECK_OK(oxl_evaluate(test_ctx, model, scene, &test_imaging, OXL_SPLIT_TEST, &metrics));
     psnr = metrics.psnr;
     oxl_metrics_free(test_ctx, &metrics);
     return psnr;
@@ -374,7 +374,7 @@ TEST(train_learns_views_that_it_has_not_seen)
     oxl_model start, model;
     CHECK_OK(
         oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &start));
-    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    CHECK_OK(test_train(scene, &options, NULL, &model));
     CHECK(train_psnr(scene, &start) < 15);
     CHECK(train_psnr(scene, &model) > 25);
     CHECK(model.sh_degree == 1 || !test_has_part("sh_degree"));
@@ -399,7 +399,7 @@ TEST(train_gives_the_same_bytes_with_1_2_and_7_threads)
     for (int i = 0; i < 3; i++) {
         test_ctx->threads = i == 0 ? 1 : i == 1 ? 2 : 7;
         options.densify_until = 0.9f;
-        CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model[i]));
+        CHECK_OK(test_train(scene, &options, NULL, &model[i]));
     }
     CHECK(model[0].count != oxl_scene_point_count(scene));
     CHECK(train_same(&model[0], &model[1]) && train_same(&model[0], &model[2]));
@@ -412,9 +412,9 @@ TEST(train_depends_on_the_seed)
     oxl_scene *scene = train_scene(7);
     oxl_train_options options = train_options(20);
     oxl_model a, b;
-    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &a));
+    CHECK_OK(test_train(scene, &options, NULL, &a));
     test_ctx->options.seed = 2;
-    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &b));
+    CHECK_OK(test_train(scene, &options, NULL, &b));
     CHECK(!train_same(&a, &b));
     oxl_model_free(test_ctx, &a);
     oxl_model_free(test_ctx, &b);
@@ -434,7 +434,7 @@ TEST(train_stops_when_the_callback_asks_and_leaves_a_usable_model)
     int last = 0;
     const oxl_callback stop = {train_stop_at_7, &last};
     oxl_model model;
-    CHECK(oxl_train(test_ctx, scene, &options, &stop, &model) == OXL_ERR_INTERRUPTED);
+    CHECK(test_train(scene, &options, &stop, &model) == OXL_ERR_INTERRUPTED);
     CHECK(last == 7 && model.count == oxl_scene_point_count(scene));
     CHECK_TEXT(oxl_error_text(test_ctx), "interrupted at iteration 7 of 100");
     oxl_model_free(test_ctx, &model);
@@ -469,7 +469,7 @@ TEST(train_allocates_no_memory_between_steps_after_the_first)
     train_calls = 0;
     train_allocator = test_ctx->options.reallocate;
     test_ctx->options.reallocate = train_count;
-    CHECK_OK(oxl_train(test_ctx, scene, &options, &note, &model));
+    CHECK_OK(test_train(scene, &options, &note, &model));
     test_ctx->options.reallocate = train_allocator;
     CHECK(calls[1] > 0);
     for (int i = 41; i <= 80; i++) CHECK(calls[i] == calls[40]);
@@ -486,10 +486,10 @@ TEST(train_without_points_starts_from_random_ones)
     oxl_model model;
     for (int v = 0; v < 4; v++) {
         view[v] = *oxl_scene_view(with, v);
-        CHECK_OK(oxl_scene_image(test_ctx, with, v, &image[v]));
+        CHECK_OK(oxl_scene_image(test_ctx, with, v, NULL, &image[v]));
     }
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 4, NULL, 0, &scene));
-    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    CHECK_OK(test_train(scene, &options, NULL, &model));
     CHECK(model.count > 1000);
     for (int v = 0; v < 4; v++) oxl_image_free(test_ctx, &image[v]);
     oxl_model_free(test_ctx, &model);
@@ -502,7 +502,7 @@ TEST(train_refuses_invalid_options)
     oxl_scene *scene = train_scene(2);
     oxl_train_options options = train_options(0);
     oxl_model model;
-    CHECK(oxl_train(test_ctx, scene, &options, NULL, &model) == OXL_ERR_USAGE && model.count == 0);
+    CHECK(test_train(scene, &options, NULL, &model) == OXL_ERR_USAGE && model.count == 0);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -523,9 +523,9 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
     o[5].alpha_min = 0.04f;
     for (int i = 0; i < 6; i++) {
         test_ctx->threads = 1;
-        CHECK_OK(oxl_train(test_ctx, scene, &o[i], NULL, &model[i]));
+        CHECK_OK(test_train(scene, &o[i], NULL, &model[i]));
         test_ctx->threads = 3;
-        CHECK_OK(oxl_train(test_ctx, scene, &o[i], NULL, &again));
+        CHECK_OK(test_train(scene, &o[i], NULL, &again));
         CHECK(train_same(&model[i], &again));
         CHECK(i == 0 || !train_same(&model[i], &model[0]) || (i == 2 && !test_has_part("sh_degree")));
         /* without the larger rates of short runs it learns less */
@@ -547,7 +547,7 @@ TEST(train_of_a_short_run_starts_from_narrower_and_more_opaque_gaussians)
     o.lr_scale = o.lr_opacity = 0;
     for (int i = 0; i < 2; i++) {
         o.short_run_exponent = (float)i * 0.1f;
-        CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, i ? &hasty : &usual));
+        CHECK_OK(test_train(scene, &o, NULL, i ? &hasty : &usual));
     }
     CHECK(usual.count == hasty.count);
     for (size_t i = 0; i < usual.count; i++) {
@@ -577,13 +577,13 @@ TEST(train_refuses_shares_of_a_run_outside_0_to_1)
     oxl_train_options o = train_options(5);
     oxl_model model;
     o.coarse = 1.5f;
-    CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
+    CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
     o.coarse = 0, o.short_run_exponent = 1.5f;
-    CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
+    CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
     o.short_run_exponent = 0, o.cooldown = 1.5f;
-    CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
+    CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
     o.cooldown = 0, o.alpha_min = 0.06f;
-    CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
+    CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -596,9 +596,9 @@ TEST(train_refuses_shares_of_a_run_outside_0_to_1_for_the_sh_degree_and_for_seco
     NEEDS_PART(lobes);
     scene = train_scene(4);
     o.sh_degree_interval = 0;
-    CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
+    CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
     o.sh_degree_interval = 0.1f, o.dog = OXL_DOG_ALL, o.dog_from = o.densify_until;
-    CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
+    CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -716,8 +716,8 @@ TEST(train_knows_which_share_of_the_gaussians_a_view_shows)
     double all = 0;
     oxl_train_options o = train_options(10);
     struct train t = {
-        .ctx = test_ctx, .scene = train_scene(14), .options = &o, .decisions = {.ctx = test_ctx}};
-    oxl_scene *scene = t.scene;
+        .ctx = test_ctx, .survey = train_scene(14), .options = &o, .decisions = {.ctx = test_ctx}};
+    oxl_scene *scene = t.survey;
     size_t shown = 0;
     for (int i = 0; i < 14; i += 2) scene->view[i].camera.translation[0] += 1000;
     CHECK_OK(train_begin(&t));
@@ -728,7 +728,7 @@ TEST(train_knows_which_share_of_the_gaussians_a_view_shows)
     CHECK_CLOSE(t.shown, (double)shown / t.views / (double)t.trained.model.count, 1e-2);
     train_end(&t);
     for (int right = 0; right < 2; right++) {
-        struct train part = {.ctx = test_ctx, .scene = scene, .options = &o, .decisions = {.ctx = test_ctx}};
+        struct train part = {.ctx = test_ctx, .survey = scene, .options = &o, .decisions = {.ctx = test_ctx}};
         for (int i = 0; i < 14; i++) {
             const oxl_camera *c = &oxl_scene_view(scene, i)->camera;
             window[i] = (struct image_window){right * (c->width / 3), 0, c->width / 3, c->height};

@@ -25,7 +25,7 @@ static void nonfinite_test_begin(struct nonfinite_test_case *c, int steps)
     c->options = train_options(200);
     c->options.exposure = OXL_OFF; /* else the target is on the host, not in the renderer */
     c->t = (struct train){
-        .ctx = test_ctx, .scene = train_scene(7), .options = &c->options, .decisions = {.ctx = test_ctx}};
+        .ctx = test_ctx, .survey = train_scene(7), .options = &c->options, .decisions = {.ctx = test_ctx}};
     CHECK_OK(train_begin(&c->t));
     while (c->t.step < steps) {
         c->t.step++;
@@ -36,7 +36,7 @@ static void nonfinite_test_begin(struct nonfinite_test_case *c, int steps)
 
 static void nonfinite_test_free(struct nonfinite_test_case *c)
 {
-    oxl_scene *scene = c->t.scene;
+    oxl_scene *scene = c->t.survey;
     train_end(&c->t);
     oxl_model_free(test_ctx, &c->before);
     oxl_scene_free(test_ctx, scene);

@@ -27,7 +27,7 @@ static struct checkpoint_case checkpoint_case(void)
     c.options.sh_degree_interval = 0.76f; /* at 99 */
     c.options.densify_until = 0.9f;       /* at 100: rows, moments and statistics change shape */
     c.options.opacity_reset_interval = 0;
-    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
+    CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
     return c;
 }
 
@@ -46,6 +46,7 @@ oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int until,
     struct train_task place = {.store = checkpoint_in(test_folder(), key),
                                .log = &c->log,
                                .notes = &c->notes,
+                               .imaging = &test_imaging,
                                .decisions = &c->decisions};
     struct checkpoint_watch watch = {until, 0};
     const oxl_callback stop = {checkpoint_stop, &watch};

@@ -17,8 +17,8 @@ TEST(selection_trains_all_views_but_for_a_tenth_of_the_run_before_a_trial)
     NEEDS_PART(sh_degree);
     oxl_train_options o = train_options(3000);
     struct train t = {
-        .ctx = test_ctx, .scene = train_scene(14), .options = &o, .decisions = {.ctx = test_ctx}};
-    oxl_scene *scene = t.scene;
+        .ctx = test_ctx, .survey = train_scene(14), .options = &o, .decisions = {.ctx = test_ctx}};
+    oxl_scene *scene = t.survey;
     const int views = schedule_training_views(scene);
     o.sh_degree = -1;
     CHECK_OK(train_begin(&t));
@@ -66,7 +66,7 @@ static oxl_scene *selection_test_grey(oxl_scene *scene)
     oxl_scene *grey = NULL;
     for (int v = 0; v < 14; v++) {
         view[v] = *oxl_scene_view(scene, v);
-        CHECK_OK(oxl_scene_image(test_ctx, scene, v, &image[v]));
+        CHECK_OK(oxl_scene_image(test_ctx, scene, v, NULL, &image[v]));
         for (int i = 0; i < 3 * image[v].width * image[v].height; i++) image[v].rgb[i] = 0.5f;
     }
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 14, oxl_scene_points(scene),
@@ -138,7 +138,7 @@ TEST(selection_follows_explicit_options)
 static void selection_test_check_stops(struct checkpoint_case *c, const int *stops, size_t count)
 {
     oxl_model model;
-    CHECK_OK(oxl_train(test_ctx, c->scene, &c->options, NULL, &c->whole));
+    CHECK_OK(test_train(c->scene, &c->options, NULL, &c->whole));
     for (size_t i = 0; i < count; i++) {
         CHECK(checkpoint_run(c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
         oxl_model_free(test_ctx, &model);
@@ -218,8 +218,8 @@ TEST(selection_decides_by_another_view_where_the_validation_view_is_damaged_or_m
 TEST(selection_holds_every_second_view_of_a_half)
 {
     oxl_train_options o = train_options(100);
-    struct train t = {.ctx = test_ctx, .scene = train_scene(14), .options = &o};
-    oxl_scene *scene = t.scene;
+    oxl_scene *scene = train_scene(14);
+    struct train t = {.ctx = test_ctx, .survey = scene, .scene = scene, .options = &o};
     CHECK_OK(selection_begin(&t));
     selection_hold(&t, 1);
     CHECK(t.views == 7 && t.validation_views == 6);

@@ -8,10 +8,10 @@ TEST(look_leaves_the_run_as_it_would_be)
     oxl_train_options o = train_options(20);
     struct look look, again;
     oxl_model before, after;
-    CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &before));
+    CHECK_OK(test_train(scene, &o, NULL, &before));
     CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &look));
     CHECK(look.steps == 32 && look.views == 4 && look.seconds > 0 && look.gaussians == 144);
-    CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &after));
+    CHECK_OK(test_train(scene, &o, NULL, &after));
     CHECK(train_same(&before, &after));
     CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &again));
     CHECK(look.share == again.share && look.share > 0 && look.share <= 1);
@@ -321,7 +321,7 @@ TEST(time_left_falls_to_zero_at_the_last_step)
     struct time_left l = {0};
     const oxl_callback callback = {time_left_note, &l};
     oxl_model model;
-    CHECK_OK(oxl_train(test_ctx, scene, &o, &callback, &model));
+    CHECK_OK(test_train(scene, &o, &callback, &model));
     CHECK(l.calls == 60 && l.first > 0 && l.last == 0);
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);

@@ -80,7 +80,7 @@ static oxl_scene *tviews_scene(const oxl_model *m, int broken, int in_medium)
                                   5;
     }
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, TVIEWS, point, TVIEWS, &scene));
-    if (in_medium) scene->imaging.medium = tviews_medium;
+    if (in_medium) test_imaging.medium = tviews_medium;
     for (int v = 0; v < TVIEWS; v++) oxl_image_free(test_ctx, &image[v]);
     return scene;
 }
@@ -91,7 +91,8 @@ static void tviews_check_flags(int in_medium)
     oxl_scene *scene = tviews_scene(&m, 1, in_medium);
     struct text t = {.ctx = test_ctx};
     colmap_listen();
-    CHECK_OK(training_views_check(test_ctx, &m, scene, 20 * TVIEWS, NULL, &t, test_path("worst")));
+    CHECK_OK(
+        training_views_check(test_ctx, &m, scene, &test_imaging, 20 * TVIEWS, NULL, &t, test_path("worst")));
     CHECK(colmap_warned.count == 4);
     CHECK_TEXT(t.data, "\"training\": {\"count\": 24, \"of\": 24, \"flagged\": 4, \"shown\": 4, ");
     for (const char *row = strstr(t.data, "{\"name\""); row; row = strstr(row + 1, "{\"name\"")) {
@@ -159,7 +160,7 @@ TEST(training_views_with_reflections_or_a_glow_of_their_own_are_said_to_have_the
     oxl_scene *scene = tviews_scene(&m, 3, 0);
     struct text t = {.ctx = test_ctx};
     tviews_listen();
-    CHECK_OK(training_views_check(test_ctx, &m, scene, 20 * TVIEWS, NULL, &t, NULL));
+    CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 20 * TVIEWS, NULL, &t, NULL));
     CHECK_TEXT(t.data, "\"flagged\": 2, ");
     CHECK(tviews_has(t.data, "v08", "reflections") && tviews_has(t.data, "v15", "colour"));
     CHECK_TEXT(tviews_said, "info: training image v08 fits ");
@@ -256,7 +257,8 @@ TEST(training_views_without_the_structure_of_their_images_are_reported_once_and_
     struct text t = {.ctx = test_ctx};
     const char *row;
     colmap_listen();
-    CHECK_OK(training_views_check(test_ctx, &m, scene, 20 * TVIEWS, NULL, &t, test_path("fog")));
+    CHECK_OK(
+        training_views_check(test_ctx, &m, scene, &test_imaging, 20 * TVIEWS, NULL, &t, test_path("fog")));
     CHECK(colmap_warned.count == 5);
     CHECK_TEXT(t.data, "\"flagged\": 5, \"shown\": 4, \"structure\": 0.");
     CHECK_TEXT(t.data, "\"no_structure\": ");
@@ -288,7 +290,7 @@ TEST(training_views_have_the_mean_of_their_figures)
     oxl_model m = tviews_model();
     oxl_scene *scene = tviews_scene(&m, 1, 0);
     struct text t = {.ctx = test_ctx};
-    CHECK_OK(training_views_check(test_ctx, &m, scene, 20 * TVIEWS, NULL, &t, NULL));
+    CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 20 * TVIEWS, NULL, &t, NULL));
     tviews_check_mean(t.data, "psnr");
     tviews_check_mean(t.data, "cc_psnr");
     tviews_check_mean(t.data, "structure");
@@ -303,11 +305,11 @@ TEST(training_views_of_a_valid_survey_are_not_flagged)
     oxl_scene *scene = tviews_scene(&m, 0, 0);
     struct text t = {.ctx = test_ctx};
     colmap_listen();
-    CHECK_OK(training_views_check(test_ctx, &m, scene, 20 * TVIEWS, NULL, &t, NULL));
+    CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 20 * TVIEWS, NULL, &t, NULL));
     CHECK(colmap_warned.count == 0);
     CHECK_TEXT(t.data, "\"flagged\": 0, \"shown\": 2, ");
     text_free(&t);
-    CHECK_OK(training_views_check(test_ctx, &m, scene, 1000, NULL, &t, NULL));
+    CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 1000, NULL, &t, NULL));
     CHECK_TEXT(t.data, "\"flagged\": 0, \"shown\": 4, "); /* not a short run */
     text_free(&t);
     oxl_scene_free(test_ctx, scene);
@@ -322,7 +324,8 @@ TEST(training_views_of_a_run_too_short_for_all_views_are_not_flagged)
     for (int i = 0; i < 2; i++) {
         struct text t = {.ctx = test_ctx};
         colmap_listen();
-        CHECK_OK(training_views_check(test_ctx, &m, scene, 5 * TVIEWS - 1 + i, NULL, &t, NULL));
+        CHECK_OK(
+            training_views_check(test_ctx, &m, scene, &test_imaging, 5 * TVIEWS - 1 + i, NULL, &t, NULL));
         CHECK((colmap_warned.count == 0) == (i == 0));
         CHECK(strstr(t.data, "\"count\": 6, \"of\": 24, "));
         CHECK((strstr(t.data, "\"flagged\": 0, ") == NULL) == i);
@@ -339,9 +342,9 @@ TEST(training_views_that_are_measured_are_all_judged)
     oxl_scene *scene = tviews_scene(&m, 1, 0);
     struct text t = {.ctx = test_ctx};
     oxl_metrics all = {0};
-    CHECK_OK(oxl_evaluate(test_ctx, &m, scene, OXL_SPLIT_TRAIN, &all));
+    CHECK_OK(oxl_evaluate(test_ctx, &m, scene, &test_imaging, OXL_SPLIT_TRAIN, &all));
     tviews_listen();
-    CHECK_OK(training_views_check(test_ctx, &m, scene, 5 * TVIEWS, &all, &t, NULL));
+    CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 5 * TVIEWS, &all, &t, NULL));
     CHECK_TEXT(t.data, "\"training\": {\"count\": 24, \"of\": 24, \"flagged\": 4, ");
     CHECK(!strstr(tviews_said, "are judged"));
     CHECK(all.count == TVIEWS);
@@ -358,7 +361,7 @@ TEST(training_views_of_a_short_run_are_judged_by_evenly_spaced_ones)
     oxl_scene *scene = tviews_scene(&m, 0, 0);
     struct text t = {.ctx = test_ctx};
     tviews_listen();
-    CHECK_OK(training_views_check(test_ctx, &m, scene, 10 * TVIEWS, NULL, &t, NULL));
+    CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 10 * TVIEWS, NULL, &t, NULL));
     CHECK_TEXT(t.data, "\"training\": {\"count\": 12, \"of\": 24, \"flagged\": 0, ");
     CHECK_TEXT(tviews_said, "12 of 24 training views are judged, evenly spaced: one for each 20 iterations");
     for (int v = 0; v < TVIEWS; v++) {
@@ -368,7 +371,7 @@ TEST(training_views_of_a_short_run_are_judged_by_evenly_spaced_ones)
     }
     text_free(&t);
     tviews_listen();
-    CHECK_OK(training_views_check(test_ctx, &m, scene, 1, NULL, &t, NULL));
+    CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 1, NULL, &t, NULL));
     CHECK_TEXT(t.data, "\"training\": {\"count\": 6, \"of\": 24, ");
     text_free(&t);
     oxl_scene_free(test_ctx, scene);

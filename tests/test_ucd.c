@@ -83,7 +83,7 @@ TEST(contrast_reads_each_image_once_even_when_it_cannot_be_read)
     struct contrast c;
     test_write("survey/images/v03.png", "no image");
     CHECK_OK(contrast_measure(test_ctx, scene, &c));
-    CHECK(c.measured && scene->cache.clock == WALL_VIEWS - 2); /* two are held out */
+    CHECK(c.measured && scene->cache->clock == WALL_VIEWS - 2); /* two are held out */
     oxl_scene_free(test_ctx, scene);
 }
 

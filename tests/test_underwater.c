@@ -4,9 +4,9 @@
 
 /* ---------------- gains by hand */
 
-struct imaging imaging_test_make(int views, const int *known, int count)
+struct oxl_imaging imaging_test_make(int views, const int *known, int count)
 {
-    struct imaging m;
+    struct oxl_imaging m;
     CHECK_OK(imaging_create(test_ctx, views, &m));
     m.on = 1;
     for (int k = 0; k < count; k++) {
@@ -18,7 +18,7 @@ struct imaging imaging_test_make(int views, const int *known, int count)
 
 TEST(exposure_of_a_view_that_was_not_trained_lies_on_the_line_between_its_neighbours)
 {
-    struct imaging m = imaging_test_make(9, (int[]){2, 6}, 2);
+    struct oxl_imaging m = imaging_test_make(9, (int[]){2, 6}, 2);
     float gain[3];
     imaging_gain(&m, 3, gain);
     CHECK_CLOSE(gain[1], exp(0.31), 1e-5);
@@ -38,7 +38,7 @@ static oxl_scene *exposure_scene_named(const char *const *names, int views)
     for (int v = 0; v < views; v++) {
         view[v] = *oxl_scene_view(plain, v);
         view[v].name = names[v];
-        CHECK_OK(oxl_scene_image(test_ctx, plain, v, &image[v]));
+        CHECK_OK(oxl_scene_image(test_ctx, plain, v, NULL, &image[v]));
     }
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, oxl_scene_points(plain),
                                    oxl_scene_point_count(plain), &scene));
@@ -57,7 +57,7 @@ TEST(exposure_of_a_stereo_pair_is_interpolated_for_each_camera_on_its_own)
     const double wanted[] = {0.4, 0.2}; /* between the left images 2 and 6; between 3 and 5, lowered by 0.2 */
     for (int k = 0; k < 2; k++) {
         oxl_scene *scene = exposure_scene_named(names[k], 8);
-        struct imaging m = imaging_test_make(8, (int[]){1, 2, 3, 5, 6, 7}, 6);
+        struct oxl_imaging m = imaging_test_make(8, (int[]){1, 2, 3, 5, 6, 7}, 6);
         float between[3];
         for (int v = 1; v < 8; v += 2) m.log_gain[3 * v] -= k == 0 ? 1 : 0.2f;
         CHECK_OK(imaging_set_cameras(test_ctx, scene, &m));
@@ -71,8 +71,8 @@ TEST(exposure_of_a_stereo_pair_is_interpolated_for_each_camera_on_its_own)
 
 TEST(exposure_of_two_blocks_is_their_mean_where_they_share_views)
 {
-    struct imaging a = imaging_test_make(9, (int[]){0, 2, 4}, 3),
-                   b = imaging_test_make(9, (int[]){2, 4, 8}, 3), all;
+    struct oxl_imaging a = imaging_test_make(9, (int[]){0, 2, 4}, 3),
+                       b = imaging_test_make(9, (int[]){2, 4, 8}, 3), all;
     int count[9] = {0};
     const float of_a = a.log_gain[3 * 2], of_b = b.log_gain[3 * 8 + 2];
     CHECK_OK(imaging_create(test_ctx, 9, &all));
@@ -111,7 +111,7 @@ static struct renderer_loss exposure_loss(struct renderer *r, oxl_scene *scene, 
     oxl_image image;
     float gain[3];
     for (int c = 0; c < 3; c++) gain[c] = (float)exp(log_gain[c]);
-    CHECK_OK(oxl_scene_image(test_ctx, scene, 1, &image));
+    CHECK_OK(oxl_scene_image(test_ctx, scene, 1, NULL, &image));
     CHECK_OK(renderer_forward(test_ctx, r, model, &oxl_scene_view(scene, 1)->camera, &o));
     renderer_set_gain(r, gain);
     CHECK_OK(renderer_loss(test_ctx, r, image.rgb, NULL, 0.2f, &loss));
@@ -168,7 +168,7 @@ static oxl_scene *exposure_scene(int views, float amplitude, double speed)
     oxl_image image[14] = {{0}};
     for (int v = 0; v < views; v++) {
         view[v] = *oxl_scene_view(plain, v);
-        CHECK_OK(oxl_scene_image(test_ctx, plain, v, &image[v]));
+        CHECK_OK(oxl_scene_image(test_ctx, plain, v, NULL, &image[v]));
         for (int i = 0; i < 3 * image[v].width * image[v].height; i++)
             image[v].rgb[i] = OXL_MIN(1.0f, image[v].rgb[i] * (float)exp(amplitude * sin(speed * v)));
     }
@@ -185,17 +185,17 @@ TEST(exposure_of_known_gains_is_recovered_and_helps_views_that_were_held_out)
     oxl_scene *scene = exposure_scene(14, 0.2f, 0.4);
     oxl_train_options options = train_options(600);
     oxl_model model;
-    const struct imaging *m;
+    const struct oxl_imaging *m;
     double off, sum = 0, error = 0, square = 0;
     int n = 0;
     options.exposure = OXL_OFF;
-    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    CHECK_OK(test_train(scene, &options, NULL, &model));
     off = train_psnr(scene, &model);
     oxl_model_free(test_ctx, &model);
     options.exposure = OXL_ON;
-    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    CHECK_OK(test_train(scene, &options, NULL, &model));
     CHECK(train_psnr(scene, &model) > off + 0.5);
-    m = &scene->imaging;
+    m = &test_imaging;
     for (int c = 0; c < 3; c++) CHECK_CLOSE(imaging_mean(m, c), 0, 1e-6);
     for (int v = 0; v < 14; v++)
         if (m->known[v]) sum += 0.2 * sin(0.4 * v), n++;
@@ -216,10 +216,10 @@ TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
     oxl_train_options options = train_options(1000);
     oxl_model off, automatic;
     options.exposure = OXL_OFF;
-    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &off));
+    CHECK_OK(test_train(scene, &options, NULL, &off));
     options.exposure = OXL_AUTO;
-    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &automatic));
-    CHECK(!scene->imaging.on && train_same(&off, &automatic));
+    CHECK_OK(test_train(scene, &options, NULL, &automatic));
+    CHECK(!test_imaging.on && train_same(&off, &automatic));
     oxl_model_free(test_ctx, &off);
     oxl_model_free(test_ctx, &automatic);
     oxl_scene_free(test_ctx, scene);
@@ -233,7 +233,7 @@ TEST(exposure_of_a_stereo_pair_follows_the_other_camera_as_far_as_known_views_do
                                         "05_left.png", "05_right.png"};
     oxl_scene *scene = exposure_scene_named(names, 10);
     for (int together = 0; together < 2; together++) {
-        struct imaging m = imaging_test_make(10, NULL, 0);
+        struct oxl_imaging m = imaging_test_make(10, NULL, 0);
         float gain[3];
         for (int v = 0; v < 10; v++) {
             m.known[v] = v != 4;
@@ -254,12 +254,12 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
     static const int stops[] = {5, 99, 100, 101, 320};
     struct checkpoint_case c = checkpoint_of(exposure_scene(14, 0.3f, 0.4), train_options(1000));
     oxl_model model;
-    struct imaging whole;
+    struct oxl_imaging whole;
     c.options.sh_degree = -1;
     c.options.exposure = OXL_ON;
-    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
+    CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
     CHECK_OK(imaging_create(test_ctx, 14, &whole));
-    imaging_copy(&c.scene->imaging, &whole);
+    imaging_copy(&test_imaging, &whole);
     CHECK(whole.on);
     for (size_t i = 0; i < OXL_COUNT(stops); i++) {
         CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
@@ -267,7 +267,7 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
     }
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
     CHECK(train_same(&model, &c.whole));
-    CHECK(memcmp(whole.log_gain, c.scene->imaging.log_gain, 3 * 14 * sizeof *whole.log_gain) == 0);
+    CHECK(memcmp(whole.log_gain, test_imaging.log_gain, 3 * 14 * sizeof *whole.log_gain) == 0);
     imaging_free(test_ctx, &whole);
     oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
@@ -278,9 +278,9 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
 TEST(exposure_is_read_as_it_was_written)
 {
     oxl_scene *scene = train_scene(7);
-    struct imaging m = imaging_test_make(7, (int[]){1, 3, 5}, 3), read;
+    struct oxl_imaging m = imaging_test_make(7, (int[]){1, 3, 5}, 3), read;
     const char *path = test_path("imaging.txt");
-    CHECK_OK(imaging_write(test_ctx, path, scene, &m));
+    CHECK_OK(oxl_imaging_write(test_ctx, path, scene, &m));
     CHECK_OK(imaging_read(test_ctx, path, scene, &read));
     CHECK(read.on && !read.known[0] && read.known[3]);
     for (int i = 0; i < 21; i++) CHECK_CLOSE(read.log_gain[i], m.log_gain[i], 1e-6);
@@ -294,11 +294,11 @@ TEST(a_medium_of_a_survey_in_tiny_or_huge_units_is_read_as_it_was_written)
     oxl_scene *scene = train_scene(3);
     for (int e = -14; e <= 14; e += 7) {
         const float unit = (float)pow(10, e);
-        struct imaging m = imaging_test_make(3, (int[]){1, 2}, 2), read;
+        struct oxl_imaging m = imaging_test_make(3, (int[]){1, 2}, 2), read;
         m.medium.on = 1;
         for (int c = 0; c < 3; c++)
             m.medium.attenuation[c] = 0.4f / unit, m.medium.backscatter[c] = 0.3f / unit;
-        CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
+        CHECK_OK(oxl_imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
         CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
         CHECK_CLOSE(read.medium.attenuation[0] * unit, 0.4, 1e-6);
         imaging_free(test_ctx, &read);
@@ -313,7 +313,7 @@ TEST(exposure_of_a_damaged_file_names_line_and_value)
                                          "bD 1 2\n",           "falloff 1\n",         "lamp all 1 2\n",
                                          "lantern 1\n",        "gain 1 1e9 1 a.png\n"};
     oxl_scene *scene = train_scene(3);
-    struct imaging read;
+    struct oxl_imaging read;
     for (size_t i = 0; i < OXL_COUNT(broken); i++) {
         CHECK(imaging_read(test_ctx, test_write("imaging.txt", broken[i]), scene, &read) == OXL_ERR_INPUT);
         CHECK_TEXT(oxl_error_text(test_ctx), "imaging.txt:1: ");
@@ -600,7 +600,7 @@ static int photometry_test_warns(const char *survey)
     photometry_test_warned = 0;
     test_ctx->options.log = photometry_test_log;
     CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), NULL, &scene));
-    CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &model));
+    CHECK_OK(test_train(scene, &o, NULL, &model));
     test_ctx->options.log = NULL;
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
@@ -669,8 +669,8 @@ TEST(exposure_that_is_refused_leaves_a_lamp_fitted_without_it_unless_that_hides_
             oxl_scene *scene;
             options.exposure = k ? OXL_AUTO : OXL_OFF, options.lamp = OXL_AUTO, options.medium = OXL_OFF;
             CHECK_OK(oxl_scene_load(test_ctx, test_path("apart"), NULL, &scene));
-            CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model[k]));
-            CHECK(!scene->imaging.on && scene->imaging.lamps == (k || !large));
+            CHECK_OK(test_train(scene, &options, NULL, &model[k]));
+            CHECK(!test_imaging.on && test_imaging.lamps == (k || !large));
             oxl_scene_free(test_ctx, scene);
         }
         CHECK(train_same(&model[0], &model[1]) == !large);
@@ -723,7 +723,7 @@ TEST(exposure_that_a_trial_refuses_leaves_what_a_run_without_begins_with)
         options[k].medium = OXL_OFF;
         t[k] = (struct train){.ctx = test_ctx, .options = &options[k], .callback = &count};
         t[k].decisions.ctx = test_ctx;
-        CHECK_OK(oxl_scene_load(test_ctx, test_path("waves"), NULL, &t[k].scene));
+        CHECK_OK(oxl_scene_load(test_ctx, test_path("waves"), NULL, &t[k].survey));
         CHECK_OK(train_begin(&t[k]));
     }
     CHECK(!t[0].trial && t[1].trial && exposure_test_has_decided(&t[0], "lamp"));
@@ -741,7 +741,7 @@ TEST(exposure_that_a_trial_refuses_leaves_what_a_run_without_begins_with)
     CHECK(!train_same(&t[0].trained.model, &first) && train_same(&t[0].trained.model, &t[1].trained.model));
     oxl_model_free(test_ctx, &first);
     for (int k = 0; k < 2; k++) {
-        oxl_scene *scene = t[k].scene;
+        oxl_scene *scene = t[k].survey;
         train_end(&t[k]);
         oxl_scene_free(test_ctx, scene);
     }
@@ -793,8 +793,8 @@ static void photometry_test_clear(const char *survey, double mean[3])
     size_t pixels;
     o.medium = OXL_AUTO, o.exposure = o.lamp = OXL_OFF;
     CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), NULL, &scene));
-    CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &model));
-    CHECK(scene->imaging.medium.on);
+    CHECK_OK(test_train(scene, &o, NULL, &model));
+    CHECK(test_imaging.medium.on);
     CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 7)->camera, &render, &image, NULL));
     pixels = (size_t)image.width * (size_t)image.height;
     for (size_t i = 0; i < 3 * pixels; i++) mean[i / pixels] += (double)image.rgb[i] / (double)pixels;
@@ -893,7 +893,7 @@ TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
     const size_t n = 3 * (size_t)camera->width * (size_t)camera->height;
     float *drgb = oxl_alloc(test_ctx, n, sizeof *drgb);
     struct medium m = imaging_test_murky;
-    struct imaging imaging = {0};
+    struct oxl_imaging imaging = {0};
     struct renderer *r;
     oxl_model model;
     double through, clear;
@@ -921,9 +921,9 @@ TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
 TEST(medium_baked_into_the_colours_is_the_mean_over_the_views_that_see_a_row)
 {
     oxl_scene *scene = train_scene(3);
-    struct imaging imaging = {.medium = imaging_test_murky,
-                              .lamps = 1,
-                              .lamp = {{.view = -1, .shape = {0.3f, -0.2f, 0.1f, 0.15f, -0.1f}}}};
+    struct oxl_imaging imaging = {.medium = imaging_test_murky,
+                                  .lamps = 1,
+                                  .lamp = {{.view = -1, .shape = {0.3f, -0.2f, 0.1f, 0.15f, -0.1f}}}};
     const struct medium *m = &imaging.medium;
     oxl_model model;
     int unseen = 0, by_some = 0;
@@ -1155,15 +1155,15 @@ TEST(medium_a_run_that_is_stopped_ends_in_the_same_bytes)
     photometry_test_make("survey", SYNTH_3C);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
     c = checkpoint_of(scene, train_options(130));
-    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
-    whole = c.scene->imaging.medium;
+    CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
+    whole = test_imaging.medium;
     CHECK(whole.on);
     for (size_t i = 0; i < OXL_COUNT(stops); i++) {
         CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
         oxl_model_free(test_ctx, &model);
     }
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
-    CHECK(train_same(&model, &c.whole) && memcmp(&whole, &c.scene->imaging.medium, sizeof whole) == 0);
+    CHECK(train_same(&model, &c.whole) && memcmp(&whole, &test_imaging.medium, sizeof whole) == 0);
     oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }
@@ -1171,9 +1171,9 @@ TEST(medium_a_run_that_is_stopped_ends_in_the_same_bytes)
 TEST(medium_is_read_as_it_was_written)
 {
     oxl_scene *scene = train_scene(3);
-    struct imaging m = imaging_test_make(3, NULL, 0), read;
+    struct oxl_imaging m = imaging_test_make(3, NULL, 0), read;
     m.medium = imaging_test_murky;
-    CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
+    CHECK_OK(oxl_imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
     CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
     CHECK(!read.on && memcmp(&read.medium, &imaging_test_murky, sizeof imaging_test_murky) == 0);
     imaging_free(test_ctx, &read);
@@ -1304,7 +1304,7 @@ TEST(medium_lamp_and_gains_have_the_same_gradients_with_avx2_and_avx512_and_any_
 static oxl_scene *lamp_scene(int views, const struct lamp *lamp, int lamps)
 {
     oxl_scene *plain = train_scene(views), *scene = NULL;
-    struct imaging m = {.lamps = 1};
+    struct oxl_imaging m = {.lamps = 1};
     oxl_view view[16] = {{0}};
     oxl_image image[16] = {{0}};
     char name[16][16];
@@ -1313,7 +1313,7 @@ static oxl_scene *lamp_scene(int views, const struct lamp *lamp, int lamps)
         snprintf(name[v], sizeof name[v], "%02d%s.png", v, lamps == 1 ? "" : v % 2 ? "_right" : "_left");
         view[v] = *oxl_scene_view(plain, v);
         view[v].name = name[v];
-        CHECK_OK(oxl_scene_image(test_ctx, plain, v, &image[v]));
+        CHECK_OK(oxl_scene_image(test_ctx, plain, v, NULL, &image[v]));
         CHECK_OK(imaging_apply_lamp(test_ctx, plain, &m, v, &image[v]));
         for (int i = 0; i < 3 * image[v].width * image[v].height; i++)
             image[v].rgb[i] = OXL_MIN(1.0f, 0.7f * image[v].rgb[i]);
@@ -1335,18 +1335,18 @@ TEST(lamp_of_known_shape_is_recovered_and_helps_views_that_were_held_out)
     oxl_metrics metrics;
     double off;
     options.lamp = options.medium = OXL_OFF;
-    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
-    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_TEST, &metrics));
+    CHECK_OK(test_train(scene, &options, NULL, &model));
+    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_TEST, &metrics));
     off = metrics.psnr;
     oxl_metrics_free(test_ctx, &metrics);
     oxl_model_free(test_ctx, &model);
     options.lamp = OXL_ON;
-    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
-    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_TEST, &metrics));
+    CHECK_OK(test_train(scene, &options, NULL, &model));
+    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_TEST, &metrics));
     CHECK(metrics.psnr > off + 0.5);
-    CHECK(scene->imaging.lamps == 1);
-    CHECK_CLOSE(scene->imaging.lamp[0].shape[1], -0.25, 0.08);
-    CHECK_CLOSE(scene->imaging.lamp[0].shape[8], -0.2, 0.08);
+    CHECK(test_imaging.lamps == 1);
+    CHECK_CLOSE(test_imaging.lamp[0].shape[1], -0.25, 0.08);
+    CHECK_CLOSE(test_imaging.lamp[0].shape[8], -0.2, 0.08);
     oxl_metrics_free(test_ctx, &metrics);
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
@@ -1363,15 +1363,15 @@ TEST(lamp_of_each_camera_is_trained_on_its_own_views_and_shown_in_them)
     oxl_model model;
     double off;
     options.lamp = options.medium = OXL_OFF;
-    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    CHECK_OK(test_train(scene, &options, NULL, &model));
     off = train_psnr(scene, &model);
     oxl_model_free(test_ctx, &model);
     options.lamp = OXL_ON;
-    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    CHECK_OK(test_train(scene, &options, NULL, &model));
     CHECK(train_psnr(scene, &model) > off + 3);
-    CHECK(scene->imaging.lamps == 2 && imaging_lamp(&scene->imaging, scene, 3)->view < 0);
+    CHECK(test_imaging.lamps == 2 && imaging_lamp(&test_imaging, scene, 3)->view < 0);
     for (int v = 3; v < 5; v++)
-        CHECK_CLOSE(imaging_lamp(&scene->imaging, scene, v)->shape[0], v % 2 ? -0.4 : 0.4, 0.1);
+        CHECK_CLOSE(imaging_lamp(&test_imaging, scene, v)->shape[0], v % 2 ? -0.4 : 0.4, 0.1);
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
 }
@@ -1383,10 +1383,10 @@ TEST(lamp_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
     const struct lamp lamp = lamp_of(-1);
     struct checkpoint_case c = checkpoint_of(lamp_scene(7, &lamp, 1), train_options(130));
     oxl_model model;
-    struct imaging whole = {0};
+    struct oxl_imaging whole = {0};
     c.options.lamp = OXL_ON;
-    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
-    whole.medium = c.scene->imaging.medium, whole.lamp[0] = c.scene->imaging.lamp[0];
+    CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
+    whole.medium = test_imaging.medium, whole.lamp[0] = test_imaging.lamp[0];
     CHECK(whole.lamp[0].shape[1] != 0);
     for (size_t i = 0; i < OXL_COUNT(stops); i++) {
         CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
@@ -1394,8 +1394,8 @@ TEST(lamp_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
     }
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
     CHECK(train_same(&model, &c.whole));
-    CHECK(memcmp(&whole.medium, &c.scene->imaging.medium, sizeof whole.medium) == 0);
-    CHECK(memcmp(&whole.lamp[0], &c.scene->imaging.lamp[0], sizeof whole.lamp[0]) == 0);
+    CHECK(memcmp(&whole.medium, &test_imaging.medium, sizeof whole.medium) == 0);
+    CHECK(memcmp(&whole.lamp[0], &test_imaging.lamp[0], sizeof whole.lamp[0]) == 0);
     oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }
@@ -1405,9 +1405,9 @@ TEST(lamp_of_a_stereo_pair_is_one_for_each_folder_or_prefix)
     static const char *const names[] = {"01_left.png", "01_right.png", "02_left.png", "02_right.png",
                                         "03_left.png", "03_right.png", "04_left.png", "04_right.png"};
     oxl_scene *scene = exposure_scene_named(names, 8);
-    struct imaging m = imaging_test_make(8, NULL, 0), read;
+    struct oxl_imaging m = imaging_test_make(8, NULL, 0), read;
     m.lamps = 2, m.lamp[0] = lamp_of(-1), m.lamp[1] = lamp_of(1);
-    CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
+    CHECK_OK(oxl_imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
     CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
     CHECK(read.lamps == 2 && memcmp(read.lamp, m.lamp, 2 * sizeof *m.lamp) == 0);
     for (int v = 0; v < 8; v++) CHECK(imaging_lamp(&read, scene, v) == &read.lamp[v % 2]);
@@ -1419,10 +1419,10 @@ TEST(lamp_of_a_stereo_pair_is_one_for_each_folder_or_prefix)
 TEST(lamp_is_read_as_it_was_written)
 {
     oxl_scene *scene = train_scene(3);
-    struct imaging m = imaging_test_make(3, NULL, 0), read;
+    struct oxl_imaging m = imaging_test_make(3, NULL, 0), read;
     m.on = 0;
     m.lamps = 1, m.lamp[0] = lamp_of(-1);
-    CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
+    CHECK_OK(oxl_imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
     CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
     CHECK(read.lamps == 1 && memcmp(read.lamp, m.lamp, sizeof *m.lamp) == 0);
     CHECK(!read.medium.on);

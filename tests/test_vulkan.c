@@ -2802,10 +2802,10 @@ static void vulkan_check_one_upload(oxl_context *device)
     int count;
     vulkan_scene(600, 1, 100, &m);
     v->slab_rows = 256; /* several slabs */
-    CHECK_OK(oxl_evaluate(device, &m, scene, OXL_SPLIT_ALL, &metrics));
+    CHECK_OK(oxl_evaluate(device, &m, scene, NULL, OXL_SPLIT_ALL, &metrics));
     CHECK(metrics.count == 6 && v->sent - before == vulkan_bytes_of(&m));
     before = v->sent;
-    CHECK_OK(oxl_render_views(device, &m, scene, &what, test_path("drawn"), &count));
+    CHECK_OK(oxl_render_views(device, &m, scene, NULL, &what, test_path("drawn"), &count));
     CHECK(count == 6 && v->sent - before == vulkan_bytes_of(&m));
     oxl_metrics_free(device, &metrics);
     oxl_model_free(test_ctx, &m);
@@ -2877,6 +2877,8 @@ static void vulkan_train(oxl_context *ctx, int iterations, oxl_model *out, doubl
 {
     oxl_scene *scene = vulkan_survey(ctx, 0);
     oxl_train_options options = oxl_train_options_default(OXL_PRESET_DRAFT);
+    struct oxl_imaging imaging = {0};
+    struct train_task task = {.imaging = &imaging};
     oxl_metrics metrics;
     options.iterations = iterations;
     options.short_run_exponent = 0; /* larger steps amplify rounding, in which device and CPU differ */
@@ -2886,10 +2888,11 @@ static void vulkan_train(oxl_context *ctx, int iterations, oxl_model *out, doubl
     options.dog_threshold = -0.5f;
     options.max_gaussians = 400;
     options.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.8};
-    if (oxl_train(ctx, scene, &options, NULL, out) != OXL_OK)
+    if (train_run(ctx, scene, &options, NULL, &task, out) != OXL_OK)
         test_failed++, printf("  %s\n", oxl_error_text(ctx));
-    CHECK_OK(oxl_evaluate(ctx, out, scene, OXL_SPLIT_ALL, &metrics));
+    CHECK_OK(oxl_evaluate(ctx, out, scene, &imaging, OXL_SPLIT_ALL, &metrics));
     *psnr = metrics.psnr;
+    imaging_free(ctx, &imaging);
     oxl_metrics_free(ctx, &metrics);
     oxl_scene_free(ctx, scene);
 }
@@ -2993,7 +2996,7 @@ static void vulkan_check_kept_rows(oxl_context *device)
     device->backend->vulkan->slab_rows = 64; /* several slabs */
     for (int k = 0; k < 2; k++) {
         t[k] = (struct train){.ctx = device,
-                              .scene = vulkan_survey(device, 0),
+                              .survey = vulkan_survey(device, 0),
                               .options = &options,
                               .decisions = {.ctx = device}};
         CHECK_OK(train_begin(&t[k]));
@@ -3010,7 +3013,7 @@ static void vulkan_check_kept_rows(oxl_context *device)
     vulkan_check_same_model(&t[0].trained.square, &t[1].trained.square);
     CHECK(memcmp(t[0].density->gradient, t[1].density->gradient, 120 * sizeof(float)) == 0);
     for (int k = 0; k < 2; k++) {
-        oxl_scene *scene = t[k].scene;
+        oxl_scene *scene = (oxl_scene *)t[k].scene;
         train_end(&t[k]);
         oxl_scene_free(device, scene);
     }
@@ -3024,8 +3027,8 @@ static void vulkan_check_run_falls_back(oxl_context *device)
     struct vulkan *v = device->backend->vulkan;
     struct vulkan_renderer *d;
     struct train t = {
-        .ctx = device, .scene = vulkan_survey(device, 0), .options = &options, .decisions = {.ctx = device}};
-    oxl_scene *scene = t.scene;
+        .ctx = device, .survey = vulkan_survey(device, 0), .options = &options, .decisions = {.ctx = device}};
+    oxl_scene *scene = t.survey;
     CHECK_OK(train_begin(&t));
     for (int k = 0; k < t.views; k += 2) vulkan_two_steps(&t);
     d = t.renderer->device;
@@ -3108,8 +3111,8 @@ static void vulkan_check_lost_trial(oxl_context *device)
     oxl_train_options options = train_options(60);
     struct vulkan *v = device->backend->vulkan;
     struct train t = {
-        .ctx = device, .scene = vulkan_survey(device, 0), .options = &options, .decisions = {.ctx = device}};
-    oxl_scene *scene = t.scene;
+        .ctx = device, .survey = vulkan_survey(device, 0), .options = &options, .decisions = {.ctx = device}};
+    oxl_scene *scene = t.survey;
     CHECK_OK(train_begin(&t));
     vulkan_two_steps(&t);
     vulkan_part(&t, "sh_degree", &t.trial);
@@ -3212,7 +3215,7 @@ static int vulkan_first_step(oxl_context *device, int allocations, int falls_bac
     oxl_train_options options = train_options(60);
     oxl_scene *scene = train_scene(9);
     struct train t = {
-        .ctx = device, .scene = scene, .options = &options, .decisions = {.ctx = device}, .step = 1};
+        .ctx = device, .survey = scene, .options = &options, .decisions = {.ctx = device}, .step = 1};
     CHECK_OK(train_begin(&t));
     vulkan_play_full(device->backend->vulkan, allocations);
     CHECK_OK(step_on_next_view(&t));
@@ -3314,21 +3317,23 @@ static void vulkan_train_exposed(oxl_context *ctx, int how, oxl_model *out, doub
     int last = 0, stops = 0;
     const oxl_callback callback = {how == VULKAN_STOPPED ? vulkan_stops : NULL, &last};
     struct text log = {.ctx = ctx}, notes = {.ctx = ctx};
-    struct train_task place = {
-        .store = checkpoint_in(test_path("exposed"), "exposed"), .log = &log, .notes = &notes};
+    struct oxl_imaging imaging = {0};
+    struct train_task place = {.log = &log, .notes = &notes, .imaging = &imaging};
     oxl_scene *scene = vulkan_survey(ctx, 0.3);
     oxl_train_options options = train_options(80);
     oxl_result rc;
     options.exposure = OXL_ON;
     options.short_run_exponent = 0;
+    if (how == VULKAN_STOPPED) place.store = checkpoint_in(test_path("exposed"), "exposed");
     do {
-        rc = train_run(ctx, scene, &options, &callback, how == VULKAN_STOPPED ? &place : NULL, out);
+        rc = train_run(ctx, scene, &options, &callback, &place, out);
         if (rc == OXL_ERR_INTERRUPTED) oxl_model_free(ctx, out);
     } while (rc == OXL_ERR_INTERRUPTED && stops++ < 20);
     CHECK_OK(rc);
     CHECK(stops == (how == VULKAN_STOPPED ? 12 : 0));
-    CHECK(scene->imaging.on);
-    for (int i = 0; i < 18; i++) gain[i] = (double)scene->imaging.log_gain[i];
+    CHECK(imaging.on);
+    for (int i = 0; i < 18; i++) gain[i] = (double)imaging.log_gain[i];
+    imaging_free(ctx, &imaging);
     text_free(&log);
     text_free(&notes);
     oxl_scene_free(ctx, scene);
@@ -3485,8 +3490,8 @@ static void vulkan_begin_all(oxl_context *ctx, struct train *t, oxl_train_option
     o->dropout = 0.1f;
     o->antialias = 1;
     *t = (struct train){.ctx = ctx, .options = o, .decisions = {.ctx = ctx}, .step = 0};
-    CHECK_OK(oxl_scene_load(ctx, test_path("vulkan_all"), NULL, &t->scene));
-    CHECK(oxl_scene_view_count(t->scene) == VULKAN_ALL_VIEWS);
+    CHECK_OK(oxl_scene_load(ctx, test_path("vulkan_all"), NULL, &t->survey));
+    CHECK(oxl_scene_view_count(t->survey) == VULKAN_ALL_VIEWS);
     for (int i = 0; i < VULKAN_ALL_VIEWS; i++)
         window[i] = (struct image_window){.x = 8, .y = 4, .width = 64, .height = 48};
     t->task = (struct train_task){.window = window, .context = context};
@@ -3499,7 +3504,7 @@ static void vulkan_begin_all(oxl_context *ctx, struct train *t, oxl_train_option
 static void vulkan_end_all(struct train *t)
 {
     train_end(t);
-    oxl_scene_free(t->ctx, t->scene);
+    oxl_scene_free(t->ctx, t->survey);
 }
 
 static void vulkan_steps_of_all(struct train *t, int steps)

@@ -36,14 +36,14 @@ TEST(imaging_file_with_a_zero_byte_or_another_checksum_is_refused)
 {
     static const char zero[] = "gain 1 1 1 1.png\0AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA\n";
     oxl_scene *scene = working_scene();
-    struct imaging m = {0};
+    struct oxl_imaging m = {0};
     const char *path = test_path("imaging.txt");
     CHECK_OK(os_write_file(test_ctx, path, zero, sizeof zero - 1));
     CHECK(imaging_read(test_ctx, path, scene, &m) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "imaging.txt:1: found a byte of value 0");
     CHECK_OK(imaging_create(test_ctx, oxl_scene_view_count(scene), &m));
     m.known[1] = m.on = 1, m.log_gain[3] = 0.25f;
-    CHECK_OK(imaging_write(test_ctx, path, scene, &m));
+    CHECK_OK(oxl_imaging_write(test_ctx, path, scene, &m));
     imaging_free(test_ctx, &m);
     CHECK_OK(imaging_read(test_ctx, path, scene, &m));
     CHECK_CLOSE(m.log_gain[3], 0.25, 1e-6);

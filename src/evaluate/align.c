@@ -17,14 +17,14 @@ enum { ALIGN_STEPS = 40 };
 OXL_INTERNAL oxl_result align_view(oxl_context *ctx, const struct drawn *d, int view, const oxl_image *image,
                                    const oxl_render_options *options, oxl_model *gradient, oxl_camera *out)
 {
-    const oxl_camera *given = &oxl_scene_view(d->scene, view)->camera;
+    const oxl_camera given = scene_camera(d->scene, d->imaging, view);
     struct pose_rule rule = {.most = ALIGN_MOST, .depth = scene_depth_quantile(d->scene, 0.5)};
     struct renderer_loss loss;
     struct pose pose = {.visits = 0};
     float gain[3];
     oxl_result rc = OXL_OK;
     if (!(rule.depth > 0)) rule.depth = oxl_scene_extent(d->scene);
-    *out = *given;
+    *out = given;
     if (d->imaging->on) imaging_gain(d->imaging, view, gain);
     renderer_set_medium(d->r, &d->imaging->medium);
     renderer_set_lamp(d->r, imaging_lamp(d->imaging, d->scene, view));
@@ -35,8 +35,8 @@ OXL_INTERNAL oxl_result align_view(oxl_context *ctx, const struct drawn *d, int 
         rc = renderer_forward(ctx, d->r, d->model, out, options);
         if (rc == OXL_OK) rc = renderer_loss(ctx, d->r, image->rgb, image->weight, ALIGN_SSIM, &loss);
         if (rc == OXL_OK) rc = renderer_backward(ctx, d->r, NULL, gradient);
-        if (rc == OXL_OK) pose_step(&pose, given, renderer_pose_gradient(d->r), &rule);
-        pose_apply(given, pose.at, out);
+        if (rc == OXL_OK) pose_step(&pose, &given, renderer_pose_gradient(d->r), &rule);
+        pose_apply(&given, pose.at, out);
     }
     renderer_set_pose(d->r, 0);
     return rc;

@@ -14,7 +14,7 @@ static void evaluate_background(const oxl_model *model, const oxl_scene *scene, 
     scene_background(scene, model->has_background ? model->background : none, out);
 }
 
-OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, oxl_scene *scene)
+OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene)
 {
     float background[3];
     evaluate_background(model, scene, background);
@@ -41,9 +41,24 @@ static oxl_result evaluate_draw_medium(oxl_context *ctx, const struct drawn *d, 
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
                                       float *depth)
 {
-    oxl_result rc = evaluate_draw_medium(ctx, d, &oxl_scene_view(d->scene, view)->camera, out, depth);
+    const oxl_camera camera = scene_camera(d->scene, d->imaging, view);
+    oxl_result rc = evaluate_draw_medium(ctx, d, &camera, out, depth);
     if (rc == OXL_OK && d->imaging) rc = imaging_apply_lamp(ctx, d->scene, d->imaging, view, out);
     if (rc == OXL_OK && d->imaging) imaging_apply(d->imaging, view, out);
+    return rc;
+}
+
+oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, int view,
+                           const oxl_imaging *imaging, oxl_image *out, float *depth)
+{
+    struct renderer *r = NULL;
+    oxl_result rc;
+    *out = (oxl_image){0};
+    if (view < 0 || view >= scene->view_count)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "view %d of a scene that has %d", view, scene->view_count);
+    rc = renderer_create(ctx, &r);
+    if (rc == OXL_OK) rc = evaluate_draw(ctx, &(struct drawn){r, model, scene, imaging}, view, out, depth);
+    renderer_free(ctx, r);
     return rc;
 }
 
@@ -71,7 +86,8 @@ static oxl_result evaluate_add_bands(oxl_context *ctx, const oxl_scene *scene, i
 struct evaluate_pass {
     struct renderer *r;
     const oxl_model *model;
-    oxl_scene *scene;
+    const oxl_scene *scene;
+    const struct oxl_imaging *imaging; /* not NULL */
     struct evaluate_bands *bands; /* NULL: measures as evaluate_quick or, if `shown`, as evaluate_shown */
     int shown, most;              /* most: evaluates so many views, evenly spaced */
     oxl_model gradient;           /* gradient of the model, for aligned views */
@@ -86,8 +102,8 @@ static oxl_result evaluate_explained(oxl_context *ctx, const struct evaluate_pas
     oxl_result rc = oxl_image_create(ctx, image->width, image->height, &light);
     for (size_t i = 0; rc == OXL_OK && i < 3 * (size_t)image->width * (size_t)image->height; i++)
         light.rgb[i] = 1;
-    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, &p->scene->imaging, row->view, &light);
-    if (rc == OXL_OK) imaging_apply(&p->scene->imaging, row->view, &light);
+    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, p->imaging, row->view, &light);
+    if (rc == OXL_OK) imaging_apply(p->imaging, row->view, &light);
     if (rc == OXL_OK) row->explained = structure_explained(rendered, image, &light);
     oxl_image_free(ctx, &light);
     return rc;
@@ -98,9 +114,9 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
 {
     oxl_result rc = OXL_OK;
     if (p->bands || p->shown) rc = oxl_psnr(ctx, rendered, image, &row->plain_psnr);
-    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, &p->scene->imaging, row->view, rendered);
+    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, p->imaging, row->view, rendered);
     if (rc == OXL_OK && p->bands) row->half_psnr = metrics_half_psnr(rendered, image);
-    if (rc == OXL_OK) imaging_apply(&p->scene->imaging, row->view, rendered);
+    if (rc == OXL_OK) imaging_apply(p->imaging, row->view, rendered);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, rendered, image, &row->psnr);
     if (rc == OXL_OK && p->shown) return oxl_ssim(ctx, rendered, image, &row->ssim);
     if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, rendered, image, &row->cc_psnr);
@@ -134,17 +150,17 @@ static oxl_result evaluate_aligned(oxl_context *ctx, struct evaluate_pass *p, co
 
 static int evaluate_aligns(const struct evaluate_pass *p, int view)
 {
-    return p->scene->imaging.pose && p->bands && !renderer_has_device(p->r) &&
+    return p->imaging->pose && p->bands && !renderer_has_device(p->r) &&
            oxl_scene_view(p->scene, view)->is_test;
 }
 
 static oxl_result evaluate_view(oxl_context *ctx, struct evaluate_pass *p, const oxl_image *image,
                                 oxl_view_metrics *row)
 {
-    const struct drawn d = {p->r, p->model, p->scene, &p->scene->imaging};
+    const struct drawn d = {p->r, p->model, p->scene, p->imaging};
+    const oxl_camera camera = scene_camera(p->scene, p->imaging, row->view);
     oxl_image rendered = {0};
-    oxl_result rc =
-        evaluate_draw_medium(ctx, &d, &oxl_scene_view(p->scene, row->view)->camera, &rendered, NULL);
+    oxl_result rc = evaluate_draw_medium(ctx, &d, &camera, &rendered, NULL);
     if (rc == OXL_OK) rc = evaluate_compare(ctx, p, &rendered, image, row);
     if (rc == OXL_OK && evaluate_aligns(p, row->view)) rc = evaluate_aligned(ctx, p, &d, image, row);
     oxl_image_free(ctx, &rendered);
@@ -157,7 +173,7 @@ static oxl_result evaluate_add_view(oxl_context *ctx, struct evaluate_pass *p, i
 {
     oxl_image image = {0};
     oxl_view_metrics row = {.view = view, .ssim = NAN, .aligned_psnr = NAN, .aligned_ssim = NAN};
-    oxl_result rc = oxl_scene_image(ctx, p->scene, view, &image);
+    oxl_result rc = scene_copy_image(ctx, p->scene, view, &image);
     if (rc == OXL_OK) rc = evaluate_view(ctx, p, &image, &row);
     oxl_image_free(ctx, &image);
     if (rc == OXL_OK) out->views[out->count++] = row;
@@ -205,6 +221,7 @@ static void evaluate_sum_up(oxl_metrics *m, const struct evaluate_bands *bands)
 /* Evaluates the views of a split. */
 static oxl_result evaluate_views(oxl_context *ctx, struct evaluate_pass p, oxl_split split, oxl_metrics *out)
 {
+    static const struct oxl_imaging none;
     const size_t room = (size_t)oxl_scene_view_count(p.scene) + 1;
     oxl_result rc = OXL_OK;
     int *view = oxl_alloc(ctx, room, sizeof *view), count = 0, all = 0;
@@ -215,6 +232,7 @@ static oxl_result evaluate_views(oxl_context *ctx, struct evaluate_pass p, oxl_s
     if (rc == OXL_OK && p.bands) rc = depth_bands_begin(ctx, p.scene, view, count, &p.bands->of);
     if (rc == OXL_OK) rc = renderer_create(ctx, &p.r);
     evaluate_begin(ctx, p.model, p.scene);
+    if (!p.imaging) p.imaging = &none;
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         rc = context_stopped(ctx);
         scene_images_ahead(ctx, p.scene, view + i, count - i);
@@ -228,28 +246,31 @@ static oxl_result evaluate_views(oxl_context *ctx, struct evaluate_pass p, oxl_s
     return rc;
 }
 
-oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
-                        oxl_metrics *out)
+oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                        const oxl_imaging *imaging, oxl_split split, oxl_metrics *out)
 {
     struct evaluate_bands bands = {.sum = {{0}}};
-    const struct evaluate_pass p = {.model = model, .scene = scene, .bands = &bands, .most = INT_MAX};
+    const struct evaluate_pass p = {
+        .model = model, .scene = scene, .imaging = imaging, .bands = &bands, .most = INT_MAX};
     const oxl_result rc = evaluate_views(ctx, p, split, out);
     if (rc == OXL_OK) evaluate_sum_up(out, &bands);
     depth_bands_free(ctx, &bands.of);
     return rc;
 }
 
-OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
-                                       oxl_split split, int most, oxl_metrics *out)
+OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                                       const struct oxl_imaging *imaging, oxl_split split, int most,
+                                       oxl_metrics *out)
 {
-    const struct evaluate_pass p = {.model = model, .scene = scene, .most = most};
+    const struct evaluate_pass p = {.model = model, .scene = scene, .imaging = imaging, .most = most};
     return evaluate_views(ctx, p, split, out);
 }
 
-OXL_INTERNAL oxl_result evaluate_shown(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
-                                       oxl_split split, oxl_metrics *out)
+OXL_INTERNAL oxl_result evaluate_shown(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                                       const struct oxl_imaging *imaging, oxl_split split, oxl_metrics *out)
 {
-    const struct evaluate_pass p = {.model = model, .scene = scene, .most = INT_MAX, .shown = 1};
+    const struct evaluate_pass p = {
+        .model = model, .scene = scene, .imaging = imaging, .most = INT_MAX, .shown = 1};
     return evaluate_views(ctx, p, split, out);
 }
 

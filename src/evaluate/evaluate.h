@@ -45,21 +45,22 @@ struct drawn { /* Names what evaluate_draw renders. */
     struct renderer *r;
     const oxl_model *model;
     const oxl_scene *scene;
-    /* medium, lamp and gains with which the images were taken; NULL: none */
-    const struct imaging *imaging;
+    /* poses, medium, lamp and gains with which the images were taken; NULL: none */
+    const struct oxl_imaging *imaging;
 };
 /* Composites the scene's images over the model's background from now on; called before the
  * first image is compared. */
-OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, oxl_scene *scene);
+OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene);
 /* Renders a view; depth (H,W), or NULL. */
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
                                       float *depth);
 /* Evaluates plain_psnr, psnr and ssim of a model; other values are not set. */
-OXL_INTERNAL oxl_result evaluate_shown(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
-                                       oxl_split split, oxl_metrics *out);
+OXL_INTERNAL oxl_result evaluate_shown(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                                       const struct oxl_imaging *imaging, oxl_split split, oxl_metrics *out);
 /* Evaluates `most` views of a split at most, evenly spaced, without ssim (NaN), ms_ssim, plain_psnr,
  * half_psnr, alignment and depths, in a third of the time. */
-OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
-                                       oxl_split split, int most, oxl_metrics *out);
+OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                                       const struct oxl_imaging *imaging, oxl_split split, int most,
+                                       oxl_metrics *out);
 
 #endif

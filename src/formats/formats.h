@@ -69,12 +69,13 @@ OXL_INTERNAL oxl_result model_write_check_finite(oxl_context *ctx, const char *p
 /* ---------------- imaging_file.c: imaging.txt */
 
 /* Returns 1 if images differ from the scene's colours, so that the model needs an imaging.txt. */
-OXL_INTERNAL int imaging_is_needed(const struct imaging *m);
-OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
-                                      const struct imaging *m);
+OXL_INTERNAL int imaging_is_needed(const struct oxl_imaging *m);
+/* Reads like oxl_imaging_read; out->views 0: there is none. */
+OXL_INTERNAL oxl_result imaging_read_beside(oxl_context *ctx, const char *model_path, const oxl_scene *scene,
+                                            struct oxl_imaging *out);
 /* Reads imaging.txt, and ignores images that are not in the scene. */
 OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene,
-                                     struct imaging *out);
+                                     struct oxl_imaging *out);
 
 /* ---------------- image_write.c: images, and bytes as PNG deflates them */
 

@@ -38,7 +38,7 @@ static void imaging_write_medium(struct text *t, const struct medium *m)
     }
 }
 
-static void imaging_write_lamps(struct text *t, const oxl_scene *scene, const struct imaging *m)
+static void imaging_write_lamps(struct text *t, const oxl_scene *scene, const struct oxl_imaging *m)
 {
     if (m->lamps > 0)
         text_add(
@@ -50,7 +50,7 @@ static void imaging_write_lamps(struct text *t, const oxl_scene *scene, const st
                            m->lamp[i].view < 0 ? NULL : oxl_scene_view(scene, m->lamp[i].view)->name);
 }
 
-static void imaging_write_poses(struct text *t, const oxl_scene *scene, const struct imaging *m)
+static void imaging_write_poses(struct text *t, const oxl_scene *scene, const struct oxl_imaging *m)
 {
     if (m->pose)
         text_add(t,
@@ -128,7 +128,7 @@ static int imaging_read_medium(const char *at, const char *end, struct medium *m
 
 /* Returns 1 if the line states a lamp and is complete; skips the lamp of a view that
  * the scene does not have. */
-static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *scene, struct imaging *m)
+static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *scene, struct oxl_imaging *m)
 {
     struct lamp lamp = {.view = -1};
     int which = 0;
@@ -149,7 +149,7 @@ static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *s
 
 /* Returns 1 if the line states a pose and is complete; skips the pose of a view that
  * the scene does not have. */
-static int imaging_read_pose(const char *at, const char *end, const oxl_scene *scene, struct imaging *m)
+static int imaging_read_pose(const char *at, const char *end, const oxl_scene *scene, struct oxl_imaging *m)
 {
     double pose[POSE_TERMS];
     int view;
@@ -165,13 +165,12 @@ static int imaging_read_pose(const char *at, const char *end, const oxl_scene *s
     return 1;
 }
 
-OXL_INTERNAL int imaging_is_needed(const struct imaging *m)
+OXL_INTERNAL int imaging_is_needed(const struct oxl_imaging *m)
 {
     return m->on || m->pose || m->lamps > 0 || imaging_alters_colours(m);
 }
 
-OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
-                                      const struct imaging *m)
+oxl_result oxl_imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const oxl_imaging *m)
 {
     struct text t = {.ctx = ctx};
     oxl_result rc;
@@ -216,7 +215,7 @@ static oxl_result imaging_check_bytes(oxl_context *ctx, const char *path, const 
 
 /* Reads a line "gain R G B NAME" of the file. */
 static oxl_result imaging_read_gain(oxl_context *ctx, const char *path, int line, const char *at,
-                                    const char *end, const oxl_scene *scene, struct imaging *out)
+                                    const char *end, const oxl_scene *scene, struct oxl_imaging *out)
 {
     double gain[3];
     int view;
@@ -239,7 +238,7 @@ static oxl_result imaging_read_gain(oxl_context *ctx, const char *path, int line
 
 /* Reads the file; skips names that are not in the scene. */
 OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene,
-                                     struct imaging *out)
+                                     struct oxl_imaging *out)
 {
     struct os_file_map map = {0};
     oxl_result rc = imaging_create(ctx, oxl_scene_view_count(scene), out);
@@ -282,7 +281,7 @@ int oxl_has_gains_alone(oxl_context *ctx, const char *model_path)
 {
     const int folder = (int)(path_base_name(model_path) - model_path);
     const char *path = PATH("", "%.*simaging.txt", folder, model_path);
-    struct imaging has = {0};
+    struct oxl_imaging has = {0};
     struct os_file_map map = {0};
     if (!imaging_has_clear(model_path) || !os_is_file(path) || os_read_file(ctx, path, &map) != OXL_OK)
         return 0;
@@ -298,22 +297,34 @@ int oxl_has_gains_alone(oxl_context *ctx, const char *model_path)
     return imaging_is_gains_alone(&has);
 }
 
-oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path)
+OXL_INTERNAL oxl_result imaging_read_beside(oxl_context *ctx, const char *model_path, const oxl_scene *scene,
+                                            struct oxl_imaging *out)
 {
     const char *name = path_base_name(model_path);
     const char *path = PATH("", "%.*simaging.txt", (int)(name - model_path), model_path);
-    struct imaging read = {0};
     oxl_result rc = OXL_OK;
-    if (os_is_file(path)) {
-        rc = imaging_read(ctx, path, scene, &read);
-        imaging_free(ctx, &scene->imaging);
-        scene->imaging = read;
-        if (rc == OXL_OK) rc = scene_set_poses(ctx, scene);
-    }
-    if (strncmp(name, "scene.", 6) && strncmp(name, "scene_standard.", 15)) return rc;
-    /* Removes from the imaging model what scene.* and scene_standard.* have in their colours: the medium, and
-     * gains if train left scene_clear.ply, the model that goes with them. */
-    if (imaging_is_gains_alone(&scene->imaging) && imaging_has_clear(model_path)) scene->imaging.on = 0;
-    scene->imaging.medium = (struct medium){0};
+    *out = (struct oxl_imaging){0};
+    if (os_is_file(path)) rc = imaging_read(ctx, path, scene, out);
+    if (rc != OXL_OK || (strncmp(name, "scene.", 6) && strncmp(name, "scene_standard.", 15))) return rc;
+    imaging_hide(out, imaging_has_clear(model_path));
+    return OXL_OK;
+}
+
+oxl_result oxl_imaging_read(oxl_context *ctx, const char *model_path, const oxl_scene *scene,
+                            oxl_imaging **out)
+{
+    struct oxl_imaging read;
+    oxl_result rc = imaging_read_beside(ctx, model_path, scene, &read);
+    *out = NULL;
+    if (rc != OXL_OK || !read.views) return rc;
+    *out = oxl_alloc(ctx, 1, sizeof **out);
+    if (*out) **out = read;
+    else imaging_free(ctx, &read), rc = OXL_ERR_MEMORY;
     return rc;
+}
+
+void oxl_imaging_free(oxl_context *ctx, oxl_imaging *imaging)
+{
+    if (imaging) imaging_free(ctx, imaging);
+    oxl_free(ctx, imaging);
 }

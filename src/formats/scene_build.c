@@ -101,7 +101,7 @@ static oxl_result scene_copy_points(oxl_context *ctx, oxl_scene *scene)
 OXL_INTERNAL oxl_result scene_build(oxl_context *ctx, oxl_scene *scene, const oxl_scene_options *o)
 {
     oxl_result rc = scene_build_views(ctx, scene, o);
-    scene_set_cache(scene, o->image_cache_bytes);
+    if (rc == OXL_OK) scene_set_cache(scene, o->image_cache_bytes);
     if (rc == OXL_OK) rc = scene_move_to_origin(ctx, scene);
     if (rc == OXL_OK) rc = scene_copy_points(ctx, scene);
     if (rc != OXL_OK) return rc;

@@ -113,11 +113,11 @@ OXL_INTERNAL oxl_result scene_decide_alpha(oxl_context *ctx, oxl_scene *scene, o
     if (rc == OXL_OK && count > 0) rc = alpha_measure(ctx, scene, view, count, &sum);
     oxl_free(ctx, view);
     if (rc != OXL_OK || scene->transparent == 0) return rc;
-    scene->alpha.masks =
+    scene->alpha_masks =
         option == OXL_ALPHA_AUTO ? alpha_hides_scene(&sum, why, sizeof why) : option == OXL_ALPHA_MASK;
-    memset(scene->alpha.background, scene->alpha.masks ? 0 : 255, sizeof scene->alpha.background);
+    memset(scene->cache->background, scene->alpha_masks ? 0 : 255, sizeof scene->cache->background);
     if (sum.pixels[1] > 0)
         oxl_log(ctx, OXL_LOG_INFO, "transparent pixels of %d images are %s: %s (--alpha)", scene->transparent,
-                scene->alpha.masks ? "masked" : "composited over --background, by default white", why);
+                scene->alpha_masks ? "masked" : "composited over --background, by default white", why);
     return OXL_OK;
 }

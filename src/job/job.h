@@ -51,8 +51,8 @@ OXL_INTERNAL oxl_result out_check_files(oxl_context *ctx, const char *out);
 /* Finds the model to start from, and adds its checksum to job->found. */
 OXL_INTERNAL oxl_result start_find(struct job *job, const struct oxl_manifest *run);
 /* Sets the task's start; the scene gets the imaging of a continued run. */
-OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char *out,
-                                  const struct start *start, struct block_task *task);
+OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char *out, struct start *start,
+                                  struct block_task *task);
 /* Fails with OXL_ERR_USAGE for several blocks, which only start from the survey. */
 OXL_INTERNAL oxl_result start_check(oxl_context *ctx, const struct start *start, int blocks);
 
@@ -69,7 +69,8 @@ OXL_INTERNAL oxl_result render_names_check(oxl_context *ctx, const oxl_scene *sc
 struct render_source;
 struct render_files {
     const oxl_model *source;
-    oxl_scene *scene;
+    const oxl_scene *scene;
+    const oxl_imaging *imaging; /* NULL: none */
     const oxl_render_output *what;
     const char *folder;
     const int *view; /* (views) */
@@ -84,8 +85,9 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_fi
  * worst views beside their images into `folder` (NULL: none). After enough iterations also logs views that
  * fit far worse than their neighbours. measured: metrics of all training views; NULL: evaluates them, or
  * some if the run is short. */
-OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
-                                             int iterations, const oxl_metrics *measured, struct text *json,
+OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                                             const oxl_imaging *imaging, int iterations,
+                                             const oxl_metrics *measured, struct text *json,
                                              const char *folder);
 
 /* Holds fractions of the squared error of a render: of detail, that one shift explains; where the image is
@@ -110,13 +112,10 @@ OXL_INTERNAL void survey_predict_run(oxl_context *ctx, oxl_scene *scene, const o
 /* Adds a JSON object without a final newline; lines after the first begin with `indent`. */
 OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *survey, const char *indent);
 
-/* ---------------- survey_checksum.c, unseen.c */
+/* ---------------- survey_checksum.c */
 
 /* Computes a checksum of the survey's files; for scenes from files only. */
 OXL_INTERNAL oxl_result survey_checksum(oxl_context *ctx, const oxl_scene *scene, uint64_t *sum);
-/* Removes the Gaussians that change no pixel of any training view; renders each view once. */
-OXL_INTERNAL oxl_result unseen_drop(oxl_context *ctx, const oxl_scene *scene, oxl_model *model,
-                                    size_t *dropped);
 
 /* ---------------- job_result.c: everything that belongs to the result */
 

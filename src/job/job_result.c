@@ -10,26 +10,9 @@
 #include "../model/model.h"
 #include "../large/os_job.h"
 
-enum { JOB_STEPS_A_VIEW = 40 }; /* least training steps for each view that unseen_drop renders */
-#define JOB_EXPOSURE 0.5        /* Logs cc_psnr from this difference (dB) to PSNR on. */
+#define JOB_EXPOSURE 0.5 /* Logs cc_psnr from this difference (dB) to PSNR on. */
 
 /* ---------------- models */
-
-/* Removes Gaussians that no training view shows: nothing trained them, and they float before other cameras.
- * Only finished runs of one block with JOB_STEPS_A_VIEW steps for each view do so: in others rendering all
- * views, for each model, takes more than 2 % of the time for some 30 rows. */
-static oxl_result job_drop_unseen(struct job *job, oxl_model *model)
-{
-    size_t dropped = 0;
-    oxl_result rc;
-    if (job->partition.block_count != 1 || job->unfinished || !job->scene ||
-        schedule_training_views(job->scene) > job->options.train.iterations / JOB_STEPS_A_VIEW)
-        return OXL_OK;
-    rc = unseen_drop(job->ctx, job->scene, model, &dropped);
-    if (rc == OXL_OK && dropped)
-        oxl_log(job->ctx, OXL_LOG_INFO, "%zu Gaussians that no training view shows are left out", dropped);
-    return rc;
-}
 
 /* Returns the one block, or the merged model. */
 static int job_last_block(const struct job *job)
@@ -42,9 +25,9 @@ static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
 {
     const int one = job_last_block(job);
     oxl_result rc = job_read_model(job, one, standard, out);
+    imaging_free(job->ctx, &job->imaging);
     if (rc == OXL_OK && job->scene)
-        rc = oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, one), "model.ply"));
-    if (rc == OXL_OK) rc = job_drop_unseen(job, out);
+        rc = imaging_read_beside(job->ctx, PATH(JOB_BLOCK(job, one), "model.ply"), job->scene, &job->imaging);
     if (rc == OXL_OK && out->count == 0)
         rc = oxl_fail(job->ctx, OXL_ERR_FAILED,
                       "no Gaussian is left in %s\nfix: oceanxl check looks at cameras, points and images",
@@ -57,8 +40,8 @@ static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
 static int job_hides(const struct job *job)
 {
     if (!job->scene) return 0;
-    if (imaging_alters_colours(&job->scene->imaging)) return 1;
-    return imaging_is_gains_alone(&job->scene->imaging) && !job->unfinished &&
+    if (imaging_alters_colours(&job->imaging)) return 1;
+    return imaging_is_gains_alone(&job->imaging) && !job->unfinished &&
            os_is_file(PATH(JOB_BLOCK(job, job_last_block(job)), "model_standard.ply"));
 }
 
@@ -108,7 +91,7 @@ static oxl_result job_make_standard(struct job *job, oxl_model *out)
 {
     const int made = !job->unfinished && (job->result.lobes > 0 || job_hides(job));
     oxl_result rc = made ? job_final_model(job, 1, out) : model_copy(job->ctx, &job->result, out);
-    if (rc == OXL_OK && !made && job->scene) medium_make_standard(job->scene, 0, out);
+    if (rc == OXL_OK && !made && job->scene) medium_make_standard(job->scene, &job->imaging, 0, out);
     else model_drop_lobes(out);
     return rc;
 }
@@ -159,15 +142,13 @@ static oxl_split job_evaluated_split(const struct job *job)
 static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes,
                                    oxl_metrics *m)
 {
-    struct imaging *imaging = &job->scene->imaging, whole = *imaging;
+    struct oxl_imaging seen = job->imaging; /* borrows its arrays */
     const int hides = job_hides(job);
     oxl_metrics plain;
     oxl_result rc;
     if (job->result.lobes == 0 && !hides) return OXL_OK;
-    if (hides && imaging_is_gains_alone(imaging)) imaging->on = 0;
-    imaging->medium = (struct medium){0};
-    rc = evaluate_shown(job->ctx, standard, job->scene, job_evaluated_split(job), &plain);
-    *imaging = whole;
+    imaging_hide(&seen, hides);
+    rc = evaluate_shown(job->ctx, standard, job->scene, &seen, job_evaluated_split(job), &plain);
     if (rc != OXL_OK) return rc;
     oxl_log(job->ctx, OXL_LOG_INFO,
             "%s in any viewer: PSNR %.2f dB (%+.2f against this model), %.2f at mean exposure",
@@ -201,7 +182,8 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
 {
     oxl_metrics m = {0};
     struct text t = {.ctx = job->ctx};
-    oxl_result rc = oxl_evaluate(job->ctx, &job->result, job->scene, job_evaluated_split(job), &m);
+    oxl_result rc =
+        oxl_evaluate(job->ctx, &job->result, job->scene, &job->imaging, job_evaluated_split(job), &m);
     if (rc != OXL_OK) goto done;
     if (m.count == 0)
         oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be evaluated, so there are no metrics");
@@ -223,7 +205,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
     job_add_figures(job, &t, bytes[0]);
     rc = job_add_standard(job, &t, standard, bytes[1], &m);
     if (rc != OXL_OK) goto done;
-    rc = training_views_check(job->ctx, &job->result, job->scene, job->total.iterations,
+    rc = training_views_check(job->ctx, &job->result, job->scene, &job->imaging, job->total.iterations,
                               job_evaluated_split(job) == OXL_SPLIT_TRAIN ? &m : NULL, &t,
                               job->options.renders ? PATH(job->out, "training_views") : NULL);
     if (rc != OXL_OK) goto done;
@@ -308,15 +290,16 @@ static oxl_result job_render_views(struct job *job)
 {
     const oxl_render_output what = {.split = job_evaluated_split(job), .images = 1, .replace = 1};
     int rendered;
-    return oxl_render_views(job->ctx, &job->result, job->scene, &what, PATH(job->out, "renders"), &rendered);
+    return oxl_render_views(job->ctx, &job->result, job->scene, &job->imaging, &what,
+                            PATH(job->out, "renders"), &rendered);
 }
 
 /* Writes imaging.txt beside scene.ply, or removes it if the run has no imaging. */
 static oxl_result job_write_gains(struct job *job)
 {
     const char *path = PATH(job->out, "imaging.txt");
-    if (job->scene && imaging_is_needed(&job->scene->imaging))
-        return imaging_write(job->ctx, path, job->scene, &job->scene->imaging);
+    if (job->scene && imaging_is_needed(&job->imaging))
+        return oxl_imaging_write(job->ctx, path, job->scene, &job->imaging);
     os_remove(path);
     return OXL_OK;
 }

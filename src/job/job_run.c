@@ -252,10 +252,12 @@ static int job_single_progress(void *user, const oxl_progress *progress)
 static oxl_result job_train_single(struct job *job, const char *folder)
 {
     struct block_task task = {.folder = folder,
+                              .imaging = &job->imaging,
                               .key = job->key.data,
                               .viewed = cost_evaluated_views(job->scene, job->options.train.iterations),
                               .after = cost_evaluation(job->scene, &job->options),
-                              .standard = block_standard_steps(&job->options.train)};
+                              .viewer_steps = viewer_steps(&job->options.train),
+                              .trims = 1};
     oxl_job_options options;
     struct job_single single = {.job = job, .task = &task, .options = &options};
     const oxl_callback callback = {job_single_progress, &single};
@@ -337,6 +339,7 @@ static void job_end(struct job *job)
     partition_free(job->ctx, &job->partition);
     oxl_model_free(job->ctx, &job->result);
     oxl_model_free(job->ctx, &job->start.model);
+    imaging_free(job->ctx, &job->imaging);
     oxl_scene_free(job->ctx, job->scene);
     oxl_free(job->ctx, job->decoded);
     text_free(&job->line);

@@ -160,10 +160,10 @@ static oxl_result render_file_reserve_depth(oxl_context *ctx, struct render_file
 }
 
 /* Reads the view's image; skips an unreadable one, which the evaluation has reported. */
-static oxl_result render_file_copy_image(oxl_context *ctx, oxl_scene *scene, int view,
+static oxl_result render_file_copy_image(oxl_context *ctx, const oxl_scene *scene, int view,
                                          struct render_file *file)
 {
-    const oxl_result rc = oxl_scene_image(ctx, scene, view, &file->image);
+    const oxl_result rc = scene_copy_image(ctx, scene, view, &file->image);
     return rc == OXL_ERR_INPUT ? OXL_OK : rc;
 }
 
@@ -171,9 +171,9 @@ static oxl_result render_file_render(oxl_context *ctx, const struct render_files
                                      int view, struct render_file *out)
 {
     const oxl_render_output *what = f->what;
-    oxl_scene *scene = f->scene;
+    const oxl_scene *scene = f->scene;
     const oxl_view *of = oxl_scene_view(scene, view);
-    const struct imaging *imaging = what->clear ? NULL : &scene->imaging;
+    const struct oxl_imaging *imaging = what->clear ? NULL : f->imaging;
     oxl_result rc = OXL_OK;
     *out = (struct render_file){.name = of->name, .own = context_for_thread(ctx)};
     out->width = of->camera.width;
@@ -217,7 +217,7 @@ static oxl_result render_files_render(oxl_context *ctx, const struct render_file
     while (*rendered < OXL_MIN(count, OXL_MIN(ctx->threads, RENDER_FILES_AT_ONCE))) {
         const oxl_camera *camera = &oxl_scene_view(f->scene, view[*rendered])->camera;
         bytes += (size_t)RENDER_FILES_BYTES * (size_t)camera->width * (size_t)camera->height;
-        if (*rendered > 0 && bytes > f->scene->cache.limit / 4) break;
+        if (*rendered > 0 && bytes > f->scene->cache->limit / 4) break;
         rc = render_file_render(ctx, f, r, view[*rendered], &out[*rendered]);
         if (rc != OXL_OK) break;
         ++*rendered;
@@ -277,11 +277,12 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_fi
     return rc;
 }
 
-oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
-                            const oxl_render_output *what, const char *folder, int *count)
+oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                            const oxl_imaging *imaging, const oxl_render_output *what, const char *folder,
+                            int *count)
 {
     int *view = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
-    struct render_files f = {model, scene, what, folder, view, 0};
+    struct render_files f = {model, scene, imaging, what, folder, view, 0};
     oxl_result rc;
     *count = 0;
     if (!view) return OXL_ERR_MEMORY;

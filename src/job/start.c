@@ -1,7 +1,7 @@
 /* start.c - finds a start other than the survey's points: the model of --from, or the finished result in OUT.
  *
  * A larger --iterations on a finished OUT of one block continues it: blocks/000/model.ply and imaging.txt are
- * copied to blocks/start, and the missing steps are those of a refinement (block_refinement): the number of
+ * copied to blocks/start, and the missing steps are those of a refinement (train_refinement): the number of
  * Gaussians does not change, the rates are those before the cool-down, Adam's moments start at zero, and the
  * cool-down comes at the end. The checkpoint of the first run no longer exists, so the result differs from
  * that of one longer run. --from has the schedule of a whole run.
@@ -10,6 +10,7 @@
  * its bytes.
  */
 #include "job.h"
+#include "../formats/formats.h"
 
 #include "../formats/json.h"
 
@@ -101,8 +102,8 @@ OXL_INTERNAL oxl_result start_check(oxl_context *ctx, const struct start *start,
                     blocks);
 }
 
-OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char *out,
-                                  const struct start *start, struct block_task *task)
+OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char *out, struct start *start,
+                                  struct block_task *task)
 {
     if (start->model.count == 0) return OXL_OK;
     if (task->train.max_gaussians > 0 && start->model.count > (size_t)task->train.max_gaussians)
@@ -116,6 +117,6 @@ OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char
     }
     task->start = &start->model;
     task->train =
-        block_refinement(&task->train, start->model.sh_degree, task->train.iterations - start->after);
-    return oxl_scene_read_imaging(ctx, scene, PATH(out, "blocks/start/model.ply"));
+        train_refinement(&task->train, start->model.sh_degree, task->train.iterations - start->after);
+    return imaging_read_beside(ctx, PATH(out, "blocks/start/model.ply"), scene, task->imaging);
 }

@@ -70,7 +70,8 @@ struct training_row {
 
 struct training_views {
     oxl_context *ctx;
-    oxl_scene *scene;
+    const oxl_scene *scene;
+    const oxl_imaging *imaging;
     const oxl_metrics *m;
     int all;                  /* training views, of which m->count are judged */
     struct training_row *row; /* (m->count) the worst first, once sorted */
@@ -127,12 +128,11 @@ static oxl_result training_misfit(struct training_views *t, const oxl_model *mod
     oxl_image image = {0}, rendered = {0};
     struct renderer *r = NULL;
     const int view = t->m->views[at].view;
-    oxl_result rc = oxl_scene_image(t->ctx, t->scene, view, &image);
+    oxl_result rc = scene_copy_image(t->ctx, t->scene, view, &image);
     *out = (struct misfit){0};
     if (rc == OXL_OK) rc = renderer_create(t->ctx, &r);
     if (rc == OXL_OK)
-        rc = evaluate_draw(t->ctx, &(struct drawn){r, model, t->scene, &t->scene->imaging}, view, &rendered,
-                           NULL);
+        rc = evaluate_draw(t->ctx, &(struct drawn){r, model, t->scene, t->imaging}, view, &rendered, NULL);
     if (rc == OXL_OK) rc = misfit_measure(t->ctx, &rendered, &image, out);
     renderer_free(t->ctx, r);
     oxl_image_free(t->ctx, &image);
@@ -323,18 +323,20 @@ static int training_add_fog(const struct training_views *t, int count, int *show
     return count;
 }
 
-OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
-                                             int iterations, const oxl_metrics *measured, struct text *json,
+OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                                             const oxl_imaging *imaging, int iterations,
+                                             const oxl_metrics *measured, struct text *json,
                                              const char *folder)
 {
     const oxl_render_output what = {.split = OXL_SPLIT_ALL, .images = 1, .replace = 1};
     oxl_metrics m = {0};
-    struct training_views t = {.ctx = ctx, .scene = scene, .m = &m, .all = schedule_training_views(scene)};
+    struct training_views t = {
+        .ctx = ctx, .scene = scene, .imaging = imaging, .m = &m, .all = schedule_training_views(scene)};
     const int judged = measured ? t.all : cost_judged_views(scene, iterations),
               evident = iterations >= TRAINING_STEPS * t.all;
     int shown[2 * TRAINING_SHOWN], count = 0, worst = TRAINING_SHOWN;
     oxl_result rc = OXL_OK;
-    if (!measured) rc = evaluate_quick(ctx, model, scene, OXL_SPLIT_TRAIN, judged, &m);
+    if (!measured) rc = evaluate_quick(ctx, model, scene, imaging, OXL_SPLIT_TRAIN, judged, &m);
     if (rc != OXL_OK) return rc;
     if (measured) m = *measured;
     if (judged < t.all)
@@ -362,7 +364,8 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     for (; count < worst; count++) shown[count] = m.views[t.row[count].at].view;
     count = training_add_fog(&t, count, shown);
     if (folder)
-        rc = render_files_of(ctx, &(struct render_files){model, scene, &what, folder, shown, count}, &count);
+        rc = render_files_of(ctx, &(struct render_files){model, scene, imaging, &what, folder, shown, count},
+                             &count);
 done:
     OXL_FREE(ctx, t.row, t.work, t.view);
     if (!measured) oxl_metrics_free(ctx, &m);

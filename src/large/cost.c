@@ -200,7 +200,7 @@ OXL_INTERNAL double cost_seconds(const oxl_scene *scene, const oxl_job_options *
                  cap = (double)schedule_gaussian_cap(scene, &o->train),
                  seconds = look->steps ? forecast_seconds(scene, &o->train, look, cap,
                                                           cost_evaluated_views(scene, o->train.iterations),
-                                                          block_hiding_steps(block_standard_steps(&o->train)))
+                                                          viewer_hiding_steps(viewer_steps(&o->train)))
                                        : cost->seconds;
     return cost_range(o, seconds * all, look->steps, range);
 }

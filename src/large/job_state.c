@@ -150,7 +150,7 @@ OXL_INTERNAL oxl_result job_read_record(struct job *job, const char *folder, str
     oxl_result rc = block_read(job->ctx, folder, job->key.data, out);
     if (rc == OXL_OK && out->exists && checkpoint_step(job->ctx, folder, job->key.data) <= out->iterations)
         rc = block_check(job->ctx, folder, out, &whole);
-    if (rc == OXL_OK && out->trained &&
+    if (rc == OXL_OK && out->finished &&
         out->nonfinite.images > 0) /* Repeats the warning of an earlier process. */
         oxl_log(job->ctx, OXL_LOG_WARNING,
                 "%s was trained without %zu images that could not be read\n"
@@ -228,7 +228,7 @@ OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard,
     return oxl_model_read(job->ctx, job_model_file(path, job, block, standard), out);
 }
 
-OXL_INTERNAL void job_add_imaging(struct imaging *all, int *count, const struct imaging *block)
+OXL_INTERNAL void job_add_imaging(struct oxl_imaging *all, int *count, const struct oxl_imaging *block)
 {
     for (int i = 0; i < all->views; i++) {
         if (!block->known[i]) continue;
@@ -244,7 +244,7 @@ OXL_INTERNAL void job_add_imaging(struct imaging *all, int *count, const struct 
     if (block->lamps > 0) memcpy(all->lamp, block->lamp, sizeof all->lamp), all->lamps = block->lamps;
 }
 
-OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out)
+OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct oxl_imaging *out)
 {
     const int views = oxl_scene_view_count(job->scene);
     int *count = oxl_calloc(job->ctx, (size_t)views + 1, sizeof *count);
@@ -254,7 +254,7 @@ OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out)
     if (rc == OXL_OK && !count) rc = OXL_ERR_MEMORY;
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         const char *path = PATH(JOB_BLOCK(job, k), "imaging.txt");
-        struct imaging own = {0};
+        struct oxl_imaging own = {0};
         if (os_is_file(path)) rc = imaging_read(job->ctx, path, job->scene, &own);
         if (rc == OXL_OK && imaging_is_needed(&own)) job_add_imaging(out, count, &own);
         /* Takes the poses, the same in all blocks, from the first. */
@@ -272,8 +272,8 @@ OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out)
     oxl_result rc = oxl_model_create(job->ctx, 0, 0, out);
     memcpy(out->origin, job->origin, sizeof job->origin);
     if (rc == OXL_OK && !job->scene) rc = job_load(job);
-    if (rc == OXL_OK) imaging_free(job->ctx, &job->scene->imaging);
-    if (rc == OXL_OK) rc = job_join_imaging(job, &job->scene->imaging);
+    if (rc == OXL_OK) imaging_free(job->ctx, &job->imaging);
+    if (rc == OXL_OK) rc = job_join_imaging(job, &job->imaging);
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         oxl_model part;
         rc = job_read_model(job, k, standard, &part);

@@ -31,6 +31,7 @@ struct job {
     oxl_job_options options;
     const oxl_callback *callback; /* the caller's, or NULL */
     oxl_scene *scene;             /* the survey; NULL: not loaded */
+    struct oxl_imaging imaging;   /* of the last model that was read or trained */
     oxl_survey survey;
     struct partition partition;
     double origin[3];
@@ -82,9 +83,9 @@ OXL_INTERNAL void job_set_cache(const struct job *job, size_t most);
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out);
 /* Adds a block's gains to the mean over blocks, and copies its lamp and medium. count: (views) blocks
  * so far that have the view. */
-OXL_INTERNAL void job_add_imaging(struct imaging *all, int *count, const struct imaging *block);
+OXL_INTERNAL void job_add_imaging(struct oxl_imaging *all, int *count, const struct oxl_imaging *block);
 /* Joins the imaging of all blocks: log gains of mean 0, lamp, medium and poses. */
-OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out);
+OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct oxl_imaging *out);
 /* Reads a block's model, the coarse or the merged one; standard: model_standard.ply, if it exists. */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);
 /* Writes a file of OUT. */

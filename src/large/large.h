@@ -170,8 +170,7 @@ OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *n);
 
 enum { BLOCK_SUMS = 3 };
 struct block_record { /* Holds the members of block.json. */
-    /* trained 1: all steps are done; finished 1: model_standard.ply is done, too, if it is wanted */
-    int exists, trained, finished, iterations;
+    int exists, finished, iterations;
     int idle;                 /* 1: the block had nothing to train, and has no checkpoint */
     int damaged;              /* 1: block.json exists and was changed after it was written; `exists` is 0 */
     uint64_t sum[BLOCK_SUMS]; /* checksums of model.ply, imaging.txt, model_standard.ply; 0: no file */
@@ -183,31 +182,19 @@ struct block_task {
     const char *folder, *key; /* key: all that the result depends on */
     oxl_train_options train;
     const oxl_callback *callback;
-    const oxl_model *start;   /* a trained model to refine; NULL: none */
-    const oxl_model *from;    /* a model to start from; NULL: the scene's points */
-    const oxl_model *context; /* `context` to `until` as in struct train_task */
+    struct oxl_imaging *imaging; /* in: that of `start`; out: that of the result */
+    oxl_model *start;            /* a trained model to refine, which is moved into the run; NULL: none */
+    const oxl_model *from;       /* a model to start from; NULL: the scene's points */
+    const oxl_model *context;    /* `context` to `until` as in struct train_task */
     const struct image_window *window;
     int first, until;
-    int viewed;   /* views to render after the run, for the time left */
-    double after; /* s that this takes beside */
-    /* steps of model_standard.ply, which has no second lobes; 0: it is not made */
-    int standard;
+    int viewed;       /* views to render after the run, for the time left */
+    double after;     /* s that this takes beside */
+    int viewer_steps; /* as in struct train_extra */
+    int trims;        /* as in struct train_extra */
     double predicted_seconds, predicted_peak;
     struct look *grown; /* as in struct train_task */
 };
-/* Returns the options of `steps` further steps from a finished model, in which the
- * number of Gaussians stays. */
-OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, int sh_degree, int steps);
-/* Returns the steps of model_standard.ply after such a run, before its factors for medium and gains. */
-OXL_INTERNAL int block_standard_steps(const oxl_train_options *run);
-/* Returns the steps of it where images have a medium or gains that it leaves out. */
-OXL_INTERNAL int block_hiding_steps(int standard);
-/* Returns 1 if images have a medium, or gains alone, which model_standard.ply leaves out. */
-OXL_INTERNAL int block_hides(const oxl_scene *scene);
-/* Takes from the scene what model_standard.ply leaves out, and returns the options of its refinement.
- * standard: block_standard_steps of the whole run. */
-OXL_INTERNAL oxl_train_options block_standard_options(const oxl_train_options *run, int sh_degree,
-                                                      int standard, oxl_scene *scene);
 /* Reads block.json; exists 0: there is none, or it has another key. */
 OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const char *key,
                                    struct block_record *out);
@@ -219,8 +206,9 @@ OXL_INTERNAL oxl_result block_check(oxl_context *ctx, const char *folder, const 
 OXL_INTERNAL oxl_result block_read_member(oxl_context *ctx, const char *folder, const char *name,
                                           struct text *out);
 /* Writes imaging.txt and block.json of a folder that holds model.ply already. */
-OXL_INTERNAL oxl_result block_write_finished(oxl_context *ctx, oxl_scene *scene, const char *folder,
-                                             const char *key, const struct block_record *record);
+OXL_INTERNAL oxl_result block_write_finished(oxl_context *ctx, const oxl_scene *scene,
+                                             struct oxl_imaging *imaging, const char *folder, const char *key,
+                                             const struct block_record *record);
 /* Trains the block, from its checkpoint if there is one. OXL_ERR_INTERRUPTED if the callback stopped it:
  * model.ply has the steps done. */
 OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task);

@@ -135,7 +135,7 @@ OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_
 {
     oxl_train_options o = *options;
     oxl_context quiet = *ctx;
-    struct train t = {.ctx = &quiet, .scene = scene, .options = &o, .started = os_seconds(), .is_look = 1};
+    struct train t = {.ctx = &quiet, .survey = scene, .options = &o, .started = os_seconds(), .is_look = 1};
     const int fell_back = ctx->backend ? ctx->backend->fell_back : 0;
     const double cap = (double)schedule_gaussian_cap(scene, options);
     oxl_result rc = OXL_OK;
@@ -161,7 +161,7 @@ OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_
                 &t, &o,
                 reaches ? OXL_CLAMP(o.iterations / LOOK_FRACTION, LOOK_TIMED, LOOK_ALONE) : LOOK_TIMED, out);
     }
-    if (rc == OXL_OK) out->hides = forecast_hides(&t);
+    if (rc == OXL_OK) out->hides = train_imaging_hides(&t);
     train_end(&t);
     ctx->backend = quiet.backend;
     look_tell_fallback(ctx, &quiet, fell_back);

@@ -36,7 +36,7 @@ struct rounds {
  * a run on, and the coarse model ends before. */
 static void rounds_warn_of_medium(const struct job *job)
 {
-    if (job->options.train.medium != OXL_ON || job->scene->imaging.medium.on) return;
+    if (job->options.train.medium != OXL_ON || job->imaging.medium.on) return;
     oxl_log(
         job->ctx, OXL_LOG_WARNING,
         "--medium on: the tracks do not show a medium, and several blocks do not train it: it stays off\nfix: --partition none");
@@ -46,6 +46,7 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
 {
     const oxl_callback callback = {job_progress, job};
     struct block_task task = {.folder = folder,
+                              .imaging = &job->imaging,
                               .key = job->key.data,
                               .callback = &callback,
                               .train = job->options.train,
@@ -200,8 +201,9 @@ static oxl_train_options rounds_options(const struct job *job, const struct bloc
 /* Reads the coarse model's gains, with which the block begins, and its lamp and medium, which it keeps. */
 static oxl_result rounds_read_imaging(struct job *job)
 {
-    imaging_free(job->ctx, &job->scene->imaging);
-    return oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, JOB_COARSE_MODEL), "model.ply"));
+    imaging_free(job->ctx, &job->imaging);
+    return imaging_read_beside(job->ctx, PATH(JOB_BLOCK(job, JOB_COARSE_MODEL), "model.ply"), job->scene,
+                               &job->imaging);
 }
 
 /* Limits the block's Gaussians so that they fit --ram, less the bytes of the context, and --device-ram. Where
@@ -254,7 +256,8 @@ static oxl_result rounds_write_block(struct job *job, int block, const struct bl
     const struct block_record record = {.iterations = task->until, .gaussians = own->count, .idle = 1};
     const char *path = PATH(JOB_BLOCK(job, block), "model.ply");
     oxl_result rc = model_file_write_ply(job->ctx, path, own, own->sh_degree);
-    if (rc == OXL_OK) rc = block_write_finished(job->ctx, job->scene, task->folder, task->key, &record);
+    if (rc == OXL_OK)
+        rc = block_write_finished(job->ctx, job->scene, &job->imaging, task->folder, task->key, &record);
     return rc;
 }
 
@@ -265,6 +268,7 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
     const oxl_callback callback = {job_progress, job};
     oxl_model own = {0}, others = {0}, context = {0};
     struct block_task task = {.folder = folder,
+                              .imaging = &job->imaging,
                               .key = job->key.data,
                               .callback = &callback,
                               .train = rounds_options(job, plan),
@@ -500,7 +504,7 @@ static oxl_train_options rounds_merged_options(const struct job *job, int sh_deg
     const struct cost_load load = cost_load_of_scene(job->scene);
     const int step = (int)ceil(ROUNDS_GROWTH * job->stage_until);
     oxl_job_options o = job->options;
-    o.train = block_refinement(&job->options.train, sh_degree, job->stage_until);
+    o.train = train_refinement(&job->options.train, sh_degree, job->stage_until);
     if (block_plan_merged_fraction(job) == JOB_MERGED && job->options.train.densify_until > 0 &&
         budget_limit_gaussians(job->ctx, &load, &o)) {
         /* Sets the image cache, which the Gaussians have to fit beside. */
@@ -511,17 +515,18 @@ static oxl_train_options rounds_merged_options(const struct job *job, int sh_deg
     return o.train;
 }
 
-static oxl_result rounds_refine_merged(struct job *job, const char *folder, const oxl_model *merged)
+static oxl_result rounds_refine_merged(struct job *job, const char *folder, oxl_model *merged)
 {
     const oxl_callback callback = {job_progress, job};
     struct block_task task = {.folder = folder,
+                              .imaging = &job->imaging,
                               .key = job->key.data,
                               .callback = &callback,
                               .start = merged,
                               .train = rounds_merged_options(job, merged->sh_degree),
-                              .standard = block_standard_steps(&job->options.train),
+                              .viewer_steps = viewer_steps(&job->options.train),
                               .predicted_seconds = job->stage * job->survey.seconds};
-    if (block_hides(job->scene)) job->stage_viewers = block_hiding_steps(task.standard);
+    if (viewer_hides(&job->imaging)) job->stage_viewers = viewer_hiding_steps(task.viewer_steps);
     job_limit_time(job, &task.train);
     oxl_log(job->ctx, OXL_LOG_INFO, "merged model: %d steps", job->stage_until);
     return block_train(job->ctx, job->scene, &task);

@@ -60,7 +60,7 @@ static oxl_result exposure_begin(struct train *t, void *state)
     struct exposure *e = state;
     const int views = oxl_scene_view_count(t->scene);
     oxl_result rc = OXL_OK;
-    e->mode = !t->continues ? t->options->exposure : t->scene->imaging.on ? OXL_ON : OXL_OFF;
+    e->mode = !t->continues ? t->options->exposure : t->imaging->on ? OXL_ON : OXL_OFF;
     if (t->task.frozen) e->known_until = 2;
     if (e->mode == OXL_OFF) return OXL_OK;
     rc = imaging_create(t->ctx, views, &e->of);
@@ -71,7 +71,7 @@ static oxl_result exposure_begin(struct train *t, void *state)
     if (rc == OXL_OK && (!e->mean || !e->square || !e->visits)) rc = OXL_ERR_MEMORY;
     if (rc != OXL_OK) return rc;
     e->of.on = e->mode == OXL_ON;
-    if (t->continues) imaging_copy(&t->scene->imaging, &e->of);
+    if (t->continues) imaging_copy(t->imaging, &e->of);
     for (int c = 0; c < 3; c++) e->level[c] = imaging_mean(&e->of, c);
     return OXL_OK;
 }
@@ -116,7 +116,7 @@ static void exposure_apply_pending(struct exposure *e, int last)
 }
 
 /* Computes the rms of what a view's neighbours leave of the gains that are fitted, in log units. */
-static double exposure_left(const struct imaging *m, const uint8_t *fitted)
+static double exposure_left(const struct oxl_imaging *m, const uint8_t *fitted)
 {
     double square = 0;
     int known = 0;
@@ -224,7 +224,7 @@ static oxl_result exposure_train_half(struct train *t, struct exposure *e, struc
 {
     const oxl_nonfinite unread = t->nonfinite;
     oxl_result rc = branch_load(t, start);
-    const struct imaging m = step_imaging(t);
+    const struct oxl_imaging m = step_imaging(t);
     if (rc != OXL_OK) return rc;
     medium_bake(t->scene, &m, 1, &t->trained.model);
     e->of.on = on;
@@ -300,8 +300,8 @@ static void exposure_store(struct train *t, void *state, oxl_model *model)
 {
     struct exposure *e = state;
     (void)model;
-    t->scene->imaging = e->of;
-    e->of = (struct imaging){0};
+    *t->imaging = e->of;
+    e->of = (struct oxl_imaging){0};
 }
 
 /* clang-format off */

@@ -11,10 +11,10 @@ struct exposure_gradient {
 
 struct exposure {
     oxl_switch mode;
-    double known_until;   /* fraction of the run up to which known gains stay */
-    struct imaging of;    /* the gains; on: they are applied */
-    float *mean, *square; /* (views,3) Adam's moments */
-    int *visits;          /* (views) steps of a view's gains */
+    double known_until;    /* fraction of the run up to which known gains stay */
+    struct oxl_imaging of; /* the gains; on: they are applied */
+    float *mean, *square;  /* (views,3) Adam's moments */
+    int *visits;           /* (views) steps of a view's gains */
     /* mean that the log gains are given after each step: 0, or the mean of the continued run */
     double level[3];
     struct exposure_gradient pending; /* gradient of the last step, not yet applied */

@@ -66,7 +66,7 @@ struct gaps_pair { /* rays of one camera as pixels of another: A ray + w b, up t
 
 struct gaps {
     oxl_context *ctx;
-    oxl_scene *scene;
+    const oxl_scene *scene;
     int *view_of;    /* (images) training views, by the image they come from */
     size_t *first;   /* (views + 1) where a view's points begin in `point` */
     uint32_t *point; /* points that each view observes */
@@ -541,7 +541,7 @@ static void gaps_thin(struct gaps *g, size_t most)
     g->count = most;
 }
 
-OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, oxl_scene *scene, size_t most, int every,
+OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, const oxl_scene *scene, size_t most, int every,
                                     oxl_point **out, size_t *count)
 {
     const struct colmap *c = scene_colmap(scene);
@@ -570,7 +570,7 @@ OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, oxl_scene *scene, size_t m
 /* Keeps a copy for the run behind a look. */
 static oxl_result gaps_keep(struct train *t, size_t most, const oxl_point *point, size_t count)
 {
-    oxl_scene *scene = t->scene;
+    oxl_scene *scene = t->survey;
     oxl_free(t->ctx, scene->found);
     scene->found = oxl_alloc(t->ctx, count + 1, sizeof *point);
     if (!scene->found) return OXL_ERR_MEMORY;
@@ -586,9 +586,9 @@ static oxl_result gaps_first_points(struct train *t, oxl_point **out, size_t *co
                  most = t->options->gaps ? room : 0;
     const int every = t->is_look ? 1 + (schedule_training_views(t->scene) - 1) / GAPS_LOOK : 1;
     oxl_result rc = OXL_OK;
-    if (!t->is_look && t->scene->found && t->scene->found_most == most) {
-        *out = t->scene->found, *count = t->scene->found_count;
-        t->scene->found = NULL;
+    if (!t->is_look && t->survey->found && t->survey->found_most == most) {
+        *out = t->survey->found, *count = t->survey->found_count;
+        t->survey->found = NULL;
     } else rc = gaps_points(t->ctx, t->scene, most, every, out, count);
     if (rc == OXL_OK && t->is_look && every == 1) rc = gaps_keep(t, most, *out, *count);
     if (rc == OXL_OK && *count > 0)

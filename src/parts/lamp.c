@@ -26,7 +26,7 @@
 static oxl_result lamp_begin(struct train *t, void *state)
 {
     struct lamp_fit *l = state;
-    const struct imaging *continued = t->continues ? &t->scene->imaging : NULL;
+    const struct oxl_imaging *continued = t->continues ? t->imaging : NULL;
     if (t->options->lamp == OXL_OFF) return OXL_OK;
     l->frozen = t->task.frozen || t->task.context; /* a block sees a part of each image */
     l->groups = 1, l->group[0].view = -1;
@@ -107,7 +107,7 @@ static void lamp_use_tracks(struct train *t, void *state, const struct photometr
     selection_record_auto(t, "lamp", t->options->lamp, l->on, why);
 }
 
-static void lamp_form_image(const void *state, struct imaging *m)
+static void lamp_form_image(const void *state, struct oxl_imaging *m)
 {
     const struct lamp_fit *l = state;
     m->lamps = l->on ? l->groups : 0;

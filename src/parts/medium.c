@@ -80,7 +80,7 @@ static oxl_result medium_begin(struct train *t, void *state)
     struct medium *m = state;
     const double range = scene_depth_quantile(t->scene, 0.5);
     if (t->options->medium == OXL_OFF) return OXL_OK;
-    if (t->continues && t->scene->imaging.medium.on) *m = t->scene->imaging.medium;
+    if (t->continues && t->imaging->medium.on) *m = t->imaging->medium;
     m->training_range = range > 0 ? (float)range : 1;
     medium_scale_colours(m, 0, &t->trained.model);
     return OXL_OK;
@@ -109,7 +109,7 @@ static void medium_use_tracks(struct train *t, void *state, const struct photome
             p->drift);
 }
 
-static void medium_form_image(const void *state, struct imaging *m)
+static void medium_form_image(const void *state, struct oxl_imaging *m)
 {
     const struct medium *medium = state;
     if (medium->on) m->medium = *medium;
@@ -123,7 +123,7 @@ static void medium_store(struct train *t, void *state, oxl_model *model)
 
 static void medium_describe(struct train *t, void *state)
 {
-    const struct medium *m = &t->scene->imaging.medium;
+    const struct medium *m = &t->imaging->medium;
     (void)state;
     if (m->on)
         oxl_log(

@@ -49,24 +49,22 @@ static oxl_result poses_allocate(oxl_context *ctx, struct poses *p, const oxl_sc
 static oxl_result poses_before_points(struct train *t, void *state)
 {
     struct poses *p = state;
-    struct imaging *m = &t->scene->imaging;
-    double(*kept)[POSE_TERMS] = t->continues ? m->pose : NULL;
+    double(*kept)[POSE_TERMS] = t->continues ? t->imaging->pose : NULL;
     oxl_result rc = OXL_OK;
     /* of a block, views are seen in part */
     p->asked = t->options->poses != OXL_OFF && !t->continues && !t->task.window && !t->task.context;
     if (p->asked || kept) rc = poses_allocate(t->ctx, p, t->scene);
     if (rc != OXL_OK) return rc;
-    if (kept) memcpy(p->pose, kept, (size_t)oxl_scene_view_count(t->scene) * sizeof *kept);
-    if (kept) return OXL_OK;
-    oxl_free(t->ctx, m->pose);
-    m->pose = p->pose; /* zeros: allocates what poses_store needs, which cannot fail */
-    rc = scene_set_poses(t->ctx, t->scene);
-    if (rc == OXL_OK && p->asked) rc = scene_resect(t->ctx, t->scene, p->pose, &p->resected);
-    if (p->resected) {
-        scene_set_poses(t->ctx, t->scene);
-        scene_forget_look(t->ctx, t->scene); /* from the given poses */
+    if (kept) {
+        memcpy(p->pose, kept, (size_t)oxl_scene_view_count(t->scene) * sizeof *kept);
+        scene_move_views(t->survey, kept, t->posed);
+        return OXL_OK;
     }
-    m->pose = NULL;
+    if (p->asked) rc = scene_resect(t->ctx, t->scene, p->pose, &p->resected);
+    if (p->resected) {
+        scene_move_views(t->survey, p->pose, t->posed);
+        scene_forget_look(t->ctx, t->survey); /* from the given poses */
+    }
     return rc;
 }
 
@@ -86,7 +84,6 @@ static oxl_result poses_begin(struct train *t, void *state)
 static void poses_free(struct train *t, void *state)
 {
     struct poses *p = state;
-    if (p->resected && p->pose) scene_set_poses(t->ctx, t->scene); /* of a run that has failed */
     OXL_FREE(t->ctx, p->view, p->pose);
     *p = (struct poses){0};
 }
@@ -209,8 +206,7 @@ static void poses_store(struct train *t, void *state, oxl_model *model)
     struct poses *p = state;
     (void)model;
     for (int v = 0; p->on && v < oxl_scene_view_count(t->scene); v++) pose_add(p->pose[v], p->view[v].at);
-    if (!p->asked || p->on || p->resected) t->scene->imaging.pose = p->pose, p->pose = NULL;
-    scene_set_poses(t->ctx, t->scene);
+    if (!p->asked || p->on || p->resected) t->imaging->pose = p->pose, p->pose = NULL;
 }
 
 /* clang-format off */

@@ -144,7 +144,7 @@ OXL_INTERNAL void prune_archive(struct archive *a, struct train *t, void *state)
 /* ---------------- scores */
 
 /* Gives weight 0 to masked pixels, 1 to the others. */
-static oxl_result prune_mask_view(oxl_context *ctx, oxl_scene *scene, int view, struct prune_pass *pass)
+static oxl_result prune_mask_view(oxl_context *ctx, const oxl_scene *scene, int view, struct prune_pass *pass)
 {
     const oxl_camera *camera = &oxl_scene_view(scene, view)->camera;
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;

@@ -32,7 +32,7 @@ OXL_INTERNAL int prune_is_check_step(const struct prune *p, int step);
 OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double validation_loss);
 struct prune_of { /* what is pruned, and where it is seen */
     struct renderer *r;
-    oxl_scene *scene;
+    const oxl_scene *scene;
     const oxl_render_options *options;
     const oxl_model *model;
 };

@@ -68,7 +68,7 @@ static size_t ssim_contrast_of_image(const struct training_image *image, double 
 }
 
 /* Takes training views evenly spaced; leaves out images that cannot be read. */
-OXL_INTERNAL oxl_result ssim_contrast_measure(oxl_context *ctx, oxl_scene *scene, double *contrast,
+OXL_INTERNAL oxl_result ssim_contrast_measure(oxl_context *ctx, const oxl_scene *scene, double *contrast,
                                               int *views)
 {
     const int train = schedule_training_views(scene), step = train / SSIM_CONTRAST_VIEWS + 1;

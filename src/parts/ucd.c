@@ -53,7 +53,8 @@ static void ucd_decide(struct ucd *u, const oxl_scene *scene)
             UCD_FADE_MIN);
 }
 
-OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options)
+OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, const oxl_scene *scene,
+                                  const oxl_ucd *options)
 {
     const double z_max = scene_depth_quantile(scene, UCD_DEPTH_MAX);
     oxl_result rc = OXL_OK;

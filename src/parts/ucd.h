@@ -31,7 +31,8 @@ struct ucd {
     char reason[256];
 };
 /* Sets whether it is on, and the limits of the bands. Logs nothing; ucd_describe gives the text. */
-OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options);
+OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, const oxl_scene *scene,
+                                  const oxl_ucd *options);
 OXL_INTERNAL void ucd_describe(const struct ucd *u, char *out, size_t size);
 OXL_INTERNAL void ucd_observe(struct ucd *u, double loss); /* call after each step */
 /* Returns f_mid and f_far of this densification. */

@@ -12,7 +12,7 @@
  * `imaging` has lamps, by these, or gains alone, by them, as the views see the centre; the mean of both terms
  * over these views, by the centre's size in the image, 1 / r^2; over all views, without the lamp's
  * polynomial, where none sees it. */
-OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards,
+OXL_INTERNAL void medium_bake(const oxl_scene *scene, const struct oxl_imaging *imaging, int backwards,
                               oxl_model *model)
 {
     enum { VIEWS = 64 };
@@ -78,10 +78,11 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
     }
 }
 
-OXL_INTERNAL void medium_make_standard(oxl_scene *scene, int with_gains, oxl_model *model)
+OXL_INTERNAL void medium_make_standard(const oxl_scene *scene, const struct oxl_imaging *imaging,
+                                       int with_gains, oxl_model *model)
 {
-    const struct imaging medium = {.medium = scene->imaging.medium};
+    const struct oxl_imaging medium = {.medium = imaging->medium};
     model_drop_lobes(model);
-    if (with_gains) medium_bake(scene, &scene->imaging, 0, model);
+    if (with_gains) medium_bake(scene, imaging, 0, model);
     else if (imaging_alters_colours(&medium)) medium_bake(scene, &medium, 0, model);
 }

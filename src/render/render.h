@@ -223,10 +223,11 @@ OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
 OXL_INTERNAL void renderer_complete_loss(const struct renderer *r, struct renderer_loss *loss);
 /* Bakes medium and lamp into the colours, as the views see them, for viewers that ignore imaging.txt;
  * backwards: recovers the colours behind medium and lamp, if there is either. */
-OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards,
+OXL_INTERNAL void medium_bake(const oxl_scene *scene, const struct oxl_imaging *imaging, int backwards,
                               oxl_model *model);
-/* Makes the model one for viewers that know neither: drops second lobes, bakes the scene's medium and, where
- * `with_gains`, the gains of its images. */
-OXL_INTERNAL void medium_make_standard(oxl_scene *scene, int with_gains, oxl_model *model);
+/* Makes the model one for viewers that know neither: drops second lobes, bakes the medium and, where
+ * `with_gains`, the gains of the images. */
+OXL_INTERNAL void medium_make_standard(const oxl_scene *scene, const struct oxl_imaging *imaging,
+                                       int with_gains, oxl_model *model);
 
 #endif

@@ -162,7 +162,7 @@ static void contrast_of_image(const oxl_context *ctx, const struct training_imag
 }
 
 /* Measures view by view, so that each image is loaded once; leaves out unreadable images. */
-static oxl_result contrast_of_images(oxl_context *ctx, oxl_scene *scene, struct contrast_work *w)
+static oxl_result contrast_of_images(oxl_context *ctx, const oxl_scene *scene, struct contrast_work *w)
 {
     oxl_result rc = OXL_OK;
     for (int k = 0; k < w->chosen_count && rc == OXL_OK; k++) {
@@ -231,7 +231,7 @@ static void contrast_fit(struct contrast_work *w, int views, struct contrast *ou
     out->measured = 1;
 }
 
-OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, struct contrast *out)
+OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, const oxl_scene *scene, struct contrast *out)
 {
     const struct colmap *c = scene_colmap(scene);
     const int views = oxl_scene_view_count(scene);

@@ -74,11 +74,13 @@ struct image_cache {
     uint64_t *used;               /* (count) time of the last request */
     uint64_t clock;
     int count;
-    size_t held, limit; /* bytes in memory; limit of these */
+    size_t held, limit;    /* bytes in memory; limit of these */
+    uint8_t background[3]; /* under transparent pixels */
+    char *decoded;         /* folder of decoded images, or NULL */
 };
-/* Creates an empty cache without a limit. */
-OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, const struct image_loader *loader,
-                                          struct image_cache *out);
+/* Creates an empty cache without a limit; free it with image_cache_free. NULL: the error is set. */
+OXL_INTERNAL struct image_cache *image_cache_begin(oxl_context *ctx, size_t count,
+                                                   const struct image_loader *loader);
 OXL_INTERNAL void image_cache_free(oxl_context *ctx, struct image_cache *cache);
 /* Returns a view's image, borrowed until the next request of another view or
  * image_cache_ahead; NULL: the error is set. */

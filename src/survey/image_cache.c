@@ -14,15 +14,19 @@ enum {
     IMAGE_CACHE_DECODE_BYTES = 6
 };
 
-OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, const struct image_loader *loader,
-                                          struct image_cache *out)
+OXL_INTERNAL struct image_cache *image_cache_begin(oxl_context *ctx, size_t count,
+                                                   const struct image_loader *loader)
 {
-    *out = (struct image_cache){.loader = *loader,
-                                .image = oxl_calloc(ctx, count + 1, sizeof *out->image),
-                                .used = oxl_calloc(ctx, count + 1, sizeof *out->used),
-                                .count = (int)count,
-                                .limit = SIZE_MAX};
-    return out->image && out->used ? OXL_OK : OXL_ERR_MEMORY;
+    struct image_cache *c = oxl_calloc(ctx, 1, sizeof *c);
+    if (!c) return NULL;
+    *c = (struct image_cache){.loader = *loader,
+                              .image = oxl_calloc(ctx, count + 1, sizeof *c->image),
+                              .used = oxl_calloc(ctx, count + 1, sizeof *c->used),
+                              .count = (int)count,
+                              .limit = SIZE_MAX};
+    if (c->image && c->used) return c;
+    image_cache_free(ctx, c);
+    return NULL;
 }
 
 OXL_INTERNAL void image_cache_clear(oxl_context *ctx, struct image_cache *cache)
@@ -33,9 +37,10 @@ OXL_INTERNAL void image_cache_clear(oxl_context *ctx, struct image_cache *cache)
 
 OXL_INTERNAL void image_cache_free(oxl_context *ctx, struct image_cache *cache)
 {
+    if (!cache) return;
     for (int i = 0; cache->image && i < cache->count; i++) image_training_free(ctx, &cache->image[i]);
-    OXL_FREE(ctx, cache->image, cache->used);
-    *cache = (struct image_cache){0};
+    OXL_FREE(ctx, cache->image, cache->used, cache->decoded);
+    oxl_free(ctx, cache);
 }
 
 static size_t image_cache_size(const struct training_image *image)

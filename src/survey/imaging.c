@@ -16,9 +16,9 @@
 
 #define IMAGING_CAMERA_VIEWS 4 /* Bounds the mean number of views of a camera from below. */
 
-OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out)
+OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct oxl_imaging *out)
 {
-    *out = (struct imaging){.views = views};
+    *out = (struct oxl_imaging){.views = views};
     out->log_gain = oxl_calloc(ctx, 3 * (size_t)views + 1, sizeof *out->log_gain);
     out->known = oxl_calloc(ctx, (size_t)views + 1, sizeof *out->known);
     out->camera = oxl_calloc(ctx, (size_t)views + 1, sizeof *out->camera);
@@ -30,7 +30,7 @@ OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imagi
 }
 
 /* Copies gains, cameras and medium, but neither lamps nor poses, to an imaging of as many views. */
-OXL_INTERNAL void imaging_copy(const struct imaging *from, struct imaging *to)
+OXL_INTERNAL void imaging_copy(const struct oxl_imaging *from, struct oxl_imaging *to)
 {
     memcpy(to->log_gain, from->log_gain, 3 * (size_t)from->views * sizeof *to->log_gain);
     memcpy(to->known, from->known, (size_t)from->views * sizeof *to->known);
@@ -40,7 +40,33 @@ OXL_INTERNAL void imaging_copy(const struct imaging *from, struct imaging *to)
     to->medium = from->medium;
 }
 
-OXL_INTERNAL void imaging_clear(struct imaging *m)
+/* Copies an array of `size` bytes that *array points to; NULL stays. Returns 0 if there is no memory. */
+static int imaging_copy_array(oxl_context *ctx, void *array, size_t size)
+{
+    void *from, *to;
+    memcpy(&from, array, sizeof from);
+    to = from ? oxl_alloc(ctx, size + 1, 1) : NULL;
+    if (to) memcpy(to, from, size);
+    memcpy(array, &to, sizeof to);
+    return to || !from;
+}
+
+OXL_INTERNAL oxl_result imaging_clone(oxl_context *ctx, const struct oxl_imaging *from, size_t views,
+                                      struct oxl_imaging *out)
+{
+    int has = 1;
+    *out = *from;
+    has &= imaging_copy_array(ctx, &out->log_gain, 3 * views * sizeof *out->log_gain);
+    has &= imaging_copy_array(ctx, &out->known, views * sizeof *out->known);
+    has &= imaging_copy_array(ctx, &out->camera, views * sizeof *out->camera);
+    has &= imaging_copy_array(ctx, &out->pose, views * sizeof *out->pose);
+    has &= imaging_copy_array(ctx, &out->partner, views * sizeof *out->partner);
+    if (has) return OXL_OK;
+    imaging_free(ctx, out);
+    return OXL_ERR_MEMORY;
+}
+
+OXL_INTERNAL void imaging_clear(struct oxl_imaging *m)
 {
     memset(m->log_gain, 0, 3 * (size_t)m->views * sizeof *m->log_gain);
     memset(m->known, 0, (size_t)m->views * sizeof *m->known);
@@ -105,7 +131,7 @@ static int imaging_compare_moments(const void *a, const void *b)
 }
 
 /* Makes two images of one moment partners, if there are just two and their cameras differ. */
-static oxl_result imaging_set_partners(oxl_context *ctx, const oxl_scene *scene, struct imaging *m)
+static oxl_result imaging_set_partners(oxl_context *ctx, const oxl_scene *scene, struct oxl_imaging *m)
 {
     struct imaging_timestamp *sorted = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
     if (!sorted) return OXL_ERR_MEMORY;
@@ -127,7 +153,7 @@ static oxl_result imaging_set_partners(oxl_context *ctx, const oxl_scene *scene,
 /* Finds each view's camera. Counts all views as one camera's if cameras have fewer than
  * IMAGING_CAMERA_VIEWS views on average, as where COLMAP gave each image its own camera, or names are
  * random: there the keys have no meaning. */
-OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m)
+OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct oxl_imaging *m)
 {
     uint64_t *sorted = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
     int cameras = 0;
@@ -144,14 +170,14 @@ OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *s
 
 /* Finds the nearest view of known gain from `view` on, in steps of `step`, of the same camera or
  * of any; -1: there is none. */
-static int imaging_neighbour(const struct imaging *m, int view, int step, int any)
+static int imaging_neighbour(const struct oxl_imaging *m, int view, int step, int any)
 {
     for (int i = view + step; i >= 0 && i < m->views; i += step)
         if (m->known[i] && (any || m->camera[i] == m->camera[view])) return i;
     return -1;
 }
 
-OXL_INTERNAL void imaging_interpolate(const struct imaging *m, int view, float out[3])
+OXL_INTERNAL void imaging_interpolate(const struct oxl_imaging *m, int view, float out[3])
 {
     int before = imaging_neighbour(m, view, -1, 0), after = imaging_neighbour(m, view, 1, 0);
     if (before < 0 && after < 0)
@@ -165,14 +191,14 @@ OXL_INTERNAL void imaging_interpolate(const struct imaging *m, int view, float o
     }
 }
 
-static int imaging_partner(const struct imaging *m, int view)
+static int imaging_partner(const struct oxl_imaging *m, int view)
 {
     const int partner = m->partner[view];
     return partner >= 0 && m->known[partner] ? partner : -1;
 }
 
 /* Measures the deviation of a known view's log gains from the line between its neighbours. */
-static void imaging_deviation(const struct imaging *m, int view, double out[3])
+static void imaging_deviation(const struct oxl_imaging *m, int view, double out[3])
 {
     float between[3];
     imaging_interpolate(m, view, between);
@@ -181,7 +207,7 @@ static void imaging_deviation(const struct imaging *m, int view, double out[3])
 
 /* Fits the factor, 0 to 1, by which a partner's deviation predicts a view's own, by least
  * squares over the known views. */
-static double imaging_fraction(const struct imaging *m)
+static double imaging_fraction(const struct oxl_imaging *m)
 {
     double xx = 0, xy = 0;
     for (int i = 0; i < m->views; i++) {
@@ -194,7 +220,7 @@ static double imaging_fraction(const struct imaging *m)
     return xx > 0 ? OXL_CLAMP(xy / xx, 0, 1) : 0;
 }
 
-OXL_INTERNAL void imaging_predict(const struct imaging *m, int view, float out[3])
+OXL_INTERNAL void imaging_predict(const struct oxl_imaging *m, int view, float out[3])
 {
     const int partner = imaging_partner(m, view);
     const double fraction = partner >= 0 ? imaging_fraction(m) : 0;
@@ -205,14 +231,14 @@ OXL_INTERNAL void imaging_predict(const struct imaging *m, int view, float out[3
     for (int c = 0; c < 3; c++) out[c] += (float)(fraction * other[c]);
 }
 
-OXL_INTERNAL void imaging_gain(const struct imaging *m, int view, float out[3])
+OXL_INTERNAL void imaging_gain(const struct oxl_imaging *m, int view, float out[3])
 {
     if (m->known[view]) memcpy(out, m->log_gain + 3 * view, 3 * sizeof *out);
     else imaging_predict(m, view, out);
     for (int c = 0; c < 3; c++) out[c] = (float)vecmath_exp(out[c]);
 }
 
-OXL_INTERNAL void imaging_apply(const struct imaging *m, int view, oxl_image *image)
+OXL_INTERNAL void imaging_apply(const struct oxl_imaging *m, int view, oxl_image *image)
 {
     const size_t plane = (size_t)image->width * (size_t)image->height;
     float gain[3];
@@ -222,7 +248,7 @@ OXL_INTERNAL void imaging_apply(const struct imaging *m, int view, oxl_image *im
         for (size_t i = c * plane; i < (c + 1) * plane; i++) image->rgb[i] *= gain[c];
 }
 
-OXL_INTERNAL double imaging_mean(const struct imaging *m, int channel)
+OXL_INTERNAL double imaging_mean(const struct oxl_imaging *m, int channel)
 {
     double sum = 0;
     int count = 0;
@@ -231,7 +257,7 @@ OXL_INTERNAL double imaging_mean(const struct imaging *m, int channel)
     return count ? sum / count : 0;
 }
 
-OXL_INTERNAL void imaging_centre(struct imaging *m, const double mean[3])
+OXL_INTERNAL void imaging_centre(struct oxl_imaging *m, const double mean[3])
 {
     for (int c = 0; c < 3; c++) {
         const double shift = mean[c] - imaging_mean(m, c);
@@ -351,14 +377,14 @@ OXL_INTERNAL int imaging_find_lamp(const oxl_scene *scene, const struct lamp *la
     return others;
 }
 
-OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view)
+OXL_INTERNAL const struct lamp *imaging_lamp(const struct oxl_imaging *m, const oxl_scene *scene, int view)
 {
     const int which = imaging_find_lamp(scene, m->lamp, m->lamps, view);
     return which < 0 ? NULL : &m->lamp[which];
 }
 
-OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m,
-                                           int view, oxl_image *image)
+OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene,
+                                           const struct oxl_imaging *m, int view, oxl_image *image)
 {
     const struct lamp *lamp = imaging_lamp(m, scene, view);
     const size_t plane = (size_t)image->width * (size_t)image->height;
@@ -373,7 +399,13 @@ OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *sc
     return OXL_OK;
 }
 
-OXL_INTERNAL int imaging_alters_colours(const struct imaging *m)
+OXL_INTERNAL void imaging_hide(struct oxl_imaging *m, int gains)
+{
+    if (gains && imaging_is_gains_alone(m)) m->on = 0;
+    m->medium = (struct medium){0};
+}
+
+OXL_INTERNAL int imaging_alters_colours(const struct oxl_imaging *m)
 {
     return m->medium.on;
 }

@@ -27,7 +27,7 @@ struct lamp {
 /* Counts the numbers of a pose beside that of the survey's files: a turn (rad) and a move of the centre
  * (units of the scene), both in the axes of the survey's pose (pose.c). */
 enum { POSE_TERMS = 6 };
-struct imaging {
+struct oxl_imaging {
     struct medium medium;
     int lamps; /* number of lamps */
     struct lamp lamp[LAMP_MAX];
@@ -41,29 +41,32 @@ struct imaging {
     int *partner;               /* (views) view of another camera at the same moment; -1: none or several */
 };
 /* Creates an imaging that is off and knows no view's gain. */
-OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out);
+OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct oxl_imaging *out);
 /* Returns a key that is equal for views of one camera: from COLMAP's CAMERA_ID, the folder and the name
  * without digits. */
 OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view);
 /* Sets m->camera and m->partner. */
-OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m);
-static inline void imaging_free(oxl_context *ctx, struct imaging *m)
+OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct oxl_imaging *m);
+static inline void imaging_free(oxl_context *ctx, struct oxl_imaging *m)
 {
     OXL_FREE(ctx, m->log_gain, m->known, m->camera, m->partner, m->pose);
-    *m = (struct imaging){0};
+    *m = (struct oxl_imaging){0};
 }
-OXL_INTERNAL void imaging_copy(const struct imaging *from, struct imaging *to);
-OXL_INTERNAL void imaging_clear(struct imaging *m);
+/* Makes an independent copy of the imaging of a scene with so many views. */
+OXL_INTERNAL oxl_result imaging_clone(oxl_context *ctx, const struct oxl_imaging *from, size_t views,
+                                      struct oxl_imaging *out);
+OXL_INTERNAL void imaging_copy(const struct oxl_imaging *from, struct oxl_imaging *to);
+OXL_INTERNAL void imaging_clear(struct oxl_imaging *m);
 /* Interpolates a view's log gain from its neighbours, even if it is known. */
-OXL_INTERNAL void imaging_interpolate(const struct imaging *m, int view, float log_gain[3]);
+OXL_INTERNAL void imaging_interpolate(const struct oxl_imaging *m, int view, float log_gain[3]);
 /* Interpolates as well, and adds the partner's deviation. */
-OXL_INTERNAL void imaging_predict(const struct imaging *m, int view, float log_gain[3]);
+OXL_INTERNAL void imaging_predict(const struct oxl_imaging *m, int view, float log_gain[3]);
 /* Returns a view's gain, trained or predicted. */
-OXL_INTERNAL void imaging_gain(const struct imaging *m, int view, float gain[3]);
+OXL_INTERNAL void imaging_gain(const struct oxl_imaging *m, int view, float gain[3]);
 /* Returns the mean log gain of the known views. */
-OXL_INTERNAL double imaging_mean(const struct imaging *m, int channel);
+OXL_INTERNAL double imaging_mean(const struct oxl_imaging *m, int channel);
 /* Multiplies an image that was rendered at mean exposure by the view's gain, if gains are on. */
-OXL_INTERNAL void imaging_apply(const struct imaging *m, int view, oxl_image *image);
+OXL_INTERNAL void imaging_apply(const struct oxl_imaging *m, int view, oxl_image *image);
 /* Evaluates the polynomial at (x, y); both run from -1 to 1 across the image. */
 OXL_INTERNAL double lamp_log_gain(const float shape[LAMP_TERMS], float x, float y);
 OXL_INTERNAL void lamp_terms_at(float x, float y, float term[LAMP_TERMS]);
@@ -94,17 +97,20 @@ OXL_INTERNAL int imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP
 /* Returns the index of the view's lamp; -1: none. */
 OXL_INTERNAL int imaging_find_lamp(const oxl_scene *scene, const struct lamp *lamp, int lamps, int view);
 /* Returns the view's lamp; NULL: none. */
-OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view);
+OXL_INTERNAL const struct lamp *imaging_lamp(const struct oxl_imaging *m, const oxl_scene *scene, int view);
 /* Multiplies a rendered image by the view's lamp, before the gain. */
-OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m,
-                                           int view, oxl_image *image);
+OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene,
+                                           const struct oxl_imaging *m, int view, oxl_image *image);
 /* Shifts the log gains of the known views to this mean. */
-OXL_INTERNAL void imaging_centre(struct imaging *m, const double mean[3]);
+OXL_INTERNAL void imaging_centre(struct oxl_imaging *m, const double mean[3]);
 /* Returns 1 if there is a medium, or light that falls off with range: viewers need a separate model. */
-OXL_INTERNAL int imaging_alters_colours(const struct imaging *m);
+OXL_INTERNAL int imaging_alters_colours(const struct oxl_imaging *m);
+/* Takes out what the colours of a model for viewers have in them: the medium, and, where `gains`, gains that
+ * are alone. */
+OXL_INTERNAL void imaging_hide(struct oxl_imaging *m, int gains);
 /* Returns 1 if there are gains and nothing else: viewers then show colours nearer to the images if the model
  * was trained without gains at the end. */
-static inline int imaging_is_gains_alone(const struct imaging *m)
+static inline int imaging_is_gains_alone(const struct oxl_imaging *m)
 {
     return m->on && m->lamps == 0 && !imaging_alters_colours(m);
 }

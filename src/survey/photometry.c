@@ -151,7 +151,8 @@ static void photometry_sample_colour(const struct training_image *image, struct 
     }
 }
 
-static oxl_result photometry_sample_colours(oxl_context *ctx, oxl_scene *scene, struct photometry_work *w)
+static oxl_result photometry_sample_colours(oxl_context *ctx, const oxl_scene *scene,
+                                            struct photometry_work *w)
 {
     for (int v = 0; v < w->views; v++) {
         const struct training_image *image;
@@ -696,7 +697,7 @@ OXL_INTERNAL void photometry_end(oxl_context *ctx, struct photometry_work *w)
     OXL_FREE(ctx, w->view, w->chosen, w->sample, w->normal, w->factor, w->form, w->scratch, w->rest);
 }
 
-OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts,
+OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, const oxl_scene *scene, int parts,
                                            struct photometry *out)
 {
     const struct colmap *c = scene_colmap(scene);

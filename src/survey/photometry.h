@@ -29,7 +29,7 @@ struct photometry {
 };
 /* Fits the parts that the tracks support. parts: PHOTOMETRY_* that may be used. Free the
  * result with photometry_free. */
-OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts,
+OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, const oxl_scene *scene, int parts,
                                            struct photometry *out);
 OXL_INTERNAL void photometry_free(oxl_context *ctx, struct photometry *p);
 

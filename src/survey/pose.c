@@ -77,24 +77,36 @@ OXL_INTERNAL void pose_step(struct pose *p, const oxl_camera *given, const doubl
     }
 }
 
-/* Sets the poses; allocates before it changes anything, so that a failure leaves the scene whole. */
-OXL_INTERNAL oxl_result scene_set_poses(oxl_context *ctx, oxl_scene *scene)
+OXL_INTERNAL oxl_camera scene_camera(const oxl_scene *scene, const struct oxl_imaging *imaging, int view)
 {
-    const size_t views = (size_t)scene->view_count;
-    if (!scene->given && !scene->imaging.pose) return OXL_OK;
-    if (!scene->given) {
-        scene->given = oxl_alloc(ctx, views + 1, sizeof *scene->given);
-        if (!scene->given) return OXL_ERR_MEMORY;
-        for (size_t v = 0; v < views; v++) scene->given[v] = scene->view[v].camera;
+    oxl_camera camera = scene->view[view].camera;
+    if (imaging && imaging->pose && pose_is_moved(imaging->pose[view]))
+        pose_apply(&scene->view[view].camera, imaging->pose[view], &camera);
+    return camera;
+}
+
+OXL_INTERNAL void scene_move_views(const oxl_scene *scene, double (*pose)[POSE_TERMS], oxl_scene *posed)
+{
+    const struct oxl_imaging moved = {.pose = pose};
+    for (int v = 0; v < scene->view_count; v++) posed->view[v].camera = scene_camera(scene, &moved, v);
+}
+
+OXL_INTERNAL oxl_scene *scene_posed(oxl_context *ctx, const oxl_scene *scene)
+{
+    oxl_scene *own = oxl_alloc(ctx, 1, sizeof *own);
+    oxl_view *view = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *view);
+    if (!own || !view) {
+        OXL_FREE(ctx, own, view);
+        return NULL;
     }
-    for (size_t v = 0; v < views; v++) {
-        scene->view[v].camera = scene->given[v];
-        if (scene->imaging.pose && pose_is_moved(scene->imaging.pose[v]))
-            pose_apply(&scene->given[v], scene->imaging.pose[v], &scene->view[v].camera);
-    }
-    if (!scene->imaging.pose) {
-        oxl_free(ctx, scene->given);
-        scene->given = NULL;
-    }
-    return OXL_OK;
+    *own = *scene;
+    own->view = view;
+    memcpy(view, scene->view, (size_t)scene->view_count * sizeof *view);
+    return own;
+}
+
+OXL_INTERNAL void scene_posed_free(oxl_context *ctx, oxl_scene *posed)
+{
+    if (posed) oxl_free(ctx, posed->view);
+    oxl_free(ctx, posed);
 }

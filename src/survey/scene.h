@@ -38,11 +38,8 @@ struct oxl_scene {
     double *depth; /* (depth_count) sample of the points' depths in the training views, ascending */
     size_t depth_count;
 
-    struct image_cache cache; /* (view_count) */
-
-    struct imaging imaging; /* imaging of the model that was trained on this scene or read for it */
-    /* (view_count) cameras of the survey, while imaging.pose moves those of the views; otherwise NULL */
-    oxl_camera *given;
+    /* (view_count) images that were read: the one part of a loaded scene that changes */
+    struct image_cache *cache;
 
     struct scene_stats stats;
     int from_files;
@@ -51,9 +48,8 @@ struct oxl_scene {
     double may_miss;             /* from files: fraction of the images that may be missing or unreadable */
     double *on_disk;             /* from files: (cameras) px of an image's side per px of its camera */
     char *images, *masks;        /* from files: folders; masks NULL: none */
-    char *decoded;               /* folder of decoded images, or NULL */
     int transparent;             /* images with an alpha channel */
-    struct image_alpha alpha;    /* how transparent pixels are used */
+    int alpha_masks;             /* 1: transparent pixels are masked; 0: composited over a background */
 };
 
 struct scene_order { /* Orders images by name, and equal names by file order. */
@@ -68,7 +64,7 @@ OXL_INTERNAL oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene);
 /* ---------------- pose.c: a pose beside that of the survey's files */
 
 struct pose {
-    double at[POSE_TERMS]; /* turn and move, as in struct imaging */
+    double at[POSE_TERMS]; /* turn and move, as in struct oxl_imaging */
     double mean[POSE_TERMS],
         square[POSE_TERMS]; /* Adam's moments, for turns and for moves in units of the depth */
     int visits;             /* steps taken */
@@ -83,8 +79,14 @@ OXL_INTERNAL int pose_is_moved(const double at[POSE_TERMS]);
 OXL_INTERNAL void pose_apply(const oxl_camera *given, const double at[POSE_TERMS], oxl_camera *out);
 /* Turns and moves a camera that `at` has moved by `more`, in its own axes: at becomes both in one. */
 OXL_INTERNAL void pose_add(double at[POSE_TERMS], const double more[POSE_TERMS]);
-/* Gives the views the poses of scene->imaging, or those of the survey if it has none. */
-OXL_INTERNAL oxl_result scene_set_poses(oxl_context *ctx, oxl_scene *scene);
+/* Makes a scene whose views' cameras the caller may move; it shares all else with `scene`, which must outlive
+ * it. NULL: no memory. Free it with scene_posed_free. */
+OXL_INTERNAL oxl_scene *scene_posed(oxl_context *ctx, const oxl_scene *scene);
+OXL_INTERNAL void scene_posed_free(oxl_context *ctx, oxl_scene *posed);
+/* Returns the camera of a view, moved by the pose that imaging, which may be NULL, has of it. */
+OXL_INTERNAL oxl_camera scene_camera(const oxl_scene *scene, const struct oxl_imaging *imaging, int view);
+/* Moves the views of such a scene: their cameras are those of `scene`, moved by pose (views). */
+OXL_INTERNAL void scene_move_views(const oxl_scene *scene, double (*pose)[POSE_TERMS], oxl_scene *posed);
 /* Takes a step along dL/d(pose), which renderer_pose_gradient gives. */
 OXL_INTERNAL void pose_step(struct pose *p, const oxl_camera *given, const double world[POSE_TERMS],
                             const struct pose_rule *rule);
@@ -100,11 +102,13 @@ OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *sc
 OXL_INTERNAL const struct colmap_image *scene_source_image(const oxl_scene *scene, int view);
 /* Returns a view's image from the cache, after loading it if necessary; it is borrowed until the next request
  * of another view. NULL: the error is set. */
-OXL_INTERNAL const struct training_image *scene_image(oxl_context *ctx, oxl_scene *scene, int view);
+OXL_INTERNAL const struct training_image *scene_image(oxl_context *ctx, const oxl_scene *scene, int view);
+/* Copies a view's image, on the background of scene_set_background; errors as of oxl_scene_image. */
+OXL_INTERNAL oxl_result scene_copy_image(oxl_context *ctx, const oxl_scene *scene, int view, oxl_image *out);
 /* Returns 1 if, with `more` unreadable images, too large a fraction of the model's images is missing. */
 OXL_INTERNAL int scene_misses_too_many(const oxl_scene *scene, int more);
 /* Loads the next images like image_cache_ahead. */
-OXL_INTERNAL void scene_images_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
+OXL_INTERNAL void scene_images_ahead(oxl_context *ctx, const oxl_scene *scene, const int *view, int count);
 /* Frees what a look has left for the run behind it. */
 OXL_INTERNAL void scene_forget_look(oxl_context *ctx, oxl_scene *scene);
 OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene, size_t count);
@@ -119,7 +123,7 @@ OXL_INTERNAL int *scene_views_by_image(oxl_context *ctx, const oxl_scene *scene,
 /* Lists the views of the split in view (all views) and returns their number. */
 OXL_INTERNAL int scene_views_of(const oxl_scene *scene, oxl_split split, int *view);
 /* Limits the cache of decoded images; scenes from arrays keep all images. */
-OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes);
+OXL_INTERNAL void scene_set_cache(const oxl_scene *scene, size_t bytes);
 /* Returns the pixels of a view's image file, by the first image of its camera; 0: a scene from arrays. */
 OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view);
 /* Returns a quantile of the camera z of points in training views. */
@@ -131,12 +135,12 @@ OXL_INTERNAL double scene_depth_span(const oxl_scene *scene);
 #define SCENE_DEPTH_SPAN_MIN 2
 /* Keeps decoded training images in files of `folder`, which are then read instead of the
  * originals; NULL: keeps none. */
-OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, const char *folder);
+OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, const oxl_scene *scene, const char *folder);
 /* Makes points to start from for a scene without points, at most `count`, as a function of the survey and the
  * seed (scene_start.c). Free with oxl_free. scene_start_count returns how many are useful: more with
  * composited images, which outline the scene. */
 enum { SCENE_START_RANDOM = 10000, SCENE_START_HULL = 30000 };
 OXL_INTERNAL size_t scene_start_count(const oxl_scene *scene);
-OXL_INTERNAL oxl_result scene_start_points(oxl_context *ctx, oxl_scene *scene, size_t count, oxl_point **out,
-                                           size_t *found);
+OXL_INTERNAL oxl_result scene_start_points(oxl_context *ctx, const oxl_scene *scene, size_t count,
+                                           oxl_point **out, size_t *found);
 #endif

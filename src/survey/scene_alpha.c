@@ -6,7 +6,14 @@
 
 OXL_INTERNAL int scene_is_composited(const oxl_scene *scene)
 {
-    return scene->transparent > 0 && !scene->alpha.masks;
+    return scene->transparent > 0 && !scene->alpha_masks;
+}
+
+OXL_INTERNAL struct image_alpha scene_alpha(const oxl_scene *scene)
+{
+    struct image_alpha alpha = {.masks = scene->alpha_masks};
+    memcpy(alpha.background, scene->cache->background, sizeof alpha.background);
+    return alpha;
 }
 
 OXL_INTERNAL void scene_background(const oxl_scene *scene, const float wanted[3], float out[3])
@@ -18,14 +25,15 @@ OXL_INTERNAL void scene_background(const oxl_scene *scene, const float wanted[3]
     }
 }
 
-OXL_INTERNAL void scene_set_background(oxl_context *ctx, oxl_scene *scene, const float rgb[3])
+OXL_INTERNAL void scene_set_background(oxl_context *ctx, const oxl_scene *scene, const float rgb[3])
 {
+    uint8_t *now = scene->cache->background;
     int differs = 0;
     if (!scene_is_composited(scene)) return;
     for (int c = 0; c < 3; c++) {
         const uint8_t byte = (uint8_t)(rgb[c] * 255 + 0.5f);
-        differs |= byte != scene->alpha.background[c];
-        scene->alpha.background[c] = byte;
+        differs |= byte != now[c];
+        now[c] = byte;
     }
-    if (differs) image_cache_clear(ctx, &scene->cache);
+    if (differs) image_cache_clear(ctx, scene->cache);
 }

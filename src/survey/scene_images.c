@@ -3,6 +3,7 @@
 #include "sparse.h"
 #include "image.h"
 #include "scene.h"
+#include "scene_alpha.h"
 
 /* Finds masks/NAME.png, with or without the extension in NAME, or else the mask that
  * the survey's files name. */
@@ -25,11 +26,12 @@ OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, const char *folder)
+OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, const oxl_scene *scene, const char *folder)
 {
-    oxl_free(ctx, scene->decoded);
-    scene->decoded = folder ? oxl_strdup(ctx, folder) : NULL;
-    return scene->decoded || !folder ? OXL_OK : OXL_ERR_MEMORY;
+    char **decoded = &scene->cache->decoded;
+    oxl_free(ctx, *decoded);
+    *decoded = folder ? oxl_strdup(ctx, folder) : NULL;
+    return *decoded || !folder ? OXL_OK : OXL_ERR_MEMORY;
 }
 
 /* Loads the whole image of a view: from the file that an earlier request has left, or decoded, and then left
@@ -39,14 +41,16 @@ static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int vie
 {
     const oxl_camera *to = &scene->view[view].camera;
     const struct colmap_camera *from = &scene->colmap.camera[scene->source[view].camera];
+    const char *folder = scene->cache->decoded;
+    const struct image_alpha alpha = scene_alpha(scene);
     struct text name = {.ctx = ctx};
     uint64_t key;
     oxl_result rc = OXL_OK;
-    if (!scene->decoded) return image_load_training(ctx, path, mask, &scene->alpha, from, to, out);
-    key = image_file_key(path, mask, &scene->alpha, from, to);
-    text_add(&name, "%s/%016llx", scene->decoded, (unsigned long long)key);
+    if (!folder) return image_load_training(ctx, path, mask, &alpha, from, to, out);
+    key = image_file_key(path, mask, &alpha, from, to);
+    text_add(&name, "%s/%016llx", folder, (unsigned long long)key);
     if (name.failed || !image_file_read(ctx, name.data, key, to, out)) {
-        rc = image_load_training(ctx, path, mask, &scene->alpha, from, to, out);
+        rc = image_load_training(ctx, path, mask, &alpha, from, to, out);
         if (rc == OXL_OK && !name.failed) image_file_write(ctx, name.data, key, out);
     }
     text_free(&name);
@@ -71,20 +75,21 @@ OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view)
     return camera ? side * camera->width * side * camera->height : 0;
 }
 
-OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes)
+OXL_INTERNAL void scene_set_cache(const oxl_scene *scene, size_t bytes)
 {
-    if (scene->from_files) scene->cache.limit = bytes;
+    if (scene->from_files) scene->cache->limit = bytes;
 }
 
 OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene, size_t count)
 {
     const struct image_loader loader = {scene_load_image, scene_file_pixels, scene};
-    return image_cache_begin(ctx, count, &loader, &scene->cache);
+    scene->cache = image_cache_begin(ctx, count, &loader);
+    return scene->cache ? OXL_OK : OXL_ERR_MEMORY;
 }
 
-OXL_INTERNAL const struct training_image *scene_image(oxl_context *ctx, oxl_scene *scene, int view)
+OXL_INTERNAL const struct training_image *scene_image(oxl_context *ctx, const oxl_scene *scene, int view)
 {
-    return image_cache_get(ctx, &scene->cache, view);
+    return image_cache_get(ctx, scene->cache, view);
 }
 
 OXL_INTERNAL int scene_misses_too_many(const oxl_scene *scene, int more)
@@ -93,12 +98,12 @@ OXL_INTERNAL int scene_misses_too_many(const oxl_scene *scene, int more)
            scene->stats.images_missing + more > scene->may_miss * (double)scene->colmap.image_count;
 }
 
-OXL_INTERNAL void scene_images_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count)
+OXL_INTERNAL void scene_images_ahead(oxl_context *ctx, const oxl_scene *scene, const int *view, int count)
 {
-    if (scene->from_files) image_cache_ahead(ctx, &scene->cache, view, count);
+    if (scene->from_files) image_cache_ahead(ctx, scene->cache, view, count);
 }
 
-oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out)
+OXL_INTERNAL oxl_result scene_copy_image(oxl_context *ctx, const oxl_scene *scene, int view, oxl_image *out)
 {
     const struct training_image *image;
     oxl_result rc;
@@ -115,4 +120,13 @@ oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_ima
     if (rc == OXL_OK) image_from_training(ctx, image, NULL, out->rgb, out->weight);
     else oxl_image_free(ctx, out);
     return rc;
+}
+
+oxl_result oxl_scene_image(oxl_context *ctx, const oxl_scene *scene, int view, const float background[3],
+                           oxl_image *out)
+{
+    float behind[3];
+    scene_background(scene, background ? background : (const float[3]){-1, -1, -1}, behind);
+    scene_set_background(ctx, scene, behind);
+    return scene_copy_image(ctx, scene, view, out);
 }

@@ -42,10 +42,9 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
     if (!scene) return;
     for (int i = 0; i < scene->view_count && !scene->from_files; i++)
         oxl_free(ctx, (char *)scene->view[i].name);
-    image_cache_free(ctx, &scene->cache);
-    imaging_free(ctx, &scene->imaging);
+    image_cache_free(ctx, scene->cache);
     scene_forget_look(ctx, scene);
-    OXL_FREE(ctx, scene->view, scene->source, scene->on_disk, scene->decoded, scene->given);
+    OXL_FREE(ctx, scene->view, scene->source, scene->on_disk);
     OXL_FREE(ctx, scene->point, scene->depth, scene->images, scene->masks);
     colmap_free(ctx, &scene->colmap);
     oxl_free(ctx, scene);
@@ -108,7 +107,7 @@ static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_
                                   const oxl_image *image)
 {
     const size_t pixels = (size_t)image->width * image->height;
-    struct training_image *to = &scene->cache.image[scene->view_count];
+    struct training_image *to = &scene->cache->image[scene->view_count];
     char *name = oxl_strdup(ctx, view->name ? view->name : "");
     if (!name) return OXL_ERR_MEMORY;
     scene->view[scene->view_count] = *view;

@@ -37,7 +37,7 @@ struct start_point {
 
 struct start_draw {
     oxl_context *ctx;
-    oxl_scene *scene;
+    const oxl_scene *scene;
     int *training, trainings; /* (trainings) training views */
     int view[START_VIEWS], views, most;
     struct start_map map[START_VIEWS]; /* maps, of composited scenes */
@@ -212,8 +212,8 @@ OXL_INTERNAL size_t scene_start_count(const oxl_scene *scene)
     return scene_is_composited(scene) ? SCENE_START_HULL : SCENE_START_RANDOM;
 }
 
-OXL_INTERNAL oxl_result scene_start_points(oxl_context *ctx, oxl_scene *scene, size_t count, oxl_point **out,
-                                           size_t *found)
+OXL_INTERNAL oxl_result scene_start_points(oxl_context *ctx, const oxl_scene *scene, size_t count,
+                                           oxl_point **out, size_t *found)
 {
     int carves = scene_is_composited(scene);
     const size_t wanted = count * (carves ? START_CHOICE : 1);

@@ -63,6 +63,6 @@ struct contrast {
     double beta, error;
     size_t points, observations;
 };
-OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, struct contrast *out);
+OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, const oxl_scene *scene, struct contrast *out);
 
 #endif

@@ -166,16 +166,6 @@ OXL_INTERNAL void forecast_note_save(struct train *t, double seconds)
     t->forecast.at += seconds; /* the next step takes no longer for it */
 }
 
-OXL_INTERNAL int forecast_hides(struct train *t)
-{
-    struct imaging m = {0};
-    struct train_deferred step = {0};
-    parts_form_image(t, &m);
-    parts_set_gain(t, &step, 0);
-    m.on = step.has_gain;
-    return imaging_alters_colours(&m) || imaging_is_gains_alone(&m);
-}
-
 /* Returns the steps of trials that are left. */
 static double forecast_trials(struct train *t)
 {
@@ -199,7 +189,7 @@ static void forecast_tell(struct train *t, double gaussians)
     const int steps = t->step - t->first_step;
     if (!grown || grown->steps > 0) return;
     if (t->forecast.densified == 0 && t->step + steps < t->options->iterations) return;
-    grown->gaussians = gaussians, grown->steps = steps, grown->hides = forecast_hides(t);
+    grown->gaussians = gaussians, grown->steps = steps, grown->hides = train_imaging_hides(t);
 }
 
 static double forecast_reckon(struct train *t)
@@ -210,7 +200,7 @@ static double forecast_reckon(struct train *t)
                                .o = o,
                                .gaussians = (double)t->trained.model.count,
                                .coarse = forecast_coarse_steps(t->scene, o)};
-    const int beside = t->task.viewed + (forecast_hides(t) ? t->task.refined : 0);
+    const int beside = t->task.viewed + (train_imaging_hides(t) ? t->task.refined : 0);
     double seconds, density = past->densified ? past->density_seconds : FORECAST_DENSITY;
     int done = 0;
     for (int step = 1; step <= t->step; step++) done += schedule_densifies_at(o, step);

@@ -37,8 +37,6 @@ OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_opt
 
 /* ---------------- forecast.c: the time left */
 
-/* Returns 1 if images have a medium, or gains alone, so that viewers get a model of their own. */
-OXL_INTERNAL int forecast_hides(struct train *t);
 OXL_INTERNAL void forecast_note_step(struct train *t);                 /* after each step, also of a trial */
 OXL_INTERNAL void forecast_note_save(struct train *t, double seconds); /* after each checkpoint */
 OXL_INTERNAL double forecast_left(struct train *t); /* s, with trials and what t->task names */

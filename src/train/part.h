@@ -18,10 +18,10 @@ struct oxl_option; /* oceanxl_job.h: an option by name, for parts that bring the
 /* Describes a view as a step renders it and compares it with its image. */
 struct part_view {
     int view;
-    int learns;             /* 0: an evaluation; nothing may change */
-    double progress;        /* fraction of the run */
-    oxl_camera camera;      /* at the step's window and resolution */
-    struct imaging imaging; /* lamp and medium in front of the scene, from the hooks form_image */
+    int learns;                 /* 0: an evaluation; nothing may change */
+    double progress;            /* fraction of the run */
+    oxl_camera camera;          /* at the step's window and resolution */
+    struct oxl_imaging imaging; /* lamp and medium in front of the scene, from the hooks form_image */
     struct train_deferred *step;
 };
 
@@ -52,7 +52,7 @@ struct part {
     oxl_result (*before_step)(struct train *t, void *state);
     /* Sets step->gain, by which the rendered image is multiplied. */
     void (*set_gain)(struct train *t, void *state, struct train_deferred *step, int learns);
-    void (*form_image)(const void *state, struct imaging *m);
+    void (*form_image)(const void *state, struct oxl_imaging *m);
     oxl_result (*before_render)(struct train *t, void *state, struct part_view *v);
     oxl_result (*after_render)(struct train *t, void *state, struct part_view *v);
     oxl_result (*before_backward)(struct train *t, void *state, struct part_view *v);

@@ -87,7 +87,7 @@ OXL_INTERNAL void parts_set_gain(struct train *t, struct train_deferred *step, i
     PARTS_FOR(k, set_gain) parts_at(k)->set_gain(t, t->part[k], step, learns);
 }
 
-OXL_INTERNAL void parts_form_image(const struct train *t, struct imaging *m)
+OXL_INTERNAL void parts_form_image(const struct train *t, struct oxl_imaging *m)
 {
     PARTS_FOR(k, form_image) parts_at(k)->form_image(t->part[k], m);
 }

@@ -16,7 +16,7 @@ OXL_INTERNAL int parts_tracks(const struct train *t);
 OXL_INTERNAL void parts_use_tracks(struct train *t, const struct photometry *p);
 OXL_INTERNAL oxl_result parts_before_step(struct train *t);
 OXL_INTERNAL void parts_set_gain(struct train *t, struct train_deferred *step, int learns);
-OXL_INTERNAL void parts_form_image(const struct train *t, struct imaging *m);
+OXL_INTERNAL void parts_form_image(const struct train *t, struct oxl_imaging *m);
 OXL_INTERNAL oxl_result parts_before_render(struct train *t, struct part_view *v);
 OXL_INTERNAL oxl_result parts_after_render(struct train *t, struct part_view *v);
 OXL_INTERNAL oxl_result parts_before_backward(struct train *t, struct part_view *v);

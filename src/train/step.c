@@ -106,9 +106,9 @@ static oxl_result step_next_image(struct train *t, int *view)
         "none of the training images can be read\nfix: oceanxl check looks at each and says what is wrong");
 }
 
-OXL_INTERNAL struct imaging step_imaging(const struct train *t)
+OXL_INTERNAL struct oxl_imaging step_imaging(const struct train *t)
 {
-    struct imaging m = {0};
+    struct oxl_imaging m = {0};
     parts_form_image(t, &m);
     return m;
 }

@@ -1,6 +1,6 @@
 /* train_imaging.c - exposure, lamp and medium of a run: decides from the tracks (survey/photometry.c), before
  * the first step, whether each is fitted (exposure may have a trial, too), and sets its initial values;
- * stores them in the scene after the last step.
+ * stores them in t->imaging after the last step.
  *
  * The fits are parts (src/parts). Invariant: what is off changes no byte of the result.
  */
@@ -33,14 +33,14 @@ static void train_imaging_match_colours(struct train *t, const double colour[3])
  * that jump hide a lamp, those that drift look like one. */
 static oxl_result train_imaging_measure(struct train *t)
 {
-    oxl_scene *scene = t->scene;
+    oxl_scene *scene = t->survey;
     const int parts = parts_tracks(t);
     struct photometry fit = {0}, *kept = scene->measured;
     oxl_result rc;
     if (kept && kept->requested && !(kept->parts & parts)) kept->requested = parts;
     if (kept && kept->requested == parts) return OXL_OK;
     if (!kept) kept = scene->measured = oxl_calloc(t->ctx, 1, sizeof *kept);
-    rc = kept ? photometry_measure(t->ctx, scene, parts, &fit) : OXL_ERR_MEMORY;
+    rc = kept ? photometry_measure(t->ctx, t->scene, parts, &fit) : OXL_ERR_MEMORY;
     if (rc != OXL_OK) return rc;
     if (!kept->requested || fit.parts == (kept->parts & parts)) OXL_SWAP(struct photometry, *kept, fit);
     photometry_free(t->ctx, &fit);
@@ -58,10 +58,10 @@ OXL_INTERNAL int train_imaging_is_open(const struct train *t)
 OXL_INTERNAL oxl_result train_imaging_use_tracks(struct train *t)
 {
     const oxl_result rc = train_imaging_measure(t);
-    struct imaging m;
-    if (rc == OXL_OK) parts_use_tracks(t, t->scene->measured);
-    if (rc == OXL_OK && parts_tracks(t) != t->scene->measured->requested) return train_imaging_use_tracks(t);
-    if (rc != OXL_OK || !(t->is_look || train_imaging_is_open(t))) scene_forget_look(t->ctx, t->scene);
+    struct oxl_imaging m;
+    if (rc == OXL_OK) parts_use_tracks(t, t->survey->measured);
+    if (rc == OXL_OK && parts_tracks(t) != t->survey->measured->requested) return train_imaging_use_tracks(t);
+    if (rc != OXL_OK || !(t->is_look || train_imaging_is_open(t))) scene_forget_look(t->ctx, t->survey);
     if (rc == OXL_OK && !train_imaging_is_open(t))
         m = step_imaging(t), medium_bake(t->scene, &m, 1, &t->trained.model);
     return rc;
@@ -71,13 +71,23 @@ OXL_INTERNAL oxl_result train_imaging_begin(struct train *t)
 {
     const oxl_result rc = train_imaging_measure(t);
     if (rc != OXL_OK) return rc;
-    train_imaging_match_colours(t, t->scene->measured->colour);
+    train_imaging_match_colours(t, t->survey->measured->colour);
     return train_imaging_use_tracks(t);
+}
+
+OXL_INTERNAL int train_imaging_hides(struct train *t)
+{
+    struct oxl_imaging m = {0};
+    struct train_deferred step = {0};
+    parts_form_image(t, &m);
+    parts_set_gain(t, &step, 0);
+    m.on = step.has_gain;
+    return viewer_hides(&m);
 }
 
 OXL_INTERNAL void train_imaging_describe(struct train *t)
 {
-    const struct imaging *m = &t->scene->imaging;
+    const struct oxl_imaging *m = t->imaging;
     const double span = scene_depth_span(t->scene);
     parts_describe(t);
     if (m->medium.on && span < SCENE_DEPTH_SPAN_MIN)
@@ -90,7 +100,7 @@ OXL_INTERNAL void train_imaging_describe(struct train *t)
 
 OXL_INTERNAL void train_imaging_store(struct train *t, oxl_model *model)
 {
-    struct imaging m, *to = &t->scene->imaging;
+    struct oxl_imaging m, *to = t->imaging;
     imaging_free(t->ctx, to);
     if (!t->part[0]) return; /* there was no memory for the parts */
     if (model && train_imaging_is_open(t)) m = step_imaging(t), medium_bake(t->scene, &m, 1, model);

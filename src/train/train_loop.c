@@ -112,7 +112,10 @@ static oxl_result train_first_from_model(struct train *t, const oxl_model *from)
 static oxl_result train_first_model(struct train *t)
 {
     oxl_result rc;
-    if (t->task.start) return model_copy(t->ctx, t->task.start, &t->trained.model);
+    if (t->task.start) {
+        OXL_SWAP(oxl_model, t->trained.model, *t->task.start);
+        return OXL_OK;
+    }
     if (t->task.from) return train_first_from_model(t, t->task.from);
     rc = train_fresh_model(t);
     if (rc == OXL_OK) train_sharpen_start(t);
@@ -141,6 +144,10 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
 {
     oxl_context *ctx = t->ctx;
     oxl_result rc;
+    t->posed = scene_posed(ctx, t->survey);
+    t->scene = t->posed ? t->posed : t->survey;
+    t->imaging = t->task.imaging ? t->task.imaging : &t->own_imaging;
+    if (!t->posed) return OXL_ERR_MEMORY;
     t->render = oxl_render_options_default();
     t->render.near_plane = (float)oxl_scene_near_plane(t->scene);
     scene_background(t->scene, t->options->background, t->render.background);
@@ -167,13 +174,15 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
 OXL_INTERNAL void train_end(struct train *t)
 {
     oxl_context *ctx = t->ctx;
-    if (!t->is_look) scene_forget_look(ctx, t->scene);
+    if (!t->is_look) scene_forget_look(ctx, t->survey);
     parts_free(t);
     model_trained_free(ctx, &t->trained);
     renderer_free(ctx, t->renderer);
     density_free(ctx, t->density);
     OXL_FREE(ctx, t->view, t->validation);
     text_free(&t->decisions);
+    imaging_free(ctx, &t->own_imaging);
+    scene_posed_free(ctx, t->posed);
 }
 
 /* ---------------- checkpoints */
@@ -317,6 +326,9 @@ static oxl_result train_loop(struct train *t)
         if (train_save_is_due(t)) rc = train_save(t);
     }
     if (rc == OXL_OK && t->step < o->iterations) return train_save(t);
+    if (rc == OXL_OK && t->task.keeps && t->saved_step < t->step &&
+        (t->trained.model.lobes > 0 || train_imaging_hides(t)))
+        rc = train_save(t);
     if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_TO_CHANGE);
     if (rc == OXL_OK) parts_record(t);
     return rc;
@@ -342,7 +354,7 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
                                   const oxl_callback *callback, struct train_task *task, oxl_model *out)
 {
     struct train t = {.ctx = ctx,
-                      .scene = scene,
+                      .survey = scene,
                       .options = options,
                       .started = os_seconds(),
                       .task = task ? *task : (struct train_task){.first = 0},
@@ -352,7 +364,8 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     oxl_result rc = train_check(ctx, options), ended = OXL_OK;
     int started; /* 1: training has started, and *out is usable */
     *out = (oxl_model){0};
-    if (rc == OXL_OK) rc = train_begin(&t);
+    if (rc != OXL_OK) return rc;
+    rc = train_begin(&t);
     if (rc == OXL_OK) rc = train_resume(&t);
     started = rc == OXL_OK;
     if (rc == OXL_OK) rc = train_loop(&t);
@@ -370,10 +383,4 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     if (rc == OXL_OK && t.step == options->iterations) train_imaging_describe(&t);
     train_end(&t);
     return rc;
-}
-
-oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                     const oxl_callback *callback, oxl_model *out)
-{
-    return train_run(ctx, scene, options, callback, NULL, out);
 }

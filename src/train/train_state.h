@@ -19,7 +19,7 @@ struct train_deferred { /* a step that the device has not reported yet */
     int step, view, is_trial, observed, has_gain;
     float gain[3]; /* by which the image was multiplied, at the start of the step */
     /* medium and lamp then: a step that is repeated has the same, though they have changed since */
-    struct imaging imaging;
+    struct oxl_imaging imaging;
 };
 
 struct forecast {           /* of the time left; not archived */
@@ -37,7 +37,11 @@ struct forecast {           /* of the time left; not archived */
 
 struct train {
     oxl_context *ctx;
-    oxl_scene *scene;
+    oxl_scene *survey;      /* the caller's scene */
+    oxl_scene *posed;       /* the same, with cameras that a part may move */
+    const oxl_scene *scene; /* posed */
+    /* of the model that is continued; then, when the run ends, of its result; not NULL */
+    struct oxl_imaging *imaging, own_imaging;
     const oxl_train_options *options;
     struct train_task task;
     oxl_render_options render;
@@ -99,9 +103,9 @@ OXL_INTERNAL oxl_result step_load_image(struct train *t, int view);
 OXL_INTERNAL const struct image_window *step_window(const struct train *t, int view);
 /* Renders a view and compares it with its image. */
 OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct renderer_loss *loss);
-OXL_INTERNAL double step_seconds(const struct train *t);         /* of the whole run, over all processes */
-OXL_INTERNAL int step_report(struct train *t, int trial);        /* nonzero: the caller stops the run */
-OXL_INTERNAL struct imaging step_imaging(const struct train *t); /* the present medium and lamp */
+OXL_INTERNAL double step_seconds(const struct train *t);  /* of the whole run, over all processes */
+OXL_INTERNAL int step_report(struct train *t, int trial); /* nonzero: the caller stops the run */
+OXL_INTERNAL struct oxl_imaging step_imaging(const struct train *t); /* the present medium and lamp */
 
 /* ---------------- branch.c: copies of the training state */
 
@@ -144,8 +148,10 @@ OXL_INTERNAL void selection_record_auto(struct train *t, const char *what, oxl_s
 OXL_INTERNAL oxl_result train_imaging_begin(struct train *t); /* from the tracks, before the first step */
 OXL_INTERNAL oxl_result train_imaging_use_tracks(struct train *t); /* the same after exposure's trial */
 OXL_INTERNAL int train_imaging_is_open(const struct train *t); /* 1: exposure's trial is still to decide */
-OXL_INTERNAL void train_imaging_describe(struct train *t);     /* warns where values are not identifiable */
-OXL_INTERNAL void train_imaging_store(struct train *t, oxl_model *model); /* in the scene and the model */
+/* Returns 1 if images have a medium, or gains alone, so that viewers get a model of their own. */
+OXL_INTERNAL int train_imaging_hides(struct train *t);
+OXL_INTERNAL void train_imaging_describe(struct train *t); /* warns where values are not identifiable */
+OXL_INTERNAL void train_imaging_store(struct train *t, oxl_model *model); /* in t->imaging and the model */
 
 /* ---------------- train_loop.c */
 

@@ -6,8 +6,7 @@
  *
  * Invariant: the image of a training view does not change; rows keep their order.
  */
-#include "job.h"
-#include "../evaluate/evaluate.h"
+#include "train.h"
 #include "../render/render.h"
 #include "../survey/scene.h"
 
