@@ -16,14 +16,14 @@
 
 /* Writes the line "found", the properties of a survey that identify a job: another export in the
  * same place is another job. */
-static oxl_result job_describe_found(struct job *job)
+static oxl_result job_describe_found(struct job *job, int images)
 {
     uint64_t sum = 0;
     const oxl_result rc = survey_checksum(job->ctx, job->scene, &sum);
     text_add(
         &job->found,
         "\"found\": {\"images\": %d, \"points\": %zu, \"extent\": %s, \"checksum_of_files\": \"%016llx\"}",
-        job->survey.images - job->survey.images_missing, job->survey.points, NUMBER(job->survey.extent),
+        images, oxl_scene_point_count(job->scene), NUMBER(oxl_scene_extent(job->scene)),
         (unsigned long long)sum);
     return rc;
 }
@@ -146,27 +146,29 @@ static void job_log_lines(struct job *job, oxl_log_level level, const char *s)
     for (; *s; s += strcspn(s, "\n") + 1) oxl_log(job->ctx, level, "%.*s", (int)strcspn(s, "\n"), s);
 }
 
-/* Sets the preset's iterations for this number of images, which run.json then states. */
-static void job_count_iterations(struct job *job, int images)
-{
-    job->options.train.iterations = cost_iterations(&job->options, images);
-    job->options.iterations_for = 0;
-    job_describe(job);
-}
-
+/* Loads the survey and makes the key of the run, with the preset's iterations for this number of images. */
 static oxl_result job_open(struct job *job)
 {
     oxl_result rc = oxl_make_folder(job->ctx, job->out);
+    int images;
     if (rc == OXL_OK) rc = job_load(job);
     if (rc != OXL_OK) return rc;
-    rc = survey_describe(job->ctx, job->scene, &job->options, 0, &job->survey);
-    if (rc != OXL_OK) return rc;
     memcpy(job->origin, oxl_scene_origin(job->scene), sizeof job->origin);
-    job_count_iterations(job, job->survey.images - job->survey.images_missing);
+    images = job->scene->stats.images_listed - job->scene->stats.images_missing;
+    job->options.train.iterations = cost_iterations(&job->options, images);
+    job->options.iterations_for = 0;
+    job_describe(job);
+    rc = job_describe_found(job, images);
+    return rc == OXL_OK ? job_make_key(job) : rc;
+}
+
+static oxl_result job_describe_survey(struct job *job)
+{
+    const oxl_result rc = survey_describe(job->ctx, job->scene, &job->asked, 0, &job->survey);
+    if (rc != OXL_OK) return rc;
     job_log_lines(job, OXL_LOG_INFO, job->survey.text);
     job_log_lines(job, OXL_LOG_WARNING, job->survey.warnings);
-    rc = job_describe_found(job);
-    return rc == OXL_OK ? job_make_key(job) : rc;
+    return OXL_OK;
 }
 
 /* ---------------- blocks */
@@ -276,8 +278,6 @@ static oxl_result job_run_single(struct job *job)
     struct block_record record;
     oxl_result rc = job_lock_alone(job), trained = OXL_OK;
     if (rc == OXL_OK) rc = job_read_record(job, folder, &record);
-    /* Loads the survey for a resumed --block 0. */
-    if (rc == OXL_OK && !record.finished && !job->scene) rc = job_load(job);
     if (rc == OXL_OK && !record.finished) {
         trained = job_train_single(job, folder);
         rc = trained == OXL_ERR_INTERRUPTED ? OXL_OK : trained;
@@ -317,6 +317,7 @@ static void job_begin(struct job *job, oxl_context *ctx, const char *scene, cons
                         .notes = {.ctx = ctx},
                         .started = os_seconds(),
                         .seed = ctx->options.seed};
+    job->asked = job->options;
     if (job->options.seed) ctx->options.seed = job->options.seed;
     ctx->notes = &job->notes;
     backend_begin_run(ctx);
@@ -359,6 +360,20 @@ static oxl_result job_remove_temporaries(struct job *job)
     return rc == OXL_OK ? os_remove_temporaries(job->ctx, PATH(job->out, "renders"), RENDER_FILES) : rc;
 }
 
+/* Describes the survey, cuts it and writes run.json. One block of a run that others began needs no
+ * description. */
+static oxl_result job_plan(struct job *job)
+{
+    const int begins = job->options.block < 0 || !os_is_file(PATH(job->out, "run.json"));
+    oxl_result rc = begins ? job_describe_survey(job) : OXL_OK;
+    if (rc == OXL_OK) rc = context_stopped(job->ctx);
+    if (rc == OXL_OK) rc = job_partition(job);
+    if (rc == OXL_OK && !begins && job->partition.block_count == 1) rc = job_describe_survey(job);
+    if (rc == OXL_OK && begins) rc = job_write_run(job, 0);
+    if (rc == OXL_OK && job->options.block >= 0) rc = lock_change(job->ctx, job->lock, job->out, 1);
+    return rc;
+}
+
 /* Prepares a run, from the survey to the partition; *done: nothing is left to do. */
 static oxl_result job_prepare(struct job *job, int *done)
 {
@@ -370,38 +385,14 @@ static oxl_result job_prepare(struct job *job, int *done)
         oxl_log(job->ctx, OXL_LOG_INFO,
                 "%s already holds the finished result of this survey, these options and this seed", job->out);
     if (rc != OXL_OK || *done) return rc;
-    rc = context_stopped(job->ctx);
-    if (rc == OXL_OK) rc = job_partition(job);
-    if (rc == OXL_OK) rc = job_write_run(job, 0);
-    if (rc == OXL_OK && job->options.block >= 0) rc = lock_change(job->ctx, job->lock, job->out, 1);
-    return rc;
-}
-
-/* Prepares one block of a run that has a partition: the files in OUT suffice, so the survey is not read.
- * *ready 0: this is another run. */
-static oxl_result job_prepare_block(struct job *job, int *ready)
-{
-    const oxl_job_options requested = job->options;
-    struct oxl_manifest run = {0};
-    oxl_result rc = job->options.block >= 0 ? manifest_read(job->ctx, job->out, &run) : OXL_OK;
-    const char *found = oxl_json_member(run.text, "found");
-    if (found && !job->options.restart && os_is_file(PATH(job->out, "partition.txt"))) {
-        job_count_iterations(job, (int)OXL_CLAMP(oxl_json_number(found, "images"), 0, INT_MAX));
-        *ready = manifest_has(&run, &job->line) && manifest_has(&run, &job->inputs);
-        if (!*ready) job->options = requested;
-    }
-    if (*ready) {
-        text_add(&job->found, "\"found\": %.*s", (int)(oxl_json_end(found) - found), found);
-        rc = job_make_key(job);
-    }
-    manifest_free(job->ctx, &run);
-    return rc == OXL_OK && *ready ? job_partition(job) : rc;
+    rc = job_plan(job);
+    return rc == OXL_OK ? job_plan_decoded(job) : rc;
 }
 
 static oxl_result job_train(struct job *job)
 {
-    oxl_result rc = job->scene ? values_check(job->ctx, job->scene) : OXL_OK;
-    if (rc == OXL_OK && job->scene) rc = match_check(job->ctx, job->scene, 0, &job->survey);
+    oxl_result rc = values_check(job->ctx, job->scene);
+    if (rc == OXL_OK) rc = match_check(job->ctx, job->scene, 0, &job->survey);
     if (rc == OXL_OK) rc = job->partition.block_count > 1 ? rounds_run(job) : job_run_single(job);
     return rc;
 }
@@ -409,12 +400,10 @@ static oxl_result job_train(struct job *job)
 /* Trains, or only merges, what OUT does not hold yet. */
 static oxl_result job_run(struct job *job, oxl_result (*train)(struct job *job))
 {
-    int ready = 0, done = 0;
+    int done = 0;
     oxl_result rc = job_check(job);
     if (rc == OXL_OK) rc = job_lock(job);
-    if (rc == OXL_OK) rc = job_prepare_block(job, &ready);
-    if (rc == OXL_OK && !ready) rc = job_prepare(job, &done);
-    if (rc == OXL_OK && !done) rc = job_plan_decoded(job);
+    if (rc == OXL_OK) rc = job_prepare(job, &done);
     if (rc == OXL_OK && !done) rc = job_finish_if_complete(job, train(job));
     job_end(job);
     return rc;

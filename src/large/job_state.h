@@ -29,6 +29,7 @@ struct job {
     oxl_context *ctx;
     const char *scene_path, *out;
     oxl_job_options options;
+    oxl_job_options asked;        /* options before the iterations were counted for the survey */
     const oxl_callback *callback; /* the caller's, or NULL */
     oxl_scene *scene;             /* the survey; NULL: not loaded */
     struct oxl_imaging imaging;   /* of the last model that was read or trained */
