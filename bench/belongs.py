@@ -14,10 +14,10 @@ work = tempfile.mkdtemp()
 small = "--max-side 321 --threads 1"
 
 SYNTH = [  # every path, scene, kind of light and of water, and what else synth can do
-    "", "--path orbit", "--path forward", "--path rov", "--scene wreck", "--scene ridge", "--water none",
-    "--water II", "--water 5C", "--water 9C", "--lamp 0", "--lamp 2 --backscatter 0.1", "--lamp 2 --backscatter 0.3 --path rov --water 3C",
-    "--sand-contrast 0.1", "--sand-contrast 0.3 --scene wreck", "--exposure-jitter 1", "--stereo 0.2", "--noise 8",
-    "--fish 12", "--alpha 1.5", "--origin 400000,5000000,-20", "--points 600", "--scene wreck --lamp 2 --sand-contrast 0.2",
+    "", "--path orbit", "--path forward", "--water none",
+    "--water II", "--water 5C", "--water 9C", "--lamp 0", "--lamp 2 --backscatter 0.1", "--lamp 2 --backscatter 0.3 --water 3C",
+    "--sand-contrast 0.1", "--sand-contrast 0.3", "--exposure-jitter 1", "--stereo 0.2", "--noise 8",
+    "--alpha 1.5", "--origin 400000,5000000,-20", "--points 600", "--lamp 2 --sand-contrast 0.2",
 ]
 
 def warnings(survey, options=small):

@@ -197,13 +197,7 @@ oxl_result report_write(oxl_context *ctx, const char *out, double scale);
 
 /* ---------------- synth_options.c: options of a procedural survey, which oceanxl-lab makes */
 
-enum synth_path { SYNTH_LAWNMOWER, SYNTH_ORBIT, SYNTH_FORWARD, SYNTH_ROV };
-enum synth_scene {
-    SYNTH_ANY_SCENE, /* reef, but ridge for the path rov */
-    SYNTH_REEF,      /* reef patches, boulders, corals and a wreck */
-    SYNTH_WRECK,     /* the wreck, overgrown, on a plain of bare sand: the points are uneven */
-    SYNTH_RIDGE      /* a ridge: a wall of 60 degrees on one side, a slope on the other, sand at their feet */
-};
+enum synth_path { SYNTH_LAWNMOWER, SYNTH_ORBIT, SYNTH_FORWARD };
 /* Names Jerlov's types of water. */
 enum synth_type {
     SYNTH_AIR,
@@ -236,12 +230,10 @@ typedef struct synth_options {
     /* fraction of its own contrast that bare sand has; below 1 it is dark and has few points (1) */
     double sand_contrast;
     double stereo; /* metres; distance between the two cameras of a rig; 0: one camera (0) */
-    int scene;     /* enum synth_scene (any) */
     long points;   /* sparse points; 0: 400 a view (0) */
     double noise;  /* 8-bit levels; sigma of the sensor's noise (1.5) */
     /* degrees, and % of the distance; root of the mean square of the exported poses' turns and moves (0) */
     double pose_noise;
-    int fish; /* number of fish in each image (0) */
     /* metres; images are transparent farther than this from the vertical axis through
      * the centre; 0: nowhere (0) */
     double alpha;

@@ -3,15 +3,13 @@
  *     images/IMG_00000.png ...                images: through water, with the sensor's noise
  *     sparse/0/{cameras,images,points3D}.txt  the poses and a sparse cloud with tracks
  *     truth/clean, truth/depth                the same images without water and noise; camera z in metres
- *     truth/water.txt, truth/model.txt        the water's coefficients; description of the world and of these
- *     files truth/exposure.txt, truth/lamp.txt      with --exposure-jitter, --stereo and --lamp: what was
- *     applied truth/still, truth/masks                with --fish: the images without fish; masks of the
- *     fish, in black
+ *     truth/water.txt, truth/model.txt        the water's coefficients; description of the world and of these files
+ *     truth/exposure.txt, truth/lamp.txt      with --exposure-jitter, --stereo and --lamp: what was applied
  *
  * Water: I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel (Akkaynak & Treibitz 2018), z the range
  * along the ray.
  * Invariant: an image is that formula on clean and depth, pixel by pixel, plus noise and rounding: nothing
- * else, but for fish, exposure and lamp.
+ * else, but for exposure and lamp.
  * The same options give the same files with any number of threads.
  */
 #include "synth.h"
@@ -138,23 +136,23 @@ static double synth_range(const struct synth_run *s, const struct synth_camera *
     return depth * hypot(1, hypot((x + 0.5 - c->cx) / c->f, (y + 0.5 - c->cy) / c->f));
 }
 
-/* Computes the clean colour lit by the lamp, through water. */
-static v3 synth_observed(const struct synth_run *s, size_t at, double range)
-{
-    return synth_through_water(
-        &s->water, v3_scale(synth_pixel(&s->clean, at), synth_lamp_falloff(s->options, range)), range);
-}
-
-/* Applies the image's gain, the lamp's, noise, and the rounding to 8 bits, so that colours picked from it
- * are those in the file. */
-static void synth_expose(struct synth_run *s, int view, v3 gain, int x, int y, v3 seen)
+/* Lights a pixel's clean colour by the lamp, sends it through water, adds backscatter, applies the image's gain,
+ * the lamp's, noise, and the rounding to 8 bits, so that colours picked from it are those in the file. */
+static void synth_expose(struct synth_run *s, const struct synth_camera *c, int view, v3 gain, int x, int y)
 {
     const synth_options *o = s->options;
+    const v3 direct = s->water.direct;
     const size_t at = (size_t)y * (size_t)o->width + (size_t)x;
-    const v3 exposed = v3_scale(v3_times(seen, gain), synth_lamp_radial(o, x + 0.5, y + 0.5));
+    const double range = synth_range(s, c, x, y);
+    const v3 seen = synth_through_water(
+        &s->water, v3_scale(synth_pixel(&s->clean, at), synth_lamp_falloff(o, range)), range);
+    const v3 near = v3_of(synth_lamp_backscatter(o, direct.x, x + 0.5, y + 0.5, range),
+                          synth_lamp_backscatter(o, direct.y, x + 0.5, y + 0.5, range),
+                          synth_lamp_backscatter(o, direct.z, x + 0.5, y + 0.5, range));
+    const v3 exposed = v3_scale(v3_times(v3_add(seen, near), gain), synth_lamp_radial(o, x + 0.5, y + 0.5));
     double level[3] = {255 * exposed.x, 255 * exposed.y, 255 * exposed.z};
     for (size_t k = 0; k < 3; k++) {
-        const uint64_t bits = random_bits(o->seed ^ 0x5e25, (uint64_t)view, 3 * at + k);
+        const uint64_t bits = synth_bits(o->seed ^ 0x5e25, (uint64_t)view, 3 * at + k);
         if (o->noise > 0) level[k] += o->noise * synth_random_normal(bits);
         level[k] = floor(synth_clamp(level[k], 0, 255) + 0.5) / 255;
     }
@@ -163,42 +161,8 @@ static void synth_expose(struct synth_run *s, int view, v3 gain, int x, int y, v
 
 static void synth_expose_row(struct synth_run *s, const struct synth_camera *c, int view, int y)
 {
-    const v3 gain = synth_gain(s->options, view), direct = s->water.direct;
-    for (int x = 0; x < c->width; x++) {
-        const double range = synth_range(s, c, x, y);
-        const v3 near = v3_of(synth_lamp_backscatter(s->options, direct.x, x + 0.5, y + 0.5, range),
-                              synth_lamp_backscatter(s->options, direct.y, x + 0.5, y + 0.5, range),
-                              synth_lamp_backscatter(s->options, direct.z, x + 0.5, y + 0.5, range));
-        synth_expose(s, view, gain, x, y,
-                     v3_add(synth_observed(s, (size_t)y * (size_t)c->width + (size_t)x, range), near));
-    }
-}
-
-/* Draws fish, where four rays see them, over what was there; the noise is the same as without. */
-static void synth_draw_fish_row(struct synth_run *s, const struct synth_camera *c, int view, int y)
-{
-    static const double within[4][2] = {{0.375, 0.125}, {0.875, 0.375}, {0.125, 0.625}, {0.625, 0.875}};
     const v3 gain = synth_gain(s->options, view);
-    for (int x = 0; x < c->width; x++) {
-        const size_t at = (size_t)y * (size_t)c->width + (size_t)x;
-        const double behind = synth_range(s, c, x, y);
-        v3 seen = {0, 0, 0};
-        int hits = 0;
-        for (int k = 0; k < 4; k++) {
-            const v3 ray = synth_pixel_ray(c, x + within[k][0], y + within[k][1]);
-            v3 colour = {0, 0, 0};
-            const double range = synth_fish_cast(s->fish, s->fish_count, &s->world, c->centre, ray,
-                                                 behind > 0 ? behind : SYNTH_FAR, &colour);
-            if (range < 0) continue;
-            hits++;
-            colour = v3_scale(colour, synth_lamp_falloff(s->options, range));
-            seen = v3_along(seen, synth_through_water(&s->water, colour, range), 0.25);
-        }
-        synth_set(&s->mask, at, hits ? v3_of(0, 0, 0) : v3_of(1, 1, 1));
-        if (hits)
-            synth_expose(s, view, gain, x, y,
-                         v3_along(seen, synth_observed(s, at, behind), 0.25 * (4 - hits)));
-    }
+    for (int x = 0; x < c->width; x++) synth_expose(s, c, view, gain, x, y);
 }
 
 static oxl_result synth_write_image(struct synth_run *s, const char *folder, int view, const oxl_image *image)
@@ -206,10 +170,10 @@ static oxl_result synth_write_image(struct synth_run *s, const char *folder, int
     char name[32], path[1024];
     synth_image_name(s->options, view, name);
     snprintf(path, sizeof path, "%s/%s/%s", s->options->out, folder, name);
-    return oxl_image_write(s->ctx, path, image);
+    return (image->weight ? oxl_image_write_alpha : oxl_image_write)(s->ctx, path, image);
 }
 
-/* Makes an image opaque within options.alpha of the vertical axis through the centre; beyond, and where no
+/* Makes the image opaque within options.alpha of the vertical axis through the centre; beyond, and where no
  * surface is, transparent and black, as programs that cut out an object leave it. */
 static void synth_cut_out(struct synth_run *s, const struct synth_camera *c)
 {
@@ -223,15 +187,6 @@ static void synth_cut_out(struct synth_run *s, const struct synth_camera *c)
     }
 }
 
-static oxl_result synth_write_cut_out(struct synth_run *s, const struct synth_camera *c, int view)
-{
-    char name[32], path[1024];
-    synth_cut_out(s, c);
-    synth_image_name(s->options, view, name);
-    snprintf(path, sizeof path, "%s/images/%s", s->options->out, name);
-    return oxl_image_write_alpha(s->ctx, path, &s->image);
-}
-
 static oxl_result synth_write_depth(struct synth_run *s, int view)
 {
     char name[32], path[1024];
@@ -241,20 +196,10 @@ static oxl_result synth_write_depth(struct synth_run *s, int view)
     return oxl_write_pfm(s->ctx, path, s->depth, s->options->width, s->options->height);
 }
 
-/* Adds fish to the image, which was still. */
-static oxl_result synth_draw_fish(struct synth_run *s, const struct synth_camera *c, int view)
-{
-    const oxl_result rc = synth_write_image(s, "truth/still", view, &s->image);
-    s->fish_count = synth_fish_near(s->options, &s->world, &s->trajectory, view, s->fish);
-#pragma omp parallel for schedule(dynamic, 2)
-    for (int y = 0; y < c->height; y++) synth_draw_fish_row(s, c, view, y);
-    return rc == OXL_OK ? synth_write_image(s, "truth/masks", view, &s->mask) : rc;
-}
-
 static oxl_result synth_view(struct synth_run *s, int view)
 {
     const struct synth_camera *c = &s->trajectory.camera[view];
-    oxl_result rc = OXL_OK;
+    oxl_result rc;
 #pragma omp parallel for schedule(dynamic, 2)
     for (int y = 0; y < c->height; y++) synth_draw_row(s, c, y);
 #pragma omp parallel for schedule(dynamic, 2)
@@ -262,9 +207,8 @@ static oxl_result synth_view(struct synth_run *s, int view)
 #pragma omp parallel for schedule(dynamic, 2)
     for (int y = 0; y < c->height; y++) synth_expose_row(s, c, view, y);
     synth_points_collect(&s->points, view, &s->image);
-    if (s->options->fish > 0) rc = synth_draw_fish(s, c, view);
-    if (rc == OXL_OK && s->options->alpha > 0) rc = synth_write_cut_out(s, c, view);
-    else if (rc == OXL_OK) rc = synth_write_image(s, "images", view, &s->image);
+    if (s->options->alpha > 0) synth_cut_out(s, c);
+    rc = synth_write_image(s, "images", view, &s->image);
     if (rc == OXL_OK) rc = synth_write_image(s, "truth/clean", view, &s->clean);
     return rc == OXL_OK ? synth_write_depth(s, view) : rc;
 }
@@ -283,13 +227,10 @@ static oxl_result synth_make_images(struct synth_run *s)
     const synth_options *o = s->options;
     oxl_result rc = oxl_image_create(s->ctx, o->width, o->height, &s->image);
     if (rc == OXL_OK) rc = oxl_image_create(s->ctx, o->width, o->height, &s->clean);
-    if (rc == OXL_OK && o->fish > 0) rc = oxl_image_create(s->ctx, o->width, o->height, &s->mask);
     s->depth = malloc((size_t)o->width * (size_t)o->height * sizeof *s->depth);
-    s->fish = malloc((3 * (size_t)o->fish + 1) * sizeof *s->fish);
     if (rc == OXL_OK && o->alpha > 0) rc = synth_reserve_weight(s);
-    return rc == OXL_OK && s->depth && s->fish
-               ? OXL_OK
-               : oxl_fail(s->ctx, OXL_ERR_MEMORY, "synth: no memory for an image");
+    return rc == OXL_OK && s->depth ? OXL_OK
+                                    : oxl_fail(s->ctx, OXL_ERR_MEMORY, "synth: no memory for an image");
 }
 
 static oxl_result synth_views(struct synth_run *s)
@@ -306,22 +247,54 @@ static oxl_result synth_views(struct synth_run *s)
 
 /* ---------------- the run */
 
+/* Refuses OUT where it holds a survey, or a folder of one, that synth did not write. */
+static oxl_result synth_check_own(const struct synth_run *s)
+{
+    static const char *const others[] = {"images",
+                                         "sparse",
+                                         "truth",
+                                         "transforms.json",
+                                         "transforms_train.json",
+                                         "reconstruction.json",
+                                         "cameras.txt",
+                                         "cameras.bin"};
+    static const char mark[] = "A made-up seabed, ";
+    char path[1024], *model = output_read(s->options->out, "truth/model.txt", NULL);
+    const int is_own = model && strncmp(model, mark, strlen(mark)) == 0;
+    free(model);
+    for (size_t i = is_own ? 3 : 0; i < sizeof others / sizeof *others; i++) {
+        FILE *file;
+        snprintf(path, sizeof path, "%s/%s", s->options->out, others[i]);
+        file = oxl_open(path);
+        if (file) fclose(file);
+        if (file || oxl_is_folder(path))
+            return oxl_fail(
+                s->ctx, OXL_ERR_USAGE,
+                "%s is there, and synth did not write it\nfix: another folder by -o, or move this "
+                "one away",
+                path);
+    }
+    return OXL_OK;
+}
+
+/* Makes the folders, and removes the survey of the run before, whose images would belong to other poses. */
 static oxl_result synth_make_folders(struct synth_run *s)
 {
-    static const char *const folders[] = {
-        "truth",       "sparse/0",    "images",     "truth/clean",
-        "truth/depth", "truth/still", "truth/masks"}; /* the truth first: synth_own_check */
-    const int count = !s->options->write_images ? 2 : s->options->fish > 0 ? 7 : 5;
-    char path[1024];
+    static const char *const folders[] = {"truth", "sparse/0", "images", "truth/clean", "truth/depth"};
+    char path[1024], name[32];
     oxl_result rc = OXL_OK;
-    for (int i = 0; i < count && rc == OXL_OK; i++) {
+    for (int i = 0; i < (s->options->write_images ? 5 : 2) && rc == OXL_OK; i++) {
         snprintf(path, sizeof path, "%s/%s", s->options->out, folders[i]);
         rc = oxl_make_folder(s->ctx, path);
     }
-    if (rc == OXL_OK) rc = synth_own_begin(s);
+    if (rc == OXL_OK) rc = synth_write_model(s);
     if (rc != OXL_OK) return rc;
     snprintf(path, sizeof path, "%s/sparse/0/images.txt", s->options->out);
-    remove(path); /* of an earlier run: it would belong to other images should this one be stopped */
+    for (int i = 0, there = 1; there; i++) {
+        there = remove(path) == 0 || i == 0;
+        synth_image_name(s->options, i, name);
+        snprintf(path, sizeof path, "%s/images/%s", s->options->out, name);
+    }
     return OXL_OK;
 }
 
@@ -335,24 +308,20 @@ static oxl_result synth_make_points(struct synth_run *s)
 static oxl_result synth_make(struct synth_run *s)
 {
     const synth_options *o = s->options;
-    const enum synth_scene scene = o->scene               ? (enum synth_scene)o->scene
-                                   : o->path == SYNTH_ROV ? SYNTH_RIDGE
-                                                          : SYNTH_REEF;
     oxl_result rc = synth_check(s->ctx, o);
-    if (rc == OXL_OK) rc = synth_own_check(s);
-    if (rc == OXL_OK) rc = synth_make_folders(s);
+    if (rc == OXL_OK) rc = synth_check_own(s);
     if (rc != OXL_OK) return rc;
     s->water = synth_waters[o->water];
     if (!synth_trajectory_create(o, &s->trajectory) ||
-        !synth_world_create(o->seed, s->trajectory.half, s->trajectory.wreck, scene, &s->world))
+        !synth_world_create(o->seed, s->trajectory.half, s->trajectory.wreck, &s->world))
         return oxl_fail(s->ctx, OXL_ERR_MEMORY,
                         "synth: no memory for the world\nfix: a smaller --extent or fewer --views");
     s->world.sand_contrast = o->sand_contrast;
     synth_trajectory_set_heights(&s->trajectory, &s->world);
-    rc = synth_make_points(s);
+    rc = synth_make_folders(s);
+    if (rc == OXL_OK) rc = synth_make_points(s);
     if (rc == OXL_OK && o->write_images) rc = synth_views(s);
-    if (rc == OXL_OK) rc = synth_write_files(s);
-    return rc == OXL_OK ? synth_own_finish(s) : rc;
+    return rc == OXL_OK ? synth_write_files(s) : rc;
 }
 
 oxl_result synth_run(oxl_context *ctx, const synth_options *options)
@@ -366,8 +335,6 @@ oxl_result synth_run(oxl_context *ctx, const synth_options *options)
     rc = synth_make(&s);
     oxl_image_free(ctx, &s.image);
     oxl_image_free(ctx, &s.clean);
-    oxl_image_free(ctx, &s.mask);
-    free(s.fish);
     free(s.depth);
     synth_points_free(&s.points);
     synth_world_free(&s.world);

@@ -4,11 +4,9 @@
  *     synth_world.c   the geometry: seabed, rocks, corals, a wreck, as one distance function
  *     synth_shade.c   rays, light and colour
  *     synth_trajectory.c    where the camera flies
- *     synth_fish.c    fish in the images
  *     synth_light.c   exposure that drifts, a lamp that moves with the camera
  *     synth_points.c  sparse points with tracks
  *     synth_export.c  the text files
- *     synth_own.c     which files of OUT a run may replace
  *
  * Frame: x east, y north, z up, metres, zero in the middle of the survey; options.origin is added at export.
  */
@@ -66,7 +64,6 @@ struct synth_near { /* an object's sphere, side by side with its neighbours' in 
 
 struct synth_world {
     uint32_t seed;
-    enum synth_scene scene;
     double sand_contrast;   /* of options */
     v3 wreck;               /* its centre, at the height of its deck */
     v3 turn[3];             /* world to wreck, rows */
@@ -93,10 +90,7 @@ struct synth_surface { /* what is nearest to a point */
 };
 
 /* Bakes the world for |x|, |y| <= half metres; beyond there is bare ground. 0: out of memory. */
-int synth_world_create(uint64_t seed, double half, v3 wreck, enum synth_scene scene, struct synth_world *out);
-extern const char *const synth_scenes[3];
-/* Returns options.scene; NULL: that of the path. -1: it is not known. */
-int synth_scene_of(const synth_options *options);
+int synth_world_create(uint64_t seed, double half, v3 wreck, struct synth_world *out);
 void synth_world_free(struct synth_world *world);
 /* Returns the ground's height in metres, without objects. */
 double synth_ground(const struct synth_world *world, double x, double y);
@@ -112,9 +106,6 @@ double synth_cast(const struct synth_world *world, v3 from, v3 direction, double
 v3 synth_normal(const struct synth_world *world, v3 p, double footprint);
 /* Returns the display colour 0..1 of a surface point in clear water. */
 v3 synth_shade(const struct synth_world *world, v3 p, double footprint);
-/* Returns the display colour of a surface; sun: cosine of its angle to the sun, 0 in the shade; open:
- * fraction of the sky that it sees. */
-v3 synth_light(v3 albedo, v3 normal, double sun, double open);
 
 /* ---------------- synth_trajectory.c */
 
@@ -142,23 +133,6 @@ void synth_image_name(const synth_options *options, int view, char name[32]);
 v3 synth_pixel_ray(const struct synth_camera *camera, double x, double y); /* unit, in the world */
 /* Returns pixel and camera z of a world point; 0 when it lies behind. */
 int synth_project(const struct synth_camera *camera, v3 p, double *x, double *y, double *z);
-
-/* ---------------- synth_fish.c */
-
-enum { SYNTH_FISH_MAX = 100 }; /* per image */
-
-struct synth_fish {
-    v3 at, ahead, side, up; /* metres; unit vectors */
-    double length, beat;    /* metres; angle of its tail */
-    uint32_t seed;
-};
-/* Lists the fish that a view may see: out has room for 3 x options.fish. Returns how many. */
-int synth_fish_near(const synth_options *options, const struct synth_world *world,
-                    const struct synth_trajectory *trajectory, int view, struct synth_fish *out);
-/* Returns the range to the first fish along a unit direction, or -1 when there is none before `far`; *colour
- * is its display colour. */
-double synth_fish_cast(const struct synth_fish *fish, int count, const struct synth_world *world, v3 from,
-                       v3 direction, double far, v3 *colour);
 
 /* ---------------- synth_light.c: water, exposure, lamp */
 
@@ -229,26 +203,17 @@ struct synth_run {
     struct synth_trajectory trajectory;
     struct synth_world world;
     struct synth_points points;
-    oxl_image clean, image, mask; /* mask: with fish alone */
-    struct synth_fish *fish;      /* of the view */
-    int fish_count;
+    oxl_image clean, image;
     float *depth; /* (H,W) camera z, metres; 0: nothing there */
 };
 
 /* ---------------- what is written: synth_export.c, synth_light.c */
 
-/* Writes the truth, and last what makes a survey: one that can be read is whole. */
+/* Writes truth/model.txt, which marks OUT as a survey of synth. */
+oxl_result synth_write_model(const struct synth_run *s);
+/* Writes the rest of the truth, and last what makes a survey: one that can be read is whole. */
 oxl_result synth_write_files(const struct synth_run *s);
 void synth_write_exposure(const struct synth_run *s, struct output *t);
 void synth_write_lamp(const struct synth_run *s, struct output *t);
-
-/* ---------------- synth_own.c */
-
-/* Refuses OUT where it holds a survey, or files of one, that synth did not write as they are. */
-oxl_result synth_own_check(const struct synth_run *s);
-/* Removes the survey of the run before and marks that of this one as unfinished. */
-oxl_result synth_own_begin(const struct synth_run *s);
-/* Lists the files of the finished run. */
-oxl_result synth_own_finish(const struct synth_run *s);
 
 #endif

@@ -96,7 +96,7 @@ static struct synth_camera export_noisy(const struct synth_run *s, int view)
     }
     for (int k = 0; k < 6; k++) /* uniform, of variance 1/3 on each axis */
         off[k] = s->options->pose_noise *
-                 (2 * random_unit(random_bits(s->options->seed, 900 + k, (uint64_t)view)) - 1);
+                 (2 * synth_unit(synth_bits(s->options->seed, 900 + k, (uint64_t)view)) - 1);
     turn = v3_scale(v3_of(off[0], off[1], off[2]), EXPORT_DEGREE);
     for (int i = 0; i < 3; i++) {
         const double along = v3_dot(turn, turn), angle = sqrt(along),
@@ -116,11 +116,11 @@ static void export_view(const struct synth_run *s, struct output *t, struct synt
     const size_t first = points->view_first[view];
     for (size_t k = 0; k < points->view_first[view + 1] - first; k++) {
         const struct synth_observation *at = synth_observation_in(points, points->by_view[first + k], view);
-        const uint64_t h = random_bits(o->seed, 300 + k, (uint64_t)view);
+        const uint64_t h = synth_bits(o->seed, 300 + k, (uint64_t)view);
         output_add(t, "%s%.3f %.3f %llu", k ? " " : "", (double)at->x, (double)at->y,
                    synth_id(ids, points->by_view[first + k]));
         if (synth_has_stray(o->seed, view, k))
-            output_add(t, " %.3f %.3f -1", random_unit(h) * o->width, random_unit(random_mix(h)) * o->height);
+            output_add(t, " %.3f %.3f -1", synth_unit(h) * o->width, synth_unit(synth_mix(h)) * o->height);
     }
 }
 
@@ -214,9 +214,7 @@ static void export_model(const struct synth_run *s, struct output *t)
 {
     const synth_options *o = s->options;
     const v3 origin = v3_of(o->origin[0], o->origin[1], o->origin[2]);
-    static const char *const paths[] = {"lawnmower", "orbit", "forward", "rov"}, *const scenes[] = {
-                                                                                     "", "reef", "wreck",
-                                                                                     "ridge"};
+    static const char *const paths[] = {"lawnmower", "orbit", "forward"};
     output_add(
         t,
         "A made-up seabed, found by a made-up camera. Metres; x east, y north, z up.\n\n"
@@ -230,26 +228,40 @@ static void export_model(const struct synth_run *s, struct output *t)
         "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
         "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n",
         o->pose_noise > 0 ? "off; truth/poses.txt has the true ones" : "exact");
-    if (o->fish > 0)
-        output_add(
-            t,
-            "Fish     in images/ alone; each is placed in one image and moves on into its neighbours, a second apart.\n"
-            "         truth/still/NAME.png: the image before they came, noise and all; truth/masks/NAME.png:\n"
-            "         black where they are. No points are on them, they throw no shadow.\n\n");
     if (o->alpha > 0)
         output_add(
             t,
             "Alpha    images/ are transparent, and black, beyond %.2f m from the vertical axis through the "
             "centre;\n         no points are there.\n\n",
             o->alpha);
-    output_add(t, "seed %llu\npath %s\nscene %s\nviews %d\n", (unsigned long long)o->seed, paths[o->path],
-               scenes[s->world.scene], o->views);
+    output_add(t, "seed %llu\npath %s\nviews %d\n", (unsigned long long)o->seed, paths[o->path], o->views);
     export_triple(t, "origin", origin);
     export_triple(t, "wreck", v3_add(s->world.wreck, origin));
     export_triple(t, "sun", s->world.sun);
 }
 
-/* Writes the truth, and last what makes a survey: one that can be read is whole. */
+static oxl_result export_write(const struct synth_run *s, const char *name,
+                               void (*write)(const struct synth_run *s, struct output *t))
+{
+    struct output t = {0};
+    char path[1024];
+    snprintf(path, sizeof path, "%s/%s", s->options->out, name);
+    output_open(&t, path);
+    write(s, &t);
+    return output_close(&t)
+               ? OXL_OK
+               : oxl_fail(
+                     s->ctx, OXL_ERR_IO,
+                     "synth: cannot write %s\nfix: choose a folder that you may write to, on a disk with "
+                     "free space",
+                     path);
+}
+
+oxl_result synth_write_model(const struct synth_run *s)
+{
+    return export_write(s, "truth/model.txt", export_model);
+}
+
 oxl_result synth_write_files(const struct synth_run *s)
 {
     const synth_options *o = s->options;
@@ -258,7 +270,6 @@ oxl_result synth_write_files(const struct synth_run *s)
         void (*write)(const struct synth_run *s, struct output *t);
         int is_wanted;
     } files[] = {{"truth/water.txt", export_water, 1},
-                 {"truth/model.txt", export_model, 1},
                  {"truth/outliers.txt", export_outliers, 1},
                  {"truth/exposure.txt", synth_write_exposure, o->exposure_jitter > 0 || o->stereo > 0},
                  {"truth/lamp.txt", synth_write_lamp, o->lamp >= 0},
@@ -266,18 +277,8 @@ oxl_result synth_write_files(const struct synth_run *s)
                  {"sparse/0/cameras.txt", export_cameras, 1},
                  {"sparse/0/points3D.txt", export_points, 1},
                  {"sparse/0/images.txt", export_images, 1}};
-    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
-        struct output t = {0};
-        char path[1024];
-        if (!files[i].is_wanted) continue;
-        snprintf(path, sizeof path, "%s/%s", o->out, files[i].name);
-        output_open(&t, path);
-        files[i].write(s, &t);
-        if (!output_close(&t))
-            return oxl_fail(
-                s->ctx, OXL_ERR_IO,
-                "synth: cannot write %s\nfix: choose a folder that you may write to, on a disk with free space",
-                path);
-    }
-    return OXL_OK;
+    oxl_result rc = OXL_OK;
+    for (size_t i = 0; i < sizeof files / sizeof *files && rc == OXL_OK; i++)
+        if (files[i].is_wanted) rc = export_write(s, files[i].name, files[i].write);
+    return rc;
 }

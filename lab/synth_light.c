@@ -47,8 +47,8 @@ v3 synth_through_water(const struct synth_water *w, v3 colour, double range)
 /* Draws a number within -1..1, smooth over about a dozen views. */
 static double light_drift(uint64_t seed, int view, uint64_t what)
 {
-    const double a = 2 * SYNTH_PI * random_unit(random_bits(seed, 400 + what, 1));
-    const double b = 2 * SYNTH_PI * random_unit(random_bits(seed, 400 + what, 2));
+    const double a = 2 * SYNTH_PI * synth_unit(synth_bits(seed, 400 + what, 1));
+    const double b = 2 * SYNTH_PI * synth_unit(synth_bits(seed, 400 + what, 2));
     return 0.6 * sin(2 * SYNTH_PI * view / (37.0 + (double)what) + a) +
            0.4 * sin(2 * SYNTH_PI * view / (16.0 + (double)what) + b);
 }
@@ -60,7 +60,7 @@ v3 synth_gain(const synth_options *o, int view)
     if (o->stereo > 0) view /= 2;
     if (!(o->exposure_jitter > 0)) return v3_of(right, right, right);
     for (uint64_t c = 0; c < 3; c++) {
-        const double own = 2 * random_unit(random_bits(o->seed, 410, (uint64_t)view)) - 1;
+        const double own = 2 * synth_unit(synth_bits(o->seed, 410, (uint64_t)view)) - 1;
         const double all = EXPOSURE_DRIFT * light_drift(o->seed, view, 0) + (1 - EXPOSURE_DRIFT) * own;
         const double tint = EXPOSURE_BALANCE * light_drift(o->seed, view, 1 + c);
         gain[c] = right * pow(2, o->exposure_jitter * (all + tint));

@@ -7,9 +7,8 @@
 #ifndef SYNTH_MATH_H
 #define SYNTH_MATH_H
 
-#include "../src/core/random.h"
-
 #include <math.h>
+#include <stdint.h>
 
 #define SYNTH_PI 3.14159265358979323846
 
@@ -87,11 +86,29 @@ static inline double synth_step(double a, double b, double x)
     return t * t * (3 - 2 * t);
 }
 
+/* Draw random numbers without state, each a function of a seed and two numbers, by the finaliser of splitmix64
+ * (Steele, Lea & Flood 2014). */
+static inline uint64_t synth_mix(uint64_t x)
+{
+    x += UINT64_C(0x9E3779B97F4A7C15);
+    x = (x ^ (x >> 30)) * UINT64_C(0xBF58476D1CE4E5B9);
+    x = (x ^ (x >> 27)) * UINT64_C(0x94D049BB133111EB);
+    return x ^ (x >> 31);
+}
+static inline uint64_t synth_bits(uint64_t seed, uint64_t a, uint64_t b)
+{
+    return synth_mix(synth_mix(synth_mix(seed) ^ a) ^ b);
+}
+static inline double synth_unit(uint64_t bits) /* [0,1) */
+{
+    return (double)(bits >> 11) * (1.0 / 9007199254740992.0); /* 2^-53 */
+}
+
 /* Draws a standard normal number (Box & Muller 1958). */
 static inline double synth_random_normal(uint64_t bits)
 {
-    const double radius = sqrt(-2 * log(1 - random_unit(bits)));
-    return radius * cos(2 * SYNTH_PI * random_unit(random_mix(bits)));
+    const double radius = sqrt(-2 * log(1 - synth_unit(bits)));
+    return radius * cos(2 * SYNTH_PI * synth_unit(synth_mix(bits)));
 }
 
 /* ---------------- noise */

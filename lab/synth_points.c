@@ -129,17 +129,17 @@ static void points_detect(const struct points_search *s, uint64_t seed, const st
     const int most = t->is_outlier ? 3 : MOST_VIEWS;
     int others = 0;
     for (int i = 0; i < found; i++) {
-        const uint64_t bits = random_bits(seed, 5, (uint64_t)list[i].view);
+        const uint64_t bits = synth_bits(seed, 5, (uint64_t)list[i].view);
         if (list[i].view != t->source) {
-            if (others + 1 >= most || random_unit(bits) >= chance || !points_visible(s, t, list[i].view))
+            if (others + 1 >= most || synth_unit(bits) >= chance || !points_visible(s, t, list[i].view))
                 continue;
             others++;
         }
         t->seen[t->count++] = (struct synth_observation){
             .view = (uint32_t)list[i].view,
-            .x = points_measured(list[i].x, sigma * synth_random_normal(random_mix(bits ^ 1)),
+            .x = points_measured(list[i].x, sigma * synth_random_normal(synth_mix(bits ^ 1)),
                                  s->run->options->width),
-            .y = points_measured(list[i].y, sigma * synth_random_normal(random_mix(bits ^ 2)),
+            .y = points_measured(list[i].y, sigma * synth_random_normal(synth_mix(bits ^ 2)),
                                  s->run->options->height)};
     }
 }
@@ -160,7 +160,7 @@ static void points_colour(const struct points_search *s, double range, struct po
 
 static int points_are_uneven(const struct points_search *s)
 {
-    return s->run->world.scene != SYNTH_REEF || s->run->world.sand_contrast < 1;
+    return s->run->world.sand_contrast < 1;
 }
 
 /* Returns 1 for a point that is left out as bare sand, which has few features: so most points lie on the
@@ -168,7 +168,7 @@ static int points_are_uneven(const struct points_search *s)
 static int points_is_bare(const struct points_search *s, v3 p, uint64_t seed)
 {
     struct synth_surface surface;
-    if (!points_are_uneven(s) || random_unit(random_bits(seed, 4, 0)) < SAND_FRACTION) return 0;
+    if (!points_are_uneven(s) || synth_unit(synth_bits(seed, 4, 0)) < SAND_FRACTION) return 0;
     synth_distance(&s->run->world, p, &surface);
     return surface.material == SYNTH_SAND;
 }
@@ -177,12 +177,12 @@ static int points_is_bare(const struct points_search *s, v3 p, uint64_t seed)
 static int points_try(const struct points_search *s, uint64_t number, uint64_t attempt, int least,
                       struct points_track *t)
 {
-    const uint64_t seed = random_bits(s->run->options->seed ^ 0x9017, number, attempt);
+    const uint64_t seed = synth_bits(s->run->options->seed ^ 0x9017, number, attempt);
     /* of cameras over sand less */
-    const uint64_t pick = points_are_uneven(s) ? random_bits(seed, 3, 0) : number;
+    const uint64_t pick = points_are_uneven(s) ? synth_bits(seed, 3, 0) : number;
     const int source = (int)(pick % (uint64_t)s->run->trajectory.count);
     const struct synth_camera *c = &s->run->trajectory.camera[source];
-    const double u = random_unit(random_bits(seed, 0, 0)), v = random_unit(random_bits(seed, 1, 0));
+    const double u = synth_unit(synth_bits(seed, 0, 0)), v = synth_unit(synth_bits(seed, 1, 0));
     const v3 ray =
         synth_pixel_ray(c, FRAME + u * (c->width - 2 * FRAME), FRAME + v * (c->height - 2 * FRAME));
     double range = synth_cast(&s->run->world, c->centre, ray, SYNTH_FAR);
@@ -191,8 +191,8 @@ static int points_try(const struct points_search *s, uint64_t number, uint64_t a
     if (range < 0 || points_is_bare(s, v3_along(c->centre, ray, range), seed)) return 0;
     t->count = 0;
     t->source = source;
-    t->is_outlier = random_unit(random_bits(s->run->options->seed ^ 0x0dd, number, 0)) < OUTLIER_FRACTION;
-    if (t->is_outlier) range *= 0.6 + 0.8 * random_unit(random_bits(seed, 2, 0));
+    t->is_outlier = synth_unit(synth_bits(s->run->options->seed ^ 0x0dd, number, 0)) < OUTLIER_FRACTION;
+    if (t->is_outlier) range *= 0.6 + 0.8 * synth_unit(synth_bits(seed, 2, 0));
     t->position = v3_along(c->centre, ray, range);
     if (s->run->options->alpha > 0 && hypot(t->position.x, t->position.y) > s->run->options->alpha) return 0;
     t->side = v3_scale(ray, -1);
@@ -335,7 +335,7 @@ const struct synth_observation *synth_observation_in(const struct synth_points *
 
 int synth_has_stray(uint64_t seed, int view, size_t k)
 {
-    return random_bits(seed ^ 0x57a9, (uint64_t)view, k) % 4 == 0;
+    return synth_bits(seed ^ 0x57a9, (uint64_t)view, k) % 4 == 0;
 }
 
 /* Samples the image, bilinear, 0..255. */

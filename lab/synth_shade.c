@@ -246,7 +246,8 @@ static double shade_display(double light)
     return pow(synth_clamp(1.03 * light / (0.25 * light + 0.9), 0, 1), 1 / 2.2);
 }
 
-v3 synth_light(v3 albedo, v3 normal, double sun, double open)
+/* sun: cosine of its angle to the sun, 0 in the shade; open: fraction of the sky that the surface sees. */
+static v3 shade_light(v3 albedo, v3 normal, double sun, double open)
 {
     v3 light = v3_scale(v3_of(1.25, 1.15, 0.98), sun);
     light = v3_along(light, v3_of(0.36, 0.46, 0.50), open * (0.5 + 0.5 * normal.z));
@@ -268,7 +269,7 @@ v3 synth_shade(const struct synth_world *w, v3 p, double footprint)
     open = shade_open(w, p, normal);
     sun = synth_max(0, v3_dot(normal, w->sun));
     if (sun > 0) sun *= shade_sunlit(w, v3_along(p, normal, 0.004));
-    albedo = synth_light(albedo, normal, sun, open);
+    albedo = shade_light(albedo, normal, sun, open);
     return surface.material == SYNTH_SAND && w->sand_contrast < 1 ? v3_mix(faint, albedo, w->sand_contrast)
                                                                   : albedo;
 }

@@ -2,9 +2,7 @@
  *
  * lawnmower: rows to and fro, 3 m over the ground, looking down and a little ahead; images overlap by 75 %
  * along a row and rows by 60 %, as survey manuals recommend. orbit: two rings around the wreck, looking at
- * it. Position, height and angles are perturbed. rov: three legs along the ridge, low and forward-looking: at
- * the foot of the wall, along the crest, and back over the slope; near and far lie 1 : 10 and more apart in a
- * view. forward: one straight line, 2 m over the ground, looking ahead and
+ * it. Position, height and angles are perturbed. forward: one straight line, 2 m over the ground, looking ahead and
  * 35 degrees down, as a vehicle does.
  */
 #include "synth.h"
@@ -17,6 +15,7 @@
 #define STEP_FORWARD 0.25  /* of an image's height on the ground: 75 % overlap */
 #define STEP_SIDEWAYS 0.40 /* of its width: 60 % */
 #define TILT 8.0           /* degrees ahead of straight down */
+#define CLEARANCE 0.5      /* metres over the ground around, at least */
 #define MARGIN 3.0         /* metres of ground around what is in view */
 #define FORWARD_HEIGHT 2.0 /* metres over the ground */
 #define FORWARD_STEP 0.35  /* metres between images */
@@ -26,7 +25,7 @@ static const double degree = SYNTH_PI / 180;
 
 static double trajectory_waver(const synth_options *o, int view, uint64_t what, double sigma)
 {
-    const double n = synth_random_normal(random_bits(o->seed, 200 + what, (uint64_t)view));
+    const double n = synth_random_normal(synth_bits(o->seed, 200 + what, (uint64_t)view));
     return sigma * synth_clamp(n, -2.5, 2.5);
 }
 
@@ -95,33 +94,6 @@ static v3 trajectory_orbit(const synth_options *o, int i, struct synth_camera *c
     return v3_of(0, 0, 0);
 }
 
-#define ROV_STEP 0.4   /* metres from image to image */
-#define ROV_RANGE 16.0 /* metres: farther objects are invisible in coastal water */
-#define CLEARANCE 0.5  /* metres over the ground around, at least */
-
-static const struct path_leg {
-    double x, altitude;     /* metres: across the ridge, over the ground */
-    double course, towards; /* +1 north, -1 south; degrees from there to the left that it looks */
-    double down;            /* degrees below the horizon */
-} path_legs[] = {{-4.2, 1.3, 1, -38, 8}, {0.4, 1.1, 1, 0, 22}, {4.5, 1.5, -1, -25, 12}};
-enum { PATH_LEGS = sizeof path_legs / sizeof *path_legs };
-
-static v3 trajectory_rov(const synth_options *o, int i, struct synth_camera *c)
-{
-    const double length =
-        o->extent > 0 ? o->extent : ROV_STEP * synth_max(2, (double)o->views / PATH_LEGS - 1);
-    double along;
-    const struct path_leg *leg = &path_legs[trajectory_leg(o, PATH_LEGS, i, &along)];
-    const double turn = (leg->towards + trajectory_waver(o, i, 0, 5)) * degree;
-    const double down = (leg->down + trajectory_waver(o, i, 1, 4)) * degree;
-    c->centre = v3_of(leg->x + trajectory_waver(o, i, 2, 0.15),
-                      leg->course * length * along + trajectory_waver(o, i, 3, 0.08),
-                      leg->altitude + trajectory_waver(o, i, 4, 0.12));
-    trajectory_look(o, i, v3_of(-leg->course * sin(turn), leg->course * cos(turn), 0), cos(down), sin(down),
-                    v3_of(0, 0, 1), c);
-    return v3_of(7.5, 0.2 * length, 0);
-}
-
 static v3 trajectory_forward(const synth_options *o, int i, struct synth_camera *c)
 {
     const double length = o->extent > 0 ? o->extent : FORWARD_STEP * (o->views - 1);
@@ -135,15 +107,14 @@ static v3 trajectory_forward(const synth_options *o, int i, struct synth_camera 
     return v3_of(1.5, 0.1 * length, 0);
 }
 
-/* Finds where the corners' rays meet z = -0.5, lower than most of the ground. reach: radius of the world,
- * metres. */
-static void trajectory_measure(struct synth_trajectory *trajectory, double reach)
+/* Finds where the corners' rays meet z = -0.5, lower than most of the ground. */
+static void trajectory_measure(struct synth_trajectory *trajectory)
 {
     for (int i = 0; i < trajectory->count; i++) {
         const struct synth_camera *c = &trajectory->camera[i];
         for (int k = 0; k < 4; k++) {
             const v3 ray = synth_pixel_ray(c, k & 1 ? c->width : 0, k & 2 ? c->height : 0);
-            const double range = ray.z < 0 ? synth_min(reach, (c->centre.z + 0.5) / -ray.z) : reach;
+            const double range = ray.z < 0 ? synth_min(SYNTH_FAR, (c->centre.z + 0.5) / -ray.z) : SYNTH_FAR;
             const v3 hit = v3_along(c->centre, ray, range);
             trajectory->reach = synth_max(trajectory->reach, hypot(hit.x - c->centre.x, hit.y - c->centre.y));
             trajectory->half = synth_max(trajectory->half, synth_max(fabs(hit.x), fabs(hit.y)));
@@ -162,17 +133,12 @@ static void trajectory_pair(double apart, struct synth_trajectory *trajectory)
     }
 }
 
-static const struct trajectory_path { /* by enum synth_path */
-    v3 (*fly)(const synth_options *o, int i, struct synth_camera *c);
-    double range; /* metres: farther objects are out of sight */
-} trajectory_paths[] = {{trajectory_lawnmower, SYNTH_FAR},
-                        {trajectory_orbit, SYNTH_FAR},
-                        {trajectory_forward, SYNTH_FAR},
-                        {trajectory_rov, ROV_RANGE}};
+/* by enum synth_path */
+static v3 (*const trajectory_paths[])(const synth_options *o, int i, struct synth_camera *c) = {
+    trajectory_lawnmower, trajectory_orbit, trajectory_forward};
 
 int synth_trajectory_create(const synth_options *o, struct synth_trajectory *trajectory)
 {
-    const struct trajectory_path *path = &trajectory_paths[o->path];
     synth_options rig = *o;
     *trajectory = (struct synth_trajectory){.count = o->views};
     trajectory->camera = calloc((size_t)o->views, sizeof *trajectory->camera);
@@ -182,10 +148,10 @@ int synth_trajectory_create(const synth_options *o, struct synth_trajectory *tra
         struct synth_camera *c = &trajectory->camera[i];
         *c = (struct synth_camera){.width = o->width, .height = o->height, .f = FOCAL_FRACTION * o->width};
         c->cx = 0.504 * o->width, c->cy = 0.497 * o->height; /* off the middle, as calibration finds it */
-        if (i < rig.views) trajectory->wreck = path->fly(&rig, i, c);
+        if (i < rig.views) trajectory->wreck = trajectory_paths[o->path](&rig, i, c);
     }
     if (o->stereo > 0) trajectory_pair(o->stereo, trajectory);
-    trajectory_measure(trajectory, path->range);
+    trajectory_measure(trajectory);
     return 1;
 }
 

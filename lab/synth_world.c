@@ -20,42 +20,11 @@
 
 /* ---------------- the ground */
 
-#define BARREN 0.2 /* of the things that lie on sand elsewhere lie on that of the scene `wreck` */
-/* metres from the wreck's centre where growth begins to thin out, in the scene `wreck` */
-#define WRECK_GROWTH 2.6
-#define WRECK_BARREN 4.2  /* and where it ends */
-#define RIDGE_HEIGHT 2.6  /* metres, in the scene `ridge` */
-#define RIDGE_WALL 2.8    /* metres across its steep side */
-#define RIDGE_SLOPE 9.0   /* and across its gentle side */
-#define RIDGE_MEANDER 1.2 /* metres that its crest wanders to either side */
-
-/* Returns the position of x relative to the ridge, whose crest runs along y: metres from the crest, the
- * wall's side negative. */
-static double world_across(const struct synth_world *w, double x, double y)
-{
-    return x - RIDGE_MEANDER * synth_noise2(w->seed + 80, 0.5, y / 6);
-}
-
-static double world_ridge(const struct synth_world *w, double x, double y)
-{
-    const double u = world_across(w, x, y);
-    const double height = RIDGE_HEIGHT * (0.8 + 0.3 * synth_noise2(w->seed + 81, 0.5, y / 4));
-    return height * (u < 0 ? synth_step(-RIDGE_WALL, 0, u) : synth_step(RIDGE_SLOPE, 0, u));
-}
-
 /* Returns 0 on sand, 1 on the reef. */
 static double world_reef(const struct synth_world *w, double x, double y)
 {
     const double warp = 0.8 * synth_noise2(w->seed + 40, x / 1.7, y / 1.7);
-    const double patch =
-        synth_step(0.02, 0.5, synth_fbm2(w->seed + 41, x + warp, y - warp, 4.5, 0.9, 0.5, 1e-3));
-    const double u = world_across(w, x, y);
-    if (w->scene == SYNTH_WRECK)
-        return synth_step(WRECK_BARREN, WRECK_GROWTH, hypot(x - w->wreck.x, y - w->wreck.y));
-    if (w->scene == SYNTH_RIDGE)
-        return synth_max(patch * (u > 0),
-                         synth_step(-RIDGE_WALL, -0.6 * RIDGE_WALL, u) * synth_step(1.5, 0.5, u));
-    return patch;
+    return synth_step(0.02, 0.5, synth_fbm2(w->seed + 41, x + warp, y - warp, 4.5, 0.9, 0.5, 1e-3));
 }
 
 /* Crests of sand, 28 cm apart, that bend and fade in patches. */
@@ -79,8 +48,7 @@ static double world_height(const struct synth_world *w, double x, double y)
         const double ridges = 1 - fabs(synth_fbm2(seed + 60, x, y, 1.1, 0.3, 0.5, 1e-3));
         rough = 0.42 * ridges * ridges + 0.07 * synth_fbm2(seed + 65, x, y, 0.4, 0.05, 0.55, 1e-3);
     }
-    return swell + reef * (rough - 0.1) + (1 - reef) * world_ripples(seed, x, y) +
-           (w->scene == SYNTH_RIDGE ? world_ridge(w, x, y) : 0);
+    return swell + reef * (rough - 0.1) + (1 - reef) * world_ripples(seed, x, y);
 }
 
 static int world_bake(struct synth_world *w, double half)
@@ -229,7 +197,7 @@ v3 synth_wreck_frame(const struct synth_world *w, v3 p)
 /* Turns it to its place: it lies at a random heading, heeled over by 13 degrees, its bow 5 degrees up. */
 static void world_place_wreck(struct synth_world *w, v3 at)
 {
-    const double yaw = 2 * SYNTH_PI * random_unit(random_bits(w->seed, 7, 1)), heel = 13 * SYNTH_PI / 180,
+    const double yaw = 2 * SYNTH_PI * synth_unit(synth_bits(w->seed, 7, 1)), heel = 13 * SYNTH_PI / 180,
                  pitch = 5 * SYNTH_PI / 180;
     const v3 forward = v3_of(cos(yaw) * cos(pitch), sin(yaw) * cos(pitch), sin(pitch));
     const v3 level = v3_of(-sin(yaw), cos(yaw), 0), upright = v3_cross(forward, level);
@@ -359,7 +327,6 @@ double synth_distance(const struct synth_world *w, v3 p, struct synth_surface *s
     const double above = world_height_above(w, p);
     struct synth_surface nearest = {surface ? world_ground_material(w, p) : SYNTH_SAND, NULL};
     double d = synth_max(0.75 * above, above - 1.3); /* slopes of 41 degrees, heights that differ by 1.3 m */
-    if (w->scene == SYNTH_RIDGE) d = 0.45 * above;   /* slopes of 63 degrees */
     d = world_objects(w, p, d, &nearest);
     d = world_wreck_near(w, p, d, &nearest);
     if (surface) *surface = nearest;
@@ -376,11 +343,10 @@ static void world_add_limb(struct synth_shape *s, v3 a, v3 b, double radius_a, d
 /* Builds a bush: stems lean outwards and end in two fingers each. */
 static void world_branching(struct synth_shape *s, uint64_t seed)
 {
-    const int stems = 6 + (int)(3 * random_unit(random_bits(seed, 0, 0)));
+    const int stems = 6 + (int)(3 * synth_unit(synth_bits(seed, 0, 0)));
     s->blend = 0.08;
     for (int i = 0; i < stems; i++) {
-        const double u = random_unit(random_bits(seed, 1, (uint64_t)i)),
-                     lean = i == 0 ? 0.1 : 0.35 + 0.75 * u;
+        const double u = synth_unit(synth_bits(seed, 1, (uint64_t)i)), lean = i == 0 ? 0.1 : 0.35 + 0.75 * u;
         const double turn = 2 * SYNTH_PI * (i + 0.6 * u) / stems;
         const v3 out = v3_of(cos(turn) * sin(lean), sin(turn) * sin(lean), cos(lean));
         const v3 side = v3_of(-sin(turn), cos(turn), 0.3),
@@ -394,11 +360,11 @@ static void world_branching(struct synth_shape *s, uint64_t seed)
 /* Builds a cluster of tubes. */
 static void world_tubes(struct synth_shape *s, uint64_t seed)
 {
-    const int tubes = 4 + (int)(4 * random_unit(random_bits(seed, 0, 1)));
+    const int tubes = 4 + (int)(4 * synth_unit(synth_bits(seed, 0, 1)));
     s->blend = 0.06;
     for (int i = 0; i < tubes; i++) {
         const double turn = 2 * SYNTH_PI * i / tubes,
-                     tall = 0.25 + 0.55 * random_unit(random_bits(seed, 2, (uint64_t)i));
+                     tall = 0.25 + 0.55 * synth_unit(synth_bits(seed, 2, (uint64_t)i));
         const v3 foot = v3_of(0.22 * cos(turn), 0.22 * sin(turn), -0.4);
         world_add_limb(s, foot, v3_of(1.9 * foot.x, 1.9 * foot.y, tall - 0.1), 0.11, 0.16);
     }
@@ -412,7 +378,7 @@ static void world_table(struct synth_shape *s, uint64_t seed)
     for (int i = 0; i < 22; i++) {
         const double radius = 0.82 * sqrt((i + 0.5) / 22), turn = 2.39996 * i; /* the sunflower's spiral */
         const v3 at = v3_of(radius * cos(turn), radius * sin(turn),
-                            0.1 + 0.08 * random_unit(random_bits(seed, 3, (uint64_t)i)));
+                            0.1 + 0.08 * synth_unit(synth_bits(seed, 3, (uint64_t)i)));
         world_add_limb(s, v3_of(0.8 * at.x, 0.8 * at.y, 0.05), v3_of(at.x, at.y, at.z + 0.1), 0.12, 0.07);
     }
 }
@@ -421,7 +387,7 @@ static void world_star(struct synth_shape *s, uint64_t seed)
 {
     s->blend = 0.1;
     for (int i = 0; i < 5; i++) {
-        const double turn = 2 * SYNTH_PI * (i + 0.25 * random_unit(random_bits(seed, 4, (uint64_t)i))) / 5;
+        const double turn = 2 * SYNTH_PI * (i + 0.25 * synth_unit(synth_bits(seed, 4, (uint64_t)i))) / 5;
         world_add_limb(s, v3_of(0, 0, 0.06), v3_of(0.85 * cos(turn), 0.85 * sin(turn), -0.05), 0.2, 0.08);
     }
 }
@@ -429,7 +395,7 @@ static void world_star(struct synth_shape *s, uint64_t seed)
 static void world_make_shapes(struct synth_world *w)
 {
     for (int i = 0; i < SYNTH_SHAPES; i++) {
-        const uint64_t seed = random_bits(w->seed, 8, (uint64_t)i);
+        const uint64_t seed = synth_bits(w->seed, 8, (uint64_t)i);
         if (i < 4) world_branching(&w->shape[i], seed);
         else if (i < 7) world_tubes(&w->shape[i], seed);
         else if (i < 10) world_table(&w->shape[i], seed);
@@ -466,14 +432,13 @@ static int world_place_object(const struct synth_world *w, double half, int kind
                               struct synth_object *o)
 {
     const struct world_kind *k = &world_kinds[kind];
-    const uint64_t seed = random_bits(w->seed, 100 + (uint64_t)kind, i);
+    const uint64_t seed = synth_bits(w->seed, 100 + (uint64_t)kind, i);
     double u[8], reef, x, y;
-    for (uint64_t j = 0; j < 8; j++) u[j] = random_unit(random_bits(seed, j, 0));
+    for (uint64_t j = 0; j < 8; j++) u[j] = synth_unit(synth_bits(seed, j, 0));
     x = half * (2 * u[0] - 1);
     y = half * (2 * u[1] - 1);
     reef = world_reef(w, x, y);
-    if (u[2] > synth_lerp(w->scene == SYNTH_WRECK ? BARREN * k->on_sand : k->on_sand, k->on_reef, reef))
-        return 0;
+    if (u[2] > synth_lerp(k->on_sand, k->on_reef, reef)) return 0;
     if (k->large > 0.1) {
         const v3 q = synth_wreck_frame(w, v3_of(x, y, w->wreck.z));
         if (fabs(q.x) < 2.3 && fabs(q.y) < 0.9) return 0;
@@ -570,10 +535,9 @@ static int world_index(struct synth_world *w, double half)
     return world_bake_ceilings(w);
 }
 
-int synth_world_create(uint64_t seed, double half, v3 wreck, enum synth_scene scene, struct synth_world *w)
+int synth_world_create(uint64_t seed, double half, v3 wreck, struct synth_world *w)
 {
-    *w = (struct synth_world){.seed = (uint32_t)random_mix(seed),
-                              .scene = scene,
+    *w = (struct synth_world){.seed = (uint32_t)synth_mix(seed),
                               .sand_contrast = 1,
                               .wreck = wreck,
                               .sun = v3_unit(v3_of(0.42, 0.28, 0.86))};

@@ -4,9 +4,7 @@
 #include "../cli/synth_options.c"
 #include "../lab/synth.c"
 #include "../lab/synth_export.c"
-#include "../lab/synth_fish.c"
 #include "../lab/synth_light.c"
-#include "../lab/synth_own.c"
 #include "../lab/synth_trajectory.c"
 #include "../lab/synth_points.c"
 #include "../lab/synth_shade.c"
@@ -357,186 +355,10 @@ TEST(synth_writes_the_same_bytes_with_one_and_three_threads_and_others_with_anot
     }
 }
 
-/* Pixels of one image that are not those of another; outside: of them where the mask is white. */
-static int synth_test_differences(const char *survey, int view, int *outside, int *covered)
-{
-    oxl_image image = {0}, still = {0}, mask = {0};
-    char name[32], path[600];
-    int differ = 0;
-    synth_image_name(&(synth_options){0}, view, name);
-    snprintf(path, sizeof path, "%s/images/%s", survey, name);
-    CHECK_OK(oxl_image_read(test_ctx, path, &image));
-    snprintf(path, sizeof path, "%s/truth/still/%s", survey, name);
-    CHECK_OK(oxl_image_read(test_ctx, path, &still));
-    snprintf(path, sizeof path, "%s/truth/masks/%s", survey, name);
-    CHECK_OK(oxl_image_read(test_ctx, path, &mask));
-    *outside = *covered = 0;
-    for (int i = 0; mask.rgb && still.rgb && image.rgb && i < mask.width * mask.height; i++) {
-        const int black = mask.rgb[i] < 0.5f;
-        int differs = 0;
-        for (int c = 0; c < 3; c++) {
-            const int at = i + c * mask.width * mask.height;
-            differs |= image.rgb[at] != still.rgb[at];
-        }
-        differ += differs, *outside += differs && !black, *covered += black;
-    }
-    oxl_image_free(test_ctx, &image);
-    oxl_image_free(test_ctx, &still);
-    oxl_image_free(test_ctx, &mask);
-    return differ;
-}
-
-/* The survey without fish, to the byte, under truth/still; all that differs from it is behind the masks. */
-TEST(synth_fish_change_the_images_where_the_masks_are_black_and_nothing_else)
-{
-    static const char *const same[] = {"sparse/0/images.txt", "sparse/0/points3D.txt",
-                                       "truth/clean/IMG_00003.png", "truth/depth/IMG_00003.pfm"};
-    synth_options still = synth_test_options("still"), fish = synth_test_options("fish");
-    struct colmap survey = {0};
-    fish.fish = 5;
-    fish.threads = 3;
-    synth_test_make(&still, &survey);
-    colmap_free(test_ctx, &survey);
-    synth_test_make(&fish, &survey);
-    colmap_free(test_ctx, &survey);
-    CHECK(!os_is_folder(test_path("still/truth/masks")));
-    for (size_t i = 0; i < OXL_COUNT(same); i++) CHECK(synth_test_same_files(still.out, fish.out, same[i]));
-    for (int i = 0; i < fish.views; i++) {
-        char name[32], path[2][64];
-        struct os_file_map a = {0}, b = {0};
-        int outside, covered;
-        const int differ = synth_test_differences(fish.out, i, &outside, &covered);
-        CHECK(outside == 0 && covered > 20 && covered < 96 * 64 / 2 && differ > covered * 8 / 10);
-        synth_image_name(&fish, i, name);
-        snprintf(path[0], sizeof path[0], "still/images/%s", name);
-        snprintf(path[1], sizeof path[1], "fish/truth/still/%s", name);
-        CHECK_OK(os_read_file(test_ctx, test_path(path[0]), &a));
-        CHECK_OK(os_read_file(test_ctx, test_path(path[1]), &b));
-        CHECK(a.size == b.size && a.size > 0 && memcmp(a.data, b.data, a.size) == 0);
-        os_release_file(test_ctx, &a);
-        os_release_file(test_ctx, &b);
-    }
-}
-
-TEST(synth_fish_move_between_images_in_front_of_the_ground)
-{
-    synth_options o = synth_test_options("fish");
-    struct synth_trajectory trajectory = {0};
-    struct synth_world world = {0};
-    struct synth_fish at[2][9];
-    o.fish = 3;
-    CHECK(synth_trajectory_create(&o, &trajectory) &&
-          synth_world_create(o.seed, trajectory.half, trajectory.wreck, SYNTH_REEF, &world));
-    synth_trajectory_set_heights(&trajectory, &world);
-    for (int k = 0; k < 2; k++) CHECK(synth_fish_near(&o, &world, &trajectory, 2 + k, at[k]) == 9);
-    for (int i = 0; i < 6; i++) { /* those born for views 2 and 3 are in both lists */
-        const struct synth_fish *now = &at[0][3 + i], *next = &at[1][i];
-        const v3 way = v3_sub(next->at, now->at);
-        CHECK(now->seed == next->seed && now->length == next->length);
-        CHECK_CLOSE(v3_dot(way, now->ahead), v3_length(way), 1e-12);
-        CHECK(v3_length(way) > 0.19 && v3_length(way) < 0.81);
-        CHECK(now->at.z > synth_ground(&world, now->at.x, now->at.y));
-    }
-    synth_world_free(&world);
-    synth_trajectory_free(&trajectory);
-}
-
-/* The farthest over the nearest depth of a view. */
-static double synth_test_depth_ratio(const synth_options *o, const char *name)
-{
-    float *depth = synth_test_depth(o, name);
-    double least = 1e9, most = 0;
-    for (int i = 0; depth && i < o->width * o->height; i++)
-        if (depth[i] > 0) least = synth_min(least, depth[i]), most = synth_max(most, depth[i]);
-    free(depth);
-    return most / least;
-}
-
-TEST(synth_rov_views_span_depths_of_one_to_ten_above_the_ground)
-{
-    synth_options o = synth_test_options("rov");
-    struct synth_trajectory trajectory = {0};
-    struct synth_world world = {0};
-    struct colmap survey = {0};
-    int wide = 0;
-    o.path = SYNTH_ROV, o.views = 6, o.width = 64, o.height = 42;
-    CHECK(synth_trajectory_create(&o, &trajectory) &&
-          synth_world_create(o.seed, trajectory.half, trajectory.wreck, SYNTH_RIDGE, &world));
-    synth_trajectory_set_heights(&trajectory, &world);
-    for (int i = 0; i < trajectory.count; i++) {
-        const struct synth_camera *c = &trajectory.camera[i];
-        /* the view direction's z: down, but less than 37 degrees */
-        CHECK(c->rotation[2].z < 0 && c->rotation[2].z > -0.6);
-        CHECK(c->centre.z - synth_ground(&world, c->centre.x, c->centre.y) > 0.45);
-    }
-    synth_test_make(&o, &survey);
-    for (size_t v = 0; v < survey.image_count; v++)
-        wide += synth_test_depth_ratio(&o, survey.names + survey.image[v].name) > 10;
-    CHECK(survey.image_count == 6 && wide >= 4);
-    colmap_free(test_ctx, &survey);
-    synth_world_free(&world);
-    synth_trajectory_free(&trajectory);
-}
-
-/* Steeper than the reef's 41 degrees, but not than the slope limit of rays. */
-TEST(synth_ridge_has_a_wall_that_rays_do_not_pass)
-{
-    struct synth_world world = {0};
-    double steep = 0;
-    int through = 0;
-    CHECK(synth_world_create(1, 8, v3_of(7, 0, 0), SYNTH_RIDGE, &world));
-    for (int i = 0; i < 200; i++) {
-        const double y = 0.05 * i - 5, z = 0.3 + 0.005 * i;
-        const double range =
-            synth_cast(&world, v3_of(-7, y, synth_ground(&world, -7, y) + z), v3_of(1, 0, 0), 14);
-        const v3 p = v3_of(-7 + range, y, synth_ground(&world, -7, y) + z);
-        through +=
-            range < 0 || synth_distance(&world, p, NULL) > 0.02 || synth_distance(&world, p, NULL) < -0.05;
-        for (double x = -5; x < 1; x += 0.1)
-            steep = synth_max(steep, (synth_ground(&world, x + 0.1, y) - synth_ground(&world, x, y)) / 0.1);
-    }
-    CHECK(through == 0);
-    CHECK(steep > 1.2);
-    synth_world_free(&world);
-}
-
-/* Points within 4.2 m of the wreck, which is a small part of the area that is flown over. */
-static double synth_test_share_at_the_wreck(const char *name, enum synth_scene scene)
-{
-    synth_options o = synth_test_options(name);
-    struct synth_run s = {.ctx = test_ctx, .options = &o, .water = {.name = "none"}};
-    size_t near = 0;
-    double share;
-    o.scene = scene, o.views = 150, o.extent = 15, o.points = 2000, o.write_images = 0;
-    CHECK(synth_trajectory_create(&o, &s.trajectory));
-    CHECK(synth_world_create(o.seed, s.trajectory.half, s.trajectory.wreck, scene, &s.world));
-    synth_trajectory_set_heights(&s.trajectory, &s.world);
-    CHECK_OK(synth_points_create(&s, &s.points));
-    for (size_t i = 0; i < s.points.count; i++)
-        near += hypot(s.points.point[i].position.x - s.world.wreck.x,
-                      s.points.point[i].position.y - s.world.wreck.y) < 4.2;
-    CHECK(s.points.count > 1000);
-    share = (double)near / (double)s.points.count;
-    synth_points_free(&s.points);
-    synth_world_free(&s.world);
-    synth_trajectory_free(&s.trajectory);
-    return share;
-}
-
-TEST(synth_wreck_scene_has_most_of_its_points_on_the_wreck)
-{
-    const double reef = synth_test_share_at_the_wreck("reef", SYNTH_REEF),
-                 wreck = synth_test_share_at_the_wreck("wreck", SYNTH_WRECK);
-    CHECK(reef < 0.25);
-    CHECK(wreck > 0.5);
-}
-
 TEST(synth_refuses_invalid_options_with_a_fix)
 {
     static const char *const wrong[][3] = {{"--water", "4C", "none|I|IA"},
                                            {"--path", "spiral", "lawnmower|orbit"},
-                                           {"--scene", "cave", "reef|wreck"},
-                                           {"--fish", "101", "a whole number from 0 to 100"},
                                            {"--views", "1", "a whole number from 2 to 1000000"},
                                            {"--size", "9x99", "each from 16 to 8192"}};
     synth_options o = synth_test_options("survey");
@@ -566,38 +388,25 @@ TEST(synth_refuses_invalid_options_with_a_fix)
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_IO);
 }
 
-/* A survey of four views in OUT, of which `name` is then somebody's; the next run must leave it. */
-static void synth_test_keeps(const char *out, const char *name, const char *why)
-{
-    synth_options o = synth_test_options(out);
-    struct os_file_map map = {0};
-    char path[200];
-    o.views = 4, o.points = 50, o.width = o.height = 32;
-    CHECK_OK(synth_run(test_ctx, &o));
-    CHECK_OK(synth_run(test_ctx, &o)); /* its own may be replaced */
-    snprintf(path, sizeof path, "%s/%s", out, name);
-    test_write(path, "somebody's own");
-    o.seed++;
-    CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), why);
-    CHECK_TEXT(oxl_error_text(test_ctx), name);
-    CHECK_OK(os_read_file(test_ctx, test_path(path), &map));
-    CHECK(map.data && !strcmp(map.data, "somebody's own"));
-    os_release_file(test_ctx, &map);
-}
-
 TEST(synth_replaces_its_own_survey_and_nobody_elses)
 {
+    static const char *const others[] = {"a/transforms.json", "b/cameras.bin", "c/truth/points.txt"};
     synth_options o = synth_test_options("a");
-    synth_test_keeps("a", "sparse/0/images.txt", "was changed after synth wrote it");
-    synth_test_keeps("b", "images/IMG_00001.png", "was changed after synth wrote it");
-    synth_test_keeps("c", "transforms.json", "is of a survey that synth did not write");
-    synth_test_keeps("d", "sparse/0/cameras.bin", "is of a survey that synth did not write");
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("e/truth")));
-    test_write("e/truth/points.txt", "somebody's own");
-    o = synth_test_options("e");
-    CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "e/truth is there, and synth did not write it");
+    o.views = 4, o.points = 50, o.width = o.height = 32;
+    CHECK_OK(synth_run(test_ctx, &o));
+    CHECK_OK(synth_run(test_ctx, &o));
+    for (int i = 0; i < 3; i++) {
+        struct os_file_map map = {0};
+        char name[2] = {(char)('a' + i), 0};
+        CHECK_OK(oxl_make_folder(test_ctx, test_path(i < 2 ? name : "c/truth")));
+        test_write(others[i], "somebody's own");
+        o.out = test_path(name);
+        CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
+        CHECK_TEXT(oxl_error_text(test_ctx), "is there, and synth did not write it");
+        CHECK_OK(os_read_file(test_ctx, test_path(others[i]), &map));
+        CHECK(map.data && !strcmp(map.data, "somebody's own"));
+        os_release_file(test_ctx, &map);
+    }
 }
 
 TEST(synth_in_the_place_of_a_larger_survey_leaves_none_of_its_images)
