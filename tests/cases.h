@@ -63,9 +63,7 @@ extern char lint_heard[4096];
 /* test_lint.c */
 void lint_listen(void *user, oxl_log_level level, const char *text);
 
-extern char partition_test_log[4096];
 /* test_partition.c */
-void partition_test_listen(void);
 oxl_scene *partition_test_load(const char *path);
 struct partition partition_test_cut(const oxl_scene *scene, int block_points, oxl_cut cut);
 oxl_scene *partition_test_reef_scene(double flat);
