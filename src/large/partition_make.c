@@ -100,31 +100,41 @@ static oxl_result partition_check(oxl_context *ctx, const oxl_scene *scene, int 
     return OXL_OK;
 }
 
-static oxl_result partition_begin(oxl_context *ctx, const oxl_scene *scene, struct partition *p)
+static double partition_flatness(const struct partition *p)
 {
-    struct partition_plan *plan = p->plan = oxl_calloc(ctx, 1, sizeof *plan);
-    if (!plan) return OXL_ERR_MEMORY;
+    return p->extent[1] > 0 ? p->extent[2] / p->extent[1] : 0;
+}
+
+static oxl_result partition_begin(oxl_context *ctx, const oxl_scene *scene, oxl_partition_kind kind,
+                                  struct partition *p)
+{
+    struct partition_plan *plan = oxl_calloc(ctx, 1, sizeof *plan);
+    oxl_result rc = OXL_ERR_MEMORY;
+    if (!plan) return rc;
+    p->plan = plan;
     memcpy(p->origin, oxl_scene_origin(scene), sizeof p->origin);
     plan->scene = scene;
     plan->owner = oxl_alloc(ctx, scene_colmap(scene)->point_count + 1, sizeof *plan->owner);
     plan->seen = oxl_calloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *plan->seen);
     plan->view_of = scene_views_by_image(ctx, scene, OXL_SPLIT_TRAIN);
-    if (!plan->owner || !plan->seen || !plan->view_of) return OXL_ERR_MEMORY;
-    return partition_axes(ctx, scene, p);
+    if (plan->owner && plan->seen && plan->view_of) rc = partition_axes(ctx, scene, p);
+    p->dimensions = kind == OXL_PARTITION_2D                                              ? 2
+                    : kind == OXL_PARTITION_3D || partition_flatness(p) >= PARTITION_FLAT ? 3
+                                                                                          : 2;
+    return rc;
 }
 
-static void partition_log(oxl_context *ctx, const struct partition *p, double ratio)
+static void partition_log(oxl_context *ctx, const struct partition *p, int has_tracks)
 {
-    size_t least = SIZE_MAX, most = 0;
-    for (int i = 0; i < p->block_count; i++) {
-        least = OXL_MIN(least, p->block[i].points);
-        most = OXL_MAX(most, p->block[i].points);
-    }
-    oxl_log(ctx, OXL_LOG_INFO,
-            "%d blocks of %zu to %zu points, cut in %dD: principal extents %.4g x %.4g x %.4g, l3/l2 = %.3f "
-            "(below %.1f suggests 2D)",
-            p->block_count, least, most, p->dimensions, p->extent[0], p->extent[1], p->extent[2], ratio,
+    if (p->block_count > 1)
+        oxl_log(
+            ctx, OXL_LOG_INFO,
+            "%d blocks, cut in %dD: principal extents %.4g x %.4g x %.4g, l3/l2 = %.3f (below %.1f suggests 2D)",
+            p->block_count, p->dimensions, p->extent[0], p->extent[1], p->extent[2], partition_flatness(p),
             PARTITION_FLAT);
+    else
+        oxl_log(ctx, OXL_LOG_INFO, "%zu points stay one block%s", p->block[0].points,
+                has_tracks ? "" : ": they have no tracks, which tell what a view sees");
 }
 
 OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene,
@@ -132,28 +142,21 @@ OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene,
 {
     const oxl_partition_options o = options ? *options : oxl_partition_options_default();
     const size_t points = scene->stats.points;
-    const int blocks = partition_wanted(points, &o);
-    double ratio;
+    int blocks = partition_wanted(points, &o), has_tracks = 0;
+    size_t limit = points;
     oxl_result rc = partition_check(ctx, scene, blocks);
     *out = (struct partition){.dimensions = 3};
-    if (rc == OXL_OK) rc = partition_begin(ctx, scene, out);
+    if (rc == OXL_OK) rc = partition_begin(ctx, scene, o.kind, out);
     if (rc == OXL_OK) {
-        const int one = blocks < 2 || scene_colmap(scene)->track_count == 0;
-        ratio = out->extent[1] > 0 ? out->extent[2] / out->extent[1] : 0;
-        out->dimensions =
-            o.kind == OXL_PARTITION_2D || (o.kind != OXL_PARTITION_3D && ratio < PARTITION_FLAT) ? 2 : 3;
-        rc = partition_cut(ctx, out, o.cut, one ? 1 : blocks,
-                           one                         ? points
-                           : o.blocks == 0             ? (size_t)o.block_points
-                           : o.cut == OXL_CUT_MIDPOINT ? (points - 1) / (size_t)blocks + 1
-                                                       : points);
+        has_tracks = scene_colmap(scene)->track_count > 0;
+        if (!has_tracks) blocks = 1;
+        if (blocks > 1 && o.blocks == 0) limit = (size_t)o.block_points;
+        else if (o.cut == OXL_CUT_MIDPOINT) limit = points / (size_t)blocks + 1;
+        rc = partition_cut(ctx, out, o.cut, blocks, limit);
     }
     if (rc == OXL_OK) rc = partition_find_views(ctx, out);
-    if (rc != OXL_OK) partition_free(ctx, out);
-    else if (out->block_count > 1) partition_log(ctx, out, ratio);
-    else
-        oxl_log(ctx, OXL_LOG_INFO, "%zu points stay one block%s", points,
-                blocks < 2 ? "" : ": they have no tracks, which tell what a view sees");
+    if (rc == OXL_OK) partition_log(ctx, out, has_tracks);
+    else partition_free(ctx, out);
     return rc;
 }
 
