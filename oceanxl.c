@@ -121,8 +121,8 @@
 #include "src/train/branch.c"          /* copies of the training state */
 #include "src/train/model_selection.c" /* validation views and trials */
 #include "src/train/train_imaging.c"   /* light and water of a run, before and after its steps */
-#include "src/train/trained.c" /* trains a scene and returns all that comes of it */
-#include "src/train/unseen.c" /* removes the Gaussians that no training view shows */
+#include "src/train/trained.c"         /* trains a scene and returns all that comes of it */
+#include "src/train/unseen.c"          /* removes the Gaussians that no training view shows */
 #include "src/train/train_loop.c"      /* the training loop: one step with the decisions after it */
 
 /* the parts of training: a file and a row of the table each */

@@ -7,7 +7,7 @@
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
 
-enum { DRAW_SIDE = 1000, DRAW_EDGE = 50, DRAW_POINTS = 12000 }; /* px; px; most points */
+enum { DRAW_SIDE = 1000, DRAW_EDGE = 80, DRAW_POINTS = 12000 }; /* px; px; most points */
 
 struct drawing_panel { /* Shows two axes of the frame, to the right and up. */
     struct text *t;
@@ -67,18 +67,19 @@ static void draw_panel(const struct drawing_panel *d)
 OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition *p, const char *path)
 {
     struct text t = {.ctx = ctx};
-    struct drawing_panel d = {&t, p, 1, DRAW_EDGE,
-                              DRAW_SIDE / OXL_MAX(OXL_MAX(p->extent[0], p->extent[1]), 1e-9)};
+    const double scale = DRAW_SIDE / OXL_MAX(OXL_MAX(p->extent[0], p->extent[1]), 1e-9);
+    const struct drawing_panel above = {&t, p, 1, DRAW_EDGE, scale},
+                               beside = {&t, p, 2, 2 * DRAW_EDGE + (int)(scale * p->extent[1]), scale};
+    const int deep = p->dimensions == 3 ? (int)(scale * p->extent[2]) + DRAW_EDGE : 0;
     oxl_result rc;
     text_add(&t,
              "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 %d %d'>\n"
              "<title>The survey in %d blocks, along its principal axes; dots: cameras</title>\n"
              "<style>path{stroke-width:2;stroke-linecap:round}rect{fill:none;stroke-width:2}"
              ".camera{stroke:#000;stroke-width:4}text{font:15px sans-serif}</style>\n",
-             DRAW_SIDE + 2 * DRAW_EDGE, 2 * DRAW_SIDE, p->block_count);
-    draw_panel(&d);
-    d.up = 2, d.top += DRAW_EDGE + (int)(d.scale * p->extent[1]);
-    if (p->dimensions == 3) draw_panel(&d);
+             DRAW_SIDE + 2 * DRAW_EDGE, beside.top + deep, p->block_count);
+    draw_panel(&above);
+    if (deep) draw_panel(&beside);
     text_add(&t, "</svg>\n");
     rc = os_write_text(ctx, path, &t);
     text_free(&t);
