@@ -106,9 +106,7 @@ enum {
         64, /* no command: the bytes of every block depend on it; recorded in "job" of run.json */
     /* off while a finished model is refined: after merging, for viewers, to continue a run */
     OXL_OPTION_NOT_REFINED = 128,
-    OXL_OPTION_ONE_BLOCK = 256, /* refused if the survey is cut into several blocks */
-    /* off in the first look at a survey: it takes time or memory, and changes few gradients */
-    OXL_OPTION_NOT_LOOKED = 512
+    OXL_OPTION_ONE_BLOCK = 256 /* refused if the survey is cut into several blocks */
 };
 
 typedef struct oxl_option {
@@ -163,11 +161,9 @@ typedef struct oxl_survey {
     int foreign; /* images that do not show what the model has at their points */
     /* images, against those beside them; only oxl_check_quality sets these */
     int blurred, badly_exposed;
-    double gaussians;        /* predicted, at the end of the run */
-    double memory, seconds;  /* predicted: peak in bytes, duration with ctx's threads */
-    double seconds_range[2]; /* lower and upper limit of the duration */
-    int look_steps;     /* training steps that were tried for these; 0: none, they are computed from counts */
-    double memory_free; /* available now, bytes; 0: unknown */
+    double gaussians, memory;        /* predicted: number at the end of the run; peak in bytes */
+    double seconds;                  /* predicted by oxl_check: duration with ctx's threads; 0: unknown */
+    double memory_free;              /* available now, bytes; 0: unknown */
     char cameras_text[160];          /* "1 x OPENCV 1920 x 1080, distorted" */
     char text[2048], warnings[2560]; /* the report, and what is wrong: lines that end in a newline */
 } oxl_survey;
@@ -211,7 +207,7 @@ OXL_API oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *
 typedef struct oxl_block {
     size_t points, start_points;  /* inside the block; these, and what its views see beside */
     int base_views, border_views; /* views by overlap [OceanXL sec. 3.1] */
-    double memory, seconds;       /* predicted, as in oxl_survey */
+    double memory;                /* predicted, as in oxl_survey */
 } oxl_block;
 
 typedef struct oxl_partition_report {

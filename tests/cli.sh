@@ -282,8 +282,6 @@ promise backend_auto_falls_back_to_the_cpu 0 "mean of 2" env OXL_VULKAN_LIBRARY=
 promise another_backend_is_refused 2 "cpu|auto|vulkan" "$program" eval out/scene.ply survey --backend cuda
 promise a_dry_run_predicts_and_writes_nothing 0 "prediction" sh -c "'$program' train survey -o dry --iterations 30 --dry-run && test ! -e dry"
 promise what_no_step_has_told_is_not_printed 0 "" sh -c "'$program' train survey -o staged --iterations 60 --blocks 2 2>&1 | tr '\\r' '\\n' >staged.txt && grep -q 'block 0/' staged.txt && ! grep -q 'loss 0.0000\|  0.0 it/s' staged.txt"
-promise a_short_run_predicts_from_its_own_steps 0 "steps of the run" "$program" train survey -o own_steps --iterations 60
-promise a_short_run_with_limited_memory_is_looked_at 0 "steps tried" "$program" train survey -o looked --iterations 60 --ram 2G
 promise a_dry_run_refuses_what_the_run_would 3 "fix: " "$program" train nowhere -o dry --dry-run
 promise progress_json_is_lines_of_json 0 "" sh -c "'$program' train survey -o lines --iterations 30 --restart --progress json 2>lines.txt >/dev/null && grep -q '^{\"event\": \"progress\", .*\"iteration\": 30, ' lines.txt && ! grep -qv '^{.*}\$' lines.txt"
 promise progress_json_holds_errors_too 3 '{"event": "log", "level": "error"' on_stderr "$program" train nowhere -o lines2 --progress json

@@ -62,7 +62,7 @@ TEST(gaps_get_points_on_the_surface_where_views_agree_on_it)
     const double *origin = oxl_scene_origin(scene);
     oxl_point *point;
     size_t count, inside = 0;
-    CHECK_OK(gaps_points(test_ctx, scene, 10000, 1, &point, &count));
+    CHECK_OK(gaps_points(test_ctx, scene, 10000, &point, &count));
     CHECK(count > 0);
     for (size_t i = 0; i < count; i++) {
         const double x = point[i].position[0] + origin[0], y = point[i].position[1] + origin[1];
@@ -81,24 +81,9 @@ TEST(gaps_get_no_points_where_views_do_not_agree)
     oxl_scene *scene = gaps_test_scene(0.8, 0);
     oxl_point *point;
     size_t count;
-    CHECK_OK(gaps_points(test_ctx, scene, 10000, 1, &point, &count));
+    CHECK_OK(gaps_points(test_ctx, scene, 10000, &point, &count));
     CHECK(count <= 2);
     oxl_free(test_ctx, point);
-    oxl_scene_free(test_ctx, scene);
-}
-
-/* The first look at a large survey does so; view 0, which is held out, is none of them. */
-TEST(gaps_are_looked_for_in_every_so_many_of_the_training_views)
-{
-    oxl_scene *scene = gaps_test_scene(0.8, 1);
-    oxl_point *point;
-    size_t all, few;
-    CHECK(oxl_scene_view(scene, 0)->is_test);
-    CHECK_OK(gaps_points(test_ctx, scene, 10000, 1, &point, &all));
-    oxl_free(test_ctx, point);
-    CHECK_OK(gaps_points(test_ctx, scene, 10000, GAPS_TEST_VIEWS, &point, &few));
-    oxl_free(test_ctx, point);
-    CHECK(few > 0 && few < all);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -107,10 +92,10 @@ TEST(gaps_get_at_most_so_many_points)
     oxl_scene *scene = gaps_test_scene(0.8, 1);
     oxl_point *point;
     size_t count;
-    CHECK_OK(gaps_points(test_ctx, scene, 7, 1, &point, &count));
+    CHECK_OK(gaps_points(test_ctx, scene, 7, &point, &count));
     CHECK(count == 7);
     oxl_free(test_ctx, point);
-    CHECK_OK(gaps_points(test_ctx, scene, 0, 1, &point, &count));
+    CHECK_OK(gaps_points(test_ctx, scene, 0, &point, &count));
     CHECK(count == 0 && !point);
     oxl_scene_free(test_ctx, scene);
 }
@@ -124,33 +109,9 @@ TEST(gaps_are_looked_for_without_images_that_cannot_be_read)
         size_t count;
         if (removed) CHECK(remove(test_path("gaps/images/img02.png")) == 0);
         else test_write("gaps/images/img02.png", "no picture");
-        CHECK_OK(gaps_points(test_ctx, scene, 10000, 1, &point, &count));
+        CHECK_OK(gaps_points(test_ctx, scene, 10000, &point, &count));
         CHECK(count > 0);
         oxl_free(test_ctx, point);
         oxl_scene_free(test_ctx, scene);
     }
-}
-
-/* The forecast counts on them. The run takes them over, and begins as without a look. */
-TEST(look_begins_with_as_many_gaussians_as_the_run_gaps_included)
-{
-    oxl_scene *scene = gaps_test_scene(1, 1);
-    oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
-    struct look look;
-    oxl_model model, after;
-    o.iterations = 5, o.max_gaussians = 40000;
-    CHECK_OK(test_train(scene, &o, NULL, &model));
-    CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &look));
-    CHECK(look.gaussians == (double)model.count && model.count > oxl_scene_point_count(scene));
-    CHECK(scene->found && scene->found_count > 0);
-    CHECK_OK(test_train(scene, &o, NULL, &after));
-    CHECK(!scene->found && train_same(&model, &after));
-    CHECK_OK(look_take(test_ctx, scene, &o, INT_MAX, &look));
-    o.max_gaussians = 28700; /* Allows fewer than the look found. */
-    oxl_model_free(test_ctx, &after);
-    CHECK_OK(test_train(scene, &o, NULL, &after));
-    CHECK(after.count < model.count);
-    oxl_model_free(test_ctx, &model);
-    oxl_model_free(test_ctx, &after);
-    oxl_scene_free(test_ctx, scene);
 }

@@ -495,15 +495,13 @@ struct job_test_left {
     int steps;               /* of the run, or of the merged model, before those for viewers */
     double end, least, last; /* s left at its last step, and least and last of those for viewers */
     double seconds;
-    int falls;    /* reports with fewer seconds than the one before */
-    double first; /* s left at the first step, which nothing was timed before */
+    int falls; /* reports with fewer seconds than the one before */
 };
 
 static int job_test_note_left(void *user, const oxl_progress *p)
 {
     struct job_test_left *l = user;
     if (p->blocks > 1 && p->stage != OXL_STAGE_MERGED) return 0;
-    if (p->iteration == 1) l->first = p->seconds_left;
     if (p->iteration == l->steps) l->end = p->seconds_left;
     if (p->iteration > l->steps) l->least = OXL_MIN(l->least, l->last = p->seconds_left);
     l->falls += p->seconds < l->seconds;
@@ -540,12 +538,9 @@ TEST(job_with_a_model_for_viewers_says_the_time_left_until_it_and_the_evaluation
     for (int blocks = 1; blocks < 3; blocks++) {
         struct job_test_left l = {.steps = blocks == 1 ? 120 : 42, .least = 1e9};
         const oxl_callback callback = {job_test_note_left, &l};
-        /* With --ram there is a look at the short run, too. */
-        if (blocks == 1) options.partition = job_test_options().partition, options.ram = (size_t)2 << 30;
-        else options.ram = 0, options.partition = job_test_blocks().partition;
+        options.partition = blocks == 1 ? job_test_options().partition : job_test_blocks().partition;
         CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path(blocks == 1 ? "one" : "two"), &options,
                              &callback));
-        CHECK(blocks > 1 || l.first > 0);
         CHECK(l.end > 1e-4 && (blocks == 1 ? l.least > 0 && l.falls == 0 : l.last < 1e-6));
     }
 }
@@ -556,18 +551,14 @@ static int job_test_note_end(void *user, const oxl_progress *p)
     return 0;
 }
 
-/* After the last step its views are still rendered, each in about a step's time, and metrics and files made. */
-TEST(job_counts_the_views_and_files_of_its_evaluation_as_time_left)
+/* After the last step its views are still rendered, and metrics made, in the time of some steps each. */
+TEST(job_counts_the_views_of_its_evaluation_as_time_left)
 {
     oxl_job_options options = job_test_options();
-    double left = 0, after;
+    double left = 0;
     const oxl_callback callback = {job_test_note_end, &left};
-    oxl_scene *scene = NULL;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback));
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &options.scene, &scene));
-    after = cost_evaluation(scene, &options);
-    CHECK(left > after && left < after + 5);
-    oxl_scene_free(test_ctx, scene);
+    CHECK(left > 0 && left < 5);
 }
 
 TEST(job_in_blocks_with_gains_alone_writes_a_model_for_viewers_and_resumes_it)

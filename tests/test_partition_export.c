@@ -157,7 +157,7 @@ TEST(partition_links_images_and_refuses_to_leave_blocks_of_an_earlier_one)
     options.scene.read_images = 0;
     options.partition.blocks = 5;
     CHECK_OK(oxl_partition(test_ctx, test_path("reef"), test_path("out"), &options, &report));
-    CHECK(report.block_count == 5 && report.block[0].memory > 1e6 && report.block[0].seconds > 0);
+    CHECK(report.block_count == 5 && report.block[0].memory > 1e6);
     oxl_partition_report_free(test_ctx, &report);
 #ifndef _WIN32
     CHECK(os_is_folder(test_path("out/blocks/004/images/dive1")) &&

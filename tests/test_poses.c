@@ -518,25 +518,6 @@ TEST(poses_that_agree_with_their_points_stay)
     poses_check_that_they_stay(0.1, "noisy_none", "noisy_points");
 }
 
-/* A look that measured five times the points' colours would brighten the first Gaussians. */
-TEST(poses_moved_onto_points_use_nothing_that_a_look_measured_at_the_given_ones)
-{
-    oxl_model model[2];
-    NEEDS_PART(poses);
-    for (int k = 0; k < 2; k++) {
-        oxl_train_options options = train_options(10);
-        oxl_scene *scene = poses_tracked_scene(k ? "looked" : "noisy", 2, 1);
-        if (k) scene->measured = oxl_calloc(test_ctx, 1, sizeof *scene->measured);
-        for (int c = 0; k && c < 3; c++) scene->measured->colour[c] = 5;
-        if (k) scene->measured->requested = PHOTOMETRY_ALL;
-        options.poses = OXL_ON;
-        CHECK_OK(test_train(scene, &options, NULL, &model[k]));
-        oxl_scene_free(test_ctx, scene);
-    }
-    CHECK(train_same(&model[0], &model[1]));
-    for (int k = 0; k < 2; k++) oxl_model_free(test_ctx, &model[k]);
-}
-
 TEST(poses_are_not_moved_onto_points_of_a_file_that_was_cut_meanwhile)
 {
     oxl_scene *scene = poses_tracked_scene("noisy", 2, 1);

@@ -34,23 +34,6 @@ TEST(selection_trains_all_views_but_for_a_tenth_of_the_run_before_a_trial)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* Three ways of four with bands, one of two with lobes, each a fortieth of the run. */
-TEST(selection_predicts_the_steps_of_its_trials)
-{
-    NEEDS_PART(sh_degree);
-    NEEDS_PART(lobes);
-    oxl_train_options o = train_options(4000);
-    o.ucd.mode = OXL_UCD_OFF;
-    o.lamp = o.medium = OXL_OFF;
-    CHECK(forecast_trial_steps(&o, 50) == 0);
-    o.sh_degree = -1;
-    CHECK(forecast_trial_steps(&o, 50) == 300 && forecast_trial_steps(&o, 7) == 0);
-    o.dog = OXL_DOG_AUTO;
-    CHECK(forecast_trial_steps(&o, 50) == 400);
-    o.iterations = 2999; /* too few for a trial of bands */
-    CHECK(forecast_trial_steps(&o, 50) == 74);
-}
-
 struct selection_test_case {
     oxl_scene *scene;
     oxl_train_options options;
@@ -177,8 +160,6 @@ TEST(selection_corrects_depth_weights_within_the_run_and_a_stopped_run_ends_in_t
     selection_test_check_stops(&c, stops, OXL_COUNT(stops));
     CHECK(strstr(c.decisions.data, ", corrected by 2 pairs of costs\"") != NULL);
     CHECK(!strstr(c.decisions.data, "f_mid 1.50") || !strstr(c.decisions.data, "f_far 2.00"));
-    c.options.lamp = c.options.medium = OXL_OFF;
-    CHECK(forecast_trial_steps(&c.options, 14) == 0);
     checkpoint_case_free(&c);
 }
 

@@ -25,7 +25,6 @@
 #define RUN OXL_OPTION_OF_RUN
 #define RESULT OXL_OPTION_OF_RESULT
 #define NOT_REFINED OXL_OPTION_NOT_REFINED
-#define NOT_LOOKED OXL_OPTION_NOT_LOOKED
 #define ONE_BLOCK OXL_OPTION_ONE_BLOCK
 
 /* Returns the index-th row that the parts of training add, or NULL; from src/parts/table.c, which

@@ -101,14 +101,10 @@ OXL_INTERNAL oxl_result misfit_measure(oxl_context *ctx, oxl_image *rendered, ox
 
 /* ---------------- survey_report.c: content of a survey, predicted cost */
 
-/* Describes the survey and predicts the cost of its training. closely: also checks each image and mask,
- * without decoding images. */
+/* Describes the survey and predicts the memory of its training. closely: also the time, and checks each image
+ * and mask, without decoding images. */
 OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, const oxl_job_options *options,
                                         int closely, oxl_survey *out);
-/* Predicts Gaussians and memory from the growth of a run's own steps, and writes the line into out->text.
- * seconds: of the whole run. */
-OXL_INTERNAL void survey_predict_run(oxl_context *ctx, oxl_scene *scene, const oxl_job_options *options,
-                                     const struct look *grown, double seconds, oxl_survey *out);
 /* Adds a JSON object without a final newline; lines after the first begin with `indent`. */
 OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *survey, const char *indent);
 

@@ -172,7 +172,6 @@ static void job_add_figures(struct job *job, struct text *t, size_t bytes)
     text_add_member(t, "blocks", job->partition.block_count);
     text_add_member(t, "iterations", job->total.iterations);
     text_add_member(t, "seconds", job->total.seconds);
-    text_add_member(t, "predicted_seconds", job->total.predicted_seconds);
     text_add_member(t, "peak_rss_bytes", OXL_MAX(job->total.peak, (double)os_peak_rss()));
     text_add_member(t, "predicted_memory_bytes", job->total.predicted_peak);
     nonfinite_add_json(t, &job->total.nonfinite);

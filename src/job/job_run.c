@@ -208,47 +208,20 @@ static oxl_result job_partition(struct job *job)
     return rc;
 }
 
-/* Fits the one block into the budget and predicts its cost. */
+/* Fits the one block into the budget and predicts its memory. */
 static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_job_options *o)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
-    struct cost cost;
     *o = job->options;
-    if (!budget_fit(job->ctx, &load, o)) return budget_refuse(job->ctx, &load, o, 0);
+    if (!budget_fit(&load, o)) return budget_refuse(job->ctx, &load, o, 0);
     if (o->train.sh_degree != job->options.train.sh_degree || o->train.dog != job->options.train.dog)
         oxl_log(job->ctx, OXL_LOG_INFO,
                 "--ram %.0f MB has no room for trials: SH degree %d and no second lobes",
                 (double)o->ram / 1e6, o->train.sh_degree);
-    cost = cost_estimate(job->ctx, o, &load);
     task->train = o->train;
-    task->predicted_peak = cost.memory;
-    task->predicted_seconds = job->survey.seconds; /* 0: another process described the survey */
-    if (!(job->survey.seconds > 0)) task->predicted_seconds = cost.seconds;
+    task->predicted_peak = cost_memory(o, &load, cost_gaussians(o, &load));
     job_limit_time(job, &task->train);
     return OXL_OK;
-}
-
-struct job_single {
-    struct job *job;
-    struct block_task *task;
-    const oxl_job_options *options; /* fitted into the budget */
-    struct look grown;              /* steps 0: the run has not grown yet */
-};
-
-/* Tells the prediction of a run without a look as soon as its own steps have one. */
-static int job_single_progress(void *user, const oxl_progress *progress)
-{
-    struct job_single *s = user;
-    struct job *job = s->job;
-    if (s->grown.steps > 0 && s->task->grown) {
-        survey_predict_run(job->ctx, job->scene, s->options, &s->grown,
-                           progress->seconds + progress->seconds_left, &job->survey);
-        job_log_lines(job, OXL_LOG_INFO, job->survey.text);
-        s->task->predicted_peak = job->survey.memory;
-        s->task->predicted_seconds = job->survey.seconds;
-        s->task->grown = NULL;
-    }
-    return job_progress(job, progress);
 }
 
 static oxl_result job_train_single(struct job *job, const char *folder)
@@ -256,16 +229,13 @@ static oxl_result job_train_single(struct job *job, const char *folder)
     struct block_task task = {.folder = folder,
                               .imaging = &job->imaging,
                               .key = job->key.data,
-                              .viewed = cost_evaluated_views(job->scene, job->options.train.iterations),
-                              .after = cost_evaluation(job->scene, &job->options),
+                              .viewed = cost_evaluation_steps(job->scene, job->options.train.iterations),
                               .viewer_steps = viewer_steps(&job->options.train),
                               .trims = 1};
     oxl_job_options options;
-    struct job_single single = {.job = job, .task = &task, .options = &options};
-    const oxl_callback callback = {job_single_progress, &single};
+    const oxl_callback callback = {job_progress, job};
     oxl_result rc = job_plan_single(job, &task, &options);
     task.callback = &callback;
-    if (job->survey.look_steps == 0) task.grown = &single.grown;
     if (rc == OXL_OK) rc = start_use(job->ctx, job->scene, job->out, &job->start, &task);
     if (rc == OXL_OK) job_set_cache(job, options.scene.image_cache_bytes);
     return rc == OXL_OK ? block_train(job->ctx, job->scene, &task) : rc;

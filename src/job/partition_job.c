@@ -4,16 +4,14 @@
 #include "job.h"
 #include "../survey/scene.h"
 
-static oxl_block partition_predict(const oxl_context *ctx, const struct partition *p, int block,
-                                   const oxl_job_options *o)
+static oxl_block partition_predict(const struct partition *p, int block, const oxl_job_options *o)
 {
     const struct partition_block *b = &p->block[block];
     const struct cost_load load = cost_load_of_block(p, block);
     oxl_job_options fitted = *o;
-    struct cost cost;
-    budget_fit(ctx, &load, &fitted);
-    cost = cost_estimate(ctx, &fitted, &load);
-    return (oxl_block){b->points, b->start_points, b->base_views, b->border_views, cost.memory, cost.seconds};
+    budget_fit(&load, &fitted);
+    return (oxl_block){b->points, b->start_points, b->base_views, b->border_views,
+                       cost_memory(&fitted, &load, cost_gaussians(&fitted, &load))};
 }
 
 static oxl_result partition_report(oxl_context *ctx, const struct partition *p, const oxl_job_options *o,
@@ -22,7 +20,7 @@ static oxl_result partition_report(oxl_context *ctx, const struct partition *p, 
     out->block = oxl_alloc(ctx, (size_t)p->block_count, sizeof *out->block);
     if (!out->block) return OXL_ERR_MEMORY;
     out->block_count = p->block_count;
-    for (int i = 0; i < p->block_count; i++) out->block[i] = partition_predict(ctx, p, i, o);
+    for (int i = 0; i < p->block_count; i++) out->block[i] = partition_predict(p, i, o);
     return OXL_OK;
 }
 

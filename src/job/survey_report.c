@@ -9,12 +9,6 @@
 #include "../survey/scene_alpha.h"
 #include "../checks/checks.h"
 
-/* Limits the memory that a look may take, as a fraction of the allowed, or free, memory. */
-#define SURVEY_LOOK_MEMORY 0.9
-enum { SURVEY_LOOK_POINTS = 1000000 }; /* most points of a survey that is looked at */
-/* Sets the seconds, by counts, below which a run is short: a look would take up to a fifth of it. */
-#define SURVEY_SHORT_RUN 60.0
-
 static int survey_is_distorted(const struct colmap *c)
 {
     int count = 0;
@@ -45,59 +39,16 @@ static void survey_largest(const oxl_scene *scene, oxl_survey *s)
     }
 }
 
-/* Returns 1 if a look is short and fits into the memory that the run may take. */
-static int survey_has_room(const oxl_job_options *o, const struct cost_load *load)
-{
-    const double most = o->ram ? (double)o->ram : (double)os_memory_free();
-    return load->points <= SURVEY_LOOK_POINTS &&
-           (most <= 0 || cost_memory(o, load, (double)load->points) <= SURVEY_LOOK_MEMORY * most);
-}
-
-/* Returns the most Gaussians of a look: what the run has memory for, without trials. */
-static size_t survey_look_gaussians(const oxl_job_options *o, const struct cost_load *load)
-{
-    oxl_job_options limited = *o;
-    limited.ram = o->ram ? o->ram : os_memory_free();
-    return limited.ram ? (size_t)budget_max_gaussians(load, &limited) : INT_MAX;
-}
-
-/* Returns 1 if the run itself tells the prediction after some steps: it is short, and nothing depends on the
- * number of its Gaussians, since memory holds the most that it may have. */
-static int survey_waits(const oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o)
-{
-    const struct cost_load load = cost_load_of_scene(scene);
-    const int cut =
-        o->partition.blocks > 1 ||
-        (o->partition.block_points > 0 && oxl_scene_point_count(scene) > (size_t)o->partition.block_points);
-    return cost_estimate(ctx, o, &load).seconds < SURVEY_SHORT_RUN && o->block < 0 && !o->device_ram &&
-           !o->ram && !cut && budget_limit(scene, o) == 0;
-}
-
-static oxl_result survey_predict(oxl_context *ctx, oxl_scene *scene, const oxl_job_options *o, int waits,
-                                 oxl_survey *s)
+static void survey_predict(const oxl_scene *scene, const oxl_job_options *o, oxl_survey *s)
 {
     oxl_job_options fitted = *o;
-    struct look look = {0};
-    struct cost_load load = cost_load_of_scene(scene);
-    struct cost cost;
-    int fits;
-    const oxl_result rc = !waits && survey_has_room(o, &load)
-                              ? look_take(ctx, scene, &o->train, survey_look_gaussians(o, &load), &look)
-                              : OXL_OK;
-    look.after = cost_evaluation(scene, o);
-    scene->stats.splitting = load.share = look.share;
-    scene->stats.begun = load.begun = look.gaussians / (double)OXL_MAX(load.points, (size_t)1);
+    const struct cost_load load = cost_load_of_scene(scene);
     fitted.ram = budget_limit(scene, o);
-    fits = budget_fit(ctx, &load, &fitted);
-    load.plain = look.steps > 0 && !look.hides; /* a budget has room for both */
-    cost = cost_estimate(ctx, fits ? &fitted : o, &load);
-    s->gaussians = cost.gaussians;
-    /* Assumes blocks if one block does not fit. */
-    s->memory = fitted.ram ? OXL_MIN(cost.memory, (double)fitted.ram) : cost.memory;
-    if (!waits) s->seconds = cost_seconds(scene, &fitted, &cost, &look, s->seconds_range);
-    s->look_steps = look.steps;
+    budget_fit(&load, &fitted); /* assumes blocks if one does not fit */
+    s->gaussians = cost_gaussians(&fitted, &load);
+    s->memory = cost_memory(&fitted, &load, s->gaussians);
+    if (fitted.ram) s->memory = OXL_MIN(s->memory, (double)fitted.ram);
     s->memory_free = (double)os_memory_free();
-    return rc;
 }
 
 /* ---------------- words */
@@ -126,16 +77,6 @@ static void survey_warn(oxl_survey *s, const char *format, ...)
     if (size >= 0 && room > 0) strcat(s->warnings + used, "\n");
 }
 
-/* Writes a time as "about 4 min (3 to 6)". */
-OXL_INTERNAL void survey_write_duration(oxl_survey *s, double seconds, const double range[2])
-{
-    const double unit = seconds < 90 ? 1 : seconds < 5400 ? 60 : 3600;
-    const char *const name = seconds < 90 ? "s" : seconds < 5400 ? "min" : "h";
-    const int digits = unit > 60;
-    survey_write(s, "about %.*f %s (%.*f to %.*f)", digits, seconds / unit, name, digits, range[0] / unit,
-                 digits, range[1] / unit);
-}
-
 static void survey_write_facts(oxl_survey *s)
 {
     survey_write(s, "images       %d listed, %d missing; %d training views, %d held-out views; %d masks",
@@ -154,20 +95,21 @@ static void survey_write_facts(oxl_survey *s)
             s->bounds_max[2] - s->bounds_min[2], s->extent);
 }
 
-/* from: what the prediction is made of. */
-static void survey_write_prediction(const oxl_context *ctx, oxl_survey *s, const char *from)
+static void survey_write_prediction(const oxl_context *ctx, oxl_survey *s)
 {
+    const double seconds = s->seconds, unit = seconds < 90 ? 1 : seconds < 5400 ? 60 : 3600;
     survey_write(s,
                  s->gaussians < 1e4 ? "prediction   %.0f Gaussians" : "prediction   %.0f thousand Gaussians",
                  s->gaussians < 1e4 ? s->gaussians : s->gaussians / 1e3);
     survey_write(s, ", %.2f GB of memory", s->memory / 1e9);
     if (s->memory_free > 0) survey_write(s, " (%.1f GB free)", s->memory_free / 1e9);
-    survey_write(s, ", ");
-    survey_write_duration(s, s->seconds, s->seconds_range);
-    survey_write(s, " on %d thread%s (%s), from ", ctx->threads, ctx->threads == 1 ? "" : "s",
-                 oxl_isa_name(ctx));
-    if (s->look_steps > 0) survey_write(s, "%d steps %s\n", s->look_steps, from);
-    else survey_write(s, "counts: no step was tried\n");
+    if (seconds > 0)
+        survey_write(s, ", about %.*f %s on %d thread%s (%s)", unit > 60, seconds / unit,
+                     seconds < 90     ? "s"
+                     : seconds < 5400 ? "min"
+                                      : "h",
+                     ctx->threads, ctx->threads == 1 ? "" : "s", oxl_isa_name(ctx));
+    survey_write(s, "\n");
 }
 
 /* Writes the number of steps and its reason. */
@@ -188,8 +130,8 @@ static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, 
                                       oxl_survey *s)
 {
     const struct cost_load load = cost_load_of_scene(scene);
-    const double needs = cost_memory(o, &load, cost_gaussians(o, &load));
-    const double limit = (double)budget_limit(scene, o);
+    const double needs = cost_memory(o, &load, cost_gaussians(o, &load)),
+                 limit = (double)budget_limit(scene, o);
     const int set =
         o->partition.kind == OXL_PARTITION_NONE || o->partition.blocks > 0 || o->partition.block_points > 0;
     struct partition p = {0};
@@ -270,7 +212,6 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, cons
                                         int closely, oxl_survey *out)
 {
     oxl_result rc;
-    int waits;
     const struct scene_stats *stats = &scene->stats;
     const double *origin = oxl_scene_origin(scene);
     oxl_job_options whole = *options;
@@ -297,28 +238,15 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, cons
     if (rc == OXL_OK) rc = closely ? lint_images(ctx, scene, out) : lint_masks(ctx, scene);
     if (rc != OXL_OK) return rc;
     whole.train.iterations = cost_iterations(options, out->images - out->images_missing);
-    waits = !closely && survey_waits(ctx, scene, &whole);
-    rc = survey_predict(ctx, scene, &whole, waits, out);
+    survey_predict(scene, &whole, out);
+    if (closely) rc = cost_seconds(ctx, scene, &whole, &out->seconds);
     if (rc != OXL_OK) return rc;
     survey_write_facts(out);
-    if (waits) survey_write(out, "prediction   after the run's first steps, since it is short\n");
-    else survey_write_prediction(ctx, out, "tried");
+    survey_write_prediction(ctx, out);
     survey_write_iterations(options, whole.train.iterations, out);
     if (closely) rc = survey_write_blocks(ctx, scene, &whole, out);
     survey_write_warnings(out, survey_has_no_baseline(scene, out));
     return rc;
-}
-
-OXL_INTERNAL void survey_predict_run(oxl_context *ctx, oxl_scene *scene, const oxl_job_options *options,
-                                     const struct look *grown, double seconds, oxl_survey *out)
-{
-    struct cost_load load = cost_load_of_scene(scene);
-    load.plain = !grown->hides;
-    out->gaussians = grown->gaussians, out->look_steps = grown->steps;
-    out->memory = cost_memory(options, &load, grown->gaussians);
-    out->seconds = cost_range(options, seconds, 1, out->seconds_range);
-    out->text[0] = 0;
-    survey_write_prediction(ctx, out, "of the run");
 }
 
 static oxl_result survey_check(oxl_context *ctx, const char *path, const oxl_job_options *options,
@@ -380,10 +308,7 @@ OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const cha
                    {"badly_exposed", s->badly_exposed},
                    {"predicted_gaussians", s->gaussians},
                    {"predicted_memory_bytes", s->memory},
-                   {"predicted_seconds", s->seconds},
-                   {"predicted_seconds_least", s->seconds_range[0]},
-                   {"predicted_seconds_most", s->seconds_range[1]},
-                   {"predicted_from_steps", s->look_steps}};
+                   {"predicted_seconds", s->seconds}};
     text_add(t, "{\n%s  \"cameras_text\": ", indent);
     text_add_json_string(t, s->cameras_text);
     for (size_t i = 0; i < OXL_COUNT(numbers); i++)

@@ -139,7 +139,6 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
         out->seconds = block_number(map.data, "seconds");
         out->peak = block_number(map.data, "peak_rss_bytes");
         out->predicted_peak = block_number(map.data, "predicted_memory_bytes");
-        out->predicted_seconds = block_number(map.data, "predicted_seconds");
         nonfinite_read_json(map.data, &out->nonfinite);
     }
     os_release_file(ctx, &map);
@@ -175,7 +174,6 @@ static oxl_result block_write_record(struct block *b, const struct block_record 
     text_add_member(&t, "seconds", r->seconds);
     text_add_member(&t, "peak_rss_bytes", r->peak);
     text_add_member(&t, "predicted_memory_bytes", r->predicted_peak);
-    text_add_member(&t, "predicted_seconds", r->predicted_seconds);
     nonfinite_add_json(&t, &r->nonfinite);
     text_add(&t, "  \"decisions\": {%s},\n", b->decisions ? b->decisions : "");
     for (int i = 0; i < BLOCK_SUMS; i++)
@@ -243,7 +241,6 @@ static struct block_record block_record_of(const struct block *b, const oxl_trai
                                  .seconds = block_round(t->seconds, 1e3),
                                  .peak = (double)os_peak_rss(),
                                  .predicted_peak = b->task->predicted_peak,
-                                 .predicted_seconds = block_round(b->task->predicted_seconds, 1e3),
                                  .nonfinite = t->nonfinite};
 }
 
@@ -275,9 +272,7 @@ static oxl_result block_run(struct block *b, oxl_scene *scene, oxl_trained *t)
                                .first = task->first,
                                .until = task->until,
                                .viewed = task->viewed,
-                               .after = task->after,
-                               .from = task->from,
-                               .grown = task->grown};
+                               .from = task->from};
     const struct train_extra extra = {.viewer_store = checkpoint_in(viewer, task->key),
                                       .viewer_steps = task->viewer_steps,
                                       .trims = task->trims};

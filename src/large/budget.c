@@ -24,6 +24,8 @@
  * reduced (docs/log/FORECAST.md). */
 #define BUDGET_EXPECTED 1.5
 #define BUDGET_ADVICE 1.1  /* Multiplies the least budget for the one that an error names. */
+#define BUDGET_TRIED 1.04  /* Multiplies a budget for the next one that is tried, */
+#define BUDGET_MOST 1e7    /* up to so many MiB. */
 #define BUDGET_POINTS 1000 /* Bounds the points of a block from below. */
 /* Limits the SH degree if memory is short: more Gaussians are worth more than
  * degree 3 (docs/log/SCALE.md). */
@@ -40,24 +42,17 @@ static int budget_is_limited(const oxl_job_options *o)
     return o->ram > 0 || o->device_ram > 0;
 }
 
-/* Returns 1 if `gaussians` fit --ram and --device-ram. */
-static int budget_holds(const oxl_job_options *o, const struct cost_load *load, double gaussians)
+/* Returns the most Gaussians that fit --ram and --device-ram; bytes grow in a straight line with them. */
+static double budget_gaussians(const oxl_job_options *o, const struct cost_load *load)
 {
-    return (o->ram == 0 || cost_memory(o, load, gaussians) <= BUDGET_MARGIN * (double)o->ram) &&
-           (o->device_ram == 0 ||
-            cost_device_memory(o, load, gaussians) <= BUDGET_MARGIN * (double)o->device_ram);
-}
-
-/* Returns the largest count up to `most` that fits, by bisection; 0: not even one fits. */
-static double budget_gaussians(const oxl_job_options *o, const struct cost_load *load, double most)
-{
-    double low = 0, high = OXL_MIN(JOB_GAUSSIANS_MAX, most) + 1;
-    while (high - low > 1) {
-        const double middle = floor((low + high) / 2);
-        if (budget_holds(o, load, OXL_MAX(middle, 1))) low = middle;
-        else high = middle;
-    }
-    return low;
+    const double host = cost_memory(o, load, 0), device = cost_device_memory(o, load, 0);
+    double most = JOB_GAUSSIANS_MAX;
+    if (o->ram)
+        most = OXL_MIN(most, (BUDGET_MARGIN * (double)o->ram - host) / (cost_memory(o, load, 1) - host));
+    if (o->device_ram)
+        most = OXL_MIN(most, (BUDGET_MARGIN * (double)o->device_ram - device) /
+                                 (cost_device_memory(o, load, 1) - device));
+    return OXL_MAX(0, floor(most));
 }
 
 static void budget_disable_trials(oxl_job_options *o)
@@ -71,7 +66,7 @@ OXL_INTERNAL double budget_max_gaussians(const struct cost_load *load, const oxl
     oxl_job_options bare = *o;
     bare.scene.image_cache_bytes = budget_cache(o);
     budget_disable_trials(&bare);
-    return budget_gaussians(&bare, load, JOB_GAUSSIANS_MAX);
+    return budget_gaussians(&bare, load);
 }
 
 /* Returns the Gaussians that a run is not expected to exceed, or fewer if the images allow fewer. */
@@ -81,50 +76,47 @@ static double budget_wanted(const oxl_job_options *o, const struct cost_load *lo
     return OXL_MIN(BUDGET_EXPECTED * cost_gaussians(o, load), most);
 }
 
-OXL_INTERNAL int budget_limit_gaussians(const oxl_context *ctx, const struct cost_load *load,
-                                        oxl_job_options *o)
+OXL_INTERNAL int budget_limit_gaussians(const struct cost_load *load, oxl_job_options *o)
 {
     const double most = (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
     const int is_given = o->train.sh_degree >= 0;
     double gaussians;
     if (!budget_is_limited(o)) return 1;
     o->scene.image_cache_bytes = budget_cache(o);
-    if (o->ram && cost_estimate(ctx, o, load).memory > BUDGET_MARGIN * (double)o->ram)
+    if (o->ram && cost_memory(o, load, cost_gaussians(o, load)) > BUDGET_MARGIN * (double)o->ram)
         budget_disable_trials(o);
-    gaussians = budget_gaussians(o, load, most);
+    gaussians = OXL_MIN(most, budget_gaussians(o, load));
     if (!is_given && o->train.sh_degree >= 0 && gaussians < floor(budget_wanted(o, load))) {
         o->train.sh_degree = BUDGET_SH;
-        gaussians = budget_gaussians(o, load, most);
+        gaussians = OXL_MIN(most, budget_gaussians(o, load));
     }
     o->train.max_gaussians = (int)gaussians;
     return gaussians >= 1;
 }
 
-OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o)
+OXL_INTERNAL int budget_fit(const struct cost_load *load, oxl_job_options *o)
 {
     oxl_job_options fitted = *o;
     const double needed = OXL_MIN(BUDGET_GROWTH * (double)load->points, budget_wanted(o, load));
     if (!budget_is_limited(o)) return 1;
-    if (!budget_limit_gaussians(ctx, load, &fitted) || fitted.train.max_gaussians < floor(needed)) return 0;
+    if (!budget_limit_gaussians(load, &fitted) || fitted.train.max_gaussians < floor(needed)) return 0;
     *o = fitted;
     return 1;
 }
 
-/* Returns a sufficient budget in MiB, of the device or of --ram: a tenth above the least that the predictions
- * allow, since they differ between a survey and its one block, and files are read meanwhile. */
-static double budget_needed(const oxl_context *ctx, const struct cost_load *load, const oxl_job_options *o,
-                            int device)
+/* Returns a sufficient budget in MiB, of the device or of --ram: a tenth above what the predictions allow,
+ * since they differ between a survey and its one block, and files are read meanwhile. */
+static double budget_needed(const struct cost_load *load, const oxl_job_options *o, int device)
 {
-    double low = 0, high = 1 << 24;
-    while (high - low > 1) {
-        const double middle = floor((low + high) / 2);
-        oxl_job_options tried = *o;
-        tried.ram = device ? 0 : (size_t)(middle * 1048576);
-        tried.device_ram = device ? (size_t)(middle * 1048576) : 0;
-        if (middle > 0 && budget_fit(ctx, load, &tried)) high = middle;
-        else low = middle;
-    }
-    return ceil(BUDGET_ADVICE * high);
+    oxl_job_options tried;
+    double mb = 1;
+    do {
+        mb = ceil(BUDGET_TRIED * mb);
+        tried = *o;
+        tried.ram = device ? 0 : (size_t)(mb * 1048576);
+        tried.device_ram = device ? (size_t)(mb * 1048576) : 0;
+    } while (!budget_fit(load, &tried) && mb < BUDGET_MOST);
+    return ceil(BUDGET_ADVICE * mb);
 }
 
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load,
@@ -135,8 +127,8 @@ OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *
     double needed;
     host.device_ram = 0;
     if (o->ram) host.ram = (double)o->ram > beside ? o->ram - (size_t)beside : 1;
-    device = o->device_ram > 0 && budget_fit(ctx, load, &host);
-    needed = budget_needed(ctx, load, o, device) + (device ? 0 : ceil(beside / 1048576));
+    device = o->device_ram > 0 && budget_fit(load, &host);
+    needed = budget_needed(load, o, device) + (device ? 0 : ceil(beside / 1048576));
     return oxl_fail(
         ctx, OXL_ERR_BUDGET,
         "%.0f MB%s are too little for %zu points and images of %.1f megapixels, which need %.0f MB\n"
@@ -148,86 +140,65 @@ OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *
 /* ---------------- blocks that fit */
 
 /* Returns 1 if each block fits; otherwise *worst is the load of one that does not. */
-static int budget_fits_all(const oxl_context *ctx, const oxl_scene *scene, const struct partition *p,
-                           const oxl_job_options *o, struct cost_load *worst)
+static int budget_fits_all(const oxl_scene *scene, const struct partition *p, const oxl_job_options *o,
+                           struct cost_load *worst)
 {
     for (int k = 0; k < p->block_count; k++) {
         oxl_job_options tried = *o;
         *worst = p->block_count > 1 ? cost_load_of_block(p, k) : cost_load_of_scene(scene);
-        if (!budget_fit(ctx, worst, &tried)) return 0;
+        if (!budget_fit(worst, &tried)) return 0;
     }
     return 1;
-}
-
-/* Returns 1 if memory decides on the number of blocks, and the free memory is known. */
-static int budget_may_choose_blocks(const oxl_job_options *o)
-{
-    return o->ram == 0 && o->partition.kind != OXL_PARTITION_NONE && o->partition.blocks == 0 &&
-           o->partition.block_points == 0 && os_memory_free() > 0;
 }
 
 OXL_INTERNAL size_t budget_limit(const oxl_scene *scene, const oxl_job_options *o)
 {
     const struct cost_load load = cost_load_of_scene(scene);
     const double most = (double)schedule_gaussian_cap(scene, &o->train), free = (double)os_memory_free();
-    if (!budget_may_choose_blocks(o) || cost_memory(o, &load, most) <= BUDGET_MARGIN * free) return o->ram;
-    return (size_t)free;
+    const int is_open = o->ram == 0 && o->partition.kind != OXL_PARTITION_NONE && o->partition.blocks == 0 &&
+                        o->partition.block_points == 0 && free > 0; /* memory decides on blocks */
+    return is_open && cost_memory(o, &load, most) > BUDGET_MARGIN * free ? (size_t)free : o->ram;
 }
 
-/* Halves the points of a block until each block fits. OXL_ERR_BUDGET: *worst is the
- * load of one that does not. */
+/* Halves the points of a block until each block fits `limited`, or refuses the limits of o. */
 static oxl_result budget_halve_blocks(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
-                                      struct partition *out, struct cost_load *worst)
+                                      const oxl_job_options *limited, struct partition *out)
 {
     oxl_partition_options tried = o->partition;
     const size_t points = scene->stats.points;
+    struct cost_load worst;
     oxl_result rc = OXL_OK;
     if (tried.blocks == 0 && tried.block_points == 0) tried.block_points = (int)OXL_CLAMP(points, 1, INT_MAX);
-    while (rc == OXL_OK && !budget_fits_all(ctx, scene, out, o, worst)) {
+    while (rc == OXL_OK && !budget_fits_all(scene, out, limited, &worst)) {
         if (tried.blocks > 0) { /* Makes more blocks than were requested. */
             tried.block_points = (int)(points / (size_t)tried.blocks);
             tried.blocks = 0;
         }
-        if (tried.kind == OXL_PARTITION_NONE || tried.block_points / 2 < BUDGET_POINTS)
-            rc = budget_refuse(ctx, worst, o, 0);
-        partition_free(ctx, out);
         tried.block_points /= 2;
-        if (rc == OXL_OK) rc = partition_make(ctx, scene, &tried, out);
+        partition_free(ctx, out);
+        if (tried.kind == OXL_PARTITION_NONE || tried.block_points < BUDGET_POINTS)
+            return budget_refuse(ctx, &worst, o, 0);
+        rc = partition_make(ctx, scene, &tried, out);
         if (rc == OXL_OK)
             oxl_log(ctx, OXL_LOG_INFO, "memory of %.0f MB: blocks of at most %d points",
-                    (double)(o->ram ? o->ram : o->device_ram) / 1e6, tried.block_points);
+                    (double)(limited->ram ? limited->ram : limited->device_ram) / 1e6, tried.block_points);
     }
     return rc;
-}
-
-/* Refuses a budget that reading alone exceeds. The fix names a budget that blocks fit, too. */
-static oxl_result budget_refuse_reading(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
-                                        struct partition *out)
-{
-    const double reading = (double)os_peak_rss(), least = ceil(reading / BUDGET_MARGIN / 1048576);
-    oxl_job_options limited = *o;
-    struct cost_load worst;
-    oxl_result rc;
-    limited.ram = (size_t)(least * 1048576);
-    rc = budget_halve_blocks(ctx, scene, &limited, out, &worst);
-    if (rc != OXL_OK && rc != OXL_ERR_BUDGET) return rc;
-    return oxl_fail(ctx, OXL_ERR_BUDGET,
-                    "reading the survey alone takes %.0f MB, --ram allows %.0f MB\nfix: --ram %.0fM",
-                    reading / 1e6, (double)o->ram / 1e6,
-                    rc == OXL_OK ? least : OXL_MAX(least, budget_needed(ctx, &worst, &limited, 0)));
 }
 
 OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
                                          struct partition *out)
 {
+    /* MiB that reading the survey needs */
+    const double reading = o->ram ? ceil((double)os_peak_rss() / BUDGET_MARGIN / 1048576) : 0;
     oxl_job_options limited = *o;
-    struct cost_load worst;
     oxl_result rc = partition_make(ctx, scene, &o->partition, out);
-    limited.ram = budget_limit(scene, o);
-    if (rc == OXL_OK && o->ram && (double)os_peak_rss() > BUDGET_MARGIN * (double)o->ram)
-        rc = budget_refuse_reading(ctx, scene, o, out);
-    if (rc == OXL_OK && budget_is_limited(&limited))
-        rc = budget_halve_blocks(ctx, scene, &limited, out, &worst);
+    limited.ram = OXL_MAX(budget_limit(scene, o), (size_t)reading * 1048576);
+    if (rc == OXL_OK && budget_is_limited(&limited)) rc = budget_halve_blocks(ctx, scene, o, &limited, out);
+    if (rc == OXL_OK && o->ram && limited.ram > o->ram)
+        rc = oxl_fail(ctx, OXL_ERR_BUDGET,
+                      "reading the survey alone takes %.0f MB, --ram allows %.0f MB\nfix: --ram %.0fM",
+                      BUDGET_MARGIN * (double)limited.ram / 1e6, (double)o->ram / 1e6, reading);
     /* Continues without a limit that nobody set: the run may swap. */
     if (rc == OXL_ERR_BUDGET && !budget_is_limited(o)) {
         oxl_log(ctx, OXL_LOG_WARNING, "%.0f MB of memory are free, too little for blocks of any size",

@@ -1,55 +1,34 @@
 /* cost.c - predicts Gaussians, memory and time of training.
  *
- * Gaussians follow from a first look (src/train/forecast.c), memory from counts, with the measured constants
- * below. Time is extrapolated from the steps of the look; for blocks, and without a look, it is computed from
- * counts as well.
+ * Gaussians and memory follow from counts, with the measured constants below; time from some steps on the
+ * survey's points, for which no image is read.
  */
 #include "partition.h"
 #include "large.h"
-
-#include "../core/simd.h"
+#include "../render/render.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
+#include "../survey/survey.h"
 
-/* Lists constants measured on 2 cores with AVX-512, on surveys of 5 000 to 30 000
- * points (docs/log/SPEED.md). */
-/* Counts (Gaussian, pixel) pairs evaluated forward per pixel; backward costs 2.5 times as much. */
-#define COST_PAIRS_PER_PIXEL 40.0
-#define COST_PAIR_RATE 1.0e9      /* Counts pairs per second and thread, with AVX2 or better. */
-#define COST_PAIR_RATE_BASE 0.2e9 /* Counts pairs per second and thread, without AVX2. */
-/* Counts s per pixel for SSIM forward and backward, and for the image's conversion to float. */
-#define COST_PIXEL_COST 1.0e-7
-#define COST_GAUSSIAN_COST 6.0e-8 /* Counts s per Gaussian for projection, binning and Adam. */
-#define COST_PIXEL_BYTES 160.0    /* Counts bytes of working memory per pixel: images, SSIM's maps. */
-#define COST_PROGRAM_BYTES 1.2e7  /* Counts bytes of the program itself; measured: 9 to 10 MB. */
-/* Counts bytes per row on a device, as backends/vulkan reserves them. */
-#define COST_DEVICE_ROW 110.0
-#define COST_DEVICE_PAIR 84.0   /* Counts bytes per (tile, splat) pair on a device. */
-#define COST_DEVICE_PAIRS 8.0   /* Counts pairs per row in a view of all Gaussians. */
-#define COST_DEVICE_PIXEL 125.0 /* Counts bytes per pixel of loss and image on a device. */
-#define COST_DEVICE_BYTES 2e6   /* Counts bytes on a device that do not grow. */
-/* Multiplies the bytes on a device that grow with the Gaussians: a quarter more is reserved. */
-#define COST_DEVICE_ROOM 1.25
-/* Multiplies the time of a run in several blocks, each of which is rendered with Gaussians
- * of others (docs/SCALE.md). */
-#define COST_CONTEXT 1.25
-/* Judges a training view for each 20 iterations of a run: judging one takes about as long as an iteration. */
-#define COST_JUDGED 20
-#define COST_JUDGED_MIN 6 /* Bounds the number of judged views from below. */
-/* Counts s for the files of a result, with the report. */
-#define COST_FILES 0.1
-/* Counts s for a held-out view, whose metrics, renders and place in the report the CPU makes: for the view
- * and for each of its pixels. */
-#define COST_HELD_OUT 0.03
-#define COST_HELD_OUT_PIXEL 6e-7
-/* Counts s per pixel of a training view that is judged. */
-#define COST_JUDGED_PIXEL 1e-7
-/* Limits a preset's iterations per image: more overfit (docs/TRADEOFF.md). */
-#define COST_STEPS_PER_IMAGE 700
-/* Bounds the error of times computed from counts: they are right within this factor. */
-#define COST_WITHIN 3.0
-/* Bounds the error of times extrapolated from the steps of a look: they are right within this factor. */
-#define COST_WITHIN_LOOK 1.7
+#define COST_GAPS 1.4            /* Gaussians at the start over points, where `gaps` adds some: 1.2 to 2.3 */
+#define COST_PIXEL_BYTES 160.0   /* of working memory a pixel: images, SSIM's maps */
+#define COST_PROGRAM_BYTES 1.2e7 /* of the program itself; measured: 9 to 10 MB */
+#define COST_DEVICE_ROW 110.0    /* bytes a row on a device, as backends/vulkan reserves them, */
+#define COST_DEVICE_PAIR 84.0    /* a pair of tile and splat, */
+#define COST_DEVICE_PAIRS 8.0    /* of which a row has so many in a view of all Gaussians, */
+#define COST_DEVICE_PIXEL 125.0  /* a pixel of loss and image, */
+#define COST_DEVICE_BYTES 2e6    /* and those that do not grow; */
+#define COST_DEVICE_ROOM 1.25    /* those that grow with the Gaussians are reserved by a quarter more */
+#define COST_STEPS_PER_IMAGE \
+    700                        /* most iterations of a preset for an image: more overfit (docs/TRADEOFF.md) */
+#define COST_TIMED_SECONDS 1.0 /* after which no more steps are timed */
+enum {
+    COST_STEPS = 10,      /* timed, */
+    COST_POINTS = 100000, /* with at most so many points */
+    COST_JUDGED = 20,     /* iterations for each training view that is judged: that takes as long as a step */
+    COST_JUDGED_MIN = 6,  /* but at least so many views */
+    COST_HELD_OUT = 3     /* steps that take as long as the metrics of a held-out view */
+};
 
 OXL_INTERNAL int cost_iterations(const oxl_job_options *o, int images)
 {
@@ -63,8 +42,6 @@ OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene)
 {
     const struct scene_stats *stats = &scene->stats;
     struct cost_load load = {.points = stats->points ? stats->points : scene_start_count(scene),
-                             .begun = stats->begun,
-                             .share = stats->splitting,
                              .observations = stats->observations,
                              .views = stats->views,
                              .schedule_pixels = schedule_pixels(scene)};
@@ -85,8 +62,6 @@ OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int 
     const size_t views = (size_t)oxl_scene_view_count(plan->scene);
     const double size = (double)OXL_MAX(b->points, (size_t)1);
     struct cost_load load = {.points = b->points,
-                             .begun = plan->scene->stats.begun,
-                             .share = plan->scene->stats.splitting,
                              .observations = plan->scene->stats.observations,
                              .survey = (sizeof(struct colmap_point) + sizeof(oxl_point)) *
                                        (double)(plan->scene->stats.points - b->points),
@@ -105,9 +80,9 @@ OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int 
 }
 
 /* Returns 1 if the run may end with a model that viewers show wrongly, and refine another one. */
-static int cost_may_refine(const oxl_train_options *o, int plain)
+static int cost_may_refine(const oxl_train_options *o)
 {
-    return (!plain && (o->exposure != OXL_OFF || o->medium != OXL_OFF)) || o->dog != OXL_DOG_OFF;
+    return o->exposure != OXL_OFF || o->medium != OXL_OFF || o->dog != OXL_DOG_OFF;
 }
 
 OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load *load, double gaussians)
@@ -119,7 +94,7 @@ OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load
     const double depths = parts_bytes(&o->train, (double)load->observations, load->views);
     /* Counts sets of planes: parameters and two moments; a trial keeps two more copies of each, in memory
      * that grows by quarters; a model for viewers is refined beside the one that it begins with. */
-    const double refined = cost_may_refine(&o->train, load->plain) ? 4 : 3,
+    const double refined = cost_may_refine(&o->train) ? 4 : 3,
                  sets = parts_trials(&o->train) > 0 ? 3 + 2 * 3 * 1.25 : refined;
     return COST_PROGRAM_BYTES + cache + load->largest * COST_PIXEL_BYTES +
            gaussians * (sets * 4 * planes + COST_SPLAT_BYTES) +
@@ -137,33 +112,20 @@ OXL_INTERNAL double cost_device_memory(const oxl_job_options *o, const struct co
            COST_DEVICE_ROOM * gaussians * (3 * 4 * planes + a_row + load->context * (4 * planes + a_row));
 }
 
+/* Returns the Gaussians that a run starts with. */
+static double cost_start(const oxl_train_options *o, const struct cost_load *load, double cap)
+{
+    const double points = (double)load->points;
+    return OXL_MIN(o->gaps && load->observations ? COST_GAPS * points : points, OXL_MAX(cap, 1));
+}
+
 OXL_INTERNAL double cost_gaussians(const oxl_job_options *o, const struct cost_load *load)
 {
-    const size_t cap = schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
-    const double start = (double)load->points * (load->begun > 0 ? load->begun : 1);
-    return OXL_MIN(forecast_gaussians(&o->train, start, load->share, (double)cap), (double)cap);
-}
-
-OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_options *o,
-                                       const struct cost_load *load)
-{
-    const double a_view = load->pixels / OXL_MAX(1, load->views);
-    const double rate = (ctx->isa == ISA_BASE ? COST_PAIR_RATE_BASE : COST_PAIR_RATE) * ctx->threads;
-    struct cost cost = {.gaussians = cost_gaussians(o, load)};
-    const double step = 3.5 * COST_PAIRS_PER_PIXEL * a_view / rate +
-                        (COST_PIXEL_COST * a_view + COST_GAUSSIAN_COST * cost.gaussians) / ctx->threads;
-    cost.seconds = o->train.iterations * step;
-    if (o->train.max_seconds > 0) cost.seconds = OXL_MIN(cost.seconds, o->train.max_seconds);
-    cost.memory = cost_memory(o, load, cost.gaussians);
-    return cost;
-}
-
-/* Returns 1 if the options request several blocks. */
-static int cost_has_blocks(const oxl_job_options *o, size_t points)
-{
-    const size_t most = (size_t)o->partition.block_points;
-    return o->partition.kind != OXL_PARTITION_NONE &&
-           (o->partition.blocks > 1 || (most > 0 && points > most));
+    const oxl_camera none = {0};
+    const double cap = (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
+    double gaussians = cost_start(&o->train, load, cap);
+    forecast_ahead(&o->train, 0, &none, cap, &gaussians);
+    return gaussians;
 }
 
 OXL_INTERNAL int cost_judged_views(const oxl_scene *scene, int iterations)
@@ -171,36 +133,76 @@ OXL_INTERNAL int cost_judged_views(const oxl_scene *scene, int iterations)
     return OXL_MIN(OXL_MAX(iterations / COST_JUDGED, COST_JUDGED_MIN), schedule_training_views(scene));
 }
 
-OXL_INTERNAL int cost_evaluated_views(const oxl_scene *scene, int iterations)
+OXL_INTERNAL int cost_evaluation_steps(const oxl_scene *scene, int iterations)
 {
     const int training = schedule_training_views(scene), held_out = oxl_scene_view_count(scene) - training;
-    return held_out > 0 ? held_out + cost_judged_views(scene, iterations) : training;
+    return held_out > 0 ? COST_HELD_OUT * held_out + cost_judged_views(scene, iterations)
+                        : COST_HELD_OUT * training;
 }
 
-OXL_INTERNAL double cost_range(const oxl_job_options *o, double seconds, int timed, double range[2])
+/* ---------------- seconds */
+
+/* Makes Gaussians of some of the survey's points, or of random ones. */
+static oxl_result cost_make_model(oxl_context *ctx, const oxl_scene *scene, oxl_model *out)
 {
-    const double limit = o->train.max_seconds > 0 ? o->train.max_seconds : HUGE_VAL,
-                 within = timed ? COST_WITHIN_LOOK : COST_WITHIN;
-    range[0] = OXL_MIN(seconds / within, limit), range[1] = OXL_MIN(seconds * within, limit);
-    return OXL_MIN(seconds, limit);
+    const size_t all = oxl_scene_point_count(scene), every = 1 + all / COST_POINTS;
+    oxl_point *some = NULL;
+    size_t count = all / every;
+    oxl_result rc = OXL_OK;
+    if (all == 0) rc = scene_start_points(ctx, scene, scene_start_count(scene), &some, &count);
+    else if (!(some = oxl_alloc(ctx, count + 1, sizeof *some))) rc = OXL_ERR_MEMORY;
+    for (size_t i = 0; all > 0 && some && i < count; i++) some[i] = oxl_scene_points(scene)[every * i];
+    if (rc == OXL_OK) rc = oxl_model_from_points(ctx, some, count, 3, out);
+    oxl_free(ctx, some);
+    return rc;
 }
 
-OXL_INTERNAL double cost_evaluation(const oxl_scene *scene, const oxl_job_options *o)
+/* Makes steps on black images of some views, which change nothing. Returns the seconds of the median one. */
+static oxl_result cost_time_steps(oxl_context *ctx, const oxl_scene *scene, struct trained_model *trained,
+                                  double *seconds)
 {
-    const int training = schedule_training_views(scene), held_out = oxl_scene_view_count(scene) - training;
-    const double a_view = schedule_pixels(scene) / OXL_MAX(1, training);
-    return COST_FILES + held_out * (COST_HELD_OUT + COST_HELD_OUT_PIXEL * a_view) +
-           cost_judged_views(scene, o->train.iterations) * COST_JUDGED_PIXEL * a_view;
+    const double started = os_seconds();
+    const int views = oxl_scene_view_count(scene);
+    struct renderer *renderer = NULL;
+    struct adam_params still = {.beta = RENDERER_BETAS, .step = 1};
+    struct renderer_loss loss;
+    struct renderer_nonfinite skipped;
+    oxl_render_options render = oxl_render_options_default();
+    double took[COST_STEPS];
+    int steps = 0;
+    oxl_result rc = renderer_create(ctx, &renderer);
+    render.near_plane = (float)oxl_scene_near_plane(scene);
+    while (rc == OXL_OK && steps < COST_STEPS && os_seconds() - started < COST_TIMED_SECONDS) {
+        const oxl_camera *c = &oxl_scene_view(scene, (int)((double)steps / COST_STEPS * views))->camera;
+        float *image = oxl_calloc(ctx, 3 * (size_t)c->width * (size_t)c->height, sizeof *image);
+        took[steps] = os_seconds();
+        rc = image ? renderer_forward(ctx, renderer, &trained->model, c, &render) : OXL_ERR_MEMORY;
+        if (rc == OXL_OK) rc = renderer_loss(ctx, renderer, image, NULL, 0.2f, &loss);
+        if (rc == OXL_OK) rc = renderer_backward(ctx, renderer, NULL, NULL);
+        if (rc == OXL_OK) rc = renderer_step(ctx, renderer, trained, NULL, &still, &skipped);
+        took[steps] = os_seconds() - took[steps];
+        steps++;
+        oxl_free(ctx, image);
+    }
+    if (rc == OXL_OK) *seconds = stats_select(took, (size_t)steps, 0.5);
+    renderer_free(ctx, renderer);
+    return rc;
 }
 
-OXL_INTERNAL double cost_seconds(const oxl_scene *scene, const oxl_job_options *o, const struct cost *cost,
-                                 const struct look *look, double range[2])
+OXL_INTERNAL oxl_result cost_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
+                                     double *seconds)
 {
-    const double all = cost_has_blocks(o, oxl_scene_point_count(scene)) ? COST_CONTEXT : 1,
-                 cap = (double)schedule_gaussian_cap(scene, &o->train),
-                 seconds = look->steps ? forecast_seconds(scene, &o->train, look, cap,
-                                                          cost_evaluated_views(scene, o->train.iterations),
-                                                          viewer_hiding_steps(viewer_steps(&o->train)))
-                                       : cost->seconds;
-    return cost_range(o, seconds * all, look->steps, range);
+    const struct cost_load load = cost_load_of_scene(scene);
+    const double cap = (double)schedule_gaussian_cap(scene, &o->train);
+    struct trained_model trained = {0};
+    double gaussians = cost_start(&o->train, &load, cap);
+    const oxl_camera *c = &oxl_scene_view(scene, 0)->camera;
+    oxl_result rc = cost_make_model(ctx, scene, &trained.model);
+    const double work = forecast_ahead(&o->train, 0, c, cap, &gaussians);
+    if (rc == OXL_OK) rc = model_trained_begin(ctx, &trained);
+    if (rc == OXL_OK) rc = cost_time_steps(ctx, scene, &trained, seconds);
+    if (rc == OXL_OK) *seconds *= work / forecast_step(c, (double)trained.model.count, 0);
+    if (o->train.max_seconds > 0) *seconds = OXL_MIN(*seconds, o->train.max_seconds);
+    model_trained_free(ctx, &trained);
+    return rc;
 }

@@ -137,9 +137,6 @@ OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
     /* Extrapolates the time left from what this process has done. */
     if (p.blocks > 1 && done > job->done_before)
         p.seconds_left = here * OXL_MAX(0, 1 - done) / (done - job->done_before);
-    /* Tells the forecast of the whole run until a step's time is known. */
-    if (p.blocks <= 1 && !(p.seconds_left > 0) && p.iteration < p.iterations)
-        p.seconds_left = job->survey.seconds * (1 - (double)p.iteration / p.iterations);
     if (limit > 0) p.seconds_left = OXL_MIN(p.seconds_left, OXL_MAX(0, limit - here));
     return context_report(job->callback, &p);
 }
@@ -173,7 +170,6 @@ OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
     total->seconds += r->seconds;
     total->peak = OXL_MAX(total->peak, r->peak);
     total->predicted_peak = OXL_MAX(total->predicted_peak, r->predicted_peak);
-    total->predicted_seconds = total->predicted_seconds + r->predicted_seconds;
     nonfinite_add(&total->nonfinite, &r->nonfinite);
     job->unfinished += !r->finished;
 }

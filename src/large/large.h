@@ -3,7 +3,6 @@
 #define OXL_LARGE_H
 
 #include "../core/core.h"
-#include "../train/forecast.h"
 #include "../train/train.h"
 #include "../../oceanxl_job.h"
 
@@ -94,9 +93,6 @@ OXL_INTERNAL void merge_mark(const struct partition *p, int block, const oxl_mod
 #define COST_SPLAT_BYTES 400.0
 struct cost_load {               /* Counts what a survey or a block loads memory and time with. */
     size_t points, observations; /* initial points; (point, view) pairs */
-    /* Gaussians at the start for each point, and the share that a look splits (look.c); 0: not known */
-    double begun, share;
-    int plain; /* 1: images have neither medium nor gains, so viewers need no model of their own */
     int views;
     /* px of all views; of the training views; of the largest view */
     double pixels, schedule_pixels, largest;
@@ -105,47 +101,37 @@ struct cost_load {               /* Counts what a survey or a block loads memory
     double context;
     double survey; /* bytes of the survey's points outside of a block */
 };
-struct cost {
-    double gaussians, memory, seconds; /* number at the end of the run; peak in bytes; s with ctx's threads */
-};
 /* Returns the steps of a run with `images` images (docs/SCALE.md). */
 OXL_INTERNAL int cost_iterations(const oxl_job_options *options, int images);
 OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene);
 /* Counts the load of a block of p, which partition_make has left with its plan. */
 OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int block);
-OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_options *options,
-                                       const struct cost_load *load);
+/* Predicts the Gaussians at the end of a run. */
+OXL_INTERNAL double cost_gaussians(const oxl_job_options *options, const struct cost_load *load);
 /* Predicts the peak memory in bytes of a run that ends with `gaussians`. */
 OXL_INTERNAL double cost_memory(const oxl_job_options *options, const struct cost_load *load,
                                 double gaussians);
 /* Predicts the bytes that training takes on a device, from the numbers of rows, pairs and pixels. */
 OXL_INTERNAL double cost_device_memory(const oxl_job_options *options, const struct cost_load *load,
                                        double gaussians);
-/* Predicts the Gaussians at the end of a run. */
-OXL_INTERNAL double cost_gaussians(const oxl_job_options *options, const struct cost_load *load);
-/* Counts the training views that are judged behind a run, and with the held-out ones those evaluated. */
+/* Counts the training views that are judged behind a run, and the steps that take as long as its whole
+ * evaluation. */
 OXL_INTERNAL int cost_judged_views(const oxl_scene *scene, int iterations);
-OXL_INTERNAL int cost_evaluated_views(const oxl_scene *scene, int iterations);
-/* Limits predicted seconds by --max-time, and says within what range they are. timed: steps were. */
-OXL_INTERNAL double cost_range(const oxl_job_options *options, double seconds, int timed, double range[2]);
-/* Predicts the seconds that evaluation of these views takes on the CPU, whatever renders them. */
-OXL_INTERNAL double cost_evaluation(const oxl_scene *scene, const oxl_job_options *o);
-/* Predicts the duration in s for all blocks of the scene, from the steps of a look, or from the cost if there
- * was no look. range: lower and upper limit. */
-OXL_INTERNAL double cost_seconds(const oxl_scene *scene, const oxl_job_options *options,
-                                 const struct cost *cost, const struct look *look, double range[2]);
+OXL_INTERNAL int cost_evaluation_steps(const oxl_scene *scene, int iterations);
+/* Predicts the seconds of a run with ctx's threads, or on its device, from some steps. */
+OXL_INTERNAL oxl_result cost_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options,
+                                     double *seconds);
 
 /* ---------------- budget.c: --ram */
 
 /* Sets image cache, trials, SH degree and the limit of Gaussians so that the load fits options->ram and
  * options->device_ram (0: no limit); returns 0 if it cannot. */
-OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o);
+OXL_INTERNAL int budget_fit(const struct cost_load *load, oxl_job_options *o);
 OXL_INTERNAL size_t budget_cache(const oxl_job_options *o); /* bytes of decoded images */
 /* Returns the most Gaussians of a run without trials that fit both limits. */
 OXL_INTERNAL double budget_max_gaussians(const struct cost_load *load, const oxl_job_options *o);
 /* Fits, as budget_fit, a model that may have fewer Gaussians than the survey has points. */
-OXL_INTERNAL int budget_limit_gaussians(const oxl_context *ctx, const struct cost_load *load,
-                                        oxl_job_options *o);
+OXL_INTERNAL int budget_limit_gaussians(const struct cost_load *load, oxl_job_options *o);
 /* Fails with the budget that would suffice. beside: bytes of o->ram that something else takes. */
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load,
                                       const oxl_job_options *o, double beside);
@@ -175,7 +161,7 @@ struct block_record { /* Holds the members of block.json. */
     int damaged;              /* 1: block.json exists and was changed after it was written; `exists` is 0 */
     uint64_t sum[BLOCK_SUMS]; /* checksums of model.ply, imaging.txt, model_standard.ply; 0: no file */
     size_t gaussians;
-    double seconds, peak, predicted_seconds, predicted_peak; /* s; peaks in bytes */
+    double seconds, peak, predicted_peak; /* s; peaks in bytes */
     oxl_nonfinite nonfinite;
 };
 struct block_task {
@@ -188,12 +174,9 @@ struct block_task {
     const oxl_model *context;    /* `context` to `until` as in struct train_task */
     const struct image_window *window;
     int first, until;
-    int viewed;       /* views to render after the run, for the time left */
-    double after;     /* s that this takes beside */
-    int viewer_steps; /* as in struct train_extra */
-    int trims;        /* as in struct train_extra */
-    double predicted_seconds, predicted_peak;
-    struct look *grown; /* as in struct train_task */
+    int viewed;              /* as in struct train_task */
+    int viewer_steps, trims; /* as in struct train_extra */
+    double predicted_peak;
 };
 /* Reads block.json; exists 0: there is none, or it has another key. */
 OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const char *key,
@@ -212,13 +195,6 @@ OXL_INTERNAL oxl_result block_write_finished(oxl_context *ctx, const oxl_scene *
 /* Trains the block, from its checkpoint if there is one. OXL_ERR_INTERRUPTED if the callback stopped it:
  * model.ply has the steps done. */
 OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task);
-
-/* ---------------- look.c: a first look at a survey */
-
-/* Looks at a survey with at most so many Gaussians. Returns an error only for an interruption; *out then, and
- * where a look is not possible, is 0. */
-OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                                  size_t most, struct look *out);
 
 /* ---------------- lock.c: a folder that one process writes to at a time */
 

@@ -58,10 +58,10 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
     if (rc == OXL_OK) {
         const struct cost_load load = cost_load_of_scene(job->scene);
         oxl_job_options o = job->options;
-        if (!budget_limit_gaussians(job->ctx, &load, &o)) rc = budget_refuse(job->ctx, &load, &o, 0);
+        if (!budget_limit_gaussians(&load, &o)) rc = budget_refuse(job->ctx, &load, &o, 0);
         job_set_cache(job, o.scene.image_cache_bytes);
         task.train = o.train;
-        task.predicted_peak = cost_estimate(job->ctx, &o, &load).memory;
+        task.predicted_peak = cost_memory(&o, &load, cost_gaussians(&o, &load));
     }
     task.train.keep.kind = OXL_KEEP_ALL;
     if (task.train.dropout < 0) task.train.dropout = 0; /* In blocks `auto` is off. */
@@ -223,7 +223,7 @@ static oxl_result rounds_budget(const struct job *job, const oxl_model *context,
     if (o.ram) o.ram = (double)o.ram > beside ? o.ram - (size_t)beside : 1;
     if (o.device_ram) load.context = (double)context->count / (double)OXL_MAX(own->count, (size_t)1);
     if (o.ram || o.device_ram) {
-        const int limited = budget_limit_gaussians(job->ctx, &load, &o),
+        const int limited = budget_limit_gaussians(&load, &o),
                   holds =
                       (!o.ram || cost_memory(&o, &load, (double)has) <= (double)o.ram) &&
                       (!o.device_ram || cost_device_memory(&o, &load, (double)has) <= (double)o.device_ram);
@@ -236,7 +236,7 @@ static oxl_result rounds_budget(const struct job *job, const oxl_model *context,
     }
     job_set_cache(job, o.scene.image_cache_bytes);
     task->train = o.train;
-    task->predicted_peak = cost_estimate(job->ctx, &o, &load).memory + beside;
+    task->predicted_peak = cost_memory(&o, &load, cost_gaussians(&o, &load)) + beside;
     return OXL_OK;
 }
 
@@ -278,7 +278,6 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
                               .first = plan->first,
                               .until = block_plan_until(plan, round)};
     oxl_result rc;
-    task.predicted_seconds = job->survey.seconds * plan->work;
     job->block = block;
     job->stage = plan->work / JOB_ROUNDS;
     job->stage_first = round > 0 ? block_plan_until(plan, round - 1) : plan->first,
@@ -506,7 +505,7 @@ static oxl_train_options rounds_merged_options(const struct job *job, int sh_deg
     oxl_job_options o = job->options;
     o.train = train_refinement(&job->options.train, sh_degree, job->stage_until);
     if (block_plan_merged_fraction(job) == JOB_MERGED && job->options.train.densify_until > 0 &&
-        budget_limit_gaussians(job->ctx, &load, &o)) {
+        budget_limit_gaussians(&load, &o)) {
         /* Sets the image cache, which the Gaussians have to fit beside. */
         job_set_cache(job, o.scene.image_cache_bytes);
         o.train.densify_every = step;
@@ -524,8 +523,7 @@ static oxl_result rounds_refine_merged(struct job *job, const char *folder, oxl_
                               .callback = &callback,
                               .start = merged,
                               .train = rounds_merged_options(job, merged->sh_degree),
-                              .viewer_steps = viewer_steps(&job->options.train),
-                              .predicted_seconds = job->stage * job->survey.seconds};
+                              .viewer_steps = viewer_steps(&job->options.train)};
     if (viewer_hides(&job->imaging)) job->stage_viewers = viewer_hiding_steps(task.viewer_steps);
     job_limit_time(job, &task.train);
     oxl_log(job->ctx, OXL_LOG_INFO, "merged model: %d steps", job->stage_until);
@@ -580,8 +578,7 @@ static oxl_result rounds_add_records(struct job *job, int *missing)
         const int block = k < job->partition.block_count ? k : JOB_COARSE_MODEL;
         struct block_record record = {0};
         rc = block_read(job->ctx, JOB_BLOCK(job, block), job->key.data, &record);
-        if (block == JOB_COARSE_MODEL)
-            record.predicted_seconds = JOB_COARSE * job->survey.seconds, record.gaussians = 0;
+        if (block == JOB_COARSE_MODEL) record.gaussians = 0;
         else if (rc == OXL_OK) rc = rounds_block_is_missing(job, block, &record, missing);
         record.finished = 1; /* Counts the record as finished; *missing says if it is not. */
         if (rc == OXL_OK) job_add_record(job, &record);

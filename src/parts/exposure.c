@@ -211,11 +211,11 @@ static void exposure_use_tracks(struct train *t, void *state, const struct photo
     struct exposure *e = state;
     char why[400];
     if (t->options->exposure == OXL_OFF || e->is_decided) return;
-    e->is_tried = e->mode == OXL_AUTO && !t->is_look && exposure_may_try(t);
+    e->is_tried = e->mode == OXL_AUTO && exposure_may_try(t);
     exposure_set_from_tracks(e, p, why, sizeof why);
     t->trial = e->is_tried && e->of.on ? &part_exposure : NULL;
     selection_record_auto(t, "exposure", t->options->exposure, e->of.on, why);
-    e->is_decided = !t->is_look && !t->trial && (p->parts & PHOTOMETRY_GAINS);
+    e->is_decided = !t->trial && (p->parts & PHOTOMETRY_GAINS);
 }
 
 /* Trains on half of the training views, with gains or without, and evaluates the other half. */

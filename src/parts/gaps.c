@@ -32,8 +32,7 @@ enum {
     GAPS_SIDE = 2 * GAPS_RADIUS + 1,
     GAPS_SAMPLES = GAPS_SIDE * GAPS_SIDE,
     GAPS_STEPS = 8, /* tried nearer, and farther, than the plane */
-    GAPS_GREYS = 8, /* reduced images that are kept */
-    GAPS_LOOK = 400 /* views that a first look takes at most */
+    GAPS_GREYS = 8  /* reduced images that are kept */
 };
 #define GAPS_FRACTION 0.5     /* of the Gaussians that may be added */
 #define GAPS_STEP 0.7         /* px that a step of depth moves a patch in the other view, and */
@@ -541,8 +540,8 @@ static void gaps_thin(struct gaps *g, size_t most)
     g->count = most;
 }
 
-OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, const oxl_scene *scene, size_t most, int every,
-                                    oxl_point **out, size_t *count)
+OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, const oxl_scene *scene, size_t most, oxl_point **out,
+                                    size_t *count)
 {
     const struct colmap *c = scene_colmap(scene);
     struct gaps g = {.ctx = ctx, .scene = scene, .side = gaps_side(scene)};
@@ -557,8 +556,8 @@ OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, const oxl_scene *scene, si
             g.weight[y + GAPS_REACH][x + GAPS_REACH] = x || y ? 1.0 / (x * x + y * y) : 0;
     if (rc == OXL_OK) rc = gaps_take_points(&g, GAPS_PLACES * most);
     if (rc == OXL_OK) rc = gaps_sort_tracks(&g);
-    for (int i = 0, training = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++)
-        if (!oxl_scene_view(scene, i)->is_test && training++ % every == 0) rc = gaps_of_view(&g, i);
+    for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++)
+        if (!oxl_scene_view(scene, i)->is_test) rc = gaps_of_view(&g, i);
     gaps_thin(&g, most);
     if (rc == OXL_OK) *out = g.out, *count = g.count;
     else oxl_free(ctx, g.out);
@@ -567,30 +566,12 @@ OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, const oxl_scene *scene, si
     return rc;
 }
 
-/* Keeps a copy for the run behind a look. */
-static oxl_result gaps_keep(struct train *t, size_t most, const oxl_point *point, size_t count)
-{
-    oxl_scene *scene = t->survey;
-    oxl_free(t->ctx, scene->found);
-    scene->found = oxl_alloc(t->ctx, count + 1, sizeof *point);
-    if (!scene->found) return OXL_ERR_MEMORY;
-    scene->found_count = count, scene->found_most = most;
-    if (count > 0) memcpy(scene->found, point, count * sizeof *point);
-    return OXL_OK;
-}
-
 static oxl_result gaps_first_points(struct train *t, oxl_point **out, size_t *count)
 {
     const size_t points = oxl_scene_point_count(t->scene), cap = schedule_gaussian_cap(t->scene, t->options),
                  room = cap > points ? (size_t)(GAPS_FRACTION * (double)(cap - points)) : 0,
                  most = t->options->gaps ? room : 0;
-    const int every = t->is_look ? 1 + (schedule_training_views(t->scene) - 1) / GAPS_LOOK : 1;
-    oxl_result rc = OXL_OK;
-    if (!t->is_look && t->survey->found && t->survey->found_most == most) {
-        *out = t->survey->found, *count = t->survey->found_count;
-        t->survey->found = NULL;
-    } else rc = gaps_points(t->ctx, t->scene, most, every, out, count);
-    if (rc == OXL_OK && t->is_look && every == 1) rc = gaps_keep(t, most, *out, *count);
+    const oxl_result rc = gaps_points(t->ctx, t->scene, most, out, count);
     if (rc == OXL_OK && *count > 0)
         oxl_log(t->ctx, OXL_LOG_INFO, "%zu points added where views have pixels without one", *count);
     return rc;

@@ -4,9 +4,8 @@
 
 #include "../survey/survey.h"
 
-/* Makes at most `most` points, in the scene's frame, where training views have none; it looks at every so
- * many of them; free with oxl_free. */
-OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, const oxl_scene *scene, size_t most, int every,
-                                    oxl_point **out, size_t *count);
+/* Makes at most `most` points, in the scene's frame, where training views have none; free with oxl_free. */
+OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, const oxl_scene *scene, size_t most, oxl_point **out,
+                                    size_t *count);
 
 #endif

@@ -174,7 +174,7 @@ static void lobes_record(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option lobes_options[] = {
-{"dog", "off|selective|all|auto", OXL_OPTION_CHOICE, OPTION_AT(train.dog), 0, 3, PRESETS("off", "off", "selective"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED | NOT_LOOKED, "Scene content", "give Gaussians a second, negative lobe (difference of Gaussians): 0 to 0.2 dB at equal bytes, 10 to 20 % more time; auto: selective, if validation views gain", NULL},
+{"dog", "off|selective|all|auto", OXL_OPTION_CHOICE, OPTION_AT(train.dog), 0, 3, PRESETS("off", "off", "selective"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Scene content", "give Gaussians a second, negative lobe (difference of Gaussians): 0 to 0.2 dB at equal bytes, 10 to 20 % more time; auto: selective, if validation views gain", NULL},
 {"dog-threshold", "T|PERCENT%", OXL_OPTION_LIMIT, OPTION_AT(train.dog_threshold), 1e-9, 1e15, EACH("0.0002"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "for --dog selective: mean gradient, in half images, above which Gaussians get a lobe; or the percentage without, e.g. 90%", NULL},
 {"dog-from", "FRACTION", OXL_OPTION_FLOAT, OPTION_AT(train.dog_from), 0, 1, EACH("0.55"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "fraction of the run at which lobes are added", NULL},
 {"dog-opacity-factor", "X", OXL_OPTION_FLOAT, OPTION_AT(train.dog_opacity_factor), 1e-6, 0.999999, EACH("0.1"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "opacity of a new lobe, relative to its Gaussian", NULL},

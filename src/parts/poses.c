@@ -61,10 +61,7 @@ static oxl_result poses_before_points(struct train *t, void *state)
         return OXL_OK;
     }
     if (p->asked) rc = scene_resect(t->ctx, t->scene, p->pose, &p->resected);
-    if (p->resected) {
-        scene_move_views(t->survey, p->pose, t->posed);
-        scene_forget_look(t->ctx, t->survey); /* from the given poses */
-    }
+    if (p->resected) scene_move_views(t->survey, p->pose, t->posed);
     return rc;
 }
 
@@ -211,7 +208,7 @@ static void poses_store(struct train *t, void *state, oxl_model *model)
 
 /* clang-format off */
 static const oxl_option poses_options[] = {
-{"poses", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.poses), 0, 2, EACH("off"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_LOOKED, "Scene content", "refine training views' poses by points and, on the CPU, the scene; auto: kept if images shift by 0.2 px", NULL},
+{"poses", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.poses), 0, 2, EACH("off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "refine training views' poses by points and, on the CPU, the scene; auto: kept if images shift by 0.2 px", NULL},
 {0}};
 /* clang-format on */
 

@@ -12,9 +12,6 @@ struct scene_stats { /* Holds counts for `check` and the first messages of a run
     int images_listed, images_missing, unregistered, views, test_views, masks;
     size_t points, observations; /* points; (point, image) pairs */
     double mean_track, mean_error;
-    /* Gaussians that training begins with, for each point, and the share of them that it splits at once; 0:
-     * not known (src/train/forecast.c) */
-    double begun, splitting;
     double bounds_min[3], bounds_max[3]; /* 1st and 99th percentile of the points, around the origin */
 };
 
@@ -29,12 +26,6 @@ struct oxl_scene {
 
     oxl_point *point;
     size_t point_count;
-    /* Points that a first look has added (src/parts/gaps.c), under the limit found_most, which the run behind
-     * it takes; NULL: none */
-    oxl_point *found;
-    size_t found_count, found_most;
-    /* What it has measured in the tracks (src/train/train_imaging.c); NULL: nothing */
-    struct photometry *measured;
     double *depth; /* (depth_count) sample of the points' depths in the training views, ascending */
     size_t depth_count;
 
@@ -109,8 +100,6 @@ OXL_INTERNAL oxl_result scene_copy_image(oxl_context *ctx, const oxl_scene *scen
 OXL_INTERNAL int scene_misses_too_many(const oxl_scene *scene, int more);
 /* Loads the next images like image_cache_ahead. */
 OXL_INTERNAL void scene_images_ahead(oxl_context *ctx, const oxl_scene *scene, const int *view, int count);
-/* Frees what a look has left for the run behind it. */
-OXL_INTERNAL void scene_forget_look(oxl_context *ctx, oxl_scene *scene);
 OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene, size_t count);
 /* Loads a view's image from its file, undistorted, reduced and masked. Free it with image_training_free. */
 OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view,

@@ -30,20 +30,12 @@ OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, si
     return OXL_ERR_MEMORY;
 }
 
-OXL_INTERNAL void scene_forget_look(oxl_context *ctx, oxl_scene *scene)
-{
-    if (scene->measured) photometry_free(ctx, scene->measured);
-    OXL_FREE(ctx, scene->found, scene->measured);
-    scene->found = NULL, scene->measured = NULL;
-}
-
 void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
 {
     if (!scene) return;
     for (int i = 0; i < scene->view_count && !scene->from_files; i++)
         oxl_free(ctx, (char *)scene->view[i].name);
     image_cache_free(ctx, scene->cache);
-    scene_forget_look(ctx, scene);
     OXL_FREE(ctx, scene->view, scene->source, scene->on_disk);
     OXL_FREE(ctx, scene->point, scene->depth, scene->images, scene->masks);
     colmap_free(ctx, &scene->colmap);

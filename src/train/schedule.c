@@ -176,13 +176,6 @@ OXL_INTERNAL int schedule_resets_opacity_at(const oxl_train_options *o, int step
            step % schedule_reset_interval(o) == 0;
 }
 
-OXL_INTERNAL int schedule_densifications(const oxl_train_options *options)
-{
-    int count = 0;
-    for (int step = 1; step <= options->iterations; step++) count += schedule_densifies_at(options, step);
-    return count;
-}
-
 OXL_INTERNAL double schedule_coarse_fraction(const oxl_train_options *o, int width, int height)
 {
     if (o->coarse >= 0) return o->coarse;

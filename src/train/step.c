@@ -1,7 +1,6 @@
 /* step.c - the parts of one training step: forward, loss, backward, Adam; then density control and
  * pruning. */
 #include "parts_calls.h"
-#include "forecast.h"
 #include "../core/vecmath.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"

@@ -8,7 +8,6 @@
 /* ---------------- train_loop.c: a run */
 
 struct archive; /* archive.c */
-struct look;    /* forecast.h */
 typedef void archive_state(struct archive *a, void *user);
 /* Says where a run keeps its state, and looks for it when it begins: in files, by large/checkpoint.c. */
 struct train_store {
@@ -36,15 +35,10 @@ struct train_task {
     const oxl_model *context; /* Gaussians that are rendered but not trained; NULL: none */
     /* (views) trained part of each view, width 0: none; NULL: whole views */
     const struct image_window *window;
-    int frozen;   /* 1: gains and lamp stay as they are */
-    int keeps;    /* 1: the state is kept at the end of the run, too */
-    int viewed;   /* views that the caller renders afterwards; for the time left */
-    double after; /* s that this takes beside; likewise */
-    /* steps by which the caller refines a model for viewers, where images have a medium, or gains alone;
-     * likewise */
-    int refined;
-    /* receives gaussians at the end, steps of this process and hides, once these tell; NULL: not asked */
-    struct look *grown;
+    int frozen; /* 1: gains and lamp stay as they are */
+    int keeps;  /* 1: the state is kept at the end of the run, too */
+    /* for the time left: evaluation, in steps; steps of a model for viewers, where one is needed */
+    int viewed, refined;
 
     /* out */
     oxl_nonfinite nonfinite; /* of the whole run */
@@ -89,7 +83,7 @@ OXL_INTERNAL int trained_hides(const oxl_trained *t);
 OXL_INTERNAL oxl_result unseen_drop(oxl_context *ctx, const oxl_scene *scene, oxl_model *model,
                                     size_t *dropped);
 
-/* ---------------- schedule.c: functions of options and step */
+/* ---------------- schedule.c, forecast.c: functions of options and step */
 
 /* The threshold of density control; lowered to SCHEDULE_GRADIENT_POINTLESS in scenes without points, whose
  * Gaussians all come from growth (docs/log/LEGO.md). */
@@ -105,8 +99,13 @@ OXL_INTERNAL double schedule_pixels(const oxl_scene *scene); /* of all training 
 /* Returns the fraction of the run in which images of this size are trained at half resolution. */
 OXL_INTERNAL double schedule_coarse_fraction(const oxl_train_options *options, int width, int height);
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *options, int step);
-OXL_INTERNAL int schedule_densifications(const oxl_train_options *options); /* in a whole run */
 OXL_INTERNAL int schedule_training_views(const oxl_scene *scene);
+
+/* Return what a step takes, and all behind step `done`, in the time that a Gaussian adds to a step;
+ * *gaussians grows to the end of the run, up to cap. */
+OXL_INTERNAL double forecast_step(const oxl_camera *camera, double gaussians, int halved);
+OXL_INTERNAL double forecast_ahead(const oxl_train_options *options, int done, const oxl_camera *camera,
+                                   double cap, double *gaussians);
 
 /* ---------------- parts.c: all parts of training, from the options alone */
 

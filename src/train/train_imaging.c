@@ -28,19 +28,16 @@ static void train_imaging_match_colours(struct train *t, const double colour[3])
         colour[0], colour[1], colour[2]);
 }
 
-/* Gives what the tracks say to the scene, which a look leaves it to for the run behind it. A fit without
- * gains that are refused must show the same other parts as that with them, which is kept otherwise: gains
- * that jump hide a lamp, those that drift look like one. */
+/* Measures what the tracks say. A fit without gains that are refused must show the same other parts as that
+ * with them, which is kept otherwise: gains that jump hide a lamp, those that drift look like one. */
 static oxl_result train_imaging_measure(struct train *t)
 {
-    oxl_scene *scene = t->survey;
     const int parts = parts_tracks(t);
-    struct photometry fit = {0}, *kept = scene->measured;
+    struct photometry fit = {0}, *kept = &t->tracks;
     oxl_result rc;
-    if (kept && kept->requested && !(kept->parts & parts)) kept->requested = parts;
-    if (kept && kept->requested == parts) return OXL_OK;
-    if (!kept) kept = scene->measured = oxl_calloc(t->ctx, 1, sizeof *kept);
-    rc = kept ? photometry_measure(t->ctx, t->scene, parts, &fit) : OXL_ERR_MEMORY;
+    if (kept->requested && !(kept->parts & parts)) kept->requested = parts;
+    if (kept->requested == parts) return OXL_OK;
+    rc = photometry_measure(t->ctx, t->scene, parts, &fit);
     if (rc != OXL_OK) return rc;
     if (!kept->requested || fit.parts == (kept->parts & parts)) OXL_SWAP(struct photometry, *kept, fit);
     photometry_free(t->ctx, &fit);
@@ -59,9 +56,8 @@ OXL_INTERNAL oxl_result train_imaging_use_tracks(struct train *t)
 {
     const oxl_result rc = train_imaging_measure(t);
     struct oxl_imaging m;
-    if (rc == OXL_OK) parts_use_tracks(t, t->survey->measured);
-    if (rc == OXL_OK && parts_tracks(t) != t->survey->measured->requested) return train_imaging_use_tracks(t);
-    if (rc != OXL_OK || !(t->is_look || train_imaging_is_open(t))) scene_forget_look(t->ctx, t->survey);
+    if (rc == OXL_OK) parts_use_tracks(t, &t->tracks);
+    if (rc == OXL_OK && parts_tracks(t) != t->tracks.requested) return train_imaging_use_tracks(t);
     if (rc == OXL_OK && !train_imaging_is_open(t))
         m = step_imaging(t), medium_bake(t->scene, &m, 1, &t->trained.model);
     return rc;
@@ -71,7 +67,7 @@ OXL_INTERNAL oxl_result train_imaging_begin(struct train *t)
 {
     const oxl_result rc = train_imaging_measure(t);
     if (rc != OXL_OK) return rc;
-    train_imaging_match_colours(t, t->survey->measured->colour);
+    train_imaging_match_colours(t, t->tracks.colour);
     return train_imaging_use_tracks(t);
 }
 

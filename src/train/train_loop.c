@@ -4,7 +4,6 @@
  * Invariant: the state after step n is a function of the scene, the options, the seed and n alone.
  */
 #include "parts_calls.h"
-#include "forecast.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 #include "../survey/scene_alpha.h"
@@ -174,7 +173,7 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
 OXL_INTERNAL void train_end(struct train *t)
 {
     oxl_context *ctx = t->ctx;
-    if (!t->is_look) scene_forget_look(ctx, t->survey);
+    photometry_free(ctx, &t->tracks);
     parts_free(t);
     model_trained_free(ctx, &t->trained);
     renderer_free(ctx, t->renderer);
@@ -223,12 +222,10 @@ OXL_INTERNAL void train_archive(struct archive *a, void *user)
 static oxl_result train_save(struct train *t)
 {
     const struct train_store *s = &t->task.store;
-    const double started = os_seconds();
     oxl_result rc = step_download(t, DOWNLOAD_TO_READ);
     if (rc == OXL_OK && s->write) rc = s->write(t->ctx, s->folder, s->key, train_archive, t);
     t->saved_step = t->step;
     t->saved_at = os_seconds();
-    forecast_note_save(t, t->saved_at - started);
     return rc;
 }
 
@@ -268,18 +265,13 @@ OXL_INTERNAL oxl_result train_density(struct train *t)
     return renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 1);
 }
 
-OXL_INTERNAL oxl_result train_step_alone(struct train *t)
-{
-    const oxl_result rc = parts_before_step(t);
-    return rc == OXL_OK ? step_on_next_view(t) : rc;
-}
-
 /* Makes one step, with the decisions after it; the passes over the image are in step_on_view (step.c). */
 OXL_INTERNAL oxl_result train_step(struct train *t)
 {
     oxl_result rc;
     selection_hold_views(t);
-    rc = train_step_alone(t);
+    rc = parts_before_step(t);
+    if (rc == OXL_OK) rc = step_on_next_view(t);
     if (rc == OXL_OK) rc = train_density(t);
     if (rc == OXL_OK) rc = parts_after_step(t);
     if (rc == OXL_OK) selection_release_views(t);

@@ -5,6 +5,7 @@
 
 #include "train_tools.h"
 #include "../survey/imaging.h"
+#include "../survey/photometry.h"
 #include "../model/model.h"
 
 #define TRAIN_SAVE_STEPS 500    /* iterations between checkpoints, at most */
@@ -22,17 +23,11 @@ struct train_deferred { /* a step that the device has not reported yet */
     struct oxl_imaging imaging;
 };
 
-struct forecast {           /* of the time left; not archived */
-    double seconds, work;   /* of the last steps, and what forecast.c reckons of them; both fade */
-    double at;              /* time of the last step, os_seconds; 0: none yet */
-    size_t count;           /* Gaussians then */
-    int mark, trial_steps;  /* of the last step; made by this process */
-    int densified;          /* densifications of this process; their means: */
-    double growth;          /* of the logarithm of the Gaussians */
-    double density_seconds; /* s of a Gaussian, beyond those of a step */
-    double save_seconds;    /* s of the last checkpoint */
-    double left, left_at;   /* s, as reckoned at the time left_at */
-    int next;               /* step at which it is reckoned again */
+struct forecast {         /* of the time left (forecast.c); not archived */
+    double seconds, work; /* of the last steps; both fade */
+    double at;            /* time of the last step, os_seconds; 0: none */
+    double left, left_at; /* s that were left at the time left_at */
+    int next;             /* step from which that is reckoned anew */
 };
 
 struct train {
@@ -58,12 +53,12 @@ struct train {
     int views, step;
     int *validation; /* (validation_views) views for decisions */
     int validation_views;
-    double shown;      /* mean share of the first Gaussians that a training view shows; 0: unknown */
-    int halved;        /* whether the image of this step is reduced to half the sides */
-    double loss, psnr; /* smoothed */
-    double last_loss;  /* of the last image, comparable between steps; NaN: skipped */
+    struct photometry tracks; /* what the tracks say of exposure, lamp and medium */
+    double shown;             /* mean share of the first Gaussians that a training view shows; 0: unknown */
+    int halved;               /* whether the image of this step is reduced to half the sides */
+    double loss, psnr;        /* smoothed */
+    double last_loss;         /* of the last image, comparable between steps; NaN: skipped */
     oxl_nonfinite nonfinite;
-    int is_look;     /* 1: a first look at a survey, whose result is forgotten */
     int first_step;  /* at which this process started: 0, or the step of a checkpoint */
     double started;  /* time of that, os_seconds */
     double seconds;  /* that earlier processes spent on the run */
@@ -74,13 +69,15 @@ struct train {
     struct forecast forecast;
 };
 
-/* ---------------- schedule.c */
+/* ---------------- schedule.c, forecast.c */
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t);
 OXL_INTERNAL float schedule_alpha_min(const struct train *t);
 OXL_INTERNAL int schedule_trial_steps(const oxl_train_options *options); /* of SH degree and lobes */
 OXL_INTERNAL int schedule_reset_interval(const oxl_train_options *options);
 OXL_INTERNAL int schedule_resets_opacity_at(const oxl_train_options *options, int step);
+OXL_INTERNAL void forecast_note_step(struct train *t); /* after each step, also of a trial */
+OXL_INTERNAL double forecast_left(struct train *t);    /* s, with what t->task names; 0: not known yet */
 
 /* ---------------- step.c: the parts of one step */
 
@@ -155,7 +152,9 @@ OXL_INTERNAL void train_imaging_store(struct train *t, oxl_model *model); /* in 
 
 /* ---------------- train_loop.c */
 
+OXL_INTERNAL oxl_result train_begin(struct train *t);
 /* Makes one step, and what is due after it: density control, pruning, trials. */
 OXL_INTERNAL oxl_result train_step(struct train *t);
+OXL_INTERNAL void train_end(struct train *t);
 
 #endif

@@ -123,7 +123,6 @@ static oxl_result viewer_refine(oxl_context *ctx, oxl_scene *scene, const oxl_tr
                               .context = of->context,
                               .window = of->window,
                               .viewed = of->viewed,
-                              .after = of->after,
                               .frozen = 1};
     const oxl_train_options o = viewer_options(run, t->model.sh_degree, extra->viewer_steps, t->imaging);
     oxl_model refined = {0};
