@@ -55,21 +55,6 @@ TEST(os_a_written_file_reads_back_with_a_zero_behind_it)
     }
 }
 
-TEST(os_of_a_file_that_begins_otherwise_a_few_bytes_are_read)
-{
-    static char bytes[5000] = "plywood";
-    const char *path = test_path("long");
-    struct os_file_map file;
-    CHECK_OK(os_write_file(test_ctx, path, bytes, sizeof bytes));
-    CHECK_OK(os_read_file_like(test_ctx, path, "ply", &file));
-    CHECK(file.size == sizeof bytes);
-    os_release_file(test_ctx, &file);
-    CHECK_OK(os_read_file_like(test_ctx, path, "plywork", &file));
-    CHECK(file.size < 100 && file.size > 7 && memcmp(file.data, "plywood", 8) == 0 &&
-          file.data[file.size] == 0);
-    os_release_file(test_ctx, &file);
-}
-
 TEST(os_an_empty_file_is_no_error)
 {
     const char *path = test_path("a");

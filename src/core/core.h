@@ -167,7 +167,6 @@ OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out)
 /* Writes the value as %.17g in the "C" locale, which parses to the same value; returns the length. */
 enum { NUMBER_TEXT_MAX = 48 };
 OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value);
-OXL_INTERNAL size_t format_int64(char out[NUMBER_TEXT_MAX], int64_t value);
 OXL_INTERNAL void format_digits(char out[NUMBER_TEXT_MAX], double value, int precision); /* as %.*g */
 /* Writes the shortest text that parses to the same double. */
 OXL_INTERNAL void format_shortest(char out[NUMBER_TEXT_MAX], double value);
@@ -197,9 +196,6 @@ OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct 
 OXL_INTERNAL oxl_result os_refuse_gzip(oxl_context *ctx, const char *path, const void *data, size_t size);
 /* 1: missing, but there is one with .gz behind its name */
 OXL_INTERNAL int os_is_compressed(const char *path);
-/* Reads a file, or only its first bytes if it does not begin with `start`. */
-OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start,
-                                          struct os_file_map *out);
 OXL_INTERNAL void os_release_file(oxl_context *ctx, struct os_file_map *map);
 
 /* Reads a file in pieces. `path` is borrowed. */

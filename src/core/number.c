@@ -238,173 +238,63 @@ OXL_INTERNAL int parse_double(const char **cursor, const char *end, double *out)
     return 1;
 }
 
-/* ---------------- digits */
-
-static const char number_pairs[] =
-    "00010203040506070809101112131415161718192021222324252627282930313233343536373839"
-    "40414243444546474849505152535455565758596061626364656667686970717273747576777879"
-    "8081828384858687888990919293949596979899";
-
-/* Writes the digits so that they finish before `end`, two at a time; returns their start. */
-static char *number_put_digits(char *end, uint64_t w)
-{
-    for (; w >= 100; w /= 100) memcpy(end -= 2, number_pairs + 2 * (w % 100), 2);
-    if (w >= 10) memcpy(end -= 2, number_pairs + 2 * w, 2);
-    else *--end = (char)('0' + w);
-    return end;
-}
-
-OXL_INTERNAL size_t format_int64(char out[NUMBER_TEXT_MAX], int64_t value)
-{
-    char text[20];
-    const char *first =
-        number_put_digits(text + sizeof text, value < 0 ? 0 - (uint64_t)value : (uint64_t)value);
-    const size_t size = (size_t)(text + sizeof text - first);
-    if (value < 0) *out++ = '-';
-    memcpy(out, first, size);
-    out[size] = 0;
-    return size + (value < 0);
-}
-
 /* ---------------- a double to text */
 
-#ifdef __SIZEOF_INT128__
-/* Rounds m 2^e x 10^scale to the nearest integer, ties to even: exact, since m 5^scale fits 128 bits. The
- * result has at most 18 digits. */
-static uint64_t number_scale_up(uint64_t m, int e, int scale)
+/* Replaces the locale's decimal point, which may have several bytes. */
+static void number_unlocalize(char *text)
 {
-    const number_wide product = (number_wide)m * number_power5[scale];
-    const int shift = -(e + scale);
-    number_wide rest, half;
-    uint64_t q;
-    if (shift <= 0) return (uint64_t)(product << -shift);
-    q = (uint64_t)(product >> shift);
-    rest = product & (((number_wide)1 << shift) - 1);
-    half = (number_wide)1 << (shift - 1);
-    return q + (rest > half || (rest == half && (q & 1)));
-}
-
-/* Finds the 17 significant digits of a number in 1e-5 .. 1e16 and the exponent of the first digit;
- * returns 0 for other numbers. */
-static int number_digits(double value, char digits[17], int *exponent)
-{
-    const uint64_t limit = UINT64_C(100000000000000000); /* 10^17 */
-    uint64_t bits, w;
-    double guess;
-    int e, ten;
-    if (!(value >= 1e-5 && value < 1e16)) return 0;
-    memcpy(&bits, &value, sizeof bits);
-    e = (int)(bits >> 52) - 1075;
-    bits = (bits & (((uint64_t)1 << 52) - 1)) | (uint64_t)1 << 52;
-    guess = (e + 52) * 0.30102999; /* a factor below log10(2), so the guess is exact or one too low */
-    ten = (int)guess - (guess < 0);
-    w = number_scale_up(bits, e, 16 - ten);
-    if (w >= limit) w = number_scale_up(bits, e, 16 - ++ten);
-    number_put_digits(digits + 17, w); /* 10^16 <= w < 10^17 */
-    *exponent = ten;
-    return 1;
-}
-
-/* Writes as %.17g does, without trailing zeros of the fraction; returns 0 if %.17g
- * would write an exponent. */
-static size_t number_format_plain(char *out, double value)
-{
-    char digits[17], *p = out;
-    int ten, count = 17;
-    if (!number_digits(value, digits, &ten) || ten < -4 || ten > 16) return 0;
-    while (count > 1 && digits[count - 1] == '0') count--;
-    if (ten < 0) {
-        memcpy(p, "0.000", 5); /* Writes up to three zeros behind the point; digits overwrite the others. */
-        p += 1 - ten;
-    }
-    memcpy(p, digits, 17);
-    if (ten >= 0 && count > ten + 1) {
-        memmove(p + ten + 2, p + ten + 1, (size_t)(16 - ten));
-        p[ten + 1] = '.';
-        count++;
-    }
-    p += OXL_MAX(count, ten + 1); /* Keeps the zeros of a large integer. */
-    *p = 0;
-    return (size_t)(p - out);
-}
-#else
-static size_t number_format_plain(char *out, double value)
-{
-    (void)out, (void)value;
-    return 0;
-}
-#endif
-
-OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value)
-{
-    char text[48];
-    size_t size = value < 0;
-    /* Takes a way that is ten times as fast as snprintf. */
-    const size_t plain = number_format_plain(out + size, value < 0 ? -value : value);
-    if (plain) {
-        if (size) out[0] = '-';
-        return size + plain;
-    }
-    size = 0;
-    snprintf(text, sizeof text, "%.17g", value);
+    char *to = text;
     for (const char *p = text; *p; p++) {
         if (number_is_digit(*p) || *p == '-' || *p == '+' || ((*p | 0x20) >= 'a' && (*p | 0x20) <= 'z'))
-            out[size++] = *p;
-        /* Replaces the locale's decimal point, which may have several bytes. */
-        else if (size == 0 || out[size - 1] != '.') out[size++] = '.';
+            *to++ = *p;
+        else if (to == text || to[-1] != '.') *to++ = '.';
     }
-    out[size] = 0;
-    return size;
+    *to = 0;
 }
 
-/* ---------------- the shortest text */
-
-/* Writes as %.*g does in the C locale, if the locale's decimal point is a comma. */
 OXL_INTERNAL void format_digits(char out[NUMBER_TEXT_MAX], double value, int precision)
 {
     snprintf(out, NUMBER_TEXT_MAX, "%.*g", precision, value);
-    for (; *out; out++)
-        if (*out == ',') *out = '.';
+    number_unlocalize(out);
 }
 
-static double number_read(const char *text)
+OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value)
 {
-    double value = 0;
-    parse_double(&text, text + strlen(text), &value);
-    return value;
+    format_digits(out, value, 17);
+    return strlen(out);
 }
 
-static int number_format_whole(char out[NUMBER_TEXT_MAX], double value)
+/* Writes with the fewest digits, from `least` on, that parse to the same value, or to the same float. */
+static const char *number_shortest(char out[NUMBER_TEXT_MAX], double value, int least, int is_float)
 {
-    if (!(fabs(value) < 1e15) || value != floor(value)) return 0;
-    format_int64(out, (int64_t)value);
-    return 1;
+    for (int precision = least; precision <= 17; precision++) {
+        const char *cursor = out;
+        double read = 0;
+        format_digits(out, value, precision);
+        parse_double(&cursor, out + strlen(out), &read);
+        if (is_float ? (float)read == (float)value : read == value) break;
+    }
+    return out;
+}
+
+/* Writes whole numbers without an exponent. */
+static void number_format(char out[NUMBER_TEXT_MAX], double value, int is_float)
+{
+    if (fabs(value) < 1e15 && value == floor(value)) snprintf(out, NUMBER_TEXT_MAX, "%.0f", value + 0.0);
+    else number_shortest(out, value, 1, is_float);
 }
 
 OXL_INTERNAL void format_shortest(char out[NUMBER_TEXT_MAX], double value)
 {
-    if (number_format_whole(out, value)) return;
-    for (int precision = 1; precision <= 17; precision++) {
-        format_digits(out, value, precision);
-        if (number_read(out) == value) return;
-    }
+    number_format(out, value, 0);
 }
 
 OXL_INTERNAL void format_float(char out[NUMBER_TEXT_MAX], float value)
 {
-    if (number_format_whole(out, (double)value)) return;
-    for (int precision = 1; precision <= 9; precision++) {
-        format_digits(out, (double)value, precision);
-        if ((float)number_read(out) == value) return;
-    }
+    number_format(out, (double)value, 1);
 }
 
 OXL_INTERNAL const char *number_text(char out[NUMBER_TEXT_MAX], double value)
 {
-    if (!(fabs(value) <= DBL_MAX)) return "null";
-    for (int precision = 6; precision <= 17; precision++) {
-        format_digits(out, value, precision);
-        if (number_read(out) == value) break;
-    }
-    return out;
+    return fabs(value) <= DBL_MAX ? number_shortest(out, value, 6, 0) : "null";
 }

@@ -5,8 +5,6 @@
  */
 #include "os.h"
 
-enum { OS_START = 64 }; /* bytes of a file that identify its format */
-
 /* ---------------- errors and folders */
 
 OXL_INTERNAL oxl_result os_fail(oxl_context *ctx, oxl_result rc, const char *path, const char *what,
@@ -78,47 +76,6 @@ static oxl_result os_fail_to_read(oxl_context *ctx, const char *path)
     return os_fail(ctx, errno == EISDIR ? OXL_ERR_INPUT : OXL_ERR_IO, path, "cannot read", errno);
 }
 
-OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out)
-{
-    return os_read_file_like(ctx, path, "", out);
-}
-
-OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start,
-                                          struct os_file_map *out)
-{
-    oxl_result rc = OXL_OK;
-    char *data = NULL;
-    size_t capacity = 0, size = 0, got = 0;
-    uint64_t expected = 0; /* only a hint, since the file may grow */
-    FILE *file = os_open(path);
-    *out = (struct os_file_map){0};
-    if (!file) return os_fail(ctx, OXL_ERR_INPUT, path, "cannot open", errno);
-    expected = os_kind_of(path, &expected) == OS_FILE ? OXL_MIN(expected, SIZE_MAX / 2) : 0;
-    /* Adds the zero byte, and a byte to detect the end without growing. */
-    capacity = (start[0] ? OS_START : (size_t)expected) + 2;
-    data = oxl_alloc(ctx, capacity, 1);
-    if (!data) rc = OXL_ERR_MEMORY;
-    if (rc != OXL_OK) goto done;
-    setvbuf(file, NULL, _IONBF, 0);
-    errno = 0;
-    while ((got = fread(data + size, 1,
-                        OXL_MIN(capacity - 1 - size, size < OS_START ? OS_START - size : SIZE_MAX), file)) >
-           0) {
-        size += got;
-        if (size >= strlen(start) && memcmp(data, start, strlen(start)) != 0) break;
-        rc = oxl_reserve(ctx, &data, &capacity, OXL_MAX(size, (size_t)expected) + 2, 1);
-        if (rc != OXL_OK) goto done;
-    }
-    if (ferror(file)) rc = os_fail_to_read(ctx, path);
-    if (rc != OXL_OK) goto done;
-    data[size] = 0;
-    *out = (struct os_file_map){.data = data, .size = size};
-done:
-    fclose(file);
-    if (rc != OXL_OK) oxl_free(ctx, data);
-    return rc;
-}
-
 OXL_INTERNAL void os_release_file(oxl_context *ctx, struct os_file_map *map)
 {
     oxl_free(ctx, (void *)map->data);
@@ -153,6 +110,29 @@ OXL_INTERNAL void os_reader_close(struct os_reader *r)
 {
     if (r->file) fclose(r->file);
     *r = (struct os_reader){0};
+}
+
+OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out)
+{
+    struct os_reader file;
+    char *data = NULL;
+    size_t capacity = 0, size = 0, got = 0;
+    oxl_result rc = os_reader_open(ctx, path, &file);
+    *out = (struct os_file_map){0};
+    do { /* Adds the zero byte, and a byte to detect the end without growing. */
+        const size_t expected = (size_t)OXL_MIN(file.size, SIZE_MAX / 2);
+        if (rc == OXL_OK) rc = oxl_reserve(ctx, &data, &capacity, OXL_MAX(size, expected) + 2, 1);
+        if (rc == OXL_OK) rc = os_reader_read(ctx, &file, data + size, capacity - 1 - size, &got);
+        size += got;
+    } while (rc == OXL_OK && size == capacity - 1);
+    os_reader_close(&file);
+    if (rc != OXL_OK) {
+        oxl_free(ctx, data);
+        return rc;
+    }
+    data[size] = 0;
+    *out = (struct os_file_map){.data = data, .size = size};
+    return OXL_OK;
 }
 
 /* ---------------- writing */

@@ -348,7 +348,7 @@ OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply 
     oxl_result rc = OXL_OK;
     *out = (struct ply){.path = oxl_strdup(ctx, path)};
     if (!out->path) rc = OXL_ERR_MEMORY;
-    if (rc == OXL_OK) rc = os_read_file_like(ctx, path, "ply", &out->file);
+    if (rc == OXL_OK) rc = os_read_file(ctx, path, &out->file);
     if (rc == OXL_OK) rc = os_refuse_gzip(ctx, path, out->file.data, out->file.size);
     if (rc == OXL_OK) rc = ply_read_header(ctx, out);
     if (rc == OXL_OK) rc = ply_check_size(ctx, out);
