@@ -217,12 +217,9 @@ OXL_INTERNAL oxl_result os_write_text(oxl_context *ctx, const char *path, const 
 struct os_writer {
     FILE *file;
     char *path, *temporary;
-    int error;    /* errno of os_writer_sync */
     int unsynced; /* 1: no fsync, for files that a crash of the machine may lose */
 };
 OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struct os_writer *out);
-/* calls fsync; os_writer_close reports its failure */
-OXL_INTERNAL void os_writer_sync(struct os_writer *writer);
 /* Closes the file and gives it its name; rc other than OXL_OK: discards it. */
 OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writer, oxl_result rc);
 

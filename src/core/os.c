@@ -169,18 +169,12 @@ static void os_sync_parent(char *path)
     os_sync_folder(end > 0 ? path : ".");
 }
 
-OXL_INTERNAL void os_writer_sync(struct os_writer *writer)
-{
-    errno = 0;
-    if (fflush(writer->file) != 0 || os_sync(writer->file) != 0) writer->error = errno ? errno : EIO;
-}
-
 OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writer, oxl_result rc)
 {
     int failed = rc != OXL_OK, error = 0;
     if (!writer->file) return rc; /* Returns if the writer is not open. */
-    errno = writer->error;
-    if (!failed && (writer->error || ferror(writer->file) || fflush(writer->file) != 0 ||
+    errno = 0;
+    if (!failed && (ferror(writer->file) || fflush(writer->file) != 0 ||
                     (!writer->unsynced && os_sync(writer->file) != 0)))
         failed = 1, error = errno;
     if (fclose(writer->file) != 0 && !failed) failed = 1, error = errno;

@@ -136,42 +136,45 @@ static int camera_shrink(const struct colmap_camera *camera, const oxl_camera *c
     return !(bad[0] || bad[1] || bad[2] || bad[3]);
 }
 
+/* Fails at the camera's line: "camera ID (MODEL) TEXT". */
+static oxl_result camera_fail(oxl_context *ctx, const struct colmap_camera *camera, const char *format, ...)
+    OXL_PRINTF(3, 4);
+static oxl_result camera_fail(oxl_context *ctx, const struct colmap_camera *camera, const char *format, ...)
+{
+    char text[400];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(text, sizeof text, format, args);
+    va_end(args);
+    return oxl_fail(ctx, OXL_ERR_INPUT, "%s:%d: camera %lld (%s) %s", camera->file, camera->line,
+                    (long long)camera->id, camera_model_at(camera->model)->name, text);
+}
+
 static oxl_result camera_check(oxl_context *ctx, const struct colmap_camera *camera, const double k[4])
 {
-    const char *name = camera_model_at(camera->model)->name;
-    const double least = CAMERA_FOCAL_MIN * OXL_MAX(camera->width, camera->height);
+    const double w = camera->width, h = camera->height, least = CAMERA_FOCAL_MIN * OXL_MAX(w, h);
     if (camera_model_at(camera->model)->kind == CAMERA_SPHERE)
-        return oxl_fail(
-            ctx, OXL_ERR_INPUT,
-            "%s:%d: camera %lld (%s) is a 360-degree camera, expected a perspective or fisheye camera\n"
-            "fix: cut its images into perspective ones and align those: COLMAP's python/examples/panorama_sfm.py",
-            camera->file, camera->line, (long long)camera->id, name);
-    if (camera->width < 1 || camera->height < 1 || camera->width > CAMERA_SIDE_MAX ||
-        camera->height > CAMERA_SIDE_MAX)
-        return oxl_fail(
-            ctx, OXL_ERR_INPUT,
-            "%s:%d: camera %lld is %d x %d px, expected 1 to %d a side\nfix: export the model again",
-            camera->file, camera->line, (long long)camera->id, camera->width, camera->height,
-            CAMERA_SIDE_MAX);
+        return camera_fail(
+            ctx, camera,
+            "is a 360-degree camera, expected a perspective or fisheye camera\n"
+            "fix: cut its images into perspective ones and align those: COLMAP's python/examples/panorama_sfm.py");
+    if (!(w >= 1 && h >= 1 && w <= CAMERA_SIDE_MAX && h <= CAMERA_SIDE_MAX))
+        return camera_fail(ctx, camera,
+                           "is %.0f x %.0f px, expected 1 to %d a side\nfix: export the model again", w, h,
+                           CAMERA_SIDE_MAX);
     if (!(k[0] >= least && k[0] <= CAMERA_PX_MAX && k[1] >= least && k[1] <= CAMERA_PX_MAX))
-        return oxl_fail(
-            ctx, OXL_ERR_INPUT,
-            "%s:%d: camera %lld (%s) has the focal length %g, %g px, expected %g (half a turn of view) to 1e9\n"
-            "fix: check the order of the parameters",
-            camera->file, camera->line, (long long)camera->id, name, k[0], k[1], least);
-    if (!(fabs(k[2]) <= CAMERA_PX_MAX && fabs(k[3]) <= CAMERA_PX_MAX))
-        return oxl_fail(
-            ctx, OXL_ERR_INPUT,
-            "%s:%d: camera %lld (%s) has its principal point at %g, %g\nfix: export the model again",
-            camera->file, camera->line, (long long)camera->id, name, k[2], k[3]);
-    if (camera_is_distorted(camera) &&
-        !(k[2] > 0 && k[2] < camera->width && k[3] > 0 && k[3] < camera->height))
-        return oxl_fail(
-            ctx, OXL_ERR_INPUT,
-            "%s:%d: camera %lld (%s) has its principal point at %g, %g, outside of its %d x %d px, and is distorted\n"
-            "fix: run COLMAP's image_undistorter and use what it writes",
-            camera->file, camera->line, (long long)camera->id, name, k[2], k[3], camera->width,
-            camera->height);
+        return camera_fail(ctx, camera,
+                           "has the focal length %g, %g px, expected %g (half a turn of view) to 1e9\n"
+                           "fix: check the order of the parameters",
+                           k[0], k[1], least);
+    if (!(fabs(k[2]) <= CAMERA_PX_MAX && fabs(k[3]) <= CAMERA_PX_MAX) ||
+        (camera_is_distorted(camera) && !(k[2] > 0 && k[2] < w && k[3] > 0 && k[3] < h)))
+        return camera_fail(
+            ctx, camera,
+            "has its principal point at %g, %g, outside of its %.0f x %.0f px, and is distorted or "
+            "beyond 1e9 px\nfix: export the model again; or run COLMAP's image_undistorter and "
+            "use what it writes",
+            k[2], k[3], w, h);
     return OXL_OK;
 }
 
@@ -194,10 +197,8 @@ OXL_INTERNAL oxl_result camera_undistorted(oxl_context *ctx, const struct colmap
         if (camera_shrink(camera, out, side)) return OXL_OK;
     }
     *out = (oxl_camera){0};
-    return oxl_fail(
-        ctx, OXL_ERR_INPUT,
-        "%s:%d: the distortion of camera %lld (%s) leaves no image of %d x %d px or more without blank pixels\n"
-        "fix: check its parameters, or run COLMAP's image_undistorter and use what it writes",
-        camera->file, camera->line, (long long)camera->id, camera_model_at(camera->model)->name,
-        CAMERA_SIDE_MIN, CAMERA_SIDE_MIN);
+    return camera_fail(ctx, camera,
+                       "has a distortion that leaves no image of %d x %d px or more without blank pixels\n"
+                       "fix: check its parameters, or run COLMAP's image_undistorter and use what it writes",
+                       CAMERA_SIDE_MIN, CAMERA_SIDE_MIN);
 }

@@ -16,7 +16,8 @@ enum {
     IMAGE_SIDE_MAX = 32768, /* px; a header with a larger side is an error */
     /* samples per side of a pixel when an image is undistorted; 16^2 x 255 x 2^16 fits 32 bits */
     IMAGE_SAMPLES_MAX = 16,
-    IMAGE_FRACTION = 256 /* denominator of bilinear weights */
+    IMAGE_FRACTION = 256, /* denominator of bilinear weights */
+    PNG_COLOUR = 25       /* place of the colour type of a PNG; 3: a palette */
 };
 
 /* ---------------- decode */
@@ -174,14 +175,13 @@ static uint8_t *image_to_8_bits(uint16_t *wide, size_t count)
     return narrow;
 }
 
-/* Finds the palette chunk of a PNG, from its length on; NULL: there is none before the pixels. */
-static const unsigned char *image_find_palette(const struct os_file_map *file)
+/* Finds a chunk of a PNG before its pixels, from its length on; NULL: there is none in these bytes. */
+static const unsigned char *image_find_chunk(const unsigned char *data, size_t size, const char *kind)
 {
-    const unsigned char *p = (const unsigned char *)file->data + 8, *end = p + file->size - 8;
-    /* Looks at the colour type in IHDR, 3: palette. */
-    if (!image_is_png(file) || file->size < 26 || file->data[25] != 3) return NULL;
-    while (end - p >= 12 && image_be32(p) <= (size_t)(end - p) - 12 && memcmp(p + 4, "IDAT", 4) != 0) {
-        if (memcmp(p + 4, "PLTE", 4) == 0) return p;
+    const unsigned char *p = data + 8, *end = data + size;
+    while (end - p >= 8 && memcmp(p + 4, "IDAT", 4) != 0) {
+        if (memcmp(p + 4, kind, 4) == 0) return p;
+        if (end - p < 12 || image_be32(p) > (size_t)(end - p) - 12) return NULL;
         p += 12 + image_be32(p);
     }
     return NULL;
@@ -191,12 +191,14 @@ static const unsigned char *image_find_palette(const struct os_file_map *file)
 static oxl_result image_fill_palette(oxl_context *ctx, const char *path, struct os_file_map *file)
 {
     enum { FULL = 3 * 256 };
-    const unsigned char *chunk = image_find_palette(file);
+    const int has = image_is_png(file) && file->size > PNG_COLOUR && file->data[PNG_COLOUR] == 3;
+    const unsigned char *chunk =
+        has ? image_find_chunk((const unsigned char *)file->data, file->size, "PLTE") : NULL;
     const size_t used = chunk ? image_be32(chunk) : FULL,
                  before = chunk ? (size_t)((const char *)chunk - file->data) : 0;
     struct os_file_map full;
     char *data;
-    if (used >= FULL || file->size > INT_MAX - FULL) return OXL_OK;
+    if (used >= FULL || before + 12 + used > file->size || file->size > INT_MAX - FULL) return OXL_OK;
     full.size = file->size + FULL - used;
     full.data = data = oxl_calloc(ctx, full.size + 1, 1);
     if (!data) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to decode it", path);
@@ -212,15 +214,10 @@ static oxl_result image_fill_palette(oxl_context *ctx, const char *path, struct 
  * file's first bytes, at best up to the first IDAT. */
 static int image_bytes_have_alpha(const unsigned char *data, size_t size)
 {
-    enum { SIGNATURE = 8, COLOUR = 25, GREY_ALPHA = 4, RGB_ALPHA = 6, HEAD = 8, CHUNK = 12 };
-    size_t at = SIGNATURE;
-    if (size <= COLOUR || memcmp(data, "\x89PNG\r\n\x1a\n", SIGNATURE)) return 0;
-    if (data[COLOUR] == GREY_ALPHA || data[COLOUR] == RGB_ALPHA) return 1;
-    while (at + HEAD <= size && memcmp(data + at + 4, "IDAT", 4)) {
-        if (!memcmp(data + at + 4, "tRNS", 4)) return 1;
-        at += CHUNK + image_be32(data + at);
-    }
-    return 0;
+    enum { GREY_ALPHA = 4, RGB_ALPHA = 6 };
+    if (size <= PNG_COLOUR || memcmp(data, "\x89PNG\r\n\x1a\n", 8)) return 0;
+    return data[PNG_COLOUR] == GREY_ALPHA || data[PNG_COLOUR] == RGB_ALPHA ||
+           image_find_chunk(data, size, "tRNS") != NULL;
 }
 
 OXL_INTERNAL int image_has_alpha(const char *path)
