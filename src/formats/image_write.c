@@ -6,8 +6,7 @@
 #include "../core/codec.h"
 #include "../survey/image.h"
 
-/* Interleaves planes (3,count), with the weights as a fourth channel if there are `channels`; NULL: there is no
- * memory. */
+/* Interleaves an image's planes as bytes, its weights as the fourth channel; NULL: there is no memory. */
 static uint8_t *image_interleave(oxl_context *ctx, const oxl_image *image, size_t channels)
 {
     const size_t count = (size_t)image->width * (size_t)image->height;

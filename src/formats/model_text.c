@@ -59,26 +59,6 @@ OXL_INTERNAL void model_write_view(struct text *t, const char *before, const oxl
     }
 }
 
-/* Reads "view FOCAL R11 .. R33 X Y Z"; returns 0 for another comment. */
-static int model_read_view(const char *comment, oxl_model *model)
-{
-    double value[OXL_COUNT(model->view)];
-    if (strncmp(comment, "view ", 5) || !model_read_numbers(comment + 5, value, (int)OXL_COUNT(value)) ||
-        !(value[0] > 0))
-        return 0;
-    memcpy(model->view, value, sizeof value);
-    return 1;
-}
-
-/* Reads "background R G B"; returns 0 for another comment. */
-static int model_read_background(const char *comment, oxl_model *model)
-{
-    double value[3];
-    if (strncmp(comment, "background ", 11) || !model_read_numbers(comment + 11, value, 3)) return 0;
-    for (int c = 0; c < 3; c++) model->background[c] = (float)OXL_CLAMP(value[c], 0, 1);
-    return model->has_background = 1;
-}
-
 /* Reads Brush's "SplatRenderMode: mip" or Postshot's "antialiased 1"; returns 0 for another comment. */
 static int model_read_antialias(const char *comment, oxl_model *model)
 {
@@ -89,20 +69,28 @@ static int model_read_antialias(const char *comment, oxl_model *model)
     return model->antialias = strcmp(comment + 12, "0") != 0, 1;
 }
 
-/* Reads "origin X Y Z", "scale S", "background R G B", "view ..." and anti-aliasing. */
+/* Reads "origin X Y Z", "scale S", "background R G B", "view FOCAL R11 .. R33 X Y Z" and anti-aliasing. */
 OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
                                      oxl_model *model)
 {
-    const int is_origin = !strncmp(comment, "origin ", 7), is_scale = !strncmp(comment, "scale ", 6);
-    double value[3];
-    if (model_read_background(comment, model) || model_read_antialias(comment, model) ||
-        model_read_view(comment, model))
-        return;
-    if (is_origin && model_read_numbers(comment + 7, value, 3)) memcpy(model->origin, value, sizeof value);
-    else if (is_scale && model_read_numbers(comment + 6, value, 1) && value[0] >= 1 / MODEL_ORIGIN_MAX)
-        model->scale = value[0] == 1 ? 0 : value[0];
-    else if (is_origin || is_scale)
+    enum { ORIGIN, SCALE, BACKGROUND, VIEW, KINDS };
+    static const char *const words[KINDS] = {"origin ", "scale ", "background ", "view "};
+    const int counts[KINDS] = {3, 1, 3, (int)OXL_COUNT(model->view)};
+    double v[OXL_COUNT(model->view)];
+    int kind = 0, good;
+    while (kind < KINDS && strncmp(comment, words[kind], strlen(words[kind])) != 0) kind++;
+    if (model_read_antialias(comment, model) || kind == KINDS) return;
+    good = model_read_numbers(comment + strlen(words[kind]), v, counts[kind]);
+    if (good && kind == ORIGIN) memcpy(model->origin, v, sizeof model->origin);
+    else if (good && kind == SCALE && v[0] >= 1 / MODEL_ORIGIN_MAX) model->scale = v[0] == 1 ? 0 : v[0];
+    else if (good && kind == VIEW && v[0] > 0) memcpy(model->view, v, sizeof model->view);
+    else if (good && kind == BACKGROUND)
+        for (int c = 0; c < 3; c++) {
+            model->background[c] = (float)OXL_CLAMP(v[c], 0, 1);
+            model->has_background = 1;
+        }
+    else if (kind <= SCALE)
         oxl_log(ctx, OXL_LOG_WARNING, "%s: comment '%s' ignored: expected %s, %s%g", path, comment,
-                is_origin ? "origin X Y Z" : "scale S", is_origin ? "each within " : "above 0 and up to ",
-                MODEL_ORIGIN_MAX);
+                kind == ORIGIN ? "origin X Y Z" : "scale S",
+                kind == ORIGIN ? "each within " : "above 0 and up to ", MODEL_ORIGIN_MAX);
 }

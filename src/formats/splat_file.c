@@ -59,31 +59,21 @@ static int splat_file_by_weight(const void *a, const void *b)
 }
 
 /* Warns of what a .splat does not store: origin, scale, anti-aliasing, background. */
-static void splat_file_warn_place(oxl_context *ctx, const char *path, const oxl_model *model)
+static void splat_file_warn(oxl_context *ctx, const char *path, const oxl_model *model)
 {
     const double *o = model->origin;
-    char text[3][NUMBER_TEXT_MAX];
-    for (int i = 0; i < 3; i++) format_shortest(text[i], o[i]);
+    struct text t = {.ctx = ctx};
     if (o[0] != 0 || o[1] != 0 || o[2] != 0)
-        oxl_log(
-            ctx, OXL_LOG_WARNING,
-            "%s: a .splat cannot store the origin %s %s %s%s: eval and render will not match the survey's cameras\n"
-            "fix: keep the .ply or an .spz, too",
-            path, text[0], text[1], text[2], model->scale > 0 ? " and the scale" : "");
-    else if (model->scale > 0)
-        oxl_log(
-            ctx, OXL_LOG_WARNING,
-            "%s: a .splat cannot store the scale %g: eval and render will not match the survey's cameras\n"
-            "fix: keep the .ply or an .spz, too",
-            path, model->scale);
-    if (model->antialias)
-        oxl_log(
-            ctx, OXL_LOG_WARNING,
-            "%s: a .splat cannot store that the model is anti-aliased: viewers draw it too bright and thick",
-            path);
-    if (model->has_background)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s: a .splat cannot store the background: viewers draw on their own",
-                path);
+        text_add(&t, ", the origin %s %s %s", NUMBER(o[0]), NUMBER(o[1]), NUMBER(o[2]));
+    if (model->scale > 0) text_add(&t, ", the scale %g", model->scale);
+    if (model->antialias) text_add(&t, ", that the model is anti-aliased");
+    if (model->has_background) text_add(&t, ", the background");
+    if (t.data)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: a .splat cannot store %s: eval, render and viewers will show another image\n"
+                "fix: keep the .ply or an .spz, too",
+                path, t.data + 2);
+    text_free(&t);
 }
 
 /* Writes the most visible Gaussians first, for viewers that load a .splat progressively. */
@@ -102,7 +92,7 @@ OXL_INTERNAL oxl_result splat_file_write(oxl_context *ctx, const char *path, con
     qsort(rank, model->count, sizeof *rank, splat_file_by_weight);
     if (model->sh_degree > 0)
         oxl_log(ctx, OXL_LOG_INFO, "%s: .splat files cannot store spherical harmonics above degree 0", path);
-    splat_file_warn_place(ctx, path, model);
+    splat_file_warn(ctx, path, model);
     rc = os_writer_open(ctx, path, &w);
     if (rc == OXL_OK) {
         for (size_t i = 0; i < model->count; i++) {
