@@ -185,7 +185,6 @@
 #include "src/job/render_names.c"    /* their names */
 #include "src/job/render_files.c"    /* renders as files */
 #include "src/job/training_views.c"  /* training views with much larger error than their neighbours */
-#include "src/job/unseen.c"          /* removes Gaussians that no training view shows */
 #include "src/job/metrics_json.c"    /* metrics as JSON */
 #include "src/job/job_result.c"      /* the model in its files, metrics.json, run.json, renders */
 #include "src/job/misfit.c"          /* measures what the error of a render is made of */
