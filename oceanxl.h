@@ -467,6 +467,18 @@ typedef struct oxl_ucd {
     int learn;          /* 1: corrected during training by SPSA; 0: fixed */
 } oxl_ucd;
 
+/* Terms of one's own in the loss, on the CPU alone. Each function returns its value, which is added to the
+ * loss, and adds its gradient; examples/ has one of each. */
+typedef struct oxl_terms {
+    /* rendered, image: (3,H,W) of the step's view, as they are compared; image->weight NULL: no pixel is
+     * masked. drgb: (3,H,W) d/d rendered. NULL: no such term */
+    double (*pixels)(void *user, const oxl_image *rendered, const oxl_image *image, float *drgb);
+    /* gradient: planes of the model's shape. Gaussians that the view does not show take no step. NULL: no
+     * such term */
+    double (*parameters)(void *user, const oxl_model *model, oxl_model *gradient);
+    void *user;
+} oxl_terms;
+
 typedef struct oxl_train_options {
     int iterations; /* one image each */
     int sh_degree;  /* 0..3: final SH degree; -1 (auto): chosen by validation views */
@@ -521,6 +533,7 @@ typedef struct oxl_train_options {
     /* on the mean gradient, in units of half an image; <= 0: minus the fraction without a lobe */
     float dog_threshold;
     float dog_opacity_factor, dog_scale_factor; /* a new lobe relative to its Gaussian */
+    const oxl_terms *terms;                     /* NULL: none; not recorded in run.json */
     /* in a block: iterations of the whole run, which rates and intervals follow; 0: `iterations` */
     int survey_iterations;
     float tried[4]; /* values of options that are being tried out: CONTRIBUTING, "An idea of your own" */

@@ -779,3 +779,85 @@ TEST(train_grows_sooner_where_a_scene_has_no_points)
     oxl_scene_free(test_ctx, some);
     prune_case_free(&none);
 }
+
+/* ---------------- terms of one's own */
+
+static double train_no_pixels(void *user, const oxl_image *rendered, const oxl_image *image, float *drgb)
+{
+    (void)user, (void)drgb;
+    CHECK(rendered->width == image->width && rendered->height == image->height &&
+          rendered->rgb != image->rgb);
+    return 0;
+}
+
+static double train_no_parameters(void *user, const oxl_model *model, oxl_model *gradient)
+{
+    (void)user;
+    CHECK(gradient->count == model->count && gradient->sh_degree == model->sh_degree);
+    return 0;
+}
+
+/* The gradient exists as planes for the second, and stays in the cache for the others. */
+TEST(train_with_terms_that_add_nothing_gives_the_same_bytes)
+{
+    oxl_scene *scene = train_scene(7);
+    oxl_train_options o = train_options(60);
+    const oxl_terms terms[] = {{train_no_pixels, NULL, NULL}, {NULL, train_no_parameters, NULL}};
+    oxl_model plain, with;
+    o.dog = OXL_DOG_ALL;
+    CHECK_OK(test_train(scene, &o, NULL, &plain));
+    for (int k = 0; k < 2; k++) {
+        o.terms = &terms[k];
+        CHECK_OK(test_train(scene, &o, NULL, &with));
+        CHECK(train_same(&plain, &with));
+        oxl_model_free(test_ctx, &with);
+    }
+    oxl_model_free(test_ctx, &plain);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* Drives red down: d/dx of the mean of red is 1 / pixels. */
+static double train_red(void *user, const oxl_image *rendered, const oxl_image *image, float *drgb)
+{
+    const int pixels = image->width * image->height;
+    double sum = 0;
+    (void)user;
+    for (int i = 0; i < pixels; i++) sum += rendered->rgb[i], drgb[i] += 10.0f / (float)pixels;
+    return 10 * sum / pixels;
+}
+
+/* Drives Gaussians to transparency. */
+static double train_opacity(void *user, const oxl_model *model, oxl_model *gradient)
+{
+    (void)user;
+    for (size_t i = 0; i < model->count; i++) gradient->plane[OXL_OPACITY][i] += 1;
+    return 0;
+}
+
+static double train_mean_of(const oxl_model *m, int plane)
+{
+    double sum = 0;
+    for (size_t i = 0; i < m->count; i++) sum += m->plane[plane][i];
+    return sum / (double)m->count;
+}
+
+TEST(train_follows_terms_on_pixels_and_on_parameters)
+{
+    oxl_scene *scene = train_scene(7);
+    oxl_train_options o = train_options(60);
+    const oxl_terms red = {.pixels = train_red}, opacity = {.parameters = train_opacity};
+    oxl_model plain, less_red, clear;
+    o.densify_until = 0;
+    CHECK_OK(test_train(scene, &o, NULL, &plain));
+    o.terms = &red;
+    CHECK_OK(test_train(scene, &o, NULL, &less_red));
+    o.terms = &opacity;
+    CHECK_OK(test_train(scene, &o, NULL, &clear));
+    CHECK(train_mean_of(&less_red, OXL_SH) < train_mean_of(&plain, OXL_SH) - 0.1);
+    CHECK_CLOSE(train_mean_of(&less_red, OXL_SH + 1), train_mean_of(&plain, OXL_SH + 1), 0.05);
+    CHECK(train_mean_of(&clear, OXL_OPACITY) < train_mean_of(&plain, OXL_OPACITY) - 0.5);
+    oxl_model_free(test_ctx, &plain);
+    oxl_model_free(test_ctx, &less_red);
+    oxl_model_free(test_ctx, &clear);
+    oxl_scene_free(test_ctx, scene);
+}

@@ -60,6 +60,9 @@ struct renderer_loss {
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb,
                                       const float *weight, float ssim_weight, struct renderer_loss *out);
 
+/* From the next loss on, adds these terms on pixels; NULL: none. On the CPU alone. Borrowed. */
+OXL_INTERNAL void renderer_set_terms(struct renderer *r, const oxl_terms *terms);
+
 /* The gradient of the model rendered last, for drgb (3,H,W), or NULL: that of renderer_loss. `gradient` has
  * the model's shape;
  * rows of invisible packs are not written. On a device it is downloaded by renderer_gradient. NULL:

@@ -45,6 +45,27 @@ OXL_INTERNAL void renderer_set_contrast(struct renderer *r, double contrast)
     r->contrast = contrast;
 }
 
+OXL_INTERNAL void renderer_set_terms(struct renderer *r, const oxl_terms *terms)
+{
+    r->terms = terms;
+}
+
+/* Computes the loss of the image x that is compared, with the terms on pixels, and its gradient r->drgb. */
+static oxl_result render_loss_of(oxl_context *ctx, struct renderer *r, const float *x, const float *rgb,
+                                 const float *weight, float ssim_weight, struct loss_value *out)
+{
+    const int width = r->kernel_camera.width, height = r->kernel_camera.height;
+    const struct loss_job job = {width, height, ssim_weight, x,
+                                 rgb,   weight, r->drgb,     (real)(r->contrast * r->contrast)};
+    const oxl_result rc = loss_forward_backward(ctx, &job, &r->loss, out);
+    if (rc == OXL_OK && r->terms && r->terms->pixels) {
+        const oxl_image rendered = {width, height, (float *)(uintptr_t)x, NULL},
+                        image = {width, height, (float *)(uintptr_t)rgb, (float *)(uintptr_t)weight};
+        out->total += r->terms->pixels(r->terms->user, &rendered, &image, r->drgb);
+    }
+    return rc;
+}
+
 /* Returns 1 if gains or a lamp lie between the rendered image and the loss. */
 static int render_has_gains(const struct renderer *r)
 {
@@ -103,11 +124,7 @@ static oxl_result render_loss_with_gains(oxl_context *ctx, struct renderer *r, c
     exposure.x = rendered, exposure.y = r->exposed, exposure.lamp_map = r->lamp_map,
     exposure.dy = exposure.dx = r->drgb;
     exposure_forward(ctx->isa, &exposure);
-    rc = loss_forward_backward(ctx,
-                               &(struct loss_job){r->kernel_camera.width, r->kernel_camera.height,
-                                                  ssim_weight, r->exposed, rgb, weight, r->drgb,
-                                                  (real)(r->contrast * r->contrast)},
-                               &r->loss, out);
+    rc = render_loss_of(ctx, r, r->exposed, rgb, weight, ssim_weight, out);
     if (rc == OXL_OK) exposure_backward(ctx->isa, &exposure);
     return rc;
 }
@@ -137,17 +154,7 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
     rc = oxl_reserve(ctx, &r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
     if (rc == OXL_OK && render_has_gains(r))
         rc = render_loss_with_gains(ctx, r, rgb, weight, ssim_weight, out->dlog_gain, &value);
-    else if (rc == OXL_OK) {
-        const struct loss_job job = {r->kernel_camera.width,
-                                     r->kernel_camera.height,
-                                     ssim_weight,
-                                     r->rgb,
-                                     rgb,
-                                     weight,
-                                     r->drgb,
-                                     (real)(r->contrast * r->contrast)};
-        rc = loss_forward_backward(ctx, &job, &r->loss, &value);
-    }
+    else if (rc == OXL_OK) rc = render_loss_of(ctx, r, r->rgb, rgb, weight, ssim_weight, &value);
     if (rc == OXL_OK)
         out->total = value.total, out->l1 = value.l1, out->ssim = value.ssim, out->mse = value.mse;
     if (rc == OXL_OK) render_scale_window_gradient(r, pixels);

@@ -49,6 +49,7 @@ struct renderer {
     float gain[3]; /* of renderer_set_gain */
     int has_gain;
     double contrast;         /* of renderer_set_contrast */
+    const oxl_terms *terms;  /* of renderer_set_terms, or NULL */
     const struct lamp *lamp; /* of renderer_set_lamp, or NULL */
     float *exposed;          /* (3,H,W) rgb times gain and lamp */
     float *lamp_map;         /* (H,W) the lamp's gain */

@@ -175,6 +175,28 @@ static void step_update_means(struct train *t, const struct train_deferred *of,
     t->psnr += k * (psnr - t->psnr);
 }
 
+/* Returns 1 if the gradient of the parameters exists as planes between the backward pass and the step. */
+static int step_has_planes(const struct train *t)
+{
+    return t->options->terms && t->options->terms->parameters;
+}
+
+/* Makes the backward pass, with the terms on parameters. */
+static oxl_result step_backward(struct train *t, struct renderer_loss *loss)
+{
+    const oxl_terms *terms = t->options->terms;
+    const oxl_model *model = &t->trained.model;
+    oxl_result rc = OXL_OK;
+    if (!step_has_planes(t)) return renderer_backward(t->ctx, t->renderer, NULL, NULL);
+    if (t->gradient.count != model->count || t->gradient.sh_degree != model->sh_degree) {
+        oxl_model_free(t->ctx, &t->gradient);
+        rc = oxl_model_create(t->ctx, model->count, model->sh_degree, &t->gradient);
+    }
+    if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
+    if (rc == OXL_OK) loss->total += terms->parameters(terms->user, model, &t->gradient);
+    return rc;
+}
+
 /* Makes forward pass, loss, backward pass and step. Deferred, they are only recorded: what becomes of them
  * is in the step's report. */
 OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferred *here, int deferred)
@@ -192,10 +214,11 @@ OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferre
     if (rc != OXL_OK) return rc;
     if (!deferred && !(loss.total <= DBL_MAX)) return step_skip(t, t->step, v.view);
     rc = parts_before_backward(t, &v);
-    if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
+    if (rc == OXL_OK) rc = step_backward(t, &loss);
     if (rc != OXL_OK) return rc;
     adam = schedule_adam_params(t);
-    rc = renderer_step(t->ctx, t->renderer, &t->trained, NULL, &adam, &skipped);
+    rc = renderer_step(t->ctx, t->renderer, &t->trained, step_has_planes(t) ? &t->gradient : NULL, &adam,
+                       &skipped);
     if (rc != OXL_OK || deferred) return rc;
     renderer_complete_loss(t->renderer, &loss);
     step_update_means(t, here, &loss, skipped);

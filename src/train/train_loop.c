@@ -159,6 +159,10 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
     memcpy(t->trained.model.origin, oxl_scene_origin(t->scene), sizeof t->trained.model.origin);
     rc = model_trained_begin(ctx, &t->trained);
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
+    if (rc == OXL_OK && t->options->terms && renderer_has_device(t->renderer))
+        rc = oxl_fail(ctx, OXL_ERR_USAGE,
+                      "terms of one's own are computed on the CPU alone\nfix: backend OXL_BACKEND_CPU");
+    if (rc == OXL_OK) renderer_set_terms(t->renderer, t->options->terms);
     if (rc == OXL_OK) renderer_expect_steps(t->renderer);
     if (rc == OXL_OK) renderer_set_context(t->renderer, t->task.context);
     if (rc == OXL_OK) rc = density_create(ctx, &t->density);
@@ -177,6 +181,7 @@ OXL_INTERNAL void train_end(struct train *t)
     parts_free(t);
     model_trained_free(ctx, &t->trained);
     renderer_free(ctx, t->renderer);
+    oxl_model_free(ctx, &t->gradient);
     density_free(ctx, t->density);
     OXL_FREE(ctx, t->view, t->validation);
     text_free(&t->decisions);

@@ -42,6 +42,7 @@ struct train {
     oxl_render_options render;
     struct trained_model trained;
     struct renderer *renderer;
+    oxl_model gradient; /* of the last step, where terms on parameters ask for planes */
     struct train_deferred deferred[2];
     int deferred_steps;
     struct density *density;
