@@ -142,12 +142,13 @@
 #include "src/parts/table.c"         /* the table */
 
 /* checks of a survey */
-#include "src/checks/match.c"        /* are the images those that the model was made from? */
-#include "src/checks/values.c"       /* images and masks whose values are not what they look like */
-#include "src/checks/conventions.c"  /* the convention that poses were written in */
-#include "src/checks/belongs.c"      /* whether images, points and poses belong together */
-#include "src/checks/quality.c"      /* images unlike those taken beside them */
-#include "src/checks/lint.c"         /* checks poses, images and masks against the points */
+#include "src/checks/match.c"       /* are the images those that the model was made from? */
+#include "src/checks/values.c"      /* images and masks whose values are not what they look like */
+#include "src/checks/conventions.c" /* the convention that poses were written in */
+#include "src/checks/belongs.c"     /* whether images, points and poses belong together */
+#include "src/checks/quality.c"     /* images unlike those taken beside them */
+#include "src/checks/lint.c"        /* checks poses, images and masks against the points */
+#include "src/checks/hypotheses.c" /* tells whether images, poses and points belong together, and if not, how they would */
 #include "src/checks/reprojection.c" /* how far points project from where images saw them */
 
 /* what one model in memory does not need: memory and time predicted, blocks, rounds */

@@ -152,13 +152,11 @@ typedef struct oxl_survey {
     double mean_track, mean_error;       /* images per point; reprojection error, px */
     double bounds_min[3], bounds_max[3]; /* 1st to 99th percentile of the points, world coordinates */
     double extent;                       /* see oxl_scene_extent */
-    /* fraction of track observations outside their image, without images of wrong pose */
-    double missed;
     /* black fraction of the masks; only oxl_check sets this and the next field */
     double masked;
     /* images that are not readable, have another aspect ratio or are masked completely */
     int unusable;
-    int foreign; /* images that do not show what the model has at their points */
+    int foreign; /* images that do not fit poses and points */
     /* images, against those beside them; only oxl_check_quality sets these */
     int blurred, badly_exposed;
     double gaussians, memory;        /* predicted: number at the end of the run; peak in bytes */

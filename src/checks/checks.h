@@ -8,28 +8,19 @@
 
 /* ---------------- lint.c: contradictions between readable files */
 
-/* Reports the whole survey from this fraction of observations outside their image on. */
-#define LINT_MISSED_SURVEY 0.1
-/* Sets s->missed, the fraction of observations outside their image, and logs wrong poses. */
-OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
-/* Sets s->unusable and s->masked, and logs what is wrong with images and masks.
+/* Logs what is wrong with masks and, closely, images, and sets s->unusable and s->masked then.
  * OXL_ERR_INPUT: no image can be used. */
-OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
-/* Compares the shapes of masks and images by the files' headers. */
-OXL_INTERNAL oxl_result lint_masks(oxl_context *ctx, const oxl_scene *scene);
+OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, int closely, oxl_survey *s);
 /* Checks the header and segments of an image, and its shape. */
 OXL_INTERNAL oxl_result lint_image(oxl_context *ctx, const oxl_scene *scene, int view);
-/* Compares the pixels that points project to with those where images saw them, and logs what does
- * not fit (reprojection.c). */
-OXL_INTERNAL oxl_result reprojection_check(oxl_context *ctx, const oxl_scene *scene);
-/* Compares images with the points and, if s->missed says so or there are no tracks, poses; logs what does not
- * fit and sets s->foreign (belongs.c). damaged 1: logs images that cannot be decoded, as training does. */
-OXL_INTERNAL oxl_result match_check(oxl_context *ctx, oxl_scene *scene, int damaged, oxl_survey *s);
-/* Finds principal points far from the middle, 16-bit images of fewer bits, and masks without
- * a black pixel (values.c). */
-OXL_INTERNAL oxl_result values_check(oxl_context *ctx, oxl_scene *scene);
 /* Decodes every image; logs and counts blurred and badly exposed images (quality.c). */
 OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_survey *s);
+
+/* ---------------- hypotheses.c: images, poses and points that do not belong together */
+
+/* Compares what images show with the points, and logs what does not fit and how it would. Sets *foreign to
+ * the number of images that do not fit. damaged 1: logs images that cannot be decoded, as training does. */
+OXL_INTERNAL oxl_result hypotheses_check(oxl_context *ctx, oxl_scene *scene, int damaged, int *foreign);
 
 /* ---------------- quality.c: images that differ from those taken next to them */
 

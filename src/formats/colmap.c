@@ -500,6 +500,7 @@ OXL_INTERNAL int colmap_sightings_next(struct colmap_sightings *s, struct colmap
             id < 0 ? NULL : colmap_find(c->point, c->point_count, sizeof *point, id);
         if (!point) continue;
         memcpy(out->world, point->position, sizeof point->position);
+        memcpy(out->rgb, point->rgb, sizeof point->rgb);
         return 1;
     }
     return 0;

@@ -361,8 +361,7 @@ static oxl_result job_prepare(struct job *job, int *done)
 
 static oxl_result job_train(struct job *job)
 {
-    oxl_result rc = values_check(job->ctx, job->scene);
-    if (rc == OXL_OK) rc = match_check(job->ctx, job->scene, 0, &job->survey);
+    oxl_result rc = hypotheses_check(job->ctx, job->scene, 0, &job->survey.foreign);
     if (rc == OXL_OK) rc = job->partition.block_count > 1 ? rounds_run(job) : job_run_single(job);
     return rc;
 }

@@ -178,12 +178,6 @@ static void survey_write_warnings(oxl_survey *s, int one_place)
             s->images_unregistered, s->images_unregistered + s->images - s->images_missing);
     if (s->unusable > 0)
         survey_warn(s, "%d of %d images cannot be used and are left out", s->unusable, s->images);
-    if (s->missed > LINT_MISSED_SURVEY)
-        survey_warn(
-            s,
-            "%.0f %% of the track entries project outside their images; check that cameras, images and "
-            "points3D are of one model and that poses are world to camera",
-            100 * s->missed);
     if (s->points == 0)
         survey_warn(s, s->outlined
                            ? "no points: training starts from random ones within the images' outlines"
@@ -233,9 +227,7 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, cons
     }
     survey_cameras(scene_colmap(scene), out);
     survey_largest(scene, out);
-    rc = lint_observations(ctx, scene, out);
-    if (rc == OXL_OK) rc = reprojection_check(ctx, scene);
-    if (rc == OXL_OK) rc = closely ? lint_images(ctx, scene, out) : lint_masks(ctx, scene);
+    rc = lint_images(ctx, scene, closely, out);
     if (rc != OXL_OK) return rc;
     whole.train.iterations = cost_iterations(options, out->images - out->images_missing);
     survey_predict(scene, &whole, out);
@@ -257,8 +249,7 @@ static oxl_result survey_check(oxl_context *ctx, const char *path, const oxl_job
     oxl_result rc = oxl_scene_load(ctx, path, &o.scene, &scene);
     *out = (oxl_survey){0};
     if (rc == OXL_OK) rc = survey_describe(ctx, scene, &o, 1, out);
-    if (rc == OXL_OK) rc = values_check(ctx, scene);
-    if (rc == OXL_OK) rc = match_check(ctx, scene, 1, out);
+    if (rc == OXL_OK) rc = hypotheses_check(ctx, scene, 1, &out->foreign);
     if (rc == OXL_OK && quality) rc = quality_check(ctx, scene, out);
     oxl_scene_free(ctx, scene);
     return rc;
@@ -300,7 +291,6 @@ OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const cha
                    {"mean_track", s->mean_track},
                    {"mean_error", s->mean_error},
                    {"extent", s->extent},
-                   {"missed_share", s->missed},
                    {"masked_share", s->masked},
                    {"unusable", s->unusable},
                    {"foreign", s->foreign},

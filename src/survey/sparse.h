@@ -52,6 +52,7 @@ struct colmap_point {
 
 struct colmap_sighting { /* Holds a 2D point of an image, and the point that it is of. */
     double pixel[2], world[3];
+    uint8_t rgb[3];
 };
 
 enum colmap_format {
