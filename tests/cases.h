@@ -120,7 +120,8 @@ int option_read_ucd(const char *text, oxl_ucd *out);
 /* src/large/block_plan.c */
 double plan_best_rectangle(const double *value, int width, int height, struct image_window *best);
 /* src/job/render_files.c */
-char *render_file_path(oxl_context *ctx, const char *folder, const char *name, const char *suffix);
+oxl_result render_file_path(oxl_context *ctx, const char *folder, const char *name, const char *suffix,
+                            char **out);
 oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, const char *name, const float *depth,
                                    int width, int height);
 /* src/job/survey_report.c */

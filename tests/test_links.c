@@ -168,10 +168,12 @@ TEST(a_model_that_no_run_wrote_is_replaced_with_restart_alone)
 
 TEST(a_render_is_not_written_through_a_link)
 {
+    char *path;
     test_write("victim/photo.png", "keep");
-    test_write("renders/notes.txt", "mine");
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("renders")));
     CHECK(symlink(test_path("victim"), test_path("renders/l")) == 0);
-    CHECK(!render_file_path(test_ctx, test_path("renders"), "l/photo", ".png"));
+    CHECK(render_file_path(test_ctx, test_path("renders"), "l/photo", ".png", &path) == OXL_ERR_INPUT &&
+          !path);
     CHECK_TEXT(oxl_error_text(test_ctx), "renders/l is a link");
 }
 
@@ -196,6 +198,7 @@ TEST(only_files_that_a_run_writes_are_swept)
     for (size_t k = 0; k < OXL_COUNT(stays); k++) test_write(stays[k], "1");
     for (size_t k = 0; k < OXL_COUNT(goes); k++) test_write(goes[k], "1");
     CHECK_OK(os_remove_temporaries(test_ctx, test_folder(), "metrics.json run.json *.png"));
+    CHECK_OK(os_remove_temporaries(test_ctx, test_path("nowhere"), "*"));
     for (size_t k = 0; k < OXL_COUNT(stays); k++) CHECK(os_is_file(test_path(stays[k])));
     for (size_t k = 0; k < OXL_COUNT(goes); k++) CHECK(!os_is_file(test_path(goes[k])));
 }

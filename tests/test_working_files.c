@@ -254,20 +254,6 @@ TEST(progress_of_a_run_in_blocks_names_coarse_model_blocks_and_merged_model_in_t
 
 /* ---------------- a finished run whose survey has changed, or that is to be trained anew */
 
-TEST(a_finished_run_is_trained_anew_with_restart_alone)
-{
-    oxl_job_options options = job_test_options();
-    struct job_test_watch watch = {0, -1};
-    const oxl_callback callback = {job_test_progress, &watch};
-    const char *survey = job_test_survey();
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
-    CHECK(watch.calls == 0);
-    options.restart = 1;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
-    CHECK(watch.calls == 12);
-}
-
 TEST(a_finished_run_is_not_taken_for_that_of_other_images_masks_poses_cameras_or_colours)
 {
     static const char *const changed[][3] = {

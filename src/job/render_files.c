@@ -9,29 +9,30 @@
 #include "../survey/scene.h"
 #include "../large/os_job.h"
 
-/* Returns the path of a view's file, and makes the folders in its name; refuses links among them, which would
- * lead elsewhere. NULL: the error is set. */
-OXL_INTERNAL char *render_file_path(oxl_context *ctx, const char *folder, const char *view,
-                                    const char *suffix)
+/* Finds the path of a view's file, and makes the folders in its name; refuses links among them, which would
+ * lead elsewhere. */
+OXL_INTERNAL oxl_result render_file_path(oxl_context *ctx, const char *folder, const char *view,
+                                         const char *suffix, char **out)
 {
-    char *file = NULL, *path = NULL, *slash;
+    char *file = NULL, *slash;
     oxl_result rc = oxl_render_path(ctx, "", view, suffix, &file);
-    if (rc != OXL_OK) return NULL;
-    path = oxl_path_join(ctx, folder, file + 1);
+    *out = NULL;
+    if (rc != OXL_OK) return rc;
     slash = strrchr(file, '/');
     *slash = 0;
-    if (path && slash > file) rc = os_make_folder_in(ctx, folder, file + 1);
+    if (slash > file) rc = os_make_folder_in(ctx, folder, file + 1);
+    *slash = '/';
+    if (rc == OXL_OK && !(*out = oxl_path_join(ctx, folder, file + 1))) rc = OXL_ERR_MEMORY;
     oxl_free(ctx, file);
-    if (rc == OXL_OK) return path;
-    oxl_free(ctx, path);
-    return NULL;
+    return rc;
 }
 
 static oxl_result render_file_write_image(oxl_context *ctx, const char *folder, const char *name,
                                           const char *suffix, const oxl_image *image)
 {
-    char *path = render_file_path(ctx, folder, name, suffix);
-    const oxl_result rc = path ? oxl_image_write(ctx, path, image) : ctx->failed;
+    char *path;
+    oxl_result rc = render_file_path(ctx, folder, name, suffix, &path);
+    if (rc == OXL_OK) rc = oxl_image_write(ctx, path, image);
     oxl_free(ctx, path);
     return rc;
 }
@@ -53,8 +54,9 @@ oxl_result oxl_write_pfm(oxl_context *ctx, const char *path, const float *value,
 static oxl_result render_file_write_pfm(oxl_context *ctx, const char *folder, const char *name,
                                         const float *depth, int width, int height)
 {
-    char *path = render_file_path(ctx, folder, name, ".depth.pfm");
-    const oxl_result rc = path ? oxl_write_pfm(ctx, path, depth, width, height) : ctx->failed;
+    char *path;
+    oxl_result rc = render_file_path(ctx, folder, name, ".depth.pfm", &path);
+    if (rc == OXL_OK) rc = oxl_write_pfm(ctx, path, depth, width, height);
     oxl_free(ctx, path);
     return rc;
 }
@@ -91,9 +93,9 @@ static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder
                                             const float *depth, int width, int height)
 {
     const size_t pixels = (size_t)width * (size_t)height;
-    char *path = render_file_path(ctx, folder, name, ".depth16.png");
+    char *path;
     uint16_t *value = oxl_alloc(ctx, pixels, sizeof *value);
-    oxl_result rc = path ? OXL_OK : ctx->failed;
+    oxl_result rc = render_file_path(ctx, folder, name, ".depth16.png", &path);
     if (rc == OXL_OK && !value) rc = OXL_ERR_MEMORY;
     for (size_t i = 0; rc == OXL_OK && i < pixels; i++)
         value[i] = depth[i] > 0 ? (uint16_t)OXL_CLAMP(1000 * depth[i] + 0.5f, 1, 65535) : 0;
@@ -153,20 +155,6 @@ static void render_file_free(oxl_context *ctx, struct render_file *file)
     oxl_free(ctx, file->depth);
 }
 
-static oxl_result render_file_reserve_depth(oxl_context *ctx, struct render_file *file)
-{
-    file->depth = oxl_alloc(ctx, (size_t)file->width * (size_t)file->height, sizeof *file->depth);
-    return file->depth ? OXL_OK : OXL_ERR_MEMORY;
-}
-
-/* Reads the view's image; skips an unreadable one, which the evaluation has reported. */
-static oxl_result render_file_copy_image(oxl_context *ctx, const oxl_scene *scene, int view,
-                                         struct render_file *file)
-{
-    const oxl_result rc = scene_copy_image(ctx, scene, view, &file->image);
-    return rc == OXL_ERR_INPUT ? OXL_OK : rc;
-}
-
 static oxl_result render_file_render(oxl_context *ctx, const struct render_files *f, struct renderer *r,
                                      int view, struct render_file *out)
 {
@@ -178,13 +166,16 @@ static oxl_result render_file_render(oxl_context *ctx, const struct render_files
     *out = (struct render_file){.name = of->name, .own = context_for_thread(ctx)};
     out->width = of->camera.width;
     out->height = of->camera.height;
-    if (what->depth) rc = render_file_reserve_depth(ctx, out);
+    if (what->depth &&
+        !(out->depth = oxl_alloc(ctx, (size_t)out->width * (size_t)out->height, sizeof *out->depth)))
+        rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK)
         rc = evaluate_draw(ctx, &(struct drawn){r, f->source, scene, imaging}, view, &out->rendered,
                            out->depth);
     for (size_t i = 0; rc == OXL_OK && out->depth && i < (size_t)out->width * (size_t)out->height; i++)
         out->depth[i] = OXL_MAX(out->depth[i], 0) * (what->unit > 0 ? (float)what->unit : 1);
-    if (rc == OXL_OK && what->images) rc = render_file_copy_image(ctx, scene, view, out);
+    if (rc == OXL_OK && what->images) rc = scene_copy_image(ctx, scene, view, &out->image);
+    if (rc == OXL_ERR_INPUT) rc = OXL_OK; /* Skips an unreadable image, which the evaluation has reported. */
     if (rc == OXL_OK && out->image.rgb && imaging && imaging_alters_colours(imaging))
         rc = evaluate_draw(ctx, &(struct drawn){r, f->source, scene, NULL}, view, &out->clear, NULL);
     if (rc != OXL_OK) render_file_free(ctx, out);
@@ -230,27 +221,29 @@ static oxl_result render_files_write(oxl_context *ctx, struct render_file *file,
                                      const char *folder, int *written)
 {
     oxl_result rc[RENDER_FILES_AT_ONCE];
+    oxl_result first = OXL_OK;
     *written = 0;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(ctx->threads)
     for (int i = 0; i < count; i++) rc[i] = render_file_write(&file[i], folder);
     while (*written < count && rc[*written] == OXL_OK) ++*written;
-    if (*written < count) oxl_fail(ctx, rc[*written], "%s", oxl_error_text(&file[*written].own));
+    if (*written < count) first = oxl_fail(ctx, rc[*written], "%s", oxl_error_text(&file[*written].own));
     for (int i = 0; i < count; i++) render_file_free(ctx, &file[i]);
-    return *written < count ? ctx->failed : OXL_OK;
+    return first;
 }
 
 /* Removes renders of all views, since those of an earlier run may be of other views. */
 static oxl_result render_files_remove(oxl_context *ctx, const struct render_files *f)
 {
     static const char *const suffix[] = {RENDER_SUFFIXES};
+    oxl_result rc = OXL_OK;
     for (int v = 0; v < oxl_scene_view_count(f->scene); v++)
-        for (size_t i = 0; i < OXL_COUNT(suffix); i++) {
-            char *path = render_file_path(ctx, f->folder, oxl_scene_view(f->scene, v)->name, suffix[i]);
-            if (!path) return ctx->failed;
-            os_remove(path);
+        for (size_t i = 0; i < OXL_COUNT(suffix) && rc == OXL_OK; i++) {
+            char *path;
+            rc = render_file_path(ctx, f->folder, oxl_scene_view(f->scene, v)->name, suffix[i], &path);
+            if (rc == OXL_OK) os_remove(path);
             oxl_free(ctx, path);
         }
-    return OXL_OK;
+    return rc;
 }
 
 OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_files *f, int *count)
