@@ -26,7 +26,7 @@ static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
     const int one = job_last_block(job);
     oxl_result rc = job_read_model(job, one, standard, out);
     imaging_free(job->ctx, &job->imaging);
-    if (rc == OXL_OK && job->scene)
+    if (rc == OXL_OK)
         rc = imaging_read_beside(job->ctx, PATH(JOB_BLOCK(job, one), "model.ply"), job->scene, &job->imaging);
     if (rc == OXL_OK && out->count == 0)
         rc = oxl_fail(job->ctx, OXL_ERR_FAILED,
@@ -39,7 +39,6 @@ static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
  * or gains do and the training of a model without them was finished. */
 static int job_hides(const struct job *job)
 {
-    if (!job->scene) return 0;
     if (imaging_alters_colours(&job->imaging)) return 1;
     return imaging_is_gains_alone(&job->imaging) && !job->unfinished &&
            os_is_file(PATH(JOB_BLOCK(job, job_last_block(job)), "model_standard.ply"));
@@ -78,7 +77,7 @@ static oxl_result job_write_ply(struct job *job, const char *name, const oxl_mod
     const char *path = PATH(job->out, "%s", name);
     oxl_model seen = *model;
     oxl_result rc = OXL_OK;
-    if (job->scene) job_choose_view(job->scene, &seen);
+    job_choose_view(job->scene, &seen);
     rc = model_file_write_ply(job->ctx, path, &seen, degree);
     if (rc == OXL_OK) rc = os_reader_open(job->ctx, path, &file);
     *bytes = (size_t)file.size;
@@ -91,7 +90,7 @@ static oxl_result job_make_standard(struct job *job, oxl_model *out)
 {
     const int made = !job->unfinished && (job->result.lobes > 0 || job_hides(job));
     oxl_result rc = made ? job_final_model(job, 1, out) : model_copy(job->ctx, &job->result, out);
-    if (rc == OXL_OK && !made && job->scene) medium_make_standard(job->scene, &job->imaging, 0, out);
+    if (rc == OXL_OK && !made) medium_make_standard(job->scene, &job->imaging, 0, out);
     else model_drop_lobes(out);
     return rc;
 }
@@ -297,8 +296,7 @@ static oxl_result job_render_views(struct job *job)
 static oxl_result job_write_gains(struct job *job)
 {
     const char *path = PATH(job->out, "imaging.txt");
-    if (job->scene && imaging_is_needed(&job->imaging))
-        return oxl_imaging_write(job->ctx, path, job->scene, &job->imaging);
+    if (imaging_is_needed(&job->imaging)) return oxl_imaging_write(job->ctx, path, job->scene, &job->imaging);
     os_remove(path);
     return OXL_OK;
 }
@@ -309,8 +307,7 @@ OXL_INTERNAL oxl_result job_finish(struct job *job, int evaluate)
 {
     oxl_model standard = {0};
     size_t bytes[2];
-    oxl_result rc = job->scene || !evaluate ? OXL_OK : job_load(job);
-    if (rc == OXL_OK) rc = job_final_model(job, 0, &job->result);
+    oxl_result rc = job_final_model(job, 0, &job->result);
     if (rc == OXL_OK) rc = job_write_models(job, &standard, bytes);
     if (rc == OXL_OK) rc = job_write_gains(job);
     if (rc == OXL_OK && evaluate) rc = job_write_metrics(job, &standard, bytes);
