@@ -248,15 +248,14 @@ $(BUILD)/oceanxl.pc: Makefile oceanxl.h $(BUILD)/flags
 	@printf '%s\n' 'prefix=$(PREFIX)' 'Name: oceanxl' 'Description: 3D Gaussian Splatting of underwater surveys' 'Version: $(VERSION)' \
 	  'Cflags: -I$${prefix}/include' 'Libs: -L$${prefix}/lib -loceanxl $(filter -fopenmp,$(THREADS)) -lm $(if $(VULKAN_FLAGS),-ldl)' > $@
 
-install: all $(BUILD)/liboceanxl.a $(BUILD)/oceanxl.pc ## programs, manual page, completion, headers, static library, pkg-config file under DESTDIR/PREFIX
+install: all $(BUILD)/liboceanxl.a $(BUILD)/oceanxl.pc ## programs, manual page, headers, static library, pkg-config file under DESTDIR/PREFIX
 	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/include $(DESTDIR)$(PREFIX)/lib $(DESTDIR)$(PREFIX)/share/man/man1
 	install -m 644 docs/oceanxl.1 $(DESTDIR)$(PREFIX)/share/man/man1/
 	install -m 755 $(BUILD)/oceanxl $(BUILD)/oceanxl-lab $(DESTDIR)$(PREFIX)/bin/
 	install -m 644 oceanxl.h oceanxl_job.h $(DESTDIR)$(PREFIX)/include/
 	install -m 644 $(BUILD)/liboceanxl.a $(DESTDIR)$(PREFIX)/lib/
-	install -d $(DESTDIR)$(PREFIX)/lib/pkgconfig $(DESTDIR)$(PREFIX)/share/bash-completion/completions
+	install -d $(DESTDIR)$(PREFIX)/lib/pkgconfig
 	install -m 644 $(BUILD)/oceanxl.pc $(DESTDIR)$(PREFIX)/lib/pkgconfig/
-	$(BUILD)/oceanxl --completion > $(DESTDIR)$(PREFIX)/share/bash-completion/completions/oceanxl
 
 clean: ## removes build/ and dist/
 	rm -rf $(BUILD) dist

@@ -215,13 +215,6 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *m
     }
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &options, scene);
     if (rc == OXL_OK) rc = oxl_imaging_read(ctx, file, *scene, imaging);
-    if (rc == OXL_OK && !a->clear && !a->ortho && !a->flight && info_takes_medium(ctx, file))
-        print_format(
-            stderr,
-            "oxl: %s is rendered with imaging.txt beside it, as scene_clear.ply is\n"
-            "     fix: if it is a copy of scene.ply, which has medium or gains in its colours, call it "
-            "scene.ply, or put it elsewhere\n",
-            file);
     /* a block's or another program's has its own */
     if (rc == OXL_OK) oxl_model_move_origin(model, oxl_scene_origin(*scene));
     if (rc == OXL_OK) rc = oxl_model_check_overlap(ctx, model, *scene, a->path[0]);
@@ -230,7 +223,7 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *m
 
 static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
-    const oxl_render_output what = {(oxl_split)a->split, 0, a->depth, a->scale, a->clear, 0};
+    const oxl_render_output what = {(oxl_split)a->split, 0, a->depth, a->scale, a->clear, 1};
     oxl_model model = {0};
     oxl_scene *scene = NULL;
     oxl_imaging *imaging = NULL;
@@ -263,14 +256,8 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
     printf("  mean of %d\n", m->count);
     printf("%8.4f %d  least structure; views below %.1f\n", m->structure_least, m->no_structure,
            OXL_STRUCTURE_NONE);
-    if (m->depth[1] > 0)
-        printf("%8.3f %8.3f %8.3f  PSNR of what lies nearer than %.3g, in between, beyond %.3g\n",
-               m->by_depth[0], m->by_depth[1], m->by_depth[2], m->depth[0], m->depth[1]);
     printf("%8.3f %8.3f  PSNR at mean exposure; of the right halves, with gains fitted on the left halves\n",
            m->plain_psnr, m->half_psnr);
-    if (m->aligned_psnr == m->aligned_psnr) /* not NaN */
-        printf("%8.3f %8.5f  PSNR and SSIM of views moved onto their images, as training refined poses\n",
-               m->aligned_psnr, m->aligned_ssim);
     puts(
         "cc-PSNR: after one factor for each channel of each view: without what images differ in exposure and white balance.");
     puts(
@@ -313,50 +300,32 @@ static oxl_result run_measure(oxl_context *ctx, const struct arguments *a)
     return rc;
 }
 
-/* Returns 1 for a file that convert may have written: a model, or a .glb of this program. */
+/* Returns 1 for a model that this program reads. */
 static int is_model(const char *path)
 {
-    const size_t length = strlen(path);
     oxl_context *quiet = NULL;
     oxl_model model = {0};
-    int found = 0;
-    if (length > 4 && strcmp(path + length - 4, ".glb") == 0) {
-        char start[4097] = "";
-        FILE *file = oxl_open(path);
-        const size_t count = file ? fread(start, 1, sizeof start - 1, file) : 0;
-        for (size_t i = 0; i < count && !found; i++) found = strncmp(start + i, "OceanXL", 7) == 0;
-        if (file) fclose(file);
-        return found;
-    }
-    if (oxl_context_create(NULL, &quiet) != OXL_OK) return 0;
-    found = oxl_model_read(quiet, path, &model) == OXL_OK;
-    oxl_model_free(quiet, &model);
+    int found = oxl_context_create(NULL, &quiet) == OXL_OK && oxl_model_read(quiet, path, &model) == OXL_OK;
+    if (quiet) oxl_model_free(quiet, &model);
     oxl_context_free(quiet);
     return found;
 }
 
 /* Writes a model to a file that is not there, or in the place of another model: no other file is replaced. */
-static oxl_result write_new_model(oxl_context *ctx, const char *path, const oxl_model *model)
-{
-    if (!file_exists(path) || is_model(path)) return oxl_model_write(ctx, path, model);
-    return oxl_fail(ctx, OXL_ERR_USAGE,
-                    "%s is there, and is no model of Gaussians\nfix: another name, or remove it first", path);
-}
-
 static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
 {
+    const char *from = a->path[0], *to = a->path[1];
     oxl_model model = {0};
-    int copied = 0, is_other = 0;
-    oxl_result rc = oxl_model_read(ctx, a->path[0], &model);
-    if (rc == OXL_OK) rc = info_check_imaging(ctx, a->path[0], a->path[1], &is_other);
+    oxl_result rc = oxl_model_read(ctx, from, &model);
+    if (rc == OXL_OK) rc = info_convert_imaging(ctx, from, to, 0, stderr);
+    if (rc == OXL_OK && file_exists(to) && !is_model(to))
+        rc = oxl_fail(ctx, OXL_ERR_USAGE,
+                      "%s is there, and is no model that can be read\nfix: another name, or remove it first",
+                      to);
     if (rc == OXL_OK && a->scale > 0) oxl_model_rescale(&model, a->scale);
-    if (rc == OXL_OK) rc = write_new_model(ctx, a->path[1], &model);
-    if (rc == OXL_OK) print_format(stdout, "%zu Gaussians in %s\n", model.count, a->path[1]);
-    if (rc == OXL_OK) rc = info_copy_imaging(ctx, a->path[0], a->path[1], &copied);
-    if (copied) puts("imaging.txt is copied beside it");
-    if (rc == OXL_OK && is_other)
-        print_format(stderr, "oxl: imaging.txt beside %s is another model's: it is kept, and applies\n",
-                     a->path[1]);
+    if (rc == OXL_OK) rc = oxl_model_write(ctx, to, &model);
+    if (rc == OXL_OK) print_format(stdout, "%zu Gaussians in %s\n", model.count, to);
+    if (rc == OXL_OK) rc = info_convert_imaging(ctx, from, to, 1, stderr);
     oxl_model_free(ctx, &model);
     return rc;
 }

@@ -10,33 +10,13 @@
 
 /* ---------------- names */
 
-/* Counts the edits between two words (Levenshtein); 99: `b` is longer than 31 letters, which no name is. */
-static int distance(const char *a, const char *b)
+/* Keeps `name` as the best suggestion for `word` if it begins as the word does for longer than the best so far. */
+static void suggest(const char *word, const char *name, char best[40], int *most)
 {
-    int row[32];
-    int nb = (int)strlen(b);
-    if (nb > 31) return 99;
-    for (int j = 0; j <= nb; j++) row[j] = j;
-    for (int i = 0; a[i]; i++) {
-        int diagonal = row[0];
-        row[0] = i + 1;
-        for (int j = 1; j <= nb; j++) {
-            int best = diagonal + (a[i] != b[j - 1]);
-            diagonal = row[j];
-            if (row[j] + 1 < best) best = row[j] + 1;
-            if (row[j - 1] + 1 < best) best = row[j - 1] + 1;
-            row[j] = best;
-        }
-    }
-    return row[nb];
-}
-
-/* Keeps `name` as the best suggestion for `word` if fewer edits lead to it than to the best so far. */
-static void suggest(const char *word, const char *name, char best[40], int *least)
-{
-    const int d = distance(word, name);
-    if (d >= *least) return;
-    *least = d;
+    int same = 0;
+    while (word[same] && word[same] == name[same]) same++;
+    if (same <= *most) return;
+    *most = same;
     snprintf(best, 40, "%s", name);
 }
 
@@ -62,7 +42,7 @@ static int fail_unknown(struct arguments *a, const char *what, const char *word,
 static int unknown_option(const char *word, struct arguments *a)
 {
     char other[40], best[40] = "";
-    int least = 4; /* a name four edits away or more is no suggestion */
+    int most = 4; /* letters, of which two may be dashes */
     if (a->command == COMMAND_ABLATE && cli_is_study_variable(word + strspn(word, "-")))
         return fail(
             a,
@@ -70,17 +50,17 @@ static int unknown_option(const char *word, struct arguments *a)
             word);
     for (int i = 0; i < cli_option_count(); i++)
         if (cli_option_is_of(i, a->command))
-            suggest(word, cli_option_word(cli_option_at(i), other), best, &least);
+            suggest(word, cli_option_word(cli_option_at(i), other), best, &most);
     return fail_unknown(a, "option", word, best);
 }
 
 static int find_command(const char *word, struct arguments *a)
 {
     char best[40] = "";
-    int least = 4;
+    int most = 1;
     for (enum command c = COMMAND_TRAIN; c < COMMANDS; c++) {
         if (strcmp(word, CLI_COMMANDS[c].name) == 0) a->command = c;
-        suggest(word, CLI_COMMANDS[c].name, best, &least);
+        suggest(word, CLI_COMMANDS[c].name, best, &most);
     }
     return a->command ? 0 : fail_unknown(a, "command", word, best);
 }
@@ -163,7 +143,6 @@ static void parse_first(int argc, char **argv, struct arguments *a)
     a->version = strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0;
     a->manual = strcmp(argv[1], "--man") == 0;
     a->page = strcmp(argv[1], "--options-page") == 0;
-    a->completion = strcmp(argv[1], "--completion") == 0;
     if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 || strcmp(argv[1], "help") == 0)
         parse_help(argc, argv, &at, a);
 }
@@ -173,7 +152,7 @@ int arguments_parse(int argc, char **argv, struct arguments *a)
     int ended = 0;
     *a = arguments_default();
     parse_first(argc, argv, a);
-    if (a->version || a->help || a->manual || a->page || a->completion) return 0;
+    if (a->version || a->help || a->manual || a->page) return 0;
     if (argc < 2) {
         char names[200] = "";
         size_t used = 0;

@@ -19,21 +19,11 @@ struct cli_memory {
 
 /* ---------------- info.c: statistics of a model, tables of a partition */
 
-struct spread { /* 5th, 50th and 95th percentile of the finite values; 0 if there are none */
-    float low, middle, high;
-};
-/* Measures the spread of the values. sorted (count): scratch, may be `value` itself. */
-struct spread info_spread(const float *value, size_t count, float *sorted);
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
-/* Copies imaging.txt from beside one model to beside another, unless one is there; for a model for viewers
- * without the medium or gains that its colours hold. */
-oxl_result info_copy_imaging(oxl_context *ctx, const char *from, const char *to, int *copied);
-/* Returns 1 for a model whose name does not say whether its colours hold the medium of
- * the imaging.txt beside it. */
-int info_takes_medium(oxl_context *ctx, const char *model);
-/* Refuses to write a model where the imaging.txt would apply a medium twice, or not at all; sets *is_other to
- * 1 where its gains, lamp or poses differ from those beside `from`. */
-oxl_result info_check_imaging(oxl_context *ctx, const char *from, const char *to, int *is_other);
+/* Before a model is written, refuses a place where imaging.txt would apply a medium twice, or not at all; after
+ * that, copies the imaging.txt of a model that is not for viewers beside it, unless one is there. */
+oxl_result info_convert_imaging(oxl_context *ctx, const char *from, const char *to, int is_written,
+                                FILE *say);
 void info_print_blocks(FILE *to, const oxl_partition_report *report);
 
 /* ---------------- output.c: text and files independent of the locale */
@@ -286,7 +276,7 @@ struct arguments {
     const char *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
     int path_count;
     const char *help; /* "", or "all" */
-    int completion, version, manual, page, quiet, json, depth, no_images, devices, clear;
+    int version, manual, page, quiet, json, depth, no_images, devices, clear;
     int dry_run, quality, progress_json;
     int split, backend;                         /* enum oxl_split, enum oxl_backend */
     int device, threads, seeds;                 /* -1: the best, all */
@@ -332,7 +322,6 @@ void arguments_apply(const struct arguments *a, oxl_job_options *o);
 
 /* ---------------- help.c: text generated from the tables */
 
-void complete_print(FILE *to);
 void help_print(FILE *to, enum command command, int all); /* prints the overview for COMMAND_NONE */
 void help_manual(FILE *to);                               /* prints docs/oceanxl.1: roff, man(7) */
 void help_page(FILE *to);                                 /* prints docs/OPTIONS.md */

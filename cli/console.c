@@ -300,9 +300,7 @@ int console_main(int argc, char **argv, const struct program *program)
     if (a.version) puts("oceanxl " OXL_VERSION);
     if (a.manual) help_manual(stdout);
     if (a.page) help_page(stdout);
-    if (a.completion) complete_print(stdout);
-    if (a.help || a.version || a.manual || a.page || a.completion)
-        return exit_code_of(console_flush(&console, OXL_OK));
+    if (a.help || a.version || a.manual || a.page) return exit_code_of(console_flush(&console, OXL_OK));
     code = program->takes(argv, &a);
     if (code >= 0) return code;
     wait_passively(argv);

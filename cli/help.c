@@ -1,5 +1,4 @@
-/* help.c - generates --help, the manual page, docs/OPTIONS.md and the completion of shells from the tables of
- * commands and options.
+/* help.c - generates --help, the manual page, docs/OPTIONS.md from the tables of commands and options.
  *
  * Invariant: no option of a command is named here: a row of a table is sufficient.
  */
@@ -38,12 +37,11 @@ static const struct {
     {"blocks/coarse/", "the coarse model, with which blocks begin; blocks/whole/: the merged model."},
 };
 
-enum { HELP_DEFAULT = 160, HELP_NOTE = 240, HELP_COLUMN = 31 };
+enum { HELP_DEFAULT = 160, HELP_COLUMN = 31 };
 
 /* ---------------- one option in words */
 
-/* Writes the default in words: "8", "170, paper 2800", "draft on, otherwise off", "draft 2000, standard
- * 7000, paper 40000", or "". */
+/* Writes the default in words: "8", "draft 2000, standard 7000, paper 40000", or "". */
 static const char *help_default(int index, char out[HELP_DEFAULT])
 {
     const oxl_option *o = cli_option_at(index);
@@ -57,10 +55,6 @@ static const char *help_default(int index, char out[HELP_DEFAULT])
     else if (o->preset[0] && strcmp(o->preset[0], o->preset[1]) == 0 &&
              strcmp(o->preset[0], o->preset[2]) == 0)
         snprintf(out, HELP_DEFAULT, "%s", o->preset[0]);
-    else if (o->preset[0] && strcmp(o->preset[0], o->preset[1]) == 0)
-        snprintf(out, HELP_DEFAULT, "%s, paper %s", o->preset[0], o->preset[2]);
-    else if (o->preset[0] && strcmp(o->preset[1], o->preset[2]) == 0)
-        snprintf(out, HELP_DEFAULT, "draft %s, otherwise %s", o->preset[0], o->preset[1]);
     else if (o->preset[0])
         snprintf(out, HELP_DEFAULT, "draft %s, standard %s, paper %s", o->preset[0], o->preset[1],
                  o->preset[2]);
@@ -72,21 +66,6 @@ static const char *help_option_text(const oxl_option *o, char out[100])
 {
     char word[40];
     snprintf(out, 100, "%s%s%s", cli_option_word(o, word), o->value ? " " : "", o->value ? o->value : "");
-    return out;
-}
-
-/* Returns the option's limit in words: "one block only" or "". */
-static const char *help_limit(int index)
-{
-    const unsigned use = cli_option_of_job(index) < 0 ? 0 : cli_option_at(index)->use;
-    return use & OXL_OPTION_ONE_BLOCK ? "one block only" : "";
-}
-
-/* Writes "DEFAULT RANGE; LIMIT", without the parts that are empty. */
-static const char *help_note(int index, const char *standard, const char *range, char out[HELP_NOTE])
-{
-    const char *limit = help_limit(index);
-    snprintf(out, HELP_NOTE, "%s%s%s%s", standard, range, standard[0] && limit[0] ? "; " : "", limit);
     return out;
 }
 
@@ -129,9 +108,8 @@ static void help_overview(FILE *to)
 static void help_option(FILE *to, int index)
 {
     const oxl_option *o = cli_option_at(index);
-    char left[100], standard[HELP_DEFAULT], note[HELP_NOTE];
-    help_default(index, standard);
-    help_row(to, help_option_text(o, left), o->help, help_note(index, standard, "", note));
+    char left[100], standard[HELP_DEFAULT];
+    help_row(to, help_option_text(o, left), o->help, help_default(index, standard));
 }
 
 /* Prints the options of a command, or of all commands, group by group. Returns how many it left out. */
@@ -160,7 +138,6 @@ static void help_first(FILE *to)
     help_row(to, "--version, -V", "version", "");
     help_row(to, "--man", "the manual page, in roff: oceanxl --man | man -l -", "");
     help_row(to, "--options-page", "docs/OPTIONS.md", "");
-    help_row(to, "--completion", "completion for bash and zsh: eval \"$(oceanxl --completion)\"", "");
 }
 
 void help_print(FILE *to, enum command command, int all)
@@ -214,7 +191,7 @@ static void help_entry(FILE *to, int page, const char *name, const char *what)
     manual_lines(to, "", what);
 }
 
-/* Prints "HELP (default; range; limit). Advanced. Also --NAME." Leaves out a former name, which the
+/* Prints "HELP (default; range). Advanced. Also --NAME." Leaves out a former name, which the
  * warning about its use has. */
 static void help_full_option(FILE *to, int page, int index)
 {
@@ -223,31 +200,16 @@ static void help_full_option(FILE *to, int page, int index)
     const oxl_option *o = cli_option_at(index);
     const int has_range =
         o->kind == OXL_OPTION_INT || o->kind == OXL_OPTION_FLOAT || o->kind == OXL_OPTION_DOUBLE;
-    char name[100], standard[HELP_DEFAULT], range[40] = "", note[HELP_NOTE], alias[60] = "", text[1000];
+    char name[100], standard[HELP_DEFAULT], range[40] = "", alias[60] = "", text[1000];
     help_default(index, standard);
     /* Leaves out a range that says nothing: none, a huge one, or 0 to 1. */
     if (has_range && o->high > o->low && o->high < 1e6 && !(o->low == 0 && o->high == 1))
         snprintf(range, sizeof range, "; %g to %g", o->low, o->high);
     if (o->alias && o->alias[0] == '=')
         snprintf(alias, sizeof alias, " Also %s--%s%s.", quote, o->alias + 1, quote);
-    help_note(index, standard, range, note);
-    snprintf(text, sizeof text, note[0] ? "%s (%s).%s%s" : "%s%.0s.%s%s", o->help, note, tiers[o->tier],
-             alias);
+    snprintf(text, sizeof text, standard[0] ? "%s (%s%s).%s%s" : "%s%.0s%.0s.%s%s", o->help, standard, range,
+             tiers[o->tier], alias);
     help_entry(to, page, help_option_text(o, name), text);
-}
-
-static void help_not_refined(FILE *to, int page)
-{
-    char names[400], word[40];
-    size_t used = 0;
-    for (int i = 0; i < cli_option_count(); i++)
-        if (cli_option_of_job(i) >= 0 && cli_option_at(i)->use & OXL_OPTION_NOT_REFINED &&
-            used < sizeof names)
-            used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", used ? ", " : "",
-                                     cli_option_word(cli_option_at(i), word));
-    help_group(to, page, "Refinements");
-    help_entry(to, page, names,
-               "off while a finished model is refined: after merging, for viewers, to continue a run.");
 }
 
 static void help_full(FILE *to, int page)
@@ -258,7 +220,6 @@ static void help_full(FILE *to, int page)
         for (int i = g; i < cli_option_count(); i++)
             if (help_is_of_group(i, g)) help_full_option(to, page, i);
     }
-    help_not_refined(to, page);
     help_group(to, page, "What train writes to OUT");
     for (size_t i = 0; i < sizeof HELP_OUTPUTS / sizeof *HELP_OUTPUTS; i++)
         help_entry(to, page, HELP_OUTPUTS[i].name, HELP_OUTPUTS[i].what);
@@ -269,21 +230,11 @@ static void help_full(FILE *to, int page)
 static void manual_command(FILE *to, enum command command)
 {
     const struct cli_command *c = &CLI_COMMANDS[command];
-    const char *before = "Options: ";
     fprintf(to, ".SS oceanxl %s ", c->name);
     manual_lines(to, "", c->usage);
     manual_lines(to, "", c->purpose);
     manual_lines(to, ".PP\n.EX\n    ", c->example);
     manual_lines(to, ".EE\n.PP\n", c->more);
-    fputs(".PP\n", to);
-    for (int i = 0; i < cli_option_count(); i++) {
-        char word[40];
-        if (!cli_option_is_of(i, command)) continue;
-        fputs(before, to);
-        manual_text(to, cli_option_word(cli_option_at(i), word));
-        before = ",\n";
-    }
-    fputs(".\n", to);
 }
 
 void help_manual(FILE *to)
@@ -317,53 +268,4 @@ void help_page(FILE *to)
         to);
     help_full(to, 1);
     fprintf(to, "\nExit codes: %s", HELP_CODES);
-}
-
-/* ---------------- completion in bash, and in zsh by its bashcompinit */
-
-/* Lists the words that an option accepts, separated by blanks. Returns 0 for an option of any value: the
- * shell then offers file names. */
-static int complete_choices(const oxl_option *o, char out[200])
-{
-    size_t n = 0;
-    if (o->kind != OXL_OPTION_CHOICE && o->kind != OXL_OPTION_PRESET) return 0;
-    for (const char *at = o->value; *at && n + 1 < 200; at++) out[n++] = *at == '|' ? ' ' : *at;
-    out[n] = 0;
-    return 1;
-}
-
-static void complete_command(FILE *to, enum command command)
-{
-    char word[40], choices[200];
-    fprintf(to, "    %s)\n        case $prev in\n", CLI_COMMANDS[command].name);
-    for (int i = 0; i < cli_option_count(); i++) {
-        const oxl_option *o = cli_option_at(i);
-        if (!cli_option_is_of(i, command) || !complete_choices(o, choices)) continue;
-        fprintf(to, "        %s) COMPREPLY=($(compgen -W '%s' -- \"$cur\")); return ;;\n",
-                cli_option_word(o, word), choices);
-    }
-    fputs("        esac\n        words='", to);
-    for (int i = 0; i < cli_option_count(); i++)
-        if (cli_option_is_of(i, command)) fprintf(to, " %s", cli_option_word(cli_option_at(i), word));
-    fputs("' ;;\n", to);
-}
-
-void complete_print(FILE *to)
-{
-    fputs(
-        "# completion of oceanxl in bash and zsh; made by: oceanxl --completion\n"
-        "[ -z \"$ZSH_VERSION\" ] || { autoload -U compinit bashcompinit; whence compdef >/dev/null || compinit; bashcompinit; }\n"
-        "_oceanxl() {\n"
-        "    local cur=${COMP_WORDS[COMP_CWORD]} prev=${COMP_WORDS[COMP_CWORD-1]} words=\n"
-        "    if [ \"$COMP_CWORD\" = 1 ]; then\n"
-        "        COMPREPLY=($(compgen -W '",
-        to);
-    for (int i = 1; i < COMMANDS; i++) fprintf(to, "%s ", CLI_COMMANDS[i].name);
-    fputs("--help --version' -- \"$cur\"))\n        return\n    fi\n    case ${COMP_WORDS[1]} in\n", to);
-    for (enum command i = COMMAND_TRAIN; i < COMMANDS; i++) complete_command(to, i);
-    fputs("    esac\n"
-          "    case $cur in -*) COMPREPLY=($(compgen -W \"$words\" -- \"$cur\")) ;; esac\n"
-          "}\n"
-          "complete -o default -F _oceanxl oceanxl\n",
-          to);
 }

@@ -1,10 +1,12 @@
 /* info.c - prints statistics of a model (number of Gaussians, position, size, opacity, nonfinite values) and
- * tables of a partition; compares and copies the imaging.txt beside models. */
+ * tables of a partition; keeps imaging.txt with a model that is converted. */
 #include "cli.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+
+#define INFO_FIRST "gaussians"
 
 static int info_compare(const void *a, const void *b)
 {
@@ -12,224 +14,140 @@ static int info_compare(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-struct spread info_spread(const float *plane, size_t count, float *sorted)
+/* Prints a figure, or a list in brackets: a line of text, or a member of JSON. */
+static void info_line(FILE *to, int json, const char *name, const char *text)
 {
-    size_t n = 0;
+    if (json) fprintf(to, "%s\n  \"%s\": %s", strcmp(name, INFO_FIRST) ? "," : "{", name, text);
+    else print_format(to, "%-11s %s\n", name, text);
+}
+
+/* Prints the 5th, 50th and 95th percentile of the finite values of a plane, each through `map`. */
+static void info_spread(FILE *to, int json, const char *name, const float *plane, size_t count, float *sorted,
+                        double (*map)(double))
+{
+    char text[200];
+    size_t n = 0, at[3];
     for (size_t i = 0; i < count; i++)
         if (isfinite(plane[i])) sorted[n++] = plane[i];
-    if (n == 0) return (struct spread){0, 0, 0};
     qsort(sorted, n, sizeof *sorted, info_compare);
-    return (struct spread){sorted[n / 20], sorted[n / 2], sorted[n - 1 - n / 20]};
+    if (n == 0) sorted[n++] = 0;
+    at[0] = n / 20, at[1] = n / 2, at[2] = n - 1 - n / 20;
+    snprintf(text, sizeof text, "[%.6g, %.6g, %.6g]", map((double)sorted[at[0]]), map((double)sorted[at[1]]),
+             map((double)sorted[at[2]]));
+    info_line(to, json, name, text);
 }
 
-#define INFO_NUMBER(value) oxl_json_number_text((char[48]){0}, value)
-
-static void info_write_head(FILE *to, const oxl_model *m, int json)
+static double info_same(double value)
 {
-    const double scale = m->scale > 0 ? m->scale : 1;
-    if (json)
-        fprintf(to,
-                "{\n  \"gaussians\": %zu,\n  \"lobes\": %zu,\n  \"sh_degree\": %d,\n  \"not_finite\": %zu,\n"
-                "  \"origin\": [%s, %s, %s],\n  \"scale\": %s",
-                m->count, m->lobes, m->sh_degree, m->not_finite, INFO_NUMBER(m->origin[0]),
-                INFO_NUMBER(m->origin[1]), INFO_NUMBER(m->origin[2]), INFO_NUMBER(scale));
-    else
-        fprintf(
-            to,
-            "Gaussians   %zu\nlobes       %zu (Gaussians with a second one)\nSH degree   %d\nnot finite  %zu\n"
-            "origin      %.10g %.10g %.10g (world = local + origin)\n"
-            "scale       %.10g (units of this file in a unit of the survey)\n"
-            "            5th, 50th, 95th percentile\n",
-            m->count, m->lobes, m->sh_degree, m->not_finite, m->origin[0], m->origin[1], m->origin[2], scale);
+    return value;
 }
 
-/* Prints the spread of a parameter. */
-static void info_write_spread(FILE *to, const char *name, const struct spread *s, int json)
+static double info_logistic(double value)
 {
-    const float value[3] = {s->low, s->middle, s->high};
-    if (!json) {
-        fprintf(to, "%-11s %.4g  %.4g  %.4g\n", name, s->low, s->middle, s->high);
-        return;
-    }
-    fprintf(to, ",\n  \"%s\": [", name);
-    for (int k = 0; k < 3; k++) {
-        fputs(k ? ", " : "", to);
-        if (isfinite(value[k])) fprintf(to, "%.6g", value[k]);
-        else fputs("null", to);
-    }
-    fputc(']', to);
+    return 1 / (1 + exp(-value));
 }
 
-static void info_write(FILE *to, const oxl_model *m, float *sorted, int json)
+static void info_model(FILE *to, const oxl_model *m, float *sorted, int json)
 {
-    static const char *const names[] = {"x", "y", "z", "scale_0", "scale_1", "scale_2", "opacity"};
-    static const int planes[] = {OXL_MEAN,          OXL_MEAN + 1,      OXL_MEAN + 2, OXL_LOG_SCALE,
-                                 OXL_LOG_SCALE + 1, OXL_LOG_SCALE + 2, OXL_OPACITY};
-    info_write_head(to, m, json);
-    for (int i = 0; i < 7; i++) {
-        struct spread s = info_spread(m->plane[planes[i]], m->count, sorted);
-        if (i >= 3 && i < 6) s = (struct spread){expf(s.low), expf(s.middle), expf(s.high)};
-        if (i == 6)
-            s = (struct spread){1 / (1 + expf(-s.low)), 1 / (1 + expf(-s.middle)), 1 / (1 + expf(-s.high))};
-        info_write_spread(to, names[i], &s, json);
-    }
+    static const struct {
+        const char *name;
+        int plane;
+        double (*map)(double);
+    } planes[] = {{"x", OXL_MEAN, info_same},
+                  {"y", OXL_MEAN + 1, info_same},
+                  {"z", OXL_MEAN + 2, info_same},
+                  {"scale_0", OXL_LOG_SCALE, exp},
+                  {"scale_1", OXL_LOG_SCALE + 1, exp},
+                  {"scale_2", OXL_LOG_SCALE + 2, exp},
+                  {"opacity", OXL_OPACITY, info_logistic}};
+    const double counts[] = {(double)m->count, (double)m->lobes, m->sh_degree, (double)m->not_finite,
+                             m->scale > 0 ? m->scale : 1};
+    static const char *const names[] = {INFO_FIRST, "lobes", "sh_degree", "not_finite", "scale"};
+    char origin[3][48], text[160];
+    for (int i = 0; i < 5; i++) info_line(to, json, names[i], oxl_json_number_text((char[48]){0}, counts[i]));
+    for (int k = 0; k < 3; k++) oxl_json_number_text(origin[k], m->origin[k]);
+    snprintf(text, sizeof text, "[%s, %s, %s]", origin[0], origin[1], origin[2]);
+    info_line(to, json, "origin", text);
+    if (!json) fputs("            5th, 50th, 95th percentile\n", to);
+    for (size_t i = 0; i < sizeof planes / sizeof *planes; i++)
+        info_spread(to, json, planes[i].name, m->plane[planes[i].plane], m->count, sorted, planes[i].map);
 }
 
 /* ---------------- imaging.txt beside a model (docs/IMAGING.md) */
 
-static void info_imaging_path(const char *model, char path[4096])
+/* Splits a path into folder, with its slash, and name. Returns the name. */
+static const char *info_folder(const char *path, char folder[4096])
 {
-    const char *base = strrchr(model, '/');
-    snprintf(path, 4096, "%.*simaging.txt", base ? (int)(base + 1 - model) : 0, model);
+    const char *slash = strrchr(path, '/');
+    snprintf(folder, 4096, "%.*s", slash ? (int)(slash + 1 - path) : 2, slash ? path : "./");
+    return slash ? slash + 1 : path;
 }
 
-/* Opens the imaging.txt beside `model`; returns NULL if there is none. */
-static FILE *info_open_imaging(const char *model)
+/* Prints the lines of the imaging.txt beside the model, and how many images have gains and poses. */
+static void info_imaging(FILE *to, const char *path, int json)
 {
-    char path[4096];
-    info_imaging_path(model, path);
-    return oxl_open(path);
-}
-
-/* Returns 1 for scene.* and scene_standard.*, whose colours hold the medium, as viewers need it. */
-static int info_is_for_viewers(const char *model)
-{
-    const char *base = strrchr(model, '/');
-    base = base ? base + 1 : model;
-    return strncmp(base, "scene.", 6) == 0 || strncmp(base, "scene_standard.", 15) == 0;
-}
-
-static int info_is_gain(const char *line)
-{
-    return strncmp(line, "gain ", 5) == 0;
-}
-
-static int info_is_pose(const char *line)
-{
-    return strncmp(line, "pose ", 5) == 0;
-}
-
-static int info_is_medium(const char *line) /* of bD, bB or Binf */
-{
-    return line[0] == 'b' || line[0] == 'B' || line[0] == 'f';
-}
-
-/* Returns 1 for a line whose effect the colours of a model for viewers hold; gains: oxl_has_gains_alone. */
-static int info_is_hidden(const char *line, int gains)
-{
-    return info_is_medium(line) || (gains && info_is_gain(line));
-}
-
-/* Returns 1 for the line with the file's checksum, which a copy without some of the lines must not have. */
-static int info_is_checksum(const char *line)
-{
-    return strncmp(line, "# checksum ", 11) == 0;
-}
-
-static void info_write_imaging(oxl_context *ctx, FILE *to, const char *path, int json)
-{
-    FILE *file = info_open_imaging(path);
-    const int alone = oxl_has_gains_alone(ctx, path);
+    char folder[4096], *text;
     int gains = 0, poses = 0, lines = 0;
-    char line[4096];
-    while (file && fgets(line, sizeof line, file)) {
-        if (info_is_hidden(line, alone) && info_is_for_viewers(path)) continue;
-        gains += info_is_gain(line);
-        poses += info_is_pose(line);
-        if (line[0] == '#' || info_is_gain(line) || info_is_pose(line)) continue;
-        line[strcspn(line, "\r\n")] = 0;
-        if (json) {
-            fputs(lines ? ", " : ",\n  \"imaging\": [", to);
-            json_print(to, line);
-        } else print_format(to, "%s%s\n", lines ? "            " : "imaging     ", line);
+    info_folder(path, folder);
+    text = output_read(folder, "imaging.txt", NULL);
+    for (char *line = text, *next; line && *line; line = next) {
+        next = line + strcspn(line, "\n");
+        if (*next) *next++ = 0;
+        gains += strncmp(line, "gain ", 5) == 0;
+        poses += strncmp(line, "pose ", 5) == 0;
+        if (line[0] == '#' || strncmp(line, "gain ", 5) == 0 || strncmp(line, "pose ", 5) == 0) continue;
+        fputs(json ? lines ? ", " : ",\n  \"imaging\": [" : lines ? "            " : "imaging     ", to);
+        if (json) json_print(to, line);
+        else print_format(to, "%s\n", line);
         lines++;
     }
     if (lines && json) fputc(']', to);
     if (gains) fprintf(to, json ? ",\n  \"gains\": %d" : "gains       of %d images, in imaging.txt\n", gains);
     if (poses) fprintf(to, json ? ",\n  \"poses\": %d" : "poses       of %d images, in imaging.txt\n", poses);
-    if (file) fclose(file);
+    free(text);
 }
 
-/* Adds the lines of the imaging.txt beside `model` that are hidden, or all the others. Returns 1
- * if there is such a file. */
-static int info_take_lines(oxl_context *ctx, struct output *t, const char *model, int hidden)
+/* Returns 1 for scene.* and scene_standard.*, whose colours hold the medium, as viewers need it. */
+static int info_is_for_viewers(const char *name)
 {
-    FILE *file = info_open_imaging(model);
-    const int alone = oxl_has_gains_alone(ctx, model);
-    char line[4096];
-    while (file && fgets(line, sizeof line, file))
-        if (line[0] != '#' && info_is_hidden(line, alone) == hidden) output_bytes(t, line, strlen(line));
-    if (file) fclose(file);
-    return file != NULL;
+    return strncmp(name, "scene.", 6) == 0 || strncmp(name, "scene_standard.", 15) == 0;
 }
 
-/* Compares the lines that `from` is rendered with and those that `to` will be.
- * Returns 1 if they are the same. */
-static int info_is_same_imaging(oxl_context *ctx, const char *from, const char *to, int hidden,
-                                struct output *a, struct output *b)
+oxl_result info_convert_imaging(oxl_context *ctx, const char *from, const char *to, int is_written, FILE *say)
 {
-    if (!hidden || !info_is_for_viewers(from)) info_take_lines(ctx, a, from, hidden);
-    /* from's is copied there */
-    if (!info_take_lines(ctx, b, to, hidden)) output_bytes(b, a->data ? a->data : "", a->used);
-    if (hidden && info_is_for_viewers(to)) b->used = 0;
-    return a->failed || b->failed || (a->used == b->used && (!a->used || !memcmp(a->data, b->data, a->used)));
-}
-
-int info_takes_medium(oxl_context *ctx, const char *model)
-{
-    const char *base = strrchr(model, '/');
-    struct output lines = {0};
-    const int is_clear = strncmp(base ? base + 1 : model, "scene_clear.", 12) == 0;
-    const int takes =
-        !is_clear && !info_is_for_viewers(model) && info_take_lines(ctx, &lines, model, 1) && lines.used;
-    free(lines.data);
-    return takes;
-}
-
-oxl_result info_check_imaging(oxl_context *ctx, const char *from, const char *to, int *is_other)
-{
-    struct output hidden[2] = {{0}, {0}}, rest[2] = {{0}, {0}};
-    const int same = info_is_same_imaging(ctx, from, to, 1, &hidden[0], &hidden[1]);
+    char source[4096], target[4096];
+    const int viewers = info_is_for_viewers(info_folder(from, source)),
+              named_so = info_is_for_viewers(info_folder(to, target));
+    char *imaging = output_read(source, "imaging.txt", NULL),
+         *there = output_read(target, "imaging.txt", NULL);
+    struct output t = {0};
+    char path[4200];
     oxl_result rc = OXL_OK;
-    *is_other = !info_is_same_imaging(ctx, from, to, 0, &rest[0], &rest[1]);
-    if (!same)
+    snprintf(path, sizeof path, "%simaging.txt", target);
+    if (!is_written && viewers && !named_so && there)
         rc = oxl_fail(
             ctx, OXL_ERR_USAGE,
-            hidden[1].used
-                ? "%s: not written: it would be rendered with the medium or gains that imaging.txt beside "
-                  "it has, unlike %s\nfix: another folder"
-                : "%s: not written: models called scene.* are rendered without the medium or gains of "
-                  "imaging.txt, unlike %s\nfix: another name, such as clear.ply",
+            "%s: not written: it would be rendered with the medium or gains that imaging.txt beside it "
+            "has, unlike %s\nfix: another folder",
             to, from);
-    for (int i = 0; i < 2; i++) free(hidden[i].data), free(rest[i].data);
+    if (!is_written && !viewers && named_so && imaging)
+        rc = oxl_fail(ctx, OXL_ERR_USAGE,
+                      "%s: not written: models called scene.* are rendered without the medium or gains of "
+                      "imaging.txt, unlike %s\nfix: another name, such as clear.ply",
+                      to, from);
+    if (is_written && there && imaging && strcmp(there, imaging) != 0)
+        print_format(say, "oxl: imaging.txt beside %s is another model's: it is kept, and applies\n", to);
+    if (is_written && !viewers && imaging && !there) {
+        output_add(&t, "%s", imaging);
+        if (!output_save(&t, path))
+            rc = oxl_fail(ctx, OXL_ERR_IO,
+                          "%s: the gains of the images could not be copied beside the model, which is there\n"
+                          "fix: free space on the disk, and copy imaging.txt from beside %s",
+                          path, from);
+    }
+    free(imaging);
+    free(there);
     return rc;
-}
-
-oxl_result info_copy_imaging(oxl_context *ctx, const char *from, const char *to, int *copied)
-{
-    FILE *in = info_open_imaging(from), *there = in ? info_open_imaging(to) : NULL;
-    const int hides = info_is_for_viewers(from), alone = hides && oxl_has_gains_alone(ctx, from);
-    struct output out = {0};
-    char path[4096], line[4096];
-    int failed = 0, left = 0;
-    while (in && fgets(line, sizeof line, in))
-        left |= line[0] != '#' && !(hides && info_is_hidden(line, alone));
-    if (in) rewind(in);
-    *copied = in && !there && (left || !alone);
-    info_imaging_path(to, path);
-    if (*copied) output_open(&out, path);
-    while (*copied && fgets(line, sizeof line, in))
-        if (!info_is_checksum(line) && !(hides && info_is_hidden(line, alone)))
-            output_bytes(&out, line, strlen(line));
-    if (*copied) failed = ferror(in) != 0, out.failed |= failed, failed |= !output_close(&out);
-    if (in) fclose(in);
-    if (there) fclose(there);
-    if (!failed) return OXL_OK;
-    *copied = 0;
-    return oxl_fail(ctx, OXL_ERR_IO,
-                    "%s: the gains of the images could not be copied beside the model, which is there\n"
-                    "fix: free space on the disk, and copy imaging.txt from beside %s",
-                    path, from);
 }
 
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json)
@@ -239,10 +157,11 @@ oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json)
     oxl_result rc = oxl_model_read(ctx, path, &model);
     if (rc != OXL_OK) return rc;
     sorted = malloc((model.count + 1) * sizeof *sorted);
-    if (sorted) info_write(to, &model, sorted, json);
-    else rc = OXL_ERR_MEMORY;
-    if (sorted) info_write_imaging(ctx, to, path, json);
-    if (sorted && json) fprintf(to, "\n}\n");
+    if (sorted) {
+        info_model(to, &model, sorted, json);
+        info_imaging(to, path, json);
+        if (json) fprintf(to, "\n}\n");
+    } else rc = OXL_ERR_MEMORY;
     free(sorted);
     oxl_model_free(ctx, &model);
     return rc;

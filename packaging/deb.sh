@@ -26,6 +26,6 @@ Installed-Size: $(du -sk "$root/usr" | cut -f 1)
 Description: 3D Gaussian Splatting of large underwater surveys
  Turns a COLMAP export of an underwater survey into one compact model of 3D
  Gaussians, on the CPU. Holds the program, oceanxl-lab (synthetic surveys and
- studies), the manual page, completion, the headers and the static library.
+ studies), the manual page, the headers and the static library.
 EOF
 dpkg-deb --root-owner-group --build "$root" "$out/oceanxl_${version}_$arch.deb"
