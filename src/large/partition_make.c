@@ -31,11 +31,16 @@ OXL_INTERNAL int partition_has_view(const struct partition *p, int block, int vi
 
 OXL_INTERNAL int partition_starts_from(const struct partition *p, int block, size_t point)
 {
-    struct tracks_walk w = tracks_of_point(scene_colmap(p->plan->scene), p->plan->view_of, point);
-    if (p->plan->owner[point] == block) return 1;
-    while (tracks_next(&w))
-        if (partition_has_view(p, block, w.view)) return 1;
-    return 0;
+    const struct partition_plan *plan = p->plan;
+    const struct colmap *c = scene_colmap(plan->scene);
+    const struct colmap_track *t = c->track + c->point[point].first_track;
+    const uint8_t *role = plan->role + (size_t)block * (size_t)oxl_scene_view_count(plan->scene);
+    int found = plan->owner[point] == block;
+    for (uint32_t k = 0; k < c->point[point].track_count && !found; k++) {
+        const int view = plan->view_of[t[k].image_row];
+        found = view >= 0 && role[view] != PARTITION_OUT;
+    }
+    return found;
 }
 
 /* Decides on the views of a block by the paper's two rules, exactly, in integers. seen: (views) points of the
