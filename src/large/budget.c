@@ -139,16 +139,19 @@ OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *
 
 /* ---------------- blocks that fit */
 
-/* Returns 1 if each block fits; otherwise *worst is the load of one that does not. */
+/* Returns 1 if each block fits; otherwise *worst is the load of the largest one that does not. */
 static int budget_fits_all(const oxl_scene *scene, const struct partition *p, const oxl_job_options *o,
                            struct cost_load *worst)
 {
+    double most = 0;
     for (int k = 0; k < p->block_count; k++) {
         oxl_job_options tried = *o;
-        *worst = p->block_count > 1 ? cost_load_of_block(p, k) : cost_load_of_scene(scene);
-        if (!budget_fit(worst, &tried)) return 0;
+        const struct cost_load load =
+            p->block_count > 1 ? cost_load_of_block(p, k) : cost_load_of_scene(scene);
+        const double bytes = cost_memory(o, &load, (double)load.points);
+        if (bytes > most && !budget_fit(&load, &tried)) *worst = load, most = bytes;
     }
-    return 1;
+    return most == 0;
 }
 
 OXL_INTERNAL size_t budget_limit(const oxl_scene *scene, const oxl_job_options *o)
@@ -160,28 +163,23 @@ OXL_INTERNAL size_t budget_limit(const oxl_scene *scene, const oxl_job_options *
     return is_open && cost_memory(o, &load, most) > BUDGET_MARGIN * free ? (size_t)free : o->ram;
 }
 
-/* Halves the points of a block until each block fits `limited`, or refuses the limits of o. */
-static oxl_result budget_halve_blocks(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
-                                      const oxl_job_options *limited, struct partition *out)
+/* Doubles the number of blocks until each fits `limited`, or refuses the limits of o. */
+static oxl_result budget_divide(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
+                                const oxl_job_options *limited, struct partition *out)
 {
     oxl_partition_options tried = o->partition;
-    const size_t points = scene->stats.points;
     struct cost_load worst;
     oxl_result rc = OXL_OK;
-    if (tried.blocks == 0 && tried.block_points == 0) tried.block_points = (int)OXL_CLAMP(points, 1, INT_MAX);
     while (rc == OXL_OK && !budget_fits_all(scene, out, limited, &worst)) {
-        if (tried.blocks > 0) { /* Makes more blocks than were requested. */
-            tried.block_points = (int)(points / (size_t)tried.blocks);
-            tried.blocks = 0;
-        }
-        tried.block_points /= 2;
+        tried.blocks = 2 * OXL_MAX(tried.blocks, out->block_count);
+        tried.block_points = 0;
         partition_free(ctx, out);
-        if (tried.kind == OXL_PARTITION_NONE || tried.block_points < BUDGET_POINTS)
+        if (tried.kind == OXL_PARTITION_NONE || scene->stats.points / (size_t)tried.blocks < BUDGET_POINTS)
             return budget_refuse(ctx, &worst, o, 0);
         rc = partition_make(ctx, scene, &tried, out);
         if (rc == OXL_OK)
-            oxl_log(ctx, OXL_LOG_INFO, "memory of %.0f MB: blocks of at most %d points",
-                    (double)(limited->ram ? limited->ram : limited->device_ram) / 1e6, tried.block_points);
+            oxl_log(ctx, OXL_LOG_INFO, "memory of %.0f MB: %d blocks",
+                    (double)(limited->ram ? limited->ram : limited->device_ram) / 1e6, out->block_count);
     }
     return rc;
 }
@@ -194,7 +192,7 @@ OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scen
     oxl_job_options limited = *o;
     oxl_result rc = partition_make(ctx, scene, &o->partition, out);
     limited.ram = OXL_MAX(budget_limit(scene, o), (size_t)reading * 1048576);
-    if (rc == OXL_OK && budget_is_limited(&limited)) rc = budget_halve_blocks(ctx, scene, o, &limited, out);
+    if (rc == OXL_OK && budget_is_limited(&limited)) rc = budget_divide(ctx, scene, o, &limited, out);
     if (rc == OXL_OK && o->ram && limited.ram > o->ram)
         rc = oxl_fail(ctx, OXL_ERR_BUDGET,
                       "reading the survey alone takes %.0f MB, --ram allows %.0f MB\nfix: --ram %.0fM",

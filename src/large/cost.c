@@ -38,20 +38,23 @@ OXL_INTERNAL int cost_iterations(const oxl_job_options *o, int images)
     return (int)OXL_MIN(OXL_MIN(more * o->train.iterations, most), INT_MAX);
 }
 
+static void cost_add_view(struct cost_load *load, const oxl_scene *scene, int view)
+{
+    const oxl_camera *c = &oxl_scene_view(scene, view)->camera;
+    const double pixels = (double)c->width * c->height;
+    load->views++;
+    load->pixels += pixels;
+    load->largest = OXL_MAX(load->largest, pixels);
+    load->largest_file = OXL_MAX(load->largest_file, scene_file_pixels(scene, view));
+}
+
 OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene)
 {
     const struct scene_stats *stats = &scene->stats;
     struct cost_load load = {.points = stats->points ? stats->points : scene_start_count(scene),
                              .observations = stats->observations,
-                             .views = stats->views,
                              .schedule_pixels = schedule_pixels(scene)};
-    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
-        const oxl_camera *c = &oxl_scene_view(scene, i)->camera;
-        const double pixels = (double)c->width * c->height;
-        load.pixels += pixels;
-        load.largest = OXL_MAX(load.largest, pixels);
-        load.largest_file = OXL_MAX(load.largest_file, scene_file_pixels(scene, i));
-    }
+    for (int v = 0; v < oxl_scene_view_count(scene); v++) cost_add_view(&load, scene, v);
     return load;
 }
 
@@ -59,23 +62,18 @@ OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int 
 {
     const struct partition_plan *plan = p->plan;
     const struct partition_block *b = &p->block[block];
-    const size_t views = (size_t)oxl_scene_view_count(plan->scene);
+    const struct scene_stats *stats = &plan->scene->stats;
+    const int views = oxl_scene_view_count(plan->scene);
     const double size = (double)OXL_MAX(b->points, (size_t)1);
-    struct cost_load load = {.points = b->points,
-                             .observations = plan->scene->stats.observations,
-                             .survey = (sizeof(struct colmap_point) + sizeof(oxl_point)) *
-                                       (double)(plan->scene->stats.points - b->points),
-                             .context = OXL_MAX(0, (double)b->start_points / size - 1)};
-    for (size_t v = 0; v < views; v++) {
-        const oxl_camera *c = &oxl_scene_view(plan->scene, (int)v)->camera;
-        if (plan->role[(size_t)block * views + v] == PARTITION_OUT) continue;
-        load.views++;
-        load.pixels += (double)c->width * c->height;
-        load.largest = OXL_MAX(load.largest, (double)c->width * c->height);
-        load.largest_file = OXL_MAX(load.largest_file, scene_file_pixels(plan->scene, (int)v));
-    }
-    load.schedule_pixels =
-        schedule_pixels(plan->scene) * size / (double)OXL_MAX(plan->scene->stats.points, (size_t)1);
+    struct cost_load load = {
+        .points = b->points,
+        .observations = stats->observations,
+        .schedule_pixels = schedule_pixels(plan->scene) * size / (double)OXL_MAX(stats->points, (size_t)1),
+        .survey = (sizeof(struct colmap_point) + sizeof(oxl_point)) * (double)(stats->points - b->points),
+        .context = OXL_MAX(0, (double)b->start_points / size - 1)};
+    for (int v = 0; v < views; v++)
+        if (plan->role[(size_t)block * (size_t)views + (size_t)v] != PARTITION_OUT)
+            cost_add_view(&load, plan->scene, v);
     return load;
 }
 
