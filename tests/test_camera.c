@@ -92,7 +92,7 @@ TEST(camera_models_have_the_ids_of_colmap)
                  {"RADIAL_FISHEYE", 9}, {"DIVISION", 13}, {"EQUIRECTANGULAR", 17}};
     for (size_t i = 0; i < OXL_COUNT(known); i++)
         CHECK(camera_model_find(known[i].name, strlen(known[i].name)) == known[i].id);
-    CHECK(camera_model_count() == 18);
+    CHECK(camera_model_at(17) && !camera_model_at(18));
 }
 
 TEST(camera_of_the_whole_sphere_is_refused_with_a_fix)

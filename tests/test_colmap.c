@@ -112,31 +112,31 @@ void colmap_observed_free(struct colmap_observed *o)
     oxl_free(test_ctx, o->first);
 }
 
+/* Rows are the same; where observations and tracks lie is not. */
 int colmap_same(const struct colmap *a, const struct colmap *b)
 {
     int same = a->camera_count == b->camera_count && a->image_count == b->image_count &&
-               a->point_count == b->point_count && a->track_count == b->track_count &&
-               a->names_size == b->names_size;
-    for (size_t i = 0; same && i < a->camera_count; i++) {
-        struct colmap_camera x = a->camera[i], y = b->camera[i];
-        same = x.id == y.id && x.model == y.model && x.width == y.width && x.height == y.height &&
-               memcmp(x.parameter, y.parameter, sizeof x.parameter) == 0;
-    }
+               a->point_count == b->point_count && a->track_count == b->track_count;
+    for (size_t i = 0; same && i < a->camera_count; i++)
+        same = a->camera[i].id == b->camera[i].id && a->camera[i].model == b->camera[i].model &&
+               a->camera[i].width == b->camera[i].width && a->camera[i].height == b->camera[i].height &&
+               memcmp(a->camera[i].parameter, b->camera[i].parameter, sizeof a->camera[i].parameter) == 0;
     for (size_t i = 0; same && i < a->image_count; i++) {
-        struct colmap_image x = a->image[i], y = b->image[i];
-        same = x.id == y.id && x.camera_id == y.camera_id && x.name == y.name &&
-               (x.points_size == 0) == (y.points_size == 0) &&
-               memcmp(x.rotation, y.rotation, sizeof x.rotation) == 0 &&
-               memcmp(x.translation, y.translation, sizeof x.translation) == 0;
+        const struct colmap_image *x = &a->image[i], *y = &b->image[i];
+        same = x->id == y->id && x->camera_id == y->camera_id &&
+               strcmp(a->names + x->name, b->names + y->name) == 0 &&
+               memcmp(x->rotation, y->rotation, sizeof x->rotation) == 0 &&
+               memcmp(x->translation, y->translation, sizeof x->translation) == 0 &&
+               (x->points_size == 0) == (y->points_size == 0);
     }
     for (size_t i = 0; same && i < a->point_count; i++) {
-        struct colmap_point x = a->point[i], y = b->point[i];
-        same = x.id == y.id && x.error == y.error && memcmp(x.rgb, y.rgb, 3) == 0 &&
-               x.track_count == y.track_count && x.first_track == y.first_track &&
-               memcmp(x.position, y.position, sizeof x.position) == 0;
+        const struct colmap_point *x = &a->point[i], *y = &b->point[i];
+        same = x->id == y->id && memcmp(x->position, y->position, sizeof x->position) == 0 &&
+               x->error == y->error && memcmp(x->rgb, y->rgb, 3) == 0 && x->track_count == y->track_count &&
+               (x->track_count == 0 || memcmp(a->track + x->first_track, b->track + y->first_track,
+                                              x->track_count * sizeof *a->track) == 0);
     }
-    return same && memcmp(a->names, b->names, a->names_size) == 0 &&
-           (a->track_count == 0 || memcmp(a->track, b->track, a->track_count * sizeof *a->track) == 0);
+    return same;
 }
 
 /* The good model, changed in a way that must not matter, reads as before; `warnings` oddities are mended. */

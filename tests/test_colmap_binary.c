@@ -111,40 +111,13 @@ static void colmap_capture_all(void *user, oxl_log_level level, const char *text
 
 /* ---------------- what is read */
 
-/* Rows are the same; where observations and tracks lie is not. */
-static int binary_same(const struct colmap *a, const struct colmap *b)
-{
-    int same = a->camera_count == b->camera_count && a->image_count == b->image_count &&
-               a->point_count == b->point_count && a->track_count == b->track_count;
-    for (size_t i = 0; same && i < a->camera_count; i++)
-        same = a->camera[i].id == b->camera[i].id && a->camera[i].model == b->camera[i].model &&
-               a->camera[i].width == b->camera[i].width && a->camera[i].height == b->camera[i].height &&
-               memcmp(a->camera[i].parameter, b->camera[i].parameter, sizeof a->camera[i].parameter) == 0;
-    for (size_t i = 0; same && i < a->image_count; i++) {
-        const struct colmap_image *x = &a->image[i], *y = &b->image[i];
-        same = x->id == y->id && x->camera_id == y->camera_id &&
-               strcmp(a->names + x->name, b->names + y->name) == 0 &&
-               memcmp(x->rotation, y->rotation, sizeof x->rotation) == 0 &&
-               memcmp(x->translation, y->translation, sizeof x->translation) == 0 &&
-               (x->points_size == 0) == (y->points_size == 0);
-    }
-    for (size_t i = 0; same && i < a->point_count; i++) {
-        const struct colmap_point *x = &a->point[i], *y = &b->point[i];
-        same = x->id == y->id && memcmp(x->position, y->position, sizeof x->position) == 0 &&
-               x->error == y->error && memcmp(x->rgb, y->rgb, 3) == 0 && x->track_count == y->track_count &&
-               (x->track_count == 0 || memcmp(a->track + x->first_track, b->track + y->first_track,
-                                              x->track_count * sizeof *a->track) == 0);
-    }
-    return same;
-}
-
 static void binary_check_same(const char *text_folder, const char *binary_folder, size_t window)
 {
     struct colmap text, binary;
     CHECK_OK(colmap_read(test_ctx, text_folder, &text));
     CHECK_OK(colmap_read_buffered(test_ctx, binary_folder, window, &binary));
     CHECK(text.format == COLMAP_TEXT && binary.format == COLMAP_BINARY && binary.warnings == 0);
-    CHECK(binary_same(&text, &binary));
+    CHECK(colmap_same(&text, &binary));
     colmap_free(test_ctx, &text);
     colmap_free(test_ctx, &binary);
 }

@@ -49,14 +49,9 @@ OXL_INTERNAL int camera_model_find(const char *name, size_t length)
     return -1;
 }
 
-OXL_INTERNAL int camera_model_count(void)
-{
-    return (int)OXL_COUNT(camera_models);
-}
-
 OXL_INTERNAL const struct camera_model *camera_model_at(int index)
 {
-    return index >= 0 && index < camera_model_count() ? &camera_models[index] : NULL;
+    return index >= 0 && index < (int)OXL_COUNT(camera_models) ? &camera_models[index] : NULL;
 }
 
 OXL_INTERNAL const char *camera_model_list(void)

@@ -110,7 +110,6 @@ struct camera_model {
     enum camera_kind kind;
 };
 OXL_INTERNAL int camera_model_find(const char *name, size_t length); /* COLMAP's MODEL_ID; -1: unknown */
-OXL_INTERNAL int camera_model_count(void);
 OXL_INTERNAL const struct camera_model *camera_model_at(int index); /* NULL: COLMAP has no model of this id */
 OXL_INTERNAL const char *camera_model_list(void); /* "SIMPLE_PINHOLE, PINHOLE, ..." for messages */
 
