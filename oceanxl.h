@@ -429,8 +429,7 @@ typedef enum oxl_dog {
     OXL_DOG_OFF = 0,
     /* those whose mean |dL/d(u, v)|, of the splat's centre, is above dog_threshold late in the run */
     OXL_DOG_SELECTIVE,
-    OXL_DOG_ALL,
-    OXL_DOG_AUTO /* selective if a trial with validation views shows a gain */
+    OXL_DOG_ALL
 } oxl_dog;
 
 /* Whether exposure, lamp or medium is modelled (docs/IMAGING.md). */
@@ -447,8 +446,7 @@ typedef enum oxl_keep_kind {
     OXL_KEEP_ALL = 0,
     OXL_KEEP_FRACTION, /* this fraction, 0..1 */
     OXL_KEEP_COUNT,    /* at most this number */
-    OXL_KEEP_BYTES,    /* as many as fit into a file of this size */
-    OXL_KEEP_AUTO      /* the smallest number without loss on validation views */
+    OXL_KEEP_BYTES     /* as many as fit into a file of this size */
 } oxl_keep_kind;
 typedef struct oxl_keep {
     oxl_keep_kind kind;
@@ -528,12 +526,8 @@ typedef struct oxl_train_options {
     int gaps;         /* 1: Gaussians to start from also where a view has no point nearby */
     /* difference-of-Gaussians lobes */
     oxl_dog dog;
-    /* fraction of the run at which lobes are assigned, during pruning [OceanXL sec. 3.2] */
-    float dog_from;
-    /* on the mean gradient, in units of half an image; <= 0: minus the fraction without a lobe */
-    float dog_threshold;
-    float dog_opacity_factor, dog_scale_factor; /* a new lobe relative to its Gaussian */
-    const oxl_terms *terms;                     /* NULL: none; not recorded in run.json */
+    float dog_threshold;    /* on the mean gradient, in units of half an image */
+    const oxl_terms *terms; /* NULL: none; not recorded in run.json */
     /* in a block: iterations of the whole run, which rates and intervals follow; 0: `iterations` */
     int survey_iterations;
     float tried[4]; /* values of options that are being tried out: CONTRIBUTING, "An idea of your own" */

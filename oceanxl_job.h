@@ -90,7 +90,6 @@ typedef enum oxl_option_kind {                    /* what the field holds, and i
                                OXL_OPTION_UCD,
                                /* oxl_keep: 0.5, 400000, 80MB (B, KB, MB, GB, TB; KiB...), auto, all */
                                OXL_OPTION_KEEP,
-                               OXL_OPTION_LIMIT /* float: 0.0002; or 90%, stored as -0.9 */
 } oxl_option_kind;
 
 typedef enum oxl_option_tier { OXL_TIER_BASIC = 0, OXL_TIER_ADVANCED, OXL_TIER_EXPERT } oxl_option_tier;

@@ -134,28 +134,19 @@ TEST(job_writes_model_metrics_log_renders_and_last_run_json)
     CHECK(!os_is_file(test_path("out/renders/1.png.png")));
 }
 
-/* Steps 61 to 63 are tried with and without bands; what the last of them has become is logged, once it is
- * decided. */
-TEST(job_log_holds_no_iteration_twice_and_no_trial)
+TEST(job_log_holds_no_iteration_twice)
 {
-    NEEDS_PART(sh_degree);
     oxl_job_options options = job_test_options();
     struct os_file_map map = {0};
-    int last = 0, tried = 0, gaps = 0;
-    options.scene.test_every = 0; /* 9 views: enough for validation views */
-    options.train.iterations = 3000;
-    options.train.sh_degree = -1;
-    options.train.lamp = options.train.medium = OXL_OFF; /* no other trials */
+    int last = 0;
+    options.train.iterations = 400;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     CHECK_OK(os_read_file(test_ctx, test_path("out/blocks/000/log.csv"), &map));
     for (const char *at = strchr(map.data, '\n'); at && at[1]; at = strchr(at + 1, '\n')) {
-        const int row = atoi(at + 1);
-        CHECK(row > last);
-        gaps += row != last + 15; /* 200 rows */
-        tried += row > 1500 && row < 1575;
-        last = row;
+        CHECK(atoi(at + 1) > last);
+        last = atoi(at + 1);
     }
-    CHECK(last == 3000 && gaps == 1 && tried == 0);
+    CHECK(last == 400);
     os_release_file(test_ctx, &map);
 }
 
@@ -1034,13 +1025,9 @@ TEST(job_with_a_lamp_and_no_medium_shows_even_light_in_scene_ply_and_refines_not
 TEST(job_says_in_run_json_what_was_decided_and_why)
 {
     NEEDS_PART(ucd);
-    NEEDS_PART(sh_degree);
     oxl_job_options options = job_test_options();
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     CHECK(job_test_has(test_path("out/run.json"), "\"decisions\": {\"partition\": {\"chosen\": \"none\", "));
-    CHECK(job_test_has(
-        test_path("out/run.json"),
-        "\"sh_degree\": {\"chosen\": \"3\", \"evidence\": \"too few iterations or training views for a trial"));
     CHECK(job_test_has(test_path("out/run.json"),
                        "\"ucd\": {\"chosen\": \"off\", \"evidence\": \"depth weights off"));
 }

@@ -14,7 +14,7 @@ static struct cost_load budget_test_load(void)
 static oxl_job_options budget_test_options(double ram)
 {
     oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
-    o.train.iterations = 3000; /* with a trial of SH degrees */
+    o.train.iterations = 3000;
     o.ram = (size_t)ram;
     o.train.sh_degree = -1; /* as in the preset, also where no part of the build reads it */
     return o;
@@ -38,7 +38,7 @@ static double budget_test_degree_3(const oxl_job_options *o, const struct cost_l
     return cost_memory(&of, load, gaussians);
 }
 
-TEST(budget_takes_the_cache_then_trials_then_the_sh_degree_then_gaussians)
+TEST(budget_takes_the_cache_then_the_sh_degree_then_gaussians)
 {
     NEEDS_PART(sh_degree);
     const struct cost_load load = budget_test_load();
@@ -58,10 +58,9 @@ TEST(budget_takes_the_cache_then_trials_then_the_sh_degree_then_gaussians)
         if (!budget_fit(&load, &o)) continue;
         CHECK(cost_memory(&o, &load, o.train.max_gaussians) <= 0.9 * ram);
         seen[1 + o.train.sh_degree]++;
-        CHECK(o.train.sh_degree < 0 ||
-              (o.train.sh_degree == 1) == (budget_test_degree_3(&o, &load, wanted) > 0.9 * ram));
+        CHECK((o.train.sh_degree == 1) == (budget_test_degree_3(&o, &load, wanted) > 0.9 * ram));
     }
-    CHECK(seen[1 + 3] && seen[1 + 1]);
+    CHECK(seen[1 - 1] && seen[1 + 1]);
     o = budget_test_options(5e8);
     o.train.sh_degree = 2;
     CHECK(budget_fit(&load, &o) && o.train.sh_degree == 2); /* as asked */
@@ -136,7 +135,6 @@ TEST(budget_is_what_partition_predicts_with)
     oxl_job_options options = job_test_options();
     oxl_partition_report free = {0}, limited = {0};
     options.train.max_gaussians = 300000;
-    options.train.sh_degree = -1; /* with trials, whatever the build */
     options.train.iterations = 3000;
     CHECK_OK(oxl_partition(test_ctx, job_test_survey_of(30000), test_path("free"), &options, &free));
     /* not less than the tests hold, which is more with a sanitizer */
@@ -210,7 +208,7 @@ static double budget_test_bytes_each(const oxl_job_options *o)
     return (cost_memory(o, &load, 1e5) - cost_memory(o, &load, 0)) / 1e5;
 }
 
-/* A run without trials that ends with gains or a medium holds its model while another one is refined. */
+/* A run that ends with gains or a medium holds its model while another one is refined. */
 TEST(budget_counts_the_model_beside_which_one_for_viewers_is_refined)
 {
     oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);

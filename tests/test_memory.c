@@ -19,13 +19,11 @@ static oxl_job_options memory_options(void)
 {
     oxl_job_options o = job_test_options();
     o.train.densify_every = 3;
-    o.train.densify_until = 0.6f;
-    o.train.dog_from = 0.785f;
     o.train.densify_gradient = 1e-6f;
     o.train.ucd.mode = OXL_UCD_AUTO;
     o.train.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.7};
     o.train.dog = OXL_DOG_SELECTIVE;
-    o.train.dog_threshold = -0.5f;
+    o.train.dog_threshold = 1e-5f;
     o.train.sh_degree = 1;
     o.partition.block_points = 24;
     return o;

@@ -2,17 +2,21 @@
 #include "test.h"
 #include "../src/parts/prune.h"
 
-TEST(prune_keep_reads_shares_counts_sizes_and_auto)
+TEST(prune_keep_reads_shares_counts_and_sizes)
 {
     static const struct {
         const char *text;
         oxl_keep_kind kind;
         double value;
-    } cases[] = {{"0.5", OXL_KEEP_FRACTION, 0.5},   {"400000", OXL_KEEP_COUNT, 400000},
-                 {"4e5", OXL_KEEP_COUNT, 400000},   {"80MB", OXL_KEEP_BYTES, 80e6},
-                 {"80m", OXL_KEEP_BYTES, 80e6},     {"1.5GiB", OXL_KEEP_BYTES, 1.5 * 1073741824},
-                 {"300kb", OXL_KEEP_BYTES, 300000}, {"auto", OXL_KEEP_AUTO, 0},
-                 {"all", OXL_KEEP_ALL, 0},          {"1", OXL_KEEP_ALL, 0}};
+    } cases[] = {{"0.5", OXL_KEEP_FRACTION, 0.5},
+                 {"400000", OXL_KEEP_COUNT, 400000},
+                 {"4e5", OXL_KEEP_COUNT, 400000},
+                 {"80MB", OXL_KEEP_BYTES, 80e6},
+                 {"80m", OXL_KEEP_BYTES, 80e6},
+                 {"1.5GiB", OXL_KEEP_BYTES, 1.5 * 1073741824},
+                 {"300kb", OXL_KEEP_BYTES, 300000},
+                 {"all", OXL_KEEP_ALL, 0},
+                 {"1", OXL_KEEP_ALL, 0}};
     static const char *const wrong[] = {"",    "0",    "-0.5", "half", "80MBit", "80 MB",
                                         "nan", "0.5x", "inf",  "MB",   "1,5"};
     oxl_keep keep;
@@ -42,7 +46,7 @@ static struct prune_log prune_simulate(struct prune *p, int iterations, size_t c
     for (int step = 1; step <= iterations; step++) {
         size_t drop;
         prune_observe(p, step, l1);
-        drop = prune_due(p, step, count, 0);
+        drop = prune_due(p, step, count);
         if (prune_is_check_step(p, step)) l1 *= factor;
         if (!drop) continue;
         count -= drop;
@@ -112,29 +116,6 @@ TEST(model_row_bytes_are_those_of_the_file)
     }
 }
 
-TEST(prune_auto_continues_while_the_validation_loss_holds)
-{
-    struct prune p;
-    size_t count = 8000, at_limit = 0;
-    int last = 0;
-    prune_begin(&p, (oxl_keep){OXL_KEEP_AUTO, 0}, 40000, 20000, 300, 248);
-    for (int step = 1; step <= 40000; step++) {
-        /* 1.2 % worse below 4000 */
-        const size_t drop = prune_due(&p, step, count, count < 4000 ? 0.1012 : 0.1);
-        if (drop) last = step;
-        if (drop && count < 4000) at_limit++;
-        count -= drop;
-    }
-    CHECK(count < 4000 && count >= 3500 && at_limit == 0 && last < 30200);
-    prune_begin(&p, (oxl_keep){OXL_KEEP_AUTO, 0}, 40000, 20000, 300, 248);
-    /* nothing to judge by */
-    for (int step = 1; step <= 40000; step++) CHECK(prune_due(&p, step, 8000, NAN) == 0);
-    prune_begin(&p, (oxl_keep){OXL_KEEP_AUTO, 0}, 40000, 20000, 300, 248);
-    /* its first steps were a trial's */
-    for (int step = p.start + 1; step <= 40000; step++) prune_due(&p, step, 8000, 0.1);
-    CHECK(p.drops > 0);
-}
-
 static void prune_state(struct archive *a, void *user)
 {
     prune_archive(a, NULL, user);
@@ -148,13 +129,13 @@ TEST(prune_continues_from_its_archive)
     prune_begin(&whole, (oxl_keep){OXL_KEEP_FRACTION, 0.3}, 4000, 2000, 50, 248);
     prune_begin(&half, (oxl_keep){OXL_KEEP_FRACTION, 0.3}, 4000, 2000, 50, 248);
     for (int step = 1; step <= 2210; step++)
-        prune_observe(&whole, step, 1.0 / step), count -= prune_due(&whole, step, count, 0);
+        prune_observe(&whole, step, 1.0 / step), count -= prune_due(&whole, step, count);
     CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", prune_state, &whole));
     CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", prune_state, &half, &found));
     again = count;
     for (int step = 2211; step <= 4000; step++) {
-        const size_t drop = (prune_observe(&whole, step, 1.0 / step), prune_due(&whole, step, count, 0));
-        CHECK((prune_observe(&half, step, 1.0 / step), prune_due(&half, step, again, 0)) == drop);
+        const size_t drop = (prune_observe(&whole, step, 1.0 / step), prune_due(&whole, step, count));
+        CHECK((prune_observe(&half, step, 1.0 / step), prune_due(&half, step, again)) == drop);
         count -= drop, again -= drop;
     }
     CHECK(found && count == 30000 && again == 30000);

@@ -597,7 +597,7 @@ TEST(train_refuses_shares_of_a_run_outside_0_to_1_for_the_sh_degree_and_for_seco
     scene = train_scene(4);
     o.sh_degree_interval = 0;
     CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
-    o.sh_degree_interval = 0.1f, o.dog = OXL_DOG_ALL, o.dog_from = o.densify_until;
+    o.sh_degree_interval = 0.1f, o.dog = OXL_DOG_ALL, o.densify_until = 0.6f;
     CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
     oxl_scene_free(test_ctx, scene);
 }

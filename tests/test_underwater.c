@@ -255,7 +255,6 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
     struct checkpoint_case c = checkpoint_of(exposure_scene(14, 0.3f, 0.4), train_options(1000));
     oxl_model model;
     struct oxl_imaging whole;
-    c.options.sh_degree = -1;
     c.options.exposure = OXL_ON;
     CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
     CHECK_OK(imaging_create(test_ctx, 14, &whole));

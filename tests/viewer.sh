@@ -11,7 +11,7 @@ mkdir -p "$folder"
 cd "$folder"
 "$program" synth -o survey --views 16 --size 192x128 --origin 1000,-500,20 --quiet >/dev/null
 for lobes in off selective; do
-    "$program" train survey -o "$lobes" --iterations 400 --medium off --dog $lobes --dog-threshold 50% --threads 1 --quiet >/dev/null
+    "$program" train survey -o "$lobes" --iterations 400 --medium off --dog $lobes --dog-threshold 0.00001 --threads 1 --quiet >/dev/null
     "$program" render "$lobes/scene.ply" survey -o "$lobes/drawn" --depth --quiet >/dev/null
 done
 "$program" convert off/scene.ply off/scene.spz --quiet >/dev/null

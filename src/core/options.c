@@ -258,17 +258,6 @@ static int option_read_choice(const oxl_option *o, const char *text, int *out)
     return choice >= 0;
 }
 
-/* Parses 0.0002, or 90%, held as -0.9. */
-static int option_read_limit(const oxl_option *o, const char *text, float *out)
-{
-    static const double percent = 1;
-    double v;
-    if (!option_number(text, "%", &percent, &v)) return 0;
-    if (strchr(text, '%') ? v > 100 : !((float)v >= (float)o->low && v <= o->high)) return 0;
-    *out = strchr(text, '%') ? (float)(-v / 100) : (float)v;
-    return 1;
-}
-
 OXL_INTERNAL oxl_ucd option_default_ucd(void)
 {
     return (oxl_ucd){.mode = OXL_UCD_AUTO, .f_mid = 1.5f, .f_far = 2.0f};
@@ -313,7 +302,6 @@ OXL_INTERNAL int option_read_keep(const char *text, oxl_keep *out)
 {
     const char *at = text, *end = text + strlen(text);
     double value;
-    if (strcmp(text, "auto") == 0) return *out = (oxl_keep){OXL_KEEP_AUTO, 0}, 1;
     if (strcmp(text, "all") == 0) return *out = (oxl_keep){OXL_KEEP_ALL, 0}, 1;
     if (!parse_double(&at, end, &value) || (*at && !(option_unit(at) > 0))) return 0;
     if (*at) value *= option_unit(at);
@@ -371,7 +359,6 @@ static int option_read(const oxl_option *o, const char *text, void *options)
     case OXL_OPTION_PRESET: return option_read_preset(o, text, options);
     case OXL_OPTION_UCD: return option_read_ucd(text, field);
     case OXL_OPTION_KEEP: return option_read_keep(text, field);
-    case OXL_OPTION_LIMIT: return option_read_limit(o, text, field);
     default: break;
     }
     if (!option_read_number(o, text, &v)) return 0;
@@ -432,19 +419,6 @@ oxl_result oxl_option_set(const oxl_option *option, void *options, const char *t
 
 /* ---------------- a value to text */
 
-/* Finds the percentage that is read back as this negative float. */
-static void option_get_percent(float value, char *out, size_t size)
-{
-    char digits[NUMBER_TEXT_MAX];
-    for (int precision = 3; precision <= 17; precision++) { /* 100 has three digits */
-        const char *at = digits;
-        double v;
-        format_digits(digits, 100 * fabs((double)value), precision);
-        if (parse_double(&at, at + strlen(at), &v) && (float)(-v / 100) == value) break;
-    }
-    snprintf(out, size, "%s%%", digits);
-}
-
 static void option_get_ucd(const oxl_ucd *ucd, char *out, size_t size)
 {
     static const char *const modes[] = {"off", "on", "auto"};
@@ -467,7 +441,6 @@ static void option_get_keep(const oxl_keep *keep, char *out, size_t size)
     format_shortest(digits, keep->value);
     switch (keep->kind) {
     case OXL_KEEP_ALL: snprintf(out, size, "all"); break;
-    case OXL_KEEP_AUTO: snprintf(out, size, "auto"); break;
     case OXL_KEEP_BYTES: snprintf(out, size, "%sB", digits); break;
     default: snprintf(out, size, "%s", digits);
     }
@@ -548,10 +521,6 @@ const char *oxl_option_get(const oxl_option *o, const void *options, char *out, 
         break;
     case OXL_OPTION_UCD: option_get_ucd(field, out, size); break;
     case OXL_OPTION_KEEP: option_get_keep(field, out, size); break;
-    case OXL_OPTION_LIMIT:
-        if (*f <= 0) option_get_percent(*f, out, size);
-        else option_get_number(&(oxl_option){.kind = OXL_OPTION_FLOAT}, field, out, size);
-        break;
     default: option_get_number(o, field, out, size);
     }
     return out;

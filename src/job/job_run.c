@@ -214,10 +214,9 @@ static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_
     const struct cost_load load = cost_load_of_scene(job->scene);
     *o = job->options;
     if (!budget_fit(&load, o)) return budget_refuse(job->ctx, &load, o, 0);
-    if (o->train.sh_degree != job->options.train.sh_degree || o->train.dog != job->options.train.dog)
-        oxl_log(job->ctx, OXL_LOG_INFO,
-                "--ram %.0f MB has no room for trials: SH degree %d and no second lobes",
-                (double)o->ram / 1e6, o->train.sh_degree);
+    if (o->train.sh_degree != job->options.train.sh_degree)
+        oxl_log(job->ctx, OXL_LOG_INFO, "--ram %.0f MB has room for SH degree %d alone", (double)o->ram / 1e6,
+                o->train.sh_degree);
     task->train = o->train;
     task->predicted_peak = cost_memory(o, &load, cost_gaussians(o, &load));
     job_limit_time(job, &task->train);

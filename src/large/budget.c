@@ -1,9 +1,8 @@
 /* budget.c - finds limits by which the training of a block fits into a memory budget (--ram), and into a
  * device's (--device-ram), by the predictions of cost.c.
  *
- * The image cache is reduced first, then trials are given up (they copy the model; `auto` then decides
- * nothing and depth weights stay fixed), then the SH degree, the expected number of Gaussians and the size of
- * the blocks are reduced. Without --ram, a run that would exceed the free memory is planned as if --ram were
+ * The image cache is reduced first, then an SH degree that is `auto`, the expected number of Gaussians and
+ * the size of the blocks. Without --ram, a run that would exceed the free memory is planned as if --ram were
  * that much; partition.txt records the number.
  *
  * Invariant: the result depends on the survey, the options and that number alone, not on the memory that a
@@ -55,17 +54,10 @@ static double budget_gaussians(const oxl_job_options *o, const struct cost_load 
     return OXL_MAX(0, floor(most));
 }
 
-static void budget_disable_trials(oxl_job_options *o)
-{
-    if (o->train.sh_degree < 0) o->train.sh_degree = 3;
-    if (o->train.dog == OXL_DOG_AUTO) o->train.dog = OXL_DOG_OFF;
-}
-
 OXL_INTERNAL double budget_max_gaussians(const struct cost_load *load, const oxl_job_options *o)
 {
     oxl_job_options bare = *o;
     bare.scene.image_cache_bytes = budget_cache(o);
-    budget_disable_trials(&bare);
     return budget_gaussians(&bare, load);
 }
 
@@ -79,14 +71,11 @@ static double budget_wanted(const oxl_job_options *o, const struct cost_load *lo
 OXL_INTERNAL int budget_limit_gaussians(const struct cost_load *load, oxl_job_options *o)
 {
     const double most = (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
-    const int is_given = o->train.sh_degree >= 0;
     double gaussians;
     if (!budget_is_limited(o)) return 1;
     o->scene.image_cache_bytes = budget_cache(o);
-    if (o->ram && cost_memory(o, load, cost_gaussians(o, load)) > BUDGET_MARGIN * (double)o->ram)
-        budget_disable_trials(o);
     gaussians = OXL_MIN(most, budget_gaussians(o, load));
-    if (!is_given && o->train.sh_degree >= 0 && gaussians < floor(budget_wanted(o, load))) {
+    if (o->train.sh_degree < 0 && gaussians < floor(budget_wanted(o, load))) {
         o->train.sh_degree = BUDGET_SH;
         gaussians = OXL_MIN(most, budget_gaussians(o, load));
     }

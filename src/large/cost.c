@@ -90,10 +90,9 @@ OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load
     const double cache =
         image_cache_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
     const double depths = parts_bytes(&o->train, (double)load->observations, load->views);
-    /* Counts sets of planes: parameters and two moments; a trial keeps two more copies of each, in memory
-     * that grows by quarters; a model for viewers is refined beside the one that it begins with. */
-    const double refined = cost_may_refine(&o->train) ? 4 : 3,
-                 sets = parts_trials(&o->train) > 0 ? 3 + 2 * 3 * 1.25 : refined;
+    /* Counts sets of planes: parameters and two moments; a model for viewers is refined beside the one that
+     * it begins with. */
+    const double sets = cost_may_refine(&o->train) ? 4 : 3;
     return COST_PROGRAM_BYTES + cache + load->largest * COST_PIXEL_BYTES +
            gaussians * (sets * 4 * planes + COST_SPLAT_BYTES) +
            gaussians * load->context * (4 * planes + COST_SPLAT_BYTES) +

@@ -49,11 +49,10 @@
 #define EXPOSURE_MIN_GAIN 0.3
 #define EXPOSURE_SURE 0.8 /* dB: a half of the views that gains so much is enough */
 enum {
+    EXPOSURE_VIEWS = 8,    /* training views: with fewer there is no trial */
     EXPOSURE_TRIED = 1000, /* iterations: in shorter runs the trial takes too large a part */
     EXPOSURE_STEPS = 200   /* of each of the four runs of a trial; with 100 the right ones do not stand out */
 };
-
-OXL_TABLE const struct part part_exposure;
 
 static oxl_result exposure_begin(struct train *t, void *state)
 {
@@ -203,7 +202,7 @@ static int exposure_may_try(const struct train *t)
     const oxl_train_options *o = t->options;
     const int views = schedule_training_views(t->scene);
     return o->iterations >= EXPOSURE_TRIED && o->max_seconds == 0 && o->sh_degree != 0 && !t->task.window &&
-           !t->task.from && views >= SELECTION_VIEWS_MIN && views <= PHOTOMETRY_VIEWS;
+           !t->task.from && views >= EXPOSURE_VIEWS && views <= PHOTOMETRY_VIEWS;
 }
 
 static void exposure_use_tracks(struct train *t, void *state, const struct photometry *p)
@@ -213,7 +212,7 @@ static void exposure_use_tracks(struct train *t, void *state, const struct photo
     if (t->options->exposure == OXL_OFF || e->is_decided) return;
     e->is_tried = e->mode == OXL_AUTO && exposure_may_try(t);
     exposure_set_from_tracks(e, p, why, sizeof why);
-    t->trial = e->is_tried && e->of.on ? &part_exposure : NULL;
+    t->trial = e->is_tried && e->of.on;
     selection_record_auto(t, "exposure", t->options->exposure, e->of.on, why);
     e->is_decided = !t->trial && (p->parts & PHOTOMETRY_GAINS);
 }

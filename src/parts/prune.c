@@ -25,11 +25,9 @@
 #define PRUNE_EVERY (1.0 / 80) /* of the run, between checks: 500 of 40 000 ["Prune Wisely", code] */
 #define PRUNE_PATIENCE 3       /* checks without a drop: 1500 of 40 000 */
 #define PRUNE_RECOVERY 0.99    /* x the L1 before the last drop ["Prune Wisely", code; its paper says 0.95] */
-#define PRUNE_EPSILON 0.01     /* auto: the validation views' loss may rise by this fraction */
 enum {
-    PRUNE_EVERY_MIN = 25,   /* steps: minimum for Gaussians to adapt */
-    PRUNE_AUTO_DIVISOR = 8, /* auto: each drop removes one eighth of the rest */
-    PRUNE_VIEWS = 100,      /* a score is taken of so many views, or of 1 for each */
+    PRUNE_EVERY_MIN = 25, /* steps: minimum for Gaussians to adapt */
+    PRUNE_VIEWS = 100,    /* a score is taken of so many views, or of 1 for each */
     /* steps of the run, if that is more: five scores then cost about a sixteenth of it */
     PRUNE_STEPS_A_VIEW = 40
 };
@@ -71,7 +69,7 @@ OXL_INTERNAL int prune_is_check_step(const struct prune *p, int step)
     if (p->keep.kind == OXL_KEEP_ALL || step < p->start) return 0;
     if (step < p->end) return (step - p->start) % p->every == 0;
     /* late, where a trial went past the end */
-    return p->keep.kind != OXL_KEEP_AUTO && p->drops < (int)OXL_COUNT(prune_drops);
+    return p->drops < (int)OXL_COUNT(prune_drops);
 }
 
 OXL_INTERNAL void prune_observe(struct prune *p, int step, double l1)
@@ -81,18 +79,7 @@ OXL_INTERNAL void prune_observe(struct prune *p, int step, double l1)
     p->l1_count++;
 }
 
-/* Returns an eighth of the rows, while the validation loss permits and steps for refinement remain. */
-static size_t prune_due_auto(struct prune *p, int step, size_t count, double validation_loss)
-{
-    if (p->validation_loss == 0) /* not always at the start of the phase: a trial may be under way there */
-        p->validation_loss = validation_loss;
-    if (step > p->end - p->patience || !(validation_loss <= (1 + PRUNE_EPSILON) * p->validation_loss))
-        return 0;
-    p->drops++;
-    return count / PRUNE_AUTO_DIVISOR;
-}
-
-OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double validation_loss)
+OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count)
 {
     const int last_drop = (int)OXL_COUNT(prune_drops) - 1;
     const double mean = p->l1_count ? p->l1_sum / p->l1_count : 0;
@@ -100,7 +87,6 @@ OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double va
     if (!prune_is_check_step(p, step)) return 0;
     p->l1_sum = 0;
     p->l1_count = 0;
-    if (p->keep.kind == OXL_KEEP_AUTO) return prune_due_auto(p, step, count, validation_loss);
     if (p->first_count == 0) {
         p->first_count = count;
         p->target = prune_target(p, count);
@@ -118,12 +104,7 @@ OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double va
 OXL_INTERNAL void prune_describe(const struct prune *p, char *out, size_t size)
 {
     if (p->keep.kind == OXL_KEEP_ALL) snprintf(out, size, "all are kept: as set");
-    else if (p->keep.kind != OXL_KEEP_AUTO)
-        snprintf(out, size, "%zu of %zu after density control: as set", p->target, p->first_count);
-    else
-        snprintf(out, size,
-                 "%d drops of an eighth, while the loss of validation views rose by at most %.2g from %.4f",
-                 p->drops, PRUNE_EPSILON, p->validation_loss);
+    else snprintf(out, size, "%zu of %zu after density control: as set", p->target, p->first_count);
 }
 
 OXL_INTERNAL void prune_archive(struct archive *a, struct train *t, void *state)
@@ -137,7 +118,6 @@ OXL_INTERNAL void prune_archive(struct archive *a, struct train *t, void *state)
     archive_size(a, &p->target);
     archive_doubles(a, &p->drop_l1, 1);
     archive_doubles(a, &p->l1_sum, 1);
-    archive_doubles(a, &p->validation_loss, 1);
     archive_expect(a, p->drops >= 0 && p->last >= 0 && p->l1_count >= 0 && p->first_count >= p->target);
 }
 
@@ -291,27 +271,19 @@ OXL_INTERNAL oxl_result prune_remove_rows(struct train *t, const struct prune *p
 static oxl_result prune_after_step(struct train *t, void *state)
 {
     struct prune *p = state;
-    double validation_loss = NAN, psnr;
     size_t drop;
     oxl_result rc;
     if (!prune_is_check_step(p, t->step)) return OXL_OK;
     rc = step_flush(t);
-    if (rc == OXL_OK && p->keep.kind == OXL_KEEP_AUTO && t->validation_views > 0)
-        rc = selection_validate(t, &validation_loss, &psnr);
     if (rc != OXL_OK) return rc;
     p->row_bytes = prune_row_bytes(t->trained.model.sh_degree, t->options->dog != OXL_DOG_OFF);
-    drop = prune_due(p, t->step, t->trained.model.count, validation_loss);
+    drop = prune_due(p, t->step, t->trained.model.count);
     if (drop == 0) return OXL_OK;
     rc = prune_remove_rows(t, p, drop);
     if (rc == OXL_OK)
         oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu Gaussians of the lowest score removed, %zu left", t->step,
                 drop, t->trained.model.count);
     return rc;
-}
-
-static int prune_validates_until(const struct train *t, const void *state)
-{
-    return t->options->keep.kind == OXL_KEEP_AUTO ? ((const struct prune *)state)->end : 0;
 }
 
 static void prune_record(struct train *t, void *state)
@@ -324,7 +296,7 @@ static void prune_record(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option prune_options[] = {
-{"keep", "FRACTION|COUNT|SIZE|auto|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, PRESETS("all", "all", "0.5"), OXL_TIER_BASIC, TRAINING | RESULT | NOT_REFINED, "Scene content", "Gaussians to keep when pruning, in all blocks together, e.g. 0.5, 400000 or 80MB; auto: as few as preserve the validation loss. Half costs 0 to 0.7 dB, more in short runs", NULL},
+{"keep", "FRACTION|COUNT|SIZE|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, PRESETS("all", "all", "0.5"), OXL_TIER_BASIC, TRAINING | RESULT | NOT_REFINED, "Scene content", "Gaussians to keep when pruning, in all blocks together, e.g. 0.5, 400000 or 80MB; Half costs 0 to 0.7 dB, more in short runs", NULL},
 {0}};
 /* clang-format on */
 
@@ -335,5 +307,4 @@ OXL_INTERNAL const struct part part_prune = {.name = "prune",
                                              .archive = prune_archive,
                                              .after_loss = prune_after_loss,
                                              .after_step = prune_after_step,
-                                             .validates_until = prune_validates_until,
                                              .record = prune_record};

@@ -16,7 +16,6 @@ struct prune {
     double drop_l1;             /* mean L1 before the last drop */
     double l1_sum;              /* since the last check */
     int l1_count;
-    double validation_loss; /* auto: loss of the validation views at the phase's start */
 };
 /* Begins. densified: last step of density control; views: number of training views; row_bytes: of a kept
  * Gaussian in its file. */
@@ -25,11 +24,10 @@ OXL_INTERNAL void prune_begin(struct prune *p, oxl_keep keep, int iterations, in
 OXL_INTERNAL void prune_describe(const struct prune *p, char *out, size_t size); /* the result, as text */
 /* Observes the loss; call it after each step. Steps outside the phase are ignored. */
 OXL_INTERNAL void prune_observe(struct prune *p, int step, double l1);
-/* Returns 1 if prune_due checks; `auto` then needs validation_loss. */
+/* Returns 1 if prune_due checks. */
 OXL_INTERNAL int prune_is_check_step(const struct prune *p, int step);
-/* Returns after a step the number of `count` Gaussians to remove now. validation_loss: mean of the
- * validation views, for auto. */
-OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double validation_loss);
+/* Returns after a step the number of `count` Gaussians to remove now. */
+OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count);
 struct prune_of { /* what is pruned, and where it is seen */
     struct renderer *r;
     const oxl_scene *scene;

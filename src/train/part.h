@@ -68,12 +68,8 @@ struct part {
 
     /* Is called after a step and its density control. */
     oxl_result (*after_step)(struct train *t, void *state);
-    /* Returns the last step up to which validation views are held out of training; 0: the part needs none. */
-    int (*validates_until)(const struct train *t, const void *state);
-    /* Makes the trial that t->trial names. `start` is the state before it (model_selection.c). */
+    /* Makes the trial that t->trial asks for. `start` is the state before it (model_selection.c). */
     oxl_result (*trial)(struct train *t, void *state, struct train_branch *start);
-    /* Bounds from above the trials that a run makes, in lengths of a trial. */
-    int (*trials)(const oxl_train_options *options);
     /* Bounds from above the memory for so many observations of tracks in so many views. */
     double (*bytes)(const oxl_train_options *options, double observations, int views);
 

@@ -133,25 +133,9 @@ OXL_INTERNAL oxl_result parts_after_step(struct train *t)
     PARTS_CALL(after_step, t, t->part[k]);
 }
 
-OXL_INTERNAL int parts_validate_until(const struct train *t)
-{
-    int last = 0;
-    PARTS_FOR(k, validates_until) last = OXL_MAX(last, parts_at(k)->validates_until(t, t->part[k]));
-    return last;
-}
-
 OXL_INTERNAL oxl_result parts_trial(struct train *t, struct train_branch *start)
 {
-    for (int k = 0; parts_at(k); k++)
-        if (parts_at(k) == t->trial) return parts_at(k)->trial(t, t->part[k], start);
-    return OXL_OK;
-}
-
-OXL_INTERNAL int parts_trials(const oxl_train_options *options)
-{
-    int trials = 0;
-    PARTS_FOR(k, trials) trials += parts_at(k)->trials(options);
-    return trials;
+    PARTS_CALL(trial, t, t->part[k], start);
 }
 
 OXL_INTERNAL double parts_bytes(const oxl_train_options *options, double observations, int views)

@@ -26,7 +26,6 @@ OXL_INTERNAL oxl_result parts_before_observe(struct train *t);
 OXL_INTERNAL oxl_result parts_before_density(struct train *t, struct density_rules *rules);
 OXL_INTERNAL void parts_after_reset(struct train *t);
 OXL_INTERNAL oxl_result parts_after_step(struct train *t);
-OXL_INTERNAL int parts_validate_until(const struct train *t);
 OXL_INTERNAL oxl_result parts_trial(struct train *t, struct train_branch *start);
 OXL_INTERNAL void parts_report(const struct train *t, oxl_progress *progress);
 OXL_INTERNAL void parts_record(struct train *t);

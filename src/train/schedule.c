@@ -75,11 +75,6 @@ static double schedule_cooldown(const struct train *t)
     return left < t->options->cooldown ? 1 - left / t->options->cooldown : 0;
 }
 
-OXL_INTERNAL int schedule_trial_steps(const oxl_train_options *options)
-{
-    return OXL_MAX(1, (int)(1.0 / 40 * options->iterations));
-}
-
 /* Returns the alpha below which a contribution is omitted; in the last part of a run, the one of viewers. */
 OXL_INTERNAL float schedule_alpha_min(const struct train *t)
 {

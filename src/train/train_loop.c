@@ -274,12 +274,10 @@ OXL_INTERNAL oxl_result train_density(struct train *t)
 OXL_INTERNAL oxl_result train_step(struct train *t)
 {
     oxl_result rc;
-    selection_hold_views(t);
     rc = parts_before_step(t);
     if (rc == OXL_OK) rc = step_on_next_view(t);
     if (rc == OXL_OK) rc = train_density(t);
     if (rc == OXL_OK) rc = parts_after_step(t);
-    if (rc == OXL_OK) selection_release_views(t);
     return rc;
 }
 

@@ -48,7 +48,7 @@ struct train {
     struct density *density;
     int continues;               /* 1: from a trained model, with the scene's imaging */
     void *part[TRAIN_PARTS_MAX]; /* state of each row of the table of parts */
-    const struct part *trial;    /* whose trial is made before the next step; NULL: none */
+    int trial;                   /* 1: exposure's trial is made before the next step */
     int is_trial;                /* 1: steps are those of a trial */
     int *view;                   /* (views) training views in this epoch's order */
     int views, step;
@@ -74,7 +74,6 @@ struct train {
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t);
 OXL_INTERNAL float schedule_alpha_min(const struct train *t);
-OXL_INTERNAL int schedule_trial_steps(const oxl_train_options *options); /* of SH degree and lobes */
 OXL_INTERNAL int schedule_reset_interval(const oxl_train_options *options);
 OXL_INTERNAL int schedule_resets_opacity_at(const oxl_train_options *options, int step);
 OXL_INTERNAL void forecast_note_step(struct train *t); /* after each step, also of a trial */
@@ -118,22 +117,13 @@ OXL_INTERNAL void branch_archive(struct archive *a, void *train);
 
 /* ---------------- model_selection.c: model only what the scene requires */
 
-enum { SELECTION_VIEWS_MIN = 8 }; /* with fewer training views none is used for validation */
-
-/* Returns 1 if a training view is a validation view: an eighth of them, at most 8, evenly spaced. */
-OXL_INTERNAL int selection_is_validation_view(int index, int views);
 OXL_INTERNAL oxl_result selection_begin(struct train *t); /* lists the training views, in name order */
-/* Holds validation views out of training, when a decision comes near; called before a step. */
-OXL_INTERNAL void selection_hold_views(struct train *t);
-OXL_INTERNAL void selection_hold(struct train *t, int half); /* those (-1), or every second view (0 or 1) */
-/* Averages loss and PSNR over the validation views; NaN if none can be read. */
-OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr);
+/* Makes every second training view, from the first (0) or second (1) on, a validation view. */
+OXL_INTERNAL void selection_hold(struct train *t, int half);
 /* Trains for so many steps of a trial and evaluates the result on the validation views. */
 OXL_INTERNAL oxl_result selection_train_trial(struct train *t, int steps, double *psnr);
 /* Makes the trial t->trial, before a step; OXL_ERR_INTERRUPTED: it is to be repeated. */
 OXL_INTERNAL oxl_result selection_trial(struct train *t);
-/* Gives validation views that no part needs any more to training; called after a step. */
-OXL_INTERNAL void selection_release_views(struct train *t);
 OXL_INTERNAL void selection_archive(struct archive *a, struct train *t);
 /* Records the choice and its evidence for run.json. */
 OXL_INTERNAL void selection_record(struct train *t, const char *what, const char *chosen, const char *why);
