@@ -57,7 +57,6 @@
 #include "src/formats/ideal_camera.c"  /* the pinhole camera of undistorted images */
 #include "src/formats/survey_alpha.c"  /* transparent pixels: composited or masked */
 #include "src/formats/scene_views.c"   /* views of a survey */
-#include "src/formats/resect.c"        /* poses from the points that images saw */
 #include "src/formats/scene_build.c"   /* a scene from the rows of files: origin, points, masks */
 #include "src/formats/survey_load.c"   /* a scene from a survey's folder */
 #include "src/formats/imaging_file.c"  /* imaging.txt beside a model */

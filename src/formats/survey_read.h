@@ -30,36 +30,6 @@ OXL_INTERNAL oxl_result colmap_sightings_of(oxl_context *ctx, struct colmap_sigh
                                             const struct colmap_image *image);
 OXL_INTERNAL int colmap_sightings_next(struct colmap_sightings *s, struct colmap_sighting *out);
 
-/* ---------------- resect.c: poses from the points that images saw */
-
-/* Finds the poses of training views, beside those they have: pose (views) begins with zeros, and keeps them
- * where poses agree with points, or files have no tracks. *moved: number of views whose pose was found. */
-OXL_INTERNAL oxl_result scene_resect(oxl_context *ctx, const oxl_scene *scene, double (*pose)[POSE_TERMS],
-                                     int *moved);
-
-struct resect {
-    const oxl_camera *given;          /* pose to begin with */
-    const struct colmap_camera *lens; /* of the image file */
-    const double *origin;             /* of the scene */
-    const struct colmap_sighting *seen;
-    int count;
-    double limit; /* px; distances beyond it count linearly */
-};
-struct resect_found {
-    double before, after; /* px^2 / 2; mean cost of a point */
-    double shift;         /* px of the image file by which the points' projections move, rms */
-};
-/* Finds the pose with the lowest cost, from at least 3 points, beside `given`. */
-OXL_INTERNAL struct resect_found resect(const struct resect *r, double at[POSE_TERMS]);
-/* Returns 1 if the points support the pose found: most agree with it, and it is near the given one. */
-OXL_INTERNAL int resect_holds(const struct resect *r, const struct resect_found *f,
-                              const double at[POSE_TERMS]);
-/* Computes how far the camera `now` has a point from where it was seen, and its derivatives by a turn and a
- * move. 0: the camera does not see it. */
-OXL_INTERNAL int resect_residual(const struct resect *r, const oxl_camera *now,
-                                 const struct colmap_sighting *seen, double e[2],
-                                 double jacobian[2][POSE_TERMS]);
-
 /* ---------------- survey_files.c: image files of a survey */
 
 /* Finds a file, at most 3 folders deep, whose name equals `name` except for folder, extension and

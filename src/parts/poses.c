@@ -4,9 +4,7 @@
  * few tracks; such errors blur the model. Each training view has a turn and a move of its own
  * (survey/pose.c), which take a step at each visit by the exact gradient of the loss (render/pose.h).
  *
- * Before anything else looks at the scene, poses move onto the points that their images saw, where these do
- * not agree (formats/resect.c); all that is said here of given poses is then of those. Held-out views keep
- * theirs: they are test data, so that PSNR compares runs with and without.
+ * Held-out views keep their poses: they are test data, so that PSNR compares runs with and without.
  *
  * Gauge: poses and scene could drift together, away from the poses of held-out views. After each epoch the
  * mean turn and the mean move of all training views, in the axes of the world, are set to zero.
@@ -17,13 +15,11 @@
  * In a survey of several blocks the coarse model refines them, and all blocks use its poses.
  *
  * Invariant: off changes no byte of the result. The scene keeps the given poses until the run ends or pauses.
- * The state is archived; where the points say a pose is, a resumed run finds again, and compares with the
- * archive's checksum: 2D points that have changed since would be other poses below the same corrections.
+ * The state is archived.
  */
 #include "poses.h"
 #include "../core/option_rows.h"
 #include "../core/vecmath.h"
-#include "../formats/survey_read.h"
 #include "../survey/scene.h"
 
 #define POSES_FROM 0.05    /* of the run: Gaussians are rough before */
@@ -45,7 +41,7 @@ static oxl_result poses_allocate(oxl_context *ctx, struct poses *p, const oxl_sc
     return p->view && p->pose ? OXL_OK : OXL_ERR_MEMORY;
 }
 
-/* Keeps the poses of a continued run, else begins with those of the survey, moved onto their points. */
+/* Keeps the poses of a continued run, else begins with those of the survey. */
 static oxl_result poses_before_points(struct train *t, void *state)
 {
     struct poses *p = state;
@@ -60,8 +56,6 @@ static oxl_result poses_before_points(struct train *t, void *state)
         scene_move_views(t->survey, kept, t->posed);
         return OXL_OK;
     }
-    if (p->asked) rc = scene_resect(t->ctx, t->scene, p->pose, &p->resected);
-    if (p->resected) scene_move_views(t->survey, p->pose, t->posed);
     return rc;
 }
 
@@ -69,12 +63,9 @@ static oxl_result poses_begin(struct train *t, void *state)
 {
     struct poses *p = state;
     p->on = p->asked && !renderer_has_device(t->renderer);
-    if (p->on || !p->asked) return OXL_OK;
-    selection_record_auto(t, "poses", t->options->poses, p->resected > 0,
-                          "by the points alone: a device has no gradient of them");
-    if (t->options->poses == OXL_ON)
+    if (p->asked && !p->on)
         oxl_log(t->ctx, OXL_LOG_WARNING,
-                "poses are not refined with the scene: a device has no gradient of them (--backend cpu)");
+                "poses are not refined: a device has no gradient of them (--backend cpu)");
     return OXL_OK;
 }
 
@@ -89,12 +80,7 @@ static void poses_archive(struct archive *a, struct train *t, void *state)
 {
     struct poses *p = state;
     const int views = oxl_scene_view_count(t->scene);
-    uint64_t here, kept;
     if (!p->asked) return;
-    here = kept = checksum_add(CHECKSUM_SEED, p->pose, (size_t)views * sizeof *p->pose);
-    archive_numbers(a, &kept, 1, sizeof kept);
-    if (kept != here)
-        archive_fail(a, OXL_ERR_INPUT, "the images' 2D points say other poses than when it was written");
     archive_int(a, &p->on);
     archive_int(a, &p->steps);
     archive_expect(a, (p->on == 0 || p->on == 1) && p->steps >= 0);
@@ -191,10 +177,10 @@ static oxl_result poses_after_step(struct train *t, void *state)
     if (!p->on || t->options->poses != OXL_AUTO || t->step != (int)(POSES_DECIDE * t->options->iterations))
         return OXL_OK;
     shift = poses_shift(p, t->scene);
-    snprintf(why, sizeof why, "%safter %d steps they shift the images by %.2f px (rms); kept from %.2g px",
-             p->resected ? "moved onto their points; " : "", t->step, shift, POSES_SHIFT);
+    snprintf(why, sizeof why, "after %d steps they shift the images by %.2f px (rms); kept from %.2g px",
+             t->step, shift, POSES_SHIFT);
     p->on = shift >= POSES_SHIFT;
-    selection_record_auto(t, "poses", OXL_AUTO, p->on || p->resected, why);
+    selection_record_auto(t, "poses", OXL_AUTO, p->on, why);
     return OXL_OK;
 }
 
@@ -202,13 +188,14 @@ static void poses_store(struct train *t, void *state, oxl_model *model)
 {
     struct poses *p = state;
     (void)model;
-    for (int v = 0; p->on && v < oxl_scene_view_count(t->scene); v++) pose_add(p->pose[v], p->view[v].at);
-    if (!p->asked || p->on || p->resected) t->imaging->pose = p->pose, p->pose = NULL;
+    for (int v = 0; p->on && v < oxl_scene_view_count(t->scene); v++)
+        memcpy(p->pose[v], p->view[v].at, sizeof p->pose[v]);
+    if (!p->asked || p->on) t->imaging->pose = p->pose, p->pose = NULL;
 }
 
 /* clang-format off */
 static const oxl_option poses_options[] = {
-{"poses", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.poses), 0, 2, EACH("off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "refine training views' poses by points and, on the CPU, the scene; auto: kept if images shift by 0.2 px", NULL},
+{"poses", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.poses), 0, 2, EACH("off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "refine training views' poses with the scene, on the CPU; auto: kept if images shift by 0.2 px", NULL},
 {0}};
 /* clang-format on */
 

@@ -7,7 +7,6 @@
 
 struct poses {
     int asked, on;              /* by the options; on: and not found to be needless */
-    int resected;               /* views whose pose in `pose` is of their points */
     double depth;               /* units: what moves are measured by */
     int steps;                  /* of all views */
     struct pose *view;          /* (views) */

@@ -41,20 +41,6 @@ OXL_INTERNAL void pose_apply(const oxl_camera *given, const double at[POSE_TERMS
     }
 }
 
-/* C(v) (C(w) (x - c) - d) = C(v) C(w) (x - c - C(w)^T d). */
-OXL_INTERNAL void pose_add(double at[POSE_TERMS], const double more[POSE_TERMS])
-{
-    const double *w = at, *v = more, real = 1 - (w[0] * v[0] + w[1] * v[1] + w[2] * v[2]) / 4;
-    double turn[9], both[3];
-    camera_rotation_from_quaternion((double[4]){1, w[0] / 2, w[1] / 2, w[2] / 2}, turn);
-    for (int k = 0; k < 3; k++) {
-        const int next = (k + 1) % 3, last = (k + 2) % 3;
-        both[k] = (w[k] + v[k] + (v[next] * w[last] - v[last] * w[next]) / 2) / real;
-        at[3 + k] += turn[k] * more[3] + turn[3 + k] * more[4] + turn[6 + k] * more[5];
-    }
-    memcpy(at, both, sizeof both);
-}
-
 OXL_INTERNAL void pose_step(struct pose *p, const oxl_camera *given, const double world[POSE_TERMS],
                             const struct pose_rule *rule)
 {
