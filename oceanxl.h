@@ -495,8 +495,7 @@ typedef struct oxl_train_options {
      * with fewer than 30 training views and fewer than 4.6 images per point 0 at 30 steps per view, growing
      * to 0.4 at 60; else 0. */
     float dropout;
-    float alpha_min;          /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
-    float sh_degree_interval; /* fraction of the run after which the SH degree rises by 1 */
+    float alpha_min; /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
     /* Adam's learning rates [Kerbl 2023]; the position's is multiplied by the scene's extent and decays
      * exponentially */
     float lr_position, lr_position_final, lr_scale, lr_rotation, lr_opacity, lr_sh0, lr_sh;
@@ -530,7 +529,7 @@ typedef struct oxl_train_options {
     const oxl_terms *terms; /* NULL: none; not recorded in run.json */
     /* in a block: iterations of the whole run, which rates and intervals follow; 0: `iterations` */
     int survey_iterations;
-    float tried[4]; /* values of options that are being tried out: CONTRIBUTING, "An idea of your own" */
+    float experimental[4]; /* values of options that are tried out: CONTRIBUTING, "An idea of your own" */
 } oxl_train_options;
 
 OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);

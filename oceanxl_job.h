@@ -56,7 +56,6 @@ typedef struct oxl_job_options {
     /* images that train.iterations are for: more images raise them, few limit them; 0: neither */
     int iterations_for;
     int block;        /* train only this block and do not merge; -1: all */
-    int keep_decoded; /* 1: decoded images stay in OUT/blocks/decoded for the next run */
     int restart;      /* 1: train anew whatever run OUT holds */
     uint64_t seed;    /* 0: the context's */
     const char *from; /* model that training starts from; NULL: the survey's points */

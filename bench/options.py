@@ -11,7 +11,7 @@ program, runs, seed = os.path.abspath(sys.argv[1]), int((sys.argv + [0, 0])[2] o
 random.seed(seed)
 work = tempfile.mkdtemp()
 os.chdir(work)
-SKIP = {"images", "sparse", "masks", "from", "block", "device", "backend", "progress", "max-time", "ram", "keep-decoded",
+SKIP = {"images", "sparse", "masks", "from", "block", "device", "backend", "progress", "max-time", "ram",
         "iterations", "total-iterations", "force", "dry-run", "help", "json", "restart", "threads", "quiet", "preset", "renders"}
 SPECIAL = {  # values that are no number or word of a list
     "ucd": ["off", "on", "auto", "0.5,3", "1,1,fixed", "auto,2,2", "100,100"],

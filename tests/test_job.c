@@ -360,9 +360,7 @@ TEST(job_reads_decoded_images_from_files_and_ends_in_the_same_bytes)
     oxl_scene_free(test_ctx, a);
     oxl_scene_free(test_ctx, b);
     options.scene.image_cache_bytes = 1; /* memory holds one: files hold the rest */
-    options.keep_decoded = 1;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("small"), &options, NULL));
-    CHECK(os_is_folder(test_path("small/blocks/decoded")));
     options.scene.image_cache_bytes = 1 << 30;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("large"), &options, NULL));
     CHECK(job_test_same(test_path("small/scene.ply"), test_path("large/scene.ply")));

@@ -519,7 +519,7 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
     oxl_model model[6], again;
     const int threads = test_ctx->threads;
     for (int i = 0; i < 6; i++) o[i] = train_options(60), o[i].coarse = 0, o[i].densify_every = 50;
-    o[1].coarse = 0.5f, o[2].sh_degree_interval = 0.5f, o[3].short_run_exponent = 0, o[4].cooldown = 0,
+    o[1].coarse = 0.5f, o[2].sh_degree = 0, o[3].short_run_exponent = 0, o[4].cooldown = 0,
     o[5].alpha_min = 0.04f;
     for (int i = 0; i < 6; i++) {
         test_ctx->threads = 1;
@@ -587,17 +587,14 @@ TEST(train_refuses_shares_of_a_run_outside_0_to_1)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(train_refuses_shares_of_a_run_outside_0_to_1_for_the_sh_degree_and_for_second_lobes)
+TEST(train_refuses_second_lobes_while_gaussians_are_still_split)
 {
     oxl_scene *scene;
     oxl_train_options o = train_options(5);
     oxl_model model;
-    NEEDS_PART(sh_degree);
     NEEDS_PART(lobes);
     scene = train_scene(4);
-    o.sh_degree_interval = 0;
-    CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
-    o.sh_degree_interval = 0.1f, o.dog = OXL_DOG_ALL, o.densify_until = 0.6f;
+    o.dog = OXL_DOG_ALL, o.densify_until = 0.6f;
     CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
     oxl_scene_free(test_ctx, scene);
 }

@@ -2987,7 +2987,6 @@ static void vulkan_check_kept_rows(oxl_context *device)
     struct train t[2];
     size_t bytes[2];
     float moment[2][120];
-    options.sh_degree_interval = 0.001;
     device->backend->vulkan->slab_rows = 64; /* several slabs */
     for (int k = 0; k < 2; k++) {
         t[k] = (struct train){.ctx = device,

@@ -182,7 +182,6 @@ TEST(a_run_whose_images_vanish_stops_and_continues_when_they_are_back)
     int gone = 0;
     oxl_callback callback = {working_vanish, &gone};
     options.scene.image_cache_bytes = 1;
-    options.keep_decoded = 0;
     options.train.iterations = 60;
     CHECK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback) == OXL_ERR_IO);
     CHECK_TEXT(oxl_error_text(test_ctx), "training images cannot be read");

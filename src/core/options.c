@@ -7,7 +7,7 @@
  *   - a row here, or in the file of the part of training that it belongs to (src/parts); `use` names the
  *   commands that take it, and states whether the bytes of the result depend on it (RESULT), and where it
  *     does not apply: in a refinement (NOT_REFINED), in several blocks (ONE_BLOCK);
- *   - a field in oceanxl.h or oceanxl_job.h (while it is tried out: a place of train.tried), and the code in
+ *   - a field in oceanxl.h or oceanxl_job.h (while it is tried out: a place of train.experimental), and the code in
  *     src/ that reads it;
  *   - `make man`, and a test.
  *
@@ -48,7 +48,6 @@ static const oxl_option OPTIONS[] = {
 {"max-side", "PX", OXL_OPTION_INT, OPTION_AT(scene.max_side), 0, INT_MAX, EACH("1600"), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "reduce images so that the longer side has at most this many pixels; 0: full size", NULL},
 {"test-every", "auto|N", OXL_OPTION_INT, OPTION_AT(scene.test_every), 0, INT_MAX, EACH("auto"), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "hold out every N-th view by name for evaluation; 0: none; auto: 8, or those that the survey's files name", NULL},
 {"image-cache", "SIZE", OXL_OPTION_BYTES, OPTION_AT(scene.image_cache_bytes), 0, OPTION_BYTES_MAX, EACH("1G"), OXL_TIER_ADVANCED, SURVEY, "Input", "memory for decoded images, e.g. 512M or 4G; others are files in OUT/blocks/decoded until the run ends", NULL},
-{"keep-decoded", NULL, OXL_OPTION_FLAG, OPTION_AT(keep_decoded), 0, 1, EACH("false"), OXL_TIER_EXPERT, OXL_OPTION_OF_OUT, "Input", "keep decoded images in OUT/blocks/decoded for the next run", NULL},
 {"missing-images", "FRACTION", OXL_OPTION_DOUBLE, OPTION_AT(scene.missing_images), 0, 1, EACH("0.25"), OXL_TIER_EXPERT, SURVEY, "Input", "fail if more than this fraction of the images is missing on disk", NULL},
 {"block-points", "N", OXL_OPTION_INT, OPTION_AT(partition.block_points), 0, INT_MAX, PRESETS("0", "0", "40000"), OXL_TIER_EXPERT, TRAINING | RESULT, "Blocks", "cut blocks with more sparse points than this; 0: as memory requires", NULL},
 {"blocks", "N", OXL_OPTION_INT, OPTION_AT(partition.blocks), 0, 100000, EACH("0"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "cut into this many blocks, e.g. one per machine; 0: as memory requires", NULL},

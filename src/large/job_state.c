@@ -89,7 +89,7 @@ static void job_remove_decoded_file(void *user, const char *name)
 
 OXL_INTERNAL void job_remove_decoded(struct job *job)
 {
-    if (!job->decoded || job->options.keep_decoded || !os_is_folder(job->decoded)) return;
+    if (!job->decoded || !os_is_folder(job->decoded)) return;
     os_list_folder(job->ctx, job->decoded, job_remove_decoded_file, job);
     os_remove_folder(job->decoded);
 }

@@ -50,13 +50,10 @@ static oxl_result poses_before_points(struct train *t, void *state)
     /* of a block, views are seen in part */
     p->asked = t->options->poses != OXL_OFF && !t->continues && !t->task.window && !t->task.context;
     if (p->asked || kept) rc = poses_allocate(t->ctx, p, t->scene);
-    if (rc != OXL_OK) return rc;
-    if (kept) {
-        memcpy(p->pose, kept, (size_t)oxl_scene_view_count(t->scene) * sizeof *kept);
-        scene_move_views(t->survey, kept, t->posed);
-        return OXL_OK;
-    }
-    return rc;
+    if (rc != OXL_OK || !kept) return rc;
+    memcpy(p->pose, kept, (size_t)oxl_scene_view_count(t->scene) * sizeof *kept);
+    scene_move_views(t->survey, kept, t->posed);
+    return OXL_OK;
 }
 
 static oxl_result poses_begin(struct train *t, void *state)

@@ -4,7 +4,8 @@
 #include "../train/part.h"
 #include "../core/option_rows.h"
 
-#define SH_DEGREE_ROUNDING 1e-6 /* intervals: the quotient of a whole number of them may come out less */
+#define SH_DEGREE_EVERY (1.0 / 30) /* of the run: 1000 of 30 000 iterations (Kerbl 2023, code) */
+#define SH_DEGREE_ROUNDING 1e-6    /* intervals: the quotient of a whole number of them may come out less */
 
 static int sh_degree_final(const struct train *t)
 {
@@ -19,12 +20,11 @@ static oxl_result sh_degree_begin(struct train *t, void *state)
     return model_trained_set_degree(t->ctx, &t->trained, sh_degree_final(t));
 }
 
-/* Raises the degree by one after each sh_degree_interval of the run, up to the final one. */
+/* Raises the degree by one after each SH_DEGREE_EVERY of the run, up to the final one. */
 static oxl_result sh_degree_before_step(struct train *t, void *state)
 {
     const int wanted = OXL_MIN(
-        sh_degree_final(t),
-        (int)(t->step / (t->options->sh_degree_interval * t->options->iterations) + SH_DEGREE_ROUNDING));
+        sh_degree_final(t), (int)(t->step / (SH_DEGREE_EVERY * t->options->iterations) + SH_DEGREE_ROUNDING));
     int moved = 0;
     oxl_result rc = OXL_OK;
     (void)state;
@@ -39,7 +39,6 @@ static oxl_result sh_degree_before_step(struct train *t, void *state)
 /* clang-format off */
 static const oxl_option sh_degree_options[] = {
 {"sh-degree", "auto|0..3", OXL_OPTION_INT, OPTION_AT(train.sh_degree), 0, 3, PRESETS("auto", "auto", "3"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "degree of spherical harmonics (view-dependent colour); auto: 3, or 1 where memory is short", NULL},
-{"sh-degree-interval", "FRACTION", OXL_OPTION_FLOAT, OPTION_AT(train.sh_degree_interval), 1e-6, 1000, EACH("1/30"), OXL_TIER_EXPERT, TRAINING | RESULT, "Schedule", "fraction of the run after which it rises by one", NULL},
 {0}};
 /* clang-format on */
 
