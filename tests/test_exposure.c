@@ -121,6 +121,12 @@ TEST(exposure_trial_keeps_gains_that_predict_the_other_half_of_the_views)
     }
 }
 
+/* Trials of surveys that gain nothing have 0.26 dB at most, those of others 0.36 or more. */
+TEST(exposure_trial_wants_a_gain_beyond_that_of_surveys_without)
+{
+    CHECK(exposure_is_worth(20, 20.36) && !exposure_is_worth(20, 20.26) && !exposure_is_worth(NAN, NAN));
+}
+
 static int exposure_test_stop(void *user, const oxl_progress *progress)
 {
     int *left = user;

@@ -134,6 +134,12 @@ TEST(ucd_auto_is_off_in_clear_water_and_on_where_contrast_falls_with_depth)
     }
 }
 
+/* A fifth and a quarter less contrast, clear or within the error. */
+TEST(ucd_auto_wants_contrast_to_fall_by_a_fifth_beyond_its_error)
+{
+    CHECK(ucd_fades(0.25, 0.08) && !ucd_fades(0.2, 0.01) && !ucd_fades(0.25, 0.09));
+}
+
 TEST(ucd_bands_are_thirds_of_the_largest_depth_without_outliers)
 {
     oxl_scene *scene = wall_scene(0.3);

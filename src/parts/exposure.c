@@ -217,6 +217,11 @@ static void exposure_use_tracks(struct train *t, void *state, const struct photo
     e->is_decided = !t->trial && (p->parts & PHOTOMETRY_GAINS);
 }
 
+OXL_INTERNAL int exposure_is_worth(double off, double on)
+{
+    return on >= off + EXPOSURE_MIN_GAIN;
+}
+
 /* Trains on half of the training views, with gains or without, and evaluates the other half. */
 static oxl_result exposure_train_half(struct train *t, struct exposure *e, struct train_branch *start,
                                       int half, int on, double *psnr)
@@ -263,7 +268,7 @@ static oxl_result exposure_trial(struct train *t, void *state, struct train_bran
     if (rc == OXL_OK) rc = branch_load(t, start);
     t->options = run, t->forecast = (struct forecast){0};
     if (rc != OXL_OK) return rc;
-    if (!(on >= off + EXPOSURE_MIN_GAIN)) e->of.on = 0, imaging_clear(&e->of);
+    if (!exposure_is_worth(off, on)) e->of.on = 0, imaging_clear(&e->of);
     snprintf(
         why, sizeof why,
         "neighbours explain %.1f times the tracks' noise of the gains; %d of %d training views predicted from the other half, "

@@ -24,4 +24,7 @@ struct exposure {
 OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct photometry *p, char *why,
                                            size_t size);
 
+/* Returns 1 if a trial that predicts views to so many dB without gains and with them keeps these. */
+OXL_INTERNAL int exposure_is_worth(double off, double on);
+
 #endif

@@ -36,13 +36,18 @@
 
 /* ---------------- the bands, and the decision */
 
+OXL_INTERNAL int ucd_fades(double fade, double error)
+{
+    return fade >= UCD_FADE_MIN && fade >= UCD_ERRORS * error;
+}
+
 /* Decides whether contrast falls enough, and writes the measurement as text. */
 static void ucd_decide(struct ucd *u, const oxl_scene *scene)
 {
     const struct contrast *c = &u->contrast;
     const double front = scene_depth_quantile(scene, UCD_FRONT), back = scene_depth_quantile(scene, UCD_BACK);
     const double fade = c->beta * (back - front), error = c->error * (back - front);
-    u->on = c->measured && fade >= UCD_FADE_MIN && fade >= UCD_ERRORS * error;
+    u->on = c->measured && ucd_fades(fade, error);
     if (!c->measured)
         snprintf(u->reason, sizeof u->reason, "off: there are no points that were seen from several depths");
     else

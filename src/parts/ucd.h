@@ -31,6 +31,8 @@ struct ucd {
     char reason[256];
 };
 /* Sets whether it is on, and the limits of the bands. Logs nothing; ucd_describe gives the text. */
+/* Returns 1 if the log of contrast falls by so much, with that standard error, that depth is weighted. */
+OXL_INTERNAL int ucd_fades(double fade, double error);
 OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, const oxl_scene *scene,
                                   const oxl_ucd *options);
 OXL_INTERNAL void ucd_describe(const struct ucd *u, char *out, size_t size);
