@@ -2853,7 +2853,7 @@ static void vulkan_check_model_now(oxl_context *device)
         for (int k = 0; k < 2; k++) {
             oxl_metrics metrics;
             oxl_image image;
-            CHECK_OK(oxl_evaluate(ctx[k], &m, scene, OXL_SPLIT_ALL, &metrics));
+            CHECK_OK(oxl_evaluate(ctx[k], &m, scene, NULL, OXL_SPLIT_ALL, &metrics));
             CHECK_OK(oxl_render(ctx[k], &m, &oxl_scene_view(scene, 0)->camera, NULL, &image, NULL));
             psnr[round][k] = metrics.psnr;
             memcpy(rgb[round][k], image.rgb + 18 * 48 + 24, sizeof rgb[round][k]);
@@ -3007,7 +3007,7 @@ static void vulkan_check_kept_rows(oxl_context *device)
     vulkan_check_same_model(&t[0].trained.square, &t[1].trained.square);
     CHECK(memcmp(t[0].density->gradient, t[1].density->gradient, 120 * sizeof(float)) == 0);
     for (int k = 0; k < 2; k++) {
-        oxl_scene *scene = (oxl_scene *)t[k].scene;
+        oxl_scene *scene = t[k].survey;
         train_end(&t[k]);
         oxl_scene_free(device, scene);
     }
