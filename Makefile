@@ -198,15 +198,15 @@ without: ## PART=lamp: removes a part of training, its file and its row, in a co
 modules: $(LIBRARY) ## from the objects: no file calls a higher layer, and no files call each other in a cycle
 	scripts/rooms.sh links $(BUILD)
 
-dist: $(BUILD)/dist/pair $(BUILD)/dist/single ## dist/oceanxl.c with its two headers, and dist/single/oceanxl.h, all in one file; both are compiled and run
-	$(BUILD)/dist/pair
+dist: $(BUILD)/dist/single $(BUILD)/dist/job ## dist/single/oceanxl.h, the trainer in one header, and dist/oceanxl_job.c, the job on top of it; both are compiled and run
 	$(BUILD)/dist/single
-$(BUILD)/dist/pair: examples/one_gaussian.c dist/oceanxl.c
-	$(CC) $(FLAGS) -Werror -Idist $^ -o $@ $(LIBS)
+	$(BUILD)/dist/job --version
 $(BUILD)/dist/single: examples/one_gaussian.c dist/single/oceanxl.h
 	$(CC) $(FLAGS) -Werror -Idist/single -DOCEANXL_IMPLEMENTATION $< -o $@ $(LIBS)
 	$(CC) -std=c99 $(WARN) -Werror $(STB_FLAGS) -fsyntax-only -Idist/single -DOCEANXL_IMPLEMENTATION $< # as a user may, without OpenMP
-dist/oceanxl.c dist/single/oceanxl.h &: scripts/dist.sh $(SOURCES) $(BUILD)/flags
+$(BUILD)/dist/job: main.c $(CLI) dist/oceanxl_job.c
+	$(CC) $(FLAGS) -Werror $^ -o $@ $(LIBS)
+dist/oceanxl_job.c dist/single/oceanxl.h &: scripts/dist.sh $(SOURCES) $(BUILD)/flags
 	@mkdir -p $(BUILD)/dist
 	scripts/dist.sh dist
 

@@ -159,7 +159,6 @@
 #include "src/large/partition_svg.c"    /* partition.svg */
 #include "src/large/partition_export.c" /* blocks as COLMAP text exports */
 #include "src/large/merge.c"            /* merge the models of blocks */
-#include "src/large/look.c"             /* a first look at a survey, for forecasts */
 #include "src/large/cost.c"             /* predicted Gaussians, memory and time of training */
 #include "src/large/budget.c"           /* --ram: limits that fit a memory budget */
 #include "src/large/os_job_posix.c"     /* the operating system: locks, links, peak memory */
