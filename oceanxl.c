@@ -150,7 +150,7 @@
 #include "src/checks/hypotheses.c" /* tells whether images, poses and points belong together, and if not, how they would */
 #include "src/checks/reprojection.c" /* how far points project from where images saw them */
 
-/* what one model in memory does not need: memory and time predicted, blocks, rounds */
+/* what one model in memory does not need: memory and time predicted, blocks */
 #include "src/large/partition.h"        /* shared by these files */
 #include "src/large/partition_axes.c"   /* principal axes, the frame of the partition */
 #include "src/large/partition_cut.c"    /* where a box is cut */
@@ -171,7 +171,7 @@
 #include "src/large/job_state.h"        /* shared by the files of a job */
 #include "src/large/job_state.c"        /* names in OUT, the survey, progress, the blocks' models */
 #include "src/large/block_plan.c"       /* windows, steps and budget of each block */
-#include "src/large/rounds.c"           /* several blocks trained as one model */
+#include "src/large/blocks.c"           /* several blocks trained as one model */
 
 /* the whole job */
 #include "src/job/survey_report.c"   /* content of a survey and predicted cost of training */

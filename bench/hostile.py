@@ -586,7 +586,7 @@ def kind_files():
             continue
         name, how = (rnd.choice(names), rnd.choice(HOWS))
         if rnd.random() < 0.5:
-            name = rnd.choice([f for f in names if re.search('checkpoint|plan.txt|imaging.txt|json$|partition', f)]
+            name = rnd.choice([f for f in names if re.search('checkpoint|imaging.txt|json$|partition', f)]
                     or names)
         damage('part/' + name, how)
         was_done = finished('part')

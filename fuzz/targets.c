@@ -83,15 +83,12 @@ static void fuzz_write(const char *name, const uint8_t *data, size_t size)
 
 static void fuzz_clean(void)
 {
-    static const char *const names[] = {"cameras.txt",     "images.txt",          "points3D.txt",
-                                        "model.ply",       "model.splat",         "run.json",
-                                        "block.json",      "checkpoint.oxl",      "partition.txt",
-                                        "transforms.json", "reconstruction.json", "model.spz",
-                                        "cameras.bin",     "images.bin",          "points3D.bin",
-                                        "imaging.txt",     "blocks/000/plan.txt"};
+    static const char *const names[] = {
+        "cameras.txt",   "images.txt",      "points3D.txt",        "model.ply",
+        "model.splat",   "run.json",        "block.json",          "checkpoint.oxl",
+        "partition.txt", "transforms.json", "reconstruction.json", "model.spz",
+        "cameras.bin",   "images.bin",      "points3D.bin",        "imaging.txt"};
     for (size_t i = 0; i < OXL_COUNT(names); i++) os_remove(fuzz_path(names[i]));
-    remove(fuzz_path("blocks/000"));
-    remove(fuzz_path("blocks"));
     remove(fuzz_folder());
     os_make_one_folder(fuzz_folder());
 }
@@ -377,45 +374,6 @@ static void fuzz_partition(oxl_context *ctx, const uint8_t *data, size_t size)
 
 /* ---------------- what a run leaves for itself: with a right checksum, so that ranges are all that is left */
 
-static struct job fuzz_job(oxl_context *ctx)
-{
-    struct job job = {.ctx = ctx, .out = fuzz_folder()};
-    job.partition.block_count = 3;
-    job.key.ctx = ctx;
-    text_add(&job.key, "\"job\": {");
-    return job;
-}
-
-static void fuzz_write_text(oxl_context *ctx, const char *name, const uint8_t *data, size_t size)
-{
-    struct text t = {.ctx = ctx};
-    for (size_t i = 0; i < size; i++) text_add(&t, "%c", data[i]);
-    checksum_end_text(&t);
-    fuzz_promise(!t.failed, "memory for a text");
-    fuzz_write(name, (const uint8_t *)t.data, t.size);
-    text_free(&t);
-}
-
-static void fuzz_plan(oxl_context *ctx, const uint8_t *data, size_t size)
-{
-    struct job job = fuzz_job(ctx);
-    struct block_plan plan = {0};
-    oxl_scene *scene = fuzz_scene(ctx);
-    oxl_make_folder(ctx, fuzz_path("blocks/000"));
-    fuzz_write_text(ctx, "blocks/000/plan.txt", data, size);
-    fuzz_explained(ctx, block_plan_read(&job, 0, &plan));
-    if (plan.views > 0 && block_plan_fits(&plan, scene))
-        for (int i = 0; i < plan.views; i++) {
-            const struct image_window *w = &plan.window[i];
-            fuzz_promise(w->x >= 0 && w->y >= 0 && w->width >= 0 && w->height >= 0 && w->x + w->width <= 12 &&
-                             w->y + w->height <= 12,
-                         "a window lies in its image");
-        }
-    block_plan_free(ctx, &plan);
-    oxl_scene_free(ctx, scene);
-    text_free(&job.key);
-}
-
 static void fuzz_imaging(oxl_context *ctx, const uint8_t *data, size_t size)
 {
     oxl_scene *scene = fuzz_scene(ctx);
@@ -466,7 +424,6 @@ static const struct fuzz_target {
                     {"checkpoint", fuzz_checkpoint},
                     {"run", fuzz_run},
                     {"partition", fuzz_partition},
-                    {"plan", fuzz_plan},
                     {"imaging", fuzz_imaging},
                     {"options", fuzz_options}};
 

@@ -91,13 +91,13 @@ static int working_stop(void *user, const oxl_progress *p)
     return p->stage == s->stage && p->block == s->block && p->iteration >= s->iteration;
 }
 
-/* Stopped in the second block, in a later round: the state of both is needed. */
+/* Stopped in the second block: what is damaged is trained again. */
 TEST(blocks_with_a_damaged_file_end_in_the_same_bytes_or_are_refused)
 {
-    static const char *const files[] = {"blocks/000/checkpoint.oxl", "blocks/000/block.json",
-                                        "blocks/000/model.ply",      "blocks/000/plan.txt",
-                                        "blocks/001/checkpoint.oxl", "blocks/001/model.ply",
-                                        "blocks/coarse/model.ply",   "partition.txt"};
+    static const char *const files[] = {"blocks/000/block.json",   "blocks/000/model.ply",
+                                        "blocks/001/block.json",   "blocks/001/checkpoint.oxl",
+                                        "blocks/001/model.ply",    "blocks/coarse/block.json",
+                                        "blocks/coarse/model.ply", "partition.txt"};
     const oxl_job_options options = working_blocks();
     char survey[512];
     struct working_stop stop = {OXL_STAGE_BLOCK, 1, 40};

@@ -314,8 +314,6 @@ OXL_INTERNAL oxl_result job_finish(struct job *job, int evaluate)
     if (rc == OXL_OK && evaluate && job->options.renders) rc = job_render_views(job);
     if (rc == OXL_OK) rc = job_write_run(job, !job->unfinished);
     if (rc == OXL_OK && !job->unfinished) {
-        /* Removes the checkpoints of paused blocks. */
-        if (job->partition.block_count > 1) job_drop_checkpoints(job);
         job_remove_decoded(job);
     }
     oxl_model_free(job->ctx, &standard);

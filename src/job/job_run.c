@@ -97,8 +97,7 @@ static oxl_result job_replace_run(struct job *job)
     const oxl_result rc = job_lock_alone(job);
     if (rc != OXL_OK) return rc;
     if (job->options.block < 0) {
-        job_drop_records(job);
-        job_drop_checkpoints(job);
+        job_drop_blocks(job);
     }
     for (size_t i = 0; i < OXL_COUNT(files); i++) os_remove(PATH(job->out, "%s", files[i]));
     return OXL_OK;
@@ -361,7 +360,7 @@ static oxl_result job_prepare(struct job *job, int *done)
 static oxl_result job_train(struct job *job)
 {
     oxl_result rc = hypotheses_check(job->ctx, job->scene, 0, &job->survey.foreign);
-    if (rc == OXL_OK) rc = job->partition.block_count > 1 ? rounds_run(job) : job_run_single(job);
+    if (rc == OXL_OK) rc = job->partition.block_count > 1 ? blocks_run(job) : job_run_single(job);
     return rc;
 }
 
@@ -400,7 +399,7 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *call
     if (scene) {
         options.scene.allow_truncated = 1; /* Allows what the training was allowed. */
         job_begin(&job, ctx, scene, out, &options, callback);
-        rc = job_run(&job, rounds_collect);
+        rc = job_run(&job, blocks_collect);
     } else if (rc == OXL_OK)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s holds no run.json of a run\nfix: oceanxl train SCENE -o %s --block K comes first",

@@ -131,7 +131,6 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
     if (rc == OXL_OK && map.data && !block_has_checksum(map.data)) out->damaged = 1;
     else if (rc == OXL_OK && map.data && block_has_key(map.data, key)) {
         out->exists = 1;
-        out->idle = oxl_json_is_true(map.data, "idle");
         for (int i = 0; i < BLOCK_SUMS; i++) out->sum[i] = block_read_sum(map.data, BLOCK_SUMMED[i].member);
         out->finished = oxl_json_is_true(map.data, "finished");
         out->iterations = (int)OXL_CLAMP(block_number(map.data, "iterations_done"), 0, INT_MAX);
@@ -168,7 +167,6 @@ static oxl_result block_write_record(struct block *b, const struct block_record 
     oxl_result rc = block_sums(b->ctx, b->task->folder, sum);
     if (rc != OXL_OK) return rc;
     text_add(&t, "{\n  \"finished\": %s,\n", r->finished ? "true" : "false");
-    if (r->idle) text_add(&t, "  \"idle\": true,\n");
     text_add_member(&t, "iterations_done", r->iterations);
     text_add_member(&t, "gaussians", (double)r->gaussians);
     text_add_member(&t, "seconds", r->seconds);
@@ -281,6 +279,7 @@ static oxl_result block_run(struct block *b, oxl_scene *scene, oxl_trained *t)
     rc = trained_make(b->ctx, scene, &task->train, &(oxl_callback){block_progress, b}, &train, &extra, t);
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
     if (t->model.count == 0) return rc;
+    t->finished |= task->until > 0 && t->iterations >= task->until;
     written = block_write_result(b, scene, t);
     /* The models are complete. */
     if (written == OXL_OK && t->finished) {

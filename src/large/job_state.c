@@ -1,7 +1,7 @@
 /* job_state.c - holds what the files of a job share: names in OUT, the survey, decoded images, progress,
  * records, the blocks' models.
  *
- * Invariant: nothing here trains; job_run.c and rounds.c call these functions, but none of theirs
+ * Invariant: nothing here trains; job_run.c and blocks.c call these functions, but none of theirs
  * is called here.
  */
 #include "job_state.h"
@@ -166,7 +166,6 @@ OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
     struct block_record *total = &job->total;
     total->exists |= r->exists;
     total->iterations += r->iterations;
-    total->gaussians += r->gaussians;
     total->seconds += r->seconds;
     total->peak = OXL_MAX(total->peak, r->peak);
     total->predicted_peak = OXL_MAX(total->predicted_peak, r->predicted_peak);
@@ -181,47 +180,27 @@ OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *o)
         o->max_seconds = OXL_MAX(JOB_SECONDS_MIN, o->max_seconds - (os_seconds() - job->started));
 }
 
-static void job_drop_checkpoint(void *user, const char *name)
+static void job_drop_block(void *user, const char *name)
 {
     struct job *job = user;
-    if (job_is_block(name)) checkpoint_remove(PATH(job->out, "blocks/%s", name));
+    if (!job_is_block(name)) return;
+    os_remove(PATH(job->out, "blocks/%s/block.json", name));
+    checkpoint_remove(PATH(job->out, "blocks/%s", name));
 }
 
-static void job_drop_record(void *user, const char *name)
-{
-    struct job *job = user;
-    if (job_is_block(name)) os_remove(PATH(job->out, "blocks/%s/block.json", name));
-}
-
-OXL_INTERNAL void job_drop_records(struct job *job)
+OXL_INTERNAL void job_drop_blocks(struct job *job)
 {
     const char *blocks = PATH(job->out, "blocks");
-    if (os_is_folder(blocks)) os_list_folder(job->ctx, blocks, job_drop_record, job);
-}
-
-/* Removes the checkpoints of all blocks, for --restart of a whole run. */
-OXL_INTERNAL void job_drop_checkpoints(struct job *job)
-{
-    const char *blocks = PATH(job->out, "blocks");
-    if (os_is_folder(blocks)) os_list_folder(job->ctx, blocks, job_drop_checkpoint, job);
+    if (os_is_folder(blocks)) os_list_folder(job->ctx, blocks, job_drop_block, job);
 }
 
 /* ---------------- models of the blocks */
 
-/* Finds the file of a block's model, or of the merged one; with `standard`
- * model_standard.ply, if it exists. */
-static const char *job_model_file(char path[PATH_LENGTH], const struct job *job, int block, int standard)
-{
-    const char *folder = JOB_BLOCK(job, block);
-    if (standard && os_is_file(path_in(path, folder, "model_standard.ply"))) return path;
-    /* Takes model.ply: viewers know all of it, or it was not refined. */
-    return path_in(path, folder, "model.ply");
-}
-
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out)
 {
-    char path[PATH_LENGTH];
-    return oxl_model_read(job->ctx, job_model_file(path, job, block, standard), out);
+    const char *folder = JOB_BLOCK(job, block), *path = PATH(folder, "model_standard.ply");
+    /* Takes model.ply if viewers know all of it, or it was not refined. */
+    return oxl_model_read(job->ctx, standard && os_is_file(path) ? path : PATH(folder, "model.ply"), out);
 }
 
 OXL_INTERNAL void job_add_imaging(struct oxl_imaging *all, int *count, const struct oxl_imaging *block)
@@ -240,7 +219,8 @@ OXL_INTERNAL void job_add_imaging(struct oxl_imaging *all, int *count, const str
     if (block->lamps > 0) memcpy(all->lamp, block->lamp, sizeof all->lamp), all->lamps = block->lamps;
 }
 
-OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct oxl_imaging *out)
+/* Joins the imaging of all blocks: log gains of mean 0, lamp, medium and poses. */
+static oxl_result job_join_imaging(struct job *job, struct oxl_imaging *out)
 {
     const int views = oxl_scene_view_count(job->scene);
     int *count = oxl_calloc(job->ctx, (size_t)views + 1, sizeof *count);
@@ -263,16 +243,15 @@ OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct oxl_imaging *ou
 }
 
 /* Merges the blocks' models, and makes their gains, lamp and medium the scene's. */
-OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out)
+OXL_INTERNAL oxl_result job_merge(struct job *job, oxl_model *out)
 {
     oxl_result rc = oxl_model_create(job->ctx, 0, 0, out);
     memcpy(out->origin, job->origin, sizeof job->origin);
-    if (rc == OXL_OK && !job->scene) rc = job_load(job);
     if (rc == OXL_OK) imaging_free(job->ctx, &job->imaging);
     if (rc == OXL_OK) rc = job_join_imaging(job, &job->imaging);
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         oxl_model part;
-        rc = job_read_model(job, k, standard, &part);
+        rc = job_read_model(job, k, 0, &part);
         if (rc == OXL_OK) rc = merge_rows(job->ctx, &part, NULL, out);
         oxl_model_free(job->ctx, &part);
     }

@@ -12,7 +12,6 @@
 #define JOB_MERGED 0.35 /* Gives the merged model this fraction of a run in blocks. */
 /* Gives the merged model this fraction of a run with pruning or second lobes, which must end before it. */
 #define JOB_MERGED_LATER 0.2
-#define JOB_ROUNDS 4 /* Counts rounds of each block between coarse and merged model. */
 #define JOB_WAIT 0.5 /* Waits so many s between checks of the work of other processes. */
 
 /* Lists the files of OUT that are written under a temporary name; those of renders/ are RENDER_FILES. */
@@ -81,58 +80,43 @@ OXL_INTERNAL oxl_result job_plan_decoded(struct job *job);
  * disk has no files. */
 OXL_INTERNAL void job_set_cache(const struct job *job, size_t most);
 /* Merges the blocks' models and imaging. */
-OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out);
+OXL_INTERNAL oxl_result job_merge(struct job *job, oxl_model *out);
 /* Adds a block's gains to the mean over blocks, and copies its lamp and medium. count: (views) blocks
  * so far that have the view. */
 OXL_INTERNAL void job_add_imaging(struct oxl_imaging *all, int *count, const struct oxl_imaging *block);
-/* Joins the imaging of all blocks: log gains of mean 0, lamp, medium and poses. */
-OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct oxl_imaging *out);
 /* Reads a block's model, the coarse or the merged one; standard: model_standard.ply, if it exists. */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);
 /* Writes a file of OUT. */
 OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struct text *t);
 OXL_INTERNAL void job_remove_decoded(struct job *job);
-OXL_INTERNAL void job_drop_checkpoints(struct job *job);
-/* Removes the blocks' records, for --restart of a finished run. */
-OXL_INTERNAL void job_drop_records(struct job *job);
+/* Removes records and checkpoints of all blocks. */
+OXL_INTERNAL void job_drop_blocks(struct job *job);
 
-/* ---------------- block_plan.c: windows, steps and budget of each block */
+/* ---------------- block_plan.c: windows, steps and budget of a block */
 
 struct block_plan {
     /* steps of the block's run; the coarse model stands for those up to `first`, the merged
      * model for those after `last` */
     int iterations;
     int first, last;             /* first and last step of the block's own training */
-    int views;                   /* views of the survey */
     double gaussians;            /* limit of the number of Gaussians */
-    double fraction;             /* fraction of the survey's pixels, by blend weight */
-    double work;                 /* fraction of all blocks' pixels */
+    double fraction;             /* fraction of the coarse model's Gaussians */
     struct image_window *window; /* (views) trained part of each view; width 0: none */
-    uint8_t *shows;              /* (views) 1: the block's Gaussians may be visible in it */
-    uint8_t *neighbour;          /* (blocks) 1: both blocks have a window in one view */
+    int views;                   /* views with a window */
+    double area;                 /* px of all windows */
+    oxl_model own, context;      /* the coarse model's Gaussians in the block's box; others that it sees */
 };
-/* Plans all blocks and writes plan.txt of each. */
-OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse);
-/* Reads a block's plan; views 0: there is none. */
-OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block_plan *out);
-/* Returns 1 if a Gaussian may show in a view. */
-OXL_INTERNAL int block_plan_shows(const oxl_camera *camera, double near_plane, const oxl_model *m,
-                                  size_t row);
-/* Returns 1 if the plan fits the scene's views. */
-OXL_INTERNAL int block_plan_fits(const struct block_plan *plan, const oxl_scene *scene);
+OXL_INTERNAL oxl_result block_plan_make(struct job *job, int block, const oxl_model *coarse,
+                                        struct block_plan *out);
 /* Returns the merged model's fraction of the run. */
 OXL_INTERNAL double block_plan_merged_fraction(const struct job *job);
 OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan);
-OXL_INTERNAL int block_plan_until(const struct block_plan *plan, int round); /* last step of a round */
-/* Splits the coarse model into the Gaussians in a block's box and all others. */
-OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_model *coarse, oxl_model *own,
-                                         oxl_model *others);
 
-/* ---------------- rounds.c: several blocks, trained as one model */
+/* ---------------- blocks.c: several blocks, trained as one model */
 
-OXL_INTERNAL oxl_result rounds_run(struct job *job);
+OXL_INTERNAL oxl_result blocks_run(struct job *job);
 /* Trains the merged model after processes with --block have trained all blocks; fails if
  * a block is not finished. */
-OXL_INTERNAL oxl_result rounds_collect(struct job *job);
+OXL_INTERNAL oxl_result blocks_collect(struct job *job);
 
 #endif

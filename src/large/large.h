@@ -1,4 +1,4 @@
-/* large.h - what one model in memory does not need: predicted memory and time, budget, blocks, rounds. */
+/* large.h - what one model in memory does not need: predicted memory and time, budget, blocks. */
 #ifndef OXL_LARGE_H
 #define OXL_LARGE_H
 
@@ -152,12 +152,11 @@ OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *n);
 /* ---------------- block.c: the training of one block in its folder */
 
 /* Lists the files of a block's folder that are written under a temporary name. */
-#define BLOCK_FILES "checkpoint.oxl block.json plan.txt log.csv imaging.txt model.ply model_standard.ply"
+#define BLOCK_FILES "checkpoint.oxl block.json log.csv imaging.txt model.ply model_standard.ply"
 
 enum { BLOCK_SUMS = 3 };
 struct block_record { /* Holds the members of block.json. */
     int exists, finished, iterations;
-    int idle;                 /* 1: the block had nothing to train, and has no checkpoint */
     int damaged;              /* 1: block.json exists and was changed after it was written; `exists` is 0 */
     uint64_t sum[BLOCK_SUMS]; /* checksums of model.ply, imaging.txt, model_standard.ply; 0: no file */
     size_t gaussians;

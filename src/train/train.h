@@ -31,7 +31,7 @@ struct train_task {
     int first;                   /* step that `start` is at */
     int until;                   /* the run pauses after this step and writes a checkpoint; 0: no pause */
 
-    /* one block of a survey (src/large/rounds.c) */
+    /* one block of a survey (src/large/blocks.c) */
     const oxl_model *context; /* Gaussians that are rendered but not trained; NULL: none */
     /* (views) trained part of each view, width 0: none; NULL: whole views */
     const struct image_window *window;
