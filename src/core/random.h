@@ -1,5 +1,5 @@
 /* random.h - draws random numbers without state: each is a function of a seed and two numbers, whatever was
- * drawn before, and equal on all machines. The library and the program use it.
+ * drawn before, and equal on all machines.
  */
 #ifndef OXL_RANDOM_H
 #define OXL_RANDOM_H

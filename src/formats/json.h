@@ -1,7 +1,7 @@
-/* json.h - reads JSON text through a cursor, without building a tree. The library and the program use it.
+/* json.h - reads JSON text through a cursor, without building a tree.
  *
  * A value is a pointer to its first byte in the text; NULL is a missing value, without members or number.
- * The functions are not public API; they are not OXL_INTERNAL because the program calls them.
+ * All but oxl_json_error are public: oceanxl_job.h declares them, too.
  * Invariant: no function reads past the terminating 0, for any text.
  */
 #ifndef OXL_JSON_H
