@@ -25,7 +25,7 @@ static const struct {
     {"scene_clear.ply, imaging.txt",
      "the scene without its medium, or at mean exposure where gains alone differ (scene.ply is then for viewers); parameters of exposure, lamp, medium, poses. eval and render use both."},
     {"metrics.json",
-     "psnr, cc_psnr, ssim, ms_ssim, structure, explained of held-out views, each and mean; psnr, cc_psnr, structure, explained of training views, flag (pose, exposure, blur, colour, reflections, no structure); gaussians, bytes, seconds, iterations, peak_rss_bytes."},
+     "psnr, cc_psnr, ssim, ms_ssim, structure, explained of held-out views, each and mean; psnr, cc_psnr, structure, explained of training views, flag (misfit, exposure, no structure); gaussians, bytes, seconds, iterations, peak_rss_bytes."},
     {"run.json",
      "version, options (\"job\"), what rendered (\"backend\"), the survey, decisions with evidence, log lines."},
     {"report.html", "one page: charts, map, worst views."},

@@ -25,14 +25,9 @@ OXL_INTERNAL oxl_result hypotheses_check(oxl_context *ctx, oxl_scene *scene, int
 /* ---------------- quality.c: images that differ from those taken next to them */
 
 enum { QUALITY_NEIGHBOURS = 8 };
-#define QUALITY_BLUR 0.6 /* Counts an image as blurred below this fraction of its neighbours' sharpness. */
 /* Lists the cameras nearest to `of` that look the same way, nearest first, as indices among `count`
  * views; returns their number. */
 OXL_INTERNAL int quality_nearest(const oxl_scene *scene, const int *view, int count, int of,
                                  int out[QUALITY_NEIGHBOURS]);
-/* Returns the sharpness, independent of exposure: the mean absolute second difference of the green channel
- * over the channel's mean, along the axis where it is less, since motion blurs one axis. fine: this
- * difference over that of pixels 2 px apart, which blur lowers and a plain surface does not; or NULL. */
-OXL_INTERNAL double quality_sharpness(const struct training_image *image, double *fine);
 
 #endif

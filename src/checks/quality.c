@@ -23,6 +23,7 @@ enum {
 };
 /* Reports an image from so many standard deviations on: one of 10^5 views of a normal distribution. */
 #define QUALITY_SPREADS 4.5
+#define QUALITY_BLUR 0.6  /* Counts an image as blurred below this fraction of its neighbours' sharpness. */
 #define QUALITY_STOPS 1.0 /* Bounds the difference to the neighbours' light from below, in stops. */
 /* Limits the fraction of the finest detail of a blurred image, in fractions of the neighbours': a plain
  * surface has little detail, but it is fine. */
@@ -76,7 +77,10 @@ OXL_INTERNAL int quality_nearest(const oxl_scene *scene, const int *view, int co
 
 /* ---------------- one image */
 
-OXL_INTERNAL double quality_sharpness(const struct training_image *image, double *fine)
+/* Returns the sharpness, independent of exposure: the mean absolute second difference of the green channel
+ * over the channel's mean, along the axis where it is less, since motion blurs one axis. fine: this
+ * difference over that of pixels 2 px apart, which blur lowers and a plain surface does not; or NULL. */
+static double quality_sharpness(const struct training_image *image, double *fine)
 {
     const size_t w = (size_t)image->width, h = (size_t)image->height;
     uint64_t second[2][2] = {{0}}, sum = 0; /* along x and y; 1 and 2 px apart */

@@ -79,7 +79,7 @@ struct render_files {
 /* Renders the given views like oxl_render_views. */
 OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_files *f, int *count);
 
-/* ---------------- training_views.c, misfit.c */
+/* ---------------- training_views.c */
 
 /* Evaluates the training views, adds the member "training" of metrics.json with its comma, and renders the
  * worst views beside their images into `folder` (NULL: none). After enough iterations also logs views that
@@ -89,15 +89,6 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
                                              const oxl_imaging *imaging, int iterations,
                                              const oxl_metrics *measured, struct text *json,
                                              const char *folder);
-
-/* Holds fractions of the squared error of a render: of detail, that one shift explains; where the image is
- * brighter; in the worst hundredth of the pixels; that is even over a 64th of the image. */
-struct misfit {
-    double shifted, brighter, spots, smooth;
-};
-/* Measures them, after one factor per channel. Clamps the render; gives masked pixels of the image NaN. */
-OXL_INTERNAL oxl_result misfit_measure(oxl_context *ctx, oxl_image *rendered, oxl_image *image,
-                                       struct misfit *out);
 
 /* ---------------- survey_report.c: content of a survey, predicted cost */
 

@@ -3,8 +3,7 @@
  *
  * A view is compared with the 8 nearest of similar direction. The gain of one factor for each channel beyond
  * their median is set against its spread over all views (median absolute deviation, 1.4826 of it is a
- * standard deviation [Rousseeuw & Croux 1993]). Of a view that lacks decibels, what its error is made of
- * (misfit.c) says why: a wrong pose, reflections, or light; else it is blurred when it is less sharp.
+ * standard deviation [Rousseeuw & Croux 1993]).
  *
  * A short run judges some views, evenly spaced, finds their neighbours among these, and renders fewer.
  *
@@ -27,24 +26,11 @@ enum {
 #define TRAINING_DECIBEL 2.5 /* Flags a view that lacks so many decibels. */
 /* Flags a view whose exposure is off by so many spreads: one of 10^5 views of a normal distribution. */
 #define TRAINING_SPREADS 4.5
-/* Counts a pose as wrong if a shift explains this fraction of the error of detail: it explains 0.22 to 0.90
- * in displaced views, at most 0.06 in surveys as they are (docs/log/POSES.md). */
-#define TRAINING_SHIFTED 0.12
-/* Counts a view's error as reflections if so much of it is where the image is brighter, and so much in the
- * worst hundredth of the pixels. */
-#define TRAINING_BRIGHTER 0.8
-#define TRAINING_SPOTS 0.5
-/* Counts it as one of colour or light if so much of it is even over a 64th of the image. */
-#define TRAINING_SMOOTH 0.5
-
 /* Lists what a view is flagged with, in the order of the log. */
 enum training_flag {
     TRAINING_NONE,
-    TRAINING_POSE,
+    TRAINING_MISFIT,
     TRAINING_EXPOSURE,
-    TRAINING_BLUR,
-    TRAINING_COLOUR,
-    TRAINING_REFLECTIONS,
     TRAINING_NO_STRUCTURE, /* is below OXL_STRUCTURE_NONE, and has no other flag */
     TRAINING_FLAGS
 };
@@ -52,12 +38,8 @@ enum training_flag {
 static const struct {
     const char *name, *message; /* member "flag" of metrics.json; NULL: the log has no line for each view */
 } TRAINING_FLAG[TRAINING_FLAGS] = {
-    [TRAINING_POSE] = {"pose", "look at its pose"},
+    [TRAINING_MISFIT] = {"misfit", "look at its pose, focus and light, and what else it alone shows"},
     [TRAINING_EXPOSURE] = {"exposure", "look at its exposure and white balance"},
-    [TRAINING_BLUR] = {"blur", "look at its focus and motion blur"},
-    [TRAINING_COLOUR] = {"colour", "it differs in colour or light over part of the image"},
-    [TRAINING_REFLECTIONS] = {"reflections", "it has bright spots that other views do not show: reflections, "
-                                             "which the model cannot follow; nothing to mend"},
     [TRAINING_NO_STRUCTURE] = {"no structure", NULL}};
 
 struct training_row {
@@ -120,46 +102,6 @@ static double training_limit(struct training_views *t)
     return OXL_MAX(TRAINING_DECIBEL, middle + TRAINING_SPREADS * spread);
 }
 
-/* ---------------- what its error is made of */
-
-static oxl_result training_misfit(struct training_views *t, const oxl_model *model, int at,
-                                  struct misfit *out)
-{
-    oxl_image image = {0}, rendered = {0};
-    struct renderer *r = NULL;
-    const int view = t->m->views[at].view;
-    oxl_result rc = scene_copy_image(t->ctx, t->scene, view, &image);
-    *out = (struct misfit){0};
-    if (rc == OXL_OK) rc = renderer_create(t->ctx, &r);
-    if (rc == OXL_OK)
-        rc = evaluate_draw(t->ctx, &(struct drawn){r, model, t->scene, t->imaging}, view, &rendered, NULL);
-    if (rc == OXL_OK) rc = misfit_measure(t->ctx, &rendered, &image, out);
-    renderer_free(t->ctx, r);
-    oxl_image_free(t->ctx, &image);
-    oxl_image_free(t->ctx, &rendered);
-    return rc;
-}
-
-/* ---------------- blur */
-
-static oxl_result training_sharpness(struct training_views *t, int at, double *out)
-{
-    const struct training_image *image = scene_image(t->ctx, t->scene, t->view[at]);
-    *out = image ? quality_sharpness(image, NULL) : 0;
-    return image ? OXL_OK : t->ctx->failed;
-}
-
-static oxl_result training_is_blurred(struct training_views *t, int at, int *blurred)
-{
-    int near[QUALITY_NEIGHBOURS];
-    double sharp[QUALITY_NEIGHBOURS], own = 0;
-    const int count = training_nearest(t, at, near);
-    oxl_result rc = training_sharpness(t, at, &own);
-    for (int k = 0; k < count && rc == OXL_OK; k++) rc = training_sharpness(t, near[k], &sharp[k]);
-    *blurred = rc == OXL_OK && own < QUALITY_BLUR * stats_select(sharp, (size_t)count, 0.5);
-    return rc;
-}
-
 /* ---------------- flags */
 
 /* Ranks views with another flag first, then those without structure, then the rest. */
@@ -179,63 +121,18 @@ static int training_order(const void *a, const void *b)
     return x->at - y->at;
 }
 
-/* Returns 1 if a neighbour with a wrong pose is so much worse that it may cause this view's error. */
-static int training_suffers(const struct training_views *t, const struct training_row *row,
-                            const struct training_row *end)
-{
-    int near[QUALITY_NEIGHBOURS];
-    const int count = training_nearest(t, row->at, near);
-    for (const struct training_row *other = t->row; other < end; other++)
-        for (int k = 0; k < count; k++)
-            if (other->at == near[k] && other->flag == TRAINING_POSE &&
-                other->lacks > row->lacks + TRAINING_DECIBEL)
-                return 1;
-    return 0;
-}
-
-/* Says what a view's error is. A view without structure differs in everything. */
-static oxl_result training_cause(struct training_views *t, const oxl_model *model,
-                                 const struct training_row *row, enum training_flag *out)
-{
-    const int has_structure = !(row->structure < OXL_STRUCTURE_NONE);
-    struct misfit error;
-    int blurred = 0;
-    oxl_result rc = training_misfit(t, model, row->at, &error);
-    *out = TRAINING_NONE;
-    if (rc != OXL_OK) return rc;
-    if (error.shifted > TRAINING_SHIFTED) {
-        if (!training_suffers(t, row, row)) *out = TRAINING_POSE;
-    } else if (has_structure && error.brighter > TRAINING_BRIGHTER && error.spots > TRAINING_SPOTS)
-        *out = TRAINING_REFLECTIONS;
-    else if (has_structure && error.smooth > TRAINING_SMOOTH) *out = TRAINING_COLOUR;
-    else {
-        rc = training_is_blurred(t, row->at, &blurred);
-        if (blurred) *out = TRAINING_BLUR;
-    }
-    return rc;
-}
-
-/* Flags the rows in their order, the worst first, so that a displaced view is known before its neighbours. */
-static oxl_result training_flag(struct training_views *t, const oxl_model *model)
+/* Flags single views if there are enough; those without structure in any case. */
+static void training_flag(struct training_views *t)
 {
     const double exposure = training_limit(t);
-    oxl_result rc = OXL_OK;
-    for (int i = 0; i < t->m->count && t->m->count >= TRAINING_MIN && rc == OXL_OK; i++) {
+    for (int i = 0; i < t->m->count; i++) {
         struct training_row *row = &t->row[i];
-        if (row->exposure > exposure) row->flag = TRAINING_EXPOSURE;
-        if (row->flag || row->lacks <= TRAINING_DECIBEL) continue;
-        rc = context_stopped(t->ctx);
-        if (rc == OXL_OK) rc = training_cause(t, model, row, &row->flag);
+        const int enough = t->m->count >= TRAINING_MIN;
+        row->flag = enough && row->exposure > exposure        ? TRAINING_EXPOSURE
+                    : enough && row->lacks > TRAINING_DECIBEL ? TRAINING_MISFIT
+                    : row->structure < OXL_STRUCTURE_NONE     ? TRAINING_NO_STRUCTURE
+                                                              : TRAINING_NONE;
     }
-    return rc;
-}
-
-/* Flags views without structure that have no other flag. */
-static void training_flag_structure(struct training_views *t)
-{
-    for (int i = 0; i < t->m->count; i++)
-        if (!t->row[i].flag && t->row[i].structure < OXL_STRUCTURE_NONE)
-            t->row[i].flag = TRAINING_NO_STRUCTURE;
 }
 
 /* ---------------- messages */
@@ -246,8 +143,7 @@ static void training_report(const struct training_views *t)
         for (int i = 0; i < t->m->count; i++) {
             const struct training_row *row = &t->row[i];
             if ((int)row->flag != flag || !TRAINING_FLAG[flag].message) continue;
-            oxl_log(t->ctx, flag == TRAINING_REFLECTIONS ? OXL_LOG_INFO : OXL_LOG_WARNING,
-                    "training image %s fits %.1f dB worse than its neighbours: %s",
+            oxl_log(t->ctx, OXL_LOG_WARNING, "training image %s fits %.1f dB worse than its neighbours: %s",
                     oxl_scene_view(t->scene, t->m->views[row->at].view)->name,
                     OXL_MAX(row->lacks, row->exposure), TRAINING_FLAG[flag].message);
         }
@@ -351,9 +247,7 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     for (int i = 0; i < m.count; i++) t.view[i] = m.views[i].view;
     training_compare(&t);
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
-    if (evident) rc = training_flag(&t, model);
-    if (rc != OXL_OK) goto done;
-    if (evident) training_flag_structure(&t);
+    if (evident) training_flag(&t);
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
     training_report(&t);
     if (evident) training_report_structure(&t);
