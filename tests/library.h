@@ -35,6 +35,7 @@
 #include "../src/survey/sparse.h"
 #include "../src/survey/survey.h"
 #include "../src/train/train.h"
+#include "../src/train/trained.h"
 #include "../src/train/train_tools.h"
 #include "../src/train/parts_calls.h"
 #include "../src/train/train_state.h"

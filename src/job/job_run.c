@@ -11,6 +11,7 @@
 #include "../checks/checks.h"
 #include "../survey/scene.h"
 #include "../large/os_job.h"
+#include "../train/trained.h"
 
 /* ---------------- run.json */
 

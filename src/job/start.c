@@ -13,6 +13,7 @@
 #include "../formats/formats.h"
 
 #include "../formats/json.h"
+#include "../train/trained.h"
 
 /* Copies a file completely or not at all; removes the target if the file is missing. */
 static oxl_result start_copy(oxl_context *ctx, const char *from, const char *to, const char *name)

@@ -11,6 +11,7 @@
 #include "../formats/json.h"
 #include "../survey/scene.h"
 #include "../model/model.h"
+#include "../train/trained.h"
 #include "os_job.h"
 
 #define BLOCK_LOG_ROWS 200     /* Limits the rows of log.csv in a whole run. */

@@ -16,6 +16,7 @@
 #include "../render/render.h"
 #include "../survey/scene.h"
 #include "../model/model.h"
+#include "../train/trained.h"
 #include "os_job.h"
 
 /* Splits Gaussians of the merged model once more after this fraction of its steps (docs/log/SCALE.md). */

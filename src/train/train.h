@@ -49,40 +49,6 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
                                   const oxl_callback *callback, struct train_task *task, oxl_model *out);
 OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *options);
 
-/* ---------------- trained.c: a run, and all that comes of it */
-
-/* Asks more of trained_make than the options of oxl_train. */
-struct train_extra {
-    struct train_store viewer_store; /* of the second run, in another folder than that of the first */
-    int viewer_steps; /* of the model for viewers, before the factors for medium and gains; 0: none is made */
-    int trims;        /* 1: Gaussians that no training view shows are removed */
-};
-/* Trains as oxl_train, and resumes either run. task->imaging is moved into the first run; task->decisions is
- * not used: they are in *out. */
-OXL_INTERNAL oxl_result trained_make(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                                     const oxl_callback *callback, struct train_task *task,
-                                     const struct train_extra *extra, oxl_trained *out);
-/* Returns the options of `steps` further steps from a finished model, in which the
- * number of Gaussians stays. */
-OXL_INTERNAL oxl_train_options train_refinement(const oxl_train_options *run, int sh_degree, int steps);
-/* Returns the steps of the model for viewers after such a run, before its factors for medium and gains. */
-OXL_INTERNAL int viewer_steps(const oxl_train_options *run);
-/* Returns the steps of it where images have a medium or gains that it leaves out. */
-OXL_INTERNAL int viewer_hiding_steps(int steps);
-/* Returns 1 if images have a medium, or gains alone, which the model for viewers has in its colours. */
-OXL_INTERNAL int viewer_hides(const struct oxl_imaging *m);
-/* Returns the options of the second run. */
-OXL_INTERNAL oxl_train_options viewer_options(const oxl_train_options *run, int sh_degree, int steps,
-                                              const struct oxl_imaging *m);
-/* Returns 1 if scene.ply is the model for viewers. */
-OXL_INTERNAL int trained_hides(const oxl_trained *t);
-
-/* ---------------- unseen.c */
-
-/* Removes the Gaussians that change no pixel of any training view; renders each view once. */
-OXL_INTERNAL oxl_result unseen_drop(oxl_context *ctx, const oxl_scene *scene, oxl_model *model,
-                                    size_t *dropped);
-
 /* ---------------- schedule.c, forecast.c: functions of options and step */
 
 /* The threshold of density control; lowered to SCHEDULE_GRADIENT_POINTLESS in scenes without points, whose

@@ -5,6 +5,7 @@
  * The fits are parts (src/parts). Invariant: what is off changes no byte of the result.
  */
 #include "parts_calls.h"
+#include "trained.h"
 #include "../survey/scene.h"
 
 /* images and points differ by so much in a channel: first colours follow the images */

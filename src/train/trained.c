@@ -7,6 +7,7 @@
  * Invariant: the second run changes neither the model nor the imaging of the first.
  */
 #include "train_state.h"
+#include "trained.h"
 #include "../formats/formats.h"
 #include "../survey/scene.h"
 

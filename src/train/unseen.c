@@ -6,7 +6,7 @@
  *
  * Invariant: the image of a training view does not change; rows keep their order.
  */
-#include "train.h"
+#include "trained.h"
 #include "../render/render.h"
 #include "../survey/scene.h"
 
