@@ -138,7 +138,10 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
     for (; s.row < OXL_COUNT(SURVEY_FILES) && s.rc == OXL_OK && s.models == 0; s.row++) {
         if (s.row < SURVEY_COLMAP) {
             survey_try(&s, sparse);
-            if (s.rc == OXL_OK && os_is_folder(sparse)) os_list_folder(ctx, sparse, survey_try_entry, &s);
+            if (s.rc == OXL_OK && os_is_folder(sparse)) {
+                const oxl_result listed = os_list_folder(ctx, sparse, survey_try_entry, &s);
+                if (s.rc == OXL_OK) s.rc = listed;
+            }
         }
         if (s.models == 0 && !sparse_option) survey_try(&s, path);
     }
