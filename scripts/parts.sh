@@ -16,9 +16,9 @@ src/formats|files hold second lobes and SH bands
 src/large/merge.c|rows of models are merged as they are
 oceanxl.h|fields of the options and of results
 oceanxl_job.h|fields of the options and of results'
-# Words that src/train may use: of the shape of a model's rows, and of the entries of kernels.
+# Words that src/train may use: of the shape of a model's rows, of the entries of kernels, and of what the model for viewers leaves out.
 train='sh_degree lobes antialias OXL_LOBE MODEL_LOBE_RATE_OPACITY MODEL_LOBE_RATE_SCALE model_set_lobes model_drop_lobes
-    lamps medium medium_bake renderer_set_medium'
+    lamps medium medium_bake medium_make_standard renderer_set_medium exposure'
 
 words() { # of identifiers, by part; the option keep of prune is left out, a common word
     case $1 in
