@@ -427,7 +427,7 @@ OXL_API void oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics);
 /* Which Gaussians get a second, negative lobe, and so are differences of Gaussians [OceanXL eq. 3-4]. */
 typedef enum oxl_dog {
     OXL_DOG_OFF = 0,
-    /* those whose mean |dL/d(u, v)|, of the splat's centre, is above dog_threshold late in the run */
+    /* those whose mean |dL/d(u, v)|, of the splat's centre, is above 0.0002 half images late in the run */
     OXL_DOG_SELECTIVE,
     OXL_DOG_ALL
 } oxl_dog;
@@ -486,9 +486,6 @@ typedef struct oxl_train_options {
     /* red, green, blue, 0..1; -1,-1,-1: white where transparent images are composited over it, else black */
     float background[3];
     float ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
-    /* SSIM's C2 is its square; -1: the median standard deviation of small cells of the images where it is
-     * below 0.011, otherwise 0.03 [Wang 2004] */
-    float ssim_contrast;
     /* less work per step; docs/TRADEOFF.md has time and accuracy of each */
     float coarse; /* first fraction of the run, at half resolution; -1: 0.75 for images of at least 640 px */
     /* Fraction of the Gaussians that a step leaves out [Park 2025], rising from 0 to this during the run. -1:
@@ -498,7 +495,7 @@ typedef struct oxl_train_options {
     float alpha_min; /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
     /* Adam's learning rates [Kerbl 2023]; the position's is multiplied by the scene's extent and decays
      * exponentially */
-    float lr_position, lr_position_final, lr_scale, lr_rotation, lr_opacity, lr_sh0, lr_sh;
+    float lr_position, lr_position_final, lr_scale, lr_rotation, lr_sh0, lr_sh;
     /* They hold for 30 000 iterations. A run of n < 30 000 multiplies the rates of means, scales and
      * rotations by h = (30 000 / n)^e and those of SH degrees above 0 by sqrt(h), with e =
      * short_run_exponent; initial Gaussians are narrower and more opaque than Kerbl's.
@@ -508,11 +505,10 @@ typedef struct oxl_train_options {
     /* last fraction of the run, in which all learning rates fall to a tenth; 0: none (docs/TRADEOFF.md) */
     float cooldown;
     /* density control */
-    float densify_from, densify_until; /* fractions of the run */
-    int densify_every;                 /* steps; -1: auto */
+    float densify_until; /* fraction of the run */
+    int densify_every;   /* steps; -1: auto */
     /* threshold of |dL/d(u, v)|, of the splat's centre, in units of half an image */
     float densify_gradient;
-    float opacity_reset_interval; /* fraction of the run, at least 3000 iterations; 0: no resets */
     oxl_ucd ucd;
     oxl_keep keep;
     oxl_switch exposure; /* a log gain per channel and training image */
@@ -525,7 +521,6 @@ typedef struct oxl_train_options {
     int gaps;         /* 1: Gaussians to start from also where a view has no point nearby */
     /* difference-of-Gaussians lobes */
     oxl_dog dog;
-    float dog_threshold;    /* on the mean gradient, in units of half an image */
     const oxl_terms *terms; /* NULL: none; not recorded in run.json */
     /* in a block: iterations of the whole run, which rates and intervals follow; 0: `iterations` */
     int survey_iterations;

@@ -17,7 +17,7 @@ cp "$here/clients.mjs" "$clients/"
 cd "$folder"
 "$program" synth -o survey --views 16 --size 96x64 --points 1500 --origin 40,-30,5 --quiet >/dev/null
 plain="--exposure off --lamp off --medium off" # else scene.ply is the model for viewers
-"$program" train survey -o out --iterations 200 --dog selective --dog-threshold 0.00001 $plain --threads 1 --quiet >/dev/null
+"$program" train survey -o out --iterations 200 --dog all $plain --threads 1 --quiet >/dev/null
 "$program" convert out/scene.ply scene.splat 2>/dev/null >/dev/null
 "$program" train survey -o flat --iterations 100 --sh-degree 1 $plain --threads 1 --quiet >/dev/null
 

@@ -161,7 +161,7 @@ TEST(job_that_is_finished_is_not_done_again_but_another_is)
     options.preset = "a name changes nothing";
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
     CHECK(watch.calls == 12);
-    options.train.lr_opacity *= 2;
+    options.train.lr_scale *= 2;
     CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(test_ctx), "holds the finished result of a run with other options");
     CHECK(watch.calls == 12);

@@ -22,8 +22,7 @@ static oxl_job_options memory_options(void)
     o.train.densify_gradient = 1e-6f;
     o.train.ucd.mode = OXL_UCD_AUTO;
     o.train.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.7};
-    o.train.dog = OXL_DOG_SELECTIVE;
-    o.train.dog_threshold = 1e-5f;
+    o.train.dog = OXL_DOG_ALL;
     o.train.sh_degree = 1;
     o.partition.block_points = 24;
     return o;

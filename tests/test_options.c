@@ -103,7 +103,7 @@ TEST(options_that_cannot_be_are_refused_with_value_found_value_expected_and_a_fi
     options_test_refusal("ram", "4Q", "a size, e.g. 512M or 4G");
     options_test_refusal("max-time", "20q", "a time, e.g. 90s");
     options_test_refusal_of("lobes", "dog", "some", "expected off|selective|all");
-    options_test_refusal_of("lobes", "dog-threshold", "1.#IND", "a number"); /* not a number in files */
+    options_test_refusal("densify-gradient", "1.#IND", "a number"); /* not a number in files */
     options_test_refusal_of("ucd", "ucd", "3,2", "MID,FAR");
     options_test_refusal_of("prune", "keep", "0", "FRACTION");
     options_test_refusal_of("prune", "keep", "97350650T", "FRACTION"); /* more bytes than any option takes */

@@ -591,7 +591,6 @@ TEST(reference_learning_rates_are_the_papers)
     CHECK_CLOSE(o.lr_position_final / splat_learning_rate(OXL_MEAN, 1, 1), 1, 1e-6);
     CHECK_CLOSE(o.lr_scale / splat_learning_rate(OXL_LOG_SCALE, 1, 0), 1, 1e-6);
     CHECK_CLOSE(o.lr_rotation / splat_learning_rate(OXL_ROTATION, 1, 0), 1, 1e-6);
-    CHECK_CLOSE(o.lr_opacity / splat_learning_rate(OXL_OPACITY, 1, 0), 1, 1e-6);
     CHECK_CLOSE(o.lr_sh0 / splat_learning_rate(OXL_SH, 1, 0), 1, 1e-6);
     CHECK_CLOSE(o.lr_sh / splat_learning_rate(OXL_SH + 3, 1, 0), 1, 1e-6);
     CHECK_CLOSE(MODEL_LOBE_RATE_OPACITY / splat_learning_rate(OXL_LOBE, 1, 0), 1, 1e-6);

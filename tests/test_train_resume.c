@@ -25,7 +25,6 @@ static struct checkpoint_case checkpoint_case(void)
     struct checkpoint_case c = checkpoint_of(train_scene(7), train_options(130));
     c.options.coarse = 0.5f;
     c.options.densify_until = 0.9f; /* at 100: rows, moments and statistics change shape */
-    c.options.opacity_reset_interval = 0;
     CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
     return c;
 }

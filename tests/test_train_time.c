@@ -49,7 +49,7 @@ TEST(forecast_of_a_run_adds_up_its_steps_and_grows_to_the_limit)
     const oxl_camera camera = {.width = 100, .height = 60};
     oxl_train_options o = train_options(1000);
     double gaussians = 400, half = 1000 * forecast_step(&camera, 400, 1), grown = 400, rest = 400;
-    o.densify_until = o.densify_from = 0;
+    o.densify_until = 0;
     CHECK_CLOSE(forecast_step(&camera, 400, 0), 400 + 0.2 * 6000, 1e-9);
     CHECK_CLOSE(forecast_ahead(&o, 0, &camera, 1e6, &gaussians), 1000 * 1600.0, 1e-3);
     CHECK_CLOSE(forecast_ahead(&o, 900, &camera, 1e6, &gaussians), 100 * 1600.0, 1e-3);

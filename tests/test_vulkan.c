@@ -2884,8 +2884,7 @@ static void vulkan_train(oxl_context *ctx, int iterations, oxl_model *out, doubl
     options.short_run_exponent = 0; /* larger steps amplify rounding, in which device and CPU differ */
     options.densify_every = 10;
     options.sh_degree = 1;
-    options.dog = OXL_DOG_SELECTIVE;
-    options.dog_threshold = 1e-5f;
+    options.dog = OXL_DOG_ALL;
     options.max_gaussians = 400;
     options.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.8};
     if (train_run(ctx, scene, &options, NULL, &task, out) != OXL_OK)

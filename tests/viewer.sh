@@ -10,14 +10,14 @@ folder=${2:-$(mktemp -d)}
 mkdir -p "$folder"
 cd "$folder"
 "$program" synth -o survey --views 16 --size 192x128 --origin 1000,-500,20 --quiet >/dev/null
-for lobes in off selective; do
-    "$program" train survey -o "$lobes" --iterations 400 --medium off --dog $lobes --dog-threshold 0.00001 --threads 1 --quiet >/dev/null
+for lobes in off all; do
+    "$program" train survey -o "$lobes" --iterations 400 --medium off --dog $lobes --threads 1 --quiet >/dev/null
     "$program" render "$lobes/scene.ply" survey -o "$lobes/drawn" --depth --quiet >/dev/null
 done
 "$program" convert off/scene.ply off/scene.spz --quiet >/dev/null
 "$program" render off/scene.spz survey -o off/quantised --quiet >/dev/null
 cp "$here/../examples/viewer/index.html" .
-python3 "$here/viewer.py" selective/scene.ply:selective/drawn off/scene.spz:off/quantised off/scene.ply:off/drawn
+python3 "$here/viewer.py" all/scene.ply:all/drawn off/scene.spz:off/quantised off/scene.ply:off/drawn
 
 # ?file= draws at once: under virtual time no worker answers, and a page that waits for one stays black.
 python3 -u -m http.server --bind 127.0.0.1 0 >port.txt 2>/dev/null &

@@ -61,14 +61,11 @@ static const oxl_option OPTIONS[] = {
 {"lr-position-final", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_position_final), 0, 1, EACH("0.0000016"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "learning rate of positions at the end; exponential decay in between", NULL},
 {"lr-scale", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_scale), 0, 1, EACH("0.005"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "learning rate of log scales", NULL},
 {"lr-rotation", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_rotation), 0, 1, EACH("0.001"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "learning rate of quaternions", NULL},
-{"lr-opacity", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_opacity), 0, 1, EACH("0.025"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "learning rate of opacity logits", NULL},
 {"lr-sh0", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_sh0), 0, 1, EACH("0.0025"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "learning rate of base colours", NULL},
 {"lr-sh", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_sh), 0, 1, EACH("0.0025/20"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "learning rate of SH above degree 0", NULL},
 {"densify-gradient", "T", OXL_OPTION_FLOAT, OPTION_AT(train.densify_gradient), 0, 1e15, PRESETS("0.00055", "0.0002", "0.0002"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Density control", "split Gaussians above this mean position gradient, in half images; without points at most 0.0002", NULL},
-{"densify-from", "FRACTION", OXL_OPTION_FLOAT, OPTION_AT(train.densify_from), 0, 1, EACH("0.025"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "fraction of the run at which densification begins, not before 500 iterations or a quarter of it", NULL},
 {"densify-until", "FRACTION", OXL_OPTION_FLOAT, OPTION_AT(train.densify_until), 0, 1, EACH("0.5"), OXL_TIER_EXPERT, TRAINING | RESULT | NOT_REFINED, "Density control", "fraction of the run at which densification ends", NULL},
 {"densify-every", "auto|N", OXL_OPTION_INT, OPTION_AT(train.densify_every), 1, INT_MAX, PRESETS("auto", "100", "100"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "iterations between densifications; auto: a tenth of the run, 15 to 50", NULL},
-{"opacity-reset-interval", "FRACTION", OXL_OPTION_FLOAT, OPTION_AT(train.opacity_reset_interval), 0, 1000, EACH("0.1"), OXL_TIER_EXPERT, TRAINING | RESULT | NOT_REFINED, "Density control", "fraction of the run between opacity resets, at least 3000 iterations; 0: none", NULL},
 };
 /* clang-format on */
 

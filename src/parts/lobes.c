@@ -6,7 +6,9 @@
 #include "../survey/scene.h"
 
 #define LOBES_WATCH (1.0 / 40) /* of the run: gradients are averaged before lobes are assigned [OceanXL] */
-#define LOBES_FROM 0.55f       /* of the run at which lobes are assigned, during pruning [OceanXL sec. 3.2] */
+/* mean gradient, in half images, above which --dog selective gives a lobe: that of density control [Kerbl 2023] */
+#define LOBES_THRESHOLD 0.0002f
+#define LOBES_FROM 0.55f /* of the run at which lobes are assigned, during pruning [OceanXL sec. 3.2] */
 /* a new lobe relative to its Gaussian ("Prune Wisely" has half the opacity: docs/PAPER.md) */
 #define LOBES_OPACITY 0.1f
 #define LOBES_SCALE 1.6f
@@ -46,7 +48,7 @@ static oxl_result lobes_assign(struct train *t)
     const oxl_train_options *o = t->options;
     uint8_t *active = oxl_alloc(t->ctx, t->trained.model.count + 1, 1);
     size_t given = 0;
-    const double threshold = o->dog == OXL_DOG_ALL ? -1 : o->dog_threshold;
+    const float threshold = o->dog == OXL_DOG_ALL ? -1 : LOBES_THRESHOLD;
     oxl_result rc = active ? step_download(t, DOWNLOAD_TO_CHANGE) : OXL_ERR_MEMORY;
     if (rc != OXL_OK) goto done;
     for (size_t i = 0; i < t->trained.model.count; i++) {
@@ -91,7 +93,6 @@ static void lobes_record(struct train *t, void *state)
 /* clang-format off */
 static const oxl_option lobes_options[] = {
 {"dog", "off|selective|all", OXL_OPTION_CHOICE, OPTION_AT(train.dog), 0, 2, PRESETS("off", "off", "selective"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Scene content", "give Gaussians a second, negative lobe (difference of Gaussians): 0 to 0.2 dB at equal bytes, 10 to 20 % more time", NULL},
-{"dog-threshold", "T", OXL_OPTION_FLOAT, OPTION_AT(train.dog_threshold), 0, 1e15, EACH("0.0002"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "for --dog selective: mean gradient, in half images, above which Gaussians get a lobe", NULL},
 {0}};
 /* clang-format on */
 

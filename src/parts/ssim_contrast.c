@@ -14,7 +14,6 @@
  */
 #include "ssim_contrast.h"
 #include "../train/part.h"
-#include "../core/option_rows.h"
 #include "../survey/image.h"
 #include "../survey/photometry.h"
 #include "../train/train_tools.h"
@@ -101,11 +100,8 @@ OXL_INTERNAL double ssim_contrast_of_detail(double measured)
 static oxl_result ssim_contrast_begin(struct train *t, void *state)
 {
     struct ssim_contrast *s = state;
-    const float given = t->options->ssim_contrast;
-    oxl_result rc = OXL_OK;
-    s->contrast = given >= 0 ? (double)given : SSIM_CONTRAST_WANG;
-    if (given < 0) rc = ssim_contrast_measure(t->ctx, t->scene, &s->measured, &s->views);
-    if (s->views > 0) s->contrast = ssim_contrast_of_detail(s->measured);
+    const oxl_result rc = ssim_contrast_measure(t->ctx, t->scene, &s->measured, &s->views);
+    s->contrast = ssim_contrast_of_detail(s->measured);
     renderer_set_contrast(t->renderer, s->contrast);
     return rc;
 }
@@ -139,19 +135,11 @@ static void ssim_contrast_record(struct train *t, void *state)
         "or without a lamp SSIM keeps its own constant, %g",
         s->measured, s->views, s->is_unlit ? ", no lamp is known of" : "", SSIM_CONTRAST_FAINT,
         SSIM_CONTRAST_WANG);
-    selection_record(t, "ssim_contrast", NUMBER(floor(s->contrast * 1e5 + 0.5) / 1e5),
-                     t->options->ssim_contrast >= 0 ? "as set" : why);
+    selection_record(t, "ssim_contrast", NUMBER(floor(s->contrast * 1e5 + 0.5) / 1e5), why);
 }
-
-/* clang-format off */
-static const oxl_option ssim_contrast_options[] = {
-{"ssim-contrast", "auto|SD", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_contrast), 0.001, 0.1, EACH("auto"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "standard deviation of detail, of white, below which SSIM in the loss hardly counts it; auto: the images' median where that is below 0.011 and a lamp shows in the tracks; otherwise 0.03", NULL},
-{0}};
-/* clang-format on */
 
 OXL_INTERNAL const struct part part_ssim_contrast = {.name = "ssim_contrast",
                                                      .size = sizeof(struct ssim_contrast),
-                                                     .option = ssim_contrast_options,
                                                      .begin = ssim_contrast_begin,
                                                      .archive = ssim_contrast_archive,
                                                      .use_tracks = ssim_contrast_use_tracks,

@@ -5,7 +5,10 @@
 
 /* iterations before the first densification, unless a quarter of the run is less */
 #define SCHEDULE_WARM_UP 500
-#define SCHEDULE_RESET_MIN 3000 /* iterations between opacity resets [Kerbl 2023] */
+#define SCHEDULE_DENSIFY_FROM 0.025f /* of the run: the first densification, or later [3DGS: 500 of 30 000] */
+#define SCHEDULE_RESET_INTERVAL 0.1f /* of the run, between opacity resets, */
+#define SCHEDULE_RESET_MIN 3000      /* but so many iterations at least [Kerbl 2023] */
+#define SCHEDULE_RATE_OPACITY 0.025f /* learning rate of opacity logits [Kerbl 2023] */
 /* iterations without a reset before density control ends: the loss recovers in them */
 #define SCHEDULE_RESET_RECOVERY 1000
 #define SCHEDULE_RESET_RECOVERY_FRACTION 0.025 /* of the run: the same for long runs, where it is more */
@@ -124,7 +127,7 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
         adam.rate[k] = k < OXL_LOG_SCALE  ? mean
                        : k < OXL_ROTATION ? schedule_scale_rate(o)
                        : k < OXL_OPACITY  ? (float)(short_run_factor * o->lr_rotation)
-                       : k < OXL_SH       ? (float)(brisk * o->lr_opacity)
+                       : k < OXL_SH       ? (float)(brisk * SCHEDULE_RATE_OPACITY)
                        : k < OXL_SH + 3   ? (float)(brisk * o->lr_sh0)
                        : k < OXL_LOBE     ? (float)(brisk * sqrt(short_run_factor) * o->lr_sh)
                        : k == OXL_LOBE    ? MODEL_LOBE_RATE_OPACITY
@@ -150,7 +153,7 @@ static int schedule_densify_interval(const oxl_train_options *o)
  * missing, and a reset must be made up for. */
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *o, int step)
 {
-    const double from = OXL_MAX(o->densify_from * o->iterations,
+    const double from = OXL_MAX(SCHEDULE_DENSIFY_FROM * o->iterations,
                                 OXL_MIN(SCHEDULE_WARM_UP * schedule_scale(o), 0.25 * o->iterations));
     return step >= from && step <= o->densify_until * o->iterations &&
            step % schedule_densify_interval(o) == 0;
@@ -158,7 +161,7 @@ OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *o, int step)
 
 OXL_INTERNAL int schedule_reset_interval(const oxl_train_options *o)
 {
-    return (int)OXL_MAX(SCHEDULE_RESET_MIN * schedule_scale(o), o->opacity_reset_interval * o->iterations);
+    return (int)OXL_MAX(SCHEDULE_RESET_MIN * schedule_scale(o), SCHEDULE_RESET_INTERVAL * o->iterations);
 }
 
 /* Allows no reset so late that density control ends, and pruning takes its scores, before opacities have
@@ -167,8 +170,7 @@ OXL_INTERNAL int schedule_resets_opacity_at(const oxl_train_options *o, int step
 {
     const double recovery = OXL_MAX(SCHEDULE_RESET_RECOVERY * schedule_scale(o),
                                     SCHEDULE_RESET_RECOVERY_FRACTION * o->iterations);
-    return o->opacity_reset_interval > 0 && step + recovery <= o->densify_until * o->iterations &&
-           step % schedule_reset_interval(o) == 0;
+    return step + recovery <= o->densify_until * o->iterations && step % schedule_reset_interval(o) == 0;
 }
 
 OXL_INTERNAL double schedule_coarse_fraction(const oxl_train_options *o, int width, int height)

@@ -343,8 +343,7 @@ OXL_INTERNAL oxl_result step_densify(struct train *t)
                                   .f_mid = 1,
                                   .f_far = 1,
                                   .extent = oxl_scene_extent(t->scene),
-                                  .split_large =
-                                      o->opacity_reset_interval > 0 && t->step > schedule_reset_interval(o),
+                                  .split_large = t->step > schedule_reset_interval(o),
                                   .cap = schedule_gaussian_cap(t->scene, o)};
     struct density_change change = {0};
     int moved = 0;
