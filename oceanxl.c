@@ -66,6 +66,7 @@
 #include "src/formats/splat_file.c"    /* models as .splat */
 #include "src/formats/model_file.c"    /* models from PLY */
 #include "src/formats/image_write.c"   /* writes PNG and JPEG, in memory by codec */
+#include "src/formats/json_file.c" /* reads a survey in JSON, by the reader that knows the name of its file */
 #include "src/formats/model_formats.c" /* the formats of models, a row each */
 
 /* forward and backward pass of one image */
@@ -141,14 +142,9 @@
 #include "src/parts/table.c"         /* the table */
 
 /* checks of a survey */
-#include "src/checks/match.c"       /* are the images those that the model was made from? */
-#include "src/checks/values.c"      /* images and masks whose values are not what they look like */
-#include "src/checks/conventions.c" /* the convention that poses were written in */
-#include "src/checks/belongs.c"     /* whether images, points and poses belong together */
-#include "src/checks/quality.c"     /* images unlike those taken beside them */
-#include "src/checks/lint.c"        /* checks poses, images and masks against the points */
+#include "src/checks/quality.c" /* images unlike those taken beside them */
+#include "src/checks/lint.c"    /* checks poses, images and masks against the points */
 #include "src/checks/hypotheses.c" /* tells whether images, poses and points belong together, and if not, how they would */
-#include "src/checks/reprojection.c" /* how far points project from where images saw them */
 
 /* what one model in memory does not need: memory and time predicted, blocks */
 #include "src/large/partition.h"        /* shared by these files */
@@ -186,5 +182,4 @@
 #include "src/job/training_views.c"  /* training views with much larger error than their neighbours */
 #include "src/job/metrics_json.c"    /* metrics as JSON */
 #include "src/job/job_result.c"      /* the model in its files, metrics.json, run.json, renders */
-#include "src/job/misfit.c"          /* measures what the error of a render is made of */
 #include "src/job/job_run.c"         /* the whole job: survey folder in, output folder out */

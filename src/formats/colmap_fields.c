@@ -330,3 +330,57 @@ OXL_INTERNAL void colmap_begin_name(struct colmap_reader *r)
     colmap_skip_blanks(r);
     while (r->end > r->cursor && colmap_is_blank(r->end[-1])) r->end--;
 }
+
+OXL_INTERNAL void colmap_check_rotation(struct colmap_reader *r, const double q[4])
+{
+    const double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    if (!(length >= 1e-6 && length <= 1e6))
+        colmap_fail(r, "take this image out of the model (colmap image_deleter) and export it again",
+                    "found the quaternion %g %g %g %g, expected a rotation (length 1)", q[0], q[1], q[2],
+                    q[3]);
+    if (fabs(length - 1) > COLMAP_UNIT_ERROR) colmap_warn(r, WARN_QUATERNION);
+}
+
+/* Returns 0 for paths outside the image folder: absolute paths, drives, ".."
+ * between slashes of either kind. */
+OXL_INTERNAL int colmap_name_is_safe(const char *name, const char *end)
+{
+    const char *part = name;
+    if (*name == '/' || *name == '\\' || (end - name > 1 && name[1] == ':')) return 0;
+    for (const char *p = name;; p++) {
+        if (p < end && *p == 0) return 0;
+        if (p < end && *p != '/' && *p != '\\') continue;
+        if (p - part == 2 && part[0] == '.' && part[1] == '.') return 0;
+        if (p == end) return 1;
+        part = p + 1;
+    }
+}
+
+OXL_INTERNAL void colmap_read_name(struct colmap_reader *r, size_t *name)
+{
+    struct colmap *out = r->out;
+    size_t size;
+    if (r->rc != OXL_OK) return;
+    colmap_skip_blanks(r);
+    /* Removes "./": without it the name is the same image's. */
+    while (r->end - r->cursor > 2 && r->cursor[0] == '.' && r->cursor[1] == '/')
+        for (r->cursor += 2; r->cursor < r->end && r->cursor[0] == '/';) r->cursor++;
+    size = (size_t)(r->end - r->cursor);
+    r->field = r->cursor;
+    if (size == 0)
+        colmap_fail(r, COLMAP_FIX_EXPORT,
+                    "found the end of the line, expected NAME, a file in the image folder");
+    else if (memchr(r->cursor, '\n', size) || memchr(r->cursor, '\r', size))
+        colmap_fail(r, COLMAP_FIX_EXPORT, "found a line end in a name, expected a name of one line");
+    else if (!colmap_name_is_safe(r->cursor, r->end))
+        colmap_fail(r, "give names relative to that folder, without \"..\"",
+                    "found the name '%.*s', expected a path inside the image folder",
+                    (int)OXL_MIN(size, (size_t)200), r->cursor);
+    if (r->rc == OXL_OK)
+        r->rc = oxl_reserve(r->ctx, &out->names, &r->names_capacity, out->names_size + size + 1, 1);
+    if (r->rc != OXL_OK) return;
+    *name = out->names_size;
+    memcpy(out->names + *name, r->cursor, size);
+    out->names[*name + size] = 0;
+    out->names_size += size + 1;
+}

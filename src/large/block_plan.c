@@ -158,7 +158,7 @@ static oxl_result plan_take(struct job *job, const oxl_model *coarse, const uint
     oxl_result rc = keep ? OXL_OK : OXL_ERR_MEMORY;
     oxl_model_free(job->ctx, out);
     if (rc == OXL_OK) rc = oxl_model_create(job->ctx, 0, 0, out);
-    memcpy(out->origin, coarse->origin, sizeof out->origin);
+    if (rc == OXL_OK) memcpy(out->origin, coarse->origin, sizeof out->origin);
     for (size_t i = 0; i < coarse->count && rc == OXL_OK; i++) keep[i] = part[i] == which;
     if (rc == OXL_OK) rc = merge_rows(job->ctx, coarse, keep, out);
     oxl_free(job->ctx, keep);

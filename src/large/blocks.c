@@ -175,7 +175,7 @@ static oxl_result blocks_train_merged(struct blocks *b, int block, const char *f
     (void)block;
     task.start = &merged;
     task.viewer_steps = viewer_steps(&job->options.train);
-    if (rc == OXL_OK && viewer_hides(&job->imaging))
+    if (rc == OXL_OK && imaging_hides(&job->imaging))
         job->stage_viewers = viewer_hiding_steps(task.viewer_steps);
     if (rc == OXL_OK) blocks_set_merged(job, merged.sh_degree, steps, &task.train);
     if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "merged model: %d steps", steps);

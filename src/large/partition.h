@@ -19,7 +19,8 @@ struct partition_plan {
 
 /* Finds the frame, the principal axes of the survey, and its extents along them (partition_axes.c). */
 OXL_INTERNAL oxl_result partition_axes(oxl_context *ctx, const oxl_scene *scene, struct partition *p);
-/* Cuts the survey into `blocks` blocks, and into more until none has more than `limit` points (partition_cut.c). */
+/* Cuts the survey into `blocks` blocks, and into more until none has more than `limit` points
+ * (partition_cut.c). */
 OXL_INTERNAL oxl_result partition_cut(oxl_context *ctx, struct partition *p, oxl_cut cut, int blocks,
                                       size_t limit);
 /* Returns 1 if the block has the view; 0 for view -1. */

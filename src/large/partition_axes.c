@@ -102,3 +102,11 @@ OXL_INTERNAL oxl_result partition_axes(oxl_context *ctx, const oxl_scene *scene,
     OXL_FREE(ctx, sample, scratch);
     return sample && scratch ? OXL_OK : OXL_ERR_MEMORY;
 }
+
+OXL_INTERNAL void partition_to_frame(const struct partition *p, const double world[3], double out[3])
+{
+    for (int i = 0; i < 3; i++) {
+        out[i] = 0;
+        for (int k = 0; k < 3; k++) out[i] += p->rotation[3 * i + k] * (world[k] - p->origin[k]);
+    }
+}

@@ -13,14 +13,6 @@
 
 #define PARTITION_FLAT 0.3 /* Bounds l3 / l2 of a survey that is cut in 2D [OceanXL]. */
 
-OXL_INTERNAL void partition_to_frame(const struct partition *p, const double world[3], double out[3])
-{
-    for (int i = 0; i < 3; i++) {
-        out[i] = 0;
-        for (int k = 0; k < 3; k++) out[i] += p->rotation[3 * i + k] * (world[k] - p->origin[k]);
-    }
-}
-
 /* ---------------- views of the blocks */
 
 OXL_INTERNAL int partition_has_view(const struct partition *p, int block, int view)

@@ -1,9 +1,9 @@
 /* lamp.c - a light that moves with the camera, optimised with the scene.
  *
  * Model: the rendered image times exp(s(x, y)), s a polynomial of degree 4 of zero mean over the image, one
- * for each physical camera
- * (imaging_camera, survey/imaging.c). A survey's light that stands still has s = 0, where it begins. Light also
- * falls with distance: that looks like attenuation, and counts as such in the fit of a medium.
+ * for each physical camera (imaging_camera, survey/imaging.c). A survey's light that stands still has s = 0,
+ * where it begins. Light also falls with distance: that looks like attenuation, and counts as such in the fit
+ * of a medium.
  *
  * s starts from the fit to the tracks (survey/photometry.c), which also shows whether it is needed; Adam
  * (Kingma & Ba 2015) from LAMP_FROM of the run on. Gauge: s has no constant term, so

@@ -115,4 +115,10 @@ static inline int imaging_is_gains_alone(const struct oxl_imaging *m)
     return m->on && m->lamps == 0 && !imaging_alters_colours(m);
 }
 
+/* Returns 1 if there is a medium, or gains alone, which a model for viewers has in its colours. */
+static inline int imaging_hides(const struct oxl_imaging *m)
+{
+    return imaging_alters_colours(m) || imaging_is_gains_alone(m);
+}
+
 #endif

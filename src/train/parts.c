@@ -92,6 +92,16 @@ OXL_INTERNAL void parts_form_image(const struct train *t, struct oxl_imaging *m)
     PARTS_FOR(k, form_image) parts_at(k)->form_image(t->part[k], m);
 }
 
+OXL_INTERNAL int parts_hide(struct train *t)
+{
+    struct oxl_imaging m = {0};
+    struct train_deferred step = {0};
+    parts_form_image(t, &m);
+    parts_set_gain(t, &step, 0);
+    m.on = step.has_gain;
+    return imaging_hides(&m);
+}
+
 OXL_INTERNAL oxl_result parts_before_render(struct train *t, struct part_view *v)
 {
     PARTS_CALL(before_render, t, t->part[k], v);

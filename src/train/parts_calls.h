@@ -17,6 +17,8 @@ OXL_INTERNAL void parts_use_tracks(struct train *t, const struct photometry *p);
 OXL_INTERNAL oxl_result parts_before_step(struct train *t);
 OXL_INTERNAL void parts_set_gain(struct train *t, struct train_deferred *step, int learns);
 OXL_INTERNAL void parts_form_image(const struct train *t, struct oxl_imaging *m);
+/* Returns 1 if images have a medium, or gains alone, so that viewers get a model of their own. */
+OXL_INTERNAL int parts_hide(struct train *t);
 OXL_INTERNAL oxl_result parts_before_render(struct train *t, struct part_view *v);
 OXL_INTERNAL oxl_result parts_after_render(struct train *t, struct part_view *v);
 OXL_INTERNAL oxl_result parts_before_backward(struct train *t, struct part_view *v);

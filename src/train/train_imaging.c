@@ -72,16 +72,6 @@ OXL_INTERNAL oxl_result train_imaging_begin(struct train *t)
     return train_imaging_use_tracks(t);
 }
 
-OXL_INTERNAL int train_imaging_hides(struct train *t)
-{
-    struct oxl_imaging m = {0};
-    struct train_deferred step = {0};
-    parts_form_image(t, &m);
-    parts_set_gain(t, &step, 0);
-    m.on = step.has_gain;
-    return viewer_hides(&m);
-}
-
 OXL_INTERNAL void train_imaging_describe(struct train *t)
 {
     const struct oxl_imaging *m = t->imaging;

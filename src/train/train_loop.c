@@ -322,7 +322,7 @@ static oxl_result train_loop(struct train *t)
     }
     if (rc == OXL_OK && t->step < o->iterations) return train_save(t);
     if (rc == OXL_OK && t->task.keeps && t->saved_step < t->step &&
-        (t->trained.model.lobes > 0 || train_imaging_hides(t)))
+        (t->trained.model.lobes > 0 || parts_hide(t)))
         rc = train_save(t);
     if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_TO_CHANGE);
     if (rc == OXL_OK) parts_record(t);

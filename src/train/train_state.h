@@ -136,9 +136,7 @@ OXL_INTERNAL void selection_record_auto(struct train *t, const char *what, oxl_s
 OXL_INTERNAL oxl_result train_imaging_begin(struct train *t); /* from the tracks, before the first step */
 OXL_INTERNAL oxl_result train_imaging_use_tracks(struct train *t); /* the same after exposure's trial */
 OXL_INTERNAL int train_imaging_is_open(const struct train *t); /* 1: exposure's trial is still to decide */
-/* Returns 1 if images have a medium, or gains alone, so that viewers get a model of their own. */
-OXL_INTERNAL int train_imaging_hides(struct train *t);
-OXL_INTERNAL void train_imaging_describe(struct train *t); /* warns where values are not identifiable */
+OXL_INTERNAL void train_imaging_describe(struct train *t);     /* warns where values are not identifiable */
 OXL_INTERNAL void train_imaging_store(struct train *t, oxl_model *model); /* in t->imaging and the model */
 
 /* ---------------- train_loop.c */

@@ -28,11 +28,6 @@ OXL_INTERNAL int viewer_hiding_steps(int steps)
     return OXL_MAX(2 * steps, OXL_MIN(VIEWER_MORE, 3 * steps));
 }
 
-OXL_INTERNAL int viewer_hides(const struct oxl_imaging *m)
-{
-    return imaging_alters_colours(m) || imaging_is_gains_alone(m);
-}
-
 /* Keeps the learning rates that the whole run has in its second half before its cool-down, not those of a run
  * of `steps`; but opacities and colours lose the factor of runs below SCHEDULE_BRISK_ITERATIONS. Momentum as
  * in Kerbl 2023. */
@@ -55,7 +50,7 @@ OXL_INTERNAL oxl_train_options train_refinement(const oxl_train_options *run, in
 OXL_INTERNAL oxl_train_options viewer_options(const oxl_train_options *run, int sh_degree, int steps,
                                               const struct oxl_imaging *m)
 {
-    const int drops_gains = imaging_is_gains_alone(m), hides = viewer_hides(m);
+    const int drops_gains = imaging_is_gains_alone(m), hides = imaging_hides(m);
     oxl_train_options o = train_refinement(run, sh_degree, hides ? viewer_hiding_steps(steps) : steps);
     o.medium = OXL_OFF;
     if (drops_gains) {
@@ -172,7 +167,7 @@ static oxl_result trained_complete(oxl_context *ctx, oxl_scene *scene, const oxl
                                    const struct train_task *task, const struct train_extra *extra,
                                    struct trained_run *progress, oxl_trained *t)
 {
-    const int wanted = extra->viewer_steps > 0 && (t->model.lobes > 0 || viewer_hides(t->imaging));
+    const int wanted = extra->viewer_steps > 0 && (t->model.lobes > 0 || imaging_hides(t->imaging));
     oxl_result rc = OXL_OK;
     if (t->finished && wanted) rc = viewer_refine(ctx, scene, options, task, extra, progress, t);
     if (rc == OXL_OK && t->finished && extra->trims) rc = trained_trim(ctx, scene, options, t);

@@ -22,8 +22,6 @@ OXL_INTERNAL oxl_train_options train_refinement(const oxl_train_options *run, in
 OXL_INTERNAL int viewer_steps(const oxl_train_options *run);
 /* Returns the steps of it where images have a medium or gains that it leaves out. */
 OXL_INTERNAL int viewer_hiding_steps(int steps);
-/* Returns 1 if images have a medium, or gains alone, which the model for viewers has in its colours. */
-OXL_INTERNAL int viewer_hides(const struct oxl_imaging *m);
 /* Returns the options of the second run. */
 OXL_INTERNAL oxl_train_options viewer_options(const oxl_train_options *run, int sh_degree, int steps,
                                               const struct oxl_imaging *m);
