@@ -6,7 +6,7 @@
 #include "../survey/scene.h"
 
 #define LOBES_WATCH (1.0 / 40) /* of the run: gradients are averaged before lobes are assigned [OceanXL] */
-/* mean gradient, in half images, above which --dog selective gives a lobe: that of density control [Kerbl 2023] */
+/* mean gradient, in half images, above which --dog selective gives a lobe: density control's [Kerbl 2023] */
 #define LOBES_THRESHOLD 0.0002f
 #define LOBES_FROM 0.55f /* of the run at which lobes are assigned, during pruning [OceanXL sec. 3.2] */
 /* a new lobe relative to its Gaussian ("Prune Wisely" has half the opacity: docs/PAPER.md) */
