@@ -584,7 +584,7 @@ typedef struct oxl_trained {
 /* Trains a model on the scene's training views, as the command `oceanxl train` does with a survey of one
  * block. The same scene, options and seed give the same bytes. callback may be NULL.
  * OXL_ERR_USAGE: an option is out of its range; OXL_ERR_INTERRUPTED: stopped, out is usable. */
-OXL_API oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
+OXL_API oxl_result oxl_train(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
                              const oxl_callback *callback, oxl_trained *out);
 OXL_API void oxl_trained_free(oxl_context *ctx, oxl_trained *trained);
 /* Writes the files that `oceanxl train` writes of them to a folder: scene.ply, which any viewer shows;

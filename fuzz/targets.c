@@ -327,7 +327,7 @@ static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
         fuzz_explained(ctx, rc);
     }
     train_end(&t);
-    oxl_scene_free(ctx, t.survey);
+    oxl_scene_free(ctx, (oxl_scene *)t.survey);
     text_free(&log);
     text_free(&notes);
 }

@@ -67,7 +67,7 @@ TEST(depth_of_tracks_is_compared_at_the_places_of_the_window_and_of_halved_image
     struct track_depth d = {0};
     int count;
     photometry_test_make("depth_window", SYNTH_3C);
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_window"), NULL, &t.survey));
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_window"), NULL, (oxl_scene **)&t.survey));
     t.scene = t.survey;
     CHECK_OK(renderer_create(test_ctx, &t.renderer));
     for (int v = 0; v < 14; v++) all[v] = window;
@@ -84,5 +84,5 @@ TEST(depth_of_tracks_is_compared_at_the_places_of_the_window_and_of_halved_image
     }
     track_depth_free(&(struct train){.ctx = test_ctx}, &d);
     renderer_free(test_ctx, t.renderer);
-    oxl_scene_free(test_ctx, t.survey);
+    oxl_scene_free(test_ctx, (oxl_scene *)t.survey);
 }

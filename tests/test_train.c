@@ -714,7 +714,7 @@ TEST(train_knows_which_share_of_the_gaussians_a_view_shows)
     oxl_train_options o = train_options(10);
     struct train t = {
         .ctx = test_ctx, .survey = train_scene(14), .options = &o, .decisions = {.ctx = test_ctx}};
-    oxl_scene *scene = t.survey;
+    oxl_scene *scene = (oxl_scene *)t.survey;
     size_t shown = 0;
     for (int i = 0; i < 14; i += 2) scene->view[i].camera.translation[0] += 1000;
     CHECK_OK(train_begin(&t));

@@ -36,7 +36,7 @@ static void nonfinite_test_begin(struct nonfinite_test_case *c, int steps)
 
 static void nonfinite_test_free(struct nonfinite_test_case *c)
 {
-    oxl_scene *scene = c->t.survey;
+    oxl_scene *scene = (oxl_scene *)c->t.survey;
     train_end(&c->t);
     oxl_model_free(test_ctx, &c->before);
     oxl_scene_free(test_ctx, scene);

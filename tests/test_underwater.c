@@ -722,7 +722,7 @@ TEST(exposure_that_a_trial_refuses_leaves_what_a_run_without_begins_with)
         options[k].medium = OXL_OFF;
         t[k] = (struct train){.ctx = test_ctx, .options = &options[k], .callback = &count};
         t[k].decisions.ctx = test_ctx;
-        CHECK_OK(oxl_scene_load(test_ctx, test_path("waves"), NULL, &t[k].survey));
+        CHECK_OK(oxl_scene_load(test_ctx, test_path("waves"), NULL, (oxl_scene **)&t[k].survey));
         CHECK_OK(train_begin(&t[k]));
     }
     CHECK(!t[0].trial && t[1].trial && exposure_test_has_decided(&t[0], "lamp"));
@@ -740,7 +740,7 @@ TEST(exposure_that_a_trial_refuses_leaves_what_a_run_without_begins_with)
     CHECK(!train_same(&t[0].trained.model, &first) && train_same(&t[0].trained.model, &t[1].trained.model));
     oxl_model_free(test_ctx, &first);
     for (int k = 0; k < 2; k++) {
-        oxl_scene *scene = t[k].survey;
+        oxl_scene *scene = (oxl_scene *)t[k].survey;
         train_end(&t[k]);
         oxl_scene_free(test_ctx, scene);
     }

@@ -3021,7 +3021,7 @@ static void vulkan_check_run_falls_back(oxl_context *device)
     struct vulkan_renderer *d;
     struct train t = {
         .ctx = device, .survey = vulkan_survey(device, 0), .options = &options, .decisions = {.ctx = device}};
-    oxl_scene *scene = t.survey;
+    oxl_scene *scene = (oxl_scene *)t.survey;
     CHECK_OK(train_begin(&t));
     for (int k = 0; k < t.views; k += 2) vulkan_two_steps(&t);
     d = t.renderer->device;
@@ -3105,7 +3105,7 @@ static void vulkan_check_lost_trial(oxl_context *device)
     struct vulkan *v = device->backend->vulkan;
     struct train t = {
         .ctx = device, .survey = vulkan_survey(device, 0), .options = &options, .decisions = {.ctx = device}};
-    oxl_scene *scene = t.survey;
+    oxl_scene *scene = (oxl_scene *)t.survey;
     options.exposure = OXL_ON;
     CHECK_OK(train_begin(&t));
     vulkan_two_steps(&t);
@@ -3484,7 +3484,7 @@ static void vulkan_begin_all(oxl_context *ctx, struct train *t, oxl_train_option
     o->dropout = 0.1f;
     o->antialias = 1;
     *t = (struct train){.ctx = ctx, .options = o, .decisions = {.ctx = ctx}, .step = 0};
-    CHECK_OK(oxl_scene_load(ctx, test_path("vulkan_all"), NULL, &t->survey));
+    CHECK_OK(oxl_scene_load(ctx, test_path("vulkan_all"), NULL, (oxl_scene **)&t->survey));
     CHECK(oxl_scene_view_count(t->survey) == VULKAN_ALL_VIEWS);
     for (int i = 0; i < VULKAN_ALL_VIEWS; i++)
         window[i] = (struct image_window){.x = 8, .y = 4, .width = 64, .height = 48};
@@ -3498,7 +3498,7 @@ static void vulkan_begin_all(oxl_context *ctx, struct train *t, oxl_train_option
 static void vulkan_end_all(struct train *t)
 {
     train_end(t);
-    oxl_scene_free(t->ctx, t->survey);
+    oxl_scene_free(t->ctx, (oxl_scene *)t->survey);
 }
 
 static void vulkan_steps_of_all(struct train *t, int steps)

@@ -257,7 +257,7 @@ static oxl_result block_write_result(struct block *b, const oxl_scene *scene, co
 }
 
 /* Trains the block, or resumes its training; writes its files even if the callback stopped it. */
-static oxl_result block_run(struct block *b, oxl_scene *scene, oxl_trained *t)
+static oxl_result block_run(struct block *b, const oxl_scene *scene, oxl_trained *t)
 {
     const struct block_task *task = b->task;
     const char *viewer = PATH(task->folder, "viewer");
@@ -291,7 +291,7 @@ static oxl_result block_run(struct block *b, oxl_scene *scene, oxl_trained *t)
     return written == OXL_OK ? rc : written;
 }
 
-OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task)
+OXL_INTERNAL oxl_result block_train(oxl_context *ctx, const oxl_scene *scene, const struct block_task *task)
 {
     struct block b = {.ctx = ctx, .task = task, .log = {.ctx = ctx}, .notes = {.ctx = ctx}};
     struct text *outer = ctx->notes;

@@ -193,7 +193,7 @@ OXL_INTERNAL oxl_result block_write_finished(oxl_context *ctx, const oxl_scene *
                                              const struct block_record *record);
 /* Trains the block, from its checkpoint if there is one. OXL_ERR_INTERRUPTED if the callback stopped it:
  * model.ply has the steps done. */
-OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task);
+OXL_INTERNAL oxl_result block_train(oxl_context *ctx, const oxl_scene *scene, const struct block_task *task);
 
 /* ---------------- lock.c: a folder that one process writes to at a time */
 

@@ -235,7 +235,6 @@ static oxl_result exposure_train_half(struct train *t, struct exposure *e, struc
     selection_hold(t, half);
     for (int k = 0; k < t->validation_views; k++) e->of.known[t->validation[k]] = 0;
     rc = selection_train_trial(t, EXPOSURE_STEPS, psnr);
-    t->validation_views = 0;
     t->nonfinite = unread; /* what cannot be read is counted by the run */
     return rc;
 }

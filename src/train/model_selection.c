@@ -55,53 +55,34 @@ OXL_INTERNAL oxl_result selection_begin(struct train *t)
     return OXL_OK;
 }
 
-/* Returns the place of a view among those that are trained; t->views: it is not there, or cannot be read. */
-static int selection_slot(const struct train *t, int view)
-{
-    int slot = 0;
-    while (slot < t->views && t->view[slot] != view) slot++;
-    return slot;
-}
-
 OXL_INTERNAL void selection_hold(struct train *t, int half)
 {
-    int index = 0;
-    for (int i = 0; i < oxl_scene_view_count(t->scene); i++) {
-        const int slot = selection_slot(t, i);
-        if (slot == t->views || index++ % 2 != half) continue;
-        t->views--;
-        memmove(t->view + slot, t->view + slot + 1, (size_t)(t->views - slot) * sizeof *t->view);
-        t->validation[t->validation_views++] = i;
-    }
+    const int views = t->views;
+    t->views = t->validation_views = 0;
+    for (int i = 0; i < views; i++)
+        if (i % 2 == half) t->validation[t->validation_views++] = t->view[i];
+        else t->view[t->views++] = t->view[i];
 }
 
-/* Logs an unreadable view and removes it, so that all means are over the same views. */
-static void selection_drop_view(struct train *t, int slot)
-{
-    nonfinite_count_unreadable(t->ctx, &t->nonfinite);
-    t->validation_views--;
-    memmove(t->validation + slot, t->validation + slot + 1,
-            (size_t)(t->validation_views - slot) * sizeof *t->validation);
-}
-
-/* Renders the validation views and averages their PSNR; NaN without any. */
+/* Renders the validation views that can be read and averages their PSNR; NaN without any. */
 static oxl_result selection_validate(struct train *t, double *psnr)
 {
     struct renderer_loss one;
     oxl_result rc = step_flush(t);
+    int seen = 0;
     *psnr = 0;
-    for (int i = 0; i < t->validation_views && rc == OXL_OK;) {
+    for (int i = 0; i < t->validation_views && rc == OXL_OK; i++) {
         rc = step_load_image(t, t->validation[i]);
         if (rc == OXL_ERR_INPUT ||
             (rc == OXL_ERR_IO && !scene_misses_too_many(t->scene, (int)t->nonfinite.images + 1))) {
-            selection_drop_view(t, i);
+            nonfinite_count_unreadable(t->ctx, &t->nonfinite);
             rc = OXL_OK;
             continue;
         }
-        if (rc == OXL_OK) rc = step_loss_of_view(t, t->validation[i++], &one);
-        if (rc == OXL_OK) *psnr -= VECMATH_DECIBEL_OF_E * vecmath_log(one.mse + SELECTION_NOISE);
+        if (rc == OXL_OK) rc = step_loss_of_view(t, t->validation[i], &one);
+        if (rc == OXL_OK) *psnr -= VECMATH_DECIBEL_OF_E * vecmath_log(one.mse + SELECTION_NOISE), seen++;
     }
-    *psnr = t->validation_views > 0 ? *psnr / t->validation_views : NAN;
+    *psnr = seen > 0 ? *psnr / seen : NAN;
     return rc;
 }
 

@@ -218,7 +218,6 @@ OXL_INTERNAL void train_archive(struct archive *a, void *user)
     nonfinite_archive(a, &t->nonfinite);
     parts_archive(a, t, 0);
     selection_archive(a, t);
-    archive_expect(a, t->views + t->validation_views <= schedule_training_views(t->scene));
     archive_text(a, t->task.log);
     archive_text(a, t->task.notes);
     if (a->reading && a->rc == OXL_OK) t->seconds = spent;
@@ -345,7 +344,7 @@ static void train_return_decisions(struct train *t)
     if (out) out->failed |= t->decisions.failed;
 }
 
-OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
+OXL_INTERNAL oxl_result train_run(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
                                   const oxl_callback *callback, struct train_task *task, oxl_model *out)
 {
     struct train t = {.ctx = ctx,

@@ -32,9 +32,9 @@ struct forecast {         /* of the time left (forecast.c); not archived */
 
 struct train {
     oxl_context *ctx;
-    oxl_scene *survey;      /* the caller's scene */
-    oxl_scene *posed;       /* the same, with cameras that a part may move */
-    const oxl_scene *scene; /* posed */
+    const oxl_scene *survey; /* the caller's scene */
+    oxl_scene *posed;        /* the same, with cameras that a part may move */
+    const oxl_scene *scene;  /* posed */
     /* of the model that is continued; then, when the run ends, of its result; not NULL */
     struct oxl_imaging *imaging, own_imaging;
     const oxl_train_options *options;
@@ -118,7 +118,8 @@ OXL_INTERNAL void branch_archive(struct archive *a, void *train);
 /* ---------------- model_selection.c: model only what the scene requires */
 
 OXL_INTERNAL oxl_result selection_begin(struct train *t); /* lists the training views, in name order */
-/* Makes every second training view, from the first (0) or second (1) on, a validation view. */
+/* Makes every second training view, from the first (0) or second (1) on, a validation view; before the first
+ * step, which shuffles them. */
 OXL_INTERNAL void selection_hold(struct train *t, int half);
 /* Trains for so many steps of a trial and evaluates the result on the validation views. */
 OXL_INTERNAL oxl_result selection_train_trial(struct train *t, int steps, double *psnr);

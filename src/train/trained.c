@@ -104,7 +104,7 @@ static oxl_result viewer_begin(oxl_context *ctx, const oxl_scene *scene, const o
     return rc;
 }
 
-static oxl_result viewer_refine(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *run,
+static oxl_result viewer_refine(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *run,
                                 const struct train_task *of, const struct train_extra *extra,
                                 struct trained_run *progress, oxl_trained *t)
 {
@@ -163,7 +163,7 @@ static oxl_result trained_trim(oxl_context *ctx, const oxl_scene *scene, const o
 }
 
 /* Makes what the first run does not give. */
-static oxl_result trained_complete(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
+static oxl_result trained_complete(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
                                    const struct train_task *task, const struct train_extra *extra,
                                    struct trained_run *progress, oxl_trained *t)
 {
@@ -174,9 +174,10 @@ static oxl_result trained_complete(oxl_context *ctx, oxl_scene *scene, const oxl
     return rc;
 }
 
-OXL_INTERNAL oxl_result trained_make(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                                     const oxl_callback *callback, struct train_task *task,
-                                     const struct train_extra *extra, oxl_trained *out)
+OXL_INTERNAL oxl_result trained_make(oxl_context *ctx, const oxl_scene *scene,
+                                     const oxl_train_options *options, const oxl_callback *callback,
+                                     struct train_task *task, const struct train_extra *extra,
+                                     oxl_trained *out)
 {
     struct trained_run progress = {.callback = callback};
     struct text decisions = {.ctx = ctx};
@@ -273,7 +274,7 @@ oxl_result oxl_trained_write(oxl_context *ctx, const char *folder, const oxl_sce
     return OXL_OK;
 }
 
-oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
+oxl_result oxl_train(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
                      const oxl_callback *callback, oxl_trained *out)
 {
     struct train_task task = {.first = 0};

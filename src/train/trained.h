@@ -12,9 +12,10 @@ struct train_extra {
 };
 /* Trains as oxl_train, and resumes either run. task->imaging is moved into the first run; task->decisions is
  * not used: they are in *out. */
-OXL_INTERNAL oxl_result trained_make(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                                     const oxl_callback *callback, struct train_task *task,
-                                     const struct train_extra *extra, oxl_trained *out);
+OXL_INTERNAL oxl_result trained_make(oxl_context *ctx, const oxl_scene *scene,
+                                     const oxl_train_options *options, const oxl_callback *callback,
+                                     struct train_task *task, const struct train_extra *extra,
+                                     oxl_trained *out);
 /* Returns the options of `steps` further steps from a finished model, in which the
  * number of Gaussians stays. */
 OXL_INTERNAL oxl_train_options train_refinement(const oxl_train_options *run, int sh_degree, int steps);
