@@ -256,8 +256,7 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
     printf("  mean of %d\n", m->count);
     printf("%8.4f %d  least structure; views below %.1f\n", m->structure_least, m->no_structure,
            OXL_STRUCTURE_NONE);
-    printf("%8.3f %8.3f  PSNR at mean exposure; of the right halves, with gains fitted on the left halves\n",
-           m->plain_psnr, m->half_psnr);
+    printf("%8.3f  PSNR at mean exposure\n", m->plain_psnr);
     puts(
         "cc-PSNR: after one factor for each channel of each view: without what images differ in exposure and white balance.");
     puts(

@@ -35,7 +35,6 @@
 #include "src/survey/scene_make.c"   /* a scene from arrays; what is derived from views and points */
 #include "src/survey/pose.c"         /* camera poses beside those of the files */
 #include "src/survey/imaging.c"      /* imaging.txt: exposure gains and medium of a model */
-#include "src/survey/depth_bands.c"  /* depth band of each pixel, from the points */
 #include "src/survey/contrast.c"     /* fall of image contrast with depth */
 #include "src/survey/photometry.c"   /* exposure, lamp and medium from the colours of tracks */
 

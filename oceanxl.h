@@ -392,8 +392,6 @@ typedef struct oxl_view_metrics {
     int view; /* index in the scene */
     double psnr, cc_psnr, ssim, ms_ssim;
     double plain_psnr; /* PSNR of the render at mean exposure: without the image's exposure gains and lamp */
-    /* PSNR of the right half after each channel is multiplied by its least-squares factor on the left half */
-    double half_psnr;
     /* from the pose at which the image fits best, of a held-out view, where training refined poses; else
      * NaN */
     double aligned_psnr, aligned_ssim;
@@ -404,16 +402,13 @@ typedef struct oxl_view_metrics {
 } oxl_view_metrics;
 
 typedef struct oxl_metrics {
-    double psnr, cc_psnr, ssim, ms_ssim, plain_psnr, half_psnr; /* means over the views; 0 without views */
-    double aligned_psnr, aligned_ssim;                          /* NaN: not measured */
+    double psnr, cc_psnr, ssim, ms_ssim, plain_psnr; /* means over the views; 0 without views */
+    double aligned_psnr, aligned_ssim;               /* NaN: not measured */
     /* means over the views that have them, and the least; NaN: no view has */
     double structure, explained, structure_least;
     int no_structure; /* views below OXL_STRUCTURE_NONE */
     int count;
     oxl_view_metrics *views; /* (count) */
-    double depth[2];         /* terciles of the depths of all observations */
-    /* PSNR of the pixels around points nearer, between and beyond them; NaN: no such pixels */
-    double by_depth[3];
 } oxl_metrics;
 
 /* Renders the views of the split as oxl_render_view and compares them with their images, on the model's

@@ -64,34 +64,16 @@ oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_s
 
 /* ---------------- what is measured of a view */
 
-struct evaluate_bands { /* Holds the depth bands, and sums over the pixels of all views in each. */
-    struct depth_bands of;
-    struct metrics_sum sum[3];
-};
-
-static oxl_result evaluate_add_bands(oxl_context *ctx, const oxl_scene *scene, int view,
-                                     const oxl_image *rendered, const oxl_image *image,
-                                     struct evaluate_bands *b)
-{
-    const size_t pixels = (size_t)rendered->width * (size_t)rendered->height;
-    uint8_t *band = oxl_alloc(ctx, pixels, 1);
-    oxl_result rc = band ? depth_bands_of_view(ctx, &b->of, scene, view, band) : OXL_ERR_MEMORY;
-    for (size_t i = 0; i < pixels && rc == OXL_OK; i++)
-        if (band[i]) metrics_add_pixel(rendered, image, i, &b->sum[band[i] - 1]);
-    oxl_free(ctx, band);
-    return rc;
-}
-
 /* Holds what the evaluation of all views shares. */
 struct evaluate_pass {
     struct renderer *r;
     const oxl_model *model;
     const oxl_scene *scene;
     const struct oxl_imaging *imaging; /* not NULL */
-    struct evaluate_bands *bands; /* NULL: measures as evaluate_quick or, if `shown`, as evaluate_shown */
-    int shown, most;              /* most: evaluates so many views, evenly spaced */
-    oxl_model gradient;           /* gradient of the model, for aligned views */
-    int missing;                  /* images whose files are gone */
+    int whole, shown;                  /* neither: measures as evaluate_quick; shown: as evaluate_shown */
+    int most;                          /* evaluates so many views, evenly spaced */
+    oxl_model gradient;                /* gradient of the model, for aligned views */
+    int missing;                       /* images whose files are gone */
 };
 
 /* Computes row->explained against the light alone: a white scene through the view's lamp and gains. */
@@ -113,18 +95,15 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
                                    const oxl_image *image, oxl_view_metrics *row)
 {
     oxl_result rc = OXL_OK;
-    if (p->bands || p->shown) rc = oxl_psnr(ctx, rendered, image, &row->plain_psnr);
+    if (p->whole || p->shown) rc = oxl_psnr(ctx, rendered, image, &row->plain_psnr);
     if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, p->imaging, row->view, rendered);
-    if (rc == OXL_OK && p->bands) row->half_psnr = metrics_half_psnr(rendered, image);
     if (rc == OXL_OK) imaging_apply(p->imaging, row->view, rendered);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, rendered, image, &row->psnr);
     if (rc == OXL_OK && p->shown) return oxl_ssim(ctx, rendered, image, &row->ssim);
     if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, rendered, image, &row->cc_psnr);
     if (rc == OXL_OK) rc = oxl_structure(ctx, rendered, image, &row->structure, NULL);
     if (rc == OXL_OK) rc = evaluate_explained(ctx, p, rendered, image, row);
-    if (rc != OXL_OK || !p->bands) return rc;
-    rc = metrics_ssim(ctx, rendered, image, &row->ssim, &row->ms_ssim);
-    return rc == OXL_OK ? evaluate_add_bands(ctx, p->scene, row->view, rendered, image, p->bands) : rc;
+    return rc == OXL_OK && p->whole ? metrics_ssim(ctx, rendered, image, &row->ssim, &row->ms_ssim) : rc;
 }
 
 /* Measures a held-out view again from the pose at which its image fits best, if poses of
@@ -150,7 +129,7 @@ static oxl_result evaluate_aligned(oxl_context *ctx, struct evaluate_pass *p, co
 
 static int evaluate_aligns(const struct evaluate_pass *p, int view)
 {
-    return p->imaging->pose && p->bands && !renderer_has_device(p->r) &&
+    return p->imaging->pose && p->whole && !renderer_has_device(p->r) &&
            oxl_scene_view(p->scene, view)->is_test;
 }
 
@@ -205,17 +184,14 @@ static void evaluate_sum_up_views(oxl_metrics *m)
     m->explained = explained ? m->explained / explained : NAN;
 }
 
-static void evaluate_sum_up(oxl_metrics *m, const struct evaluate_bands *bands)
+static void evaluate_sum_up(oxl_metrics *m)
 {
     m->aligned_psnr = m->aligned_ssim = m->count ? 0 : NAN;
     for (int i = 0; i < m->count; i++) {
-        m->half_psnr += m->views[i].half_psnr / m->count;
         m->ms_ssim += m->views[i].ms_ssim / m->count;
         m->aligned_psnr += m->views[i].aligned_psnr / m->count;
         m->aligned_ssim += m->views[i].aligned_ssim / m->count;
     }
-    memcpy(m->depth, bands->of.depth, sizeof m->depth);
-    for (int k = 0; k < 3; k++) m->by_depth[k] = metrics_decibel(bands->sum[k].error, bands->sum[k].weight);
 }
 
 /* Evaluates the views of a split. */
@@ -229,7 +205,6 @@ static oxl_result evaluate_views(oxl_context *ctx, struct evaluate_pass p, oxl_s
     if (!view || !out->views) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK) all = scene_views_of(p.scene, split, view), count = OXL_MIN(all, p.most);
     for (int i = 0; i < count; i++) view[i] = view[(int)((int64_t)i * all / count)];
-    if (rc == OXL_OK && p.bands) rc = depth_bands_begin(ctx, p.scene, view, count, &p.bands->of);
     if (rc == OXL_OK) rc = renderer_create(ctx, &p.r);
     evaluate_begin(ctx, p.model, p.scene);
     if (!p.imaging) p.imaging = &none;
@@ -249,12 +224,10 @@ static oxl_result evaluate_views(oxl_context *ctx, struct evaluate_pass p, oxl_s
 oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                         const oxl_imaging *imaging, oxl_split split, oxl_metrics *out)
 {
-    struct evaluate_bands bands = {.sum = {{0}}};
     const struct evaluate_pass p = {
-        .model = model, .scene = scene, .imaging = imaging, .bands = &bands, .most = INT_MAX};
+        .model = model, .scene = scene, .imaging = imaging, .whole = 1, .most = INT_MAX};
     const oxl_result rc = evaluate_views(ctx, p, split, out);
-    if (rc == OXL_OK) evaluate_sum_up(out, &bands);
-    depth_bands_free(ctx, &bands.of);
+    if (rc == OXL_OK) evaluate_sum_up(out);
     return rc;
 }
 

@@ -19,8 +19,6 @@ struct metrics_sum {
 /* Adds the three channels of pixel i, with the image's weight. */
 OXL_INTERNAL void metrics_add_pixel(const oxl_image *rendered, const oxl_image *image, size_t i,
                                     struct metrics_sum *sum);
-/* Returns the PSNR of the right half, after a gain per channel that is fitted to the left half. */
-OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b);
 /* Computes SSIM, and unless ms_ssim is NULL MS-SSIM, which begins with the same windows. */
 OXL_INTERNAL oxl_result metrics_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *ssim,
                                      double *ms_ssim);
@@ -57,8 +55,8 @@ OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, i
 /* Evaluates plain_psnr, psnr and ssim of a model; other values are not set. */
 OXL_INTERNAL oxl_result evaluate_shown(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                        const struct oxl_imaging *imaging, oxl_split split, oxl_metrics *out);
-/* Evaluates `most` views of a split at most, evenly spaced, without ssim (NaN), ms_ssim, plain_psnr,
- * half_psnr, alignment and depths, in a third of the time. */
+/* Evaluates `most` views of a split at most, evenly spaced, without ssim (NaN), ms_ssim, plain_psnr
+ * and alignment, in a third of the time. */
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                        const struct oxl_imaging *imaging, oxl_split split, int most,
                                        oxl_metrics *out);

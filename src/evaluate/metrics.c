@@ -59,15 +59,15 @@ static oxl_result metrics_fail_masked(oxl_context *ctx, const char *what)
 
 /* ---------------- PSNR */
 
-/* Returns the PSNR of `a` times gain, channel by channel, against b, from column `from` up to `to`; NaN:
- * every pixel there is masked. It is serial, since it takes a hundredth of the rendering. */
-static double metrics_psnr(const oxl_image *a, const oxl_image *b, const double gain[3], int from, int to)
+/* Returns the PSNR of `a` times gain, channel by channel, against b; NaN: every pixel
+ * is masked. It is serial, since it takes a hundredth of the rendering. */
+static double metrics_psnr(const oxl_image *a, const oxl_image *b, const double gain[3])
 {
     const size_t plane = (size_t)a->width * a->height;
     double error = 0, weight = 0;
     for (int y = 0; y < a->height; y++) {
         double row_error = 0, row_weight = 0;
-        for (int x = from; x < to; x++) {
+        for (int x = 0; x < a->width; x++) {
             const size_t i = (size_t)y * a->width + x;
             const double w = b->weight ? b->weight[i] : 1;
             for (int c = 0; c < 3; c++) {
@@ -83,13 +83,13 @@ static double metrics_psnr(const oxl_image *a, const oxl_image *b, const double 
     return metrics_decibel(error, weight);
 }
 
-/* Fits the factors of the channels of `a` up to column `to` by least squares. */
-static void metrics_gain(const oxl_image *a, const oxl_image *b, int to, double gain[3])
+/* Fits the factors of the channels of `a` by least squares. */
+static void metrics_gain(const oxl_image *a, const oxl_image *b, double gain[3])
 {
     const size_t plane = (size_t)a->width * a->height;
     double aa[3] = {0}, ab[3] = {0};
     for (int y = 0; y < a->height; y++)
-        for (int x = 0; x < to; x++) {
+        for (int x = 0; x < a->width; x++) {
             const size_t i = (size_t)y * a->width + x;
             const double w = b->weight ? b->weight[i] : 1;
             for (int c = 0; c < 3; c++) {
@@ -107,8 +107,8 @@ static oxl_result metrics_compare(oxl_context *ctx, const oxl_image *a, const ox
     double gain[3] = {1, 1, 1}, decibel;
     *out = 0;
     if (metrics_check(ctx, a, b) != OXL_OK) return ctx->failed;
-    if (corrected) metrics_gain(a, b, a->width, gain);
-    decibel = metrics_psnr(a, b, gain, 0, a->width);
+    if (corrected) metrics_gain(a, b, gain);
+    decibel = metrics_psnr(a, b, gain);
     if (isnan(decibel)) return metrics_fail_masked(ctx, "every pixel is masked, so there is no PSNR");
     *out = decibel;
     return OXL_OK;
@@ -122,16 +122,6 @@ oxl_result oxl_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, do
 oxl_result oxl_cc_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
 {
     return metrics_compare(ctx, a, b, 1, out);
-}
-
-/* Fits the gains to the left half and measures the right half, which they have not seen. Returns NaN for
- * images one pixel wide, or masked there. */
-OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b)
-{
-    double gain[3];
-    if (a->width < 2) return NAN;
-    metrics_gain(a, b, a->width / 2, gain);
-    return metrics_psnr(a, b, gain, a->width / 2, a->width);
 }
 
 /* ---------------- windows */

@@ -3,24 +3,14 @@
  */
 #include "job.h"
 
-static void metrics_json_add_depths(struct text *t, const oxl_metrics *m)
-{
-    static const char *const names[] = {"mid_from", "far_from", "near_psnr", "mid_psnr", "far_psnr"};
-    const double values[] = {m->depth[0], m->depth[1], m->by_depth[0], m->by_depth[1], m->by_depth[2]};
-    text_add(t, ",\n  \"by_depth\": ");
-    for (int i = 0; i < 5; i++) text_add(t, "%s\"%s\": %s", i ? ", " : "{", names[i], NUMBER(values[i]));
-    text_add(t, "},\n");
-}
-
 /* Counts the values that are always written, and all; the others are left out if they are NaN. */
-enum { METRICS_ALWAYS = 8, METRICS_WRITTEN = 10 };
+enum { METRICS_ALWAYS = 7, METRICS_WRITTEN = 9 };
 
 /* Adds values as members of a JSON object, separated by `between`. */
 static void metrics_json_add_values(struct text *t, const char *between, const double values[METRICS_WRITTEN])
 {
-    static const char *const names[] = {"psnr",         "cc_psnr",     "ssim",      "ms_ssim",
-                                        "plain_psnr",   "half_psnr",   "structure", "explained",
-                                        "aligned_psnr", "aligned_ssim"};
+    static const char *const names[] = {"psnr",      "cc_psnr",   "ssim",         "ms_ssim",     "plain_psnr",
+                                        "structure", "explained", "aligned_psnr", "aligned_ssim"};
     for (int i = 0; i < METRICS_WRITTEN; i++)
         if (i < METRICS_ALWAYS || !isnan(values[i]))
             text_add(t, "%s\"%s\": %s", i ? between : "", names[i], NUMBER(values[i]));
@@ -31,11 +21,10 @@ OXL_INTERNAL oxl_result metrics_json_add(struct text *t, const oxl_scene *scene,
     text_add(t, "  ");
     metrics_json_add_values(t, ",\n  ",
                             (double[METRICS_WRITTEN]){m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->plain_psnr,
-                                                      m->half_psnr, m->structure, m->explained,
-                                                      m->aligned_psnr, m->aligned_ssim});
-    text_add(t, ",\n  \"structure_least\": %s,\n  \"no_structure\": %d", NUMBER(m->structure_least),
+                                                      m->structure, m->explained, m->aligned_psnr,
+                                                      m->aligned_ssim});
+    text_add(t, ",\n  \"structure_least\": %s,\n  \"no_structure\": %d,\n", NUMBER(m->structure_least),
              m->no_structure);
-    metrics_json_add_depths(t, m);
     text_add(t, "  \"count\": %d,\n  \"views\": [", m->count);
     for (int i = 0; i < m->count; i++) {
         const oxl_view_metrics *v = &m->views[i];
@@ -44,8 +33,8 @@ OXL_INTERNAL oxl_result metrics_json_add(struct text *t, const oxl_scene *scene,
         text_add(t, ", ");
         metrics_json_add_values(t, ", ",
                                 (double[METRICS_WRITTEN]){v->psnr, v->cc_psnr, v->ssim, v->ms_ssim,
-                                                          v->plain_psnr, v->half_psnr, v->structure,
-                                                          v->explained, v->aligned_psnr, v->aligned_ssim});
+                                                          v->plain_psnr, v->structure, v->explained,
+                                                          v->aligned_psnr, v->aligned_ssim});
         text_add(t, "}");
     }
     text_add(t, "%s]\n", m->count ? "\n  " : "");

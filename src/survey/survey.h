@@ -36,25 +36,6 @@ struct stats_points {
 OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, const struct stats_view *views, size_t count,
                                      const struct stats_points *points, double **out, size_t *out_count);
 
-/* ---------------- depth_bands.c: near, mid or far, pixel by pixel */
-
-struct depth_sample { /* Holds an observation. */
-    int view, pixel;
-    float z; /* camera z */
-};
-struct depth_bands {
-    double depth[2];             /* terciles of the depths of all training observations */
-    struct depth_sample *sample; /* (count) sorted by view, pixel and camera z */
-    size_t count;
-};
-/* Samples the observations of the `count` requested views. */
-OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *requested,
-                                          int count, struct depth_bands *out);
-OXL_INTERNAL void depth_bands_free(oxl_context *ctx, struct depth_bands *b);
-/* Assigns pixels to bands: band (H,W) 1 near, 2 mid, 3 far; 0: no point is near. */
-OXL_INTERNAL oxl_result depth_bands_of_view(oxl_context *ctx, const struct depth_bands *b,
-                                            const oxl_scene *scene, int view, uint8_t *band);
-
 /* ---------------- contrast.c: how fast contrast fades with depth */
 
 struct contrast {
