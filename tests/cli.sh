@@ -318,7 +318,7 @@ promise partition_writes_list_and_drawing 0 "<svg" sh -c 'test -s cut/partition.
 promise a_block_is_a_survey_of_its_own 0 "0 held-out views" "$program" check cut/blocks/001 --test-every 0
 promise partition_takes_the_options_of_train 0 "" "$program" partition survey -o cut --block-points 250 --seed 3 --exposure off
 promise help_all_lists_what_stands_in_place_of_a_command 0 "--options-page" on_stdout "$program" --help all
-promise help_breaks_the_line_after_a_long_option 0 "" sh -c "'$program' train --help all | grep -qx '  --opacity-reset-interval FRACTION'"
+promise help_breaks_the_line_after_a_long_option 0 "" sh -c "'$program' synth --help all | grep -qF -x '  --water none|I|IA|IB|II|III|1C|3C|5C|7C|9C'"
 promise partition_none_is_one_block 0 "stay one block" "$program" partition survey -o whole --block-points 9 --partition none
 promise ablate_compares_rows 0 "V1 +BSP against 3DGS, midpoint" on_stdout "$program" ablate survey -o ablation --rows 3dgs,v1 --iterations 20 --block-points 250 --threads 1 --quiet
 promise ablate_keeps_each_run 0 "v1,1," sh -c 'test -s ablation/3dgs-seed1/scene.ply && test -s ablation/v1-seed1/scene.ply && test -s ablation/ablation.md && cat ablation/ablation.csv'
