@@ -18,7 +18,7 @@ struct borders {
     struct renderer *renderer;
     oxl_model model[BORDERS_MODELS];
     struct oxl_imaging imaging[BORDERS_MODELS];
-    struct metrics_sum sum[BORDERS_MODELS][2][2]; /* of held-out and training views; elsewhere and near */
+    struct seam_sum sum[BORDERS_MODELS][2][2]; /* of held-out and training views; elsewhere and near */
     int models;
 };
 

@@ -39,6 +39,26 @@ static inline int seam_is_near(const struct partition_block *block, const double
     return beside;
 }
 
+struct seam_sum {
+    double error, weight; /* weighted sum of squared differences; sum of the weights */
+    size_t pixels;        /* number of pixels with a weight above 0 */
+};
+
+/* Adds the three channels of pixel i, as they are shown, with the image's weight. */
+static inline void seam_add_pixel(const oxl_image *rendered, const oxl_image *image, size_t i,
+                                  struct seam_sum *sum)
+{
+    const size_t plane = (size_t)rendered->width * rendered->height;
+    const double weight = image->weight ? image->weight[i] : 1;
+    for (int c = 0; c < 3; c++) {
+        const double a = rendered->rgb[c * plane + i], b = image->rgb[c * plane + i];
+        const double d = OXL_CLAMP(a, 0.0, 1.0) - OXL_CLAMP(b, 0.0, 1.0);
+        sum->error += weight * d * d;
+    }
+    sum->weight += 3 * weight;
+    sum->pixels += weight > 0;
+}
+
 struct seam_view {
     const struct partition *partition;
     const oxl_camera *camera;
@@ -48,7 +68,7 @@ struct seam_view {
 };
 
 /* sum[1] is of the pixels near a border, sum[0] of the others. Serial: it takes a tenth of the drawing. */
-static inline void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
+static inline void seam_add_view(const struct seam_view *v, struct seam_sum sum[2])
 {
     int own = 0;
     for (int y = 0; y < v->rendered->height; y++)
@@ -63,14 +83,14 @@ static inline void seam_add_view(const struct seam_view *v, struct metrics_sum s
                 own = seam_block(v->partition, frame, OXL_MAX(own, 0));
                 beside = own >= 0 && seam_is_near(&v->partition->block[own], frame);
             }
-            metrics_add_pixel(v->rendered, v->image, i, &sum[beside]);
+            seam_add_pixel(v->rendered, v->image, i, &sum[beside]);
         }
 }
 
 /* Unreadable images are skipped, as in the evaluation. */
 static inline oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const struct partition *p,
                                         const oxl_model *model, const oxl_scene *scene,
-                                        const oxl_imaging *imaging, int view, struct metrics_sum sum[2])
+                                        const oxl_imaging *imaging, int view, struct seam_sum sum[2])
 {
     const oxl_camera *camera = &oxl_scene_view(scene, view)->camera;
     oxl_image rendered = {0}, image = {0};
@@ -98,7 +118,7 @@ static inline oxl_result seam_measure(oxl_context *ctx, const struct partition *
                                       const oxl_scene *scene, const oxl_imaging *imaging, oxl_split split,
                                       struct seam *out)
 {
-    struct metrics_sum sum[2] = {{0, 0, 0}, {0, 0, 0}};
+    struct seam_sum sum[2] = {{0, 0, 0}, {0, 0, 0}};
     struct renderer *r = NULL;
     int *view = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
     const int requested = view ? scene_views_of(scene, split, view) : 0;

@@ -12,13 +12,6 @@
 /* Returns the PSNR of weighted squared errors; NaN without weight. */
 OXL_INTERNAL double metrics_decibel(double error, double weight);
 
-struct metrics_sum {
-    double error, weight; /* weighted sum of squared differences; sum of the weights */
-    size_t pixels;        /* number of pixels with a weight above 0 */
-};
-/* Adds the three channels of pixel i, with the image's weight. */
-OXL_INTERNAL void metrics_add_pixel(const oxl_image *rendered, const oxl_image *image, size_t i,
-                                    struct metrics_sum *sum);
 /* Computes SSIM, and unless ms_ssim is NULL MS-SSIM, which begins with the same windows. */
 OXL_INTERNAL oxl_result metrics_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *ssim,
                                      double *ms_ssim);

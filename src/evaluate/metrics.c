@@ -29,20 +29,6 @@ OXL_INTERNAL double metrics_decibel(double error, double weight)
                      : METRICS_BEST_PSNR;
 }
 
-OXL_INTERNAL void metrics_add_pixel(const oxl_image *rendered, const oxl_image *image, size_t i,
-                                    struct metrics_sum *sum)
-{
-    const size_t plane = (size_t)rendered->width * rendered->height;
-    const double weight = image->weight ? image->weight[i] : 1;
-    for (int c = 0; c < 3; c++) {
-        const double d =
-            metrics_shown(rendered->rgb[c * plane + i]) - metrics_shown(image->rgb[c * plane + i]);
-        sum->error += weight * d * d;
-    }
-    sum->weight += 3 * weight;
-    sum->pixels += weight > 0;
-}
-
 static oxl_result metrics_check(oxl_context *ctx, const oxl_image *a, const oxl_image *b)
 {
     if (a->rgb && b->rgb && a->width == b->width && a->height == b->height && a->width > 0 && a->height > 0)
