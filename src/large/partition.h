@@ -5,7 +5,7 @@
 
 #include "large.h"
 
-/* Why a block has a view: it holds a large part of what the view sees, or the view sees a large part of it. */
+/* Why a block has a view: it holds a large part of what the view sees, or is a large part of it. */
 enum partition_role { PARTITION_OUT, PARTITION_BASE, PARTITION_BORDER };
 
 struct partition_plan {

@@ -6,8 +6,8 @@
  *     OUT/partition.txt          written last: it marks the export as complete
  *
  * A block holds its training views and initial points, in the world coordinates, camera models, names and ids
- * of the survey; numbers as %.17g; all cameras. Tracks are reduced to the block's views. Since all points that
- * a view sees are in its blocks, its 2D points are those of the survey: text is copied, binary numbers are
+ * of the survey; numbers as %.17g; all cameras. Tracks are reduced to the block's views. All points that
+ * a view sees are in its blocks, so its 2D points are those of the survey: text is copied, binary numbers are
  * written out.
  */
 #include "partition.h"

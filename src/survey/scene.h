@@ -69,8 +69,7 @@ OXL_INTERNAL int pose_is_moved(const double at[POSE_TERMS]);
 /* Sets rotation and translation of *out to the given camera's, turned and moved by `at`. */
 OXL_INTERNAL void pose_apply(const oxl_camera *given, const double at[POSE_TERMS], oxl_camera *out);
 /* Turns and moves a camera that `at` has moved by `more`, in its own axes: at becomes both in one. */
-/* Makes a scene whose views' cameras the caller may move; it shares all else with `scene`, which must outlive
- * it. NULL: no memory. Free it with scene_posed_free. */
+/* Makes a scene whose cameras the caller may move; all else is that of `scene`. NULL: no memory. */
 OXL_INTERNAL oxl_scene *scene_posed(oxl_context *ctx, const oxl_scene *scene);
 OXL_INTERNAL void scene_posed_free(oxl_context *ctx, oxl_scene *posed);
 /* Returns the camera of a view, moved by the pose that imaging, which may be NULL, has of it. */
