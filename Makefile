@@ -99,8 +99,8 @@ test: $(BUILD)/test all ## all tests: of the library, then of the command line (
 # The list is made from the lines that begin with TEST( and replaced only when it changes.
 $(BUILD)/test_list.h: FORCE
 	@mkdir -p $(BUILD)
-	@! grep -n '^TEST([^)]*$$' $(TESTS) # a name on a line of its own is not in the list
-	@cat $(TESTS) /dev/null | sed -n 's/^TEST(\([A-Za-z0-9_]*\)).*/ENTRY(\1)/p' > $(BUILD)/test_list.new
+	@! grep -nE '^(DEVICE_)?TEST\([^),]*$$' $(TESTS) # a name on a line of its own is not in the list
+	@cat $(TESTS) /dev/null | sed -nE 's/^(DEVICE_)?TEST\(([A-Za-z0-9_]+)[,)].*/ENTRY(\2)/p' > $(BUILD)/test_list.new
 	@cmp -s $(BUILD)/test_list.new $@ || mv $(BUILD)/test_list.new $@
 
 # The reference and the kernels in double: units of their own, see tests/wide.h.

@@ -22,6 +22,14 @@
 #include "../backends/vulkan/renderer.c"
 #endif
 
+/* A test that runs check(context with a device). */
+#define DEVICE_TEST(name, check) \
+    TEST(name)                   \
+    {                            \
+        ON_DEVICE(check);        \
+    }                            \
+    void test_##name(void)
+
 #ifndef OXL_VULKAN
 #define ON_DEVICE(check) SKIP("a build without the Vulkan backend (make VULKAN=1)")
 #else
@@ -3567,325 +3575,72 @@ static void vulkan_check_all_repeated(oxl_context *device)
 
 #endif
 
-TEST(vulkan_shaders_have_infinity_from_the_host)
-{
-    ON_DEVICE(vulkan_check_infinity);
-}
-
-TEST(vulkan_sorts_stably_whatever_the_number_of_keys)
-{
-    ON_DEVICE(vulkan_check_sorts);
-}
-
-TEST(vulkan_adds_up_prefixes_whatever_their_number)
-{
-    ON_DEVICE(vulkan_check_scans);
-}
-
-TEST(vulkan_projects_as_the_cpu_does_at_the_extremes_too)
-{
-    ON_DEVICE(vulkan_check_projection);
-}
-
-TEST(vulkan_renders_as_the_cpu_does)
-{
-    ON_DEVICE(vulkan_check_drawing);
-}
-
-TEST(vulkan_renders_extreme_gaussians_as_the_cpu_does)
-{
-    ON_DEVICE(vulkan_check_wild_drawing);
-}
-
-TEST(vulkan_renders_an_empty_model_as_the_background)
-{
-    ON_DEVICE(vulkan_check_nothing);
-}
-
-TEST(vulkan_renders_depths_as_the_cpu_does)
-{
-    ON_DEVICE(vulkan_check_depth);
-}
-
-TEST(vulkan_renders_the_same_within_the_limits_of_any_device)
-{
-    ON_DEVICE(vulkan_check_limits);
-}
-
-TEST(vulkan_refuses_what_is_too_large_and_remains_usable)
-{
-    ON_DEVICE(vulkan_check_refusal);
-}
-
-TEST(vulkan_uses_portability_drivers)
-{
-    ON_DEVICE(vulkan_check_portability);
-}
-
-TEST(vulkan_opens_the_next_device_where_the_best_cannot_be)
-{
-    ON_DEVICE(vulkan_check_next_device);
-}
-
-TEST(vulkan_gives_up_a_device_that_does_not_answer)
-{
-    ON_DEVICE(vulkan_check_timeout);
-}
-
-TEST(vulkan_gives_up_a_device_that_hangs_after_another_error)
-{
-    ON_DEVICE(vulkan_check_hang);
-}
-
-TEST(vulkan_gives_up_a_device_that_is_lost)
-{
-    ON_DEVICE(vulkan_check_lost);
-}
-
-TEST(vulkan_gives_up_a_device_that_did_half_a_step)
-{
-    ON_DEVICE(vulkan_check_half_step);
-}
-
-TEST(vulkan_takes_no_results_of_a_wait_that_ended_without_the_work)
-{
-    ON_DEVICE(vulkan_check_unfinished);
-}
-
-TEST(vulkan_repeats_a_submission_that_finds_no_memory)
-{
-    ON_DEVICE(vulkan_check_short_submit);
-}
-
-TEST(vulkan_drops_images_for_a_submission_that_does_not_name_them)
-{
-    ON_DEVICE(vulkan_check_submit_drops);
-}
-
-TEST(vulkan_gives_up_a_device_without_memory_for_a_step_not_for_an_image)
-{
-    ON_DEVICE(vulkan_check_short_end);
-}
-
-TEST(vulkan_waits_for_what_is_under_way_when_a_command_is_lost)
-{
-    ON_DEVICE(vulkan_check_lost_commands);
-}
-
-TEST(vulkan_takes_no_image_or_model_for_copied_whose_copy_failed)
-{
-    ON_DEVICE(vulkan_check_short_begin);
-}
-
-TEST(vulkan_times_passes_while_a_clock_begins_again)
-{
-    ON_DEVICE(vulkan_check_clock);
-}
-
-TEST(vulkan_keeps_uploads_when_an_error_follows)
-{
-    ON_DEVICE(vulkan_check_uploads);
-}
-
-TEST(vulkan_waits_for_a_gpu_up_to_its_timeout_and_for_a_cpu_without_a_limit)
-{
-    ON_DEVICE(vulkan_check_timeout_of_kinds);
-}
-
-TEST(vulkan_keeps_pairs_in_the_slots_that_were_counted)
-{
-    ON_DEVICE(vulkan_check_slots);
-}
-
-TEST(vulkan_drops_images_where_memory_is_short)
-{
-    ON_DEVICE(vulkan_check_full);
-}
-
-TEST(vulkan_keeps_images_within_what_memory_is_left)
-{
-    ON_DEVICE(vulkan_check_budget);
-}
-
-TEST(vulkan_deferred_steps_get_along_with_room_for_the_pairs_that_there_are)
-{
-    ON_DEVICE(vulkan_check_tight);
-}
-
-TEST(vulkan_falls_back_to_the_cpu_when_out_of_memory)
-{
-    ON_DEVICE(vulkan_check_fallback);
-}
-
-TEST(vulkan_images_and_gradients_fall_back_to_the_cpu)
-{
-    ON_DEVICE(vulkan_check_draws_fall_back);
-}
-
-TEST(vulkan_run_of_a_lost_device_continues_from_an_intact_checkpoint)
-{
-    ON_DEVICE(vulkan_check_lost_run);
-}
-
-TEST(vulkan_trial_of_a_lost_device_says_that_it_is_lost)
-{
-    ON_DEVICE(vulkan_check_lost_trial);
-}
-
-TEST(vulkan_run_json_says_what_rendered)
-{
-    ON_DEVICE(vulkan_check_run_json);
-}
-
-TEST(vulkan_run_that_one_device_began_is_refused_by_another)
-{
-    ON_DEVICE(vulkan_check_other_device);
-}
-
-TEST(vulkan_trains_by_blocks_what_device_ram_has_no_room_for)
-{
-    ON_DEVICE(vulkan_check_device_ram);
-}
-
-TEST(vulkan_training_continues_on_the_cpu_when_out_of_memory)
-{
-    ON_DEVICE(vulkan_check_run_falls_back);
-}
-
-TEST(vulkan_first_step_falls_back_wherever_it_finds_no_memory_or_no_shader)
-{
-    ON_DEVICE(vulkan_check_first_step_falls_back);
-}
-
-TEST(vulkan_leaves_out_what_is_below_alpha_min)
-{
-    ON_DEVICE(vulkan_check_alpha_min);
-}
-
-TEST(vulkan_validation_reports_planted_faults)
-{
-    ON_DEVICE(vulkan_check_validation);
-}
-
-TEST(vulkan_renders_the_same_whole_and_in_parts)
-{
-    ON_DEVICE(vulkan_check_parts);
-}
-
-TEST(vulkan_bounds_a_submission_of_an_unbalanced_image)
-{
-    ON_DEVICE(vulkan_check_unbalanced);
-}
-
-TEST(vulkan_shaders_fit_the_least_shared_memory)
-{
-    ON_DEVICE(vulkan_check_shared);
-}
-
-TEST(vulkan_loss_and_its_gradient_agree_with_the_cpus)
-{
-    ON_DEVICE(vulkan_check_loss);
-}
-
-TEST(vulkan_compares_with_images_as_the_cpu_does)
-{
-    ON_DEVICE(vulkan_check_images);
-}
-
-TEST(vulkan_gradients_agree_with_the_cpus)
-{
-    ON_DEVICE(vulkan_check_gradient);
-}
-
-TEST(vulkan_gradients_agree_in_small_batches)
-{
-    ON_DEVICE(vulkan_check_small_batches);
-}
-
-TEST(vulkan_scores_agree_with_the_cpus)
-{
-    ON_DEVICE(vulkan_check_score);
-}
-
-TEST(vulkan_steps_and_statistics_agree_with_the_cpus)
-{
-    ON_DEVICE(vulkan_check_steps);
-}
-
-TEST(vulkan_steps_do_not_depend_on_when_the_host_looks)
-{
-    ON_DEVICE(vulkan_check_downloads);
-}
-
-TEST(vulkan_clears_nonfinite_rows_after_such_a_loss)
-{
-    ON_DEVICE(vulkan_check_cleared);
-}
-
-TEST(vulkan_skips_nonfinite_rows)
-{
-    ON_DEVICE(vulkan_check_aside);
-}
-
-TEST(vulkan_uploads_a_model_once_for_all_views_of_an_evaluation)
-{
-    ON_DEVICE(vulkan_check_one_upload);
-}
-
-TEST(vulkan_renders_the_current_model)
-{
-    ON_DEVICE(vulkan_check_model_now);
-}
-
-TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus)
-{
-    ON_DEVICE(vulkan_check_training);
-}
-
-TEST(vulkan_times_the_steps_of_a_forecast)
-{
-    ON_DEVICE(vulkan_check_forecast);
-}
-
-TEST(vulkan_reads_what_it_needs_and_sends_nothing_twice)
-{
-    ON_DEVICE(vulkan_check_transfers);
-}
-
-TEST(vulkan_deferred_steps_are_the_same_steps_without_waits)
-{
-    ON_DEVICE(vulkan_check_deferral);
-}
-
-TEST(vulkan_steps_behind_one_that_cannot_be_done_change_nothing)
-{
-    ON_DEVICE(vulkan_check_halt);
-}
-
-TEST(vulkan_steps_behind_one_that_was_given_up_are_done)
-{
-    ON_DEVICE(vulkan_check_no_halt_stays);
-}
-
-TEST(vulkan_training_repeats_steps_that_found_no_room)
-{
-    ON_DEVICE(vulkan_check_repeated);
-}
-
-TEST(vulkan_pruning_and_a_higher_sh_degree_move_rows_as_the_host_does)
-{
-    ON_DEVICE(vulkan_check_kept_rows);
-}
-
-TEST(vulkan_density_control_moves_rows_as_the_host_does)
-{
-    ON_DEVICE(vulkan_check_moves);
-}
-
-TEST(vulkan_learns_gains_of_images_as_the_cpu_does)
-{
-    ON_DEVICE(vulkan_check_exposure);
-}
+DEVICE_TEST(vulkan_shaders_have_infinity_from_the_host, vulkan_check_infinity);
+DEVICE_TEST(vulkan_sorts_stably_whatever_the_number_of_keys, vulkan_check_sorts);
+DEVICE_TEST(vulkan_adds_up_prefixes_whatever_their_number, vulkan_check_scans);
+DEVICE_TEST(vulkan_projects_as_the_cpu_does_at_the_extremes_too, vulkan_check_projection);
+DEVICE_TEST(vulkan_renders_as_the_cpu_does, vulkan_check_drawing);
+DEVICE_TEST(vulkan_renders_extreme_gaussians_as_the_cpu_does, vulkan_check_wild_drawing);
+DEVICE_TEST(vulkan_renders_an_empty_model_as_the_background, vulkan_check_nothing);
+DEVICE_TEST(vulkan_renders_depths_as_the_cpu_does, vulkan_check_depth);
+DEVICE_TEST(vulkan_renders_the_same_within_the_limits_of_any_device, vulkan_check_limits);
+DEVICE_TEST(vulkan_refuses_what_is_too_large_and_remains_usable, vulkan_check_refusal);
+DEVICE_TEST(vulkan_uses_portability_drivers, vulkan_check_portability);
+DEVICE_TEST(vulkan_opens_the_next_device_where_the_best_cannot_be, vulkan_check_next_device);
+DEVICE_TEST(vulkan_gives_up_a_device_that_does_not_answer, vulkan_check_timeout);
+DEVICE_TEST(vulkan_gives_up_a_device_that_hangs_after_another_error, vulkan_check_hang);
+DEVICE_TEST(vulkan_gives_up_a_device_that_is_lost, vulkan_check_lost);
+DEVICE_TEST(vulkan_gives_up_a_device_that_did_half_a_step, vulkan_check_half_step);
+DEVICE_TEST(vulkan_takes_no_results_of_a_wait_that_ended_without_the_work, vulkan_check_unfinished);
+DEVICE_TEST(vulkan_repeats_a_submission_that_finds_no_memory, vulkan_check_short_submit);
+DEVICE_TEST(vulkan_drops_images_for_a_submission_that_does_not_name_them, vulkan_check_submit_drops);
+DEVICE_TEST(vulkan_gives_up_a_device_without_memory_for_a_step_not_for_an_image, vulkan_check_short_end);
+DEVICE_TEST(vulkan_waits_for_what_is_under_way_when_a_command_is_lost, vulkan_check_lost_commands);
+DEVICE_TEST(vulkan_takes_no_image_or_model_for_copied_whose_copy_failed, vulkan_check_short_begin);
+DEVICE_TEST(vulkan_times_passes_while_a_clock_begins_again, vulkan_check_clock);
+DEVICE_TEST(vulkan_keeps_uploads_when_an_error_follows, vulkan_check_uploads);
+DEVICE_TEST(vulkan_waits_for_a_gpu_up_to_its_timeout_and_for_a_cpu_without_a_limit,
+            vulkan_check_timeout_of_kinds);
+DEVICE_TEST(vulkan_keeps_pairs_in_the_slots_that_were_counted, vulkan_check_slots);
+DEVICE_TEST(vulkan_drops_images_where_memory_is_short, vulkan_check_full);
+DEVICE_TEST(vulkan_keeps_images_within_what_memory_is_left, vulkan_check_budget);
+DEVICE_TEST(vulkan_deferred_steps_get_along_with_room_for_the_pairs_that_there_are, vulkan_check_tight);
+DEVICE_TEST(vulkan_falls_back_to_the_cpu_when_out_of_memory, vulkan_check_fallback);
+DEVICE_TEST(vulkan_images_and_gradients_fall_back_to_the_cpu, vulkan_check_draws_fall_back);
+DEVICE_TEST(vulkan_run_of_a_lost_device_continues_from_an_intact_checkpoint, vulkan_check_lost_run);
+DEVICE_TEST(vulkan_trial_of_a_lost_device_says_that_it_is_lost, vulkan_check_lost_trial);
+DEVICE_TEST(vulkan_run_json_says_what_rendered, vulkan_check_run_json);
+DEVICE_TEST(vulkan_run_that_one_device_began_is_refused_by_another, vulkan_check_other_device);
+DEVICE_TEST(vulkan_trains_by_blocks_what_device_ram_has_no_room_for, vulkan_check_device_ram);
+DEVICE_TEST(vulkan_training_continues_on_the_cpu_when_out_of_memory, vulkan_check_run_falls_back);
+DEVICE_TEST(vulkan_first_step_falls_back_wherever_it_finds_no_memory_or_no_shader,
+            vulkan_check_first_step_falls_back);
+DEVICE_TEST(vulkan_leaves_out_what_is_below_alpha_min, vulkan_check_alpha_min);
+DEVICE_TEST(vulkan_validation_reports_planted_faults, vulkan_check_validation);
+DEVICE_TEST(vulkan_renders_the_same_whole_and_in_parts, vulkan_check_parts);
+DEVICE_TEST(vulkan_bounds_a_submission_of_an_unbalanced_image, vulkan_check_unbalanced);
+DEVICE_TEST(vulkan_shaders_fit_the_least_shared_memory, vulkan_check_shared);
+DEVICE_TEST(vulkan_loss_and_its_gradient_agree_with_the_cpus, vulkan_check_loss);
+DEVICE_TEST(vulkan_compares_with_images_as_the_cpu_does, vulkan_check_images);
+DEVICE_TEST(vulkan_gradients_agree_with_the_cpus, vulkan_check_gradient);
+DEVICE_TEST(vulkan_gradients_agree_in_small_batches, vulkan_check_small_batches);
+DEVICE_TEST(vulkan_scores_agree_with_the_cpus, vulkan_check_score);
+DEVICE_TEST(vulkan_steps_and_statistics_agree_with_the_cpus, vulkan_check_steps);
+DEVICE_TEST(vulkan_steps_do_not_depend_on_when_the_host_looks, vulkan_check_downloads);
+DEVICE_TEST(vulkan_clears_nonfinite_rows_after_such_a_loss, vulkan_check_cleared);
+DEVICE_TEST(vulkan_skips_nonfinite_rows, vulkan_check_aside);
+DEVICE_TEST(vulkan_uploads_a_model_once_for_all_views_of_an_evaluation, vulkan_check_one_upload);
+DEVICE_TEST(vulkan_renders_the_current_model, vulkan_check_model_now);
+DEVICE_TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus, vulkan_check_training);
+DEVICE_TEST(vulkan_times_the_steps_of_a_forecast, vulkan_check_forecast);
+DEVICE_TEST(vulkan_reads_what_it_needs_and_sends_nothing_twice, vulkan_check_transfers);
+DEVICE_TEST(vulkan_deferred_steps_are_the_same_steps_without_waits, vulkan_check_deferral);
+DEVICE_TEST(vulkan_steps_behind_one_that_cannot_be_done_change_nothing, vulkan_check_halt);
+DEVICE_TEST(vulkan_steps_behind_one_that_was_given_up_are_done, vulkan_check_no_halt_stays);
+DEVICE_TEST(vulkan_training_repeats_steps_that_found_no_room, vulkan_check_repeated);
+DEVICE_TEST(vulkan_pruning_and_a_higher_sh_degree_move_rows_as_the_host_does, vulkan_check_kept_rows);
+DEVICE_TEST(vulkan_density_control_moves_rows_as_the_host_does, vulkan_check_moves);
+DEVICE_TEST(vulkan_learns_gains_of_images_as_the_cpu_does, vulkan_check_exposure);
 
 TEST(vulkan_run_says_why_it_refines_no_poses)
 {
@@ -3893,46 +3648,14 @@ TEST(vulkan_run_says_why_it_refines_no_poses)
     ON_DEVICE(vulkan_check_poses);
 }
 
-TEST(vulkan_leaves_out_the_gaussians_that_the_cpu_leaves_out)
-{
-    ON_DEVICE(vulkan_check_dropout);
-}
-
-TEST(vulkan_has_the_lamp_of_the_cpu_and_its_gradients)
-{
-    ON_DEVICE(vulkan_check_lamp);
-}
-
-TEST(vulkan_has_the_medium_of_the_cpu_and_its_gradients)
-{
-    ON_DEVICE(vulkan_check_medium);
-}
-
-TEST(vulkan_has_the_loss_in_front_of_points_of_the_cpu)
-{
-    ON_DEVICE(vulkan_check_depth_loss);
-}
-
-TEST(vulkan_trains_parts_of_views_in_front_of_a_context_as_the_cpu_does)
-{
-    ON_DEVICE(vulkan_check_windows);
-}
-
-TEST(vulkan_a_step_with_all_parts_waits_for_nothing_and_takes_45_passes)
-{
-    ON_DEVICE(vulkan_check_all_parts);
-}
-
-TEST(vulkan_repeated_steps_with_all_parts_give_the_same_bytes)
-{
-    ON_DEVICE(vulkan_check_all_repeated);
-}
-
-TEST(vulkan_asks_once_for_a_shader_that_is_refused)
-{
-    ON_DEVICE(vulkan_check_refused_shader);
-}
-
+DEVICE_TEST(vulkan_leaves_out_the_gaussians_that_the_cpu_leaves_out, vulkan_check_dropout);
+DEVICE_TEST(vulkan_has_the_lamp_of_the_cpu_and_its_gradients, vulkan_check_lamp);
+DEVICE_TEST(vulkan_has_the_medium_of_the_cpu_and_its_gradients, vulkan_check_medium);
+DEVICE_TEST(vulkan_has_the_loss_in_front_of_points_of_the_cpu, vulkan_check_depth_loss);
+DEVICE_TEST(vulkan_trains_parts_of_views_in_front_of_a_context_as_the_cpu_does, vulkan_check_windows);
+DEVICE_TEST(vulkan_a_step_with_all_parts_waits_for_nothing_and_takes_45_passes, vulkan_check_all_parts);
+DEVICE_TEST(vulkan_repeated_steps_with_all_parts_give_the_same_bytes, vulkan_check_all_repeated);
+DEVICE_TEST(vulkan_asks_once_for_a_shader_that_is_refused, vulkan_check_refused_shader);
 /* In any build. */
 TEST(vulkan_without_a_device_is_reported_in_one_line)
 {
