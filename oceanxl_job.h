@@ -182,7 +182,8 @@ OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *mo
  * 62 columns; metrics.json, run.json, renders/; and per block blocks/KKK/ with model.ply, log.csv and
  * block.json. A survey that fits the memory (or, with block_points, has no more points than that) is one
  * block, 000. A larger one is cut (partition.txt, partition.svg). Training then has three stages: a coarse
- * model of the survey (blocks/coarse/), the blocks, each with the coarse model's other Gaussians as context, and the
+ * model of the survey (blocks/coarse/), the blocks, each with the coarse model's other Gaussians as
+ * context, and the
  * merged model (blocks/whole/). train.iterations is the number of steps of all stages; a
  * step on a window of an image counts as the window's fraction of the pixels.
  *
@@ -263,7 +264,8 @@ OXL_API oxl_result oxl_survey_to_json(oxl_context *ctx, const oxl_survey *survey
 
 /* ---------------- JSON: run.json, metrics.json, block.json */
 
-/* Read JSON text through a cursor, without building a tree. A value is a pointer to its first byte in the text;
+/* Read JSON text through a cursor, without building a tree. A value is a pointer to its first byte in the
+ * text;
  * NULL is a missing value, without members or number. No function reads past the terminating 0, for any
  * text. */
 OXL_API const char *oxl_json_member(const char *object, const char *name);
@@ -277,7 +279,8 @@ OXL_API const char *oxl_json_value(const char *key);
 OXL_API const char *oxl_json_end(const char *value);
 /* Reads a number, whatever the locale, and moves the cursor past it; NaN: there is none. */
 OXL_API double oxl_json_number_at(const char **cursor);
-/* Unescapes a string into `size` bytes, terminated; returns its length, or 0 if the value is no string or does
+/* Unescapes a string into `size` bytes, terminated; returns its length, or 0 if the value is no string or
+ * does
  * not fit. It is never longer than oxl_json_room says. */
 OXL_API size_t oxl_json_text(const char *value, char *out, size_t size);
 OXL_API size_t oxl_json_room(const char *value);

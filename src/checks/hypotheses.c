@@ -61,7 +61,8 @@ struct hypothesis {
      * translations become -R t so many times; y and z are negated then */
     int pose, xyzw, flip_first, transposed, moved, flip;
     int world[3]; /* axis of the points for each axis of the poses' world, from 1; negative: negated */
-    /* images: the place from the middle becomes m x (1 + radial r^2), in sides; r is the tangent of the angle */
+    /* images: the place from the middle becomes m x (1 + radial r^2), in sides; r is the tangent of the
+     * angle */
     double m[4], radial;
     int middle;                /* 1: the principal point is in the middle of the image */
     const char *json, *colmap; /* what the files would hold; NULL: no program writes it */
@@ -75,11 +76,11 @@ struct hypothesis {
     {                                                                       \
         1, 0, 0, 0, 0, 0, {x, y, z}, {1, 0, 0, 1}, 0, 0, json, colmap, NULL \
     }
-#define HYPOTHESIS_IMAGE(a, b, c, d, what)                                                                         \
-    {                                                                                                              \
-        0, 0, 0, 0, 0, 0, {1, 2, 3}, {a, b, c, d}, 0, 0, what, what,                                               \
-            "turn them back to what the model was made from; another program may have applied or removed an EXIF " \
-            "orientation"                                                                                          \
+#define HYPOTHESIS_IMAGE(a, b, c, d, what)                                                         \
+    {                                                                                              \
+        0, 0, 0, 0, 0, 0, {1, 2, 3}, {a, b, c, d}, 0, 0, what, what,                               \
+            "turn them back to what the model was made from; another program may have applied or " \
+            "removed an EXIF orientation"                                                          \
     }
 static const struct hypothesis HYPOTHESES[] = {
     HYPOTHESIS_IMAGE(1, 0, 0, 1, "as they are"),
@@ -421,7 +422,8 @@ static void hypotheses_score_image(struct hypotheses *w, int k)
     v->chance = hypotheses_correlate(w, &w->row[0], &w->look[(k + w->count / 2) % w->count]);
 }
 
-/* Scores the images by colours. damaged: warns of images whose pixel data are damaged, unless lint_image finds
+/* Scores the images by colours. damaged: warns of images whose pixel data are damaged, unless lint_image
+ * finds
  * the same. */
 static oxl_result hypotheses_score_images(struct hypotheses *w, int damaged)
 {
@@ -466,7 +468,8 @@ static int hypotheses_check_values(struct hypotheses *w)
 
 /* ---------------- verdicts */
 
-/* Returns a quantile of a reading's scores, as it is of images with enough points; row -1: of those by chance. */
+/* Returns a quantile of a reading's scores, as it is of images with enough points; row -1: of those by
+ * chance. */
 static double hypotheses_quantile(struct hypotheses *w, int row, double quantile)
 {
     w->judged = 0;
@@ -542,7 +545,8 @@ static oxl_result hypotheses_find_images(struct hypotheses *w)
     return OXL_OK;
 }
 
-/* Returns the reading in which all images fit better; 0: there is none. Flat ground seen from below looks like
+/* Returns the reading in which all images fit better; 0: there is none. Flat ground seen from below looks
+ * like
  * a mirrored image, and the poses are wrong. */
 static int hypotheses_best(struct hypotheses *w)
 {

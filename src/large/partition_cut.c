@@ -4,7 +4,8 @@
  *     points
  *
  * The paper takes the best of the places 0.30 to 0.70 of a box for two equal halves. Here the place is
- * the quantile of the points, kept within 0.3 to 0.7 of the box. Guard: where this leaves a side too few points
+ * the quantile of the points, kept within 0.3 to 0.7 of the box. Guard: where this leaves a side too few
+ * points
  * for a block, it is the quantile itself; if that does not help, as for points in one place, the box stays
  * whole.
  *

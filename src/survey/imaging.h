@@ -9,7 +9,7 @@
  * imaging.txt and the evidence name attenuation bD, backscatter bB and veiling light Binf. */
 #define LAMP_SHAPE_MAX 4 /* Bounds a lamp's coefficients (log units). */
 struct medium {
-    int on; /* 0: there is no medium, and the others are 0 */
+    int on;                                                 /* 0: there is no medium, and the others are 0 */
     float attenuation[3], backscatter[3], veiling_light[3]; /* per unit of the scene; per unit; 0..1 */
     /* range through which training has J; 0 outside of training */
     float training_range;
