@@ -3014,7 +3014,7 @@ static void vulkan_check_kept_rows(oxl_context *device)
     vulkan_check_same_model(&t[0].trained.square, &t[1].trained.square);
     CHECK(memcmp(t[0].density->gradient, t[1].density->gradient, 120 * sizeof(float)) == 0);
     for (int k = 0; k < 2; k++) {
-        oxl_scene *scene = t[k].survey;
+        oxl_scene *scene = (oxl_scene *)t[k].survey;
         train_end(&t[k]);
         oxl_scene_free(device, scene);
     }
