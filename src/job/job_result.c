@@ -9,6 +9,7 @@
 #include "../survey/scene.h"
 #include "../model/model.h"
 #include "../large/os_job.h"
+#include "../train/trained.h"
 
 #define JOB_EXPOSURE 0.5 /* Logs cc_psnr from this difference (dB) to PSNR on. */
 
@@ -20,100 +21,31 @@ static int job_last_block(const struct job *job)
     return job->partition.block_count == 1 ? 0 : JOB_MERGED_MODEL;
 }
 
-/* Reads the model of the one block, or the merged model, and its imaging. */
-static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
+/* Reads what the training of the one block, or of the merged model, has left. */
+static oxl_result job_read_result(struct job *job, oxl_trained *out)
 {
     const int one = job_last_block(job);
-    oxl_result rc = job_read_model(job, one, standard, out);
+    const char *folder = JOB_BLOCK(job, one), *viewer = PATH(folder, "model_standard.ply");
+    oxl_result rc = job_read_model(job, one, &out->model);
+    if (rc == OXL_OK && os_is_file(viewer)) rc = oxl_model_read(job->ctx, viewer, &out->viewer);
     imaging_free(job->ctx, &job->imaging);
     if (rc == OXL_OK)
-        rc = imaging_read_beside(job->ctx, PATH(JOB_BLOCK(job, one), "model.ply"), job->scene, &job->imaging);
-    if (rc == OXL_OK && out->count == 0)
+        rc = imaging_read_beside(job->ctx, PATH(folder, "model.ply"), job->scene, &job->imaging);
+    out->imaging = &job->imaging; /* borrowed */
+    if (rc == OXL_OK && out->model.count == 0)
         rc = oxl_fail(job->ctx, OXL_ERR_FAILED,
                       "no Gaussian is left in %s\nfix: oceanxl check looks at cameras, points and images",
                       job->out);
     return rc;
 }
 
-/* Returns 1 if scene.ply is a model for viewers: if a medium lies between the model's colours and the images,
- * or gains do and the training of a model without them was finished. */
-static int job_hides(const struct job *job)
-{
-    if (imaging_alters_colours(&job->imaging)) return 1;
-    return imaging_is_gains_alone(&job->imaging) && !job->unfinished &&
-           os_is_file(PATH(JOB_BLOCK(job, job_last_block(job)), "model_standard.ply"));
-}
-
-/* Sets the view with which viewers begin: that of the training view nearest to the cameras' centre. */
-static void job_choose_view(const oxl_scene *scene, oxl_model *model)
-{
-    const int views = oxl_scene_view_count(scene);
-    double centre[3] = {0, 0, 0}, eye[3], nearest = HUGE_VAL;
-    int training = 0;
-    for (int v = 0; v < views; v++) {
-        if (oxl_scene_view(scene, v)->is_test) continue;
-        camera_position(&oxl_scene_view(scene, v)->camera, eye);
-        training++;
-        for (int k = 0; k < 3; k++) centre[k] += (eye[k] - centre[k]) / training;
-    }
-    for (int v = 0; v < views; v++) {
-        const oxl_camera *c = &oxl_scene_view(scene, v)->camera;
-        double far = 0;
-        if (oxl_scene_view(scene, v)->is_test) continue;
-        camera_position(c, eye);
-        for (int k = 0; k < 3; k++) far += (eye[k] - centre[k]) * (eye[k] - centre[k]);
-        if (!(far < nearest)) continue;
-        nearest = far;
-        model->view[0] = c->fx / OXL_MAX(c->width, c->height);
-        memcpy(model->view + 1, c->rotation, sizeof c->rotation);
-        for (int k = 0; k < 3; k++) model->view[10 + k] = eye[k] + oxl_scene_origin(scene)[k];
-    }
-}
-
-static oxl_result job_write_ply(struct job *job, const char *name, const oxl_model *model, int degree,
-                                size_t *bytes)
+static size_t job_bytes_of(struct job *job, const char *name)
 {
     struct os_reader file = {0};
     const char *path = PATH(job->out, "%s", name);
-    oxl_model seen = *model;
-    oxl_result rc = OXL_OK;
-    job_choose_view(job->scene, &seen);
-    rc = model_file_write_ply(job->ctx, path, &seen, degree);
-    if (rc == OXL_OK) rc = os_reader_open(job->ctx, path, &file);
-    *bytes = (size_t)file.size;
+    const size_t size = os_reader_open(job->ctx, path, &file) == OXL_OK ? (size_t)file.size : 0;
     os_reader_close(&file);
-    return rc;
-}
-
-/* Makes the model without second lobes and medium; in an unfinished run it is not refined. */
-static oxl_result job_make_standard(struct job *job, oxl_model *out)
-{
-    const int made = !job->unfinished && (job->result.lobes > 0 || job_hides(job));
-    oxl_result rc = made ? job_final_model(job, 1, out) : model_copy(job->ctx, &job->result, out);
-    if (rc == OXL_OK && !made) medium_make_standard(job->scene, &job->imaging, 0, out);
-    else model_drop_lobes(out);
-    return rc;
-}
-
-/* Writes scene.ply: the model with its SH degree and lobes, or with a medium the standard model;
- * scene_clear.ply then has the former. Writes scene_standard.ply unless scene.ply has the standard columns
- * already. bytes: of the file that the metrics are of, and of the standard model's. */
-static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t bytes[2])
-{
-    const int hides = job_hides(job),
-              is_standard = job->result.sh_degree == 3 && (hides || job->result.lobes == 0);
-    const oxl_model *shown = hides ? standard : &job->result;
-    oxl_result rc = hides || !is_standard ? job_make_standard(job, standard) : OXL_OK;
-    size_t full = 0;
-    bytes[0] = bytes[1] = 0;
-    if (rc == OXL_OK) rc = job_write_ply(job, "scene.ply", shown, shown->sh_degree, &bytes[hides]);
-    if (rc == OXL_OK && hides)
-        rc = job_write_ply(job, "scene_clear.ply", &job->result, job->result.sh_degree, &bytes[0]);
-    else os_remove(PATH(job->out, "scene_clear.ply"));
-    if (is_standard) os_remove(PATH(job->out, "scene_standard.ply"));
-    if (rc == OXL_OK && !is_standard) rc = job_write_ply(job, "scene_standard.ply", standard, 3, &full);
-    if (!hides) bytes[1] = is_standard ? bytes[0] : full;
-    return rc;
+    return size;
 }
 
 /* ---------------- metrics */
@@ -137,36 +69,37 @@ static oxl_split job_evaluated_split(const struct job *job)
     return job->survey.test_views > 0 ? OXL_SPLIT_TEST : OXL_SPLIT_TRAIN;
 }
 
-/* Evaluates the image of a viewer without second lobes and medium; *m gets its PSNR at mean exposure. */
-static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes,
-                                   oxl_metrics *m)
+/* Evaluates what viewers without second lobes and imaging show, where training has made a model for them; *m
+ * gets its PSNR at mean exposure. */
+static oxl_result job_add_viewer(struct job *job, struct text *t, const oxl_trained *trained, oxl_metrics *m)
 {
     struct oxl_imaging seen = job->imaging; /* borrows its arrays */
-    const int hides = job_hides(job);
+    const int hides = trained_hides(trained);
+    const char *name = hides ? "scene.ply" : "scene_standard.ply";
     oxl_metrics plain;
     oxl_result rc;
-    if (job->result.lobes == 0 && !hides) return OXL_OK;
+    if (!trained->viewer.count) return OXL_OK;
     imaging_hide(&seen, hides);
-    rc = evaluate_shown(job->ctx, standard, job->scene, &seen, job_evaluated_split(job), &plain);
+    rc = evaluate_shown(job->ctx, &trained->viewer, job->scene, &seen, job_evaluated_split(job), &plain);
     if (rc != OXL_OK) return rc;
     oxl_log(job->ctx, OXL_LOG_INFO,
-            "%s in any viewer: PSNR %.2f dB (%+.2f against this model), %.2f at mean exposure",
-            hides ? "scene.ply" : "scene_standard.ply", plain.psnr, plain.psnr - m->psnr, plain.plain_psnr);
+            "%s in any viewer: PSNR %.2f dB (%+.2f against this model), %.2f at mean exposure", name,
+            plain.psnr, plain.psnr - m->psnr, plain.plain_psnr);
     for (int i = 0; i < m->count && i < plain.count && hides; i++)
         m->views[i].plain_psnr = plain.views[i].plain_psnr;
     if (hides) m->plain_psnr = plain.plain_psnr;
     text_add(t, "  \"standard\": {\"psnr\": %s, \"ssim\": %s, \"psnr_lost\": %s, \"bytes\": %zu},\n",
-             NUMBER(plain.psnr), NUMBER(plain.ssim), NUMBER(m->psnr - plain.psnr), bytes);
+             NUMBER(plain.psnr), NUMBER(plain.ssim), NUMBER(m->psnr - plain.psnr), job_bytes_of(job, name));
     oxl_metrics_free(job->ctx, &plain);
     return OXL_OK;
 }
 
-static void job_add_figures(struct job *job, struct text *t, size_t bytes)
+static void job_add_figures(struct job *job, struct text *t, const oxl_model *model, size_t bytes)
 {
     text_add(t, "{\n  \"split\": \"%s\",\n", job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "train");
-    text_add_member(t, "gaussians", (double)job->result.count);
-    text_add_member(t, "lobes", (double)job->result.lobes);
-    text_add_member(t, "sh_degree", job->result.sh_degree);
+    text_add_member(t, "gaussians", (double)model->count);
+    text_add_member(t, "lobes", (double)model->lobes);
+    text_add_member(t, "sh_degree", model->sh_degree);
     text_add_member(t, "bytes", (double)bytes);
     text_add_member(t, "blocks", job->partition.block_count);
     text_add_member(t, "iterations", job->total.iterations);
@@ -176,12 +109,13 @@ static void job_add_figures(struct job *job, struct text *t, size_t bytes)
     nonfinite_add_json(t, &job->total.nonfinite);
 }
 
-static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, const size_t bytes[2])
+static oxl_result job_write_metrics(struct job *job, const oxl_trained *trained)
 {
+    const oxl_model *model = &trained->model;
+    const size_t bytes = job_bytes_of(job, trained_hides(trained) ? "scene_clear.ply" : "scene.ply");
     oxl_metrics m = {0};
     struct text t = {.ctx = job->ctx};
-    oxl_result rc =
-        oxl_evaluate(job->ctx, &job->result, job->scene, &job->imaging, job_evaluated_split(job), &m);
+    oxl_result rc = oxl_evaluate(job->ctx, model, job->scene, &job->imaging, job_evaluated_split(job), &m);
     if (rc != OXL_OK) goto done;
     if (m.count == 0)
         oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be evaluated, so there are no metrics");
@@ -190,7 +124,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
             job->ctx, OXL_LOG_INFO,
             "%s views: PSNR %.2f dB, SSIM %.4f, structure %.3f, at least %.3f, over %d; %zu Gaussians, %.1f MB",
             job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.structure,
-            m.structure_least, m.count, job->result.count, (double)bytes[0] / 1e6);
+            m.structure_least, m.count, model->count, (double)bytes / 1e6);
     if (!isnan(m.aligned_psnr))
         oxl_log(job->ctx, OXL_LOG_INFO,
                 "test views moved onto their images, as poses were refined: PSNR %.2f dB, SSIM %.4f",
@@ -200,10 +134,10 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
             job->ctx, OXL_LOG_INFO,
             "PSNR is %.2f dB after a factor per channel and view (cc_psnr): exposure may differ between views",
             m.cc_psnr);
-    job_add_figures(job, &t, bytes[0]);
-    rc = job_add_standard(job, &t, standard, bytes[1], &m);
+    job_add_figures(job, &t, model, bytes);
+    rc = job_add_viewer(job, &t, trained, &m);
     if (rc != OXL_OK) goto done;
-    rc = training_views_check(job->ctx, &job->result, job->scene, &job->imaging, job->total.iterations,
+    rc = training_views_check(job->ctx, model, job->scene, &job->imaging, job->total.iterations,
                               job_evaluated_split(job) == OXL_SPLIT_TRAIN ? &m : NULL, &t,
                               job->options.renders ? PATH(job->out, "training_views") : NULL);
     if (rc != OXL_OK) goto done;
@@ -284,38 +218,26 @@ OXL_INTERNAL oxl_result job_write_run(struct job *job, int finished)
 
 /* ---------------- files */
 
-static oxl_result job_render_views(struct job *job)
+static oxl_result job_render_views(struct job *job, const oxl_model *model)
 {
     const oxl_render_output what = {.split = job_evaluated_split(job), .images = 1, .replace = 1};
     int rendered;
-    return oxl_render_views(job->ctx, &job->result, job->scene, &job->imaging, &what,
-                            PATH(job->out, "renders"), &rendered);
-}
-
-/* Writes imaging.txt beside scene.ply, or removes it if the run has no imaging. */
-static oxl_result job_write_gains(struct job *job)
-{
-    const char *path = PATH(job->out, "imaging.txt");
-    if (imaging_is_needed(&job->imaging)) return oxl_imaging_write(job->ctx, path, job->scene, &job->imaging);
-    os_remove(path);
-    return OXL_OK;
+    return oxl_render_views(job->ctx, model, job->scene, &job->imaging, &what, PATH(job->out, "renders"),
+                            &rendered);
 }
 
 /* Writes the result; see job.h. run.json comes last, so that it never says "finished" before
  * the other files are there. */
 OXL_INTERNAL oxl_result job_finish(struct job *job, int evaluate)
 {
-    oxl_model standard = {0};
-    size_t bytes[2];
-    oxl_result rc = job_final_model(job, 0, &job->result);
-    if (rc == OXL_OK) rc = job_write_models(job, &standard, bytes);
-    if (rc == OXL_OK) rc = job_write_gains(job);
-    if (rc == OXL_OK && evaluate) rc = job_write_metrics(job, &standard, bytes);
-    if (rc == OXL_OK && evaluate && job->options.renders) rc = job_render_views(job);
+    oxl_trained t = {.finished = 0};
+    oxl_result rc = job_read_result(job, &t);
+    if (rc == OXL_OK) rc = oxl_trained_write(job->ctx, job->out, job->scene, &t);
+    if (rc == OXL_OK && evaluate) rc = job_write_metrics(job, &t);
+    if (rc == OXL_OK && evaluate && job->options.renders) rc = job_render_views(job, &t.model);
     if (rc == OXL_OK) rc = job_write_run(job, !job->unfinished);
-    if (rc == OXL_OK && !job->unfinished) {
-        job_remove_decoded(job);
-    }
-    oxl_model_free(job->ctx, &standard);
+    if (rc == OXL_OK && !job->unfinished) job_remove_decoded(job);
+    oxl_model_free(job->ctx, &t.model);
+    oxl_model_free(job->ctx, &t.viewer);
     return rc;
 }

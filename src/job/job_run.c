@@ -307,7 +307,6 @@ static void job_end(struct job *job)
     job->ctx->notes = NULL;
     oxl_unlock_folder(job->ctx, &job->lock);
     partition_free(job->ctx, &job->partition);
-    oxl_model_free(job->ctx, &job->result);
     oxl_model_free(job->ctx, &job->start.model);
     imaging_free(job->ctx, &job->imaging);
     oxl_scene_free(job->ctx, job->scene);

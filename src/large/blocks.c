@@ -125,7 +125,7 @@ static oxl_result blocks_train_block(struct blocks *b, int block, const char *fo
     struct block_task task = blocks_task(job, folder, &callback);
     struct block_plan plan = {0};
     oxl_result rc = OXL_OK;
-    if (b->coarse.count == 0) rc = job_read_model(job, JOB_COARSE_MODEL, 0, &b->coarse);
+    if (b->coarse.count == 0) rc = job_read_model(job, JOB_COARSE_MODEL, &b->coarse);
     if (rc == OXL_OK) rc = block_plan_make(job, block, &b->coarse, &plan);
     /* The block begins with the coarse model's gains, and keeps its lamp and medium. */
     imaging_free(job->ctx, &job->imaging);

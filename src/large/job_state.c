@@ -196,11 +196,9 @@ OXL_INTERNAL void job_drop_blocks(struct job *job)
 
 /* ---------------- models of the blocks */
 
-OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out)
+OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, oxl_model *out)
 {
-    const char *folder = JOB_BLOCK(job, block), *path = PATH(folder, "model_standard.ply");
-    /* Takes model.ply if viewers know all of it, or it was not refined. */
-    return oxl_model_read(job->ctx, standard && os_is_file(path) ? path : PATH(folder, "model.ply"), out);
+    return oxl_model_read(job->ctx, PATH(JOB_BLOCK(job, block), "model.ply"), out);
 }
 
 OXL_INTERNAL void job_add_imaging(struct oxl_imaging *all, int *count, const struct oxl_imaging *block)
@@ -251,7 +249,7 @@ OXL_INTERNAL oxl_result job_merge(struct job *job, oxl_model *out)
     if (rc == OXL_OK) rc = job_join_imaging(job, &job->imaging);
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         oxl_model part;
-        rc = job_read_model(job, k, 0, &part);
+        rc = job_read_model(job, k, &part);
         if (rc == OXL_OK) rc = merge_rows(job->ctx, &part, NULL, out);
         oxl_model_free(job->ctx, &part);
     }

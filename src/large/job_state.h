@@ -35,7 +35,6 @@ struct job {
     oxl_survey survey;
     struct partition partition;
     double origin[3];
-    oxl_model result;
     struct text line, found;   /* "job": {...} and "found": {...} of run.json */
     struct text key;           /* both lines: all that a block depends on */
     struct text inputs;        /* "inputs": {...} of run.json */
@@ -84,8 +83,8 @@ OXL_INTERNAL oxl_result job_merge(struct job *job, oxl_model *out);
 /* Adds a block's gains to the mean over blocks, and copies its lamp and medium. count: (views) blocks
  * so far that have the view. */
 OXL_INTERNAL void job_add_imaging(struct oxl_imaging *all, int *count, const struct oxl_imaging *block);
-/* Reads a block's model, the coarse or the merged one; standard: model_standard.ply, if it exists. */
-OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);
+/* Reads the model of a block, the coarse or the merged one. */
+OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, oxl_model *out);
 /* Writes a file of OUT. */
 OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struct text *t);
 OXL_INTERNAL void job_remove_decoded(struct job *job);
