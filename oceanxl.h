@@ -34,7 +34,10 @@
  *   zeroed
  *               structs are allowed). On error `*out` is zeroed.
  *   threads     a context may be used by one thread at a time; OpenMP uses `threads` threads inside.
- *               The result does not depend on their number.
+ *               The result does not depend on their number. Set OMP_WAIT_POLICY=passive before the program
+ *               starts: else waiting threads spin, and a small scene can take ten times as long.
+ *   building    compile the library with -O2 or -O3, never with -ffast-math. C++ may include this header;
+ *               the implementation is C99.
  *
  * Licence: MIT, see LICENSE.
  */
@@ -577,7 +580,8 @@ typedef struct oxl_trained {
 } oxl_trained;
 
 /* Trains a model on the scene's training views, as the command `oceanxl train` does with a survey of one
- * block. The same scene, options and seed give the same bytes. callback may be NULL.
+ * block; for more than 170 images the command raises the iterations (oxl_job_options.iterations_for). The
+ * same scene, options and seed give the same bytes. callback may be NULL.
  * OXL_ERR_USAGE: an option is out of its range; OXL_ERR_INTERRUPTED: stopped, out is usable. */
 OXL_API oxl_result oxl_train(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
                              const oxl_callback *callback, oxl_trained *out);

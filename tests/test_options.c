@@ -116,12 +116,12 @@ TEST(options_check_names_the_one_that_is_out_of_range)
     oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
     o.train.iterations = 0;
     CHECK(oxl_job_options_check(test_ctx, &o) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "option --iterations: found '0'");
+    CHECK_TEXT(oxl_error_text(test_ctx), "iterations is 0, expected a whole number from 1");
     CHECK(!strstr(oxl_error_text(test_ctx), "degree"));
     o = oxl_job_options_default(OXL_PRESET_DRAFT);
     o.train.cooldown = NAN;
     CHECK(oxl_train_options_check(test_ctx, &o.train) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "option --cooldown: found 'nan'");
+    CHECK_TEXT(oxl_error_text(test_ctx), "cooldown is nan, expected a number from 0 to 1");
 }
 
 TEST(options_read_their_former_names)

@@ -544,13 +544,15 @@ OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag)
 oxl_result oxl_job_options_check(oxl_context *ctx, const oxl_job_options *options)
 {
     oxl_job_options read = *options;
-    char text[128], error[400];
+    char text[128], wanted[160], name[40];
     const oxl_option *row;
     for (int i = 1; (row = oxl_option_at(i)) != NULL; i++) {
         if (row->kind == OXL_OPTION_TEXT) continue;
         oxl_option_get(row, options, text, sizeof text);
-        if (oxl_option_set(row, &read, text, error, sizeof error) != OXL_OK)
-            return oxl_fail(ctx, OXL_ERR_USAGE, "%s", error);
+        if (oxl_option_set(row, &read, text, NULL, 0) == OXL_OK) continue;
+        option_describe_range(row, wanted);
+        return oxl_fail(ctx, OXL_ERR_USAGE, "%s is %s, expected %s\nfix: the default is %s",
+                        oxl_option_member(row, name), text, wanted, row->preset[0] ? row->preset[0] : "0");
     }
     return OXL_OK;
 }
