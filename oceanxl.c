@@ -178,6 +178,7 @@
 #include "src/job/start.c"           /* a model in the place of the points, --from and continuing */
 #include "src/job/render_names.c"    /* their names */
 #include "src/job/render_files.c"    /* renders as files */
+#include "src/job/misfit.c"          /* how much of an error a displaced camera explains */
 #include "src/job/training_views.c"  /* training views with much larger error than their neighbours */
 #include "src/job/metrics_json.c"    /* metrics as JSON */
 #include "src/job/job_result.c"      /* the model in its files, metrics.json, run.json, renders */

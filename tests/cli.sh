@@ -75,7 +75,7 @@ displaced() { # two cameras of thirty are moved
     "$program" synth -o displaced --views 30 --size 128x96 --points 3000 --seed 3 --quiet
     awk 'NF == 10 && /IMG_000(05|13)/ { $6 += 0.25; $7 -= 0.15 } { print }' displaced/sparse/0/images.txt >moved.txt &&
         mv moved.txt displaced/sparse/0/images.txt
-    "$program" train displaced -o displaced/out --iterations 500 --sh-degree 1 --quiet 2>flags.txt && cat flags.txt && test "$(grep 'look at its' flags.txt | head -n 2 | grep -c 'IMG_000\(05\|13\)')" = 2
+    "$program" train displaced -o displaced/out --iterations 500 --sh-degree 1 --quiet 2>flags.txt && cat flags.txt && test "$(grep -c 'look at its' flags.txt)" = 2
 }
 single_image() {
     mkdir -p single/sparse/0 && cp survey/sparse/0/cameras.txt single/sparse/0 && ln -sfn ../survey/images single/images
@@ -217,7 +217,7 @@ promise a_mask_of_another_shape_is_reported_by_train 0 "the mask is stretched" o
     "mkdir -p masked && cp -r survey/. masked && '$program' synth -o square --views 2 --size 50x50 --points 50 --quiet && mkdir masked/masks && cp square/images/IMG_00000.png masked/masks/\$(ls survey/images | head -n 1).png && '$program' train masked -o masked/out --iterations 20"
 promise the_report_repeats_it 0 "the mask is stretched" grep stretched masked/out/report.html
 promise a_block_that_no_view_shows_keeps_its_gaussians 0 "windows of 0 views" behind_the_cameras
-promise displaced_poses_are_flagged_first 0 "IMG_00013.png fits" displaced
+promise displaced_poses_are_flagged_and_no_others 0 "IMG_00013.png fits" displaced
 promise a_single_image_is_warned_of_once 0 "a single training view" on_stderr single_image
 promise warnings_of_reading_the_survey_come_once 0 "" sh -c "cp survey/sparse/0/points3D.txt single/sparse/0 && '$program' train single -o single/more --iterations 10 2>once.txt; test \$(grep -c 'more like it' once.txt) = 1"
 promise fewer_gaussians_than_blocks_are_trained 0 "few2/scene.ply" "$program" train survey -o few2 --max-gaussians 1 --iterations 40 --block-points 300

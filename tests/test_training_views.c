@@ -82,7 +82,7 @@ static void tviews_check_flags(int in_medium)
     colmap_listen();
     CHECK_OK(
         training_views_check(test_ctx, &m, scene, &test_imaging, 20 * TVIEWS, NULL, &t, test_path("worst")));
-    CHECK(colmap_warned.count == 4);
+    CHECK(colmap_warned.count == 3); /* a shift explains no part of what is out of focus */
     CHECK_TEXT(t.data, "\"training\": {\"count\": 24, \"of\": 24, \"flagged\": 4, \"shown\": 4, ");
     for (const char *row = strstr(t.data, "{\"name\""); row; row = strstr(row + 1, "{\"name\"")) {
         char name[16], flag[16];
@@ -101,7 +101,7 @@ static void tviews_check_flags(int in_medium)
     oxl_model_free(test_ctx, &m);
 }
 
-TEST(training_views_with_a_wrong_pose_another_exposure_or_blur_are_reported_and_no_others)
+TEST(training_views_with_a_wrong_pose_another_exposure_or_blur_are_flagged_and_the_first_two_reported)
 {
     tviews_check_flags(0);
 }
@@ -137,7 +137,7 @@ TEST(training_views_without_the_structure_of_their_images_are_counted_and_shown)
     colmap_listen();
     CHECK_OK(
         training_views_check(test_ctx, &m, scene, &test_imaging, 20 * TVIEWS, NULL, &t, test_path("fog")));
-    CHECK(colmap_warned.count == 5);
+    CHECK(colmap_warned.count == 3);
     CHECK_TEXT(t.data, "\"flagged\": 5, \"shown\": 4, \"structure\": 0.");
     CHECK_TEXT(t.data, "\"no_structure\": ");
     row = strstr(t.data, "{\"name\": \"v10\"");

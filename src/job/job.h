@@ -90,6 +90,11 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
                                              const oxl_metrics *measured, struct text *json,
                                              const char *folder);
 
+/* Computes the fraction of the squared error of detail that one shift of the render explains. Clamps the
+ * render; gives masked pixels of the image NaN (misfit.c). */
+OXL_INTERNAL oxl_result misfit_measure(oxl_context *ctx, oxl_image *rendered, oxl_image *image,
+                                       double *shifted);
+
 /* ---------------- survey_report.c: content of a survey, predicted cost */
 
 /* Describes the survey and predicts the memory of its training. closely: also the time, and checks each image

@@ -24,6 +24,9 @@ enum {
     TRAINING_FEW = 2       /* these many of the worst, unless more are flagged */
 };
 #define TRAINING_DECIBEL 2.5 /* Flags a view that lacks so many decibels. */
+/* Warns of a flagged view if a shift explains more than this fraction of its error: others may show what is
+ * hard to render, such as woods. */
+#define TRAINING_SHIFTED 0.12
 /* Flags a view whose exposure is off by so many spreads: one of 10^5 views of a normal distribution. */
 #define TRAINING_SPREADS 4.5
 /* Lists what a view is flagged with, in the order of the log. */
@@ -38,7 +41,7 @@ enum training_flag {
 static const struct {
     const char *name, *message; /* member "flag" of metrics.json; NULL: the log has no line for each view */
 } TRAINING_FLAG[TRAINING_FLAGS] = {
-    [TRAINING_MISFIT] = {"misfit", "look at its pose, focus and light, and what else it alone shows"},
+    [TRAINING_MISFIT] = {"misfit", "look at its pose: a shift explains a part of the error"},
     [TRAINING_EXPOSURE] = {"exposure", "look at its exposure and white balance"},
     [TRAINING_NO_STRUCTURE] = {"no structure", NULL}};
 
@@ -137,16 +140,47 @@ static void training_flag(struct training_views *t)
 
 /* ---------------- messages */
 
-static void training_report(const struct training_views *t)
+/* Returns 1 if a view beside it is flagged and lacks far more: a displaced view spoils the scene around it. */
+static int training_suffers(const struct training_views *t, const struct training_row *row)
 {
+    int near[QUALITY_NEIGHBOURS];
+    const int count = training_nearest(t, row->at, near);
+    for (int i = 0; i < t->m->count; i++)
+        for (int k = 0; k < count; k++)
+            if (t->row[i].at == near[k] && t->row[i].lacks > row->lacks + TRAINING_DECIBEL) return 1;
+    return 0;
+}
+
+static oxl_result training_shift(const struct training_views *t, const oxl_model *model, int view,
+                                 double *shifted)
+{
+    oxl_image image = {0}, rendered = {0};
+    oxl_result rc = scene_copy_image(t->ctx, t->scene, view, &image);
+    if (rc == OXL_OK) rc = oxl_render_view(t->ctx, model, t->scene, view, t->imaging, &rendered, NULL);
+    if (rc == OXL_OK) rc = misfit_measure(t->ctx, &rendered, &image, shifted);
+    oxl_image_free(t->ctx, &image);
+    oxl_image_free(t->ctx, &rendered);
+    return rc;
+}
+
+static oxl_result training_report(const struct training_views *t, const oxl_model *model)
+{
+    oxl_result rc = OXL_OK;
     for (int flag = 0; flag < TRAINING_FLAGS; flag++)
-        for (int i = 0; i < t->m->count; i++) {
+        for (int i = 0; i < t->m->count && rc == OXL_OK; i++) {
             const struct training_row *row = &t->row[i];
+            const int view = t->m->views[row->at].view;
+            double shifted = 1;
             if ((int)row->flag != flag || !TRAINING_FLAG[flag].message) continue;
-            oxl_log(t->ctx, OXL_LOG_WARNING, "training image %s fits %.1f dB worse than its neighbours: %s",
-                    oxl_scene_view(t->scene, t->m->views[row->at].view)->name,
-                    OXL_MAX(row->lacks, row->exposure), TRAINING_FLAG[flag].message);
+            if (flag == TRAINING_MISFIT && training_suffers(t, row)) continue;
+            if (flag == TRAINING_MISFIT) rc = training_shift(t, model, view, &shifted);
+            if (rc == OXL_OK && shifted > TRAINING_SHIFTED)
+                oxl_log(t->ctx, OXL_LOG_WARNING,
+                        "training image %s fits %.1f dB worse than its neighbours: %s",
+                        oxl_scene_view(t->scene, view)->name, OXL_MAX(row->lacks, row->exposure),
+                        TRAINING_FLAG[flag].message);
         }
+    return rc;
 }
 
 /* Warns once of all views without structure. */
@@ -249,7 +283,8 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
     if (evident) training_flag(&t);
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
-    training_report(&t);
+    rc = training_report(&t, model);
+    if (rc != OXL_OK) goto done;
     if (evident) training_report_structure(&t);
     if (iterations < TRAINING_SHORT)
         worst = OXL_CLAMP(training_flagged(&t), (int)TRAINING_FEW, (int)TRAINING_SHOWN);
