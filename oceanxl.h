@@ -28,14 +28,12 @@
  *               All positions in a scene or model are relative to `origin`:  world = local + origin.
  *   images      float, planar (3,H,W): all of red, then green, then blue; 0 black, 1 white.
  *   errors      every function that can fail returns oxl_result; oxl_error_text(ctx) then names what was
- *   found,
- *               what was expected and a fix. The library never exits and never prints.
+ *               found, what was expected and a fix. The library never exits and never prints.
  *   ownership   the function that fills `out` allocates it; the _free of the same name releases it (NULL and
- *   zeroed
- *               structs are allowed). On error `*out` is zeroed.
+ *               zeroed structs are allowed). On error `*out` is zeroed.
  *   threads     a context may be used by one thread at a time; OpenMP uses `threads` threads inside.
  *               The result does not depend on their number. Set OMP_WAIT_POLICY=passive before the program
- *               starts: else waiting threads spin, and a small scene can take ten times as long.
+ *               starts: else waiting threads spin, which slows a small scene down on a busy machine.
  *   building    compile the library with -O2 or -O3, never with -ffast-math. C++ may include this header;
  *               the implementation is C99.
  *

@@ -140,8 +140,7 @@ static void training_flag(struct training_views *t)
 
 /* ---------------- messages */
 
-/* Returns 1 if a view beside it is flagged and lacks far more: a displaced view spoils the scene around it.
- * */
+/* Returns 1 if a view beside it lacks far more: a displaced view spoils the scene around it. */
 static int training_suffers(const struct training_views *t, const struct training_row *row)
 {
     int near[QUALITY_NEIGHBOURS];
