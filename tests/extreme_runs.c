@@ -194,7 +194,7 @@ static void extreme_write_text(oxl_context *ctx, const char *folder, const char 
 static void extreme_write_survey(oxl_context *ctx, const struct extreme_survey *e, const char *folder)
 {
     const int grid = EXTREME_GRID * EXTREME_GRID, points = e->points > 0 ? e->points : grid;
-    struct text cameras = {.ctx = ctx}, images = {.ctx = ctx}, cloud = {.ctx = ctx};
+    OWNED_TEXT cameras = {.ctx = ctx}, images = {.ctx = ctx}, cloud = {.ctx = ctx};
     extreme_write_images(ctx, e, folder);
     text_add(&cameras, "1 PINHOLE %d %d 42 42 20 20\n", EXTREME_SIDE, EXTREME_SIDE);
     for (int v = 0; v < EXTREME_VIEWS; v++) {
@@ -213,9 +213,6 @@ static void extreme_write_survey(oxl_context *ctx, const struct extreme_survey *
     extreme_write_text(ctx, folder, "cameras.txt", &cameras);
     extreme_write_text(ctx, folder, "images.txt", &images);
     extreme_write_text(ctx, folder, "points3D.txt", &cloud);
-    text_free(&cameras);
-    text_free(&images);
-    text_free(&cloud);
 }
 
 static int extreme_count_nonfinite(void *user, const oxl_progress *p)

@@ -7,13 +7,18 @@
  */
 #include "test.h"
 
-#if defined(_OPENMP) && !defined(_WIN32)
+#include <setjmp.h>
+#include <stdarg.h>
+
+#ifndef _WIN32
+#include <sys/wait.h>
 #include <unistd.h>
 #endif
 
 oxl_context *test_ctx;
-int test_failed;
-const char *test_skip;
+const char *test_case, *test_skip;
+
+static jmp_buf test_end; /* where a failed CHECK goes to */
 
 static char folder[256];
 static struct {
@@ -82,11 +87,6 @@ const char *test_path(const char *name)
 
 const char *test_folder(void)
 {
-    if (!folder[0]) {
-        const char *base = getenv("TMPDIR");
-        snprintf(folder, sizeof folder, "%s/oceanxl-test-%ld-%d", base ? base : "/tmp",
-                 (long)(os_seconds() * 1e6), share.index);
-    }
     oxl_make_folder(test_ctx, folder);
     return folder;
 }
@@ -122,10 +122,9 @@ int test_has_part(const char *name)
 static void remove_folder(void)
 {
     char command[300];
-    if (!folder[0]) return;
+    if (!os_is_folder(folder)) return;
     snprintf(command, sizeof command, "rm -rf '%s'", folder);
     if (system(command) != 0) printf("could not remove %s\n", folder);
-    folder[0] = 0;
 }
 
 #define ENTRY(name) void test_##name(void);
@@ -165,25 +164,99 @@ oxl_result test_train(oxl_scene *scene, const oxl_train_options *options, const 
     return train_run(test_ctx, scene, options, callback, &(struct train_task){.imaging = &test_imaging}, out);
 }
 
-static void run(const char *name, void (*body)(void))
+void test_fail(const char *file, int line, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    printf("  %s:%d: ", file, line);
+    vprintf(format, arguments);
+    va_end(arguments);
+    printf(test_case ? " (%s)\n" : "\n", test_case);
+    longjmp(test_end, 1);
+}
+
+void owned_colmap(struct colmap *c)
+{
+    colmap_free(test_ctx, c);
+}
+void owned_file(struct os_file_map *map)
+{
+    os_release_file(test_ctx, map);
+}
+void owned_image(oxl_image *image)
+{
+    oxl_image_free(test_ctx, image);
+}
+void owned_imaging(struct oxl_imaging *imaging)
+{
+    imaging_free(test_ctx, imaging);
+}
+void owned_model(oxl_model *model)
+{
+    oxl_model_free(test_ctx, model);
+}
+void owned_partition(struct partition *p)
+{
+    partition_free(test_ctx, p);
+}
+void owned_renderer(struct renderer **r)
+{
+    renderer_free(test_ctx, *r);
+}
+void owned_scene(oxl_scene **scene)
+{
+    oxl_scene_free(test_ctx, *scene);
+}
+void owned_text(struct text *t)
+{
+    text_free(t);
+}
+
+void owned_memory(void *pointer)
+{
+    void *memory;
+    memcpy(&memory, pointer, sizeof memory);
+    oxl_free(test_ctx, memory);
+}
+
+enum { PASSED, FAILED, SKIPPED, RESULTS };
+
+static int run_here(const char *name, void (*body)(void))
 {
     oxl_context_options options = oxl_context_options_default();
     options.reallocate = counting_reallocate;
-    test_failed = 0;
-    test_skip = NULL;
+    test_case = test_skip = NULL;
     blocks_held = 0;
-    if (oxl_context_create(&options, &test_ctx) != OXL_OK) exit(1);
+    if (setjmp(test_end)) return FAILED;
+    if (oxl_context_create(&options, &test_ctx) != OXL_OK) test_fail(__FILE__, __LINE__, "no context");
     body();
     imaging_free(test_ctx, &test_imaging);
     oxl_context_free(test_ctx);
+    if (blocks_held != 0)
+        test_fail(__FILE__, __LINE__, "%ld blocks of memory were not given back", blocks_held);
+    if (test_skip) printf("skip %s: %s\n", name, test_skip);
+    return test_skip ? SKIPPED : PASSED;
+}
+
+/* In a process of its own where there is fork: a crash, or a leak that its sanitizer finds, fails this test. */
+static int run(const char *name, void (*body)(void))
+{
+    int result = FAILED, status = 0;
+    snprintf(folder, sizeof folder, "%s/oceanxl-test-%ld-%d", getenv("TMPDIR") ? getenv("TMPDIR") : "/tmp",
+             (long)(os_seconds() * 1e6), share.index);
+#ifdef _WIN32
+    result = run_here(name, body);
+#else
+    const pid_t child = fork();
+    if (child == 0) exit(run_here(name, body));
+    if (child > 0 && waitpid(child, &status, 0) == child && WIFEXITED(status) &&
+        WEXITSTATUS(status) < RESULTS)
+        result = WEXITSTATUS(status);
+    else printf("  ended with status %d\n", status);
+#endif
     remove_folder();
-    if (blocks_held != 0 && !test_failed++)
-        printf("  %ld blocks of memory were not given back\n", blocks_held);
-    printf("%s %s%s%s\n",
-           test_failed ? "FAIL"
-           : test_skip ? "skip"
-                       : "ok  ",
-           name, test_skip ? ": " : "", test_skip ? test_skip : "");
+    if (result != SKIPPED) printf("%s %s\n", result == PASSED ? "ok  " : "FAIL", name);
+    return result;
 }
 
 /* Makes threads that wait for others sleep, as the program does: polling makes tests of 1 s one of 64 s on a
@@ -200,7 +273,7 @@ static void wait_passively(char **argv)
 
 int main(int argc, char **argv)
 {
-    int passed = 0, failed = 0, skipped = 0;
+    int count[RESULTS] = {0};
     wait_passively(argv);
     setvbuf(stdout, NULL, _IOLBF, 0);
     if (getenv("OXL_TEST_SHARE") &&
@@ -210,11 +283,8 @@ int main(int argc, char **argv)
     }
     for (size_t i = 0; i < OXL_COUNT(tests); i++) {
         if ((int)(i % (size_t)share.count) != share.index || !wanted(tests[i].name, argc, argv)) continue;
-        run(tests[i].name, tests[i].run);
-        if (test_failed) failed++;
-        else if (test_skip) skipped++;
-        else passed++;
+        count[run(tests[i].name, tests[i].run)]++;
     }
-    printf("%d passed, %d failed, %d skipped\n", passed, failed, skipped);
-    return failed != 0;
+    printf("%d passed, %d failed, %d skipped\n", count[PASSED], count[FAILED], count[SKIPPED]);
+    return count[FAILED] != 0;
 }

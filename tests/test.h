@@ -1,7 +1,7 @@
 /* test.h - the smallest harness that serves: TEST(promise) { CHECK(...); }
  *
- * A test's name is its promise. A failed CHECK prints file:line and what was seen, marks the test as failed
- * and continues.
+ * A test's name is its promise. A failed CHECK prints file:line and what was seen and ends its test. Each test
+ * runs in a process of its own where the system has fork, so that a crash ends that test alone.
  * The list of tests is made by the Makefile from the lines that begin with TEST( (build/test_list.h).
  */
 #ifndef TEST_H
@@ -15,50 +15,53 @@
 #include <string.h>
 
 extern oxl_context *test_ctx; /* fresh for every test; memory still held at its end fails the test */
-extern int test_failed;       /* in the running test */
+extern const char *test_case; /* which of several cases the running test is at; a failure prints it */
 extern const char *test_skip; /* why the running test was skipped, or NULL */
 
 #define TEST(name)          \
     void test_##name(void); \
     void test_##name(void)
 
-#define CHECK(condition)                                                       \
-    do {                                                                       \
-        if (!(condition)) {                                                    \
-            test_failed++;                                                     \
-            printf("  %s:%d: not true: %s\n", __FILE__, __LINE__, #condition); \
-        }                                                                      \
+/* Prints the place and the text, and ends the running test. */
+void test_fail(const char *file, int line, const char *format, ...);
+
+#define CHECK(condition)                                                             \
+    do {                                                                             \
+        if (!(condition)) test_fail(__FILE__, __LINE__, "not true: %s", #condition); \
     } while (0)
 
-#define CHECK_OK(call)                                                               \
-    do {                                                                             \
-        oxl_result check_rc = (call);                                                \
-        if (check_rc != OXL_OK) {                                                    \
-            test_failed++;                                                           \
-            printf("  %s:%d: %s gave %d: %s\n", __FILE__, __LINE__, #call, check_rc, \
-                   oxl_error_text(test_ctx));                                        \
-        }                                                                            \
+#define CHECK_OK(call)                                                                                  \
+    do {                                                                                                \
+        const oxl_result check_rc = (call);                                                             \
+        if (check_rc != OXL_OK)                                                                         \
+            test_fail(__FILE__, __LINE__, "%s gave %d: %s", #call, check_rc, oxl_error_text(test_ctx)); \
     } while (0)
 
 /* |a - b| <= tolerance; not-a-number fails. */
-#define CHECK_CLOSE(a, b, tolerance)                                                                      \
-    do {                                                                                                  \
-        const double check_a = (a), check_b = (b);                                                        \
-        if (!(fabs(check_a - check_b) <= (tolerance))) {                                                  \
-            test_failed++;                                                                                \
-            printf("  %s:%d: %s = %.9g, expected %s = %.9g within %g\n", __FILE__, __LINE__, #a, check_a, \
-                   #b, check_b, (double)(tolerance));                                                     \
-        }                                                                                                 \
+#define CHECK_CLOSE(a, b, tolerance)                                                                  \
+    do {                                                                                              \
+        const double check_a = (a), check_b = (b);                                                    \
+        if (!(fabs(check_a - check_b) <= (tolerance)))                                                \
+            test_fail(__FILE__, __LINE__, "%s = %.9g, expected %s = %.9g within %g", #a, check_a, #b, \
+                      check_b, (double)(tolerance));                                                  \
     } while (0)
 
 /* The text holds the words. */
-#define CHECK_TEXT(text, words)                                                                    \
-    do {                                                                                           \
-        const char *check_text = (text);                                                           \
-        if (!strstr(check_text, (words))) {                                                        \
-            test_failed++;                                                                         \
-            printf("  %s:%d: \"%s\" is not in \"%s\"\n", __FILE__, __LINE__, (words), check_text); \
-        }                                                                                          \
+#define CHECK_TEXT(text, words)                                                            \
+    do {                                                                                   \
+        const char *check_text = (text);                                                   \
+        if (!strstr(check_text, (words)))                                                  \
+            test_fail(__FILE__, __LINE__, "\"%s\" is not in \"%s\"", (words), check_text); \
+    } while (0)
+
+/* The last error's text holds the words. */
+#define CHECK_SAYS(words) CHECK_TEXT(oxl_error_text(test_ctx), words)
+
+/* The call is refused with this code, and the error's text holds the words. */
+#define CHECK_ERROR(call, code, words) \
+    do {                               \
+        CHECK((call) == (code));       \
+        CHECK_SAYS(words);             \
     } while (0)
 
 #define SKIP(why)          \
@@ -71,6 +74,29 @@ extern const char *test_skip; /* why the running test was skipped, or NULL */
 #define NEEDS_PART(name) \
     if (!test_has_part(#name)) SKIP("a build without " #name)
 int test_has_part(const char *name);
+
+/* Local variables that are freed where their block ends: OWNED_MODEL m = {0}; (a feature of gcc and clang). */
+#define OWNED(name) __attribute__((cleanup(owned_##name)))
+#define OWNED_COLMAP OWNED(colmap) struct colmap
+#define OWNED_FILE OWNED(file) struct os_file_map
+#define OWNED_IMAGE OWNED(image) oxl_image
+#define OWNED_IMAGING OWNED(imaging) struct oxl_imaging
+#define OWNED_MEMORY OWNED(memory) /* any pointer: OWNED_MEMORY float *x = oxl_alloc(...); */
+#define OWNED_MODEL OWNED(model) oxl_model
+#define OWNED_PARTITION OWNED(partition) struct partition
+#define OWNED_RENDERER OWNED(renderer) struct renderer
+#define OWNED_SCENE OWNED(scene) oxl_scene
+#define OWNED_TEXT OWNED(text) struct text
+void owned_colmap(struct colmap *c);
+void owned_file(struct os_file_map *map);
+void owned_image(oxl_image *image);
+void owned_imaging(struct oxl_imaging *imaging);
+void owned_memory(void *pointer);
+void owned_model(oxl_model *model);
+void owned_partition(struct partition *p);
+void owned_renderer(struct renderer **r);
+void owned_scene(oxl_scene **scene);
+void owned_text(struct text *t);
 
 /* A fresh folder for the running test's files; removed afterwards. */
 const char *test_folder(void);

@@ -43,7 +43,7 @@ TEST(antialias_goes_through_files_and_copies)
     static const char *const names[] = {"m.ply", "m.spz", "m_standard.ply"};
     for (size_t k = 0; k < OXL_COUNT(names); k++)
         for (int on = 0; on < 2; on++) {
-            oxl_model m, back, copy;
+            OWNED_MODEL m = {0}, back = {0}, copy = {0};
             CHECK_OK(oxl_model_create(test_ctx, 3, 0, &m));
             m.antialias = on;
             CHECK_OK(oxl_model_write(test_ctx, test_path(names[k]), &m));
@@ -52,9 +52,6 @@ TEST(antialias_goes_through_files_and_copies)
             CHECK_OK(model_copy(test_ctx, &back, &copy));
             CHECK_OK(model_set_degree(test_ctx, &copy, 1));
             CHECK(copy.antialias == on);
-            oxl_model_free(test_ctx, &m);
-            oxl_model_free(test_ctx, &back);
-            oxl_model_free(test_ctx, &copy);
         }
 }
 
@@ -78,7 +75,7 @@ TEST(antialias_of_other_programs_is_read)
 TEST(antialias_is_in_gltf_and_missed_in_splat)
 {
     struct os_file_map file;
-    oxl_model m;
+    OWNED_MODEL m = {0};
     CHECK_OK(oxl_model_create(test_ctx, 2, 0, &m));
     m.antialias = 1;
     CHECK_OK(oxl_model_write(test_ctx, test_path("m.glb"), &m));
@@ -89,7 +86,6 @@ TEST(antialias_is_in_gltf_and_missed_in_splat)
     nonfinite_log[0] = 0;
     CHECK_OK(oxl_model_write(test_ctx, test_path("m.splat"), &m));
     CHECK_TEXT(nonfinite_log, "cannot store that the model is anti-aliased");
-    oxl_model_free(test_ctx, &m);
 }
 
 TEST(antialias_of_a_run_is_that_of_its_model_resumed_or_not)
@@ -97,7 +93,7 @@ TEST(antialias_of_a_run_is_that_of_its_model_resumed_or_not)
     NEEDS_PART(antialias);
     oxl_train_options options = train_options(40);
     struct checkpoint_case c;
-    oxl_model first, second;
+    OWNED_MODEL first = {0}, second = {0};
     options.antialias = 1;
     c = checkpoint_of(train_scene(6), options);
     CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
@@ -105,7 +101,5 @@ TEST(antialias_of_a_run_is_that_of_its_model_resumed_or_not)
     CHECK(checkpoint_run(&c, "key", 15, &first) == OXL_ERR_INTERRUPTED);
     CHECK_OK(checkpoint_run(&c, "key", -1, &second));
     CHECK(second.antialias == 1 && train_same(&second, &c.whole));
-    oxl_model_free(test_ctx, &first);
-    oxl_model_free(test_ctx, &second);
     checkpoint_case_free(&c);
 }

@@ -41,7 +41,7 @@ static const char *colmap_refused(const char *cameras, const char *images, const
     struct colmap c;
     CHECK(colmap_try(cameras, images, points, &c) == OXL_ERR_INPUT);
     CHECK(memcmp(&c, &zero, sizeof c) == 0);
-    CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: ");
+    CHECK_SAYS("\nfix: ");
     return oxl_error_text(test_ctx);
 }
 
@@ -142,13 +142,11 @@ int colmap_same(const struct colmap *a, const struct colmap *b)
 /* The good model, changed in a way that must not matter, reads as before; `warnings` oddities are mended. */
 static void colmap_check_same(const char *cameras, const char *images, const char *points, size_t warnings)
 {
-    struct colmap good, seen;
+    OWNED_COLMAP good = {0}, seen = {0};
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &good));
     CHECK_OK(colmap_try(cameras, images, points, &seen));
     CHECK(colmap_same(&good, &seen));
     CHECK(seen.warnings == warnings);
-    colmap_free(test_ctx, &good);
-    colmap_free(test_ctx, &seen);
 }
 
 /* Every `from` becomes `to`. */
@@ -170,7 +168,7 @@ static const char *colmap_replaced(const char *text, char from, const char *to)
 TEST(colmap_a_file_of_fewer_rows_than_announced_is_reported)
 {
     char images[1024], points[1024];
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     snprintf(images, sizeof images, "# Number of images: 3, mean observations per image: 2\n%s",
              colmap_good_images);
     snprintf(points, sizeof points, "# Number of points:  3\n%s", colmap_good_points);
@@ -183,7 +181,6 @@ TEST(colmap_a_file_of_fewer_rows_than_announced_is_reported)
     CHECK_OK(colmap_try(colmap_good_cameras, "# Number of images:\n7 1 0 0 0 0 0 0 1 b.jpg\n\n",
                         "# Number of points: 0\n", &c));
     CHECK(colmap_warned.count == 1);
-    colmap_free(test_ctx, &c);
 }
 
 /* ---------------- dialects */
@@ -191,7 +188,7 @@ TEST(colmap_a_file_of_fewer_rows_than_announced_is_reported)
 /* Agisoft Metashape 2.2, "Export Cameras", COLMAP: labels with spaces, no 2D points, CR LF. */
 TEST(colmap_reads_the_dialect_of_metashape)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(
         "# Camera list with one line of data per camera:\r\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\r\n"
         "# Number of cameras: 1\r\n0 PINHOLE 5472 3648 3666.6660000000002 3666.6660000000002 2736 1824\r\n",
@@ -202,14 +199,13 @@ TEST(colmap_reads_the_dialect_of_metashape)
     CHECK(c.image_count == 2 && c.point_count == 1 && c.warnings == 0 && !c.is_truncated &&
           c.track_count == 0);
     CHECK(strcmp(c.names + c.image[0].name, "dive 1/GOPR 0001 (2).JPG") == 0 && c.camera[0].id == 0);
-    colmap_free(test_ctx, &c);
 }
 
 /* Epic RealityScan (RealityCapture), "COLMAP" export: FULL_OPENCV with zeros for undistorted images, lines of
  * 2D points that are empty, and what Microsoft's printf makes of not-a-number. */
 TEST(colmap_reads_the_dialect_of_realityscan)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(
         "1 FULL_OPENCV 4000 3000 2911.5 2911.5 2000 1500 0 0 0 0 0 0 0 0\r\n",
         "1 0.70710678118654757 0 0.70710678118654757 0 -1e-003 0 2.5 1 IMG 0001.jpg\r\n\r\n"
@@ -220,14 +216,13 @@ TEST(colmap_reads_the_dialect_of_realityscan)
     CHECK(c.point[0].error == -1 && c.point[0].track_count == 2 && c.point[1].id == 3 &&
           c.point[1].error == -1);
     CHECK(!camera_is_distorted(&c.camera[0]));
-    colmap_free(test_ctx, &c);
 }
 
 /* ---------------- what is read, again */
 
 TEST(colmap_cameras_are_read_as_written)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
     CHECK(c.camera_count == 2 && c.warnings == 0);
     CHECK(c.camera[0].id == 1 && c.camera[0].width == 640 && c.camera[0].height == 480 &&
@@ -237,12 +232,11 @@ TEST(colmap_cameras_are_read_as_written)
     CHECK_CLOSE(c.camera[0].parameter[1], 501.5, 0);
     CHECK(c.camera[1].id == 3 && c.camera[1].parameter_count == 8 && c.camera[1].line == 3);
     CHECK_CLOSE(c.camera[1].parameter[7], -2e-4, 0);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_images_are_read_as_written_by_id)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
     CHECK(c.image_count == 3);
     CHECK(c.image[2].id == 7 && c.image[2].camera_id == 1 && c.image[2].line == 2 &&
@@ -251,29 +245,26 @@ TEST(colmap_images_are_read_as_written_by_id)
     CHECK(c.image[0].id == 2 && c.image[0].camera_id == 3 && c.image[0].points_size == 0);
     CHECK_CLOSE(c.image[0].rotation[1], 0.6, 0);
     CHECK(c.image[1].id == 5 && c.image[1].points_at > c.image[2].points_at && c.image[1].points_size > 0);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_a_name_is_the_rest_of_the_line)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
     CHECK_TEXT(c.names + c.image[0].name, "dive 1/IMG 0001.JPG");
     CHECK(strlen(c.names + c.image[0].name) == 19);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_a_name_that_begins_in_this_folder_is_the_name_alone)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(colmap_good_cameras, "7 1 0 0 0 0 0 0 1 ././/a.png\n\n", "", &c));
     CHECK(c.image_count == 1 && strcmp(c.names + c.image[0].name, "a.png") == 0);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_points_are_read_by_id_with_their_tracks)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
     CHECK(c.point_count == 2 && c.track_count == 3);
     CHECK(c.point[1].id == 9 && c.point[1].rgb[0] == 255 && c.point[1].rgb[1] == 0 &&
@@ -284,25 +275,22 @@ TEST(colmap_points_are_read_by_id_with_their_tracks)
           c.image[c.track[0].image_row].id == 5 && c.track[0].observation == 0);
     CHECK(c.point[0].first_track == 1 && c.point[0].track_count == 2 &&
           c.image[c.track[2].image_row].id == 2 && c.track[2].observation == 11);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_an_export_without_points_is_read)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, "# nothing\n", &c));
     CHECK(c.point_count == 0 && c.image_count == 3);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_real_surveys_are_read_without_a_warning)
 {
     const char *path = test_shared("data/caliterra/sparse/0");
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     if (!path) SKIP("no shared data");
     CHECK_OK(colmap_read(test_ctx, path, &c));
     CHECK(c.image_count == 75 && c.point_count == 28366 && c.track_count == 229775 && c.warnings == 0);
-    colmap_free(test_ctx, &c);
 }
 
 /* ---------------- what must not matter */
@@ -337,98 +325,89 @@ TEST(colmap_a_byte_order_mark_does_not_matter)
 
 TEST(colmap_the_last_line_may_lack_its_end)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try("1 PINHOLE 640 480 500 500 320 240", "7 1 0 0 0 0.5 -1.5 2 1 b.jpg",
                         "9 1 2 3 4 5 6 0.5 7 0", &c));
     CHECK(c.image_count == 1 && c.point_count == 1 && c.warnings == 0);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_exponents_of_three_digits_are_read)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(
         colmap_try("1 PINHOLE 640 480 5.0e+002 500 320 240\n", "7 1 1.5e-002 0 0 0 0 0 1 b.jpg\n", "", &c));
     CHECK_CLOSE(c.camera[0].parameter[0], 500, 0);
     CHECK_CLOSE(c.image[0].rotation[1], 0.015, 0);
-    colmap_free(test_ctx, &c);
 }
 
 /* ---------------- what is mended, with a warning */
 
 TEST(colmap_missing_lines_of_2d_points_are_noticed)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(
         colmap_good_cameras,
         "7 1 0 0 0 0.5 -1.5 2 1 b.jpg\n2 0.8 0.6 0 0 1 2 3 3 dive 1/IMG 0001.JPG\n# a\n5 0 0 0 1 0 0 0 1 c.png\n",
         colmap_good_points, &c));
     CHECK(c.image_count == 3 && c.image[0].id == 2 && c.image[1].id == 5 && c.image[1].points_size == 0 &&
           c.warnings == 2);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_missing_lines_of_2d_points_are_noticed_when_names_are_numbers)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(colmap_good_cameras,
                         "7 1 0 0 0 0.5 -1.5 2 1 0001\n2 0.8 0.6 0 0 1 2 3 3 0002\n5 0 0 0 1 0 0 0 1 0003 4\n",
                         colmap_good_points, &c));
     CHECK(c.image_count == 3 && c.warnings == 2);
     CHECK_TEXT(c.names + c.image[1].name, "0003 4");
-    colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_2d_points_of_whole_numbers_are_not_taken_for_an_image)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(
         colmap_try(colmap_good_cameras, "7 1 0 0 0 0.5 -1.5 2 1 b.jpg\n2 1 0 0 0 1 2 3 1 7 8 9\n", "", &c));
     CHECK(c.image_count == 1 && c.image[0].points_size > 0 && c.warnings == 0);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_a_point_that_is_not_finite_is_left_out)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images,
                         "# Number of points: 2\n9 1 nan 3 4 5 6 0.5 7 0\n8 1 2 3 4 5 6 0.5 7 0\n", &c));
     CHECK(!c.is_truncated && c.point_count == 1 && c.point[0].id == 8 && c.point[0].first_track == 0 &&
           c.track_count == 1 && c.warnings == 1);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_a_reprojection_error_that_is_not_finite_becomes_unknown)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, "9 1 2 3 4 5 6 -nan(ind) 7 0\n", &c));
     CHECK(c.point_count == 1 && c.track_count == 1 && c.warnings == 1);
     CHECK_CLOSE(c.point[0].error, -1, 0);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_a_track_entry_of_an_unknown_image_is_left_out)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, "9 1 2 3 4 5 6 0.5 7 0 99 3 5 1\n", &c));
     CHECK(c.point[0].track_count == 2 && c.track_count == 2 && c.image[c.track[1].image_row].id == 5 &&
           c.warnings == 1);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_a_quaternion_of_another_length_is_read_with_a_warning)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(colmap_good_cameras, "7 2 0 0 0 0 0 0 1 b.jpg\n", "", &c));
     CHECK_CLOSE(c.image[0].rotation[0], 2, 0);
     CHECK(c.warnings == 1);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_warnings_name_file_and_line_and_are_cut_after_three_of_a_kind)
 {
-    struct text points = {.ctx = test_ctx};
-    struct colmap c;
+    OWNED_TEXT points = {.ctx = test_ctx};
+    OWNED_COLMAP c = {0};
     colmap_listen();
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, "9 1 2 3 4 5 6 nan 7 0\n", &c));
     CHECK(colmap_warned.count == 1);
@@ -439,8 +418,6 @@ TEST(colmap_warnings_name_file_and_line_and_are_cut_after_three_of_a_kind)
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, points.data, &c));
     CHECK(colmap_warned.count == 4 && c.warnings == 25);
     CHECK_TEXT(colmap_warned.last, "points3D.txt: 22 more like it");
-    colmap_free(test_ctx, &c);
-    text_free(&points);
 }
 
 /* ---------------- what is refused */
@@ -564,7 +541,7 @@ TEST(colmap_no_name_leads_out_of_the_image_folder)
     for (size_t i = 0; i < OXL_COUNT(bad); i++) {
         snprintf(images, sizeof images, "7 1 0 0 0 0 0 0 1 %s\n", bad[i]);
         CHECK_TEXT(colmap_refused_images(images), "images.txt:1: found the name");
-        CHECK_TEXT(oxl_error_text(test_ctx), bad[i]);
+        CHECK_SAYS(bad[i]);
     }
     for (size_t i = 0; i < OXL_COUNT(good); i++) {
         snprintf(images, sizeof images, "7 1 0 0 0 0 0 0 1 %s\n", good[i]);
@@ -596,15 +573,14 @@ TEST(colmap_a_file_cut_at_any_byte_is_read_or_refused_with_a_text)
     for (size_t n = 0; n < sizeof colmap_good_images; n++) {
         snprintf(cut, sizeof cut, "%.*s", (int)n, colmap_good_images);
         test_ctx->error[0] = 0;
-        if (colmap_try(colmap_good_cameras, cut, colmap_good_points, &c) != OXL_OK)
-            CHECK_TEXT(oxl_error_text(test_ctx), "images.txt:");
+        if (colmap_try(colmap_good_cameras, cut, colmap_good_points, &c) != OXL_OK) CHECK_SAYS("images.txt:");
         colmap_free(test_ctx, &c);
     }
     for (size_t n = 0; n < sizeof colmap_good_points; n++) {
         snprintf(cut, sizeof cut, "%.*s", (int)n, colmap_good_points);
         test_ctx->error[0] = 0;
         if (colmap_try(colmap_good_cameras, colmap_good_images, cut, &c) != OXL_OK)
-            CHECK_TEXT(oxl_error_text(test_ctx), "points3D.txt:");
+            CHECK_SAYS("points3D.txt:");
         colmap_free(test_ctx, &c);
     }
 }
@@ -618,8 +594,7 @@ TEST(colmap_a_changed_byte_never_breaks_the_reader)
     for (size_t n = 0; n + 1 < sizeof images; n++) {
         memcpy(images, colmap_good_images, sizeof images);
         images[n] = steer[n % (sizeof steer - 1)];
-        if (colmap_try(colmap_good_cameras, images, colmap_good_points, &c) != OXL_OK)
-            CHECK_TEXT(oxl_error_text(test_ctx), "fix: ");
+        if (colmap_try(colmap_good_cameras, images, colmap_good_points, &c) != OXL_OK) CHECK_SAYS("fix: ");
         colmap_free(test_ctx, &c);
     }
 }
@@ -638,7 +613,7 @@ static void *colmap_reallocate(void *user, void *old, size_t size)
 
 TEST(colmap_out_of_memory_is_reported_and_nothing_leaks)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     oxl_result rc = OXL_ERR_MEMORY;
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
     colmap_free(test_ctx, &c);
@@ -651,7 +626,6 @@ TEST(colmap_out_of_memory_is_reported_and_nothing_leaks)
     }
     CHECK_OK(rc);
     test_ctx->options.reallocate = colmap_scarce.reallocate;
-    colmap_free(test_ctx, &c);
 }
 
 /* ---------------- windows, pieces, threads */
@@ -670,7 +644,7 @@ static void colmap_add_points(struct text *t)
 
 TEST(colmap_the_window_and_the_threads_do_not_matter)
 {
-    struct text points = {.ctx = test_ctx};
+    OWNED_TEXT points = {.ctx = test_ctx};
     const int threads = test_ctx->threads;
     struct colmap whole, parts;
     colmap_add_points(&points);
@@ -684,7 +658,6 @@ TEST(colmap_the_window_and_the_threads_do_not_matter)
     }
     test_ctx->threads = threads;
     colmap_free(test_ctx, &whole);
-    text_free(&points);
 }
 
 /* The same words, with the same line, from whichever piece of whichever window. */
@@ -694,23 +667,21 @@ static void colmap_check_refused_in_windows(const char *points, const char *want
     CHECK_TEXT(colmap_refused_points(points), wanted);
     for (size_t window = 1; window < 100000; window += window / 2 + 1) {
         test_ctx->error[0] = 0;
-        CHECK(colmap_read_buffered(test_ctx, test_path("model"), window, &c) == OXL_ERR_INPUT);
-        CHECK_TEXT(oxl_error_text(test_ctx), wanted);
+        CHECK_ERROR(colmap_read_buffered(test_ctx, test_path("model"), window, &c), OXL_ERR_INPUT, wanted);
     }
 }
 
 TEST(colmap_an_error_names_its_line_whatever_the_window)
 {
-    struct text points = {.ctx = test_ctx};
+    OWNED_TEXT points = {.ctx = test_ctx};
     colmap_add_points(&points); /* 1001 lines */
     text_add(&points, "5 1 2 3 4 5 6 0.5 7 0\n7 1 2 x 4 5 6 0.5\n7 1 2 y 4 5 6 0.5\n");
     colmap_check_refused_in_windows(points.data, "points3D.txt:1003: found 'x', expected Z");
-    text_free(&points);
 }
 
 TEST(colmap_a_point_id_that_comes_again_names_its_line_whatever_the_window)
 {
-    struct text points = {.ctx = test_ctx};
+    OWNED_TEXT points = {.ctx = test_ctx};
     colmap_add_points(&points);
     text_add(
         &points,
@@ -718,18 +689,16 @@ TEST(colmap_a_point_id_that_comes_again_names_its_line_whatever_the_window)
     colmap_check_refused_in_windows(points.data, "points3D.txt:1003: POINT3D_ID 7 was there before");
     text_add(&points, "9000000000000000000 1 2 3 4 5 6 0.5\n"); /* too far off for a bit each */
     colmap_check_refused_in_windows(points.data, "points3D.txt:1003: POINT3D_ID 7 was there before");
-    text_free(&points);
 }
 
 TEST(colmap_point_ids_may_lie_far_apart)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(
         colmap_good_cameras, colmap_good_images,
         "-9223372036854775808 1 2 3 4 5 6 0.5\n9223372036854775807 1 2 3 4 5 6 0.5\n0 1 2 3 4 5 6 0.5\n",
         &c));
     CHECK(c.point_count == 3 && c.point[0].id == INT64_MIN && c.point[2].id == INT64_MAX);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_a_place_in_a_track_has_32_bits)

@@ -76,11 +76,10 @@ void binary_write(const char *folder, const struct colmap *c, const char *text)
 /* The good model in the test's folder `binary`, its text in `model`. */
 static void binary_good(void)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
     CHECK_OK(oxl_make_folder(test_ctx, test_path("binary")));
     binary_write(test_path("binary"), &c, test_path("model"));
-    colmap_free(test_ctx, &c);
 }
 
 static const char *const binary_names[] = {"cameras.bin", "images.bin", "points3D.bin"};
@@ -99,7 +98,7 @@ static const char *binary_refused(void)
     struct colmap c;
     CHECK(colmap_read_buffered(test_ctx, test_path("binary"), 64, &c) == OXL_ERR_INPUT);
     CHECK(memcmp(&c, &zero, sizeof c) == 0);
-    CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: ");
+    CHECK_SAYS("\nfix: ");
     return oxl_error_text(test_ctx);
 }
 
@@ -113,13 +112,11 @@ static void colmap_capture_all(void *user, oxl_log_level level, const char *text
 
 static void binary_check_same(const char *text_folder, const char *binary_folder, size_t window)
 {
-    struct colmap text, binary;
+    OWNED_COLMAP text = {0}, binary = {0};
     CHECK_OK(colmap_read(test_ctx, text_folder, &text));
     CHECK_OK(colmap_read_buffered(test_ctx, binary_folder, window, &binary));
     CHECK(text.format == COLMAP_TEXT && binary.format == COLMAP_BINARY && binary.warnings == 0);
     CHECK(colmap_same(&text, &binary));
-    colmap_free(test_ctx, &text);
-    colmap_free(test_ctx, &binary);
 }
 
 TEST(colmap_binary_is_the_model_of_the_text_through_any_window)
@@ -146,18 +143,17 @@ TEST(colmap_binary_real_surveys_are_those_of_their_text)
 
 TEST(colmap_binary_rigs_and_frames_are_not_read)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     binary_good();
     binary_replace("rigs.bin", "junk", 4);
     binary_replace("frames.bin", "junk", 4);
     CHECK_OK(colmap_read(test_ctx, test_path("binary"), &c));
     CHECK(c.image_count == 3 && c.warnings == 0);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_binary_invalid_values_are_handled_as_in_text)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
     CHECK_OK(oxl_make_folder(test_ctx, test_path("binary")));
     c.point[1].position[1] = INFINITY;
@@ -168,12 +164,11 @@ TEST(colmap_binary_invalid_values_are_handled_as_in_text)
     CHECK_OK(colmap_read(test_ctx, test_path("binary"), &c));
     CHECK(c.warnings == 3 && c.point_count == 1 && c.point[0].id == 4 && c.point[0].error == -1 &&
           c.track_count == 2);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_of_text_and_binary_the_newer_is_read_with_a_message)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     char command[1000];
     binary_good();
     snprintf(command, sizeof command,
@@ -189,7 +184,6 @@ TEST(colmap_of_text_and_binary_the_newer_is_read_with_a_message)
     CHECK_OK(colmap_read(test_ctx, test_path("binary"), &c));
     CHECK(c.format == COLMAP_TEXT);
     CHECK_TEXT(colmap_warned.last, "the text files are newer and are read");
-    colmap_free(test_ctx, &c);
 }
 
 /* ---------------- what is refused */
@@ -205,7 +199,7 @@ TEST(colmap_binary_cut_anywhere_is_refused_with_the_place)
         for (size_t size = 0; size < map.size; size++) {
             binary_replace(binary_names[f], map.data, size);
             CHECK_TEXT(binary_refused(), binary_names[f]);
-            CHECK_TEXT(oxl_error_text(test_ctx), ": byte ");
+            CHECK_SAYS(": byte ");
         }
         os_release_file(test_ctx, &map);
     }
@@ -223,16 +217,15 @@ TEST(colmap_binary_with_a_wrong_byte_is_read_or_refused)
         CHECK_OK(os_read_file(test_ctx, path, &map));
         copy = oxl_alloc(test_ctx, map.size, 1);
         for (size_t i = 0; i < map.size; i++) {
-            struct colmap c;
+            OWNED_COLMAP c = {0};
             oxl_result rc;
             memcpy(copy, map.data, map.size);
             copy[i] = (char)0xff;
             binary_replace(binary_names[f], copy, map.size);
             rc = colmap_read(test_ctx, test_path("binary"), &c);
             CHECK(rc == OXL_OK || rc == OXL_ERR_INPUT);
-            if (rc != OXL_OK) CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: ");
+            if (rc != OXL_OK) CHECK_SAYS("\nfix: ");
             refused += rc != OXL_OK;
-            colmap_free(test_ctx, &c);
         }
         oxl_free(test_ctx, copy);
         os_release_file(test_ctx, &map);
@@ -273,7 +266,7 @@ TEST(colmap_binary_an_unknown_camera_model_leads_to_the_undistorter)
     binary_replace("cameras.bin", cameras, sizeof cameras);
     CHECK_TEXT(binary_refused(),
                "byte 12, record 1: found 18 for the camera model, expected one of SIMPLE_PINHOLE, ");
-    CHECK_TEXT(oxl_error_text(test_ctx), "colmap image_undistorter");
+    CHECK_SAYS("colmap image_undistorter");
 }
 
 TEST(colmap_binary_names_stay_in_the_image_folder_and_on_one_line)
@@ -296,6 +289,6 @@ TEST(colmap_binary_incomplete_models_are_named_by_what_is_missing)
     struct colmap c;
     binary_good();
     CHECK(remove(test_path("binary/images.bin")) == 0);
-    CHECK(colmap_read(test_ctx, test_path("binary"), &c) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "images.bin is not there, expected a COLMAP model");
+    CHECK_ERROR(colmap_read(test_ctx, test_path("binary"), &c), OXL_ERR_INPUT,
+                "images.bin is not there, expected a COLMAP model");
 }

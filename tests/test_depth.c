@@ -124,9 +124,9 @@ TEST(depth_agrees_with_a_slow_search_in_double)
     const int isa = test_ctx->isa;
     for (int k = 0; k < 6; k++) {
         const oxl_render_options options = oxl_render_options_default();
-        oxl_model m = depth_test_model(60, k % 2 ? 30 : 0);
-        struct renderer *r = NULL;
-        oxl_image image = {0};
+        OWNED_MODEL m = depth_test_model(60, k % 2 ? 30 : 0);
+        OWNED_RENDERER *r = NULL;
+        OWNED_IMAGE image = {0};
         float depth[32 * 32];
         int wrong = 0, without = 0, uncertain = 0;
         test_ctx->isa = OXL_MIN(isa, k / 2);
@@ -140,9 +140,6 @@ TEST(depth_agrees_with_a_slow_search_in_double)
             uncertain += z < 0;
         }
         CHECK(wrong <= 5 && without > 0 && uncertain > 0 && without + uncertain < 800);
-        oxl_image_free(test_ctx, &image);
-        renderer_free(test_ctx, r);
-        oxl_model_free(test_ctx, &m);
     }
     test_ctx->isa = isa;
 }
@@ -172,21 +169,19 @@ static size_t depth_test_above(const double p[3], oxl_image *image, float *depth
 TEST(parallel_rays_see_a_place_at_one_pixel_whatever_its_height)
 {
     for (int i = 0; i < 5; i++) {
-        oxl_image image;
+        OWNED_IMAGE image = {0};
         float depth[64 * 64];
         const double z = 0.7 * i - 0.3 + 1e-5;
         const size_t at = depth_test_above((double[]){0.205, 0.255, z}, &image, depth);
         CHECK(at % 64 == 52 && at / 64 == 6);
         CHECK_CLOSE(4 - (double)depth[at], z, 1e-6); /* float's rounding at 4, not at a distant camera */
-        oxl_image_free(test_ctx, &image);
     }
 }
 
 TEST(parallel_rays_begin_at_the_camera)
 {
-    oxl_image image;
+    OWNED_IMAGE image = {0};
     float depth[64 * 64];
     const size_t at = depth_test_above((double[]){0, 0, 4.01}, &image, depth);
     CHECK(image.rgb[at] == 0 && depth[at] == 0);
-    oxl_image_free(test_ctx, &image);
 }

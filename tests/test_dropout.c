@@ -31,15 +31,12 @@ TEST(train_drops_gaussians_out_where_views_and_images_per_point_are_few)
 TEST(train_records_the_rate_of_dropout_in_the_digits_that_were_asked_for)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
-    oxl_scene *scene = train_scene(14);
-    struct text decisions = {.ctx = test_ctx};
+    OWNED_SCENE *scene = train_scene(14);
+    OWNED_TEXT decisions = {.ctx = test_ctx};
     struct train_task task = {.decisions = &decisions};
-    oxl_model model = {0};
+    OWNED_MODEL model = {0};
     o.iterations = 1;
     o.dropout = 0.3f;
     CHECK_OK(train_run(test_ctx, scene, &o, NULL, &task, &model));
     CHECK_TEXT(decisions.data, "\"dropout\": {\"chosen\": \"0.3\", \"evidence\": \"as set\"}");
-    oxl_scene_free(test_ctx, scene);
-    oxl_model_free(test_ctx, &model);
-    text_free(&decisions);
 }

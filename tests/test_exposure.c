@@ -94,9 +94,8 @@ static void exposure_test_begin(struct exposure_test_run *r, double part, int ju
 
 static void exposure_test_end(struct exposure_test_run *r)
 {
-    oxl_scene *scene = (oxl_scene *)r->t.survey;
+    OWNED_SCENE *scene = (oxl_scene *)r->t.survey;
     train_end(&r->t);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* True gains are kept, with what the run began with; reversed ones, and those of which the others tell

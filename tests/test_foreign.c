@@ -59,7 +59,7 @@ static void foreign_distorted(double u, double v, double out[2])
 static void foreign_image(int view, int shows, foreign_place *place)
 {
     char name[40];
-    oxl_image image;
+    OWNED_IMAGE image = {0};
     CHECK_OK(oxl_image_create(test_ctx, FOREIGN_WIDTH, FOREIGN_HEIGHT, &image));
     for (int i = 0; i < FOREIGN_WIDTH * FOREIGN_HEIGHT && image.rgb; i++) {
         double p[2];
@@ -70,7 +70,6 @@ static void foreign_image(int view, int shows, foreign_place *place)
     }
     snprintf(name, sizeof name, "survey/images/%02d.png", view);
     CHECK_OK(oxl_image_write(test_ctx, test_path(name), &image));
-    oxl_image_free(test_ctx, &image);
 }
 
 static void foreign_point(int i, double p[3])
@@ -330,7 +329,7 @@ TEST(points_far_from_all_cameras_are_said_not_to_fit)
 
 TEST(poses_without_points_start_from_points3D_ply_or_from_random_points)
 {
-    oxl_scene *scene = NULL;
+    OWNED_SCENE *scene = NULL;
     foreign_survey(0, "1 0 0 0", 0);
     CHECK(remove(test_path("survey/sparse/0/points3D.txt")) == 0);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
@@ -343,7 +342,6 @@ TEST(poses_without_points_start_from_points3D_ply_or_from_random_points)
                "property float z\nend_header\n0 0 1\n0 1 0\n");
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
     CHECK(oxl_scene_point_count(scene) == 2);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* ---------------- values and headers */
@@ -405,12 +403,11 @@ TEST(files_of_other_programs_in_the_place_of_a_model_are_named)
         snprintf(name, sizeof name, "f%zu/%s", i, files[i][0]);
         test_write(name, "x");
         snprintf(name, sizeof name, "f%zu", i);
-        CHECK(oxl_check(test_ctx, test_path(name), NULL, &s) == OXL_ERR_INPUT);
-        CHECK_TEXT(oxl_error_text(test_ctx), files[i][1]);
+        CHECK_ERROR(oxl_check(test_ctx, test_path(name), NULL, &s), OXL_ERR_INPUT, files[i][1]);
     }
     foreign_survey(1, "1 0 0 0", 0);
-    CHECK(oxl_check(test_ctx, test_path("survey/images"), NULL, &s) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "/.. is a survey: name that");
+    CHECK_ERROR(oxl_check(test_ctx, test_path("survey/images"), NULL, &s), OXL_ERR_INPUT,
+                "/.. is a survey: name that");
 }
 
 TEST(files_that_a_cloud_or_git_has_not_fetched_are_said)
@@ -424,12 +421,12 @@ TEST(files_that_a_cloud_or_git_has_not_fetched_are_said)
         char name[40];
         int width, height;
         snprintf(name, sizeof name, "survey/images/%02d.png", view);
-        CHECK(image_size(test_ctx, test_path(name), &width, &height) == OXL_ERR_INPUT);
-        CHECK_TEXT(oxl_error_text(test_ctx), view == 2 ? "it is empty" : "fix: git lfs pull");
+        CHECK_ERROR(image_size(test_ctx, test_path(name), &width, &height), OXL_ERR_INPUT,
+                    view == 2 ? "it is empty" : "fix: git lfs pull");
     }
     test_write("survey/sparse/0/points3D.txt", pointer);
-    CHECK(oxl_check(test_ctx, test_path("survey"), NULL, &s) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "points3D.txt: it is a pointer of Git LFS");
+    CHECK_ERROR(oxl_check(test_ctx, test_path("survey"), NULL, &s), OXL_ERR_INPUT,
+                "points3D.txt: it is a pointer of Git LFS");
 }
 
 TEST(masks_without_a_black_pixel_ignore_nothing_and_that_is_said)
@@ -536,7 +533,7 @@ TEST(images_are_turned_by_their_exif_orientation_where_the_camera_is_upright)
 TEST(images_of_many_cameras_all_have_their_size_on_disk)
 {
     struct text cameras = {.ctx = test_ctx}, images = {.ctx = test_ctx};
-    oxl_scene *scene = NULL;
+    OWNED_SCENE *scene = NULL;
     oxl_image half;
     enum { MANY = 24 };
     test_write("survey/images/.keep", "");
@@ -556,7 +553,6 @@ TEST(images_of_many_cameras_all_have_their_size_on_disk)
     text_free(&images);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
     for (int i = 0; i < MANY; i++) CHECK(oxl_scene_view(scene, i)->camera.width == 32);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* ---------------- files that are there, and not meant */
@@ -582,24 +578,23 @@ TEST(folders_named_from_the_survey_are_found_and_said)
     foreign_survey(1, "1 0 0 0", 0);
     CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/images_2")));
     o.images = "images_2";
-    CHECK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "images_2: there is no such folder\nfix: --images ");
-    CHECK_TEXT(oxl_error_text(test_ctx), "survey/images_2, which is one");
+    CHECK_ERROR(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene), OXL_ERR_INPUT,
+                "images_2: there is no such folder\nfix: --images ");
+    CHECK_SAYS("survey/images_2, which is one");
     CHECK(foreign_heard[0] == 0);
     CHECK(os_rename(test_path("survey/images"), test_path("survey/photos")) == 0);
-    CHECK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "the first image of the model may be in ");
-    CHECK_TEXT(oxl_error_text(test_ctx), "survey/photos");
+    CHECK_ERROR(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene), OXL_ERR_INPUT,
+                "the first image of the model may be in ");
+    CHECK_SAYS("survey/photos");
     o = oxl_scene_options_default();
     o.images = test_path("survey/photos"), o.masks = "images_2";
-    CHECK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "fix: --masks ");
-    CHECK_TEXT(oxl_error_text(test_ctx), "survey/images_2, which is one");
+    CHECK_ERROR(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene), OXL_ERR_INPUT, "fix: --masks ");
+    CHECK_SAYS("survey/images_2, which is one");
 }
 
 TEST(names_with_backslashes_are_those_with_slashes_where_these_are_there)
 {
-    oxl_scene *scene = NULL;
+    OWNED_SCENE *scene = NULL;
     foreign_survey(1, "1 0 0 0", 0);
     CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/images/cam")));
     CHECK(os_rename(test_path("survey/images/04.png"), test_path("survey/images/cam/04.png")) == 0);
@@ -607,7 +602,6 @@ TEST(names_with_backslashes_are_those_with_slashes_where_these_are_there)
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
     CHECK(oxl_scene_view_count(scene) == FOREIGN_VIEWS &&
           !strcmp(oxl_scene_view(scene, 9)->name, "cam/04.png"));
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(images_that_are_missing_name_the_option_that_allows_it)
@@ -619,9 +613,9 @@ TEST(images_that_are_missing_name_the_option_that_allows_it)
         snprintf(name, sizeof name, "survey/images/%02d.png", i);
         CHECK(remove(test_path(name)) == 0);
     }
-    CHECK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "--missing-images");
-    CHECK_TEXT(oxl_error_text(test_ctx), "colmap image_deleter");
+    CHECK_ERROR(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene), OXL_ERR_INPUT,
+                "--missing-images");
+    CHECK_SAYS("colmap image_deleter");
 }
 
 /* ---------------- transforms.json */
@@ -647,7 +641,7 @@ static const char *foreign_transforms(const char *members)
 
 TEST(transforms_say_fisheye_in_the_words_of_instant_ngp)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     foreign_transforms("\"is_fisheye\": true");
     CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
     CHECK(!strcmp(camera_model_at(c.camera->model)->name, "OPENCV_FISHEYE") && c.camera->parameter[4] == 0.1);
@@ -655,13 +649,12 @@ TEST(transforms_say_fisheye_in_the_words_of_instant_ngp)
     foreign_transforms("\"is_fisheye\": false");
     CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
     CHECK(!strcmp(camera_model_at(c.camera->model)->name, "FULL_OPENCV"));
-    colmap_free(test_ctx, &c);
 }
 
 TEST(transforms_masks_are_used_and_missing_ones_counted)
 {
     oxl_image mask;
-    oxl_scene *scene = NULL;
+    OWNED_SCENE *scene = NULL;
     const struct training_image *image;
     foreign_transforms("\"a\": 1");
     CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/own")));
@@ -678,16 +671,14 @@ TEST(transforms_masks_are_used_and_missing_ones_counted)
     CHECK(image && image->mask && image->mask[image->width * (image->height - 3)] == 0);
     image = scene_image(test_ctx, scene, 1);
     CHECK(image != NULL);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(transforms_members_that_are_not_read_are_named_once)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     foreign_transforms("\"fisheye_crop_radius\": 5, \"aabb_scale\": 16");
     CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
     CHECK_TEXT(foreign_heard, "not used, though it is there: fisheye_crop_radius\n");
-    colmap_free(test_ctx, &c);
 }
 
 static int foreign_first_red(const char *type, const char *rows)
@@ -745,18 +736,18 @@ TEST(models_keep_infinite_opacities_and_widths_of_zero)
     m.plane[OXL_OPACITY][0] = m.plane[OXL_OPACITY][1] = -INFINITY;
     CHECK(model_file_settle_limits(&m) == 2); /* counts rows, whatever isinf returns */
     oxl_model_free(test_ctx, &m);
-    CHECK(oxl_model_read(
-              test_ctx,
-              test_write(
-                  "n.ply",
-                  FOREIGN_PLY(FOREIGN_DC, "nan 0 0 0 0 0 0 0 0 0 1 0 0 0\n2 0 0 0 0 0 0 inf 0 0 1 0 0 0\n")),
-              &m) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "all 2 Gaussians hold values that are not finite");
+    CHECK_ERROR(oxl_model_read(
+                    test_ctx,
+                    test_write("n.ply",
+                               FOREIGN_PLY(FOREIGN_DC,
+                                           "nan 0 0 0 0 0 0 0 0 0 1 0 0 0\n2 0 0 0 0 0 0 inf 0 0 1 0 0 0\n")),
+                    &m),
+                OXL_ERR_INPUT, "all 2 Gaussians hold values that are not finite");
 }
 
 TEST(models_of_alphas_and_sizes_in_the_place_of_logits_and_logarithms_are_said)
 {
-    oxl_model m;
+    OWNED_MODEL m = {0};
     CHECK_OK(oxl_model_create(test_ctx, 200, 0, &m));
     for (int k = 0; k < 3; k++) { /* raw, then alphas, then sizes */
         oxl_model back;
@@ -775,12 +766,11 @@ TEST(models_of_alphas_and_sizes_in_the_place_of_logits_and_logarithms_are_said)
         if (k == 1) CHECK_TEXT(foreign_heard, "all opacities are from 0 to 0.995, as alphas are");
         if (k == 2) CHECK_TEXT(foreign_heard, "all scales are from 0.001 to 0.2, as sizes are");
     }
-    oxl_model_free(test_ctx, &m);
 }
 
 TEST(models_with_red_green_blue_have_these_colours)
 {
-    oxl_model m;
+    OWNED_MODEL m = {0};
     CHECK_OK(oxl_model_read(
         test_ctx,
         test_write("m.ply",
@@ -791,12 +781,11 @@ TEST(models_with_red_green_blue_have_these_colours)
         CHECK_CLOSE(m.plane[OXL_SH][0], 0.5 / 0.28209479177387814, 1e-6);
         CHECK_CLOSE(m.plane[OXL_SH + 2][0], (0.2 - 0.5) / 0.28209479177387814, 1e-6);
     }
-    oxl_model_free(test_ctx, &m);
 }
 
 TEST(models_are_known_by_their_bytes_and_names_in_any_case)
 {
-    oxl_model m, again;
+    OWNED_MODEL m = {0}, again = {0};
     CHECK_OK(oxl_model_read(
         test_ctx,
         test_write("M.PLY",
@@ -811,17 +800,16 @@ TEST(models_are_known_by_their_bytes_and_names_in_any_case)
     oxl_model_free(test_ctx, &again);
     CHECK(oxl_model_write(test_ctx, test_path("a.compressed.ply"), &m) == OXL_ERR_USAGE);
     oxl_model_free(test_ctx, &m);
-    CHECK(oxl_model_read(test_ctx, test_write("a.sog", "PK\3\4 and so on"), &m) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx),
-               "SOG (a zip file), which is not read\nfix: splat-transform IN.sog OUT.ply");
-    CHECK(oxl_model_read(test_ctx, test_write("a.KSPLAT", "...."), &m) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "splat-transform IN.ksplat OUT.ply");
+    CHECK_ERROR(oxl_model_read(test_ctx, test_write("a.sog", "PK\3\4 and so on"), &m), OXL_ERR_INPUT,
+                "SOG (a zip file), which is not read\nfix: splat-transform IN.sog OUT.ply");
+    CHECK_ERROR(oxl_model_read(test_ctx, test_write("a.KSPLAT", "...."), &m), OXL_ERR_INPUT,
+                "splat-transform IN.ksplat OUT.ply");
 }
 
 TEST(spz_keeps_the_precision_of_the_scene_beside_a_far_gaussian)
 {
     enum { ROWS = 200 };
-    oxl_model m, again;
+    OWNED_MODEL m = {0}, again = {0};
     foreign_heard[0] = 0;
     test_ctx->options.log = foreign_listen;
     CHECK_OK(oxl_model_create(test_ctx, ROWS, 0, &m));
@@ -838,8 +826,6 @@ TEST(spz_keeps_the_precision_of_the_scene_beside_a_far_gaussian)
         CHECK_CLOSE(again.plane[OXL_LOG_SCALE][ROWS - 1] - log(again.plane[OXL_MEAN][ROWS - 1]),
                     10 - log(3e7), 0.05);
     }
-    oxl_model_free(test_ctx, &again);
-    oxl_model_free(test_ctx, &m);
 }
 
 TEST(training_from_a_model_of_another_frame_is_said)
@@ -890,8 +876,8 @@ TEST(a_finished_result_stays_when_its_survey_has_another_name)
     CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &o, NULL));
     CHECK(os_modified(test_path("out/scene.ply")) == before);
     o.train.ssim_weight = 0.1f; /* other options: not without --restart */
-    CHECK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &o, NULL) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "holds the finished result of a run with other options");
+    CHECK_ERROR(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &o, NULL), OXL_ERR_USAGE,
+                "holds the finished result of a run with other options");
     CHECK(os_modified(test_path("out/scene.ply")) == before);
     o.restart = 1;
     CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &o, NULL));

@@ -24,7 +24,7 @@ static double gaps_test_texture(double x, double y, int seed)
 /* What the view at (view, 0, 0) sees of a wall 10 in front of it. */
 static void gaps_test_write_image(int view, int seed)
 {
-    oxl_image image;
+    OWNED_IMAGE image = {0};
     char path[64];
     CHECK_OK(oxl_image_create(test_ctx, GAPS_TEST_WIDTH, GAPS_TEST_HEIGHT, &image));
     for (int i = 0; i < GAPS_TEST_WIDTH * GAPS_TEST_HEIGHT; i++)
@@ -33,7 +33,6 @@ static void gaps_test_write_image(int view, int seed)
                 view + (i % GAPS_TEST_WIDTH + 0.5 - 160) / 40, (i / GAPS_TEST_WIDTH + 0.5 - 120) / 40, seed);
     snprintf(path, sizeof path, "gaps/images/img%02d.png", view);
     CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
-    oxl_image_free(test_ctx, &image);
 }
 
 /* Points of the wall, but for those nearer than `hole` to (1.5, 0); `same`: all images show one texture. */
@@ -58,9 +57,9 @@ static oxl_scene *gaps_test_scene(double hole, int same)
 
 TEST(gaps_get_points_on_the_surface_where_views_agree_on_it)
 {
-    oxl_scene *scene = gaps_test_scene(0.8, 1);
+    OWNED_SCENE *scene = gaps_test_scene(0.8, 1);
     const double *origin = oxl_scene_origin(scene);
-    oxl_point *point;
+    OWNED_MEMORY oxl_point *point = NULL;
     size_t count, inside = 0;
     CHECK_OK(gaps_points(test_ctx, scene, 10000, &point, &count));
     CHECK(count > 0);
@@ -72,24 +71,20 @@ TEST(gaps_get_points_on_the_surface_where_views_agree_on_it)
         inside += hypot(x - 1.5, y) < 0.8;
     }
     CHECK(inside > 50);
-    oxl_free(test_ctx, point);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(gaps_get_no_points_where_views_do_not_agree)
 {
-    oxl_scene *scene = gaps_test_scene(0.8, 0);
-    oxl_point *point;
+    OWNED_SCENE *scene = gaps_test_scene(0.8, 0);
+    OWNED_MEMORY oxl_point *point = NULL;
     size_t count;
     CHECK_OK(gaps_points(test_ctx, scene, 10000, &point, &count));
     CHECK(count <= 2);
-    oxl_free(test_ctx, point);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(gaps_get_at_most_so_many_points)
 {
-    oxl_scene *scene = gaps_test_scene(0.8, 1);
+    OWNED_SCENE *scene = gaps_test_scene(0.8, 1);
     oxl_point *point;
     size_t count;
     CHECK_OK(gaps_points(test_ctx, scene, 7, &point, &count));
@@ -97,21 +92,18 @@ TEST(gaps_get_at_most_so_many_points)
     oxl_free(test_ctx, point);
     CHECK_OK(gaps_points(test_ctx, scene, 0, &point, &count));
     CHECK(count == 0 && !point);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* An image that cannot be read is left out when its turn comes in training: it must not end the run before. */
 TEST(gaps_are_looked_for_without_images_that_cannot_be_read)
 {
     for (int removed = 0; removed < 2; removed++) {
-        oxl_scene *scene = gaps_test_scene(0.8, 1);
-        oxl_point *point;
+        OWNED_SCENE *scene = gaps_test_scene(0.8, 1);
+        OWNED_MEMORY oxl_point *point = NULL;
         size_t count;
         if (removed) CHECK(remove(test_path("gaps/images/img02.png")) == 0);
         else test_write("gaps/images/img02.png", "no picture");
         CHECK_OK(gaps_points(test_ctx, scene, 10000, &point, &count));
         CHECK(count > 0);
-        oxl_free(test_ctx, point);
-        oxl_scene_free(test_ctx, scene);
     }
 }

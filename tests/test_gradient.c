@@ -88,7 +88,7 @@ static double gradient_worst(struct wide *r, int first, int end)
 
 TEST(gradient_agrees_with_finite_differences_for_every_parameter_type)
 {
-    struct wide r;
+    OWNED_WIDE r = {0};
     gradient_smooth_scene(&r, 6, 0, 3);
     gradient_analytic(&r);
     CHECK(kernels_forward(&r) == 6);
@@ -98,22 +98,20 @@ TEST(gradient_agrees_with_finite_differences_for_every_parameter_type)
     CHECK(gradient_worst(&r, OXL_OPACITY, OXL_SH) < 1e-8);
     CHECK(gradient_worst(&r, OXL_SH, OXL_SH + 3) < 1e-8);
     CHECK(gradient_worst(&r, OXL_SH + 3, OXL_LOBE) < 1e-8);
-    wide_free(&r);
 }
 
 TEST(gradient_is_exact_where_the_frustum_clamp_holds)
 {
-    struct wide r;
+    OWNED_WIDE r = {0};
     gradient_smooth_scene(&r, 4, 0, 1);
     r.camera.fx = r.camera.fy = 600; /* all of them lie outside */
     gradient_analytic(&r);
     CHECK(gradient_worst(&r, OXL_MEAN, OXL_SH) < 1e-8);
-    wide_free(&r);
 }
 
 TEST(gradient_stops_at_the_opacity_clamp_and_at_black)
 {
-    struct wide r;
+    OWNED_WIDE r = {0};
     gradient_smooth_scene(&r, 1, 0, 0);
     r.plane[OXL_OPACITY][0] = 12; /* alpha is 0.99 near the centre */
     for (int a = 0; a < 3; a++) r.plane[OXL_LOG_SCALE + a][0] = 5, r.plane[OXL_SH + a][0] = a == 1 ? -9 : 1;
@@ -122,7 +120,6 @@ TEST(gradient_stops_at_the_opacity_clamp_and_at_black)
     CHECK(r.gradient[OXL_MEAN][0] == 0);
     CHECK(r.gradient[OXL_SH + 1][0] == 0);
     CHECK(r.gradient[OXL_SH][0] != 0);
-    wide_free(&r);
 }
 
 /* The smooth scene with second lobes of about a third of the opacity, wider or narrower along each axis;
@@ -137,7 +134,7 @@ static void gradient_lobed_scene(struct wide *r, int count, int lobes, int degre
 
 TEST(gradient_of_lobes_agrees_with_finite_differences_for_every_parameter_type)
 {
-    struct wide r;
+    OWNED_WIDE r = {0};
     gradient_lobed_scene(&r, 6, 4, 1);
     gradient_analytic(&r);
     CHECK(kernels_forward(&r) == 6);
@@ -149,14 +146,13 @@ TEST(gradient_of_lobes_agrees_with_finite_differences_for_every_parameter_type)
     CHECK(gradient_worst(&r, OXL_LOBE, OXL_LOBE + 1) < 1e-8);
     CHECK(gradient_worst(&r, OXL_LOBE + 1, OXL_PLANES) < 1e-8);
     for (int k = OXL_LOBE; k < OXL_PLANES; k++) CHECK(r.gradient[k][4] == 0 && r.gradient[k][5] == 0);
-    wide_free(&r);
 }
 
 /* Narrow Gaussians beside the image, with second lobes that reach over all of it: alpha is negative in every
  * pixel, T grows. */
 TEST(gradient_is_exact_where_alpha_is_negative)
 {
-    struct wide r;
+    OWNED_WIDE r = {0};
     double least = 1e9;
     gradient_lobed_scene(&r, 5, 3, 0);
     for (int i = 0; i < 3; i++) {
@@ -176,7 +172,6 @@ TEST(gradient_is_exact_where_alpha_is_negative)
     CHECK(gradient_worst(&r, OXL_SH, OXL_SH + 3) < 1e-6);
     CHECK(gradient_worst(&r, OXL_LOBE, OXL_LOBE + 1) < 1e-6);
     CHECK(gradient_worst(&r, OXL_LOBE + 1, OXL_PLANES) < 1e-6);
-    wide_free(&r);
 }
 
 /* ---------------- float against double */
@@ -214,9 +209,9 @@ static void gradient_to_model(const struct wide *r, oxl_model *m)
 TEST(float_image_agrees_with_double_but_for_rounding)
 {
     const oxl_camera camera = gradient_camera(70, 50, 60);
-    struct wide r;
-    oxl_model m;
-    oxl_image image;
+    OWNED_WIDE r = {0};
+    OWNED_MODEL m = {0};
+    OWNED_IMAGE image = {0};
     int off = 0;
     gradient_ordinary_scene(&r, 300, 2);
     kernels_forward(&r);
@@ -228,17 +223,14 @@ TEST(float_image_agrees_with_double_but_for_rounding)
         CHECK(difference <= 1.0 / 255);
     }
     CHECK(off <= 3 * 70 * 50 / 500);
-    oxl_image_free(test_ctx, &image);
-    oxl_model_free(test_ctx, &m);
-    wide_free(&r);
 }
 
 TEST(float_gradient_agrees_with_double_within_1e_4_of_the_largest)
 {
     const oxl_camera camera = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
     oxl_render_options options = oxl_render_options_default();
-    struct wide r;
-    oxl_model m, gradient;
+    OWNED_WIDE r = {0};
+    OWNED_MODEL m = {0}, gradient = {0};
     float drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
     gradient_lobed_scene(&r, 40, 19, 3);
     gradient_analytic(&r);
@@ -254,9 +246,6 @@ TEST(float_gradient_agrees_with_double_within_1e_4_of_the_largest)
         }
         CHECK_CLOSE(worst / scale, 0, 1e-4);
     }
-    oxl_model_free(test_ctx, &m);
-    oxl_model_free(test_ctx, &gradient);
-    wide_free(&r);
 }
 
 TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
@@ -265,9 +254,9 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
     oxl_render_options options = oxl_render_options_default();
     float drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
     struct adam_params adam = {.beta = RENDERER_BETAS, .step = 1};
-    struct wide r;
-    struct renderer *renderer;
-    oxl_model gradient, old;
+    OWNED_WIDE r = {0};
+    OWNED_RENDERER *renderer = NULL;
+    OWNED_MODEL gradient = {0}, old = {0};
     struct trained_model m;
     struct renderer_nonfinite aside;
     gradient_lobed_scene(&r, 40, 19, 0);
@@ -290,11 +279,7 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
         for (int i = 19; i < 32; i++) CHECK(m.model.plane[k][i] == 0);
     }
     CHECK(m.model.plane[OXL_OPACITY][25] != old.plane[OXL_OPACITY][25]);
-    renderer_free(test_ctx, renderer);
     model_trained_free(test_ctx, &m);
-    oxl_model_free(test_ctx, &old);
-    oxl_model_free(test_ctx, &gradient);
-    wide_free(&r);
 }
 
 /* The model after a step, whose gradient comes from the backward pass (late 0) or from the step itself. */
@@ -308,8 +293,8 @@ static void gradient_stepped(const struct wide *r, int late, struct trained_mode
                                  .veiling_light = {0.2f, 0.3f, 0.4f}};
     float drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
     struct adam_params adam = {.beta = RENDERER_BETAS, .step = 1};
-    oxl_model gradient;
-    struct renderer *renderer;
+    OWNED_MODEL gradient = {0};
+    OWNED_RENDERER *renderer = NULL;
     struct renderer_nonfinite aside;
     gradient_to_model(r, &m->model);
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)gradient_weight(i);
@@ -321,13 +306,11 @@ static void gradient_stepped(const struct wide *r, int late, struct trained_mode
     CHECK_OK(renderer_forward(test_ctx, renderer, &m->model, &camera, &options));
     CHECK_OK(renderer_backward(test_ctx, renderer, drgb, late ? NULL : &gradient));
     CHECK_OK(renderer_step(test_ctx, renderer, m, late ? NULL : &gradient, &adam, &aside));
-    renderer_free(test_ctx, renderer);
-    oxl_model_free(test_ctx, &gradient);
 }
 
 TEST(a_step_that_ends_the_backward_pass_itself_gives_the_same_bytes)
 {
-    struct wide r;
+    OWNED_WIDE r = {0};
     struct trained_model m[2];
     gradient_lobed_scene(&r, 40, 19, 0);
     for (int late = 0; late < 2; late++) gradient_stepped(&r, late, &m[late]);
@@ -337,5 +320,4 @@ TEST(a_step_that_ends_the_backward_pass_itself_gives_the_same_bytes)
                          (k < OXL_LOBE ? 40 : 19) * sizeof(float)) == 0);
     CHECK(m[0].model.plane[OXL_MEAN][0] != (float)r.plane[OXL_MEAN][0]);
     for (int k = 0; k < 2; k++) model_trained_free(test_ctx, &m[k]);
-    wide_free(&r);
 }

@@ -21,12 +21,11 @@ TEST(decoded_image_comes_back_whole_or_not_at_all)
         CHECK(!image_file_read(test_ctx, test_path("cut"), 5, &to, &back) && !back.rgb && !back.mask);
     }
     for (size_t at = 0; at < map.size; at += 3) {
-        char *bent = oxl_alloc(test_ctx, map.size, 1);
+        OWNED_MEMORY char *bent = oxl_alloc(test_ctx, map.size, 1);
         memcpy(bent, map.data, map.size);
         bent[at] ^= 4;
         CHECK_OK(os_write_file(test_ctx, test_path("bent"), bent, map.size));
         CHECK(!image_file_read(test_ctx, test_path("bent"), 5, &to, &back));
-        oxl_free(test_ctx, bent);
     }
     os_release_file(test_ctx, &map);
 }

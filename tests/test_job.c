@@ -67,14 +67,13 @@ int job_test_has(const char *file, const char *words)
 void job_test_replace(const char *file, const char *from, const char *to)
 {
     struct os_file_map map = {0};
-    struct text t = {.ctx = test_ctx};
+    OWNED_TEXT t = {.ctx = test_ctx};
     const char *at;
     CHECK_OK(os_read_file(test_ctx, file, &map));
     at = strstr(map.data, from);
     CHECK(at != NULL);
     if (at) text_add(&t, "%.*s%s%s", (int)(at - map.data), map.data, to, at + strlen(from));
     CHECK_OK(os_write_file(test_ctx, file, t.data, t.size));
-    text_free(&t);
     os_release_file(test_ctx, &map);
 }
 
@@ -91,8 +90,8 @@ TEST(job_begins_viewers_at_a_training_view)
     const oxl_job_options options = job_test_options();
     const char *survey = job_test_survey();
     oxl_scene_options load = oxl_scene_options_default();
-    oxl_scene *scene = NULL;
-    oxl_model model = {0};
+    OWNED_SCENE *scene = NULL;
+    OWNED_MODEL model = {0};
     int same = 0;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
     CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
@@ -112,8 +111,6 @@ TEST(job_begins_viewers_at_a_training_view)
         same += away < 1e-6 && !oxl_scene_view(scene, v)->is_test;
     }
     CHECK(same == 1);
-    oxl_scene_free(test_ctx, scene);
-    oxl_model_free(test_ctx, &model);
 }
 
 TEST(job_writes_model_metrics_log_renders_and_last_run_json)
@@ -162,8 +159,8 @@ TEST(job_that_is_finished_is_not_done_again_but_another_is)
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
     CHECK(watch.calls == 12);
     options.train.lr_scale *= 2;
-    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "holds the finished result of a run with other options");
+    CHECK_ERROR(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback), OXL_ERR_USAGE,
+                "holds the finished result of a run with other options");
     CHECK(watch.calls == 12);
     options.restart = 1;
     for (int again = 2; again < 4; again++) {
@@ -301,7 +298,7 @@ TEST(job_in_blocks_lets_the_merged_model_grow_to_what_its_blocks_have_left_of_th
 {
     oxl_job_options options = job_test_blocks();
     size_t blocks = 0;
-    oxl_model model = {0};
+    OWNED_MODEL model = {0};
     options.train.iterations = 40;
     options.train.densify_every = 1 << 20; /* none in a block */
     options.train.densify_gradient = 1e-12f;
@@ -314,14 +311,13 @@ TEST(job_in_blocks_lets_the_merged_model_grow_to_what_its_blocks_have_left_of_th
     }
     CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
     CHECK(blocks <= 60 && model.count > blocks && model.count <= 67);
-    oxl_model_free(test_ctx, &model);
 }
 
 TEST(job_in_blocks_with_second_lobes_writes_a_standard_model_of_all)
 {
     NEEDS_PART(lobes);
     oxl_job_options options = job_test_blocks();
-    oxl_model model = {0}, standard = {0};
+    OWNED_MODEL model = {0}, standard = {0};
     options.train.iterations = 60;
     options.train.dog = OXL_DOG_ALL;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
@@ -329,8 +325,6 @@ TEST(job_in_blocks_with_second_lobes_writes_a_standard_model_of_all)
     CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
     CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene_standard.ply"), &standard));
     CHECK(model.lobes == model.count && standard.lobes == 0 && standard.count == model.count);
-    oxl_model_free(test_ctx, &model);
-    oxl_model_free(test_ctx, &standard);
 }
 
 TEST(job_is_split_into_as_many_blocks_as_are_asked_for)
@@ -371,9 +365,8 @@ TEST(job_merge_names_the_block_that_is_missing)
     oxl_job_options options = job_test_blocks();
     options.block = 0;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
-    CHECK(oxl_merge(test_ctx, test_path("out"), NULL) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "blocks/001");
-    CHECK_TEXT(oxl_error_text(test_ctx), "--block 1");
+    CHECK_ERROR(oxl_merge(test_ctx, test_path("out"), NULL), OXL_ERR_INPUT, "blocks/001");
+    CHECK_SAYS("--block 1");
 }
 
 TEST(job_in_blocks_that_is_stopped_anywhere_ends_in_the_same_bytes)
@@ -423,7 +416,7 @@ TEST(job_in_blocks_grows_to_what_memory_holds_of_the_merged_model)
     oxl_scene *scene = NULL;
     struct cost_load load;
     struct partition p;
-    oxl_model model = {0};
+    OWNED_MODEL model = {0};
     options.train.iterations = 120;
     options.train.densify_gradient = 1e-12f;
     options.train.max_gaussians = 400;
@@ -440,7 +433,6 @@ TEST(job_in_blocks_grows_to_what_memory_holds_of_the_merged_model)
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
     CHECK_OK(oxl_model_read(test_ctx, test_path("out/blocks/whole/model.ply"), &model));
     CHECK(model.count > 100 && model.count <= 150);
-    oxl_model_free(test_ctx, &model);
 }
 
 /* Of a run in blocks with gains alone: scene.ply shows the held-out views without imaging.txt, better than
@@ -592,10 +584,8 @@ TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
     oxl_job_options options = job_test_options();
     const char *survey = job_test_stopped(&options);
     options.train.iterations++;
-    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "--restart");
-    CHECK_TEXT(oxl_error_text(test_ctx),
-               "survey:\n  iterations: 12 there, 13 here\nfix: "); /* and nothing else */
+    CHECK_ERROR(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL), OXL_ERR_USAGE, "--restart");
+    CHECK_SAYS("survey:\n  iterations: 12 there, 13 here\nfix: "); /* and nothing else */
     CHECK(os_is_file(test_path("out/blocks/000/checkpoint.oxl")));
     options.restart = 1;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
@@ -630,9 +620,8 @@ TEST(job_does_not_overwrite_the_finished_model_of_another_survey)
     CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &options, NULL));
     survey = job_test_survey();
     options.restart = 0;
-    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx),
-               "holds the finished result of a run with other options or of another survey");
+    CHECK_ERROR(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL), OXL_ERR_USAGE,
+                "holds the finished result of a run with other options or of another survey");
     options.restart = 1;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
 }
@@ -703,8 +692,8 @@ TEST(job_without_held_out_views_evaluates_training_views_and_says_so)
 
 TEST(job_of_a_missing_survey_is_bad_input)
 {
-    CHECK(oxl_job_run(test_ctx, test_path("nowhere"), test_path("out"), NULL, NULL) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "nowhere");
+    CHECK_ERROR(oxl_job_run(test_ctx, test_path("nowhere"), test_path("out"), NULL, NULL), OXL_ERR_INPUT,
+                "nowhere");
 }
 
 TEST(job_renders_stay_inside_their_folder)
@@ -712,11 +701,10 @@ TEST(job_renders_stay_inside_their_folder)
     static const char *const names[][2] = {{"../dive/a.jpg", "images/.._dive_a.jpg.png"},
                                            {"dive/a.jpg", "images/dive/a.jpg.png"}};
     for (int i = 0; i < 2; i++) {
-        char *path;
+        OWNED_MEMORY char *path = NULL;
         CHECK_OK(render_file_path(test_ctx, test_path("images"), names[i][0], ".png", &path));
         CHECK(strcmp(path, test_path(names[i][1])) == 0 &&
               os_is_folder(test_path("images/dive")) == (i == 1));
-        oxl_free(test_ctx, path);
     }
 }
 
@@ -727,8 +715,8 @@ TEST(renders_that_cannot_be_written_are_named_and_those_before_counted)
     const oxl_render_output what = {.split = OXL_SPLIT_ALL, .images = 1};
     const oxl_point point = {.position = {0, 0, 4}};
     const int threads = test_ctx->threads;
-    oxl_scene *scene = NULL;
-    oxl_model model;
+    OWNED_SCENE *scene = NULL;
+    OWNED_MODEL model = {0};
     int count = -1;
     CHECK_OK(oxl_scene_load(test_ctx, job_test_survey(), NULL, &scene));
     CHECK_OK(oxl_model_from_points(test_ctx, &point, 1, 0, &model));
@@ -737,13 +725,11 @@ TEST(renders_that_cannot_be_written_are_named_and_those_before_counted)
     CHECK(count == JOB_VIEWS && os_is_file(test_path("drawn/0.png.png")) &&
           os_is_file(test_path("drawn/8.png.image.png")));
     test_write("again/1.png.png/.keep", "");
-    CHECK(oxl_render_views(test_ctx, &model, scene, NULL, &what, test_path("again"), &count) == OXL_ERR_IO);
-    CHECK_TEXT(oxl_error_text(test_ctx), "again/1.png.png");
+    CHECK_ERROR(oxl_render_views(test_ctx, &model, scene, NULL, &what, test_path("again"), &count),
+                OXL_ERR_IO, "again/1.png.png");
     CHECK(count == 1 && os_is_file(test_path("again/0.png.image.png")) &&
           !os_is_file(test_path("again/8.png.png")));
     test_ctx->threads = threads;
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* Of six depths: thousandths for the map of 16 bits, rows from the bottom in the float map. */
@@ -854,7 +840,7 @@ TEST(job_has_as_many_gaussians_as_were_asked_for_also_in_blocks)
     const char *survey = job_test_survey();
     for (int k = 0; k < 4; k++) {
         oxl_job_options options = k < 2 ? job_test_options() : job_test_blocks();
-        oxl_model model;
+        OWNED_MODEL model = {0};
         options.train.iterations = 40;
         options.restart = 1;
         if (k % 2) options.train.keep = (oxl_keep){OXL_KEEP_COUNT, 30};
@@ -863,7 +849,6 @@ TEST(job_has_as_many_gaussians_as_were_asked_for_also_in_blocks)
         CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
         CHECK(k < 2 ? model.count == 30 || (k == 0 && model.count < 30)
                     : model.count > 20 && model.count < 38);
-        oxl_model_free(test_ctx, &model);
     }
 }
 
@@ -1080,8 +1065,8 @@ TEST(job_in_blocks_is_not_continued)
     job_test_survey();
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
     options.train.iterations = 20;
-    CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "fix: --restart");
+    CHECK_ERROR(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL), OXL_ERR_USAGE,
+                "fix: --restart");
     CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
 }
 
@@ -1104,22 +1089,21 @@ TEST(job_starts_from_a_model_of_any_format_and_notices_when_it_changes)
     for (size_t i = 0; i < OXL_COUNT(names); i++)
         CHECK_OK(oxl_model_write(test_ctx, test_path(names[i]), &model));
     for (size_t i = 0; i < OXL_COUNT(names); i++) {
-        oxl_model found;
+        OWNED_MODEL found = {0};
         snprintf(from, sizeof from, "%s", test_path(names[i]));
         options.from = from;
         options.restart = 1;
         CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("other"), &options, NULL));
         CHECK_OK(oxl_model_read(test_ctx, test_path("other/scene.ply"), &found));
         CHECK(found.count >= 30 && found.count < 60); /* the points are 60 */
-        oxl_model_free(test_ctx, &found);
     }
     CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("changed"), &options, &callback) ==
           OXL_ERR_INTERRUPTED);
     model.plane[OXL_OPACITY][0] += 1;
     CHECK_OK(oxl_model_write(test_ctx, options.from, &model));
     options.restart = 0;
-    CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("changed"), &options, NULL) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "  start: {\"after\": 0, ");
+    CHECK_ERROR(oxl_job_run(test_ctx, test_path("survey"), test_path("changed"), &options, NULL),
+                OXL_ERR_USAGE, "  start: {\"after\": 0, ");
     options.partition.block_points = 40;
     CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("cut"), &options, NULL) == OXL_ERR_USAGE);
     for (int i = 0; i < oxl_option_count(); i++) { /* the table names this option, and no other */
@@ -1218,7 +1202,7 @@ TEST(job_of_one_block_writes_what_the_library_does_byte_for_byte)
         const char *const survey = k == 1 ? "water" : "survey";
         oxl_job_options options = job_test_options();
         oxl_train_options *o = &options.train;
-        oxl_scene *scene = NULL;
+        OWNED_SCENE *scene = NULL;
         oxl_trained trained = {.finished = 0};
         options.restart = 1, options.seed = 0;
         o->iterations = 60;
@@ -1236,7 +1220,6 @@ TEST(job_of_one_block_writes_what_the_library_does_byte_for_byte)
         job_test_same_file("scene_standard.ply");
         job_test_same_file("imaging.txt");
         oxl_trained_free(test_ctx, &trained);
-        oxl_scene_free(test_ctx, scene);
     }
 }
 
@@ -1244,7 +1227,7 @@ TEST(job_evaluates_what_the_library_renders)
 {
     NEEDS_PART(exposure);
     oxl_job_options options = job_test_options();
-    oxl_scene *scene = NULL;
+    OWNED_SCENE *scene = NULL;
     oxl_trained t = {.finished = 0};
     oxl_metrics m;
     options.train.iterations = 60, options.train.exposure = options.train.lamp = OXL_ON;
@@ -1253,16 +1236,13 @@ TEST(job_evaluates_what_the_library_renders)
     CHECK_OK(oxl_evaluate(test_ctx, &t.model, scene, t.imaging, OXL_SPLIT_ALL, &m));
     CHECK(m.count == JOB_VIEWS);
     for (int i = 0; i < m.count; i++) {
-        oxl_image rendered, image;
+        OWNED_IMAGE rendered = {0}, image = {0};
         double psnr;
         CHECK_OK(oxl_render_view(test_ctx, &t.model, scene, m.views[i].view, t.imaging, &rendered, NULL));
         CHECK_OK(oxl_scene_image(test_ctx, scene, m.views[i].view, NULL, &image));
         CHECK_OK(oxl_psnr(test_ctx, &rendered, &image, &psnr));
         CHECK(psnr == m.views[i].psnr);
-        oxl_image_free(test_ctx, &rendered);
-        oxl_image_free(test_ctx, &image);
     }
     oxl_metrics_free(test_ctx, &m);
     oxl_trained_free(test_ctx, &t);
-    oxl_scene_free(test_ctx, scene);
 }

@@ -42,7 +42,7 @@ static void jsurvey_write_nerfstudio(const struct colmap *c, const char *intrins
 
 static void jsurvey_write_opensfm(const struct colmap *c, const char *camera)
 {
-    struct text t = {.ctx = test_ctx};
+    OWNED_TEXT t = {.ctx = test_ctx};
     text_add(
         &t,
         "[{\"cameras\": {\"other\": {\"projection_type\": \"spherical\", \"width\": 8, \"height\": 4}, \"v2 \\\"x\\\"\": %s},\n\"shots\": {",
@@ -66,7 +66,6 @@ static void jsurvey_write_opensfm(const struct colmap *c, const char *camera)
     }
     text_add(&t, "}}, {\"cameras\": {}, \"shots\": {}, \"points\": {}}]");
     test_write("osfm/opensfm/reconstruction.json", t.data);
-    text_free(&t);
 }
 
 static void jsurvey_check_same(const struct colmap *a, const struct colmap *b)
@@ -108,14 +107,12 @@ TEST(nerfstudio_survey_equals_that_of_colmap_with_every_camera_model)
         {"1 SIMPLE_PINHOLE 640 480 320 320 240\n",
          "\"w\": 640, \"h\": 480, \"camera_angle_x\": 1.5707963267948966"}};
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
-        struct colmap colmap, other;
+        OWNED_COLMAP colmap = {0}, other = {0};
         jsurvey_colmap(cases[i][0], &colmap);
         jsurvey_write_nerfstudio(&colmap, cases[i][1]);
         CHECK_OK(survey_find_model(test_ctx, test_path("ns"), NULL, NULL, &other));
         CHECK(other.camera_count == 1 && !other.images_beside && other.warnings == 0);
         jsurvey_check_same(&colmap, &other);
-        colmap_free(test_ctx, &colmap);
-        colmap_free(test_ctx, &other);
     }
 }
 
@@ -136,14 +133,12 @@ TEST(opensfm_survey_equals_that_of_colmap_with_every_camera_model)
          "{\"projection_type\": \"simple_radial\", \"width\": 640, \"height\": 480, \"focal_x\": 0.5, \"focal_y\": 0.51, \"c_x\": 0.01, "
          "\"c_y\": -0.005, \"k1\": 0.1}"}};
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
-        struct colmap colmap, other;
+        OWNED_COLMAP colmap = {0}, other = {0};
         jsurvey_colmap(cases[i][0], &colmap);
         jsurvey_write_opensfm(&colmap, cases[i][1]);
         CHECK_OK(survey_find_model(test_ctx, test_path("osfm"), NULL, NULL, &other));
         CHECK(other.camera_count == 2);
         jsurvey_check_same(&colmap, &other);
-        colmap_free(test_ctx, &colmap);
-        colmap_free(test_ctx, &other);
     }
 }
 
@@ -153,8 +148,7 @@ static const char *jsurvey_refused(const char *name, const char *text)
     char path[64];
     snprintf(path, sizeof path, "bad/%s", name);
     test_write(path, text);
-    CHECK(json_survey_read(test_ctx, test_path("bad"), name, NULL, &c) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: ");
+    CHECK_ERROR(json_survey_read(test_ctx, test_path("bad"), name, NULL, &c), OXL_ERR_INPUT, "\nfix: ");
     return oxl_error_text(test_ctx);
 }
 
@@ -217,11 +211,10 @@ TEST(nerfstudio_poses_that_are_mirrored_are_refused)
 
 TEST(json_surveys_may_begin_with_a_byte_order_mark)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     test_write("marked/transforms.json", "\xef\xbb\xbf{" JSURVEY_CAMERA ", \"frames\": [" JSURVEY_FRAME "]}");
     CHECK_OK(json_survey_read(test_ctx, test_path("marked"), "transforms.json", NULL, &c));
     CHECK(c.image_count == 1);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(opensfm_that_is_wrong_is_refused_with_the_record)
@@ -243,7 +236,7 @@ TEST(opensfm_that_is_wrong_is_refused_with_the_record)
 /* The reference that a reconstruction has, 0 0 if none; beside: the text of reference_lla.json; own: members. */
 static void jsurvey_reference(const char *beside, const char *own, double out[2])
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     char text[600];
     snprintf(
         text, sizeof text,
@@ -254,7 +247,6 @@ static void jsurvey_reference(const char *beside, const char *own, double out[2]
     test_write("place/reference_lla.json", beside);
     CHECK_OK(json_survey_read(test_ctx, test_path("place"), "reconstruction.json", NULL, &c));
     for (int i = 0; i < 2; i++) out[i] = c.has_reference ? c.reference[i] : 0;
-    colmap_free(test_ctx, &c);
 }
 
 TEST(opensfm_reference_is_its_own_or_that_of_the_file_beside_it)
@@ -273,7 +265,7 @@ TEST(opensfm_reference_is_its_own_or_that_of_the_file_beside_it)
 
 TEST(nerfstudio_names_start_from_its_folder_unless_all_begin_with_images)
 {
-    struct colmap c;
+    OWNED_COLMAP c = {0};
     test_write("ns/transforms.json",
                "{" JSURVEY_CAMERA ", \"frames\": [" JSURVEY_FRAME
                ", {\"file_path\": \"./rgb/r_0\", \"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}");
@@ -281,7 +273,6 @@ TEST(nerfstudio_names_start_from_its_folder_unless_all_begin_with_images)
     CHECK(c.images_beside && c.camera_count == 1);
     CHECK(strcmp(c.names + c.image[0].name, "images/a.png") == 0 &&
           strcmp(c.names + c.image[1].name, "rgb/r_0.png") == 0);
-    colmap_free(test_ctx, &c);
 }
 
 TEST(json_strings_give_back_names_of_any_bytes_and_are_utf8)
@@ -294,11 +285,10 @@ TEST(json_strings_give_back_names_of_any_bytes_and_are_utf8)
         {"\x01\"\\", "\"\\u0001\\\"\\\\\""}};
     char out[64];
     for (size_t i = 0; i < OXL_COUNT(names); i++) {
-        struct text t = {.ctx = test_ctx};
+        OWNED_TEXT t = {.ctx = test_ctx};
         text_add_json_string(&t, names[i][0]);
         CHECK(strcmp(t.data, names[i][1]) == 0);
         CHECK(oxl_json_text(t.data, out, sizeof out) == strlen(names[i][0]) && strcmp(out, names[i][0]) == 0);
-        text_free(&t);
     }
     CHECK(oxl_json_text("\"\\ud83d\\udc1f\"", out, sizeof out) == 4 &&
           strcmp(out, "\xf0\x9f\x90\x9f") == 0); /* as json.dump writes it */
@@ -327,12 +317,11 @@ TEST(json_cursor_reads_what_is_there_and_nothing_else)
 
 static void jsurvey_write_image(const char *name, int width, int height)
 {
-    oxl_image image;
+    OWNED_IMAGE image = {0};
     CHECK_OK(oxl_image_create(test_ctx, width, height, &image));
     CHECK_OK(oxl_make_folder(test_ctx, test_path("blender/train")));
     CHECK_OK(oxl_make_folder(test_ctx, test_path("blender/test")));
     CHECK_OK(oxl_image_write(test_ctx, test_path(name), &image));
-    oxl_image_free(test_ctx, &image);
 }
 
 /* NeRF synthetic's layout: 24 x 16 px, three images to train on, two to hold out. */
@@ -380,8 +369,8 @@ TEST(a_split_that_the_survey_states_refuses_another)
     oxl_scene *scene;
     jsurvey_write_blender("transforms_test.json");
     for (options.test_every = 0; options.test_every < 9; options.test_every += 8) {
-        CHECK(oxl_scene_load(test_ctx, test_path("blender"), &options, &scene) == OXL_ERR_USAGE);
-        CHECK_TEXT(oxl_error_text(test_ctx), "states which of its images are held out (2 of 5)\nfix: ");
+        CHECK_ERROR(oxl_scene_load(test_ctx, test_path("blender"), &options, &scene), OXL_ERR_USAGE,
+                    "states which of its images are held out (2 of 5)\nfix: ");
     }
     test_write("blender/transforms_train.json",
                "{\"w\": 24, \"h\": 16, \"camera_angle_x\": 1, \"frames\": [" JSURVEY_AT("./train/r_0") "]}");
@@ -390,15 +379,15 @@ TEST(a_split_that_the_survey_states_refuses_another)
     os_remove(test_path("blender/train/r.2.png"));
     options = oxl_scene_options_default();
     options.missing_images = 1;
-    CHECK(oxl_scene_load(test_ctx, test_path("blender"), &options, &scene) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "all 2 images that are there are held out");
+    CHECK_ERROR(oxl_scene_load(test_ctx, test_path("blender"), &options, &scene), OXL_ERR_INPUT,
+                "all 2 images that are there are held out");
 }
 
 /* The splits of the images that are left, by name: 1 trained on, 2 held out. */
 static void jsurvey_check_lists(const char *lists, const char *wanted)
 {
-    struct text t = {.ctx = test_ctx};
-    struct colmap c;
+    OWNED_TEXT t = {.ctx = test_ctx};
+    OWNED_COLMAP c = {0};
     char seen[16] = "....";
     text_add(&t, "{" JSURVEY_CAMERA ", %s \"frames\": [", lists);
     for (int i = 0; i < 4; i++)
@@ -413,8 +402,6 @@ static void jsurvey_check_lists(const char *lists, const char *wanted)
         seen[c.names[c.image[i].name] - 'a'] = (char)('0' + c.image[i].split);
     CHECK_TEXT(seen, wanted);
     CHECK(c.states_split == (strchr(wanted, '0') == NULL));
-    colmap_free(test_ctx, &c);
-    text_free(&t);
 }
 
 TEST(nerfstudio_lists_of_filenames_are_its_split)

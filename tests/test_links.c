@@ -54,9 +54,9 @@ TEST(folders_of_a_run_that_are_links_are_refused_by_name)
         char path[128];
         snprintf(path, sizeof path, "out/%s", folders[k]);
         links_lead_out(folders[k]);
-        CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_INPUT);
-        CHECK_TEXT(oxl_error_text(test_ctx), folders[k]);
-        CHECK_TEXT(oxl_error_text(test_ctx), "is a link");
+        CHECK_ERROR(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL), OXL_ERR_INPUT,
+                    folders[k]);
+        CHECK_SAYS("is a link");
         CHECK(links_victim_is_unchanged());
         CHECK(unlink(test_path(path)) == 0);
     }
@@ -85,7 +85,7 @@ TEST(a_lock_that_is_a_link_or_a_pipe_is_refused_and_stays)
         if (kind == 1) CHECK(link(test_path("victim"), path) == 0);
         if (kind == 2) CHECK(mkfifo(path, 0666) == 0);
         CHECK(oxl_lock_folder(test_ctx, test_path("out"), &lock) == OXL_ERR_IO && !lock);
-        CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: remove it");
+        CHECK_SAYS("\nfix: remove it");
         CHECK(links_holds(test_path("victim"), "secret"));
         CHECK(stat(test_path("victim"), &s) == 0 && (s.st_mode & 0777) == 0600);
         CHECK(unlink(path) == 0);
@@ -129,8 +129,8 @@ TEST(a_folder_of_the_survey_is_not_taken_for_the_output)
     for (size_t k = 0; k < OXL_COUNT(folders); k++) {
         char path[64];
         snprintf(path, sizeof path, "%s/./", folders[k]);
-        CHECK(oxl_job_run(test_ctx, survey, test_path(path), &options, NULL) == OXL_ERR_USAGE);
-        CHECK_TEXT(oxl_error_text(test_ctx), "survey/out");
+        CHECK_ERROR(oxl_job_run(test_ctx, survey, test_path(path), &options, NULL), OXL_ERR_USAGE,
+                    "survey/out");
         CHECK(oxl_partition(test_ctx, survey, test_path(path), &options, NULL) == OXL_ERR_USAGE);
     }
     options.scene.images = test_path("survey/images");
@@ -147,9 +147,8 @@ TEST(a_block_of_a_partition_is_not_cut_in_its_own_place)
     CHECK_OK(oxl_partition(test_ctx, survey, test_path("out"), &options, NULL));
     CHECK(oxl_partition(test_ctx, test_path("out/blocks/000"), test_path("out"), &options, NULL) ==
           OXL_ERR_USAGE);
-    CHECK(oxl_job_run(test_ctx, test_path("out/blocks/000"), test_path("out"), &options, NULL) ==
-          OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "is a block of");
+    CHECK_ERROR(oxl_job_run(test_ctx, test_path("out/blocks/000"), test_path("out"), &options, NULL),
+                OXL_ERR_USAGE, "is a block of");
     CHECK_OK(oxl_job_run(test_ctx, test_path("out/blocks/000"), test_path("out/trained"), &options, NULL));
 }
 
@@ -158,8 +157,8 @@ TEST(a_model_that_no_run_wrote_is_replaced_with_restart_alone)
     oxl_job_options options = job_test_options();
     const char *survey = job_test_survey();
     test_write("out/scene.ply", "of another program");
-    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "no run.json");
+    CHECK_ERROR(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL), OXL_ERR_USAGE,
+                "no run.json");
     CHECK(links_holds(test_path("out/scene.ply"), "of another program"));
     options.restart = 1;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
@@ -174,7 +173,7 @@ TEST(a_render_is_not_written_through_a_link)
     CHECK(symlink(test_path("victim"), test_path("renders/l")) == 0);
     CHECK(render_file_path(test_ctx, test_path("renders"), "l/photo", ".png", &path) == OXL_ERR_INPUT &&
           !path);
-    CHECK_TEXT(oxl_error_text(test_ctx), "renders/l is a link");
+    CHECK_SAYS("renders/l is a link");
 }
 
 TEST(blocks_are_not_exported_through_a_link)
@@ -184,8 +183,8 @@ TEST(blocks_are_not_exported_through_a_link)
     test_write("victim/0/cameras.txt", "keep");
     CHECK_OK(oxl_make_folder(test_ctx, test_path("out/blocks/000")));
     CHECK(symlink(test_path("victim"), test_path("out/blocks/000/sparse")) == 0);
-    CHECK(oxl_partition(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "sparse is a link");
+    CHECK_ERROR(oxl_partition(test_ctx, survey, test_path("out"), &options, NULL), OXL_ERR_INPUT,
+                "sparse is a link");
     CHECK(links_holds(test_path("victim/0/cameras.txt"), "keep"));
 }
 #endif
@@ -255,10 +254,9 @@ TEST(views_whose_renders_would_share_a_name_are_refused)
                                            {"x.png", "x"},     {"d/x", "x"},     {"c.depth", "c"}};
     static const int collides[] = {0, 1, 1, 0, 0, 1};
     for (size_t k = 0; k < OXL_COUNT(pairs); k++) {
-        oxl_scene *scene = links_scene(pairs[k], 2);
+        OWNED_SCENE *scene = links_scene(pairs[k], 2);
         const oxl_result rc = scene ? render_names_check(test_ctx, scene) : OXL_ERR_FAILED;
         CHECK(rc == (collides[k] ? OXL_ERR_INPUT : OXL_OK));
-        if (collides[k]) CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: rename");
-        oxl_scene_free(test_ctx, scene);
+        if (collides[k]) CHECK_SAYS("\nfix: rename");
     }
 }

@@ -70,8 +70,8 @@ TEST(lint_counts_images_and_masks_that_cannot_be_used)
         snprintf(name, sizeof name, "survey/images/%d.png", i);
         test_write(name, "no image");
     }
-    CHECK(oxl_check(test_ctx, test_path("survey"), NULL, &s) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "none of the 7 training views can be used");
+    CHECK_ERROR(oxl_check(test_ctx, test_path("survey"), NULL, &s), OXL_ERR_INPUT,
+                "none of the 7 training views can be used");
 }
 
 /* ---------------- where images saw the points */
@@ -86,7 +86,7 @@ struct lint_sight {       /* what is wrong with a survey of two cameras, in turn
 /* Points of lint_survey, seen by cameras that turn a little about an axis askew, and where they see them. */
 static void lint_write_sight(const struct lint_sight *s)
 {
-    struct text images = {.ctx = test_ctx}, cameras = {.ctx = test_ctx};
+    OWNED_TEXT images = {.ctx = test_ctx}, cameras = {.ctx = test_ctx};
     for (int c = 0; c < 2; c++)
         text_add(&cameras, "%d PINHOLE 48 32 %g %g 24 16\n", c + 1, 40 * (c ? s->focal : 1),
                  40 * (c ? s->focal : 1));
@@ -120,8 +120,6 @@ static void lint_write_sight(const struct lint_sight *s)
     }
     test_write("survey/sparse/0/images.txt", images.data);
     test_write("survey/sparse/0/cameras.txt", cameras.data);
-    text_free(&images);
-    text_free(&cameras);
 }
 
 TEST(lint_says_how_poses_and_cameras_would_fit_what_the_images_saw)

@@ -92,8 +92,8 @@ TEST(lock_is_not_needed_where_the_run_is_finished)
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
     CHECK_OK(oxl_merge(test_ctx, test_path("out"), NULL));
     options.train.iterations += 5;
-    CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL) == OXL_ERR_IO);
-    CHECK_TEXT(oxl_error_text(test_ctx), ".lock: cannot write");
+    CHECK_ERROR(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL), OXL_ERR_IO,
+                ".lock: cannot write");
     options.restart = 1;
     CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL) == OXL_ERR_IO);
     CHECK(os_is_file(test_path("out/scene.ply")) && os_is_file(test_path("out/run.json")));

@@ -66,7 +66,7 @@ TEST(merge_keeps_each_gaussian_of_overlapping_blocks_exactly_once)
     const double origin[3] = {0.1, -0.2, 0.3};
     struct partition_block block[3];
     struct partition p;
-    oxl_model cloud = merge_test_cloud(MERGE_TEST_COUNT, 1, origin), merged = merge_test_empty(origin);
+    OWNED_MODEL cloud = merge_test_cloud(MERGE_TEST_COUNT, 1, origin), merged = merge_test_empty(origin);
     unsigned char seen[MERGE_TEST_COUNT] = {0};
     merge_test_partition(&p, block, origin);
     /* each block trained all of it */
@@ -77,8 +77,6 @@ TEST(merge_keeps_each_gaussian_of_overlapping_blocks_exactly_once)
         CHECK(row < MERGE_TEST_COUNT && !seen[row]++);
         for (int k = 0; k < oxl_model_planes(&merged); k++) CHECK(merged.plane[k][i] == cloud.plane[k][row]);
     }
-    oxl_model_free(test_ctx, &cloud);
-    oxl_model_free(test_ctx, &merged);
 }
 
 TEST(merge_goes_by_block_and_keeps_the_order_within_one)
@@ -86,7 +84,7 @@ TEST(merge_goes_by_block_and_keeps_the_order_within_one)
     const double zero[3] = {0, 0, 0}, origin[3] = {-1, 0.5, 1};
     struct partition_block block[3];
     struct partition p;
-    oxl_model cloud = merge_test_cloud(MERGE_TEST_COUNT, 0, origin), merged = merge_test_empty(origin);
+    OWNED_MODEL cloud = merge_test_cloud(MERGE_TEST_COUNT, 0, origin), merged = merge_test_empty(origin);
     size_t end[3];
     merge_test_partition(&p, block, zero);
     for (int b = 0; b < 3; b++) {
@@ -102,8 +100,6 @@ TEST(merge_goes_by_block_and_keeps_the_order_within_one)
         CHECK(i == 0 || i == end[b - (b > 0)] || merge_test_row(&merged, i) > merge_test_row(&merged, i - 1));
     }
     CHECK(end[0] > 1000 && end[1] > end[0] + 300 && end[2] > end[1] + 300);
-    oxl_model_free(test_ctx, &cloud);
-    oxl_model_free(test_ctx, &merged);
 }
 
 TEST(merge_gives_a_border_to_the_block_above_it_and_the_far_to_the_outer_blocks)
@@ -113,30 +109,27 @@ TEST(merge_gives_a_border_to_the_block_above_it_and_the_far_to_the_outer_blocks)
     const int kept_in[5] = {1, 1, 0, 1, 0};
     struct partition_block block[3];
     struct partition p;
-    oxl_model m = merge_test_cloud(5, 0, zero);
+    OWNED_MODEL m = merge_test_cloud(5, 0, zero);
     merge_test_partition(&p, block, zero);
     for (int i = 0; i < 9; i++) p.rotation[i] = i % 4 == 0;
     for (int i = 0; i < 5; i++) m.plane[0][i] = at[i], m.plane[1][i] = m.plane[2][i] = 0;
     for (int b = 0; b < 3; b++) {
-        oxl_model merged = merge_test_empty(zero);
+        OWNED_MODEL merged = merge_test_empty(zero);
         size_t expected = 0;
         CHECK_OK(merge_test_block(&p, b, &m, &merged));
         for (int i = 0; i < 5; i++)
             if (kept_in[i] == b)
                 CHECK(expected < merged.count && merge_test_row(&merged, expected++) == (size_t)i);
         CHECK(merged.count == expected);
-        oxl_model_free(test_ctx, &merged);
     }
     m.plane[1][1] = 1; /* on the second border, exactly */
     m.plane[0][0] = m.plane[0][2] = NAN;
-    oxl_model merged = merge_test_empty(zero);
+    OWNED_MODEL merged = merge_test_empty(zero);
     CHECK_OK(merge_test_block(&p, 2, &m, &merged));
     CHECK(merged.count == 1 && merge_test_row(&merged, 0) == 1);
     CHECK_OK(merge_test_block(&p, 0, &m, &merged));
     CHECK_OK(merge_test_block(&p, 1, &m, &merged));
     CHECK(merged.count == 3); /* those that are not a number have no block */
-    oxl_model_free(test_ctx, &merged);
-    oxl_model_free(test_ctx, &m);
 }
 
 TEST(merge_keeps_places_to_float_accuracy_when_origins_lie_a_thousand_kilometres_apart)
@@ -144,7 +137,7 @@ TEST(merge_keeps_places_to_float_accuracy_when_origins_lie_a_thousand_kilometres
     const double east[3] = {1e6, 4.2e6, -30}, west[3] = {3.3, 4.2e6 + 0.7, 25};
     struct partition_block block[3];
     struct partition p;
-    oxl_model m = merge_test_cloud(MERGE_TEST_COUNT, 0, east), merged = merge_test_empty(west);
+    OWNED_MODEL m = merge_test_cloud(MERGE_TEST_COUNT, 0, east), merged = merge_test_empty(west);
     merge_test_partition(&p, block, east);
     for (int b = 0; b < 3; b++) CHECK_OK(merge_test_block(&p, b, &m, &merged));
     CHECK(merged.count == m.count && !memcmp(merged.origin, west, sizeof west));
@@ -153,8 +146,6 @@ TEST(merge_keeps_places_to_float_accuracy_when_origins_lie_a_thousand_kilometres
             const double was = m.plane[a][merge_test_row(&merged, i)] + (east[a] - west[a]);
             CHECK(fabs(merged.plane[a][i] - was) <= fabs(was) * FLT_EPSILON / 2);
         }
-    oxl_model_free(test_ctx, &merged);
-    oxl_model_free(test_ctx, &m);
 }
 
 TEST(merge_carries_the_largest_degree_and_fills_missing_bands_with_zero)
@@ -163,28 +154,24 @@ TEST(merge_carries_the_largest_degree_and_fills_missing_bands_with_zero)
     const int degree[3] = {1, 3, 0};
     struct partition_block block[3];
     struct partition p;
-    oxl_model merged = merge_test_empty(zero);
+    OWNED_MODEL merged = merge_test_empty(zero);
     size_t first = 0;
     merge_test_partition(&p, block, zero);
     for (int b = 0; b < 3; b++) {
-        oxl_model m = merge_test_cloud(MERGE_TEST_COUNT, degree[b], zero);
+        OWNED_MODEL m = merge_test_cloud(MERGE_TEST_COUNT, degree[b], zero);
         CHECK_OK(merge_test_block(&p, b, &m, &merged));
         CHECK(merged.sh_degree == (b ? 3 : 1));
-        oxl_model_free(test_ctx, &m);
     }
     for (int b = 0; b < 3; b++) {
-        oxl_model m = merge_test_cloud(MERGE_TEST_COUNT, 3, zero), alone = merge_test_empty(zero);
+        OWNED_MODEL m = merge_test_cloud(MERGE_TEST_COUNT, 3, zero), alone = merge_test_empty(zero);
         const int end = OXL_SH + 3 * (degree[b] + 1) * (degree[b] + 1);
         CHECK_OK(merge_test_block(&p, b, &m, &alone));
         for (size_t i = 0; i < alone.count; i++)
             for (int k = 0; k < OXL_LOBE; k++)
                 CHECK(merged.plane[k][first + i] == (k < end ? alone.plane[k][i] : 0));
         first += alone.count;
-        oxl_model_free(test_ctx, &alone);
-        oxl_model_free(test_ctx, &m);
     }
     CHECK(first == merged.count);
-    oxl_model_free(test_ctx, &merged);
 }
 
 TEST(merge_takes_blocks_that_keep_nothing)
@@ -192,8 +179,8 @@ TEST(merge_takes_blocks_that_keep_nothing)
     const double zero[3] = {0, 0, 0};
     struct partition_block block[3];
     struct partition p;
-    oxl_model none = merge_test_empty(zero), merged = merge_test_empty(zero),
-              away = merge_test_cloud(20, 2, zero);
+    OWNED_MODEL none = merge_test_empty(zero), merged = merge_test_empty(zero),
+                away = merge_test_cloud(20, 2, zero);
     merge_test_partition(&p, block, zero);
     for (size_t i = 0; i < away.count; i++) away.plane[0][i] = away.plane[1][i] = -100;
     CHECK_OK(merge_test_block(&p, 0, &none, &merged));
@@ -202,9 +189,6 @@ TEST(merge_takes_blocks_that_keep_nothing)
     CHECK_OK(merge_test_block(&p, 0, &away, &merged));
     CHECK_OK(merge_test_block(&p, 2, &none, &merged));
     CHECK(merged.count == 20);
-    oxl_model_free(test_ctx, &away);
-    oxl_model_free(test_ctx, &none);
-    oxl_model_free(test_ctx, &merged);
 }
 
 static void merge_test_add_lobes(oxl_model *m, size_t lobes)
@@ -220,13 +204,12 @@ TEST(merge_keeps_rows_with_a_second_lobe_in_front_each_with_its_own)
     const size_t lobes[3] = {1700, 0, MERGE_TEST_COUNT};
     struct partition_block block[3];
     struct partition p;
-    oxl_model merged = merge_test_empty(zero);
+    OWNED_MODEL merged = merge_test_empty(zero);
     merge_test_partition(&p, block, zero);
     for (int b = 0; b < 3; b++) {
-        oxl_model m = merge_test_cloud(MERGE_TEST_COUNT, b % 2, zero);
+        OWNED_MODEL m = merge_test_cloud(MERGE_TEST_COUNT, b % 2, zero);
         merge_test_add_lobes(&m, lobes[b]);
         CHECK_OK(merge_test_block(&p, b, &m, &merged));
-        oxl_model_free(test_ctx, &m);
     }
     CHECK(merged.count == MERGE_TEST_COUNT && merged.lobes > 1000);
     for (size_t i = 0, last = 0; i < merged.count; i++) {
@@ -245,5 +228,4 @@ TEST(merge_keeps_rows_with_a_second_lobe_in_front_each_with_its_own)
         for (int k = OXL_LOBE; i < merged.lobes && k < OXL_PLANES; k++)
             CHECK(merged.plane[k][i] == (float)(row + 10000 * (size_t)k));
     }
-    oxl_model_free(test_ctx, &merged);
 }

@@ -115,13 +115,13 @@ TEST(options_check_names_the_one_that_is_out_of_range)
 {
     oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
     o.train.iterations = 0;
-    CHECK(oxl_job_options_check(test_ctx, &o) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "iterations is 0, expected a whole number from 1");
+    CHECK_ERROR(oxl_job_options_check(test_ctx, &o), OXL_ERR_USAGE,
+                "iterations is 0, expected a whole number from 1");
     CHECK(!strstr(oxl_error_text(test_ctx), "degree"));
     o = oxl_job_options_default(OXL_PRESET_DRAFT);
     o.train.cooldown = NAN;
-    CHECK(oxl_train_options_check(test_ctx, &o.train) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "cooldown is nan, expected a number from 0 to 1");
+    CHECK_ERROR(oxl_train_options_check(test_ctx, &o.train), OXL_ERR_USAGE,
+                "cooldown is nan, expected a number from 0 to 1");
 }
 
 TEST(options_read_their_former_names)
@@ -176,7 +176,7 @@ TEST(options_in_run_json_are_read_back_every_one)
     static const char survey[] = "a survey, \"quoted\"";
     const oxl_job_options others = options_test_others();
     oxl_job_options read = oxl_job_options_default(OXL_PRESET_PAPER);
-    struct text line = {.ctx = test_ctx}, inputs = line, again = line, paths = line, file = line;
+    OWNED_TEXT line = {.ctx = test_ctx}, inputs = line, again = line, paths = line, file = line;
     struct oxl_manifest run;
     const char *scene;
     manifest_describe(&line, &inputs, survey, &others);
@@ -191,17 +191,12 @@ TEST(options_in_run_json_are_read_back_every_one)
     if (test_has_part("prune")) CHECK_TEXT(line.data, "\"keep\": \"12345678B\"");
     if (test_has_part("ucd")) CHECK_TEXT(line.data, "\"ucd\": \"1.25,3,fixed\"");
     manifest_free(test_ctx, &run);
-    text_free(&line);
-    text_free(&inputs);
-    text_free(&again);
-    text_free(&paths);
-    text_free(&file);
 }
 
 TEST(options_that_differ_between_two_runs_are_named_with_both_values)
 {
     oxl_job_options a = oxl_job_options_default(OXL_PRESET_DRAFT), b = a;
-    struct text there = {.ctx = test_ctx}, here = there, paths = there, file = there, t = there;
+    OWNED_TEXT there = {.ctx = test_ctx}, here = there, paths = there, file = there, t = there;
     struct oxl_manifest run;
     b.scene.images = "here";
     b.partition.cut = OXL_CUT_MIDPOINT;
@@ -217,9 +212,4 @@ TEST(options_that_differ_between_two_runs_are_named_with_both_values)
                          "  scene: \"one\" there, \"two\" here\n"
                          "  images_folder: null there, \"here\" here\n") == 0);
     manifest_free(test_ctx, &run);
-    text_free(&there);
-    text_free(&here);
-    text_free(&paths);
-    text_free(&file);
-    text_free(&t);
 }

@@ -51,7 +51,7 @@ static oxl_scene *ortho_test_scene(void)
 /* Right, up and above must be right-handed, and above is where the cameras are. */
 TEST(frame_is_seen_from_the_cameras_and_not_mirrored)
 {
-    oxl_scene *scene = ortho_test_scene();
+    OWNED_SCENE *scene = ortho_test_scene();
     struct frame f;
     double eye[3], cross[3], low[2], high[2];
     frame_choose(scene, FRAME_AUTO, &f);
@@ -66,7 +66,6 @@ TEST(frame_is_seen_from_the_cameras_and_not_mirrored)
     CHECK(frame_bounds(&f, scene, low, high));
     CHECK_CLOSE(high[0] - low[0], 10, 1e-9);
     CHECK_CLOSE(high[1] - low[1], 4, 1e-9);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* An eigenvector has two directions: right is the one whose largest element is positive, whichever way the
@@ -76,7 +75,7 @@ TEST(frame_right_has_a_direction_of_its_own)
     int negative = 0;
     for (int turn = 0; turn < 64; turn++) {
         const double a = 0.4 * turn, b = 1.3 * turn;
-        oxl_scene *scene = ortho_test_scene();
+        OWNED_SCENE *scene = ortho_test_scene();
         oxl_point *point = (oxl_point *)oxl_scene_points(scene);
         struct frame f = {.is_world = 0};
         double least, most;
@@ -91,7 +90,6 @@ TEST(frame_right_has_a_direction_of_its_own)
         least = fmin(f.axis[0][0], fmin(f.axis[0][1], f.axis[0][2]));
         most = fmax(f.axis[0][0], fmax(f.axis[0][1], f.axis[0][2]));
         negative += most < -least;
-        oxl_scene_free(test_ctx, scene);
     }
     CHECK(negative == 0);
 }
@@ -237,8 +235,8 @@ static void ortho_test_gaussian(const oxl_scene *scene, oxl_model *model, size_t
 static void ortho_test_pixel(const double p[3], int min_views, const double far[3], int *alpha, float *height,
                              int *red)
 {
-    oxl_scene *scene = ortho_test_scene();
-    oxl_model model = {0};
+    OWNED_SCENE *scene = ortho_test_scene();
+    OWNED_MODEL model = {0};
     struct arguments a = {.out = test_path("map"), .pixel = 0.05, .min_views = min_views};
     FILE *to = fopen(test_path("said"), "wb");
     unsigned char *t, *h;
@@ -262,8 +260,6 @@ static void ortho_test_pixel(const double p[3], int min_views, const double far[
     fclose(to);
     free(h);
     free(t);
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(ortho_places_a_speck_where_its_tiff_says_and_does_not_see_what_floats_above_the_cameras)
@@ -386,10 +382,10 @@ TEST(ground_height_wants_detail_in_the_images_that_confirm_it)
 TEST(unseen_gaussians_are_removed_and_no_training_view_changes)
 {
     static const double place[5][3] = {{3, 2, 0}, {3, 2, 6}, {8, 2, 0}, {20, 2, 0}, {2, 2, 0}};
-    oxl_scene *scene = ortho_test_scene();
+    OWNED_SCENE *scene = ortho_test_scene();
     const double *origin = oxl_scene_origin(scene);
-    oxl_model model = {0};
-    oxl_image before = {0}, after = {0};
+    OWNED_MODEL model = {0};
+    OWNED_IMAGE before = {0}, after = {0};
     size_t dropped = 0;
     CHECK_OK(oxl_model_create(test_ctx, 5, 0, &model));
     for (int i = 0; i < 5; i++)
@@ -405,16 +401,12 @@ TEST(unseen_gaussians_are_removed_and_no_training_view_changes)
     CHECK(model.plane[OXL_SH][0] == 0 && model.plane[OXL_SH][1] == -9);
     CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 0)->camera, NULL, &after, NULL));
     CHECK(memcmp(before.rgb, after.rgb, 3 * 40 * 30 * sizeof(float)) == 0);
-    oxl_image_free(test_ctx, &before);
-    oxl_image_free(test_ctx, &after);
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* Views are tried on the pixels that they may see alone: those must be all that they do see. */
 TEST(ground_window_of_a_view_holds_every_place_in_its_image)
 {
-    oxl_scene *scene = ortho_test_turned(0.6);
+    OWNED_SCENE *scene = ortho_test_turned(0.6);
     enum { SIDE = 40 };
     static float level[SIDE * SIDE];
     static unsigned short seen[2][SIDE * SIDE];
@@ -435,14 +427,13 @@ TEST(ground_window_of_a_view_holds_every_place_in_its_image)
         CHECK(views == seen[0][i]);
     }
     CHECK(any > 100);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* The outermost points of a survey far from its world's origin lie in the outermost pixels. */
 TEST(ortho_has_its_corners_within_a_pixel_of_the_surveys_points)
 {
-    oxl_scene *scene = ortho_test_scene();
-    oxl_model model = {0};
+    OWNED_SCENE *scene = ortho_test_scene();
+    OWNED_MODEL model = {0};
     struct arguments a = {.out = test_path("map"), .pixel = 0.03, .min_views = 1};
     FILE *to = fopen(test_path("said"), "wb");
     const double low[2] = {500000, 6700000}, high[2] = {500010, 6700004};
@@ -464,17 +455,15 @@ TEST(ortho_has_its_corners_within_a_pixel_of_the_surveys_points)
         CHECK(bottom <= low[1] && bottom > low[1] - pixel && top >= high[1] && top < high[1] + pixel);
     }
     free(t);
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* Flat ground 9 below the cameras at x = 3 and 7, whose images are 7.2 wide there: of the map, 10 x 4, both have
  * the middle 3.2 x 4. */
 TEST(ortho_overview_measures_the_ground_that_two_views_share)
 {
-    oxl_scene *scene = ortho_test_scene();
+    OWNED_SCENE *scene = ortho_test_scene();
     struct map m = {.ctx = test_ctx, .scene = scene, .enough = 2};
-    oxl_model model = {0};
+    OWNED_MODEL model = {0};
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     ortho_test_gaussian(scene, &model, 0, (double[]){5, 2, -4}, (float[]){10, 10, 0.01f}, 0);
     CHECK_OK(ortho_make(&m, &model, FRAME_AUTO, 100));
@@ -486,14 +475,12 @@ TEST(ortho_overview_measures_the_ground_that_two_views_share)
     CHECK_CLOSE(m.distance, 9, 0.03);
     CHECK(m.width <= 101 && m.height <= 41);
     ortho_free(&m);
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* Ground that falls by 25 degrees below cameras that look straight down. */
 TEST(frame_of_a_georeferenced_slope_is_the_world)
 {
-    oxl_scene *scene = ortho_test_scene();
+    OWNED_SCENE *scene = ortho_test_scene();
     oxl_point *point = (oxl_point *)oxl_scene_points(scene);
     struct frame f;
     for (int i = 0; i < 30; i++) point[i].position[2] += tan(0.436) * point[i].position[0];
@@ -501,25 +488,23 @@ TEST(frame_of_a_georeferenced_slope_is_the_world)
     CHECK(f.is_world);
     frame_choose(scene, FRAME_SURVEY_AXES, &f);
     CHECK(!f.is_world && f.axis[2][2] < 0.93);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(frame_is_not_the_world_where_its_z_is_down)
 {
     for (int down = 0; down < 2; down++) {
-        oxl_scene *scene = ortho_test_made(0, (const double[]){1, down ? -1 : 1, down ? -1 : 1});
+        OWNED_SCENE *scene = ortho_test_made(0, (const double[]){1, down ? -1 : 1, down ? -1 : 1});
         struct frame f;
         for (int k = 0; k < 3; k++) scene->origin[k] += 1e5;
         frame_choose(scene, FRAME_AUTO, &f);
         CHECK(f.is_world == !down);
         CHECK(down ? f.axis[2][2] < -0.99 : f.axis[2][2] > 0.99);
-        oxl_scene_free(test_ctx, scene);
     }
 }
 
 TEST(flight_along_the_survey_begins_and_ends_at_its_cameras)
 {
-    oxl_scene *scene = ortho_test_turned(0.5);
+    OWNED_SCENE *scene = ortho_test_turned(0.5);
     for (int end = 0; end < 2; end++) {
         oxl_camera c = oxl_scene_view(scene, 0)->camera;
         const oxl_camera *wanted = &oxl_scene_view(scene, end)->camera;
@@ -527,7 +512,6 @@ TEST(flight_along_the_survey_begins_and_ends_at_its_cameras)
         for (int k = 0; k < 9; k++) CHECK_CLOSE(c.rotation[k], wanted->rotation[k], 1e-12);
         for (int k = 0; k < 3; k++) CHECK_CLOSE(c.translation[k], wanted->translation[k], 1e-9);
     }
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* A quarter of the way in time: Catmull-Rom's place with its ends doubled, (t + 3 t^2 - 2 t^3) / 2, and a
@@ -535,7 +519,7 @@ TEST(flight_along_the_survey_begins_and_ends_at_its_cameras)
 TEST(flight_between_cameras_accelerates_smoothly_and_interpolates_rotation)
 {
     const double angle = 0.5, t = 0.25, ease = 0.15625, way = 0.203125;
-    oxl_scene *scene = ortho_test_turned(angle);
+    OWNED_SCENE *scene = ortho_test_turned(angle);
     oxl_camera c = oxl_scene_view(scene, 0)->camera;
     double a[3], b[3], eye[3] = {0, 0, 0};
     flight_survey(scene, t, &c);
@@ -546,12 +530,11 @@ TEST(flight_between_cameras_accelerates_smoothly_and_interpolates_rotation)
     for (int k = 0; k < 3; k++) CHECK_CLOSE(eye[k], a[k] + way * (b[k] - a[k]), 1e-9);
     CHECK_CLOSE(atan2(c.rotation[7], -c.rotation[8]), atan2(ease * sin(angle), 1 - ease + ease * cos(angle)),
                 1e-12);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(flight_around_the_centre_faces_it_upright)
 {
-    oxl_scene *scene = ortho_test_scene();
+    OWNED_SCENE *scene = ortho_test_scene();
     struct frame f;
     frame_choose(scene, FRAME_AUTO, &f);
     for (int i = 0; i < 7; i++) {
@@ -567,7 +550,6 @@ TEST(flight_around_the_centre_faces_it_upright)
         frame_cross(c.rotation, c.rotation + 3, cross);
         for (int k = 0; k < 3; k++) CHECK_CLOSE(cross[k], c.rotation[6 + k], 1e-12);
     }
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* Pixels of a place in a.png and b.png of the scene above. */
@@ -590,7 +572,7 @@ static void ortho_test_pixels(const oxl_scene *scene, const double place[3], cha
 
 TEST(scale_bar_has_its_true_length)
 {
-    oxl_scene *scene = ortho_test_scene();
+    OWNED_SCENE *scene = ortho_test_scene();
     const double end[2][3] = {{5, 2, 0}, {5, 2.5, 0}}; /* half a unit apart, at the rims of both */
     char pixels[2][200], bar[420];
     FILE *to = fopen(test_path("said"), "wb+");
@@ -605,17 +587,16 @@ TEST(scale_bar_has_its_true_length)
     CHECK_TEXT(text ? text : "", "scale     0.5");
     CHECK_TEXT(text ? text : "", "scale     3 metres");
     free(text);
-    CHECK(scale_measure(test_ctx, scene, "a.png,1,2:b.png,1,2", 1, stderr) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "visible in two images");
-    CHECK(scale_measure(test_ctx, scene, "c.png,1,2,a.png,1,2:b.png,1,2", 1, stderr) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "no image is called 'c.png'");
-    oxl_scene_free(test_ctx, scene);
+    CHECK_ERROR(scale_measure(test_ctx, scene, "a.png,1,2:b.png,1,2", 1, stderr), OXL_ERR_USAGE,
+                "visible in two images");
+    CHECK_ERROR(scale_measure(test_ctx, scene, "c.png,1,2,a.png,1,2:b.png,1,2", 1, stderr), OXL_ERR_USAGE,
+                "no image is called 'c.png'");
 }
 
 /* Two bars of 1 and 2 units, said to be of 0.5 and 1.1 m: the scale of the least squares leaves both something. */
 TEST(scale_of_several_bars_is_their_least_squares)
 {
-    oxl_scene *scene = ortho_test_scene();
+    OWNED_SCENE *scene = ortho_test_scene();
     FILE *to = fopen(test_path("said"), "wb+");
     char *text;
     CHECK_OK(scale_measure(test_ctx, scene, "1,2,0:2,2,0=0.5;1,2,0:3,2,0=1.1", 0, to));
@@ -628,29 +609,27 @@ TEST(scale_of_several_bars_is_their_least_squares)
     CHECK_TEXT(text ? text : "", "warning   the survey is only");
     free(text);
     CHECK(scale_measure(test_ctx, scene, "1,2,0:2,2,0=x", 0, stderr) == OXL_ERR_USAGE);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* Rays that miss each other by a tenth of the cameras' distance, at the ends of a bar that is so long that
  * this is a small part of it. */
 TEST(scale_bar_refuses_rays_that_miss_by_the_cameras_distance)
 {
-    oxl_scene *scene = ortho_test_scene();
+    OWNED_SCENE *scene = ortho_test_scene();
     const double true_end[3] = {5, 2, 0};
     char pixels[200], bar[420];
     double x[2], y[2];
     ortho_test_pixels(scene, true_end, pixels);
     CHECK(sscanf(pixels, "a.png,%lf,%lf,b.png,%lf,%lf", &x[0], &y[0], &x[1], &y[1]) == 4);
     snprintf(bar, sizeof bar, "a.png,%.6f,%.6f,b.png,%.6f,%.6f:900,2,0", x[0], y[0] - 5, x[1], y[1] + 5);
-    CHECK(scale_measure(test_ctx, scene, bar, 1, stderr) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "of the camera's distance of 5");
-    oxl_scene_free(test_ctx, scene);
+    CHECK_ERROR(scale_measure(test_ctx, scene, bar, 1, stderr), OXL_ERR_INPUT,
+                "of the camera's distance of 5");
 }
 
 /* A point 2 cm beside where the cameras see it, another 1 cm above; the world's origin is far. */
 TEST(control_points_have_their_residuals)
 {
-    oxl_scene *scene = ortho_test_scene();
+    OWNED_SCENE *scene = ortho_test_scene();
     FILE *to = fopen(test_path("said"), "wb+");
     char pixels[200], line[600], *text;
     size_t used = (size_t)snprintf(line, sizeof line, "name,x,y,z,image,x,y\n# a comment\n");
@@ -670,21 +649,19 @@ TEST(control_points_have_their_residuals)
     CHECK_TEXT(text ? text : "", "0.0141     0.0000     0.0071     0.0158  rms of 2");
     free(text);
     test_write("control.csv", "p,1,2,3,5,2,0\nq,1,2\n");
-    CHECK(control_check(test_ctx, scene, test_path("control.csv"), stderr) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "control.csv:2: found 'q,1,2'");
-    oxl_scene_free(test_ctx, scene);
+    CHECK_ERROR(control_check(test_ctx, scene, test_path("control.csv"), stderr), OXL_ERR_INPUT,
+                "control.csv:2: found 'q,1,2'");
 }
 
 TEST(scale_of_a_model_moves_means_scales_and_origin)
 {
-    oxl_model model = {0};
+    OWNED_MODEL model = {0};
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     model.plane[OXL_MEAN][0] = 3, model.plane[OXL_LOG_SCALE][0] = 1, model.origin[2] = 5;
     oxl_model_rescale(&model, 2);
     CHECK_CLOSE(model.plane[OXL_MEAN][0], 6, 1e-6);
     CHECK_CLOSE(model.plane[OXL_LOG_SCALE][0], 1 + log(2), 1e-6);
     CHECK_CLOSE(model.origin[2], 10, 1e-12);
-    oxl_model_free(test_ctx, &model);
 }
 
 /* Through a fisheye: what camera_distort makes of the ray is the pixel that was asked for. */
@@ -694,7 +671,7 @@ TEST(scale_rays_undo_the_distortion)
                                           "1 OPENCV_FISHEYE 200 150 90 90 100 75 0.02 0.01 0 0\n"};
     for (int m = 0; m < 2; m++) {
         oxl_scene_options o = oxl_scene_options_default();
-        oxl_scene *scene = NULL;
+        OWNED_SCENE *scene = NULL;
         double start[3], way[3], pixel[2];
         o.read_images = 0;
         test_write("survey/cameras.txt", cameras[m]);
@@ -710,6 +687,5 @@ TEST(scale_rays_undo_the_distortion)
             CHECK_CLOSE(pixel[0], x, 2e-3);
             CHECK_CLOSE(pixel[1], y, 2e-3);
         }
-        oxl_scene_free(test_ctx, scene);
     }
 }

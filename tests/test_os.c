@@ -89,17 +89,15 @@ TEST(os_a_full_disk_is_noticed_and_the_old_file_stays)
     os_limit_file_size(4096, &old);
     rc = os_write_file(test_ctx, path, data, sizeof data); /* fails in fwrite */
     setrlimit(RLIMIT_FSIZE, &old);
-    CHECK(rc == OXL_ERR_IO);
-    CHECK_TEXT(oxl_error_text(test_ctx), path);
-    CHECK_TEXT(oxl_error_text(test_ctx), "cannot write: File too large");
+    CHECK_ERROR(rc, OXL_ERR_IO, path);
+    CHECK_SAYS("cannot write: File too large");
 
     os_limit_file_size(100, &old);
     CHECK_OK(os_writer_open(test_ctx, path, &writer));
     fwrite(data, 1, 200, writer.file); /* buffered: fails in fflush */
     rc = os_writer_close(test_ctx, &writer, OXL_OK);
     setrlimit(RLIMIT_FSIZE, &old);
-    CHECK(rc == OXL_ERR_IO);
-    CHECK_TEXT(oxl_error_text(test_ctx), "cannot write: File too large");
+    CHECK_ERROR(rc, OXL_ERR_IO, "cannot write: File too large");
 
     os_limit_file_size(4096, &old);
     CHECK_OK(os_writer_open(test_ctx, path, &writer));
@@ -115,17 +113,17 @@ TEST(os_a_full_disk_is_noticed_and_the_old_file_stays)
 TEST(os_a_file_that_cannot_be_opened_is_named)
 {
     struct os_file_map file;
-    CHECK(os_read_file(test_ctx, test_path("nothing"), &file) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "/nothing: cannot open: No such file");
-    CHECK(os_write_file(test_ctx, test_path("no/such/folder"), "x", 1) == OXL_ERR_IO);
-    CHECK_TEXT(oxl_error_text(test_ctx), "/no/such/folder: cannot write: No such file");
+    CHECK_ERROR(os_read_file(test_ctx, test_path("nothing"), &file), OXL_ERR_INPUT,
+                "/nothing: cannot open: No such file");
+    CHECK_ERROR(os_write_file(test_ctx, test_path("no/such/folder"), "x", 1), OXL_ERR_IO,
+                "/no/such/folder: cannot write: No such file");
 }
 
 TEST(os_a_folder_is_not_read_as_a_file)
 {
     struct os_file_map file;
     CHECK(os_read_file(test_ctx, test_folder(), &file) != OXL_OK);
-    CHECK_TEXT(oxl_error_text(test_ctx), test_folder());
+    CHECK_SAYS(test_folder());
     CHECK(!os_is_file(test_folder()) && os_is_folder(test_folder()));
 }
 
@@ -139,8 +137,7 @@ TEST(os_folders_are_made_with_their_parents_and_twice)
 TEST(os_a_file_in_the_way_of_a_folder_is_named)
 {
     const char *path = test_write("a", "");
-    CHECK(oxl_make_folder(test_ctx, test_path("a/b")) == OXL_ERR_IO);
-    CHECK_TEXT(oxl_error_text(test_ctx), path);
+    CHECK_ERROR(oxl_make_folder(test_ctx, test_path("a/b")), OXL_ERR_IO, path);
     CHECK(oxl_make_folder(test_ctx, path) == OXL_ERR_IO);
 }
 
@@ -151,8 +148,7 @@ TEST(os_a_listing_names_every_entry_but_the_folder_itself)
     CHECK_OK(oxl_make_folder(test_ctx, test_path("three")));
     CHECK(os_entries("two words") == 103);
     CHECK(os_entries("three") == 103);
-    CHECK(os_list_folder(test_ctx, test_path("nothing"), os_count_entry, NULL) == OXL_ERR_IO);
-    CHECK_TEXT(oxl_error_text(test_ctx), "/nothing");
+    CHECK_ERROR(os_list_folder(test_ctx, test_path("nothing"), os_count_entry, NULL), OXL_ERR_IO, "/nothing");
 }
 
 TEST(os_the_clock_goes_forward_and_memory_use_is_seen)
@@ -160,12 +156,11 @@ TEST(os_the_clock_goes_forward_and_memory_use_is_seen)
     const double before = os_seconds();
     const size_t rss = os_peak_rss();
     const size_t size = rss + ((size_t)32 << 20);
-    char *memory = oxl_alloc(test_ctx, size, 1);
+    OWNED_MEMORY char *memory = oxl_alloc(test_ctx, size, 1);
     CHECK(memory != NULL);
     if (memory) memset(memory, 1, size);
     CHECK(os_peak_rss() == 0 || os_peak_rss() >= rss + ((size_t)24 << 20));
     CHECK(os_seconds() >= before);
-    oxl_free(test_ctx, memory);
 }
 
 TEST(os_path_has_one_slash_between_its_parts_and_none_before_an_empty_folder_and_a_long_one_names_no_file)

@@ -143,14 +143,12 @@ oxl_scene *partition_test_reef_scene(double flat)
 TEST(partition_assigns_every_position_to_exactly_one_block)
 {
     for (int flat = 0; flat < 2; flat++) {
-        oxl_scene *scene = partition_test_reef_scene(flat ? 2 : 30);
+        OWNED_SCENE *scene = partition_test_reef_scene(flat ? 2 : 30);
         for (int cut = 0; cut < 2; cut++) {
-            struct partition p = partition_test_cut(scene, 150, (oxl_cut)cut);
+            OWNED_PARTITION p = partition_test_cut(scene, 150, (oxl_cut)cut);
             CHECK(p.block_count > 10 && p.dimensions == (flat ? 2 : 3));
             partition_test_check_homes(&p, scene);
-            partition_free(test_ctx, &p);
         }
-        oxl_scene_free(test_ctx, scene);
     }
 }
 
@@ -161,8 +159,8 @@ TEST(partition_of_degenerate_clouds_ends_and_leaves_no_hole)
     struct partition_test t = {
         .p = cloud, .n = 400, .views = 4, .low = {-50, -50}, .high = {50, 50}, .reach = 20};
     for (int kind = 0; kind < 4; kind++) {
-        struct partition p;
-        oxl_scene *scene;
+        OWNED_PARTITION p = {0};
+        OWNED_SCENE *scene = NULL;
         for (int i = 0; i < 400; i++)
             for (int k = 0; k < 3; k++) {
                 const double line = (i - 200) * 0.2 * (k + 1) / 3, two = i % 2 ? -30 : 31;
@@ -178,8 +176,6 @@ TEST(partition_of_degenerate_clouds_ends_and_leaves_no_hole)
         if (kind == 1) CHECK(p.block_count > 4 && p.dimensions == 2);
         if (kind == 2) CHECK(p.block_count == 2);
         partition_test_check_homes(&p, scene);
-        partition_free(test_ctx, &p);
-        oxl_scene_free(test_ctx, scene);
     }
 }
 
@@ -196,11 +192,11 @@ static oxl_scene *partition_test_crowd(double crowd)
 TEST(partition_cuts_at_the_share_of_the_points_within_the_middle_of_the_box)
 {
     for (int crowd = 1; crowd <= 3; crowd += 2) {
-        oxl_scene *scene = partition_test_crowd(crowd);
+        OWNED_SCENE *scene = partition_test_crowd(crowd);
         oxl_partition_options o = oxl_partition_options_default();
         for (o.blocks = 2; o.blocks <= 7; o.blocks++) {
             const size_t share = PARTITION_TEST_POINTS / (size_t)o.blocks;
-            struct partition p;
+            OWNED_PARTITION p = {0};
             double low, size;
             CHECK_OK(partition_make(test_ctx, scene, &o, &p));
             CHECK(p.block_count == o.blocks);
@@ -209,28 +205,23 @@ TEST(partition_cuts_at_the_share_of_the_points_within_the_middle_of_the_box)
             low = p.plan->finite.low[0], size = p.plan->finite.high[0] - low;
             if (crowd > 1 && o.blocks == 2) /* the median is beyond 0.3 */
                 CHECK_CLOSE(fabs((p.block[0].box.high[0] - low) / size - 0.5), 0.2, 1e-9);
-            partition_free(test_ctx, &p);
         }
-        oxl_scene_free(test_ctx, scene);
     }
 }
 
 TEST(partition_holds_the_limit_of_points_with_fewer_blocks_in_all_than_midpoints_do)
 {
     int fewer = 0;
-    oxl_scene *scene = partition_test_crowd(2.5);
+    OWNED_SCENE *scene = partition_test_crowd(2.5);
     for (int limit = 60; limit < PARTITION_TEST_POINTS; limit += limit / 3) {
-        struct partition a = partition_test_cut(scene, limit, OXL_CUT_BALANCED),
-                         b = partition_test_cut(scene, limit, OXL_CUT_MIDPOINT);
+        OWNED_PARTITION a = partition_test_cut(scene, limit, OXL_CUT_BALANCED),
+                        b = partition_test_cut(scene, limit, OXL_CUT_MIDPOINT);
         fewer += b.block_count - a.block_count;
         CHECK(a.block_count <= b.block_count + 1);
         for (int i = 0; i < a.block_count; i++) CHECK(a.block[i].points <= (size_t)limit);
         for (int i = 0; i < b.block_count; i++) CHECK(b.block[i].points <= (size_t)limit);
-        partition_free(test_ctx, &b);
-        partition_free(test_ctx, &a);
     }
     CHECK(fewer > 5);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(partition_takes_a_slab_for_2d_and_a_cube_for_3d_whatever_a_few_outliers_say)
@@ -240,8 +231,8 @@ TEST(partition_takes_a_slab_for_2d_and_a_cube_for_3d_whatever_a_few_outliers_say
         .p = p, .n = 2000, .views = 5, .low = {-20, -20}, .high = {20, 20}, .reach = 6};
     for (int cube = 0; cube < 2; cube++) {
         const double tilt = 0.3, height = cube ? 20 : 3;
-        struct partition q;
-        oxl_scene *scene;
+        OWNED_PARTITION q = {0};
+        OWNED_SCENE *scene = NULL;
         for (int i = 0; i < 2000; i++) {
             const double x = 40 * partition_test_unit(i, 0) - 20, y = 24 * partition_test_unit(i, 1) - 12,
                          /* 4 % */
@@ -260,8 +251,6 @@ TEST(partition_takes_a_slab_for_2d_and_a_cube_for_3d_whatever_a_few_outliers_say
         CHECK_CLOSE(q.rotation[2] * q.rotation[0], sin(tilt) * cos(tilt), cube ? 0.1 : 0.02);
         CHECK(q.rotation[8] > 0); /* to the cameras */
         for (int i = 0; i < q.block_count && !cube; i++) CHECK(q.block[i].box.low[2] == -INFINITY);
-        partition_free(test_ctx, &q);
-        oxl_scene_free(test_ctx, scene);
     }
 }
 
@@ -279,9 +268,9 @@ static size_t partition_test_count(const struct partition *p, int block, int vie
 
 TEST(partition_assigns_training_views_by_its_rules_and_test_views_never)
 {
-    oxl_scene *scene = partition_test_reef_scene(2);
+    OWNED_SCENE *scene = partition_test_reef_scene(2);
     const int views = oxl_scene_view_count(scene);
-    struct partition p = partition_test_cut(scene, 300, OXL_CUT_BALANCED);
+    OWNED_PARTITION p = partition_test_cut(scene, 300, OXL_CUT_BALANCED);
     int roles[3] = {0};
     for (int b = 0; b < p.block_count; b++)
         for (int v = 0; v < views; v++) {
@@ -295,30 +284,26 @@ TEST(partition_assigns_training_views_by_its_rules_and_test_views_never)
             roles[role]++;
         }
     CHECK(roles[PARTITION_BASE] > 20 && roles[PARTITION_BORDER] > 2);
-    partition_free(test_ctx, &p);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(partition_of_a_small_survey_is_one_block_with_every_training_view)
 {
-    oxl_scene *scene = partition_test_reef_scene(2);
+    OWNED_SCENE *scene = partition_test_reef_scene(2);
     for (int limit = 0; limit <= PARTITION_TEST_POINTS; limit += PARTITION_TEST_POINTS) {
-        struct partition p = partition_test_cut(scene, limit, OXL_CUT_BALANCED);
+        OWNED_PARTITION p = partition_test_cut(scene, limit, OXL_CUT_BALANCED);
         CHECK(p.block_count == 1 && p.block[0].points == PARTITION_TEST_POINTS &&
               p.block[0].base_views == 56);
         CHECK(p.block[0].start_points == PARTITION_TEST_POINTS && p.block[0].border_views == 0);
         CHECK(p.block[0].box.low[1] == -INFINITY && p.block[0].box.high[0] == INFINITY);
-        partition_free(test_ctx, &p);
     }
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(partition_file_reads_back_to_the_same_bits_and_does_not_depend_on_threads)
 {
-    oxl_scene *scene = partition_test_reef_scene(30);
+    OWNED_SCENE *scene = partition_test_reef_scene(30);
     struct os_file_map files[2];
     for (int i = 0; i < 2; i++) {
-        struct partition p, q;
+        OWNED_PARTITION p = {0}, q = {0};
         test_ctx->threads = i ? 3 : 1;
         p = partition_test_cut(scene, 150, OXL_CUT_BALANCED);
         CHECK_OK(partition_write(test_ctx, test_path("partition.txt"), &p));
@@ -329,14 +314,11 @@ TEST(partition_file_reads_back_to_the_same_bits_and_does_not_depend_on_threads)
         CHECK(memcmp(q.extent, p.extent, sizeof p.extent) == 0);
         for (int b = 0; b < p.block_count; b++) CHECK(memcmp(&q.block[b], &p.block[b], sizeof *p.block) == 0);
         CHECK_OK(os_read_file(test_ctx, test_path("partition.txt"), &files[i]));
-        partition_free(test_ctx, &p);
-        partition_free(test_ctx, &q);
     }
     CHECK(files[0].size == files[1].size && memcmp(files[0].data, files[1].data, files[0].size) == 0);
     CHECK_TEXT(files[0].data, " -inf ");
     os_release_file(test_ctx, &files[0]);
     os_release_file(test_ctx, &files[1]);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(partition_file_that_is_damaged_is_refused_with_a_reason)
@@ -351,15 +333,13 @@ TEST(partition_file_that_is_damaged_is_refused_with_a_reason)
                   {"0 0 0 0 1 1 1 0 0 0 1 1 1 5 5 1 0 9\n", "partition.txt:3"}};
     struct partition p;
     for (size_t i = 0; i < OXL_COUNT(broken); i++) {
-        struct text t = {.ctx = test_ctx};
+        OWNED_TEXT t = {.ctx = test_ctx};
         text_add(&t, "%s%s", frame, broken[i].text);
         checksum_end_text(&t);
-        CHECK(partition_read(test_ctx, test_write("partition.txt", t.data), &p) == OXL_ERR_INPUT);
-        CHECK_TEXT(oxl_error_text(test_ctx), broken[i].words);
-        CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: ");
+        CHECK_ERROR(partition_read(test_ctx, test_write("partition.txt", t.data), &p), OXL_ERR_INPUT,
+                    broken[i].words);
+        CHECK_SAYS("\nfix: ");
         CHECK(p.block == NULL && p.block_count == 0);
-        text_free(&t);
     }
-    CHECK(partition_read(test_ctx, test_write("partition.txt", frame), &p) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "checksum");
+    CHECK_ERROR(partition_read(test_ctx, test_write("partition.txt", frame), &p), OXL_ERR_INPUT, "checksum");
 }

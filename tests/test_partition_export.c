@@ -54,10 +54,10 @@ static int export_test_is_point(const struct colmap *all, const struct colmap *p
 
 TEST(partition_export_reads_back_to_the_same_numbers_with_tracks_that_point_back)
 {
-    oxl_scene *scene = partition_test_reef_scene(2);
+    OWNED_SCENE *scene = partition_test_reef_scene(2);
     struct colmap all, part;
     struct colmap_observed seen, o2;
-    struct partition p;
+    OWNED_PARTITION p = {0};
     CHECK_OK(colmap_read(test_ctx, test_path("reef/sparse/0"), &all));
     seen = colmap_observe(test_path("reef/sparse/0"), &all);
     p = partition_test_cut(scene, 600, OXL_CUT_BALANCED);
@@ -83,16 +83,14 @@ TEST(partition_export_reads_back_to_the_same_numbers_with_tracks_that_point_back
         colmap_free(test_ctx, &part);
     }
     CHECK(os_is_file(test_path("out/partition.txt")) && os_is_file(test_path("out/partition.svg")));
-    partition_free(test_ctx, &p);
     colmap_observed_free(&seen);
     colmap_free(test_ctx, &all);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* Numbers of the blocks of binary files are those of the text, bit by bit. */
 TEST(partition_export_of_a_binary_survey_says_the_same)
 {
-    oxl_scene *scene = partition_test_reef_scene(2);
+    OWNED_SCENE *scene = partition_test_reef_scene(2);
     oxl_scene_options options = oxl_scene_options_default();
     struct colmap c, part;
     struct partition p, q;
@@ -120,7 +118,6 @@ TEST(partition_export_of_a_binary_survey_says_the_same)
         colmap_free(test_ctx, &part);
     }
     partition_free(test_ctx, &q);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* CR LF, tabs, doubled blanks. */
@@ -128,8 +125,8 @@ TEST(partition_export_copies_2d_points_byte_by_byte)
 {
     oxl_scene_options options = oxl_scene_options_default();
     struct os_file_map file;
-    struct partition p;
-    oxl_scene *scene;
+    OWNED_PARTITION p = {0};
+    OWNED_SCENE *scene = NULL;
     options.test_every = options.read_images = 0;
     test_write("odd/sparse/0/cameras.txt", "1 PINHOLE 32 24 40 40 16 12\r\n");
     test_write(
@@ -143,8 +140,6 @@ TEST(partition_export_copies_2d_points_byte_by_byte)
     CHECK_TEXT(file.data, "\n8 1 0 0 0 0 0 0 1 a.png\n1.50  2.250\t7 3 4e0 -1   5 6 12");
     CHECK_TEXT(file.data, "\n9 1 0 0 0 1 0 0 1 b.png\n\n");
     os_release_file(test_ctx, &file);
-    partition_free(test_ctx, &p);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(partition_links_images_and_refuses_to_leave_blocks_of_an_earlier_one)
@@ -164,15 +159,15 @@ TEST(partition_links_images_and_refuses_to_leave_blocks_of_an_earlier_one)
           os_is_folder(test_path("out/blocks/004/masks")));
 #endif
     options.partition.blocks = 2;
-    CHECK(oxl_partition(test_ctx, test_path("reef"), test_path("out"), &options, NULL) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "blocks/002/sparse is of an earlier partition");
+    CHECK_ERROR(oxl_partition(test_ctx, test_path("reef"), test_path("out"), &options, NULL), OXL_ERR_INPUT,
+                "blocks/002/sparse is of an earlier partition");
 }
 
 TEST(partition_drawing_shows_both_sides_of_a_3d_survey_and_holds_numbers_alone)
 {
     for (int flat = 0; flat < 2; flat++) {
-        oxl_scene *scene = partition_test_reef_scene(flat ? 2 : 30);
-        struct partition p = partition_test_cut(scene, 300, OXL_CUT_BALANCED);
+        OWNED_SCENE *scene = partition_test_reef_scene(flat ? 2 : 30);
+        OWNED_PARTITION p = partition_test_cut(scene, 300, OXL_CUT_BALANCED);
         struct os_file_map file;
         int boxes = 0;
         CHECK_OK(partition_draw(test_ctx, &p, test_path("a.svg")));
@@ -182,21 +177,17 @@ TEST(partition_drawing_shows_both_sides_of_a_3d_survey_and_holds_numbers_alone)
         CHECK(boxes == p.block_count * (flat ? 1 : 2));
         CHECK(!strstr(file.data, "nan") && !strstr(file.data, "inf "));
         os_release_file(test_ctx, &file);
-        partition_free(test_ctx, &p);
-        oxl_scene_free(test_ctx, scene);
     }
 }
 
 TEST(partition_that_cannot_be_written_is_an_error_and_leaves_no_list)
 {
-    oxl_scene *scene = partition_test_reef_scene(2);
-    struct partition p = partition_test_cut(scene, 600, OXL_CUT_BALANCED);
+    OWNED_SCENE *scene = partition_test_reef_scene(2);
+    OWNED_PARTITION p = partition_test_cut(scene, 600, OXL_CUT_BALANCED);
     CHECK_OK(partition_export(test_ctx, &p, test_path("out")));
     CHECK(remove(test_path("out/blocks/001/sparse/0/images.txt")) == 0);
     test_write("out/blocks/001/sparse/0/images.txt/in_the_way", "");
-    CHECK(partition_export(test_ctx, &p, test_path("out")) == OXL_ERR_IO);
-    CHECK_TEXT(oxl_error_text(test_ctx), "blocks/001/sparse/0/images.txt");
+    CHECK_ERROR(partition_export(test_ctx, &p, test_path("out")), OXL_ERR_IO,
+                "blocks/001/sparse/0/images.txt");
     CHECK(!os_is_file(test_path("out/partition.txt")));
-    partition_free(test_ctx, &p);
-    oxl_scene_free(test_ctx, scene);
 }

@@ -44,8 +44,7 @@ static const char *ply_test_save(const char *name, const struct ply_test_file *f
 static void ply_test_refused(const char *text, const char *words)
 {
     struct ply ply;
-    CHECK(ply_open(test_ctx, test_write("bad.ply", text), &ply) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), words);
+    CHECK_ERROR(ply_open(test_ctx, test_write("bad.ply", text), &ply), OXL_ERR_INPUT, words);
     CHECK(ply.element == NULL && ply.path == NULL);
 }
 
@@ -261,7 +260,7 @@ static void ply_test_data_refused(const char *path, const char *words)
     for (int i = 0; i < 8; i++) target[i] = (struct ply_target){.as_float = room};
     CHECK_OK(ply_open(test_ctx, path, &ply));
     CHECK(ply.elements > 0 && ply_read(test_ctx, &ply, ply.elements - 1, target) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), words);
+    CHECK_SAYS(words);
     ply_close(test_ctx, &ply);
 }
 

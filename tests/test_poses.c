@@ -84,34 +84,32 @@ TEST(poses_gradient_agrees_with_finite_differences)
 {
     for (int degree = 0; degree <= 3; degree += 3)
         for (int lobes = 0; lobes <= 4; lobes += 4) {
-            struct wide r;
+            OWNED_WIDE r = {0};
             poses_smooth_scene(&r, 6, lobes, degree);
             CHECK(kernels_forward(&r) == 6);
             CHECK(poses_worst(&r) < 1e-8);
             r.antialias = 1;
             CHECK(poses_worst(&r) < 1e-8);
-            wide_free(&r);
         }
 }
 
 TEST(poses_gradient_is_exact_where_the_frustum_clamp_holds)
 {
-    struct wide r;
+    OWNED_WIDE r = {0};
     poses_smooth_scene(&r, 4, 0, 1);
     r.camera.fx = r.camera.fy = 600; /* all of them lie outside */
     CHECK(poses_worst(&r) < 1e-8);
-    wide_free(&r);
 }
 
 /* ---------------- the file */
 
 TEST(poses_are_read_as_they_were_written)
 {
-    oxl_scene *scene = train_scene(5);
+    OWNED_SCENE *scene = train_scene(5);
     const oxl_camera given = oxl_scene_view(scene, 2)->camera;
     const double at[POSE_TERMS] = {0.001, -0.0023456789012345, 1.0 / 3, 1e-9, -12.5, 0};
     oxl_camera moved = given, now;
-    struct oxl_imaging m = {0};
+    OWNED_IMAGING m = {0};
     m.pose = oxl_calloc(test_ctx, 5, sizeof *m.pose);
     memcpy(m.pose[2], at, sizeof at);
     CHECK(imaging_is_needed(&m));
@@ -125,24 +123,20 @@ TEST(poses_are_read_as_they_were_written)
     CHECK_OK(test_read_imaging(scene, test_path("model.ply")));
     now = scene_camera(scene, &test_imaging, 2);
     CHECK(memcmp(&now, &given, sizeof given) == 0 && !test_imaging.pose);
-    imaging_free(test_ctx, &m);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(poses_of_a_damaged_file_are_refused_and_those_of_other_views_passed_over)
 {
     static const char *const broken[] = {"pose 0 0 0 0 0 v01.png\n", "pose 2 0 0 0 0 0 v01.png\n",
                                          "pose 0 0 0 nan 0 0 v01.png\n", "pose 0 0 0 0 0 1e99 v01.png\n"};
-    oxl_scene *scene = train_scene(3);
+    OWNED_SCENE *scene = train_scene(3);
     for (size_t i = 0; i < OXL_COUNT(broken); i++) {
         test_write("imaging.txt", broken[i]);
-        CHECK(test_read_imaging(scene, test_path("model.ply")) == OXL_ERR_INPUT);
-        CHECK_TEXT(oxl_error_text(test_ctx), "imaging.txt:1: ");
+        CHECK_ERROR(test_read_imaging(scene, test_path("model.ply")), OXL_ERR_INPUT, "imaging.txt:1: ");
     }
     test_write("imaging.txt", "pose 0.1 0 0 0 0 0 another.png\n");
     CHECK_OK(test_read_imaging(scene, test_path("model.ply")));
     CHECK(test_imaging.pose && !pose_is_moved(test_imaging.pose[1]));
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(poses_turn_and_move_the_camera_in_its_own_axes)
@@ -199,9 +193,9 @@ static double poses_error(const oxl_scene *scene, const oxl_camera truth[POSES_V
 TEST(poses_that_are_off_by_a_pixel_are_found)
 {
     oxl_camera truth[POSES_VIEWS];
-    oxl_scene *scene = poses_noisy_scene(0.02, 0.03, truth);
+    OWNED_SCENE *scene = poses_noisy_scene(0.02, 0.03, truth);
     oxl_train_options options = train_options(300);
-    oxl_model model;
+    OWNED_MODEL model = {0};
     double before, psnr;
     NEEDS_PART(poses);
     before = poses_error(scene, truth);
@@ -213,8 +207,6 @@ TEST(poses_that_are_off_by_a_pixel_are_found)
     CHECK_OK(test_train(scene, &options, NULL, &model));
     CHECK(poses_error(scene, truth) < 0.5 * before);
     CHECK(train_psnr(scene, &model) > psnr + 1);
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(poses_of_a_run_stopped_at_any_step_end_in_the_same_bytes)
@@ -223,7 +215,7 @@ TEST(poses_of_a_run_stopped_at_any_step_end_in_the_same_bytes)
     oxl_camera truth[POSES_VIEWS];
     struct checkpoint_case c = checkpoint_of(poses_noisy_scene(0.02, 0.03, truth), train_options(90));
     double whole[POSES_VIEWS][POSE_TERMS];
-    oxl_model model;
+    OWNED_MODEL model = {0};
     NEEDS_PART(poses);
     c.options.poses = OXL_ON;
     CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
@@ -235,6 +227,5 @@ TEST(poses_of_a_run_stopped_at_any_step_end_in_the_same_bytes)
     }
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
     CHECK(train_same(&model, &c.whole) && memcmp(whole, test_imaging.pose, sizeof whole) == 0);
-    oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }

@@ -105,14 +105,13 @@ TEST(model_row_bytes_are_those_of_the_file)
 {
     for (int degree = 0; degree <= 3; degree++) {
         struct os_file_map file;
-        oxl_model m;
+        OWNED_MODEL m = {0};
         CHECK_OK(oxl_model_create(test_ctx, 1000, degree, &m));
         CHECK_OK(model_file_write_ply(test_ctx, test_path("m.ply"), &m, degree));
         CHECK_OK(os_read_file(test_ctx, test_path("m.ply"), &file));
         CHECK(file.size <= PRUNE_FILE + 1000 * model_row_bytes(degree) &&
               file.size > 1000 * model_row_bytes(degree));
         os_release_file(test_ctx, &file);
-        oxl_model_free(test_ctx, &m);
     }
 }
 
@@ -219,12 +218,11 @@ TEST(prune_scores_are_the_same_with_any_threads)
     struct prune p;
     prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 4000, 2000, 5, 248);
     for (int i = 0; i < 2; i++) {
-        struct renderer *r;
+        OWNED_RENDERER *r = NULL;
         test_ctx->threads = i ? 5 : 1;
         CHECK_OK(renderer_create(test_ctx, &r));
         CHECK_OK(
             prune_score(test_ctx, &p, &(struct prune_of){r, c.scene, &options, &c.trained.model}, score[i]));
-        renderer_free(test_ctx, r);
     }
     test_ctx->threads = threads;
     CHECK(memcmp(score[0], score[1], sizeof score[0]) == 0 && score[0][1] > score[0][0] && score[0][0] > 0);

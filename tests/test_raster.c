@@ -67,19 +67,18 @@ static struct renderer *raster_draw(const struct wide *w)
 
 TEST(binning_loses_no_pixel_of_any_splat)
 {
-    struct wide w;
+    OWNED_WIDE w = {0};
     raster_scene(&w, 600, 0, 61, 47);
     CHECK(kernels_forward(&w) > 100);
     CHECK_CLOSE(raster_difference(&w), 0, 1e-11);
-    wide_free(&w);
 }
 
 /* Pixel centres of a row of blocks may lie to both sides of the contour's tip: then a block holds no pixel
  * that is lit. Few do. */
 TEST(binning_lists_few_blocks_that_no_pixel_needs)
 {
-    struct wide w;
-    struct renderer *r;
+    OWNED_WIDE w = {0};
+    OWNED_RENDERER *r = NULL;
     int listed = 0, lit = 0;
     raster_scene(&w, 600, 0, 160, 128);
     r = raster_draw(&w);
@@ -100,14 +99,12 @@ TEST(binning_lists_few_blocks_that_no_pixel_needs)
         }
     CHECK(lit > 10000);
     CHECK(listed < 1.01 * lit);
-    renderer_free(test_ctx, r);
-    wide_free(&w);
 }
 
 TEST(binning_loses_no_pixel_of_either_lobe)
 {
-    struct wide w;
-    struct renderer *r;
+    OWNED_WIDE w = {0};
+    OWNED_RENDERER *r = NULL;
     int alone = 0;
     raster_scene(&w, 600, 350, 61, 47);
     /* o < 1/255: only its second lobe could show, and that is fainter */
@@ -119,14 +116,12 @@ TEST(binning_loses_no_pixel_of_either_lobe)
         alone += renderer_row_visible(r, i) && r->lobe[i].half_x > 3 * r->lobe[i].main_x;
     CHECK(kernels_forward(&w) > 100 && alone > 10);
     CHECK_CLOSE(raster_difference(&w), 0, 1e-10);
-    renderer_free(test_ctx, r);
-    wide_free(&w);
 }
 
 TEST(binning_and_raster_leave_out_exactly_what_is_fainter_than_asked)
 {
     for (int lobes = 0; lobes <= 350; lobes += 350) {
-        struct wide w, usual;
+        OWNED_WIDE w = {0}, usual = {0};
         double difference = 0;
         raster_scene(&w, 600, lobes, 61, 47);
         raster_scene(&usual, 600, lobes, 61, 47);
@@ -135,14 +130,12 @@ TEST(binning_and_raster_leave_out_exactly_what_is_fainter_than_asked)
         CHECK_CLOSE(raster_difference(&w), 0, 1e-10);
         for (int i = 0; i < 61 * 47; i++) difference += fabs(w.rgb[i] - usual.rgb[i]) / (61 * 47);
         CHECK(difference > 1e-3);
-        wide_free(&w);
-        wide_free(&usual);
     }
 }
 
 TEST(negative_alpha_lets_no_pixel_grow_past_32)
 {
-    struct wide w;
+    OWNED_WIDE w = {0};
     double most = 0;
     raster_scene(&w, 64, 64, 40, 40);
     for (int i = 0; i < 64; i++) {
@@ -153,13 +146,12 @@ TEST(negative_alpha_lets_no_pixel_grow_past_32)
     CHECK_CLOSE(raster_difference(&w), 0, 1e-9);
     for (int i = 0; i < 1600; i++) most = OXL_MAX(most, w.transmittance[i]);
     CHECK(most >= 16 && most < 32);
-    wide_free(&w);
 }
 
 /* Four plain splats end the pixels in the middle; in the same batch alpha is negative behind them. */
 TEST(pixel_below_the_minimum_transmittance_stays_ended_where_alpha_is_negative)
 {
-    struct wide w;
+    OWNED_WIDE w = {0};
     raster_scene(&w, 16, 12, 40, 40);
     for (int i = 0; i < 16; i++) {
         const int lobed = i < 12;
@@ -171,13 +163,12 @@ TEST(pixel_below_the_minimum_transmittance_stays_ended_where_alpha_is_negative)
     }
     CHECK_CLOSE(raster_difference(&w), 0, 1e-9);
     CHECK(w.transmittance[20 * 40 + 20] < 0.01);
-    wide_free(&w);
 }
 
 TEST(binning_lists_each_tile_in_depth_order_with_ties_by_row)
 {
-    struct wide w;
-    struct renderer *r;
+    OWNED_WIDE w = {0};
+    OWNED_RENDERER *r = NULL;
     raster_scene(&w, 400, 0, 64, 64);
     for (int i = 0; i < 400; i++) w.plane[OXL_MEAN + 2][i] = i % 7 * 0.25;
     r = raster_draw(&w);
@@ -186,18 +177,15 @@ TEST(binning_lists_each_tile_in_depth_order_with_ties_by_row)
             const uint32_t a = r->bins.pair[i - 1].splat, b = r->bins.pair[i].splat;
             CHECK(r->splat[a].depth < r->splat[b].depth || (r->splat[a].depth == r->splat[b].depth && a < b));
         }
-    renderer_free(test_ctx, r);
-    wide_free(&w);
 }
 
 TEST(raster_draws_images_of_odd_sizes)
 {
     static const int size[][2] = {{1, 1}, {1, 300}, {300, 1}, {17, 15}, {16, 16}, {5, 33}};
     for (size_t n = 0; n < OXL_COUNT(size); n++) {
-        struct wide w;
+        OWNED_WIDE w = {0};
         raster_scene(&w, 200, 0, size[n][0], size[n][1]);
         CHECK_CLOSE(raster_difference(&w), 0, 1e-11);
-        wide_free(&w);
     }
 }
 
@@ -295,9 +283,9 @@ TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_w
     const oxl_camera camera = {DROP_SIDE, DROP_SIDE, 50, 50, 32, 32, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
     const oxl_render_options options = oxl_render_options_default();
     static float ones[3 * DROP_SIDE * DROP_SIDE];
-    struct renderer *r;
-    struct wide w;
-    oxl_model m, gradient;
+    OWNED_RENDERER *r = NULL;
+    OWNED_WIDE w = {0};
+    OWNED_MODEL m = {0}, gradient = {0};
     float peak[DROP_COUNT];
     int shown[DROP_COUNT], before = 0, after = 0;
     size_t only = 0;
@@ -325,10 +313,6 @@ TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_w
     CHECK_OK(renderer_backward(test_ctx, r, ones, &gradient));
     CHECK(sum > 1);
     CHECK_CLOSE(gradient.plane[OXL_OPACITY][only], sum * vecmath_sigmoid(1), 1e-4 * sum);
-    oxl_model_free(test_ctx, &gradient);
-    oxl_model_free(test_ctx, &m);
-    renderer_free(test_ctx, r);
-    wide_free(&w);
 }
 
 /* ---------------- what else it draws */
@@ -337,15 +321,13 @@ TEST(raster_shows_the_background_where_there_is_nothing)
 {
     const oxl_camera camera = {20, 10, 30, 30, 10, 5, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
     oxl_render_options options = oxl_render_options_default();
-    oxl_model m;
-    oxl_image image;
+    OWNED_MODEL m = {0};
+    OWNED_IMAGE image = {0};
     float depth[200];
     options.background[2] = 0.75f;
     CHECK_OK(oxl_model_create(test_ctx, 0, 0, &m));
     CHECK_OK(oxl_render(test_ctx, &m, &camera, &options, &image, depth));
     CHECK(image.rgb[0] == 0 && image.rgb[400] == 0.75f && image.rgb[599] == 0.75f && depth[7] == 0);
-    oxl_image_free(test_ctx, &image);
-    oxl_model_free(test_ctx, &m);
 }
 
 /* ---------------- independent of threads and vector width */
@@ -390,8 +372,8 @@ TEST(render_option_alpha_min_is_what_the_kernels_get_and_at_least_1_of_255)
 {
     oxl_render_options options = oxl_render_options_default();
     const oxl_camera camera = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
-    struct wide r;
-    oxl_model m;
+    OWNED_WIDE r = {0};
+    OWNED_MODEL m = {0};
     oxl_image image[3]; /* asked for 1/255, 0, 0.05 */
     raster_scene(&r, 1000, 0, 113, 71);
     r.camera = camera, r.near_plane = options.near_plane, r.alpha_min = 0.05;
@@ -405,8 +387,6 @@ TEST(render_option_alpha_min_is_what_the_kernels_get_and_at_least_1_of_255)
     CHECK(raster_mean_difference(&image[2], r.rgb) < 2e-5);
     CHECK(raster_mean_difference(&image[0], r.rgb) > 1e-3);
     for (int i = 0; i < 3; i++) oxl_image_free(test_ctx, &image[i]);
-    oxl_model_free(test_ctx, &m);
-    wide_free(&r);
 }
 
 static void raster_result_free(struct raster_result *a)
@@ -468,8 +448,8 @@ TEST(plain_splats_have_the_same_bytes_beside_lobed_ones)
 {
     const oxl_camera camera = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
     static float drgb[3 * 113 * 71];
-    struct wide r;
-    oxl_model m;
+    OWNED_WIDE r = {0};
+    OWNED_MODEL m = {0};
     struct raster_result plain, beside;
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)random_unit(random_bits(3, i, 0)) - 0.5f;
     raster_scene(&r, 3000, 0, 113, 71);
@@ -486,6 +466,4 @@ TEST(plain_splats_have_the_same_bytes_beside_lobed_ones)
         CHECK(!memcmp(plain.gradient.plane[k], beside.gradient.plane[k], m.count * sizeof(float)));
     raster_result_free(&plain);
     raster_result_free(&beside);
-    oxl_model_free(test_ctx, &m);
-    wide_free(&r);
 }

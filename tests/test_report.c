@@ -25,11 +25,10 @@ static char *report_test_page(void)
 
 static void report_test_picture(const char *name, float grey)
 {
-    oxl_image image = {0};
+    OWNED_IMAGE image = {0};
     CHECK_OK(oxl_image_create(test_ctx, 24, 16, &image));
     for (int i = 0; i < 3 * 24 * 16; i++) image.rgb[i] = grey;
     CHECK_OK(oxl_image_write(test_ctx, test_path(name), &image));
-    oxl_image_free(test_ctx, &image);
 }
 
 /* Two blocks; the worst view's name is as bad as a name can be. */
@@ -162,8 +161,7 @@ TEST(report_asks_the_network_for_nothing)
 TEST(report_says_what_is_missing)
 {
     char *page;
-    CHECK(report_write(test_ctx, test_path("nowhere"), 0) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "holds no run.json");
+    CHECK_ERROR(report_write(test_ctx, test_path("nowhere"), 0), OXL_ERR_INPUT, "holds no run.json");
     report_test_run();
     page = report_test_page();
     CHECK_TEXT(page, "Its images are not in renders/.");

@@ -119,9 +119,9 @@ TEST(window_shows_the_same_pixels_as_the_image_and_its_loss_the_same_slopes)
     const struct lamp lamp = {.view = -1,
                               .shape = {0.3f, -0.4f, 0.2f, 0.1f, -0.5f, 0.3f, 0.2f, 0.1f, -0.3f, 0.2f}};
     const int x0 = 16, y0 = 16;
-    float *image = oxl_calloc(test_ctx, 3 * 64 * 48, sizeof *image),
-          *weight = oxl_calloc(test_ctx, 64 * 48, sizeof *weight);
-    struct renderer *a = NULL, *b = NULL;
+    OWNED_MEMORY float *image = oxl_calloc(test_ctx, 3 * 64 * 48, sizeof *image),
+                       *weight = oxl_calloc(test_ctx, 64 * 48, sizeof *weight);
+    OWNED_RENDERER *a = NULL, *b = NULL;
     const float *x, *y;
     struct renderer_loss loss;
     double most = 0, largest = 0;
@@ -162,10 +162,6 @@ TEST(window_shows_the_same_pixels_as_the_image_and_its_loss_the_same_slopes)
         if (renderer_row_visible(a, i) && renderer_row_visible(b, i))
             CHECK_CLOSE(renderer_mean_gradient(a, i), renderer_mean_gradient(b, i) * 32.0 * 32 / (64 * 48),
                         1e-5);
-    renderer_free(test_ctx, a);
-    renderer_free(test_ctx, b);
-    oxl_free(test_ctx, image);
-    oxl_free(test_ctx, weight);
     oxl_model_free(test_ctx, &m), oxl_model_free(test_ctx, &g1), oxl_model_free(test_ctx, &g2);
 }
 

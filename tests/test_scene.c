@@ -42,12 +42,11 @@ const char *scene_survey(const char *name, int n, double base, int with_files)
     snprintf(path, sizeof path, "%s/images", name);
     CHECK_OK(oxl_make_folder(test_ctx, test_path(path)));
     for (int i = 0; i < n && with_files; i++) {
-        oxl_image image;
+        OWNED_IMAGE image = {0};
         CHECK_OK(oxl_image_create(test_ctx, 32, 24, &image));
         for (int k = 0; k < 3 * 32 * 24; k++) image.rgb[k] = (float)(i + 1) / 255.0f;
         snprintf(path, sizeof path, "%s/images/img%02d.png", name, i);
         CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
-        oxl_image_free(test_ctx, &image);
     }
     return test_path(name);
 }
@@ -56,23 +55,22 @@ TEST(scene_of_a_file_that_was_cut_is_refused_unless_it_is_allowed)
 {
     const char *path = scene_survey("s", 3, 0, 1);
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     test_write(
         "s/sparse/0/images.txt",
         "# Number of images: 18, mean observations per image: 1\n10 1 0 0 0 0 0 0 1 img00.png\n1 2 1\n");
     CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT && scene == NULL);
-    CHECK_TEXT(oxl_error_text(test_ctx), "fewer rows than its header announces");
-    CHECK_TEXT(oxl_error_text(test_ctx), "--force");
+    CHECK_SAYS("fewer rows than its header announces");
+    CHECK_SAYS("--force");
     options.allow_truncated = 1;
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     CHECK(oxl_scene_view_count(scene) == 1);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(scene_does_not_depend_on_the_order_of_lines)
 {
     const char *path = scene_survey("s", 3, 0, 1);
-    oxl_scene *a, *b;
+    OWNED_SCENE *a = NULL, *b = NULL;
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &a));
     test_write("s/sparse/0/images.txt",
                "10 1 0 0 0 0 0 0 1 img00.png\n1 2 1\n12 1 0 0 0 -2 0 0 1 img02.png\n1 2 1\n"
@@ -87,15 +85,13 @@ TEST(scene_does_not_depend_on_the_order_of_lines)
         CHECK(memcmp(x->position, y->position, sizeof x->position) == 0 && memcmp(x->rgb, y->rgb, 3) == 0);
     }
     CHECK(oxl_scene_extent(a) == oxl_scene_extent(b) && oxl_scene_near_plane(a) == oxl_scene_near_plane(b));
-    oxl_scene_free(test_ctx, a);
-    oxl_scene_free(test_ctx, b);
 }
 
 TEST(scene_views_are_sorted_by_name_and_every_eighth_is_for_the_test)
 {
     const char *path = scene_survey("s", 17, 0, 1);
     const struct scene_stats *stats;
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     scene_listen();
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     CHECK(oxl_scene_view_count(scene) == 17 && oxl_scene_point_count(scene) == 4);
@@ -114,14 +110,13 @@ TEST(scene_views_are_sorted_by_name_and_every_eighth_is_for_the_test)
     CHECK_CLOSE(stats->mean_error, 0.5, 1e-6);
     CHECK_CLOSE(scene_depth_quantile(scene, 0.5), 10, 1e-9);
     CHECK(scene_log[0] == 0); /* nothing to complain of */
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(scene_far_from_zero_loses_nothing)
 {
     const double far = 4200000.25; /* UTM */
     const char *near_path = scene_survey("near", 9, 0, 1), *far_path = scene_survey("far", 9, far, 1);
-    oxl_scene *a, *b;
+    OWNED_SCENE *a = NULL, *b = NULL;
     CHECK_OK(oxl_scene_load(test_ctx, near_path, NULL, &a));
     CHECK_OK(oxl_scene_load(test_ctx, far_path, NULL, &b));
     CHECK_CLOSE(oxl_scene_origin(b)[0] - oxl_scene_origin(a)[0], far, 1e-9);
@@ -133,8 +128,6 @@ TEST(scene_far_from_zero_loses_nothing)
             CHECK_CLOSE(oxl_scene_view(b, i)->camera.translation[k],
                         oxl_scene_view(a, i)->camera.translation[k], 2e-9);
     CHECK_CLOSE(oxl_scene_extent(b), oxl_scene_extent(a), 1e-8);
-    oxl_scene_free(test_ctx, a);
-    oxl_scene_free(test_ctx, b);
 }
 
 /* The same quantile from a list in any order as from the sorted one: all different, many alike, all alike. */
@@ -175,7 +168,7 @@ TEST(scene_depths_are_of_points_that_were_seen)
 {
     const char *path = scene_survey("s", 9, 0, 1);
     struct text points = {.ctx = test_ctx};
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     for (int i = 0; i < 4; i++) text_add(&points, "%d %d 0 10 1 2 3 0.5 11 0 12 0\n", i, i);
     for (int i = 4; i < 12; i++)
         text_add(&points, "%d %d 0 30 1 2 3 0.5 10 0\n", i, i); /* image 10 is for the test */
@@ -185,22 +178,20 @@ TEST(scene_depths_are_of_points_that_were_seen)
     CHECK_CLOSE(scene_depth_quantile(scene, 0), 10, 1e-9);
     CHECK_CLOSE(scene_depth_quantile(scene, 1), 10, 1e-9);
     CHECK_CLOSE(oxl_scene_near_plane(scene), 2, 1e-9);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(scene_of_one_image_trains_on_it_and_has_an_extent)
 {
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     CHECK_OK(oxl_scene_load(test_ctx, scene_survey("one", 1, 0, 1), NULL, &scene));
     CHECK(oxl_scene_view_count(scene) == 1 && !oxl_scene_view(scene, 0)->is_test);
     CHECK_CLOSE(oxl_scene_extent(scene), 10, 1e-9); /* the median depth */
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(scene_without_points_is_reported_and_gets_random_ones_in_view)
 {
-    oxl_scene *scene;
-    oxl_point *points, *again;
+    OWNED_SCENE *scene = NULL;
+    OWNED_MEMORY oxl_point *points = NULL, *again = NULL;
     size_t found;
     int seen = 0;
     const char *path = scene_survey("s", 9, 100, 1);
@@ -219,9 +210,6 @@ TEST(scene_without_points_is_reported_and_gets_random_ones_in_view)
         for (int v = 0, any = 0; v < 9 && !any; v++)
             seen += any = stats_is_in_image(&oxl_scene_view(scene, v)->camera, points[i].position);
     CHECK(seen == 500);
-    oxl_free(test_ctx, points);
-    oxl_free(test_ctx, again);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(scene_missing_images_are_left_out_up_to_the_stated_fraction)
@@ -244,9 +232,8 @@ TEST(scene_missing_images_are_left_out_up_to_the_stated_fraction)
     options.missing_images = 0.2;
     CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT);
     CHECK(!scene);
-    CHECK_TEXT(oxl_error_text(test_ctx), "2 of the 8 images");
-    CHECK_TEXT(oxl_error_text(test_ctx),
-               "or take them out: colmap image_deleter"); /* the folder is right: some were found */
+    CHECK_SAYS("2 of the 8 images");
+    CHECK_SAYS("or take them out: colmap image_deleter"); /* the folder is right: some were found */
 }
 
 /* Files that go while a model is evaluated: one of eight is left out, three are more than a quarter. */
@@ -255,8 +242,8 @@ TEST(scene_images_that_go_missing_are_left_out_of_an_evaluation_up_to_that_fract
     const char *path = scene_survey("s", 8, 0, 1);
     oxl_scene_options options = oxl_scene_options_default();
     oxl_metrics metrics;
-    oxl_model model;
-    oxl_scene *scene;
+    OWNED_MODEL model = {0};
+    OWNED_SCENE *scene = NULL;
     options.test_every = 0;
     options.image_cache_bytes = 1;
     scene_listen();
@@ -270,8 +257,6 @@ TEST(scene_images_that_go_missing_are_left_out_of_an_evaluation_up_to_that_fract
     remove(test_path("s/images/img03.png"));
     remove(test_path("s/images/img05.png"));
     CHECK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_TRAIN, &metrics) == OXL_ERR_IO);
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(scene_refuses_two_poses_for_one_image)
@@ -281,28 +266,27 @@ TEST(scene_refuses_two_poses_for_one_image)
     test_write("s/sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 img00.png\n\n2 1 0 0 0 1 0 0 1 img01.png\n\n"
                                         "3 1 0 0 0 2 0 0 1 img00.png\n\n");
     test_write("s/sparse/0/points3D.txt", "1 0 0 10 1 2 3 0.5 1 0 2 0\n");
-    CHECK(oxl_scene_load(test_ctx, path, NULL, &scene) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "s/sparse/0/images.txt:5: img00.png was there before, in line 1");
+    CHECK_ERROR(oxl_scene_load(test_ctx, path, NULL, &scene), OXL_ERR_INPUT,
+                "s/sparse/0/images.txt:5: img00.png was there before, in line 1");
 }
 
 /* Black is where the colour's clamp holds and stops the gradient: the model would stay black for good. */
 TEST(scene_points_of_one_grey_are_said_to_have_no_colours)
 {
     const char *path = scene_survey("s", 2, 0, 1);
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     scene_listen();
     test_write("s/sparse/0/points3D.txt",
                "1 0 0 10 255 255 255 0.5 10 0 11 0\n2 1 0 10 255 255 255 0.5 10 0 11 0\n");
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     CHECK_TEXT(scene_log, "the points have no colours (all are 255 255 255), so they start so");
     CHECK(oxl_scene_points(scene)[0].rgb[1] == 255);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(scene_points_without_colours_start_grey)
 {
     const char *path = scene_survey("s", 2, 0, 1);
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     scene_listen();
     test_write("s/sparse/0/points3D.txt", "1 0 0 10 0 0 0 0.5 10 0 11 0\n2 1 0 10 0 0 0 0.5 10 0 11 0\n");
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
@@ -313,31 +297,28 @@ TEST(scene_points_without_colours_start_grey)
     test_write("s/sparse/0/points3D.txt", "1 0 0 10 0 0 0 0.5 10 0 11 0\n2 1 0 10 0 1 0 0.5 10 0 11 0\n");
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     CHECK(oxl_scene_points(scene)[0].rgb[0] == 0 && oxl_scene_points(scene)[1].rgb[1] == 1);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(scene_says_where_an_image_of_nearly_that_name_lies)
 {
     const char *path = scene_survey("s", 4, 0, 0);
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     test_write("s/images/dive1/IMG00.JPG", "");
-    CHECK(oxl_scene_load(test_ctx, path, NULL, &scene) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "s/images/dive1/IMG00.JPG");
-    CHECK_TEXT(oxl_error_text(test_ctx), "--images");
+    CHECK_ERROR(oxl_scene_load(test_ctx, path, NULL, &scene), OXL_ERR_INPUT, "s/images/dive1/IMG00.JPG");
+    CHECK_SAYS("--images");
     options.images = test_path("nowhere");
-    CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "nowhere: there is no such folder");
+    CHECK_ERROR(oxl_scene_load(test_ctx, path, &options, &scene), OXL_ERR_INPUT,
+                "nowhere: there is no such folder");
     options.read_images = 0; /* text files alone: nobody looks */
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     CHECK(oxl_scene_view_count(scene) == 4);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(scene_takes_the_sub_model_with_most_images)
 {
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     const char *path = scene_survey("s", 3, 0, 1);
     options.read_images = 0;
     test_write("s/sparse/1/cameras.txt", "1 PINHOLE 32 24 40 40 16 12\n");
@@ -353,35 +334,32 @@ TEST(scene_takes_the_sub_model_with_most_images)
     options.sparse = test_path("s/sparse/0");
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     CHECK(oxl_scene_view_count(scene) == 3);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(scene_is_found_beside_the_images_too)
 {
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     options.read_images = 0;
     test_write("flat/cameras.txt", "1 PINHOLE 32 24 40 40 16 12\n");
     test_write("flat/images.txt", "1 1 0 0 0 0 0 0 1 a\n\n");
     test_write("flat/points3D.txt", "");
     CHECK_OK(oxl_scene_load(test_ctx, test_path("flat"), &options, &scene));
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(scene_that_is_missing_is_refused_with_a_fix)
 {
     oxl_scene *scene;
-    CHECK(oxl_scene_load(test_ctx, test_path("nothing"), NULL, &scene) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "nothing: there is no such folder");
+    CHECK_ERROR(oxl_scene_load(test_ctx, test_path("nothing"), NULL, &scene), OXL_ERR_INPUT,
+                "nothing: there is no such folder");
     test_write("empty/readme", "");
-    CHECK(oxl_scene_load(test_ctx, test_path("empty"), NULL, &scene) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "no COLMAP model");
-    CHECK_TEXT(oxl_error_text(test_ctx), "by --sparse");
+    CHECK_ERROR(oxl_scene_load(test_ctx, test_path("empty"), NULL, &scene), OXL_ERR_INPUT, "no COLMAP model");
+    CHECK_SAYS("by --sparse");
     test_write("binary/sparse/0/cameras.bin", "");
     test_write("binary/sparse/0/images.bin", "");
     test_write("binary/sparse/0/points3D.bin", "");
-    CHECK(oxl_scene_load(test_ctx, test_path("binary"), NULL, &scene) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "model_converter");
+    CHECK_ERROR(oxl_scene_load(test_ctx, test_path("binary"), NULL, &scene), OXL_ERR_INPUT,
+                "model_converter");
     CHECK(!scene);
 }
 
@@ -392,12 +370,10 @@ TEST(scene_poses_and_cameras_that_cannot_be_are_refused)
     const char *path = scene_survey("s", 3, 0, 0);
     options.read_images = 0;
     test_write("s/sparse/0/images.txt", "1 1 0 0 0 1e300 0 0 1 a\n\n");
-    CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "images.txt:1");
+    CHECK_ERROR(oxl_scene_load(test_ctx, path, &options, &scene), OXL_ERR_INPUT, "images.txt:1");
     test_write("s/sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 a\n\n");
     test_write("s/sparse/0/cameras.txt", "1 PINHOLE 32 24 -40 40 16 12\n");
-    CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "cameras.txt:1");
+    CHECK_ERROR(oxl_scene_load(test_ctx, path, &options, &scene), OXL_ERR_INPUT, "cameras.txt:1");
 }
 
 TEST(scene_images_in_memory_stay_within_the_cache)
@@ -405,7 +381,7 @@ TEST(scene_images_in_memory_stay_within_the_cache)
     const size_t one = 3 * 32 * 24;
     const char *path = scene_survey("s", 5, 0, 1);
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     options.image_cache_bytes = 2 * one;
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     for (int i = 0; i < 40; i++) {
@@ -426,7 +402,6 @@ TEST(scene_images_in_memory_stay_within_the_cache)
     options.image_cache_bytes = 0; /* the one that was asked for stays all the same */
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     CHECK(scene_image(test_ctx, scene, 3)->rgb[0] == 4 && scene->cache->held == one);
-    oxl_scene_free(test_ctx, scene);
 }
 
 #ifdef _OPENMP
@@ -523,7 +498,7 @@ TEST(scene_image_that_cannot_be_read_ahead_is_named_when_it_is_asked_for)
     CHECK(test_ctx->error[0] == 0 && !scene->cache->image[1].rgb && scene->cache->image[0].rgb &&
           scene->cache->image[2].rgb);
     CHECK(scene_image(test_ctx, scene, 1) == NULL);
-    CHECK_TEXT(oxl_error_text(test_ctx), "img01.png");
+    CHECK_SAYS("img01.png");
     oxl_scene_free(test_ctx, scene);
     test_ctx->threads = threads;
 }
@@ -531,24 +506,23 @@ TEST(scene_image_that_cannot_be_read_ahead_is_named_when_it_is_asked_for)
 TEST(scene_image_that_is_corrupt_is_named_and_the_rest_goes_on)
 {
     const char *path = scene_survey("s", 3, 0, 1);
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     oxl_image image;
     test_write("s/images/img01.png", "no image");
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     CHECK(scene_image(test_ctx, scene, 1) == NULL);
-    CHECK_TEXT(oxl_error_text(test_ctx), "img01.png");
+    CHECK_SAYS("img01.png");
     CHECK(oxl_scene_image(test_ctx, scene, 1, NULL, &image) == OXL_ERR_INPUT);
     CHECK_OK(oxl_scene_image(test_ctx, scene, 2, NULL, &image));
     CHECK(image.width == 32 && image.height == 24 && !image.weight);
     oxl_image_free(test_ctx, &image);
     CHECK(oxl_scene_image(test_ctx, scene, 3, NULL, &image) == OXL_ERR_USAGE);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(scene_masks_are_found_by_name_with_or_without_the_extension)
 {
     const char *path = scene_survey("s", 4, 0, 1);
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     oxl_image image;
     CHECK_OK(oxl_image_create(test_ctx, 2, 1, &image));
     for (int c = 0; c < 3; c++) image.rgb[2 * c + 1] = 1; /* the left half is black */
@@ -566,14 +540,13 @@ TEST(scene_masks_are_found_by_name_with_or_without_the_extension)
                   image.weight[31] == 1);
         oxl_image_free(test_ctx, &image);
     }
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(scene_images_are_reduced_to_the_longer_side_asked_for)
 {
     const char *path = scene_survey("s", 2, 0, 1);
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     const oxl_camera *c;
     options.max_side = 16;
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
@@ -586,7 +559,6 @@ TEST(scene_images_are_reduced_to_the_longer_side_asked_for)
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     c = &oxl_scene_view(scene, 0)->camera;
     CHECK(c->width == 32 && c->height == 24 && c->fx == 40 && c->cx == 16);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(scene_from_arrays_is_sorted_and_keeps_what_it_was_given)
@@ -660,7 +632,7 @@ TEST(scene_frees_all_memory_when_any_allocation_fails)
 TEST(scene_of_a_real_dive_is_read_and_undistorted)
 {
     const char *path = test_shared("data/subvo_pool_distorted");
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     if (!path) SKIP("no ../shared/data");
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     CHECK(oxl_scene_view_count(scene) == 61 && scene->stats.test_views == 8 &&
@@ -669,7 +641,6 @@ TEST(scene_of_a_real_dive_is_read_and_undistorted)
     CHECK(scene->colmap.camera_count == 1 && camera_is_distorted(scene->colmap.camera));
     CHECK_CLOSE(scene->stats.mean_error, 0.383, 0.001);
     CHECK(scene_image(test_ctx, scene, 5) != NULL);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* ---------------- transparent pixels */
@@ -679,14 +650,13 @@ static void scene_make_transparent(const char *name, int n, int from, int to)
 {
     for (int i = 0; i < n; i++) {
         char path[128];
-        oxl_image image;
+        OWNED_IMAGE image = {0};
         snprintf(path, sizeof path, "%s/images/img%02d.png", name, i);
         CHECK_OK(oxl_image_create(test_ctx, 32, 24, &image));
         image.weight = oxl_calloc(test_ctx, 32 * 24, sizeof *image.weight);
         for (int k = 0; k < 3 * 32 * 24; k++) image.rgb[k] = 0.2f;
         for (int k = 0; k < 32 * 24; k++) image.weight[k] = k % 32 >= from && k % 32 < to;
         CHECK_OK(oxl_image_write_alpha(test_ctx, test_path(path), &image));
-        oxl_image_free(test_ctx, &image);
     }
 }
 
@@ -698,8 +668,8 @@ TEST(scene_masks_transparent_pixels_where_points_are_and_composites_them_elsewhe
     } cases[] = {{3, 32, 0}, {18, 32, 1}, {0, 14, 1}};
     const float black[3] = {0, 0, 0};
     for (size_t k = 0; k < OXL_COUNT(cases); k++) {
-        oxl_scene *scene = NULL;
-        oxl_image image = {0};
+        OWNED_SCENE *scene = NULL;
+        OWNED_IMAGE image = {0};
         const char *path = scene_survey("alpha", 3, 0, 1);
         scene_make_transparent("alpha", 3, cases[k].from, cases[k].to);
         scene_listen();
@@ -712,8 +682,6 @@ TEST(scene_masks_transparent_pixels_where_points_are_and_composites_them_elsewhe
         oxl_image_free(test_ctx, &image);
         CHECK_OK(oxl_scene_image(test_ctx, scene, 0, black, &image));
         CHECK(cases[k].masks || image.rgb[0] == 0);
-        oxl_image_free(test_ctx, &image);
-        oxl_scene_free(test_ctx, scene);
     }
 }
 
@@ -722,7 +690,7 @@ TEST(scene_alpha_is_what_the_option_says)
     oxl_scene_options options = oxl_scene_options_default();
     const float none[3] = {-1, -1, -1}, grey[3] = {0.5f, 0.5f, 0.5f};
     for (options.alpha = OXL_ALPHA_COMPOSITE; options.alpha <= OXL_ALPHA_MASK; options.alpha++) {
-        oxl_scene *scene = NULL;
+        OWNED_SCENE *scene = NULL;
         float rgb[3];
         const char *path = scene_survey("alpha", 3, 0, 1);
         scene_make_transparent("alpha", 3, 3, 14);
@@ -732,7 +700,6 @@ TEST(scene_alpha_is_what_the_option_says)
         CHECK(rgb[0] == !scene->alpha_masks && rgb[2] == rgb[0]);
         scene_background(scene, grey, rgb); /* of a composited image's 8 bits */
         CHECK(rgb[1] == (scene->alpha_masks ? 0.5f : 128 / 255.0f));
-        oxl_scene_free(test_ctx, scene);
     }
 }
 
@@ -746,7 +713,7 @@ static const char *scene_ball(int transparent)
     for (int i = 0; i < 12; i++) {
         const double half = i * 3.14159265358979 / 12;
         char path[64];
-        oxl_image image;
+        OWNED_IMAGE image = {0};
         text_add(&images, "%d %.17g 0 %.17g 0 0 0 5 1 %02d.png\n\n", i + 1, cos(half), sin(half), i);
         CHECK_OK(oxl_image_create(test_ctx, 32, 32, &image));
         image.weight = oxl_calloc(test_ctx, 32 * 32, sizeof *image.weight);
@@ -757,7 +724,6 @@ static const char *scene_ball(int transparent)
         }
         snprintf(path, sizeof path, "ball/images/%02d.png", i);
         CHECK_OK(oxl_image_write_alpha(test_ctx, test_path(path), &image));
-        oxl_image_free(test_ctx, &image);
     }
     test_write("ball/sparse/0/images.txt", images.data);
     text_free(&images);

@@ -40,14 +40,13 @@ TEST(ssim_contrast_is_the_standard_deviation_of_detail_whatever_the_light)
 {
     const float levels[] = {0, 0.01f, 0.1f};
     for (int k = 0; k < 3; k++) {
-        oxl_scene *scene = ssim_contrast_test_scene(levels[k]);
+        OWNED_SCENE *scene = ssim_contrast_test_scene(levels[k]);
         double contrast;
         int views;
         CHECK_OK(ssim_contrast_measure(test_ctx, scene, &contrast, &views));
         CHECK(views == SSIM_CONTRAST_TEST_VIEWS);
         CHECK_CLOSE(contrast, 0.98 * (double)levels[k],
                     0.003); /* of 5 rows: sqrt(24) / 5; levels of 8 bits */
-        oxl_scene_free(test_ctx, scene);
     }
 }
 

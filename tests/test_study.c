@@ -272,13 +272,12 @@ TEST(study_refuses_rows_that_are_not_there_are_twice_or_lack_an_option)
     static const struct study_row odd = {.name = "odd", .options = "cooldown=0 no-such=1"};
     oxl_job_options job = oxl_job_options_default(OXL_PRESET_DRAFT);
     CHECK_TEXT(study_test_refused(ablate_run, "v1,v9"), "found 'v9'");
-    CHECK_TEXT(oxl_error_text(test_ctx), "3dgs v1 v2 v1-count v3 v4 oceanxl v3-bytes");
+    CHECK_SAYS("3dgs v1 v2 v1-count v3 v4 oceanxl v3-bytes");
     CHECK_TEXT(study_test_refused(ablate_run, "v1,v1"), "at most once");
     CHECK_TEXT(study_test_refused(ablate_run, "v1,v1-count"), "controls after their rows");
     CHECK_TEXT(study_test_refused(tradeoff_run, "coarse-0.5,fast"), ": iterations-half coarse-0 ");
     CHECK_TEXT(study_test_refused(tradeoff_run, "coarse-0.5,coarse-0.5"), "at most once");
-    CHECK(study_set_options(test_ctx, &odd, &job) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "row odd sets --no-such");
+    CHECK_ERROR(study_set_options(test_ctx, &odd, &job), OXL_ERR_USAGE, "row odd sets --no-such");
 }
 
 /* ---------------- trainings */
@@ -297,8 +296,7 @@ TEST(study_reads_what_a_training_left_and_says_when_it_is_not_whole)
     CHECK(value[STUDY_PSNR] == 25.5 && value[STUDY_BYTES] == 5e4 && value[STUDY_CPU] == 20);
     CHECK(value[STUDY_STRUCTURE] == 0.875 && isnan(value[STUDY_MEMORY]));
     test_write("metrics.json", "{\"psnr\": 25.5}\n");
-    CHECK(study_read(&s, folder, value) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "metrics.json");
+    CHECK_ERROR(study_read(&s, folder, value), OXL_ERR_INPUT, "metrics.json");
 }
 
 /* Trained from its start; in parts; finished before; from its start again. */

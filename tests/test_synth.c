@@ -82,7 +82,7 @@ static int synth_test_is_outlier(const struct os_file_map *outliers, int64_t id)
 TEST(synth_tracks_and_observations_name_each_other_both_ways)
 {
     const synth_options o = synth_test_options("survey");
-    struct colmap survey = {0};
+    OWNED_COLMAP survey = {0};
     struct colmap_observed seen;
     size_t named = 0;
     synth_test_make(&o, &survey);
@@ -101,7 +101,6 @@ TEST(synth_tracks_and_observations_name_each_other_both_ways)
     /* keypoints without a point stand between them */
     CHECK(seen.first[survey.image_count] > named + named / 5);
     colmap_observed_free(&seen);
-    colmap_free(test_ctx, &survey);
 }
 
 TEST(synth_quaternions_turn_as_their_matrices_whichever_component_is_largest)
@@ -141,7 +140,7 @@ TEST(synth_ids_are_sparse_unordered_and_different)
 TEST(synth_every_view_sees_hundreds_of_points_and_most_points_have_three_views)
 {
     const synth_options o = synth_test_options("survey");
-    struct colmap survey = {0};
+    OWNED_COLMAP survey = {0};
     struct colmap_observed seen;
     size_t three = 0;
     synth_test_make(&o, &survey);
@@ -153,14 +152,13 @@ TEST(synth_every_view_sees_hundreds_of_points_and_most_points_have_three_views)
     }
     CHECK(three > survey.point_count * 8 / 10);
     colmap_observed_free(&seen);
-    colmap_free(test_ctx, &survey);
 }
 
 /* Also far from the origin, where floats would be off by decimetres. */
 static void synth_test_reprojection(const synth_options *o)
 {
     struct os_file_map list = {0};
-    struct colmap survey = {0};
+    OWNED_COLMAP survey = {0};
     struct colmap_observed seen;
     double square = 0;
     size_t count = 0, outliers = 0;
@@ -185,7 +183,6 @@ static void synth_test_reprojection(const synth_options *o)
     CHECK(outliers > 0 && outliers < survey.point_count / 40);
     os_release_file(test_ctx, &list);
     colmap_observed_free(&seen);
-    colmap_free(test_ctx, &survey);
 }
 
 TEST(synth_points_reproject_onto_their_observations_within_the_stated_noise)
@@ -227,7 +224,7 @@ TEST(synth_points_lie_where_the_depth_maps_say)
 {
     struct os_file_map list = {0};
     const synth_options o = synth_test_options("survey");
-    struct colmap survey = {0};
+    OWNED_COLMAP survey = {0};
     struct colmap_observed seen;
     size_t checked = 0, near = 0;
     synth_test_make(&o, &survey);
@@ -251,7 +248,6 @@ TEST(synth_points_lie_where_the_depth_maps_say)
     CHECK(near > checked * 95 / 100); /* the others stand beside a step: a pixel is 3 cm wide here */
     os_release_file(test_ctx, &list);
     colmap_observed_free(&seen);
-    colmap_free(test_ctx, &survey);
 }
 
 static void synth_test_water_text(const char *survey, const char *name, double out[3])
@@ -270,7 +266,7 @@ static void synth_test_water_text(const char *survey, const char *name, double o
 TEST(synth_images_are_clean_pictures_behind_the_stated_water_within_noise)
 {
     synth_options o = synth_test_options("survey");
-    struct colmap survey = {0};
+    OWNED_COLMAP survey = {0};
     double direct[3] = {0}, scatter[3] = {0}, veil[3] = {0}, square = 0, sum = 0;
     size_t count = 0;
     o.water = SYNTH_5C;
@@ -282,7 +278,7 @@ TEST(synth_images_are_clean_pictures_behind_the_stated_water_within_noise)
         const char *name = survey.names + survey.image[v].name;
         const double *k = survey.camera[0].parameter;
         float *depth = synth_test_depth(&o, name);
-        oxl_image image = {0}, clean = {0};
+        OWNED_IMAGE image = {0}, clean = {0};
         char path[600];
         snprintf(path, sizeof path, "%s/images/%s", o.out, name);
         CHECK_OK(oxl_image_read(test_ctx, path, &image));
@@ -303,14 +299,11 @@ TEST(synth_images_are_clean_pictures_behind_the_stated_water_within_noise)
                 count++;
             }
         }
-        oxl_image_free(test_ctx, &image);
-        oxl_image_free(test_ctx, &clean);
         free(depth);
     }
     CHECK_CLOSE(sum / (double)count, 0, 0.05);
     /* both images are rounded: 1/12 each, at most */
     CHECK_CLOSE(sqrt(square / (double)count), sqrt(o.noise * o.noise + 2 / 12.), 0.1);
-    colmap_free(test_ctx, &survey);
 }
 
 static int synth_test_same_files(const char *a, const char *b, const char *name)
@@ -370,16 +363,14 @@ TEST(synth_refuses_invalid_options_with_a_fix)
         CHECK_TEXT(a.error, wrong[i][2]);
     }
     o.backscatter = 0.5;
-    CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "--lamp 1");
+    CHECK_ERROR(synth_run(test_ctx, &o), OXL_ERR_USAGE, "--lamp 1");
     o.backscatter = 0, o.origin[1] = 9e6;
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
     CHECK(!os_is_folder(test_path("survey")));
     CHECK_OK(oxl_make_folder(test_ctx, test_path("dive/sparse/0")));
     test_write("dive/sparse/0/images.txt", "somebody's own");
     o = synth_test_options("dive");
-    CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "dive/sparse is there, and synth did not write it");
+    CHECK_ERROR(synth_run(test_ctx, &o), OXL_ERR_USAGE, "dive/sparse is there, and synth did not write it");
     CHECK_OK(oxl_make_folder(test_ctx, test_path("images/images")));
     o = synth_test_options("images");
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
@@ -401,8 +392,7 @@ TEST(synth_replaces_its_own_survey_and_nobody_elses)
         CHECK_OK(oxl_make_folder(test_ctx, test_path(i < 2 ? name : "c/truth")));
         test_write(others[i], "somebody's own");
         o.out = test_path(name);
-        CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
-        CHECK_TEXT(oxl_error_text(test_ctx), "is there, and synth did not write it");
+        CHECK_ERROR(synth_run(test_ctx, &o), OXL_ERR_USAGE, "is there, and synth did not write it");
         CHECK_OK(os_read_file(test_ctx, test_path(others[i]), &map));
         CHECK(map.data && !strcmp(map.data, "somebody's own"));
         os_release_file(test_ctx, &map);
@@ -468,7 +458,6 @@ TEST(lint_flags_images_that_are_blurred_or_badly_exposed_beside_their_neighbours
 {
     synth_options o = synth_options_default();
     oxl_survey s;
-    oxl_image image = {0}, soft = {0};
     char out[512], *const names[] = {"IMG_00007.png", "IMG_00014.png", "IMG_00021.png"};
     o.views = 30, o.width = 120, o.height = 80, o.points = 900, o.water = SYNTH_AIR;
     snprintf(out, sizeof out, "%s", test_path("synth"));
@@ -481,6 +470,7 @@ TEST(lint_flags_images_that_are_blurred_or_badly_exposed_beside_their_neighbours
     for (int k = 0; k < 3; k++) { /* blurred along x, darker, brighter */
         char name[80];
         const size_t n = 120 * 80;
+        OWNED_IMAGE image = {0}, soft = {0};
         snprintf(name, sizeof name, "synth/images/%s", names[k]);
         CHECK_OK(oxl_image_read(test_ctx, test_path(name), &image));
         CHECK_OK(oxl_image_create(test_ctx, 120, 80, &soft));
@@ -490,8 +480,6 @@ TEST(lint_flags_images_that_are_blurred_or_badly_exposed_beside_their_neighbours
             soft.rgb[i] = k == 0 ? sum / 7 : image.rgb[i] * (k == 1 ? 0.4f : 2.0f);
         }
         CHECK_OK(oxl_image_write(test_ctx, test_path(name), &soft));
-        oxl_image_free(test_ctx, &image);
-        oxl_image_free(test_ctx, &soft);
     }
     CHECK_OK(oxl_check_quality(test_ctx, out, NULL, &s));
     CHECK(s.blurred == 1 && s.badly_exposed == 2);
@@ -508,7 +496,7 @@ TEST(lint_flags_images_that_are_blurred_or_badly_exposed_beside_their_neighbours
 TEST(synth_pose_noise_turns_and_moves_the_exported_poses_alone)
 {
     synth_options o = synth_test_options("exact");
-    struct colmap exact, noisy;
+    OWNED_COLMAP exact = {0}, noisy = {0};
     double turn = 0, move = 0;
     char rows[2000];
     struct os_file_map truth;
@@ -543,6 +531,4 @@ TEST(synth_pose_noise_turns_and_moves_the_exported_poses_alone)
         found = memcmp((const char *)truth.data + i, rows, strlen(rows)) == 0;
     CHECK(found);
     os_release_file(test_ctx, &truth);
-    colmap_free(test_ctx, &exact);
-    colmap_free(test_ctx, &noisy);
 }

@@ -37,10 +37,10 @@ TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
 
 TEST(depth_of_tracks_is_kept_for_views_with_a_window_alone)
 {
-    oxl_scene *scene = NULL;
+    OWNED_SCENE *scene = NULL;
     struct track_depth d = {0};
     struct depth_point point[DEPTH_POINTS];
-    struct image_window *window;
+    OWNED_MEMORY struct image_window *window = NULL;
     int count, views;
     photometry_test_make("depth_windows", SYNTH_3C);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_windows"), NULL, &scene));
@@ -53,8 +53,6 @@ TEST(depth_of_tracks_is_kept_for_views_with_a_window_alone)
         CHECK((count > 0) == (v % 2 == 0 && !oxl_scene_view(scene, v)->is_test));
     }
     track_depth_free(&(struct train){.ctx = test_ctx}, &d);
-    oxl_free(test_ctx, window);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(depth_of_tracks_is_compared_at_the_places_of_the_window_and_of_halved_images)

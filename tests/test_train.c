@@ -96,7 +96,7 @@ static void density_render_needle(float opacity, int with_children, float red[32
     const oxl_camera camera = {48, 32, 40, 40, 24, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
     struct density_case c = density_case((float[]){1, 0, 0, 0});
     static const float row[] = {0, 0, 4, -1, -1.6f, -2.3f, 0.9f, 0.1f, 0.2f, 0.4f};
-    oxl_image image;
+    OWNED_IMAGE image = {0};
     for (int i = 0; i < 4; i++)
         for (int k = 0; k < OXL_SH + 3; k++)
             c.trained.model.plane[k][i] = k == OXL_OPACITY  ? (i ? -20 : logf(opacity / (1 - opacity)))
@@ -106,7 +106,6 @@ static void density_render_needle(float opacity, int with_children, float red[32
         CHECK(density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1}).split == 1);
     CHECK_OK(oxl_render(test_ctx, &c.trained.model, &camera, NULL, &image, NULL));
     memcpy(red, image.rgb, 32 * 48 * sizeof *red);
-    oxl_image_free(test_ctx, &image);
     density_case_free(&c);
 }
 
@@ -246,9 +245,9 @@ static void density_observe_two(struct density *d)
 {
     const oxl_camera camera = {32, 32, 40, 40, 16, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
     const oxl_render_options options = oxl_render_options_default();
-    struct renderer *r;
-    oxl_model model, gradient;
-    float *drgb = oxl_calloc(test_ctx, 3 * 32 * 32, sizeof *drgb);
+    OWNED_RENDERER *r = NULL;
+    OWNED_MODEL model = {0}, gradient = {0};
+    OWNED_MEMORY float *drgb = oxl_calloc(test_ctx, 3 * 32 * 32, sizeof *drgb);
     CHECK_OK(oxl_model_create(test_ctx, 2, 0, &model));
     CHECK_OK(oxl_model_create(test_ctx, 2, 0, &gradient));
     CHECK_OK(renderer_create(test_ctx, &r));
@@ -261,10 +260,6 @@ static void density_observe_two(struct density *d)
     CHECK_OK(renderer_forward(test_ctx, r, &model, &camera, &options));
     CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
     CHECK_OK(density_observe(test_ctx, d, r, 2));
-    renderer_free(test_ctx, r);
-    oxl_model_free(test_ctx, &model);
-    oxl_model_free(test_ctx, &gradient);
-    oxl_free(test_ctx, drgb);
 }
 
 static void density_two_state(struct archive *a, void *user)
@@ -369,18 +364,15 @@ double train_psnr(oxl_scene *scene, const oxl_model *model)
 
 TEST(train_learns_views_that_it_has_not_seen)
 {
-    oxl_scene *scene = train_scene(7);
+    OWNED_SCENE *scene = train_scene(7);
     oxl_train_options options = train_options(300);
-    oxl_model start, model;
+    OWNED_MODEL start = {0}, model = {0};
     CHECK_OK(
         oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &start));
     CHECK_OK(test_train(scene, &options, NULL, &model));
     CHECK(train_psnr(scene, &start) < 15);
     CHECK(train_psnr(scene, &model) > 25);
     CHECK(model.sh_degree == 1 || !test_has_part("sh_degree"));
-    oxl_model_free(test_ctx, &start);
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
 }
 
 int train_same(const oxl_model *a, const oxl_model *b)
@@ -393,7 +385,7 @@ int train_same(const oxl_model *a, const oxl_model *b)
 
 TEST(train_gives_the_same_bytes_with_1_2_and_7_threads)
 {
-    oxl_scene *scene = train_scene(7);
+    OWNED_SCENE *scene = train_scene(7);
     oxl_train_options options = train_options(160); /* densifies at 100 */
     oxl_model model[3];
     for (int i = 0; i < 3; i++) {
@@ -404,21 +396,17 @@ TEST(train_gives_the_same_bytes_with_1_2_and_7_threads)
     CHECK(model[0].count != oxl_scene_point_count(scene));
     CHECK(train_same(&model[0], &model[1]) && train_same(&model[0], &model[2]));
     for (int i = 0; i < 3; i++) oxl_model_free(test_ctx, &model[i]);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(train_depends_on_the_seed)
 {
-    oxl_scene *scene = train_scene(7);
+    OWNED_SCENE *scene = train_scene(7);
     oxl_train_options options = train_options(20);
-    oxl_model a, b;
+    OWNED_MODEL a = {0}, b = {0};
     CHECK_OK(test_train(scene, &options, NULL, &a));
     test_ctx->options.seed = 2;
     CHECK_OK(test_train(scene, &options, NULL, &b));
     CHECK(!train_same(&a, &b));
-    oxl_model_free(test_ctx, &a);
-    oxl_model_free(test_ctx, &b);
-    oxl_scene_free(test_ctx, scene);
 }
 
 static int train_stop_at_7(void *user, const oxl_progress *progress)
@@ -429,16 +417,14 @@ static int train_stop_at_7(void *user, const oxl_progress *progress)
 
 TEST(train_stops_when_the_callback_asks_and_leaves_a_usable_model)
 {
-    oxl_scene *scene = train_scene(7);
+    OWNED_SCENE *scene = train_scene(7);
     oxl_train_options options = train_options(100);
     int last = 0;
     const oxl_callback stop = {train_stop_at_7, &last};
-    oxl_model model;
+    OWNED_MODEL model = {0};
     CHECK(test_train(scene, &options, &stop, &model) == OXL_ERR_INTERRUPTED);
     CHECK(last == 7 && model.count == oxl_scene_point_count(scene));
-    CHECK_TEXT(oxl_error_text(test_ctx), "interrupted at iteration 7 of 100");
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
+    CHECK_SAYS("interrupted at iteration 7 of 100");
 }
 
 /* The memory that a run asks for, by iteration. */
@@ -459,11 +445,11 @@ static int train_note_calls(void *user, const oxl_progress *progress)
 
 TEST(train_allocates_no_memory_between_steps_after_the_first)
 {
-    oxl_scene *scene = train_scene(7);
+    OWNED_SCENE *scene = train_scene(7);
     oxl_train_options options = train_options(90);
     int calls[91] = {0};
     const oxl_callback note = {train_note_calls, calls};
-    oxl_model model;
+    OWNED_MODEL model = {0};
     options.densify_until = 0;
     options.alpha_min = 0; /* else more pixels of a Gaussian count in the last fifth */
     train_calls = 0;
@@ -473,17 +459,15 @@ TEST(train_allocates_no_memory_between_steps_after_the_first)
     test_ctx->options.reallocate = train_allocator;
     CHECK(calls[1] > 0);
     for (int i = 41; i <= 80; i++) CHECK(calls[i] == calls[40]);
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(train_without_points_starts_from_random_ones)
 {
-    oxl_scene *with = train_scene(4), *scene = NULL;
+    OWNED_SCENE *with = train_scene(4), *scene = NULL;
     oxl_train_options options = train_options(3);
     oxl_view view[4];
     oxl_image image[4];
-    oxl_model model;
+    OWNED_MODEL model = {0};
     for (int v = 0; v < 4; v++) {
         view[v] = *oxl_scene_view(with, v);
         CHECK_OK(oxl_scene_image(test_ctx, with, v, NULL, &image[v]));
@@ -492,18 +476,14 @@ TEST(train_without_points_starts_from_random_ones)
     CHECK_OK(test_train(scene, &options, NULL, &model));
     CHECK(model.count > 1000);
     for (int v = 0; v < 4; v++) oxl_image_free(test_ctx, &image[v]);
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
-    oxl_scene_free(test_ctx, with);
 }
 
 TEST(train_refuses_invalid_options)
 {
-    oxl_scene *scene = train_scene(2);
+    OWNED_SCENE *scene = train_scene(2);
     oxl_train_options options = train_options(0);
     oxl_model model;
     CHECK(test_train(scene, &options, NULL, &model) == OXL_ERR_USAGE && model.count == 0);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* ---------------- schedule */
@@ -514,7 +494,7 @@ TEST(train_refuses_invalid_options)
  * threads. */
 TEST(train_options_that_save_work_change_the_run_and_still_learn)
 {
-    oxl_scene *scene = train_scene(7);
+    OWNED_SCENE *scene = train_scene(7);
     oxl_train_options o[6];
     oxl_model model[6], again;
     const int threads = test_ctx->threads;
@@ -534,13 +514,12 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
     }
     test_ctx->threads = threads;
     for (int i = 0; i < 6; i++) oxl_model_free(test_ctx, &model[i]);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* Runs below 700 iterations begin as one of 700. */
 TEST(train_of_a_short_run_starts_from_narrower_and_more_opaque_gaussians)
 {
-    oxl_scene *scene = train_scene(7);
+    OWNED_SCENE *scene = train_scene(7);
     oxl_train_options o = train_options(1);
     struct train t[2];
     const oxl_model *usual = &t[0].trained.model, *hasty = &t[1].trained.model;
@@ -558,7 +537,6 @@ TEST(train_of_a_short_run_starts_from_narrower_and_more_opaque_gaussians)
         CHECK_CLOSE(vecmath_sigmoid(hasty->plane[OXL_OPACITY][i]), 0.1 * pow(30000. / 700, 0.07), 1e-6);
     }
     for (int i = 0; i < 2; i++) train_end(&t[i]);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(train_auto_halves_large_images_only)
@@ -573,7 +551,7 @@ TEST(train_auto_halves_large_images_only)
 
 TEST(train_refuses_shares_of_a_run_outside_0_to_1)
 {
-    oxl_scene *scene = train_scene(4);
+    OWNED_SCENE *scene = train_scene(4);
     oxl_train_options o = train_options(5);
     oxl_model model;
     o.coarse = 1.5f;
@@ -584,19 +562,17 @@ TEST(train_refuses_shares_of_a_run_outside_0_to_1)
     CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
     o.cooldown = 0, o.alpha_min = 0.06f;
     CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(train_refuses_second_lobes_while_gaussians_are_still_split)
 {
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     oxl_train_options o = train_options(5);
     oxl_model model;
     NEEDS_PART(lobes);
     scene = train_scene(4);
     o.dog = OXL_DOG_ALL, o.densify_until = 0.6f;
     CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
-    oxl_scene_free(test_ctx, scene);
 }
 
 static struct adam_params train_adam_params_at(int step, int iterations, float short_run_exponent,
@@ -666,7 +642,7 @@ TEST(train_rates_of_opacity_and_colours_are_larger_below_2000_iterations)
 TEST(train_moves_gaussians_ten_rates_at_most_where_views_show_few_of_them)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_STANDARD);
-    oxl_scene *scene = train_scene(2);
+    OWNED_SCENE *scene = train_scene(2);
     struct train t = {.ctx = test_ctx, .scene = scene, .options = &o, .step = 2};
     struct adam_params usual, few, third;
     o.iterations = 1875, o.short_run_exponent = 0.5f;
@@ -692,7 +668,6 @@ TEST(train_moves_gaussians_ten_rates_at_most_where_views_show_few_of_them)
     o.iterations = 1875, t.step = 1875, t.shown = 0.99, few = schedule_adam_params(&t);
     t.shown = 0, usual = schedule_adam_params(&t);
     for (int k = 0; k < OXL_PLANES; k++) CHECK(few.rate[k] == usual.rate[k]);
-    oxl_scene_free(test_ctx, scene);
 }
 
 static int train_test_shows(const oxl_camera *c, const oxl_model *m, size_t row)
@@ -767,13 +742,12 @@ TEST(train_grows_sooner_where_a_scene_has_no_points)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
     struct prune_case none = prune_two_patches(4, 3, 0.5f);
-    oxl_scene *some = train_scene(4);
+    OWNED_SCENE *some = train_scene(4);
     CHECK(oxl_scene_point_count(none.scene) == 0 && o.densify_gradient == 5.5e-4f);
     CHECK(schedule_densify_gradient(some, &o) == 5.5e-4f);
     CHECK(schedule_densify_gradient(none.scene, &o) == 2e-4f);
     o.densify_gradient = 1e-4f;
     CHECK(schedule_densify_gradient(none.scene, &o) == 1e-4f);
-    oxl_scene_free(test_ctx, some);
     prune_case_free(&none);
 }
 
@@ -797,7 +771,7 @@ static double train_no_parameters(void *user, const oxl_model *model, oxl_model 
 /* The gradient exists as planes for the second, and stays in the cache for the others. */
 TEST(train_with_terms_that_add_nothing_gives_the_same_bytes)
 {
-    oxl_scene *scene = train_scene(7);
+    OWNED_SCENE *scene = train_scene(7);
     oxl_train_options o = train_options(60);
     const oxl_terms terms[] = {{train_no_pixels, NULL, NULL}, {NULL, train_no_parameters, NULL}};
     oxl_model plain, with;
@@ -810,7 +784,6 @@ TEST(train_with_terms_that_add_nothing_gives_the_same_bytes)
         oxl_model_free(test_ctx, &with);
     }
     oxl_model_free(test_ctx, &plain);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* Drives red down: d/dx of the mean of red is 1 / pixels. */
@@ -840,10 +813,10 @@ static double train_mean_of(const oxl_model *m, int plane)
 
 TEST(train_follows_terms_on_pixels_and_on_parameters)
 {
-    oxl_scene *scene = train_scene(7);
+    OWNED_SCENE *scene = train_scene(7);
     oxl_train_options o = train_options(60);
     const oxl_terms red = {.pixels = train_red}, opacity = {.parameters = train_opacity};
-    oxl_model plain, less_red, clear;
+    OWNED_MODEL plain = {0}, less_red = {0}, clear = {0};
     o.densify_until = 0;
     CHECK_OK(test_train(scene, &o, NULL, &plain));
     o.terms = &red;
@@ -853,8 +826,4 @@ TEST(train_follows_terms_on_pixels_and_on_parameters)
     CHECK(train_mean_of(&less_red, OXL_SH) < train_mean_of(&plain, OXL_SH) - 0.1);
     CHECK_CLOSE(train_mean_of(&less_red, OXL_SH + 1), train_mean_of(&plain, OXL_SH + 1), 0.05);
     CHECK(train_mean_of(&clear, OXL_OPACITY) < train_mean_of(&plain, OXL_OPACITY) - 0.5);
-    oxl_model_free(test_ctx, &plain);
-    oxl_model_free(test_ctx, &less_red);
-    oxl_model_free(test_ctx, &clear);
-    oxl_scene_free(test_ctx, scene);
 }

@@ -57,28 +57,26 @@ TEST(checkpoint_a_run_stopped_at_any_step_ends_in_the_same_bytes)
 {
     static const int stops[] = {1, 29, 99, 100, 101};
     struct checkpoint_case c = checkpoint_case();
-    oxl_model model;
+    OWNED_MODEL model = {0};
     for (size_t i = 0; i < OXL_COUNT(stops); i++) {
         CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
         oxl_model_free(test_ctx, &model);
     }
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
     CHECK(c.whole.count != oxl_scene_point_count(c.scene) && train_same(&model, &c.whole));
-    oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }
 
 TEST(checkpoint_keeps_the_callers_log)
 {
     struct checkpoint_case c = checkpoint_case();
-    oxl_model model;
+    OWNED_MODEL model = {0};
     text_add(&c.log, "iteration,loss\n");
     CHECK(checkpoint_run(&c, "key", 5, &model) == OXL_ERR_INTERRUPTED);
     oxl_model_free(test_ctx, &model);
     text_free(&c.log);
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
     CHECK_TEXT(c.log.data ? c.log.data : "", "iteration,loss\n");
-    oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }
 
@@ -111,7 +109,7 @@ TEST(checkpoint_that_is_damaged_is_noticed)
 {
     static const long places[] = {0, 30, 5000, -1, -20};
     struct checkpoint_case c = checkpoint_case();
-    oxl_model model;
+    OWNED_MODEL model = {0};
     for (size_t i = 0; i <= OXL_COUNT(places); i++) {
         checkpoint_remove(test_folder());
         CHECK(checkpoint_run(&c, "key", 10, &model) == OXL_ERR_INTERRUPTED);
@@ -123,18 +121,16 @@ TEST(checkpoint_that_is_damaged_is_noticed)
     }
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
     CHECK(train_same(&model, &c.whole));
-    oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }
 
 TEST(checkpoint_of_another_key_is_left_aside)
 {
     struct checkpoint_case c = checkpoint_case();
-    oxl_model model;
+    OWNED_MODEL model = {0};
     CHECK(checkpoint_run(&c, "key", 10, &model) == OXL_ERR_INTERRUPTED);
     oxl_model_free(test_ctx, &model);
     CHECK(checkpoint_run(&c, "other", 1, &model) == OXL_ERR_INTERRUPTED && c.first == 1);
-    oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }
 
@@ -146,7 +142,7 @@ static void checkpoint_numbers(struct archive *a, void *user)
 
 TEST(checkpoint_that_counts_more_than_it_holds_is_refused)
 {
-    oxl_model model = {0}, other = {0};
+    OWNED_MODEL model = {0}, other = {0};
     int found = 0;
     CHECK_OK(oxl_model_create(test_ctx, 3, 0, &model));
     model.count = SIZE_MAX / 4096; /* a count from elsewhere, and a right checksum */
@@ -158,8 +154,6 @@ TEST(checkpoint_that_counts_more_than_it_holds_is_refused)
     CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", checkpoint_numbers, &model));
     CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", checkpoint_numbers, &other, &found));
     CHECK(found && train_same(&model, &other));
-    oxl_model_free(test_ctx, &model);
-    oxl_model_free(test_ctx, &other);
 }
 
 #ifndef _WIN32
@@ -182,7 +176,6 @@ TEST(checkpoint_that_cannot_be_opened_does_not_count_as_none)
     setrlimit(RLIMIT_NOFILE, &few);
     rc = checkpoint_read(test_ctx, test_folder(), "key", checkpoint_no_state, NULL, &found);
     setrlimit(RLIMIT_NOFILE, &old);
-    CHECK(rc == OXL_ERR_IO);
-    CHECK_TEXT(oxl_error_text(test_ctx), "fix: allow more open files");
+    CHECK_ERROR(rc, OXL_ERR_IO, "fix: allow more open files");
 }
 #endif

@@ -5,7 +5,7 @@
  * are left. */
 static void selection_test_check_stops(struct checkpoint_case *c, const int *stops, size_t count)
 {
-    oxl_model model;
+    OWNED_MODEL model = {0};
     CHECK_OK(test_train(c->scene, &c->options, NULL, &c->whole));
     for (size_t i = 0; i < count; i++) {
         CHECK(checkpoint_run(c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
@@ -14,7 +14,6 @@ static void selection_test_check_stops(struct checkpoint_case *c, const int *sto
     text_free(&c->decisions);
     CHECK_OK(checkpoint_run(c, "key", -1, &model));
     CHECK(train_same(&model, &c->whole) && model.lobes == c->whole.lobes);
-    oxl_model_free(test_ctx, &model);
 }
 
 TEST(selection_corrects_depth_weights_within_the_run_and_a_stopped_run_ends_in_the_same_bytes)
@@ -37,7 +36,7 @@ TEST(selection_corrects_depth_weights_within_the_run_and_a_stopped_run_ends_in_t
 TEST(selection_holds_every_second_view_of_a_half)
 {
     oxl_train_options o = train_options(100);
-    oxl_scene *scene = train_scene(14);
+    OWNED_SCENE *scene = train_scene(14);
     struct train t = {.ctx = test_ctx, .survey = scene, .scene = scene, .options = &o};
     CHECK_OK(selection_begin(&t));
     selection_hold(&t, 1);
@@ -46,5 +45,4 @@ TEST(selection_holds_every_second_view_of_a_half)
     selection_hold(&t, 0); /* of those that are left */
     CHECK(t.views == 3 && t.validation_views == 4 && t.validation[0] == 0 && t.view[0] == 2);
     train_end(&t);
-    oxl_scene_free(test_ctx, scene);
 }

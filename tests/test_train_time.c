@@ -71,7 +71,7 @@ TEST(forecast_of_a_run_adds_up_its_steps_and_grows_to_the_limit)
  * long, but for what the machine does beside. */
 TEST(cost_of_time_follows_the_steps_up_to_the_time_limit)
 {
-    oxl_scene *scene = train_scene(5);
+    OWNED_SCENE *scene = train_scene(5);
     oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
     double few, many;
     o.train = train_options(100);
@@ -82,14 +82,13 @@ TEST(cost_of_time_follows_the_steps_up_to_the_time_limit)
     o.train.max_seconds = 1e-9;
     CHECK_OK(cost_seconds(test_ctx, scene, &o, &many));
     CHECK(many == 1e-9);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* Between the steps of two trials views are validated, which takes far longer than a step. */
 TEST(time_left_does_not_count_what_lies_between_trials_as_a_step)
 {
     const oxl_train_options o = train_options(1000);
-    oxl_scene *scene = train_scene(5);
+    OWNED_SCENE *scene = train_scene(5);
     struct train t = {.ctx = test_ctx, .scene = scene, .options = &o, .trained.model.count = 100};
     for (int step = 0; step < 6; step++) {
         const double before = t.forecast.seconds;
@@ -98,7 +97,6 @@ TEST(time_left_does_not_count_what_lies_between_trials_as_a_step)
         forecast_note_step(&t);
         CHECK((t.forecast.seconds > 0.9 * before + 0.9) == (step == 1 || step == 2 || step == 5));
     }
-    oxl_scene_free(test_ctx, scene);
 }
 
 struct time_left {
@@ -119,21 +117,19 @@ static int time_left_note(void *user, const oxl_progress *p)
 /* Without views to evaluate nothing is left after the last step; a fifth into the run something is. */
 TEST(time_left_falls_to_zero_at_the_last_step)
 {
-    oxl_scene *scene = train_scene(5);
+    OWNED_SCENE *scene = train_scene(5);
     const oxl_train_options o = train_options(60);
     struct time_left l = {0};
     const oxl_callback callback = {time_left_note, &l};
-    oxl_model model;
+    OWNED_MODEL model = {0};
     CHECK_OK(test_train(scene, &o, &callback, &model));
     CHECK(l.calls == 60 && l.first > 0 && l.last == 0);
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* Judging a training view takes about as long as a step, so a short run judges a few. */
 TEST(cost_judges_a_training_view_for_twenty_iterations)
 {
-    oxl_scene *scene = train_scene(14);
+    OWNED_SCENE *scene = train_scene(14);
     const int training = schedule_training_views(scene), held = oxl_scene_view_count(scene) - training;
     CHECK(training > 8);
     CHECK(cost_judged_views(scene, 1) == 6 && cost_judged_views(scene, 160) == 8);
@@ -142,5 +138,4 @@ TEST(cost_judges_a_training_view_for_twenty_iterations)
     CHECK(cost_evaluation_steps(scene, 160) == 3 * held + 8);
     for (int i = 0; i < training + held; i++) scene->view[i].is_test = 0;
     CHECK(cost_evaluation_steps(scene, 160) == 3 * (training + held)); /* which the metrics are of then */
-    oxl_scene_free(test_ctx, scene);
 }

@@ -29,11 +29,10 @@ static const struct medium tviews_medium = {.on = 1,
 static void tviews_draw(const oxl_model *m, const oxl_camera *camera, int in_medium, oxl_image *out)
 {
     const oxl_render_options options = oxl_render_options_default();
-    struct renderer *r = NULL;
+    OWNED_RENDERER *r = NULL;
     CHECK_OK(renderer_create(test_ctx, &r));
     renderer_set_medium(r, in_medium ? &tviews_medium : NULL);
     CHECK_OK(renderer_draw(test_ctx, r, m, camera, &options, out, NULL));
-    renderer_free(test_ctx, r);
 }
 
 /* The views that `broken` names: two with a displaced pose, one darkened, one out of focus; 2: and one of
@@ -76,9 +75,9 @@ static oxl_scene *tviews_scene(const oxl_model *m, int broken, int in_medium)
 
 static void tviews_check_flags(int in_medium)
 {
-    oxl_model m = tviews_model();
-    oxl_scene *scene = tviews_scene(&m, 1, in_medium);
-    struct text t = {.ctx = test_ctx};
+    OWNED_MODEL m = tviews_model();
+    OWNED_SCENE *scene = tviews_scene(&m, 1, in_medium);
+    OWNED_TEXT t = {.ctx = test_ctx};
     colmap_listen();
     CHECK_OK(
         training_views_check(test_ctx, &m, scene, &test_imaging, 20 * TVIEWS, NULL, &t, test_path("worst")));
@@ -96,9 +95,6 @@ static void tviews_check_flags(int in_medium)
         CHECK(strcmp(flag, wanted) == 0);
     }
     CHECK(os_is_file(test_path("worst/v20.png")) && os_is_file(test_path("worst/v20.image.png")));
-    text_free(&t);
-    oxl_scene_free(test_ctx, scene);
-    oxl_model_free(test_ctx, &m);
 }
 
 TEST(training_views_with_a_wrong_pose_another_exposure_or_blur_are_flagged_and_the_first_two_reported)
@@ -130,9 +126,9 @@ static void tviews_listen(void)
 
 TEST(training_views_without_the_structure_of_their_images_are_counted_and_shown)
 {
-    oxl_model m = tviews_model();
-    oxl_scene *scene = tviews_scene(&m, 2, 0);
-    struct text t = {.ctx = test_ctx};
+    OWNED_MODEL m = tviews_model();
+    OWNED_SCENE *scene = tviews_scene(&m, 2, 0);
+    OWNED_TEXT t = {.ctx = test_ctx};
     const char *row;
     colmap_listen();
     CHECK_OK(
@@ -146,9 +142,6 @@ TEST(training_views_without_the_structure_of_their_images_are_counted_and_shown)
     row = strstr(t.data, "{\"name\": \"v11\"");
     CHECK(row && oxl_json_number(row, "structure") > 0.9);
     CHECK(os_is_file(test_path("fog/v10.png")) && !os_is_file(test_path("fog/v11.png")));
-    text_free(&t);
-    oxl_scene_free(test_ctx, scene);
-    oxl_model_free(test_ctx, &m);
 }
 
 /* Checks that a figure of all training views is the mean of theirs. */
@@ -165,23 +158,20 @@ static void tviews_check_mean(const char *json, const char *figure)
 
 TEST(training_views_have_the_mean_of_their_figures)
 {
-    oxl_model m = tviews_model();
-    oxl_scene *scene = tviews_scene(&m, 1, 0);
-    struct text t = {.ctx = test_ctx};
+    OWNED_MODEL m = tviews_model();
+    OWNED_SCENE *scene = tviews_scene(&m, 1, 0);
+    OWNED_TEXT t = {.ctx = test_ctx};
     CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 20 * TVIEWS, NULL, &t, NULL));
     tviews_check_mean(t.data, "psnr");
     tviews_check_mean(t.data, "cc_psnr");
     tviews_check_mean(t.data, "structure");
-    text_free(&t);
-    oxl_scene_free(test_ctx, scene);
-    oxl_model_free(test_ctx, &m);
 }
 
 TEST(training_views_of_a_valid_survey_are_not_flagged)
 {
-    oxl_model m = tviews_model();
-    oxl_scene *scene = tviews_scene(&m, 0, 0);
-    struct text t = {.ctx = test_ctx};
+    OWNED_MODEL m = tviews_model();
+    OWNED_SCENE *scene = tviews_scene(&m, 0, 0);
+    OWNED_TEXT t = {.ctx = test_ctx};
     colmap_listen();
     CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 20 * TVIEWS, NULL, &t, NULL));
     CHECK(colmap_warned.count == 0);
@@ -189,36 +179,30 @@ TEST(training_views_of_a_valid_survey_are_not_flagged)
     text_free(&t);
     CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 1000, NULL, &t, NULL));
     CHECK_TEXT(t.data, "\"flagged\": 0, \"shown\": 4, "); /* not a short run */
-    text_free(&t);
-    oxl_scene_free(test_ctx, scene);
-    oxl_model_free(test_ctx, &m);
 }
 
 /* 6 views are judged: no run of fewer steps than 5 for each of all 24 is evidence against a view. */
 TEST(training_views_of_a_run_too_short_for_all_views_are_not_flagged)
 {
-    oxl_model m = tviews_model();
-    oxl_scene *scene = tviews_scene(&m, 1, 0);
+    OWNED_MODEL m = tviews_model();
+    OWNED_SCENE *scene = tviews_scene(&m, 1, 0);
     for (int i = 0; i < 2; i++) {
-        struct text t = {.ctx = test_ctx};
+        OWNED_TEXT t = {.ctx = test_ctx};
         colmap_listen();
         CHECK_OK(
             training_views_check(test_ctx, &m, scene, &test_imaging, 5 * TVIEWS - 1 + i, NULL, &t, NULL));
         CHECK((colmap_warned.count == 0) == (i == 0));
         CHECK(strstr(t.data, "\"count\": 6, \"of\": 24, "));
         CHECK((strstr(t.data, "\"flagged\": 0, ") == NULL) == i);
-        text_free(&t);
     }
-    oxl_scene_free(test_ctx, scene);
-    oxl_model_free(test_ctx, &m);
 }
 
 /* A short run, as one without held-out views. */
 TEST(training_views_that_are_measured_are_all_judged)
 {
-    oxl_model m = tviews_model();
-    oxl_scene *scene = tviews_scene(&m, 1, 0);
-    struct text t = {.ctx = test_ctx};
+    OWNED_MODEL m = tviews_model();
+    OWNED_SCENE *scene = tviews_scene(&m, 1, 0);
+    OWNED_TEXT t = {.ctx = test_ctx};
     oxl_metrics all = {0};
     CHECK_OK(oxl_evaluate(test_ctx, &m, scene, &test_imaging, OXL_SPLIT_TRAIN, &all));
     tviews_listen();
@@ -226,18 +210,15 @@ TEST(training_views_that_are_measured_are_all_judged)
     CHECK_TEXT(t.data, "\"training\": {\"count\": 24, \"of\": 24, \"flagged\": 4, ");
     CHECK(!strstr(tviews_said, "are judged"));
     CHECK(all.count == TVIEWS);
-    text_free(&t);
     oxl_metrics_free(test_ctx, &all);
-    oxl_scene_free(test_ctx, scene);
-    oxl_model_free(test_ctx, &m);
 }
 
 /* Half as many iterations as all 24 views ask for. */
 TEST(training_views_of_a_short_run_are_judged_by_evenly_spaced_ones)
 {
-    oxl_model m = tviews_model();
-    oxl_scene *scene = tviews_scene(&m, 0, 0);
-    struct text t = {.ctx = test_ctx};
+    OWNED_MODEL m = tviews_model();
+    OWNED_SCENE *scene = tviews_scene(&m, 0, 0);
+    OWNED_TEXT t = {.ctx = test_ctx};
     tviews_listen();
     CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 10 * TVIEWS, NULL, &t, NULL));
     CHECK_TEXT(t.data, "\"training\": {\"count\": 12, \"of\": 24, \"flagged\": 0, ");
@@ -251,7 +232,4 @@ TEST(training_views_of_a_short_run_are_judged_by_evenly_spaced_ones)
     tviews_listen();
     CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 1, NULL, &t, NULL));
     CHECK_TEXT(t.data, "\"training\": {\"count\": 6, \"of\": 24, ");
-    text_free(&t);
-    oxl_scene_free(test_ctx, scene);
-    oxl_model_free(test_ctx, &m);
 }

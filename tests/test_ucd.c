@@ -27,14 +27,13 @@ static oxl_scene *wall_scene(double beta)
     test_write("survey/images/.keep", "");
     test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 160 120 100 100 80 60\n");
     for (int v = 0; v < WALL_VIEWS; v++) {
-        oxl_image image;
+        OWNED_IMAGE image = {0};
         char name[64];
         snprintf(name, sizeof name, "survey/images/v%02d.png", v);
         text_add(&images, "%d 1 0 0 0 0 0 %d.%02d 1 v%02d.png\n\n", v + 1, 4 + v / 4, v % 4 * 25, v);
         CHECK_OK(oxl_image_create(test_ctx, WALL_WIDTH, WALL_HEIGHT, &image));
         wall_draw(&image, 4 + 0.25 * v, beta);
         CHECK_OK(oxl_image_write(test_ctx, test_path(name), &image));
-        oxl_image_free(test_ctx, &image);
     }
     for (int p = 0; p < WALL_POINTS; p++) {
         text_add(&points, "%d ", p + 1);
@@ -57,12 +56,11 @@ TEST(contrast_decay_follows_the_water_and_not_the_texture_of_points)
 {
     static const double waters[] = {0, 0.1, 0.3};
     for (size_t i = 0; i < OXL_COUNT(waters); i++) {
-        oxl_scene *scene = wall_scene(waters[i]);
+        OWNED_SCENE *scene = wall_scene(waters[i]);
         struct contrast c;
         CHECK_OK(contrast_measure(test_ctx, scene, &c));
         CHECK(c.measured && c.points == WALL_POINTS && c.error > 0 && c.error < 0.02);
         CHECK_CLOSE(c.beta, waters[i], 0.02);
-        oxl_scene_free(test_ctx, scene);
     }
 }
 
@@ -79,12 +77,11 @@ static struct ucd ucd_of(oxl_scene *scene, oxl_ucd_mode mode, int learn)
 /* To ask again for every point took minutes where 15 images of 1000 points each were turned. */
 TEST(contrast_reads_each_image_once_even_when_it_cannot_be_read)
 {
-    oxl_scene *scene = wall_scene(0.1);
+    OWNED_SCENE *scene = wall_scene(0.1);
     struct contrast c;
     test_write("survey/images/v03.png", "no image");
     CHECK_OK(contrast_measure(test_ctx, scene, &c));
     CHECK(c.measured && scene->cache->clock == WALL_VIEWS - 2); /* two are held out */
-    oxl_scene_free(test_ctx, scene);
 }
 
 static int contrast_is_stopped(void *user)
@@ -94,7 +91,7 @@ static int contrast_is_stopped(void *user)
 
 TEST(contrast_is_left_at_the_image_where_it_is_stopped)
 {
-    oxl_scene *scene = wall_scene(0.1);
+    OWNED_SCENE *scene = wall_scene(0.1);
     struct contrast c;
     int asked = 0;
     test_ctx->options.stopped = contrast_is_stopped;
@@ -102,7 +99,6 @@ TEST(contrast_is_left_at_the_image_where_it_is_stopped)
     CHECK(contrast_measure(test_ctx, scene, &c) == OXL_ERR_INTERRUPTED);
     CHECK(!c.measured && asked == 2);
     test_ctx->options.stopped = NULL;
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(contrast_of_a_scene_without_tracks_is_not_measured)
@@ -123,14 +119,13 @@ TEST(contrast_of_a_scene_without_tracks_is_not_measured)
 TEST(ucd_auto_is_off_in_clear_water_and_on_where_contrast_falls_with_depth)
 {
     for (int turbid = 0; turbid < 2; turbid++) {
-        oxl_scene *scene = wall_scene(turbid ? 0.2 : 0);
+        OWNED_SCENE *scene = wall_scene(turbid ? 0.2 : 0);
         struct ucd u = ucd_of(scene, OXL_UCD_AUTO, 1);
         char text[400];
         ucd_describe(&u, text, sizeof text);
         CHECK(u.on == turbid);
         CHECK_TEXT(text, turbid ? "depth weights on: from depth" : "depth weights off: from depth");
         if (turbid) CHECK_TEXT(text, "f_mid 1.50");
-        oxl_scene_free(test_ctx, scene);
     }
 }
 
@@ -142,15 +137,14 @@ TEST(ucd_auto_wants_contrast_to_fall_by_a_fifth_beyond_its_error)
 
 TEST(ucd_bands_are_thirds_of_the_largest_depth_without_outliers)
 {
-    oxl_scene *scene = wall_scene(0.3);
+    OWNED_SCENE *scene = wall_scene(0.3);
     struct ucd u = ucd_of(scene, OXL_UCD_ON, 1);
     CHECK(fabs(u.z_near - 6.75 / 3) < 0.1 && fabs(u.z_far - 4.5) < 0.2);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(ucd_keeps_fixed_weights_and_says_so)
 {
-    oxl_scene *scene = wall_scene(0.2);
+    OWNED_SCENE *scene = wall_scene(0.2);
     struct ucd u = ucd_of(scene, OXL_UCD_ON, 0);
     double f[2];
     char text[400];
@@ -162,7 +156,6 @@ TEST(ucd_keeps_fixed_weights_and_says_so)
     ucd_describe(&u, text, sizeof text);
     CHECK_TEXT(text, "f_mid 1.50, from");
     CHECK_TEXT(text, "f_far 2.00, fixed");
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(ucd_options_are_words_or_two_weights_in_order)

@@ -18,7 +18,7 @@ struct oxl_imaging imaging_test_make(int views, const int *known, int count)
 
 TEST(exposure_of_a_view_that_was_not_trained_lies_on_the_line_between_its_neighbours)
 {
-    struct oxl_imaging m = imaging_test_make(9, (int[]){2, 6}, 2);
+    OWNED_IMAGING m = imaging_test_make(9, (int[]){2, 6}, 2);
     float gain[3];
     imaging_gain(&m, 3, gain);
     CHECK_CLOSE(gain[1], exp(0.31), 1e-5);
@@ -26,7 +26,6 @@ TEST(exposure_of_a_view_that_was_not_trained_lies_on_the_line_between_its_neighb
     CHECK_CLOSE(gain[0], exp(0.2), 1e-5);
     imaging_gain(&m, 8, gain);
     CHECK_CLOSE(gain[2], exp(0.62), 1e-5);
-    imaging_free(test_ctx, &m);
 }
 
 /* Views of these names, of the first scene of test_train.c. */
@@ -56,23 +55,21 @@ TEST(exposure_of_a_stereo_pair_is_interpolated_for_each_camera_on_its_own)
     const char *const *const names[] = {pairs, random};
     const double wanted[] = {0.4, 0.2}; /* between the left images 2 and 6; between 3 and 5, lowered by 0.2 */
     for (int k = 0; k < 2; k++) {
-        oxl_scene *scene = exposure_scene_named(names[k], 8);
-        struct oxl_imaging m = imaging_test_make(8, (int[]){1, 2, 3, 5, 6, 7}, 6);
+        OWNED_SCENE *scene = exposure_scene_named(names[k], 8);
+        OWNED_IMAGING m = imaging_test_make(8, (int[]){1, 2, 3, 5, 6, 7}, 6);
         float between[3];
         for (int v = 1; v < 8; v += 2) m.log_gain[3 * v] -= k == 0 ? 1 : 0.2f;
         CHECK_OK(imaging_set_cameras(test_ctx, scene, &m));
         imaging_interpolate(&m, 4, between);
         CHECK_CLOSE(between[0], wanted[k], 1e-6);
         CHECK((m.camera[0] == m.camera[2]) && (m.camera[0] == m.camera[1]) == (k == 1));
-        imaging_free(test_ctx, &m);
-        oxl_scene_free(test_ctx, scene);
     }
 }
 
 TEST(exposure_of_two_blocks_is_their_mean_where_they_share_views)
 {
-    struct oxl_imaging a = imaging_test_make(9, (int[]){0, 2, 4}, 3),
-                       b = imaging_test_make(9, (int[]){2, 4, 8}, 3), all;
+    OWNED_IMAGING a = imaging_test_make(9, (int[]){0, 2, 4}, 3),
+                  b = imaging_test_make(9, (int[]){2, 4, 8}, 3), all = {0};
     int count[9] = {0};
     const float of_a = a.log_gain[3 * 2], of_b = b.log_gain[3 * 8 + 2];
     CHECK_OK(imaging_create(test_ctx, 9, &all));
@@ -82,22 +79,18 @@ TEST(exposure_of_two_blocks_is_their_mean_where_they_share_views)
     CHECK_CLOSE(all.log_gain[3 * 8 + 2], of_b + 0.7, 1e-5);
     CHECK_CLOSE(all.log_gain[3 * 2 + 0], of_a + 0.35, 1e-5);
     CHECK(count[0] == 1 && count[2] == 2 && count[1] == 0 && !all.known[1]);
-    imaging_free(test_ctx, &a);
-    imaging_free(test_ctx, &b);
-    imaging_free(test_ctx, &all);
 }
 
 TEST(model_colours_scale_by_a_factor_for_each_channel)
 {
     const oxl_point point = {.position = {0, 0, 4}, .rgb = {100, 150, 200}};
     const double half[3] = {0.5, 1, 2};
-    oxl_model model;
+    OWNED_MODEL model = {0};
     CHECK_OK(oxl_model_from_points(test_ctx, &point, 1, 1, &model));
     model_scale_colour(&model, half);
     CHECK_CLOSE(0.5 + MODEL_SH0 * model.plane[OXL_SH][0], 50 / 255., 1e-5);
     CHECK_CLOSE(0.5 + MODEL_SH0 * model.plane[OXL_SH + 1][0], 150 / 255., 1e-5);
     CHECK_CLOSE(0.5 + MODEL_SH0 * model.plane[OXL_SH + 2][0], 400 / 255., 1e-5);
-    oxl_model_free(test_ctx, &model);
 }
 
 /* ---------------- the gradient */
@@ -121,9 +114,9 @@ static struct renderer_loss exposure_loss(struct renderer *r, oxl_scene *scene, 
 
 TEST(exposure_gradient_agrees_with_finite_differences)
 {
-    oxl_scene *scene = train_scene(3);
-    struct renderer *r;
-    oxl_model model;
+    OWNED_SCENE *scene = train_scene(3);
+    OWNED_RENDERER *r = NULL;
+    OWNED_MODEL model = {0};
     CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(
         oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &model));
@@ -136,9 +129,6 @@ TEST(exposure_gradient_agrees_with_finite_differences)
             at[c] -= 2 * h, minus = exposure_loss(r, scene, &model, at).total;
             CHECK_CLOSE(here, (plus - minus) / (2 * h), 1e-4 + 5e-3 * fabs(here));
         }
-    oxl_model_free(test_ctx, &model);
-    renderer_free(test_ctx, r);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* With gains the model's gradient is that of the loss of the exposed image: of the image before it, times the
@@ -182,9 +172,9 @@ static oxl_scene *exposure_scene(int views, float amplitude, double speed)
 TEST(exposure_of_known_gains_is_recovered_and_helps_views_that_were_held_out)
 {
     NEEDS_PART(exposure);
-    oxl_scene *scene = exposure_scene(14, 0.2f, 0.4);
+    OWNED_SCENE *scene = exposure_scene(14, 0.2f, 0.4);
     oxl_train_options options = train_options(600);
-    oxl_model model;
+    OWNED_MODEL model = {0};
     const struct oxl_imaging *m;
     double off, sum = 0, error = 0, square = 0;
     int n = 0;
@@ -206,23 +196,18 @@ TEST(exposure_of_known_gains_is_recovered_and_helps_views_that_were_held_out)
         error += (m->log_gain[3 * v + 1] - truth) * (m->log_gain[3 * v + 1] - truth);
     }
     CHECK(error < 0.1 * square);
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
 {
-    oxl_scene *scene = train_scene(14);
+    OWNED_SCENE *scene = train_scene(14);
     oxl_train_options options = train_options(1000);
-    oxl_model off, automatic;
+    OWNED_MODEL off = {0}, automatic = {0};
     options.exposure = OXL_OFF;
     CHECK_OK(test_train(scene, &options, NULL, &off));
     options.exposure = OXL_AUTO;
     CHECK_OK(test_train(scene, &options, NULL, &automatic));
     CHECK(!test_imaging.on && train_same(&off, &automatic));
-    oxl_model_free(test_ctx, &off);
-    oxl_model_free(test_ctx, &automatic);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* Both cameras jump together, or only the right ones do. */
@@ -231,9 +216,9 @@ TEST(exposure_of_a_stereo_pair_follows_the_other_camera_as_far_as_known_views_do
     static const char *const names[] = {"01_left.png", "01_right.png", "02_left.png", "02_right.png",
                                         "03_left.png", "03_right.png", "04_left.png", "04_right.png",
                                         "05_left.png", "05_right.png"};
-    oxl_scene *scene = exposure_scene_named(names, 10);
+    OWNED_SCENE *scene = exposure_scene_named(names, 10);
     for (int together = 0; together < 2; together++) {
-        struct oxl_imaging m = imaging_test_make(10, NULL, 0);
+        OWNED_IMAGING m = imaging_test_make(10, NULL, 0);
         float gain[3];
         for (int v = 0; v < 10; v++) {
             m.known[v] = v != 4;
@@ -243,9 +228,7 @@ TEST(exposure_of_a_stereo_pair_follows_the_other_camera_as_far_as_known_views_do
         CHECK(m.partner[4] == 5 && m.partner[5] == 4);
         imaging_predict(&m, 4, gain);
         CHECK_CLOSE(gain[0], 0, 0.02); /* the left neighbours' line is at 0.3, or at 0 */
-        imaging_free(test_ctx, &m);
     }
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
@@ -253,8 +236,8 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
     NEEDS_PART(exposure);
     static const int stops[] = {5, 99, 100, 101, 320};
     struct checkpoint_case c = checkpoint_of(exposure_scene(14, 0.3f, 0.4), train_options(1000));
-    oxl_model model;
-    struct oxl_imaging whole;
+    OWNED_MODEL model = {0};
+    OWNED_IMAGING whole = {0};
     c.options.exposure = OXL_ON;
     CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
     CHECK_OK(imaging_create(test_ctx, 14, &whole));
@@ -267,8 +250,6 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
     CHECK(train_same(&model, &c.whole));
     CHECK(memcmp(whole.log_gain, test_imaging.log_gain, 3 * 14 * sizeof *whole.log_gain) == 0);
-    imaging_free(test_ctx, &whole);
-    oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }
 
@@ -276,34 +257,28 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
 
 TEST(exposure_is_read_as_it_was_written)
 {
-    oxl_scene *scene = train_scene(7);
-    struct oxl_imaging m = imaging_test_make(7, (int[]){1, 3, 5}, 3), read;
+    OWNED_SCENE *scene = train_scene(7);
+    OWNED_IMAGING m = imaging_test_make(7, (int[]){1, 3, 5}, 3), read = {0};
     const char *path = test_path("imaging.txt");
     CHECK_OK(oxl_imaging_write(test_ctx, path, scene, &m));
     CHECK_OK(imaging_read(test_ctx, path, scene, &read));
     CHECK(read.on && !read.known[0] && read.known[3]);
     for (int i = 0; i < 21; i++) CHECK_CLOSE(read.log_gain[i], m.log_gain[i], 1e-6);
-    imaging_free(test_ctx, &read);
-    imaging_free(test_ctx, &m);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(a_medium_of_a_survey_in_tiny_or_huge_units_is_read_as_it_was_written)
 {
-    oxl_scene *scene = train_scene(3);
+    OWNED_SCENE *scene = train_scene(3);
     for (int e = -14; e <= 14; e += 7) {
         const float unit = (float)pow(10, e);
-        struct oxl_imaging m = imaging_test_make(3, (int[]){1, 2}, 2), read;
+        OWNED_IMAGING m = imaging_test_make(3, (int[]){1, 2}, 2), read = {0};
         m.medium.on = 1;
         for (int c = 0; c < 3; c++)
             m.medium.attenuation[c] = 0.4f / unit, m.medium.backscatter[c] = 0.3f / unit;
         CHECK_OK(oxl_imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
         CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
         CHECK_CLOSE(read.medium.attenuation[0] * unit, 0.4, 1e-6);
-        imaging_free(test_ctx, &read);
-        imaging_free(test_ctx, &m);
     }
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(exposure_of_a_damaged_file_names_line_and_value)
@@ -311,19 +286,17 @@ TEST(exposure_of_a_damaged_file_names_line_and_value)
     static const char *const broken[] = {"gain 1 0 1 a.png\n", "gain 1 1\n",          "lamp 1\n",
                                          "bD 1 2\n",           "falloff 1\n",         "lamp all 1 2\n",
                                          "lantern 1\n",        "gain 1 1e9 1 a.png\n"};
-    oxl_scene *scene = train_scene(3);
-    struct oxl_imaging read;
+    OWNED_SCENE *scene = train_scene(3);
+    OWNED_IMAGING read = {0};
     for (size_t i = 0; i < OXL_COUNT(broken); i++) {
-        CHECK(imaging_read(test_ctx, test_write("imaging.txt", broken[i]), scene, &read) == OXL_ERR_INPUT);
-        CHECK_TEXT(oxl_error_text(test_ctx), "imaging.txt:1: ");
-        CHECK_TEXT(oxl_error_text(test_ctx), "fix: ");
+        CHECK_ERROR(imaging_read(test_ctx, test_write("imaging.txt", broken[i]), scene, &read), OXL_ERR_INPUT,
+                    "imaging.txt:1: ");
+        CHECK_SAYS("fix: ");
     }
     CHECK_OK(imaging_read(test_ctx,
                           test_write("imaging.txt", "# nothing\n\ngain 1 1 1 of another survey.png\n"), scene,
                           &read));
     CHECK(!read.on);
-    imaging_free(test_ctx, &read);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* ---------------- synth */
@@ -338,7 +311,7 @@ TEST(synth_exposure_and_lamp_are_what_truth_says)
     colmap_free(test_ctx, &survey);
     for (int view = 0; view < o.views; view += 5) {
         char name[64], path[96];
-        oxl_image seen, clean;
+        OWNED_IMAGE seen = {0}, clean = {0};
         const v3 gain = synth_gain(&o, view);
         double most = 0;
         synth_image_name(&o, view, name);
@@ -358,8 +331,6 @@ TEST(synth_exposure_and_lamp_are_what_truth_says)
                     most, fabs(log(red / green * clean.rgb[at + plane] / clean.rgb[at] * gain.y / gain.x)));
             }
         CHECK(most < 0.06);
-        oxl_image_free(test_ctx, &seen);
-        oxl_image_free(test_ctx, &clean);
     }
     CHECK(os_is_file(test_path("lamp/truth/exposure.txt")) && os_is_file(test_path("lamp/truth/lamp.txt")));
     CHECK(synth_lamp_falloff(&o, 3) == 1 && synth_lamp_falloff(&o, 6) == 0.5);
@@ -369,10 +340,9 @@ TEST(synth_exposure_and_lamp_are_what_truth_says)
 
 static void photometry_test_measure(const char *survey, struct photometry *p)
 {
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), NULL, &scene));
     CHECK_OK(photometry_measure(test_ctx, scene, PHOTOMETRY_ALL, p));
-    oxl_scene_free(test_ctx, scene);
 }
 
 synth_options photometry_test_make(const char *name, enum synth_type water)
@@ -390,14 +360,13 @@ static void photometry_test_scale(const synth_options *o, const char *survey, in
                                   const double factor[3])
 {
     char name[32], path[64];
-    oxl_image image;
+    OWNED_IMAGE image = {0};
     synth_image_name(o, view, name);
     snprintf(path, sizeof path, "%s/images/%s", survey, name);
     CHECK_OK(oxl_image_read(test_ctx, test_path(path), &image));
     for (int i = 0; i < 3 * o->width * o->height; i++)
         image.rgb[i] *= (float)factor[i / (o->width * o->height)];
     CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
-    oxl_image_free(test_ctx, &image);
 }
 
 TEST(photometry_of_tracks_in_air_finds_neither_medium_nor_lamp_nor_gains)
@@ -443,7 +412,7 @@ TEST(photometry_along_a_strip_keeps_the_slope_of_the_lamp_out_of_the_gains)
     const char *path = test_shared("data/haltbrekken_a");
     oxl_scene_options small = oxl_scene_options_default();
     struct photometry p;
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     double worst = 0;
     if (!path) SKIP("no ../shared/data");
     small.max_side = 320;
@@ -454,7 +423,6 @@ TEST(photometry_along_a_strip_keeps_the_slope_of_the_lamp_out_of_the_gains)
         worst = OXL_MAX(worst, fabs((double)p.log_gain[3 * i + 1])); /* green */
     CHECK(worst < 0.8);
     photometry_free(test_ctx, &p);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* The residuals support a medium, but not as clearly as depths that span less than a factor of 2 require. */
@@ -463,7 +431,7 @@ TEST(photometry_of_a_medium_that_is_refused_leaves_lamp_and_gains_as_if_none_had
     synth_options o = synth_test_options("faint");
     struct colmap survey = {0};
     struct photometry p, alone;
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     o.views = 14, o.width = 96, o.height = 64, o.water = SYNTH_II, o.threads = 0;
     o.noise = 2, o.lamp = 0, o.exposure_jitter = 0.3;
     synth_test_make(&o, &survey);
@@ -479,7 +447,6 @@ TEST(photometry_of_a_medium_that_is_refused_leaves_lamp_and_gains_as_if_none_had
         CHECK_CLOSE(p.log_gain[i], alone.log_gain[i], 0.01);
     photometry_free(test_ctx, &p);
     photometry_free(test_ctx, &alone);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* The log gain of one of 12 training images is 0.405 above that of the others. */
@@ -537,14 +504,13 @@ TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
     photometry_free(test_ctx, &p);
     for (int v = 1; v < o.views; v += 2) {
         char name[32], path[64];
-        oxl_image image;
+        OWNED_IMAGE image = {0};
         synth_image_name(&o, v, name);
         snprintf(path, sizeof path, "lamps/images/%s", name);
         CHECK_OK(oxl_image_read(test_ctx, test_path(path), &image));
         for (int i = 0; i < 3 * o.width * o.height; i++)
             image.rgb[i] *= (float)exp(0.4 * (2.0 * (i % o.width + 0.5) / o.width - 1) - 0.4);
         CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
-        oxl_image_free(test_ctx, &image);
     }
     photometry_test_measure("lamps", &p);
     CHECK_CLOSE(p.shape[2][0] - p.shape[1][0], 0.4, 0.04);
@@ -559,7 +525,7 @@ TEST(photometry_of_more_images_than_it_fits_takes_as_many_of_each_camera_of_a_st
     struct photometry_work w = {0};
     struct photometry out = {0};
     oxl_scene_options all = oxl_scene_options_default();
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     int of[2] = {0, 0}, last = -1;
     o.views = 260, o.width = 20, o.height = 16, o.points = 50, o.stereo = 0.3, o.water = SYNTH_AIR;
     all.test_every = 0;
@@ -577,7 +543,6 @@ TEST(photometry_of_more_images_than_it_fits_takes_as_many_of_each_camera_of_a_st
     CHECK(of[0] == 64 && of[1] == 64 && last >= 256);
     photometry_end(test_ctx, &w);
     photometry_free(test_ctx, &out);
-    oxl_scene_free(test_ctx, scene);
 }
 
 static int photometry_test_warned;
@@ -609,7 +574,7 @@ static int photometry_test_warns(const char *survey)
 /* Mean distance of the points that each view has tracks of. */
 static void photometry_test_ranges(const char *survey, double range[14])
 {
-    oxl_scene *scene;
+    OWNED_SCENE *scene = NULL;
     const struct colmap *c;
     double x[3], pixel[2];
     CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), NULL, &scene));
@@ -627,7 +592,6 @@ static void photometry_test_ranges(const char *survey, double range[14])
             }
         range[v] /= OXL_MAX(n, 1);
     }
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(photometry_warns_where_exposure_goes_with_distance_and_else_does_not)
@@ -665,12 +629,11 @@ TEST(exposure_that_is_refused_leaves_a_lamp_fitted_without_it_unless_that_hides_
         }
         for (int k = 0; k < 2; k++) {
             oxl_train_options options = train_options(10);
-            oxl_scene *scene;
+            OWNED_SCENE *scene = NULL;
             options.exposure = k ? OXL_AUTO : OXL_OFF, options.lamp = OXL_AUTO, options.medium = OXL_OFF;
             CHECK_OK(oxl_scene_load(test_ctx, test_path("apart"), NULL, &scene));
             CHECK_OK(test_train(scene, &options, NULL, &model[k]));
             CHECK(!test_imaging.on && test_imaging.lamps == (k || !large));
-            oxl_scene_free(test_ctx, scene);
         }
         CHECK(train_same(&model[0], &model[1]) == !large);
         for (int k = 0; k < 2; k++) oxl_model_free(test_ctx, &model[k]);
@@ -740,9 +703,8 @@ TEST(exposure_that_a_trial_refuses_leaves_what_a_run_without_begins_with)
     CHECK(!train_same(&t[0].trained.model, &first) && train_same(&t[0].trained.model, &t[1].trained.model));
     oxl_model_free(test_ctx, &first);
     for (int k = 0; k < 2; k++) {
-        oxl_scene *scene = (oxl_scene *)t[k].survey;
+        OWNED_SCENE *scene = (oxl_scene *)t[k].survey;
         train_end(&t[k]);
-        oxl_scene_free(test_ctx, scene);
     }
 }
 
@@ -786,9 +748,9 @@ static void photometry_test_clear(const char *survey, double mean[3])
 {
     oxl_train_options o = train_options(150);
     const oxl_render_options render = oxl_render_options_default();
-    oxl_scene *scene;
-    oxl_model model;
-    oxl_image image;
+    OWNED_SCENE *scene = NULL;
+    OWNED_MODEL model = {0};
+    OWNED_IMAGE image = {0};
     size_t pixels;
     o.medium = OXL_AUTO, o.exposure = o.lamp = OXL_OFF;
     CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), NULL, &scene));
@@ -797,9 +759,6 @@ static void photometry_test_clear(const char *survey, double mean[3])
     CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 7)->camera, &render, &image, NULL));
     pixels = (size_t)image.width * (size_t)image.height;
     for (size_t i = 0; i < 3 * pixels; i++) mean[i / pixels] += (double)image.rgb[i] / (double)pixels;
-    oxl_image_free(test_ctx, &image);
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* The survey's points keep their colours, as where images are corrected after COLMAP. */
@@ -847,13 +806,13 @@ static void medium_move(oxl_model *model, const double eye[3], double factor)
 
 TEST(medium_gradient_of_the_centres_agrees_with_finite_differences)
 {
-    oxl_scene *scene = train_scene(3);
+    OWNED_SCENE *scene = train_scene(3);
     const oxl_camera *camera = &oxl_scene_view(scene, 1)->camera;
     const size_t n = 3 * (size_t)camera->width * (size_t)camera->height;
-    float *drgb = oxl_alloc(test_ctx, n, sizeof *drgb);
+    OWNED_MEMORY float *drgb = oxl_alloc(test_ctx, n, sizeof *drgb);
     struct medium m = imaging_test_murky;
-    struct renderer *r;
-    oxl_model model, gradient;
+    OWNED_RENDERER *r = NULL;
+    OWNED_MODEL model = {0}, gradient = {0};
     for (size_t i = 0; i < n; i++) drgb[i] = (float)(random_unit(random_bits(1, i, 0)) - 0.3);
     CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(
@@ -877,24 +836,19 @@ TEST(medium_gradient_of_the_centres_agrees_with_finite_differences)
         CHECK(fabs(slope) > 10);
         CHECK_CLOSE(slope, (plus - minus) / (2 * h), 0.01 * fabs(slope));
     }
-    oxl_free(test_ctx, drgb);
-    oxl_model_free(test_ctx, &model);
-    oxl_model_free(test_ctx, &gradient);
-    renderer_free(test_ctx, r);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* From one range only the baked colours are those through the medium; backwards, they are what they were. */
 TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
 {
-    oxl_scene *scene = train_scene(1);
+    OWNED_SCENE *scene = train_scene(1);
     const oxl_camera *camera = &oxl_scene_view(scene, 0)->camera;
     const size_t n = 3 * (size_t)camera->width * (size_t)camera->height;
-    float *drgb = oxl_alloc(test_ctx, n, sizeof *drgb);
+    OWNED_MEMORY float *drgb = oxl_alloc(test_ctx, n, sizeof *drgb);
     struct medium m = imaging_test_murky;
     struct oxl_imaging imaging = {0};
-    struct renderer *r;
-    oxl_model model;
+    OWNED_RENDERER *r = NULL;
+    OWNED_MODEL model = {0};
     double through, clear;
     memset(m.veiling_light, 0, sizeof m.veiling_light); /* black background, as without the medium */
     for (size_t i = 0; i < n; i++) drgb[i] = 1;
@@ -909,22 +863,18 @@ TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
     CHECK_CLOSE(medium_score(r, camera, &model, NULL, drgb), through, 1e-3 * through);
     medium_bake(scene, &imaging, 1, &model);
     CHECK_CLOSE(medium_score(r, camera, &model, NULL, drgb), clear, 1e-3 * clear);
-    oxl_free(test_ctx, drgb);
-    oxl_model_free(test_ctx, &model);
-    renderer_free(test_ctx, r);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* Means over the views that see a row, weighted by 1 / range^2, or over all views where none does; with a
  * medium and lamp. */
 TEST(medium_baked_into_the_colours_is_the_mean_over_the_views_that_see_a_row)
 {
-    oxl_scene *scene = train_scene(3);
+    OWNED_SCENE *scene = train_scene(3);
     struct oxl_imaging imaging = {.medium = imaging_test_murky,
                                   .lamps = 1,
                                   .lamp = {{.view = -1, .shape = {0.3f, -0.2f, 0.1f, 0.15f, -0.1f}}}};
     const struct medium *m = &imaging.medium;
-    oxl_model model;
+    OWNED_MODEL model = {0};
     int unseen = 0, by_some = 0;
     CHECK_OK(oxl_model_create(test_ctx, 60, 0, &model));
     for (size_t i = 0; i < model.count; i++)
@@ -965,16 +915,14 @@ TEST(medium_baked_into_the_colours_is_the_mean_over_the_views_that_see_a_row)
         }
     }
     CHECK(unseen > 3 && by_some > 3);
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* No Gaussian in view: the veiling light alone. */
 TEST(medium_alone_shows_its_veil)
 {
-    oxl_scene *scene = train_scene(3);
-    struct renderer *r;
-    oxl_model model;
+    OWNED_SCENE *scene = train_scene(3);
+    OWNED_RENDERER *r = NULL;
+    OWNED_MODEL model = {0};
     const float *rgb;
     oxl_render_options o = oxl_render_options_default();
     CHECK_OK(renderer_create(test_ctx, &r));
@@ -984,9 +932,6 @@ TEST(medium_alone_shows_its_veil)
     CHECK_OK(renderer_forward(test_ctx, r, &model, &oxl_scene_view(scene, 0)->camera, &o));
     CHECK_OK(renderer_image(test_ctx, r, &rgb));
     CHECK(rgb[0] == imaging_test_murky.veiling_light[0]);
-    oxl_model_free(test_ctx, &model);
-    renderer_free(test_ctx, r);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* ---------------- depths of tracks */
@@ -1149,7 +1094,7 @@ TEST(medium_a_run_that_is_stopped_ends_in_the_same_bytes)
     static const int stops[] = {1, 80};
     struct checkpoint_case c;
     oxl_scene *scene;
-    oxl_model model;
+    OWNED_MODEL model = {0};
     struct medium whole;
     photometry_test_make("survey", SYNTH_3C);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
@@ -1163,21 +1108,17 @@ TEST(medium_a_run_that_is_stopped_ends_in_the_same_bytes)
     }
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
     CHECK(train_same(&model, &c.whole) && memcmp(&whole, &test_imaging.medium, sizeof whole) == 0);
-    oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }
 
 TEST(medium_is_read_as_it_was_written)
 {
-    oxl_scene *scene = train_scene(3);
-    struct oxl_imaging m = imaging_test_make(3, NULL, 0), read;
+    OWNED_SCENE *scene = train_scene(3);
+    OWNED_IMAGING m = imaging_test_make(3, NULL, 0), read = {0};
     m.medium = imaging_test_murky;
     CHECK_OK(oxl_imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
     CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
     CHECK(!read.on && memcmp(&read.medium, &imaging_test_murky, sizeof imaging_test_murky) == 0);
-    imaging_free(test_ctx, &read);
-    imaging_free(test_ctx, &m);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* ---------------- the lamp */
@@ -1218,10 +1159,10 @@ static double lamp_loss(struct renderer *r, oxl_scene *scene, const oxl_model *m
 
 TEST(lamp_gradients_of_all_terms_and_of_the_gaussians_agree_with_finite_differences)
 {
-    oxl_scene *scene = train_scene(3);
+    OWNED_SCENE *scene = train_scene(3);
     struct lamp lamp = lamp_of(-1);
-    struct renderer *r;
-    oxl_model model, gradient;
+    OWNED_RENDERER *r = NULL;
+    OWNED_MODEL model = {0}, gradient = {0};
     double d[LAMP_TERMS], slope = 0, plus, minus;
     const float h = 4e-3f;
     CHECK_OK(renderer_create(test_ctx, &r));
@@ -1247,10 +1188,6 @@ TEST(lamp_gradients_of_all_terms_and_of_the_gaussians_agree_with_finite_differen
     minus = lamp_loss(r, scene, &model, &lamp);
     CHECK(fabs(slope) > 1e-3);
     CHECK_CLOSE(slope, (plus - minus) / (2 * (double)h), 1e-4 + 5e-3 * fabs(slope));
-    oxl_model_free(test_ctx, &model);
-    oxl_model_free(test_ctx, &gradient);
-    renderer_free(test_ctx, r);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* Gradients of a loss through the medium, lamp and gains: of the Gaussians; then of the
@@ -1260,10 +1197,10 @@ static void imaging_test_gradients(int isa, int threads, oxl_model *gradient, do
     const int isa_before = test_ctx->isa, threads_before = test_ctx->threads;
     const double log_gain[3] = {0.1, -0.2, 0.3};
     const struct lamp lamp = lamp_of(-1);
-    oxl_scene *scene = train_scene(3);
-    struct renderer *r;
+    OWNED_SCENE *scene = train_scene(3);
+    OWNED_RENDERER *r = NULL;
     struct renderer_loss loss;
-    oxl_model model;
+    OWNED_MODEL model = {0};
     test_ctx->isa = isa, test_ctx->threads = threads;
     CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(
@@ -1276,9 +1213,6 @@ static void imaging_test_gradients(int isa, int threads, oxl_model *gradient, do
     memcpy(d, renderer_lamp_gradient(r), LAMP_TERMS * sizeof *d);
     memcpy(d + LAMP_TERMS, loss.dlog_gain, 3 * sizeof *d);
     test_ctx->isa = isa_before, test_ctx->threads = threads_before;
-    oxl_model_free(test_ctx, &model);
-    renderer_free(test_ctx, r);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(medium_lamp_and_gains_have_the_same_gradients_with_avx2_and_avx512_and_any_number_of_threads)
@@ -1328,9 +1262,9 @@ TEST(lamp_of_known_shape_is_recovered_and_helps_views_that_were_held_out)
 {
     NEEDS_PART(lamp);
     const struct lamp lamp = {-1, {0, -0.25f, 0, 0, 0.1f, 0, 0, 0, -0.2f}};
-    oxl_scene *scene = lamp_scene(14, &lamp, 1);
+    OWNED_SCENE *scene = lamp_scene(14, &lamp, 1);
     oxl_train_options options = train_options(500);
-    oxl_model model;
+    OWNED_MODEL model = {0};
     oxl_metrics metrics;
     double off;
     options.lamp = options.medium = OXL_OFF;
@@ -1347,8 +1281,6 @@ TEST(lamp_of_known_shape_is_recovered_and_helps_views_that_were_held_out)
     CHECK_CLOSE(test_imaging.lamp[0].shape[1], -0.25, 0.08);
     CHECK_CLOSE(test_imaging.lamp[0].shape[8], -0.2, 0.08);
     oxl_metrics_free(test_ctx, &metrics);
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* The left camera has eight training views and a lamp of its own, the right one seven and the lamp of all
@@ -1357,9 +1289,9 @@ TEST(lamp_of_each_camera_is_trained_on_its_own_views_and_shown_in_them)
 {
     NEEDS_PART(lamp);
     const struct lamp lamp[2] = {{-1, {0.4f, 0, 0, 0, 0.1f}}, {-1, {-0.4f, 0, 0, 0, 0, 0.1f}}};
-    oxl_scene *scene = lamp_scene(16, lamp, 2);
+    OWNED_SCENE *scene = lamp_scene(16, lamp, 2);
     oxl_train_options options = train_options(500);
-    oxl_model model;
+    OWNED_MODEL model = {0};
     double off;
     options.lamp = options.medium = OXL_OFF;
     CHECK_OK(test_train(scene, &options, NULL, &model));
@@ -1371,8 +1303,6 @@ TEST(lamp_of_each_camera_is_trained_on_its_own_views_and_shown_in_them)
     CHECK(test_imaging.lamps == 2 && imaging_lamp(&test_imaging, scene, 3)->view < 0);
     for (int v = 3; v < 5; v++)
         CHECK_CLOSE(imaging_lamp(&test_imaging, scene, v)->shape[0], v % 2 ? -0.4 : 0.4, 0.1);
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(lamp_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
@@ -1381,7 +1311,7 @@ TEST(lamp_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
     static const int stops[] = {9, 10, 11, 60};
     const struct lamp lamp = lamp_of(-1);
     struct checkpoint_case c = checkpoint_of(lamp_scene(7, &lamp, 1), train_options(130));
-    oxl_model model;
+    OWNED_MODEL model = {0};
     struct oxl_imaging whole = {0};
     c.options.lamp = OXL_ON;
     CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
@@ -1395,7 +1325,6 @@ TEST(lamp_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
     CHECK(train_same(&model, &c.whole));
     CHECK(memcmp(&whole.medium, &test_imaging.medium, sizeof whole.medium) == 0);
     CHECK(memcmp(&whole.lamp[0], &test_imaging.lamp[0], sizeof whole.lamp[0]) == 0);
-    oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }
 
@@ -1403,22 +1332,19 @@ TEST(lamp_of_a_stereo_pair_is_one_for_each_folder_or_prefix)
 {
     static const char *const names[] = {"01_left.png", "01_right.png", "02_left.png", "02_right.png",
                                         "03_left.png", "03_right.png", "04_left.png", "04_right.png"};
-    oxl_scene *scene = exposure_scene_named(names, 8);
-    struct oxl_imaging m = imaging_test_make(8, NULL, 0), read;
+    OWNED_SCENE *scene = exposure_scene_named(names, 8);
+    OWNED_IMAGING m = imaging_test_make(8, NULL, 0), read = {0};
     m.lamps = 2, m.lamp[0] = lamp_of(-1), m.lamp[1] = lamp_of(1);
     CHECK_OK(oxl_imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
     CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
     CHECK(read.lamps == 2 && memcmp(read.lamp, m.lamp, 2 * sizeof *m.lamp) == 0);
     for (int v = 0; v < 8; v++) CHECK(imaging_lamp(&read, scene, v) == &read.lamp[v % 2]);
-    imaging_free(test_ctx, &read);
-    imaging_free(test_ctx, &m);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(lamp_is_read_as_it_was_written)
 {
-    oxl_scene *scene = train_scene(3);
-    struct oxl_imaging m = imaging_test_make(3, NULL, 0), read;
+    OWNED_SCENE *scene = train_scene(3);
+    OWNED_IMAGING m = imaging_test_make(3, NULL, 0), read = {0};
     m.on = 0;
     m.lamps = 1, m.lamp[0] = lamp_of(-1);
     CHECK_OK(oxl_imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
@@ -1426,9 +1352,6 @@ TEST(lamp_is_read_as_it_was_written)
     CHECK(read.lamps == 1 && memcmp(read.lamp, m.lamp, sizeof *m.lamp) == 0);
     CHECK(!read.medium.on);
     CHECK(imaging_lamp(&read, scene, 0) == &read.lamp[0]);
-    imaging_free(test_ctx, &read);
-    imaging_free(test_ctx, &m);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* ---------------- in blocks */

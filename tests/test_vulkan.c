@@ -151,7 +151,7 @@ static void vulkan_forward_both(struct vulkan_twins *t, const oxl_model *m)
     options.background[1] = 0.25f;
     for (int k = 0; k < 2; k++)
         if (renderer_forward(t->ctx[k], t->r[k], m, &t->camera, &options) != OXL_OK)
-            test_failed++, printf("  %s\n", oxl_error_text(t->ctx[k]));
+            test_fail(__FILE__, __LINE__, "%s", oxl_error_text(t->ctx[k]));
 }
 
 static float *vulkan_noise(size_t count, uint64_t seed)
@@ -2896,7 +2896,7 @@ static void vulkan_train(oxl_context *ctx, int iterations, oxl_model *out, doubl
     options.max_gaussians = 400;
     options.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.8};
     if (train_run(ctx, scene, &options, NULL, &task, out) != OXL_OK)
-        test_failed++, printf("  %s\n", oxl_error_text(ctx));
+        test_fail(__FILE__, __LINE__, "%s", oxl_error_text(ctx));
     CHECK_OK(oxl_evaluate(ctx, out, scene, &imaging, OXL_SPLIT_ALL, &metrics));
     *psnr = metrics.psnr;
     imaging_free(ctx, &imaging);

@@ -5,13 +5,12 @@
 static void working_damage(const char *path, double at, size_t rest)
 {
     struct os_file_map map = {0};
-    char *copy;
+    OWNED_MEMORY char *copy = NULL;
     CHECK_OK(os_read_file(test_ctx, path, &map));
     copy = oxl_alloc(test_ctx, map.size + 1, 1);
     memcpy(copy, map.data, map.size);
     copy[(size_t)(at * (double)(map.size - rest - 1))] ^= 1;
     CHECK_OK(os_write_file(test_ctx, path, copy, map.size));
-    oxl_free(test_ctx, copy);
     os_release_file(test_ctx, &map);
 }
 
@@ -35,12 +34,12 @@ static oxl_scene *working_scene(void)
 TEST(imaging_file_with_a_zero_byte_or_another_checksum_is_refused)
 {
     static const char zero[] = "gain 1 1 1 1.png\0AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA\n";
-    oxl_scene *scene = working_scene();
+    OWNED_SCENE *scene = working_scene();
     struct oxl_imaging m = {0};
     const char *path = test_path("imaging.txt");
     CHECK_OK(os_write_file(test_ctx, path, zero, sizeof zero - 1));
-    CHECK(imaging_read(test_ctx, path, scene, &m) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "imaging.txt:1: found a byte of value 0");
+    CHECK_ERROR(imaging_read(test_ctx, path, scene, &m), OXL_ERR_INPUT,
+                "imaging.txt:1: found a byte of value 0");
     CHECK_OK(imaging_create(test_ctx, oxl_scene_view_count(scene), &m));
     m.known[1] = m.on = 1, m.log_gain[3] = 0.25f;
     CHECK_OK(oxl_imaging_write(test_ctx, path, scene, &m));
@@ -49,9 +48,7 @@ TEST(imaging_file_with_a_zero_byte_or_another_checksum_is_refused)
     CHECK_CLOSE(m.log_gain[3], 0.25, 1e-6);
     imaging_free(test_ctx, &m);
     job_test_replace(path, "gain 1", "gain 2");
-    CHECK(imaging_read(test_ctx, path, scene, &m) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "checksum");
-    oxl_scene_free(test_ctx, scene);
+    CHECK_ERROR(imaging_read(test_ctx, path, scene, &m), OXL_ERR_INPUT, "checksum");
 }
 
 /* So info says which lines the colours of scene.ply hold: gains, if there is nothing else. */
@@ -154,7 +151,7 @@ TEST(a_standard_model_that_is_lost_or_damaged_before_the_result_is_made_again)
 
 TEST(checksum_of_text_is_its_last_line)
 {
-    struct text t = {.ctx = test_ctx};
+    OWNED_TEXT t = {.ctx = test_ctx};
     text_add(&t, "a\nb\n");
     CHECK(checksum_of_text(t.data, t.size) == CHECKSUM_NONE);
     checksum_end_text(&t);
@@ -162,7 +159,6 @@ TEST(checksum_of_text_is_its_last_line)
     t.data[2] = 'c';
     CHECK(checksum_of_text(t.data, t.size) == CHECKSUM_WRONG);
     CHECK(checksum_of_text(t.data, t.size - 1) == CHECKSUM_NONE);
-    text_free(&t);
 }
 
 /* ---------------- images that vanish */
@@ -183,8 +179,8 @@ TEST(a_run_whose_images_vanish_stops_and_continues_when_they_are_back)
     oxl_callback callback = {working_vanish, &gone};
     options.scene.image_cache_bytes = 1;
     options.train.iterations = 60;
-    CHECK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback) == OXL_ERR_IO);
-    CHECK_TEXT(oxl_error_text(test_ctx), "training images cannot be read");
+    CHECK_ERROR(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback), OXL_ERR_IO,
+                "training images cannot be read");
     CHECK(!job_test_has(test_path("out/run.json"), "\"finished\": true"));
     CHECK(rename(test_path("gone"), test_path("survey/images")) == 0);
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
@@ -222,8 +218,8 @@ TEST(api_refuses_views_cameras_focal_lengths_and_presets_that_are_none)
     CHECK_OK(oxl_model_create(test_ctx, 4, 0, &model));
     CHECK(oxl_render_backward(test_ctx, &model, &camera, NULL, rgb, &gradient) == OXL_ERR_USAGE);
     CHECK_OK(oxl_image_create(test_ctx, 8, 8, &image));
-    CHECK(oxl_scene_from_arrays(test_ctx, &view, &image, 1, NULL, 0, &scene) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "focal lengths");
+    CHECK_ERROR(oxl_scene_from_arrays(test_ctx, &view, &image, 1, NULL, 0, &scene), OXL_ERR_USAGE,
+                "focal lengths");
     oxl_image_free(test_ctx, &image);
     oxl_model_rescale(&model, NAN), oxl_model_rescale(&model, 0);
     CHECK(model.scale == 0 && model.plane[OXL_MEAN][0] == 0);
@@ -270,8 +266,8 @@ TEST(a_finished_run_is_not_taken_for_that_of_other_images_masks_poses_cameras_or
         if (k == 1) test_write("survey/masks/.keep", "");
         if (k < 2) CHECK_OK(job_test_image(path, 7));
         else job_test_replace(path, changed[k][1], changed[k][2]);
-        CHECK(oxl_job_run(test_ctx, survey, test_path(out), &options, NULL) == OXL_ERR_USAGE);
-        CHECK_TEXT(oxl_error_text(test_ctx), "  checksum_of_files: ");
-        CHECK_TEXT(oxl_error_text(test_ctx), "--restart");
+        CHECK_ERROR(oxl_job_run(test_ctx, survey, test_path(out), &options, NULL), OXL_ERR_USAGE,
+                    "  checksum_of_files: ");
+        CHECK_SAYS("--restart");
     }
 }
