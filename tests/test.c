@@ -241,13 +241,14 @@ static int run_here(const char *name, void (*body)(void))
 /* In a process of its own where there is fork: a crash, or a leak that its sanitizer finds, fails this test. */
 static int run(const char *name, void (*body)(void))
 {
-    int result = FAILED, status = 0;
+    int result = FAILED;
     snprintf(folder, sizeof folder, "%s/oceanxl-test-%ld-%d", getenv("TMPDIR") ? getenv("TMPDIR") : "/tmp",
              (long)(os_seconds() * 1e6), share.index);
 #ifdef _WIN32
     result = run_here(name, body);
 #else
     const pid_t child = fork();
+    int status = 0;
     if (child == 0) exit(run_here(name, body));
     if (child > 0 && waitpid(child, &status, 0) == child && WIFEXITED(status) &&
         WEXITSTATUS(status) < RESULTS)
