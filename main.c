@@ -74,8 +74,7 @@ static void print_results(const char *out, int json)
         print_format(stdout, "model     %s/scene.ply\n", out);
         if (has_file(out, "scene_standard.ply"))
             print_format(stdout, "standard  %s/scene_standard.ply, for other viewers\n", out);
-        print_format(stdout, "metrics   %s/metrics.json\nrenders   %s/renders\nreport    %s/report.html\n",
-                     out, out, out);
+        print_format(stdout, "report    %s/report.html, beside metrics.json and renders\n", out);
     }
     free(metrics);
 }
@@ -254,14 +253,12 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
     printf("%8.3f %8.3f %8.5f %8.5f %9.4f %9.3f", m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->structure,
            m->explained);
     printf("  mean of %d\n", m->count);
-    printf("%8.4f %d  least structure; views below %.1f\n", m->structure_least, m->no_structure,
-           OXL_STRUCTURE_NONE);
-    printf("%8.3f  PSNR at mean exposure\n", m->plain_psnr);
+    printf("structure is at least %.4f, and below %.1f in %d views; PSNR at mean exposure is %.3f dB\n",
+           m->structure_least, OXL_STRUCTURE_NONE, m->no_structure, m->plain_psnr);
     puts(
-        "cc-PSNR: after one factor for each channel of each view: without what images differ in exposure and white balance.");
-    puts(
-        "structure: correlation of the detail of image and render, whatever the contrast: 0 is a veil. explained: dB of the\n"
-        "variance that gains and lamp alone leave of the image.");
+        "cc-PSNR allows one factor per channel and view: it ignores differences of exposure and white balance.\n"
+        "structure is the correlation of detail between image and rendering: 1 is identical, 0 is haze.\n"
+        "explained is by how many dB the rendering is better than fitting exposure and lamp alone.");
 }
 
 static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)

@@ -276,7 +276,7 @@ struct arguments {
     const char *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
     int path_count;
     const char *help; /* "", or "all" */
-    int version, manual, page, quiet, json, depth, no_images, devices, clear;
+    int version, manual, page, quiet, verbose, json, depth, no_images, devices, clear;
     int dry_run, quality, progress_json;
     int split, backend;                         /* enum oxl_split, enum oxl_backend */
     int device, threads, seeds;                 /* -1: the best, all */

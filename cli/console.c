@@ -92,10 +92,11 @@ void console_error(const char *kind, const char *text)
 void console_log(void *user, oxl_log_level level, const char *text)
 {
     struct console *c = user;
-    if (level == OXL_LOG_DEBUG || (c->quiet && level == OXL_LOG_INFO)) return;
+    if (level > (c->verbose ? OXL_LOG_DEBUG : c->quiet ? OXL_LOG_WARNING : OXL_LOG_INFO)) return;
     if (c->json) {
         fprintf(stderr, "{\"event\": \"log\", \"level\": \"%s\", \"text\": ",
-                level == OXL_LOG_INFO      ? "info"
+                level == OXL_LOG_DEBUG     ? "debug"
+                : level == OXL_LOG_INFO    ? "info"
                 : level == OXL_LOG_WARNING ? "warning"
                                            : "error");
         json_print(stderr, text);
@@ -314,6 +315,7 @@ int console_main(int argc, char **argv, const struct program *program)
     signal(SIGXFSZ, SIG_IGN); /* a write past ulimit -f then fails, as on a full disk */
 #endif
     console.quiet = a.quiet;
+    console.verbose = a.verbose;
     console.json = a.progress_json;
     console.live = !console.json && oxl_is_terminal(2);
     if (a.note[0]) console_log(&console, OXL_LOG_WARNING, a.note);

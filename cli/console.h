@@ -5,11 +5,12 @@
 #include "cli.h"
 
 struct console {
-    int json;        /* 1: standard error is JSON lines */
-    int quiet, live; /* live: 1: standard error is a terminal, on which one line is rewritten */
-    int shown;       /* 1: the live line has no newline yet */
-    int twentieth;   /* last twentieth of the run that was shown */
-    int iteration;   /* iteration and seconds at the last line */
+    int json;           /* 1: standard error is JSON lines */
+    int quiet, verbose; /* verbose: 1: prints OXL_LOG_DEBUG, the evidence of decisions */
+    int live;           /* 1: standard error is a terminal, on which one line is rewritten */
+    int shown;          /* 1: the live line has no newline yet */
+    int twentieth;      /* last twentieth of the run that was shown */
+    int iteration;      /* iteration and seconds at the last line */
     double seconds;
     double rate; /* iterations a second, smoothed over the lines */
     struct cli_memory memory;

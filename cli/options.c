@@ -143,6 +143,7 @@ static const oxl_option CLI_OPTIONS[] = {
 {"devices", NULL, OXL_OPTION_FLAG, FIELD(devices), 0, 1, NO_TEXT, OXL_TIER_ADVANCED, IN(INFO), "Program", "list the Vulkan devices instead; no FILE", NULL},
 {"threads", "all|T", OXL_OPTION_INT, FIELD(threads), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, EVERYWHERE, "Program", "number of threads; the result does not depend on it", NULL},
 {"quiet", NULL, OXL_OPTION_FLAG, FIELD(quiet), 0, 1, NO_TEXT, OXL_TIER_BASIC, EVERYWHERE, "Program", "print only warnings and errors", NULL},
+{"verbose", NULL, OXL_OPTION_FLAG, FIELD(verbose), 0, 1, NO_TEXT, OXL_TIER_BASIC, EVERYWHERE, "Program", "also print the evidence of each decision, which run.json and the report have", NULL},
 {"help", "[all]", OXL_OPTION_TEXT, FIELD(help), 0, 0, NO_TEXT, OXL_TIER_BASIC, EVERYWHERE, "Program", "print this text; all: with advanced and expert options", NULL},
 };
 /* clang-format on */

@@ -69,7 +69,7 @@ stopped_early() { # COMMAND...: the signal comes while the points of long/ are r
 behind_the_cameras() { # a second copy of the points, which no camera shows, makes blocks of its own
     mkdir -p behind && cp -r survey/. behind
     awk '/^#/ { next } { print; $1 += 100000; $4 += 50; print }' survey/sparse/0/points3D.txt >behind/sparse/0/points3D.txt
-    "$program" train behind -o behind/out --block-points 600 --iterations 40 && test -s behind/out/scene.ply
+    "$program" train behind -o behind/out --block-points 600 --iterations 40 --verbose && test -s behind/out/scene.ply
 }
 displaced() { # two cameras of thirty are moved
     "$program" synth -o displaced --views 30 --size 128x96 --points 3000 --seed 3 --quiet
@@ -152,8 +152,8 @@ promise no_such_model_is_bad_input 3 "nowhere.ply" "$program" info nowhere.ply
 # A survey of our own; small, so that a step takes a millisecond.
 promise synth_writes_a_survey 0 "" "$program" synth -o survey --views 16 --size 96x64 --points 800 --quiet
 first=$(ls survey/images | head -n 1) last=$(ls survey/images | tail -n 1)
-promise check_accepts_it 0 "16 listed, 0 missing" "$program" check survey
-promise a_folder_may_have_any_name 0 "16 listed, 0 missing" sh -c "ln -s survey ./-'a\"b %s
+promise check_accepts_it 0 "16 in the model, 0 missing" "$program" check survey
+promise a_folder_may_have_any_name 0 "16 in the model, 0 missing" sh -c "ln -s survey ./-'a\"b %s
 c' && '$program' check -- -'a\"b %s
 c'"
 promise check_prints_json 0 '"images": 16' on_stdout "$program" check survey --json
@@ -173,6 +173,8 @@ promise quiet_is_quiet 0 "" sh -c "'$program' train survey -o silent --iteration
 promise report_is_written_by_train 0 "</html>" tail -n 1 out/report.html
 promise report_is_rewritten 0 "out/report.html" sh -c "rm out/report.html; '$program' report out; test -s out/report.html && echo out/report.html"
 promise report_of_nothing_is_bad_input 3 "holds no run.json" "$program" report survey
+promise train_prints_at_most_15_lines_of_prose 0 "" sh -c "'$program' train survey -o prose --iterations 60 --exposure on --lamp auto >prose.txt 2>&1 && test \$(grep -vc it/s prose.txt) -le 15 && ! grep residuals prose.txt"
+promise verbose_prints_the_evidence 0 "residuals" "$program" train survey -o verbose --iterations 9 --verbose
 promise the_second_run_has_nothing_to_do 0 "already holds the finished result" "$program" train survey -o out --iterations 60
 promise run_json_has_floats_as_short_as_they_are 0 '"ssim_weight": 0.3,' grep '"ssim_weight"' out/run.json
 promise the_report_repeats_the_command 0 "--preset draft --iterations 60" grep "oceanxl train" out/report.html
@@ -184,7 +186,7 @@ promise the_report_s_command_gives_the_figures_of_metrics_json 0 "" sh -c \
     "'$program' train survey -o reduced --iterations 30 --max-side 60 --test-every 4 --quiet >/dev/null && mkdir -p path && ln -sf '$program' path/oceanxl &&
      grep '^oceanxl eval' reduced/report.html >command.txt && PATH=path:\$PATH sh -c \"\$(cat command.txt) --json\" 2>/dev/null | grep '^  \"psnr\": ' >again.txt && grep '^  \"psnr\": ' reduced/metrics.json | cmp - again.txt"
 promise other_options_train_again 0 "ETA" "$program" train survey -o out --iterations 61
-promise more_iterations_continue_a_finished_run 0 "is continued: 9 more" on_stderr "$program" train survey -o out --iterations 70
+promise more_iterations_continue_a_finished_run 0 "continues for 9 more" on_stderr "$program" train survey -o out --iterations 70
 promise a_model_takes_the_place_of_the_points 0 "model" sh -c "'$program' train survey -o from --from out/scene.ply --iterations 5 --quiet && grep -q '\"from\": \"out/scene.ply\"' from/run.json && echo model"
 promise the_same_seed_gives_the_same_bytes 0 "" sh -c \
     "for t in 1 3; do '$program' train survey -o same\$t --iterations 60 --threads \$t --quiet >/dev/null || exit 1; done; cmp same1/scene.ply same3/scene.ply"
@@ -238,7 +240,7 @@ promise info_counts_gaussians 0 '"gaussians": ' on_stdout "$program" info out/sc
 promise eval_prints_the_mean 0 "mean of 2" on_stdout "$program" eval out/scene.ply survey
 promise eval_within_ram_prints_the_same 0 "mean of 2" bash -c "'$program' eval out/scene.ply survey >all.txt && '$program' eval out/scene.ply survey --ram 40K >limited.txt; test \$? = 4 && '$program' eval out/scene.ply survey --ram 24M | cmp - all.txt && cat all.txt"
 promise ram_is_a_limit_of_memory_also_for_eval 4 "fix: --ram 64M" on_stderr "$program" eval out/scene.ply survey --ram 40K
-promise check_says_how_many_blocks_and_why 0 "blocks       1: in one the run takes about" on_stdout "$program" check survey
+promise check_says_how_many_blocks_and_why 0 "blocks       1, since one takes about" on_stdout "$program" check survey
 promise eval_prints_json 0 '  "psnr": ' on_stdout "$program" eval out/scene.ply survey --json
 promise a_model_is_placed_by_its_origin 0 "" sh -c \
     "LC_ALL=C sed '1,/^end_header/s/^comment origin.*/comment origin 1e6 0 0/' out/scene.ply >moved.ply; for m in out/scene moved; do '$program' eval \$m.ply survey >\$(basename \$m).txt || exit 1; done; ! cmp -s scene.txt moved.txt"
@@ -307,19 +309,19 @@ promise convert_refuses_a_name_that_loses_the_medium 2 "fix: another name" on_st
 promise convert_keeps_what_the_model_is_rendered_with 0 "" sh -c \
     "test ! -e lit/other.ply && mkdir -p fit && '$program' convert lit/scene.ply lit/scene.spz && '$program' convert lit/scene_clear.ply lit/more.ply && '$program' convert lit/scene_clear.ply fit/more.ply &&
      rm lit/scene.spz && for m in lit/more.ply fit/more.ply; do '$program' eval \$m survey --json 2>/dev/null | grep '^  \"psnr\": ' | cmp - lit.txt || exit 1; done; rm lit/more.ply"
-promise what_other_viewers_show_of_gains_alone_is_said 0 'in any viewer: PSNR' sh -c \
-    "'$program' train survey -o gained --exposure on --lamp off --medium off --iterations 40 --quiet && grep -o 'scene.ply in any viewer: PSNR' gained/run.json"
+promise what_other_viewers_show_of_gains_alone_is_said 0 'without imaging.txt: PSNR' sh -c \
+    "'$program' train survey -o gained --exposure on --lamp off --medium off --iterations 40 --quiet && grep -o 'scene.ply without imaging.txt: PSNR' gained/run.json"
 promise convert_says_that_gains_are_another_models 0 "is another model's" on_stderr sh -c "mkdir -p shown && echo '# x' >shown/imaging.txt && '$program' convert lit/scene_clear.ply shown/b.ply"
 promise convert_to_splat_warns_of_the_origin 0 "cannot store the origin" on_stderr "$program" convert out/scene.ply scene.splat
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply
 promise partition_says_how_even_the_blocks_are 0 "largest / mean" on_stdout "$program" partition survey -o cut --block-points 250
 promise partition_writes_list_and_drawing 0 "<svg" sh -c 'test -s cut/partition.txt && head -c 100 cut/partition.svg'
-promise a_block_is_a_survey_of_its_own 0 "0 held-out views" "$program" check cut/blocks/001 --test-every 0
+promise a_block_is_a_survey_of_its_own 0 " 0 held out" "$program" check cut/blocks/001 --test-every 0
 promise partition_takes_the_options_of_train 0 "" "$program" partition survey -o cut --block-points 250 --seed 3 --exposure off
 promise help_all_lists_what_stands_in_place_of_a_command 0 "--options-page" on_stdout "$program" --help all
 promise help_breaks_the_line_after_a_long_option 0 "" sh -c "'$program' synth --help all | grep -qF -x '  --water none|I|IA|IB|II|III|1C|3C|5C|7C|9C'"
-promise partition_none_is_one_block 0 "stay one block" "$program" partition survey -o whole --block-points 9 --partition none
+promise partition_none_is_one_block 0 "blocks       1, of" "$program" partition survey -o whole --block-points 9 --partition none --verbose
 promise ablate_compares_rows 0 "V1 +BSP against 3DGS, midpoint" on_stdout "$program" ablate survey -o ablation --rows 3dgs,v1 --iterations 20 --block-points 250 --threads 1 --quiet
 promise ablate_keeps_each_run 0 "v1,1," sh -c 'test -s ablation/3dgs-seed1/scene.ply && test -s ablation/v1-seed1/scene.ply && test -s ablation/ablation.md && cat ablation/ablation.csv'
 promise ablate_counts_the_memory_of_each_training 0 "" awk -F, 'NR > 1 { n++; if (!($10 > 1e6 && $10 < 1e9)) exit 1 } END { exit n != 2 }' ablation/ablation.csv

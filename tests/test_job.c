@@ -635,10 +635,10 @@ TEST(job_keeps_what_the_log_said_also_over_an_interruption)
     CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_INTERRUPTED);
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
     CHECK(job_test_has(test_path("out/run.json"), "{\"level\": \"info\", \"text\": \"images "));
-    CHECK(job_test_has(test_path("out/run.json"), "stay one block"));
-    CHECK(!job_test_has(test_path("out/run.json"), "going on after iteration"));
+    CHECK(job_test_has(test_path("out/run.json"), "blocks       1, of"));
+    CHECK(!job_test_has(test_path("out/run.json"), "resumed after iteration"));
     CHECK(job_test_has(test_path("out/blocks/000/block.json"),
-                       "{\"level\": \"info\", \"text\": \"going on after iteration 5\"}"));
+                       "{\"level\": \"info\", \"text\": \"resumed after iteration 5\"}"));
 }
 
 static int job_test_delete(void *user, const oxl_progress *p)
@@ -769,7 +769,7 @@ TEST(survey_counts_what_the_files_hold)
     CHECK_CLOSE(s.mean_track, 2, 1e-12);
     CHECK_CLOSE(s.mean_error, 0.5, 1e-6);
     CHECK_CLOSE(s.bounds_max[2], 4, 1e-6);
-    CHECK_TEXT(s.text, "9 listed, 0 missing; 7 training views, 2 held-out views");
+    CHECK_TEXT(s.text, "9 in the model, 0 missing on disk; 7 for training, 2 held out");
     CHECK_TEXT(s.text, "PINHOLE 48 x 32");
     CHECK_TEXT(s.warnings, "only 60 points");
     CHECK_OK(oxl_survey_to_json(test_ctx, &s, &json));
@@ -1012,7 +1012,7 @@ TEST(job_says_in_run_json_what_was_decided_and_why)
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     CHECK(job_test_has(test_path("out/run.json"), "\"decisions\": {\"partition\": {\"chosen\": \"none\", "));
     CHECK(job_test_has(test_path("out/run.json"),
-                       "\"ucd\": {\"chosen\": \"off\", \"evidence\": \"depth weights off"));
+                       "\"ucd\": {\"chosen\": \"off\", \"evidence\": \"no points are seen"));
 }
 
 TEST(job_merge_of_a_run_without_a_survey_leaks_nothing)
@@ -1046,7 +1046,7 @@ TEST(job_with_more_iterations_continues_a_finished_run_to_the_same_bytes_in_any_
     test_ctx->threads = threads;
     CHECK(job_test_same(test_path("whole/scene.ply"), test_path("stopped/scene.ply")));
     CHECK(job_test_has(test_path("whole/metrics.json"), "\"iterations\": 20,"));
-    CHECK(job_test_has(test_path("whole/run.json"), "is continued: 8 more"));
+    CHECK(job_test_has(test_path("whole/run.json"), "continues for 8 more"));
     watch = (struct job_test_watch){0, -1};
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("whole"), &options, &callback));
     CHECK(watch.calls == 0); /* finished */

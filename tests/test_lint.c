@@ -58,7 +58,7 @@ TEST(lint_counts_images_and_masks_that_cannot_be_used)
     CHECK_OK(oxl_check(test_ctx, survey, NULL, &s));
     CHECK(s.unusable == 3 && s.masks == 3);
     CHECK_CLOSE(s.masked, 0.5, 1e-12);
-    CHECK_TEXT(s.text, "3 masks (50 % of their pixels black, ignored)");
+    CHECK_TEXT(s.text, "3 masks (50 % of their pixels are black and ignored)");
     CHECK_TEXT(s.warnings, "3 of 9 images cannot be used");
     CHECK_TEXT(lint_heard,
                "2.png: 32 x 48 px, but camera 1 (cameras.txt:1) has 48 x 32, another shape\nfix: turn it");

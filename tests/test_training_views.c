@@ -208,7 +208,7 @@ TEST(training_views_that_are_measured_are_all_judged)
     tviews_listen();
     CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 5 * TVIEWS, &all, &t, NULL));
     CHECK_TEXT(t.data, "\"training\": {\"count\": 24, \"of\": 24, \"flagged\": 4, ");
-    CHECK(!strstr(tviews_said, "are judged"));
+    CHECK(!strstr(tviews_said, "are evaluated"));
     CHECK(all.count == TVIEWS);
     oxl_metrics_free(test_ctx, &all);
 }
@@ -222,7 +222,7 @@ TEST(training_views_of_a_short_run_are_judged_by_evenly_spaced_ones)
     tviews_listen();
     CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 10 * TVIEWS, NULL, &t, NULL));
     CHECK_TEXT(t.data, "\"training\": {\"count\": 12, \"of\": 24, \"flagged\": 0, ");
-    CHECK_TEXT(tviews_said, "12 of 24 training views are judged, evenly spaced: one for each 20 iterations");
+    CHECK_TEXT(tviews_said, "12 of 24 training views are evaluated, evenly spaced: one per 20 iterations");
     for (int v = 0; v < TVIEWS; v++) {
         char name[24];
         snprintf(name, sizeof name, "\"name\": \"v%02d\"", v);

@@ -124,7 +124,7 @@ TEST(ucd_auto_is_off_in_clear_water_and_on_where_contrast_falls_with_depth)
         char text[400];
         ucd_describe(&u, text, sizeof text);
         CHECK(u.on == turbid);
-        CHECK_TEXT(text, turbid ? "depth weights on: from depth" : "depth weights off: from depth");
+        CHECK_TEXT(text, "contrast falls by");
         if (turbid) CHECK_TEXT(text, "f_mid 1.50");
     }
 }

@@ -1,17 +1,18 @@
-/* log.c - writes log lines to the caller, and into the context's notes for run.json. */
+/* log.c - writes log lines to the caller, and those of all levels into the context's notes for run.json. */
 #include "core.h"
 
 OXL_INTERNAL void oxl_log(oxl_context *ctx, oxl_log_level level, const char *format, ...)
 {
+    static const char *const levels[] = {"error", "warning", "info", "debug"};
     char line[1024];
     va_list args;
     if (!ctx->options.log && !ctx->notes) return;
     va_start(args, format);
     vsnprintf(line, sizeof line, format, args);
     va_end(args);
-    if (ctx->notes && level <= OXL_LOG_INFO) {
+    if (ctx->notes) {
         text_add(ctx->notes, "%s\n    {\"level\": \"%s\", \"text\": ", ctx->notes->size ? "," : "",
-                 level == OXL_LOG_INFO ? "info" : "warning");
+                 levels[level]);
         text_add_json_string(ctx->notes, line);
         text_add(ctx->notes, "}");
     }

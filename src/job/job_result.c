@@ -82,9 +82,8 @@ static oxl_result job_add_viewer(struct job *job, struct text *t, const oxl_trai
     imaging_hide(&seen, hides);
     rc = evaluate_shown(job->ctx, &trained->viewer, job->scene, &seen, job_evaluated_split(job), &plain);
     if (rc != OXL_OK) return rc;
-    oxl_log(job->ctx, OXL_LOG_INFO,
-            "%s in any viewer: PSNR %.2f dB (%+.2f against this model), %.2f at mean exposure", name,
-            plain.psnr, plain.psnr - m->psnr, plain.plain_psnr);
+    oxl_log(job->ctx, OXL_LOG_INFO, "viewers      %s without imaging.txt: PSNR %.2f dB (%+.2f)", name,
+            plain.psnr, plain.psnr - m->psnr);
     for (int i = 0; i < m->count && i < plain.count && hides; i++)
         m->views[i].plain_psnr = plain.views[i].plain_psnr;
     if (hides) m->plain_psnr = plain.plain_psnr;
@@ -122,17 +121,18 @@ static oxl_result job_write_metrics(struct job *job, const oxl_trained *trained)
     else
         oxl_log(
             job->ctx, OXL_LOG_INFO,
-            "%s views: PSNR %.2f dB, SSIM %.4f, structure %.3f, at least %.3f, over %d; %zu Gaussians, %.1f MB",
-            job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.structure,
-            m.structure_least, m.count, model->count, (double)bytes / 1e6);
+            "result       PSNR %.2f dB, SSIM %.4f, structure %.3f (mean of %d %s views); %zu Gaussians, %.1f MB",
+            m.psnr, m.ssim, m.structure, m.count,
+            job_evaluated_split(job) == OXL_SPLIT_TEST ? "held-out" : "training", model->count,
+            (double)bytes / 1e6);
     if (!isnan(m.aligned_psnr))
         oxl_log(job->ctx, OXL_LOG_INFO,
-                "test views moved onto their images, as poses were refined: PSNR %.2f dB, SSIM %.4f",
+                "refined      PSNR %.2f dB, SSIM %.4f with the poses of held-out views refined, too",
                 m.aligned_psnr, m.aligned_ssim);
     if (m.cc_psnr > m.psnr + JOB_EXPOSURE)
         oxl_log(
-            job->ctx, OXL_LOG_INFO,
-            "PSNR is %.2f dB after a factor per channel and view (cc_psnr): exposure may differ between views",
+            job->ctx, OXL_LOG_DEBUG,
+            "PSNR is %.2f dB after one factor per channel and view (cc_psnr): exposure may differ between views",
             m.cc_psnr);
     job_add_figures(job, &t, model, bytes);
     rc = job_add_viewer(job, &t, trained, &m);

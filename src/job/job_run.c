@@ -215,8 +215,8 @@ static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_
     *o = job->options;
     if (!budget_fit(&load, o)) return budget_refuse(job->ctx, &load, o, 0);
     if (o->train.sh_degree != job->options.train.sh_degree)
-        oxl_log(job->ctx, OXL_LOG_INFO, "--ram %.0f MB has room for SH degree %d alone", (double)o->ram / 1e6,
-                o->train.sh_degree);
+        oxl_log(job->ctx, OXL_LOG_INFO, "SH degree    %d, which is what --ram %.0f MB has room for",
+                o->train.sh_degree, (double)o->ram / 1e6);
     task->train = o->train;
     task->predicted_peak = cost_memory(o, &load, cost_gaussians(o, &load));
     job_limit_time(job, &task->train);
@@ -265,7 +265,7 @@ static oxl_result job_finish_if_complete(struct job *job, oxl_result rc)
     if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !job->total.exists)) return rc;
     if (job->options.block >= 0 && !one) return rc;
     if (one || (rc == OXL_OK && !job->unfinished)) joined = job_finish(job, rc == OXL_OK);
-    else oxl_log(job->ctx, OXL_LOG_INFO, "%s is not finished; run again to resume", job->out);
+    else oxl_log(job->ctx, OXL_LOG_INFO, "%s is not finished: the same command resumes", job->out);
     return joined == OXL_OK ? rc : joined;
 }
 
@@ -350,8 +350,7 @@ static oxl_result job_prepare(struct job *job, int *done)
     if (rc == OXL_OK) rc = job_remove_temporaries(job);
     if (rc == OXL_OK) rc = job_find_earlier(job, done);
     if (rc == OXL_OK && *done)
-        oxl_log(job->ctx, OXL_LOG_INFO,
-                "%s already holds the finished result of this survey, these options and this seed", job->out);
+        oxl_log(job->ctx, OXL_LOG_INFO, "%s already holds the finished result of this command", job->out);
     if (rc != OXL_OK || *done) return rc;
     rc = job_plan(job);
     return rc == OXL_OK ? job_plan_decoded(job) : rc;

@@ -90,7 +90,7 @@ OXL_INTERNAL oxl_result start_find(struct job *job, const struct oxl_manifest *r
     if (rc == OXL_OK && path) rc = start_read(job->ctx, path, start->after, &job->found, &start->model);
     if (rc == OXL_OK && start->after > 0 && !same)
         oxl_log(job->ctx, OXL_LOG_INFO,
-                "the finished run of %d iterations is continued: %d more, without density control",
+                "the finished run of %d iterations continues for %d more, without density control",
                 start->after, job->options.train.iterations - start->after);
     return rc;
 }

@@ -79,20 +79,19 @@ static void survey_warn(oxl_survey *s, const char *format, ...)
 
 static void survey_write_facts(oxl_survey *s)
 {
-    survey_write(s, "images       %d listed, %d missing; %d training views, %d held-out views; %d masks",
+    survey_write(s,
+                 "images       %d in the model, %d missing on disk; %d for training, %d held out; %d masks",
                  s->images, s->images_missing, s->train_views, s->test_views, s->masks);
-    if (s->masked > 0) survey_write(s, " (%.0f %% of their pixels black, ignored)", 100 * s->masked);
+    if (s->masked > 0) survey_write(s, " (%.0f %% of their pixels are black and ignored)", 100 * s->masked);
     survey_write(s, "\n");
     survey_write(s, "cameras      %s; trained at %d x %d\n",
                  s->cameras_text[0] ? s->cameras_text : "given by the caller", s->width, s->height);
     if (s->points > 0)
-        survey_write(s, "points       %zu, each in %.1f images on average, reprojection error %.2f px\n",
-                     s->points, s->mean_track, s->mean_error);
-    if (s->points > 0)
         survey_write(
-            s, "extent       %.4g x %.4g x %.4g units (1st to 99th percentile of the points); cameras %.4g\n",
-            s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1],
-            s->bounds_max[2] - s->bounds_min[2], s->extent);
+            s,
+            "points       %zu in %.3g x %.3g x %.3g units, each in %.1f images; reprojection error %.2f px\n",
+            s->points, s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1],
+            s->bounds_max[2] - s->bounds_min[2], s->mean_track, s->mean_error);
 }
 
 static void survey_write_prediction(const oxl_context *ctx, oxl_survey *s)
@@ -118,10 +117,10 @@ static void survey_write_iterations(const oxl_job_options *o, int iterations, ox
     const int images = s->images - s->images_missing;
     survey_write(s, "iterations   %d", iterations);
     if (iterations > o->train.iterations)
-        survey_write(s, ": %d for each %d of %d images", o->train.iterations, o->iterations_for, images);
+        survey_write(s, " for %d images, %d for every %d", images, o->train.iterations, o->iterations_for);
     else if (iterations < o->train.iterations)
-        survey_write(s, " instead of %d, for %d images", o->train.iterations, images);
-    else if (o->iterations_for > 0) survey_write(s, ": up to %d images", o->iterations_for);
+        survey_write(s, ", not %d, for only %d images", o->train.iterations, images);
+    else if (o->iterations_for > 0) survey_write(s, ", enough for up to %d images", o->iterations_for);
     survey_write(s, "\n");
 }
 
@@ -137,12 +136,12 @@ static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, 
     struct partition p = {0};
     oxl_result rc = set || limit > 0 || o->device_ram ? budget_partition(ctx, scene, o, &p) : OXL_OK;
     if (rc != OXL_OK) return rc;
-    survey_write(s, "blocks       %d: %s", OXL_MAX(1, p.block_count), set ? "as set" : "");
-    if (!set) survey_write(s, "in one the run takes about %.2f GB", needs / 1e9);
+    survey_write(s, "blocks       %d, %s", OXL_MAX(1, p.block_count), set ? "as set" : "");
+    if (!set) survey_write(s, "since one takes about %.2f GB", needs / 1e9);
     if (o->ram) survey_write(s, ", --ram is %.2f GB", limit / 1e9);
     if (o->device_ram) survey_write(s, ", --device-ram is %.2f GB", (double)o->device_ram / 1e9);
     else if (!o->ram && !set && s->memory_free > 0)
-        survey_write(s, ", %.1f GB are free", s->memory_free / 1e9);
+        survey_write(s, " of the %.1f GB that are free", s->memory_free / 1e9);
     survey_write(s, "\n");
     partition_free(ctx, &p);
     return OXL_OK;

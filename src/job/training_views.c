@@ -270,9 +270,9 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     if (rc != OXL_OK) return rc;
     if (measured) m = *measured;
     if (judged < t.all)
-        oxl_log(ctx, OXL_LOG_INFO,
-                "%d of %d training views are judged, evenly spaced: one for each %d iterations", m.count,
-                t.all, OXL_MAX(1, iterations / judged));
+        oxl_log(ctx, OXL_LOG_DEBUG,
+                "%d of %d training views are evaluated, evenly spaced: one per %d iterations", m.count, t.all,
+                OXL_MAX(1, iterations / judged));
     t.row = oxl_calloc(ctx, (size_t)m.count + 1, sizeof *t.row);
     t.work = oxl_alloc(ctx, 2 * (size_t)m.count + 1, sizeof *t.work);
     t.view = oxl_alloc(ctx, (size_t)m.count + 1, sizeof *t.view);

@@ -167,7 +167,7 @@ static oxl_result budget_divide(oxl_context *ctx, const oxl_scene *scene, const 
             return budget_refuse(ctx, &worst, o, 0);
         rc = partition_make(ctx, scene, &tried, out);
         if (rc == OXL_OK)
-            oxl_log(ctx, OXL_LOG_INFO, "memory of %.0f MB: %d blocks",
+            oxl_log(ctx, OXL_LOG_DEBUG, "%.0f MB of memory: trying %d blocks",
                     (double)(limited->ram ? limited->ram : limited->device_ram) / 1e6, out->block_count);
     }
     return rc;

@@ -126,12 +126,12 @@ static void partition_log(oxl_context *ctx, const struct partition *p, int has_t
     if (p->block_count > 1)
         oxl_log(
             ctx, OXL_LOG_INFO,
-            "%d blocks, cut in %dD: principal extents %.4g x %.4g x %.4g, l3/l2 = %.3f (below %.1f suggests 2D)",
+            "blocks       %d, cut in %dD; principal extents %.4g x %.4g x %.4g, l3/l2 = %.3f (below %.1f: 2D)",
             p->block_count, p->dimensions, p->extent[0], p->extent[1], p->extent[2], partition_flatness(p),
             PARTITION_FLAT);
     else
-        oxl_log(ctx, OXL_LOG_INFO, "%zu points stay one block%s", p->block[0].points,
-                has_tracks ? "" : ": they have no tracks, which tell what a view sees");
+        oxl_log(ctx, OXL_LOG_DEBUG, "blocks       1, of %zu points%s", p->block[0].points,
+                has_tracks ? "" : ": without tracks it is not known which view sees them");
 }
 
 OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene,

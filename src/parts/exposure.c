@@ -136,8 +136,7 @@ OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct phot
     const int fits = (p->parts & PHOTOMETRY_GAINS) != 0;
     const double least = e->is_tried ? EXPOSURE_PLAUSIBLE : EXPOSURE_CLEAR;
     double left = 0, explained = 0, noise = 0;
-    snprintf(why, size,
-             p->points ? "the tracks' colours need no gains" : "too few tracks to compare colours");
+    snprintf(why, size, p->points ? "images do not differ" : "too few points are seen in several images");
     if (fits) {
         memcpy(e->of.log_gain, p->log_gain, 3 * (size_t)e->of.views * sizeof *e->of.log_gain);
         for (int i = 0; i < e->of.views; i++) e->of.known[i] = p->fitted[i] != 0;
@@ -148,9 +147,9 @@ OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct phot
         e->known_until = EXPOSURE_HOLD;
         snprintf(
             why, size,
-            "%zu points in %zu observations: gains of images differ by %.1f %% (rms) from those of other images of the same points, and "
-            "by %.1f %% from their neighbours', which explain %.1f %%; %s from %.2g times the tracks' noise, %.1f %%",
-            p->points, p->observations, 100 * p->unexplained, 100 * left, 100 * explained,
+            "images differ by %.1f %%; rms of the gain against other images of the same points, %zu points in %zu observations; "
+            "neighbouring images explain %.1f %% of it and leave %.1f %%; %s from %.2g times the noise of %.1f %%",
+            100 * p->unexplained, p->points, p->observations, 100 * explained, 100 * left,
             e->is_tried ? "tried" : "on", least, 100 * noise);
     }
     e->clear = explained / OXL_MAX(noise, DBL_MIN);
@@ -251,7 +250,7 @@ static oxl_result exposure_trial(struct train *t, void *state, struct train_bran
     char why[400];
     int halves = 0;
     oxl_result rc = OXL_OK;
-    oxl_log(t->ctx, OXL_LOG_INFO, "exposure: up to %d steps at half the sides, which are taken back, decide",
+    oxl_log(t->ctx, OXL_LOG_DEBUG, "exposure: a trial of at most %d steps at half size decides",
             4 * EXPOSURE_STEPS);
     /* It learns as a draft does, so that all presets and run lengths decide at about the same point; but with
      * all contributions: without the smallest the right surveys do not stand out. */
@@ -270,10 +269,10 @@ static oxl_result exposure_trial(struct train *t, void *state, struct train_bran
     if (!exposure_is_worth(off, on)) e->of.on = 0, imaging_clear(&e->of);
     snprintf(
         why, sizeof why,
-        "neighbours explain %.1f times the tracks' noise of the gains; %d of %d training views predicted from the other half, "
-        "after %d steps at half the sides: %.2f dB with gains, %.2f without; on from %.2g dB more",
-        e->clear, halves > 1 ? t->views : (t->views + 1) / 2, t->views, EXPOSURE_STEPS, on, off,
-        EXPOSURE_MIN_GAIN);
+        "gains change the PSNR of unseen images by %+.1f dB; a trial of %d steps at half size predicts %d of %d training views "
+        "from the other half: %.2f dB with gains, %.2f without; on from %.2g dB more; neighbouring images explain %.1f times the noise",
+        on - off, EXPOSURE_STEPS, halves > 1 ? t->views : (t->views + 1) / 2, t->views, on, off,
+        EXPOSURE_MIN_GAIN, e->clear);
     e->is_decided = 1;
     rc = train_imaging_use_tracks(t); /* may be interrupted: then there is no decision yet */
     if (rc == OXL_OK) selection_record_auto(t, "exposure", OXL_AUTO, e->of.on, why);

@@ -573,7 +573,7 @@ static oxl_result gaps_first_points(struct train *t, oxl_point **out, size_t *co
                  most = t->options->gaps ? room : 0;
     const oxl_result rc = gaps_points(t->ctx, t->scene, most, out, count);
     if (rc == OXL_OK && *count > 0)
-        oxl_log(t->ctx, OXL_LOG_INFO, "%zu points added where views have pixels without one", *count);
+        oxl_log(t->ctx, OXL_LOG_DEBUG, "%zu points are added where views show none of the survey's", *count);
     return rc;
 }
 

@@ -43,10 +43,11 @@ OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, cons
     const int fits = (p->parts & PHOTOMETRY_LAMP) != 0;
     l->on = fits || mode == OXL_ON;
     for (int g = 0; g < l->groups && fits; g++) memcpy(l->group[g].shape, p->shape[g], sizeof p->shape[g]);
-    snprintf(why, size,
-             "%zu points in %zu observations: residuals %.2f %% of white, %.2f without a gain over the image",
-             p->points, p->observations, 100 * p->residual, 100 * p->without[1]);
-    if (!p->points) snprintf(why, size, "too few tracks to compare colours");
+    snprintf(
+        why, size,
+        "light is %s across the images; residuals of %zu points in %zu observations are %.2f %% of white, %.2f without a lamp",
+        fits ? "uneven" : "even", p->points, p->observations, 100 * p->residual, 100 * p->without[1]);
+    if (!p->points) snprintf(why, size, "too few points are seen in several images");
 }
 
 /* Takes the step of the pending gradient, unless its step is later than `last`. */

@@ -55,7 +55,7 @@ static oxl_result lobes_assign(struct train *t)
         active[i] = density_mean_gradient(t->density, i) > threshold;
         given += active[i];
     }
-    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu of %zu Gaussians get a second lobe", t->step, given,
+    oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu of %zu Gaussians get a second lobe", t->step, given,
             t->trained.model.count);
     if (given > 0) rc = model_trained_make_lobes(t->ctx, &t->trained, active, LOBES_OPACITY, LOBES_SCALE);
 done:

@@ -31,23 +31,24 @@ OXL_INTERNAL void medium_set_from_tracks(struct medium *m, double span, const st
     if (m->on)
         snprintf(
             why, size,
-            "%zu points in %zu observations: residuals %.2f %% of white, %.2f without the medium; red green blue, standard error: bD %.3g %.3g "
-            "%.3g (%.0f %.0f %.0f %%), bB %.3g %.3g %.3g (%.0f %.0f %.0f %%), Binf %.3g %.3g %.3g",
+            "haze grows with distance; residuals of %zu points in %zu observations are %.2f %% of white, %.2f without the medium; red green blue, "
+            "standard error: bD %.3g %.3g %.3g (%.0f %.0f %.0f %%), bB %.3g %.3g %.3g (%.0f %.0f %.0f %%), Binf %.3g %.3g %.3g",
             p->points, p->observations, 100 * p->with_medium, 100 * p->without[0], p->attenuation[0],
             p->attenuation[1], p->attenuation[2], 100 * p->error[0], 100 * p->error[1], 100 * p->error[2],
             p->backscatter[0], p->backscatter[1], p->backscatter[2], 100 * p->error[3], 100 * p->error[4],
             100 * p->error[5], p->veiling_light[0], p->veiling_light[1], p->veiling_light[2]);
-    else if (!p->points) snprintf(why, size, "too few tracks to compare colours");
+    else if (!p->points) snprintf(why, size, "too few points are seen in several images");
     else if (span < SCENE_DEPTH_SPAN_MIN)
         snprintf(
             why, size,
-            "the points' depths span a factor of %.1f: less than %d does not identify a medium, and residuals, %.2f %% of white, "
-            "are %.2f without one: on from %.2g times as much",
+            "depths differ too little to show haze, by a factor of %.1f; below %d it takes more evidence: residuals are %.2f %% of white, "
+            "%.2f without a medium; on from %.2g times as much",
             span, SCENE_DEPTH_SPAN_MIN, 100 * p->with_medium, 100 * p->without[0], 1 + PHOTOMETRY_EVIDENT);
     else
-        snprintf(why, size,
-                 "%zu points in %zu observations: residuals %.2f %% of white, %.2f without the medium",
-                 p->points, p->observations, 100 * p->with_medium, 100 * p->without[0]);
+        snprintf(
+            why, size,
+            "no haze grows with distance; residuals of %zu points in %zu observations are %.2f %% of white, %.2f without the medium",
+            p->points, p->observations, 100 * p->with_medium, 100 * p->without[0]);
 }
 
 /* Converts the model's colours from those of training to those without the medium, or back. */
@@ -100,7 +101,7 @@ static void medium_use_tracks(struct train *t, void *state, const struct photome
     if (mode != OXL_OFF) medium_set_from_tracks(m, scene_depth_span(t->scene), p, why, sizeof why);
     selection_record_auto(t, "medium", mode, m->on, why);
     if (train_imaging_is_open(t)) return;
-    if (mode == OXL_ON && !m->on) oxl_log(t->ctx, OXL_LOG_WARNING, "no medium is modelled: %s", why);
+    if (mode == OXL_ON && !m->on) oxl_log(t->ctx, OXL_LOG_WARNING, "no medium is modelled, %s", why);
     if (m->on && fabs(p->drift) > MEDIUM_DRIFT)
         oxl_log(
             t->ctx, OXL_LOG_WARNING,
@@ -127,7 +128,7 @@ static void medium_describe(struct train *t, void *state)
     (void)state;
     if (m->on)
         oxl_log(
-            t->ctx, OXL_LOG_INFO,
+            t->ctx, OXL_LOG_DEBUG,
             "medium on: bD %.3g %.3g %.3g, bB %.3g %.3g %.3g per unit, Binf %.3g %.3g %.3g (red green blue); depths span a "
             "factor of %.1f",
             (double)m->attenuation[0], (double)m->attenuation[1], (double)m->attenuation[2],

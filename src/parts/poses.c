@@ -175,8 +175,8 @@ static oxl_result poses_after_step(struct train *t, void *state)
     if (!p->on || t->options->poses != OXL_AUTO || t->step != (int)(POSES_DECIDE * t->options->iterations))
         return OXL_OK;
     shift = poses_shift(p, t->scene);
-    snprintf(why, sizeof why, "after %d steps they shift the images by %.2f px (rms); kept from %.2g px",
-             t->step, shift, POSES_SHIFT);
+    snprintf(why, sizeof why, "images shift by %.2f px; rms after %d steps; on from %.2g px", shift, t->step,
+             POSES_SHIFT);
     p->on = shift >= POSES_SHIFT;
     selection_record_auto(t, "poses", OXL_AUTO, p->on, why);
     return OXL_OK;

@@ -281,8 +281,8 @@ static oxl_result prune_after_step(struct train *t, void *state)
     if (drop == 0) return OXL_OK;
     rc = prune_remove_rows(t, p, drop);
     if (rc == OXL_OK)
-        oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu Gaussians of the lowest score removed, %zu left", t->step,
-                drop, t->trained.model.count);
+        oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu Gaussians of the lowest score removed, %zu left",
+                t->step, drop, t->trained.model.count);
     return rc;
 }
 

@@ -48,14 +48,12 @@ static void ucd_decide(struct ucd *u, const oxl_scene *scene)
     const double front = scene_depth_quantile(scene, UCD_FRONT), back = scene_depth_quantile(scene, UCD_BACK);
     const double fade = c->beta * (back - front), error = c->error * (back - front);
     u->on = c->measured && ucd_fades(fade, error);
-    if (!c->measured)
-        snprintf(u->reason, sizeof u->reason, "off: there are no points that were seen from several depths");
+    if (!c->measured) snprintf(u->reason, sizeof u->reason, "no points are seen from several depths");
     else
         snprintf(
             u->reason, sizeof u->reason,
-            "%s: from depth %.3g to %.3g the images' contrast falls by %.0f %% (log %.2f +- %.2f, %zu points; on from %.2f)",
-            u->on ? "on" : "off", front, back, 100 * (1 - vecmath_exp(-fade)), fade, error, c->points,
-            UCD_FADE_MIN);
+            "contrast falls by %.0f %% from near to far; depths %.3g to %.3g, log ratio %.2f +- %.2f at %zu points; on from %.2f",
+            100 * (1 - vecmath_exp(-OXL_MAX(0, fade))), front, back, fade, error, c->points, UCD_FADE_MIN);
 }
 
 OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, const oxl_scene *scene,
@@ -69,7 +67,7 @@ OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, const oxl_sce
                       .f = {options->f_mid, options->f_far},
                       .prior = {options->f_mid, options->f_far},
                       .seed = ctx->options.seed};
-    snprintf(u->reason, sizeof u->reason, "%s: as set", u->on ? "on" : "off");
+    snprintf(u->reason, sizeof u->reason, "as set");
     if (options->mode == OXL_UCD_AUTO) rc = contrast_measure(ctx, scene, &u->contrast);
     if (rc == OXL_OK && options->mode == OXL_UCD_AUTO) ucd_decide(u, scene);
     u->learns = u->on && options->learn;
@@ -79,7 +77,7 @@ OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, const oxl_sce
 
 OXL_INTERNAL void ucd_describe(const struct ucd *u, char *out, size_t size)
 {
-    const int used = snprintf(out, size, "depth weights %s", u->reason);
+    const int used = snprintf(out, size, "%s", u->reason);
     if (!u->on || used < 0 || (size_t)used >= size) return;
     snprintf(out + used, size - (size_t)used,
              u->learns ? "; from depth %.3g f_mid %.2f, from %.3g f_far %.2f, corrected by %d pairs of costs"
@@ -186,7 +184,7 @@ static oxl_result ucd_part_begin(struct train *t, void *state)
     oxl_result rc = ucd_begin(t->ctx, u, t->scene, &t->options->ucd);
     if (rc != OXL_OK) return rc;
     ucd_describe(u, words, sizeof words);
-    if (t->options->ucd.mode != OXL_UCD_OFF) oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);
+    if (t->options->ucd.mode != OXL_UCD_OFF) selection_log(t, "depth weights", u->on, words);
     if (u->on) rc = density_set_bands(t->ctx, t->density, t->trained.model.count, u->z_near, u->z_far);
     return rc;
 }

@@ -25,12 +25,19 @@ OXL_INTERNAL void selection_record(struct train *t, const char *what, const char
     text_add(decisions, "}");
 }
 
+OXL_INTERNAL void selection_log(struct train *t, const char *what, int on, const char *why)
+{
+    if (!t->task.window) /* a block repeats what the coarse model has decided */
+        oxl_log(t->ctx, OXL_LOG_INFO, "%-12s %s, %.*s", what, on ? "on" : "off", (int)strcspn(why, ";"), why);
+    oxl_log(t->ctx, OXL_LOG_DEBUG, "%s %s: %s", what, on ? "on" : "off", why);
+}
+
 OXL_INTERNAL void selection_record_auto(struct train *t, const char *what, oxl_switch mode, int on,
                                         const char *why)
 {
     if (mode != OXL_AUTO || train_imaging_is_open(t)) return;
     selection_record(t, what, on ? "on" : "off", why);
-    oxl_log(t->ctx, OXL_LOG_INFO, "%s %s: %s", what, on ? "on" : "off", why);
+    selection_log(t, what, on, why);
 }
 
 /* ---------------- validation views */

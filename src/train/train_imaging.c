@@ -23,9 +23,9 @@ static void train_imaging_match_colours(struct train *t, const double colour[3])
     if (most < TRAIN_IMAGING_COLOUR) return;
     model_scale_colour(&t->trained.model, colour);
     oxl_log(
-        t->ctx, OXL_LOG_INFO,
-        "the images' colours are %.2f, %.2f, %.2f (red green blue) times those of the survey's points: Gaussians begin with "
-        "the images'",
+        t->ctx, OXL_LOG_DEBUG,
+        "the images' colours are %.2f, %.2f, %.2f (red green blue) times those of the survey's points, so Gaussians begin with "
+        "the images' colours",
         colour[0], colour[1], colour[2]);
 }
 
@@ -79,9 +79,9 @@ OXL_INTERNAL void train_imaging_describe(struct train *t)
     parts_describe(t);
     if (m->medium.on && span < SCENE_DEPTH_SPAN_MIN)
         oxl_log(
-            t->ctx, OXL_LOG_INFO,
-            "the points' depths, without the nearest and the farthest tenth, span a factor of %.1f: the medium is not identified, "
-            "and scene_clear.ply is not measured colour",
+            t->ctx, OXL_LOG_DEBUG,
+            "the depths of the points, without the nearest and farthest tenth, span a factor of %.1f, which does not identify the "
+            "medium: the colours of scene_clear.ply are not measured ones",
             span);
 }
 

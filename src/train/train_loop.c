@@ -19,8 +19,7 @@ static oxl_result train_first_from_points(struct train *t, const oxl_point *poin
 {
     const oxl_result rc = oxl_model_from_points(t->ctx, points, count, 0, &t->trained.model);
     if (rc == OXL_OK && t->trained.model.count < count)
-        oxl_log(t->ctx, OXL_LOG_INFO,
-                "%zu of %zu points coincide with others; training starts from the %zu different ones",
+        oxl_log(t->ctx, OXL_LOG_DEBUG, "%zu of %zu points are duplicates; training starts from the other %zu",
                 count - t->trained.model.count, count, t->trained.model.count);
     return rc;
 }
@@ -246,7 +245,7 @@ OXL_INTERNAL oxl_result train_resume(struct train *t)
     oxl_result rc = OXL_OK;
     t->saved_at = t->started;
     if (s->read) rc = s->read(t->ctx, s->folder, s->key, train_archive, t, &found);
-    if (rc == OXL_OK && found) oxl_log(t->ctx, OXL_LOG_INFO, "going on after iteration %d", t->step);
+    if (rc == OXL_OK && found) oxl_log(t->ctx, OXL_LOG_INFO, "resumed after iteration %d", t->step);
     t->saved_step = t->step;
     return rc;
 }
@@ -313,8 +312,8 @@ static oxl_result train_loop(struct train *t)
         if (rc != OXL_OK) break;
         if (step_report(t, 0)) return train_stop(t);
         if (o->max_seconds > 0 && os_seconds() - t->started > o->max_seconds && t->step < o->iterations) {
-            oxl_log(t->ctx, OXL_LOG_INFO, "stopped after %d of %d iterations: the time limit is reached",
-                    t->step, o->iterations);
+            oxl_log(t->ctx, OXL_LOG_INFO, "stopped by --max-time after %d of %d iterations", t->step,
+                    o->iterations);
             return train_save(t);
         }
         if (train_save_is_due(t)) rc = train_save(t);

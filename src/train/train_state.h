@@ -128,7 +128,9 @@ OXL_INTERNAL oxl_result selection_trial(struct train *t);
 OXL_INTERNAL void selection_archive(struct archive *a, struct train *t);
 /* Records the choice and its evidence for run.json. */
 OXL_INTERNAL void selection_record(struct train *t, const char *what, const char *chosen, const char *why);
-/* Records what `auto` has chosen, also with a line in the log. mode: the option. */
+/* Logs a choice: `why` up to its first semicolon, and with --verbose the evidence behind it. */
+OXL_INTERNAL void selection_log(struct train *t, const char *what, int on, const char *why);
+/* Records and logs what `auto` has chosen. mode: the option. */
 OXL_INTERNAL void selection_record_auto(struct train *t, const char *what, oxl_switch mode, int on,
                                         const char *why);
 

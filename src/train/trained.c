@@ -126,8 +126,8 @@ static oxl_result viewer_refine(oxl_context *ctx, const oxl_scene *scene, const 
     if (rc == OXL_OK) rc = viewer_begin(ctx, scene, t, drops_gains, &t->viewer);
     imaging_hide(&seen, 1);
     if (rc == OXL_OK) {
-        oxl_log(ctx, OXL_LOG_INFO,
-                "the model without second lobes%s, for viewers, is refined for %d iterations",
+        oxl_log(ctx, OXL_LOG_DEBUG,
+                "a model for viewers, without second lobes%s, is refined for %d iterations",
                 drops_gains ? " and gains" : " and medium", o.iterations);
         rc = train_run(ctx, scene, &o, &(oxl_callback){trained_progress, progress}, &task, &refined);
     }
@@ -155,7 +155,7 @@ static oxl_result trained_trim(oxl_context *ctx, const oxl_scene *scene, const o
     rc = unseen_drop(ctx, scene, &t->model, &dropped);
     if (rc == OXL_OK && t->viewer.count) rc = unseen_drop(ctx, scene, &t->viewer, &of_viewer);
     if (rc == OXL_OK && dropped)
-        oxl_log(ctx, OXL_LOG_INFO, "%zu Gaussians that no training view shows are left out", dropped);
+        oxl_log(ctx, OXL_LOG_DEBUG, "%zu Gaussians that no training view shows are removed", dropped);
     if (rc == OXL_OK && t->model.count == 0)
         rc = oxl_fail(ctx, OXL_ERR_FAILED,
                       "no Gaussian is left\nfix: oceanxl check looks at cameras, points and images");
