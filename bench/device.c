@@ -32,9 +32,9 @@ enum { DEVICE_ROUNDS = 11 };
  * comparisons, selections, a division. What else the passes do (looking which blocks a splat reaches,
  * barriers, adding up what the invocations have) is not work. */
 enum {
-    DEVICE_SHARE = 7 + 13 + 4 + 5, /* raster.glsl: the exponent; 2 to that; its bounds; T and the weight */
+    DEVICE_SHARE = 3 + 1 + 3 + 6, /* raster.glsl: the exponent; 2 to that; its bounds; T and the weight */
     DEVICE_FORWARD = DEVICE_SHARE + 3,
-    DEVICE_BACKWARD = DEVICE_SHARE + 12 + 14 /* raster_backward.comp: the first room, the second */
+    DEVICE_BACKWARD = DEVICE_SHARE + 20 /* raster_backward.comp: the gradients, the sums of four pixels */
 };
 
 static const char *const DEVICE_PASSES[PASS_COUNT] = {[PASS_PROJECT] = "project",
@@ -45,9 +45,7 @@ static const char *const DEVICE_PASSES[PASS_COUNT] = {[PASS_PROJECT] = "project"
                                                       [PASS_FOOTPRINT] = "footprint",
                                                       [PASS_RANGES] = "ranges",
                                                       [PASS_RASTER] = "raster",
-                                                      [PASS_RASTER_BACKWARD_4] = "raster backward",
-                                                      [PASS_RASTER_BACKWARD_8] = "raster backward",
-                                                      [PASS_RASTER_BACKWARD_16] = "raster backward",
+                                                      [PASS_RASTER_BACKWARD] = "raster backward",
                                                       [PASS_LOSS_FORWARD] = "loss forward",
                                                       [PASS_LOSS_TOTAL] = "loss total",
                                                       [PASS_LOSS_BACKWARD] = "loss backward",
@@ -261,10 +259,9 @@ static void device_table(const struct vulkan *v, const struct device_run *r,
     const double touched = 4.0 * (double)r->trained.model.count * oxl_model_planes(&r->trained.model);
     double all = 0;
     for (int p = 0; p < PASS_COUNT; p++) all += v->pass_seconds[p];
-    printf(
-        "%zu Gaussians, SH degree 3, %d x %d px, %zu (tile, splat) pairs, %.1f evaluations a pixel, batches of %u\n",
-        r->trained.model.count, r->camera.width, r->camera.height, d->most_pairs,
-        (double)most->evaluations / pixels, v->batch);
+    printf("%zu Gaussians, SH degree 3, %d x %d px, %zu (tile, splat) pairs, %.1f evaluations a pixel\n",
+           r->trained.model.count, r->camera.width, r->camera.height, d->most_pairs,
+           (double)most->evaluations / pixels);
     for (int p = 0; p < PASS_COUNT; p++) {
         const double each = v->pass_seconds[p] / rounds;
         if (v->pass_runs[p] == 0) continue;
@@ -276,8 +273,7 @@ static void device_table(const struct vulkan *v, const struct device_run *r,
             printf("   %.1f GB/s, %.0f %% of a copy", 1e-9 * touched / each,
                    1e-7 * touched / each / most->copy);
         if (p == PASS_RASTER) device_arithmetic(most, DEVICE_FORWARD, each);
-        if (p >= PASS_RASTER_BACKWARD_4 && p <= PASS_RASTER_BACKWARD_16)
-            device_arithmetic(most, DEVICE_BACKWARD, each);
+        if (p == PASS_RASTER_BACKWARD) device_arithmetic(most, DEVICE_BACKWARD, each);
         printf("\n");
     }
     printf(

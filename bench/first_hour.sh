@@ -34,13 +34,13 @@ verdict() { # NAME CODE
 }
 
 # One line of the table of passes: what bench/device.c prints, in milliseconds. OXL_BENCH_PARTS=1: with lamp, medium, dropout, depth loss.
-times() { # GAUSSIANS:WIDTH:HEIGHT [BATCH]
+times() { # GAUSSIANS:WIDTH:HEIGHT
     local g w h out
     IFS=: read -r g w h <<<"$1"
-    out=$(OXL_VULKAN_BATCH=${2:-8} timeout --kill-after=5 $share "$build/bench_device" "$g" "$w" "$h" "$device" 2>&1) || { echo "| $g | $w x $h | ${2:-8} | stopped or failed: $(tail -n 1 <<<"$out") |"; return; }
+    out=$(timeout --kill-after=5 $share "$build/bench_device" "$g" "$w" "$h" "$device" 2>&1) || { echo "| $g | $w x $h | stopped or failed: $(tail -n 1 <<<"$out") |"; return; }
     echo "$out" >>"$log"
-    awk -v g="$g" -v size="$w x $h" -v batch="${2:-8}" '
-        /pairs,/ { for (i = 1; i <= NF; i++) if ($i == "(tile,") pairs = $(i - 1); else if ($i == "batches" && $(i + 2) != batch) batch = $(i + 2) " (not " batch ")" }
+    awk -v g="$g" -v size="$w x $h" '
+        /pairs,/ { for (i = 1; i <= NF; i++) if ($i == "(tile,") pairs = $(i - 1) }
         match($0, /^  [a-z][a-zA-Z ,+]*[a-zA-Z] +[0-9.]+ ms/) {
             line = substr($0, RSTART, RLENGTH); sub(/ ms$/, "", line); ms = line; sub(/.* /, "", ms); sub(/ +[0-9.]+$/, "", line); sub(/^ +/, "", line)
             t[line] = ms
@@ -50,7 +50,7 @@ times() { # GAUSSIANS:WIDTH:HEIGHT [BATCH]
             sort = t["scan"] + t["compact"] + t["sort, count"] + t["sort, scatter"] + t["footprint"] + t["ranges"]
             parts = t["lamp"] + t["imaging, pixels"] + t["imaging, total"] + t["depth loss"]
             loss = t["loss forward"] + t["loss total"] + t["loss backward"] + t["unpack"]
-            printf "| %s | %s | %s | %s | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %s | %s |\n", g, size, batch, pairs, t["project"], sort,
+            printf "| %s | %s | %s | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %s | %s |\n", g, size, pairs, t["project"], sort,
                 t["raster"], loss, t["raster backward"], t["backward + Adam"], parts, t["step"], waits, dispatches
         }' <<<"$out"
 }
@@ -82,10 +82,9 @@ echo '## Times'
 echo
 echo "Milliseconds of the device's clock; step: the host's, with its waits. $("$build/bench_device" 1000 64 64 "$device" 2>/dev/null | head -n 1)"
 echo
-echo '| Gaussians | image | batch | pairs | project | sort | raster | loss | raster backward | backward + Adam | parts | step | waits | dispatches |'
-echo '|---|---|---|---|---|---|---|---|---|---|---|---|---|---|'
+echo '| Gaussians | image | pairs | project | sort | raster | loss | raster backward | backward + Adam | parts | step | waits | dispatches |'
+echo '|---|---|---|---|---|---|---|---|---|---|---|---|---|'
 for size in $sizes; do times "$size"; done
-for batch in 4 16; do times "$variants" $batch; done
 echo "The last with lamp, medium, dropout, the loss in front of points (OXL_BENCH_PARTS=1):" >>"$log"
 export OXL_BENCH_PARTS=1
 times "$variants"

@@ -29,7 +29,8 @@ static unsigned compile_variants(int pass)
     if (pass == PASS_FOOTPRINT || pass == PASS_LOSS_TOTAL || pass == PASS_LOSS_FORWARD ||
         pass == PASS_OBSERVE || pass == PASS_UNPACK)
         return 1 | 2;
-    return pass >= PASS_RASTER_BACKWARD_4 && pass <= PASS_RASTER_BACKWARD_8_LOBED ? 1 | 4 : 1;
+    if (pass == PASS_RASTER || pass == PASS_RASTER_LOBED) return 1 | 2 | 4;
+    return pass == PASS_RASTER_BACKWARD || pass == PASS_RASTER_BACKWARD_LOBED ? 1 | 4 : 1;
 }
 
 /* Whether the variant is the plain one and a part of training: dropout, medium, lamp. So it has more instructions, or the plain one has them, too. */

@@ -101,17 +101,6 @@ static oxl_result vulkan_choose(struct vulkan *v, int wanted, int any, uint32_t 
     return OXL_OK;
 }
 
-/* The larger the batch, the fewer barriers, and the fewer workgroups a processor holds. Batches of 16 were
- * not tried on a GPU:
- * OXL_VULKAN_BATCH=16 asks for them. */
-static uint32_t vulkan_batch(uint32_t shared)
-{
-    const char *named = getenv("OXL_VULKAN_BATCH");
-    const int most = named ? atoi(named) : 8;
-    if (most >= 16 && shared >= SPIRV_RASTER_BACKWARD_16_SHARED) return 16;
-    return most >= 8 && shared >= SPIRV_RASTER_BACKWARD_8_LOBED_SHARED ? 8 : 4;
-}
-
 /* No system resets a CPU, and a slow one may need minutes. Of GPUs the weakest discrete ones are hardly
  * faster than the others. */
 static void vulkan_set_times(struct vulkan *v)
@@ -127,7 +116,6 @@ static oxl_result vulkan_check(struct vulkan *v)
     const VkPhysicalDeviceLimits *l = &v->properties.limits;
     v->range = l->maxStorageBufferRange;
     v->groups_max = OXL_MIN(l->maxComputeWorkGroupCount[0], l->maxComputeWorkGroupCount[1]);
-    v->batch = vulkan_batch(l->maxComputeSharedMemorySize);
     vulkan_set_times(v);
     snprintf(v->name_and_cpu, sizeof v->name_and_cpu, "%s and cpu", v->properties.deviceName);
     v->slab_rows = (uint32_t)OXL_MIN(VULKAN_SLAB_ROWS,

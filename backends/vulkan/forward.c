@@ -73,7 +73,7 @@ static void vulkan_take_view(struct vulkan_renderer *r, const oxl_model *model, 
     r->window_fraction = (float)((size_t)c->width * (size_t)c->height) / (4 * k.half_width * k.half_height);
     r->tiles = (size_t)r->view.tiles_x * r->view.tiles_y;
     vulkan_reserve(r->v, &r->rgb, (size_t)c->width * (size_t)c->height, 12, "pixels");
-    vulkan_reserve(r->v, &r->start, r->tiles + 1, 4, "tiles");
+    vulkan_reserve(r->v, &r->start, 2 * r->tiles + 1, 4, "tiles");
     vulkan_update(r->v, &r->view_buffer, 0, &r->view, sizeof r->view);
     /* of a step that was given up */
     if (!r->deferred) vulkan_update(r->v, &r->counts, COUNT_HALT * sizeof on, &on, sizeof on);
@@ -144,43 +144,39 @@ static void vulkan_order_pairs(struct vulkan_renderer *r)
                VULKAN_BUFFERS(&r->pair_key[r->sort_end], &r->start, &r->counts));
 }
 
-/* Calls draw(r, part, argument) for the whole image, or for the tiles whose first pair is in a part of the
- * pairs, each part a
- * submission of its own: an operating system resets a GPU that is busy for longer than 2 s with one (Windows'
- * default). The shader looks whether a tile is in the part, so the host need not know the tiles' pairs.
- * docs/log/SPEED.md has the estimates. */
-OXL_INTERNAL void vulkan_in_parts(struct vulkan_renderer *r,
-                                  void (*draw)(struct vulkan_renderer *r, const uint32_t part[2],
-                                               uint32_t argument),
-                                  uint32_t argument)
+/* Draws `total` workgroups or pairs whole, or as so many parts, each a submission of its own: an operating
+ * system resets a GPU that is busy for longer than 2 s with one (Windows' default). docs/log/SPEED.md has the
+ * estimates. */
+static void vulkan_in_parts(struct vulkan_renderer *r, size_t total,
+                            void (*draw)(struct vulkan_renderer *r, uint32_t variant, size_t begin,
+                                         size_t end),
+                            uint32_t variant)
 {
     const size_t most = r->v->part, parts = most ? OXL_MAX((r->pairs + most - 1) / most, (size_t)1) : 1;
-    const size_t each = r->pairs / parts + 1;
+    const size_t each = total / parts + 1;
     if (parts > 1) vulkan_flush(r->v);
     for (size_t k = 0; k < parts; k++) {
-        const uint32_t part[2] = {(uint32_t)(k * each),
-                                  k + 1 < parts ? (uint32_t)((k + 1) * each) : UINT32_MAX};
-        draw(r, part, argument);
+        draw(r, variant, k * each, k + 1 < parts ? (k + 1) * each : UINT32_MAX);
         if (parts > 1) vulkan_flush(r->v);
     }
 }
 
-static void vulkan_draw_part(struct vulkan_renderer *r, const uint32_t part[2], uint32_t depths)
+/* Draws tiles whose first pair is in begin..end: the shader looks, so the host need not know their pairs. */
+static void vulkan_draw_part(struct vulkan_renderer *r, uint32_t variant, size_t begin, size_t end)
 {
-    const uint32_t push[4] = {(uint32_t)r->lobes, part[0], part[1], depths};
-    if (r->lobes)
-        VULKAN_RUN(r->v, RASTER_LOBED, 0, r->tiles, push,
-                   VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged,
-                                  &r->splat_a, &r->splat_b, &r->splat_c, &r->lobe_a, &r->rgb));
-    else
-        VULKAN_RUN(r->v, RASTER, 0, r->tiles, push,
-                   VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged,
-                                  &r->splat_a, &r->splat_b, &r->splat_c, NULL, &r->rgb));
+    VULKAN_SAME((int)SPIRV_RASTER_LOBED_BINDINGS, (int)SPIRV_RASTER_BINDINGS);
+    vulkan_run(r->v, r->lobes ? PASS_RASTER_LOBED : PASS_RASTER, variant, r->tiles,
+               VULKAN_PUSH((uint32_t)r->lobes, (uint32_t)begin, (uint32_t)end),
+               VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged,
+                              &r->splat_a, &r->splat_b, &r->splat_c, r->lobes ? &r->lobe_a : NULL, &r->rgb,
+                              &r->kept));
 }
 
-static void vulkan_draw(struct vulkan_renderer *r, int depths)
+/* variant: as in raster.comp */
+static void vulkan_draw(struct vulkan_renderer *r, uint32_t variant)
 {
-    vulkan_in_parts(r, vulkan_draw_part, (uint32_t)depths);
+    vulkan_in_parts(r, r->pairs, vulkan_draw_part, variant);
+    r->keeps = variant == 1;
 }
 
 static void vulkan_reserve_pairs(struct vulkan_renderer *r, struct vulkan_buffer *b, size_t element)
@@ -189,8 +185,10 @@ static void vulkan_reserve_pairs(struct vulkan_renderer *r, struct vulkan_buffer
     else vulkan_reserve(r->v, b, r->pairs, element, "(tile, splat) pairs");
 }
 
-OXL_INTERNAL void vulkan_reserve_sums(struct vulkan_renderer *r, int score)
+/* Room for what the way back reads and writes; score: of the score alone. */
+static void vulkan_reserve_backward(struct vulkan_renderer *r, int score)
 {
+    vulkan_reserve_pairs(r, &r->kept, 4096 / VULKAN_BUCKET); /* four numbers of 256 pixels a bucket */
     vulkan_reserve_pairs(r, &r->sums_a, 16);
     if (score) return;
     vulkan_reserve_pairs(r, &r->sums_b, 16);
@@ -199,15 +197,29 @@ OXL_INTERNAL void vulkan_reserve_sums(struct vulkan_renderer *r, int score)
     if (r->lobes) vulkan_reserve_pairs(r, &r->sums_e, 8);
 }
 
-/* They bind and are pushed alike, but that those without second lobes leave out the last two bindings. */
-OXL_INTERNAL enum vulkan_pass vulkan_backward_pass(const struct vulkan *v, int lobed)
+static enum vulkan_pass vulkan_backward_pass(const struct vulkan_renderer *r)
 {
-    VULKAN_SAME(SPIRV_RASTER_BACKWARD_4_LOBED_BINDINGS, VULKAN_BINDINGS);
-    VULKAN_SAME(SPIRV_RASTER_BACKWARD_8_LOBED_BINDINGS, VULKAN_BINDINGS);
-    if (lobed) return v->batch >= 8 ? PASS_RASTER_BACKWARD_8_LOBED : PASS_RASTER_BACKWARD_4_LOBED;
-    return v->batch == 16  ? PASS_RASTER_BACKWARD_16
-           : v->batch == 8 ? PASS_RASTER_BACKWARD_8
-                           : PASS_RASTER_BACKWARD_4;
+    return r->lobes ? PASS_RASTER_BACKWARD_LOBED : PASS_RASTER_BACKWARD;
+}
+
+/* Without second lobes the shader leaves out the last two bindings. */
+static void vulkan_backward_part(struct vulkan_renderer *r, uint32_t variant, size_t begin, size_t end)
+{
+    const size_t last = OXL_MIN(end, r->tiles + r->pairs / (2 * VULKAN_BUCKET));
+    VULKAN_SAME(SPIRV_RASTER_BACKWARD_LOBED_BINDINGS, VULKAN_BINDINGS);
+    vulkan_run(r->v, vulkan_backward_pass(r), variant, last > begin ? last - begin : 0,
+               VULKAN_PUSH((uint32_t)r->lobes, (uint32_t)begin, (uint32_t)last),
+               VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged,
+                              &r->splat_a, &r->splat_b, &r->splat_c, r->lobes ? &r->lobe_a : NULL, &r->rgb,
+                              &r->kept, &r->drgb, &r->sums_a, &r->sums_b, &r->sums_c, &r->sums_d,
+                              &r->sums_e));
+}
+
+OXL_INTERNAL void vulkan_draw_backward(struct vulkan_renderer *r, int score)
+{
+    vulkan_reserve_backward(r, score);
+    if (!r->keeps) vulkan_draw(r, 1); /* it was not known that a step follows */
+    vulkan_in_parts(r, r->tiles + r->pairs / (2 * VULKAN_BUCKET), vulkan_backward_part, 2 * (uint32_t)score);
 }
 
 OXL_INTERNAL uint32_t vulkan_loss_variant(const struct vulkan_renderer *r, int lit)
@@ -229,8 +241,8 @@ static void vulkan_reserve_step(struct vulkan_renderer *r)
     vulkan_prepare(r->v, PASS_STEP, 1);
     vulkan_prepare(r->v, PASS_STEP, 2 * (uint32_t)r->in_medium);
     vulkan_prepare(r->v, PASS_OBSERVE, (uint32_t)r->is_window);
-    vulkan_prepare(r->v, vulkan_backward_pass(r->v, r->lobes > 0), 0);
-    vulkan_reserve_sums(r, 0);
+    vulkan_prepare(r->v, vulkan_backward_pass(r), 0);
+    vulkan_reserve_backward(r, 0);
     vulkan_reserve(r->v, &r->target, pixels, 12, "pixels"); /* it may come with the loss */
     vulkan_reserve(r->v, &r->weight, pixels, 4, "pixels");
     vulkan_reserve(r->v, &r->drgb, pixels, 12, "pixels");
@@ -263,7 +275,7 @@ static void vulkan_release_pairs(struct vulkan_renderer *r)
 {
     struct vulkan_buffer *by_pair[] = {&r->pair_key[0], &r->pair_key[1], &r->pair_value[0], &r->pair_value[1],
                                        &r->staged,      &r->sums_a,      &r->sums_b,        &r->sums_c,
-                                       &r->sums_d,      &r->sums_e};
+                                       &r->sums_d,      &r->sums_e,      &r->kept};
     vulkan_finish(r->v);
     for (size_t i = 0; i < OXL_COUNT(by_pair); i++) vulkan_release(r->v, by_pair[i]);
 }
@@ -308,7 +320,7 @@ OXL_INTERNAL oxl_result vulkan_forward(void *device, const oxl_model *model, con
     vulkan_order_rows(r);
     vulkan_make_pair_room(r, steps);
     vulkan_order_pairs(r);
-    vulkan_draw(r, 0);
+    vulkan_draw(r, (uint32_t)steps);
     return r->v->rc;
 }
 
@@ -316,7 +328,7 @@ OXL_INTERNAL oxl_result vulkan_depth(void *device, float *depth)
 {
     struct vulkan_renderer *r = device;
     vulkan_enter(r->v);
-    vulkan_draw(r, 1);
+    vulkan_draw(r, 2);
     vulkan_download(r->v, &r->rgb, 0, depth, 4 * (size_t)r->view.width * r->view.height);
     return r->v->rc;
 }

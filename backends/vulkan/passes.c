@@ -21,11 +21,8 @@ static const struct {
     VULKAN_PASS(RANGES),
     VULKAN_PASS(RASTER),
     VULKAN_PASS(RASTER_LOBED),
-    VULKAN_PASS(RASTER_BACKWARD_4),
-    VULKAN_PASS(RASTER_BACKWARD_8),
-    VULKAN_PASS(RASTER_BACKWARD_16),
-    VULKAN_PASS(RASTER_BACKWARD_4_LOBED),
-    VULKAN_PASS(RASTER_BACKWARD_8_LOBED),
+    VULKAN_PASS(RASTER_BACKWARD),
+    VULKAN_PASS(RASTER_BACKWARD_LOBED),
     VULKAN_PASS(LOSS_FORWARD),
     VULKAN_PASS(LOSS_TOTAL),
     VULKAN_PASS(LOSS_BACKWARD),
@@ -45,10 +42,7 @@ static const struct {
 OXL_INTERNAL size_t vulkan_shared(void)
 {
     size_t most = 0;
-    for (int pass = 0; pass < PASS_COUNT; pass++)
-        if (pass != PASS_RASTER_BACKWARD_8 && pass != PASS_RASTER_BACKWARD_16 &&
-            pass != PASS_RASTER_BACKWARD_8_LOBED)
-            most = OXL_MAX(most, VULKAN_PASSES[pass].shared);
+    for (int pass = 0; pass < PASS_COUNT; pass++) most = OXL_MAX(most, VULKAN_PASSES[pass].shared);
     return most;
 }
 

@@ -83,21 +83,6 @@ static oxl_result vulkan_loss(void *device, const float *rgb, const float *weigh
 
 /* ---------------- backward and score */
 
-static void vulkan_draw_backward_part(struct vulkan_renderer *r, const uint32_t part[2], uint32_t score)
-{
-    vulkan_run(r->v, vulkan_backward_pass(r->v, r->lobes > 0), 2 * score, r->tiles,
-               VULKAN_PUSH((uint32_t)r->lobes, part[0], part[1], 0),
-               VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged,
-                              &r->splat_a, &r->splat_b, &r->splat_c, r->lobes ? &r->lobe_a : NULL, &r->rgb,
-                              &r->drgb, &r->sums_a, &r->sums_b, &r->sums_c, &r->sums_d, &r->sums_e));
-}
-
-static void vulkan_draw_backward(struct vulkan_renderer *r, uint32_t score)
-{
-    vulkan_reserve_sums(r, (int)score);
-    vulkan_in_parts(r, vulkan_draw_backward_part, score);
-}
-
 static void vulkan_take_drgb(struct vulkan_renderer *r, const float *drgb)
 {
     const size_t pixels = (size_t)r->view.width * r->view.height;

@@ -98,11 +98,12 @@ struct vulkan_renderer {
     int in_medium, drops, is_window; /* of the last view */
     int may_be_lit;                  /* the loss may have a lamp */
     int sort_end;                    /* which of the pairs' key and value buffers holds the sorted ones */
+    int keeps;                       /* the pass forward has kept what the way back begins with */
     /* from here on nothing but buffers: vulkan_renderer_free goes through them. By row */
     struct vulkan_buffer splat_a, splat_b, splat_c, lobe_a, lobe_b, seen, rank, row_key[2], row_value[2],
         row_pairs, row_slots, mean2d, statistics, score, moves;
     /* by pair */
-    struct vulkan_buffer pair_key[2], pair_value[2], staged, sums_a, sums_b, sums_c, sums_d, sums_e;
+    struct vulkan_buffer pair_key[2], pair_value[2], staged, sums_a, sums_b, sums_c, sums_d, sums_e, kept;
     /* by tile or pixel */
     /* passing: an image that is not kept */
     struct vulkan_buffer start, rgb, drgb, target, weight, slope[3], partial, passing, lamp;
@@ -147,14 +148,8 @@ OXL_INTERNAL oxl_result vulkan_forward(void *device, const oxl_model *model, con
                                        const struct renderer_settings *settings, int steps);
 OXL_INTERNAL oxl_result vulkan_depth(void *device, float *depth);
 OXL_INTERNAL oxl_result vulkan_image(void *device, float *rgb);
-/* Draws in submissions that are short enough: forward.c says why. */
-OXL_INTERNAL void vulkan_in_parts(struct vulkan_renderer *r,
-                                  void (*draw)(struct vulkan_renderer *r, const uint32_t part[2],
-                                               uint32_t argument),
-                                  uint32_t argument);
-/* Reserves the sums of pairs; score: those of the score alone. */
-OXL_INTERNAL void vulkan_reserve_sums(struct vulkan_renderer *r, int score);
-OXL_INTERNAL enum vulkan_pass vulkan_backward_pass(const struct vulkan *v, int lobed);
+/* The way back through the rasterizer, to the sums of pairs; score: those of the score alone. */
+OXL_INTERNAL void vulkan_draw_backward(struct vulkan_renderer *r, int score);
 OXL_INTERNAL uint32_t vulkan_loss_variant(const struct vulkan_renderer *r, int lit);
 
 /* ---------------- imaging.c */

@@ -46,11 +46,7 @@ emit() {
     for shader in *.comp; do
         base=$(echo "${shader%.comp}" | tr a-z A-Z)
         case $base in
-        RASTER) build "$base" -DBATCH=64 -DLOBED=0 && build "${base}_LOBED" -DBATCH=64 -DLOBED=1 ;;
-        RASTER_BACKWARD)
-            for batch in 4 8 16; do build "${base}_$batch" -DBATCH=$batch -DLOBED=0; done
-            for batch in 4 8; do build "${base}_${batch}_LOBED" -DBATCH=$batch -DLOBED=1; done
-            ;;
+        RASTER | RASTER_BACKWARD) build "$base" -DLOBED=0 && build "${base}_LOBED" -DLOBED=1 ;;
         PROJECT_BACKWARD) build "$base" -DSTEP=0 && build STEP -DSTEP=1 ;;
         *) build "$base" ;;
         esac

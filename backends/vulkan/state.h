@@ -29,12 +29,13 @@
 
 #define VULKAN_GROUP 256u           /* invocations a workgroup, as in shaders/common.glsl */
 #define VULKAN_CHUNK 2048u          /* numbers that a workgroup scans or sorts */
+#define VULKAN_BUCKET 128u          /* pairs of a bucket, as in shaders/raster.glsl */
 #define VULKAN_SLAB_ROWS (1u << 20) /* rows of a slab, at most: 264 MB of all planes */
 /* bytes of the buffer between host and device, of a frame */
 #define VULKAN_STAGING (16u << 20)
 #define VULKAN_MARKS (VULKAN_FRAMES * VULKAN_STAGING) /* behind it: a word of each frame, see vulkan_mark */
 #define VULKAN_SETS 1024                              /* passes of a frame, at most */
-#define VULKAN_BINDINGS 15                            /* of a pass, at most */
+#define VULKAN_BINDINGS 16                            /* of a pass, at most */
 /* numbers that one workgroup scans on its own: fewer passes, though longer ones */
 #define VULKAN_SCAN_WHOLE (16u << 10)
 /* ns, times the submissions of a frame: a GPU that takes longer is given up */
@@ -86,11 +87,8 @@ enum vulkan_pass {
     PASS_RANGES,
     PASS_RASTER,
     PASS_RASTER_LOBED,
-    PASS_RASTER_BACKWARD_4, /* splats that a workgroup holds at a time */
-    PASS_RASTER_BACKWARD_8,
-    PASS_RASTER_BACKWARD_16,
-    PASS_RASTER_BACKWARD_4_LOBED,
-    PASS_RASTER_BACKWARD_8_LOBED,
+    PASS_RASTER_BACKWARD,
+    PASS_RASTER_BACKWARD_LOBED,
     PASS_LOSS_FORWARD,
     PASS_LOSS_TOTAL,
     PASS_LOSS_BACKWARD,
@@ -204,8 +202,7 @@ struct vulkan {
     size_t image_bytes_max;           /* bytes of images that a renderer may keep */
     uint32_t slab_rows;               /* at most */
     uint32_t groups_max;              /* in one dimension of a dispatch */
-    size_t part;    /* (tile, splat) pairs that a submission draws, about: vulkan_in_parts; 0: any */
-    uint32_t batch; /* splats that raster_backward.comp holds at a time: 4, 8 or 16 */
+    size_t part; /* (tile, splat) pairs that a submission draws, about: vulkan_in_parts; 0: any */
 };
 
 /* ---------------- frames.c */
@@ -257,7 +254,7 @@ OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, 
 
 /* ---------------- passes.c */
 
-OXL_INTERNAL size_t vulkan_shared(void); /* bytes of shared memory that the passes need at batches of 4 */
+OXL_INTERNAL size_t vulkan_shared(void); /* bytes of shared memory that the passes need */
 /* compiles it, once */
 OXL_INTERNAL void vulkan_prepare(struct vulkan *v, enum vulkan_pass pass, uint32_t variant);
 OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t variant, size_t groups,

@@ -1,11 +1,14 @@
 /* common.glsl - what the shaders share: constants, arithmetic, numbering of work. Their CPU counterparts are in src/render/kernels.h.
  *
- * 256 invocations a workgroup everywhere. Nothing depends on the size of a subgroup. More than 65535 workgroups are dispatched in two
+ * 256 invocations a workgroup, or GROUP. Nothing depends on the size of a subgroup. More than 65535 workgroups are dispatched in two
  * dimensions, so a shader calls work_group() for its index.
  */
 #extension GL_GOOGLE_include_directive : require
 
-layout(local_size_x = 256) in;
+#ifndef GROUP
+#define GROUP 256
+#endif
+layout(local_size_x = GROUP) in;
 layout(constant_id = 0) const uint VARIANT = 0u; /* what each shader takes it for */
 
 const uint  TILE              = 16u;

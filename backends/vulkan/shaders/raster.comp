@@ -1,11 +1,20 @@
-/* raster.comp - splats to pixels, front to back; or the depth of each pixel, in two turns (raster_depth in src/render/raster.c): the first finds
- * the layer of most weight, the second the mean of what is in it. */
+/* raster.comp - splats to pixels, front to back. A workgroup is a tile, an invocation a quad.
+ *
+ *     VARIANT 0  the image
+ *     VARIANT 1  the same, and what a step's way back begins with is kept: raster_backward.comp
+ *     VARIANT 2  the depth of each pixel, in two turns (raster_depth in src/render/raster.c): the first finds the layer of most weight, the
+ *                second the mean of what is in it
+ */
 #version 450
+#define GROUP 64
+#define BATCH 64
 #include "common.glsl"
 #include "view.glsl"
 #include "raster.glsl"
-layout(std430, binding = 8) writeonly buffer Rgb { float rgb[]; }; /* (3,H,W) */
 
+shared uint alive[3];
+
+const bool  KEEPS = VARIANT == 1u, DEPTHS = VARIANT == 2u;
 const float LAYER = 0.04, WEIGHT_MIN = 1.0 / 3.0, OPAQUE_MIN = 0.5;
 
 struct Layer {
@@ -37,40 +46,66 @@ float layer_depth(Layer d, float t)
     return 1.0 - t < OPAQUE_MIN ? 0.0 : d.weight >= WEIGHT_MIN ? z : -z;
 }
 
+/* Whether any pixel of the tile is unfinished, without additional barriers. In round r alive[r % 3] is read after the barrier behind the
+ * loading of the batch; until the next barrier unfinished pixels set the next round's, and the one after is cleared. */
+void alive_begin(vec4 t)
+{
+    if (gl_LocalInvocationIndex < 3u) alive[gl_LocalInvocationIndex] = 0u;
+    barrier();
+    if (any(greaterThan(t, vec4(0.0)))) alive[0] = 1u;
+}
+
+void alive_after(uint round, vec4 t)
+{
+    if (gl_LocalInvocationIndex == 0u) alive[(round + 2u) % 3u] = 0u;
+    if (any(greaterThan(t, vec4(0.0)))) alive[(round + 1u) % 3u] = 1u;
+}
+
 void main()
 {
-    uint tile = tile_index(), i = gl_LocalInvocationIndex;
-    if (!tile_is_drawn(tile)) return;
-    uvec2 in_tile = pixel_at(i), at = tile_at() + in_tile;
-    bool  inside = at.x < view.width && at.y < view.height;
-    float t      = 1.0;
-    vec3  light  = vec3(0.0);
-    Layer layer  = Layer(-1.0, 0.0, 0.0, 0.0, 0.0);
-    for (uint turn = push.depths; turn <= 2u * push.depths; turn++) {
-        layer.weight = layer.offset = 0.0;
-        t                           = inside ? 1.0 : -1.0;
+    uint tile = work_group(), i = gl_LocalInvocationIndex;
+    if (tile >= tiles() || start[tile] < push.begin || start[tile] >= push.end) return;
+    uvec2 in_tile = quad_at(i), at = tile_at(tile) + in_tile;
+    vec4  t, light[3];
+    Layer layer[4];
+    uint  first, end = start[tile + 1u];
+    for (uint k = 0u; k < 4u; k++) layer[k] = Layer(-1.0, 0.0, 0.0, 0.0, 0.0);
+    for (uint ch = 0u; ch < 3u; ch++) light[ch] = vec4(0.0);
+    for (uint turn = uint(DEPTHS); turn <= 2u * uint(DEPTHS); turn++) {
+        for (uint k = 0u; k < 4u; k++) layer[k].weight = layer[k].offset = 0.0;
+        t     = quad_inside(at);
+        first = start[tile];
         barrier(); /* the turn before has ended */
         alive_begin(t);
-        for (uint first = start[tile], end = start[tile + 1u], round = 0u; first < end; first += BATCH, round++) {
+        for (uint round = 0u; first < end; first += BATCH, round++) {
             barrier(); /* the batch before was drawn */
-            if (i < BATCH) batch_load(first, end, i, push.lobes, push.depths != 0u);
+            batch_load(i, first + i, end, tile, DEPTHS);
             barrier();
-            if (!alive_in(round)) break;
+            if (alive[round % 3u] == 0u) break;
+            uint done = round * BATCH;
+            if (KEEPS && done % BUCKET == 0u && done > 0u) {
+                for (uint ch = 0u; ch < 3u; ch++) kept[bucket_at(tile, done / BUCKET, 64u * ch + i)] = light[ch];
+                kept[bucket_at(tile, done / BUCKET, 192u + i)] = t;
+            }
             uint count = min(uint(BATCH), end - first);
             for (uint n = 0u; n < count; n++) {
-                if (!touches(n, i >> 4) || t < 0.0) continue;
+                if (!touches(n, i)) continue;
                 Share p = share_of(n, vec2(in_tile), t);
-                light   = fma(vec3(p.weight), light_of(n), light);
-                t       = p.t;
-                if (turn == 1u && p.weight > 0.0) layer_find(layer, p.weight, light_of(n).r);
-                if (turn == 2u && p.weight > 0.0) layer_add(layer, p.weight, light_of(n).r);
+                vec3  c = light_of(n);
+                for (uint ch = 0u; ch < 3u; ch++) light[ch] = fma(p.weight, vec4(c[ch]), light[ch]);
+                for (uint k = 0u; k < 4u && DEPTHS; k++) {
+                    if (!(p.weight[k] > 0.0)) continue;
+                    if (turn == 1u) layer_find(layer[k], p.weight[k], c.r);
+                    else layer_add(layer[k], p.weight[k], c.r);
+                }
             }
             alive_after(round, t);
         }
     }
-    if (!inside) return;
+    if (KEEPS && i == 0u) start[tiles() + 1u + tile] = min(first, end);
     uint plane = view.width * view.height, to = at.y * view.width + at.x;
-    if (push.depths != 0u) rgb[to] = layer_depth(layer, abs(t));
-    for (uint ch = 0u; ch < 3u && push.depths == 0u; ch++)
-        rgb[ch * plane + to] = light[ch] + abs(t) * view.background[ch];
+    for (uint k = 0u; k < 4u && at.y < view.height && at.x + k < view.width; k++) {
+        if (DEPTHS) rgb[to + k] = layer_depth(layer[k], abs(t[k]));
+        for (uint ch = 0u; ch < 3u && !DEPTHS; ch++) rgb[ch * plane + to + k] = light[ch][k] + abs(t[k]) * view.background[ch];
+    }
 }

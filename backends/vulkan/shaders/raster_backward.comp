@@ -1,176 +1,166 @@
-/* raster_backward.comp - the pixels' gradients back to the pairs, or (VARIANT & 2) how much each pair matters.
+/* raster_backward.comp - the pixels' gradients back to the pairs, or (VARIANT & 2) how much each pair matters. By buckets of splats as in
+ * Mallick 2024 (Taming 3DGS): forward kept T and the colour so far where each bucket of a tile begins, so all buckets are worked on at once.
  *
- * In forward order, a batch at a time, in two phases. First each invocation takes its pixel past the batch's splats and leaves
- * alpha dL/dalpha and alpha T in shared memory. Then the invocations are reassigned, 256 / BATCH to a splat: each adds up some
- * of the splat's pixels, and one for each of the splat's numbers adds up what these have. So there is no atomic, and every sum has a
- * written order. A pair's sums go to its own slot.
+ * A bucket has 32 invocations, a workgroup two buckets that follow each other. An invocation has a quad of the tile's upper half and one of its
+ * lower half, takes them past the bucket's splats, and adds up eight pixels of a splat in registers; what 32 invocations have of a splat's
+ * sums is added up in shared memory, EACH splats at a time. So there is no atomic, and every sum has a written order, whatever the size of a
+ * subgroup. A pair's sums go to its own slot. (A splat to a lane, as there, and pixels handed from lane to lane costs more: docs/log/SPEED.md.)
  */
 #version 450
+#define GROUP 64
+#define BATCH 32
 #include "common.glsl"
 #include "view.glsl"
 #include "raster.glsl"
-layout(std430, binding = 8) readonly buffer Rgb { float rgb[]; };
-layout(std430, binding = 9) readonly buffer Drgb { float drgb[]; };
 /* As numbers: a compiler may write a whole vector where one invocation sets one of its components and others set the rest. */
-layout(std430, binding = 10) writeonly buffer SumsA { float sums_a[]; }; /* (slots) g times 1, w, y, w^2; of the score: x alone */
-layout(std430, binding = 11) writeonly buffer SumsB { float sums_b[]; }; /* g times w y, y^2; alpha T dL/dC of red, green */
-layout(std430, binding = 12) writeonly buffer SumsC { float sums_c[]; }; /* blue */
-layout(std430, binding = 13) writeonly buffer SumsD { float sums_d[]; }; /* of the second lobe: as sums_a */
-layout(std430, binding = 14) writeonly buffer SumsE { float sums_e[]; }; /* and w y, y^2 */
+layout(std430, binding = 10) readonly buffer Drgb { float drgb[]; };
+layout(std430, binding = 11) writeonly buffer SumsA { float sums_a[]; }; /* (slots) g times 1, w, y, w^2; of the score: x alone */
+layout(std430, binding = 12) writeonly buffer SumsB { float sums_b[]; }; /* g times w y, y^2; alpha T dL/dC of red, green */
+layout(std430, binding = 13) writeonly buffer SumsC { float sums_c[]; }; /* blue */
+layout(std430, binding = 14) writeonly buffer SumsD { float sums_d[]; }; /* of the second lobe: as sums_a */
+layout(std430, binding = 15) writeonly buffer SumsE { float sums_e[]; }; /* and w y, y^2 */
 
 const bool SCORE = (VARIANT & 2u) != 0u;
-const uint SUMS = 9u, EACH = 256u / BATCH;
-/* Rows of the two layouts of `pool`, padded so that what neighbours read together lies in different banks of 32 words. */
-const uint ROW   = 256u + (EACH & 31u); /* a splat's pixels */
-const uint SHARE = EACH + 1u;           /* what the invocations of a splat have of one sum */
-const uint POOL  = BATCH * ROW * (2u + LOBED) > SUMS * BATCH * SHARE ? BATCH * ROW * (2u + LOBED) : SUMS * BATCH * SHARE;
+const uint LANES = 32u, SIDES = 2u, EACH = 2u, SIDE = BATCH / SIDES, NUMBERS = 9u + 6u * LOBED, SUMS = SCORE ? 1u : NUMBERS;
+const uint ROW = 36u; /* of 32 numbers, padded: rows that are read together begin in different banks, and as whole vectors */
 
-shared float pool[POOL];        /* (BATCH, ROW) value, then weight, then lobe; later (SUMS, BATCH, SHARE) */
-shared float gradient[3 * 256]; /* dL/dC of the tile's pixels */
+shared float pool[SIDES * EACH * NUMBERS * ROW];
 
-/* Phase 1: a pixel past splat n. */
-void differentiate(uint n, uint i, vec2 pixel, vec3 g, inout float t, inout float behind)
+struct Pixels { /* of an invocation: a quad of each half */
+    vec4 t, behind, g[3];
+};
+
+/* g times 1, w, y, w^2, w y, y^2, added to sum[0..5]. y is that of the row. */
+void add_moments(inout float sum[15], uint at, vec4 g, vec4 w, float dy)
 {
-    float value = 0.0, lobe = 0.0, weight = 0.0;
-    if (touches(n, i >> 4) && t > 0.0) {
-        Share p     = share_of(n, pixel, t);
-        float light = dot(g, light_of(n)), rest = fma(-p.weight, light, behind);
-        if (LOBED == 1 || SCORE) {
-            float slope = p.weight != 0.0 ? fma(p.t, light, -rest) / (1.0 - p.alpha) : 0.0;
-            value       = p.value < ALPHA_MAX ? (SCORE ? slope : slope * p.value) : 0.0;
-            lobe        = p.lobe < ALPHA_MAX ? -slope * p.lobe : 0.0;
-        } else {
-            float slope = p.weight > 0.0 ? p.alpha / (1.0 - p.alpha) : 0.0;
-            value       = p.value < ALPHA_MAX ? fma(p.weight, light, -slope * rest) : 0.0;
-        }
-        weight = p.weight;
-        behind = rest;
-        t      = p.t;
-    }
-    pool[n * ROW + i]           = value;
-    pool[(BATCH + n) * ROW + i] = weight;
-#if LOBED
-    pool[(2u * BATCH + n) * ROW + i] = lobe;
-#endif
+    vec4  gw  = g * w;
+    float all = g.x + g.y + g.z + g.w, along = gw.x + gw.y + gw.z + gw.w;
+    sum[at] += all;
+    sum[at + 1u] += along;
+    sum[at + 2u] = fma(dy, all, sum[at + 2u]);
+    sum[at + 3u] += dot(gw, w);
+    sum[at + 4u] = fma(dy, along, sum[at + 4u]);
+    sum[at + 5u] = fma(dy * dy, all, sum[at + 5u]);
 }
 
-/* Adds up what the invocations of splat n have of sum k. */
-float gather(uint n, uint k)
+/* A quad past splat n. dL/dalpha = (light - behind / T behind the splat) T. */
+void differentiate(uint n, uint quad, inout Pixels p, inout float sum[15])
 {
+    vec2  at     = vec2(quad_at(quad));
+    vec4  before = p.t;
+    Share s      = share_of(n, at, p.t);
+    vec3  c      = light_of(n);
+    float dy     = at.y - place_of(n).y;
+    vec4  light  = p.g[0] * c.r + p.g[1] * c.g + p.g[2] * c.b;
+    p.behind     = fma(-s.weight, light, p.behind);
+    vec4 slope   = fma(-p.behind, 1.0 / s.next, light);
+    vec4 bound   = vec4(ALPHA_MAX);
+    if (SCORE) {
+        slope = mix(vec4(0.0), slope * before, notEqual(s.weight, vec4(0.0)));
+        slope = mix(vec4(0.0), slope, lessThan(s.value, bound));
+        sum[0] += dot(slope, slope);
+        return;
+    }
+#if LOBED
+    slope = mix(vec4(0.0), slope * before, notEqual(s.weight, vec4(0.0)));
+    add_moments(sum, 0u, mix(vec4(0.0), slope * s.value, lessThan(s.value, bound)), s.w, dy);
+    if (lobed_of(n)) add_moments(sum, 9u, mix(vec4(0.0), -slope * s.lobe, lessThan(s.lobe, bound)), s.other_w, dy);
+#else
+    add_moments(sum, 0u, mix(vec4(0.0), slope * s.weight, lessThan(s.value, bound)), s.w, dy);
+#endif
+    for (uint ch = 0u; ch < 3u; ch++) sum[6u + ch] += dot(s.weight, p.g[ch]);
+}
+
+/* Sum k of the pair with this slot. */
+void write_sum(uint slot, uint k, float sum)
+{
+    if (k < 4u) sums_a[4u * slot + k] = sum;
+    else if (k < 8u) sums_b[4u * slot + k - 4u] = sum;
+    else if (k == 8u) sums_c[slot] = sum;
+    else if (LOBED == 1 && k < 13u) sums_d[4u * slot + k - 9u] = sum;
+    else if (LOBED == 1) sums_e[2u * slot + k - 13u] = sum;
+}
+
+/* An invocation for each sum of EACH splats, the first of which is n. */
+void gather(uint n, uint side, uint lane)
+{
+    uint  splat = n + lane / SUMS, k = lane % SUMS, from = ((side * EACH + lane / SUMS) * NUMBERS + k) * ROW;
     float sum = 0.0;
-    for (uint j = 0u; j < EACH; j++) sum += pool[(k * BATCH + n) * SHARE + j];
-    return sum;
+    if (lane >= EACH * SUMS || batch_place[splat].z == 0u) return;
+    for (uint j = 0u; j < LANES; j++) sum += pool[from + j];
+    if (SCORE) {
+        float peak = own_exp2(batch_shape[splat].w);
+        sum *= peak * peak;
+    }
+    if (k < 9u || lobed_of(splat)) write_sum(batch_light[splat].w, k, sum);
 }
 
-/* Phase 2: invocation j of splat n, EACH of them a splat, adds up its pixels; then an invocation for each number of each splat adds up
- * what these have. count: splats of the batch. */
-void add_up(uint i, uint count)
+/* Pixels of a tile as they were before a bucket of it. */
+Pixels pixels_at(uint tile, uint bucket, uint quad, bool any_pair)
 {
-    uint  n = i / EACH, j = i % EACH, to = n * SHARE + j;
-    float s[9];
-    vec2  place = place_of(n);
-    vec4  shape = batch_shape[n];
-#if LOBED
-    float o[6];
-    vec4  other = batch_lobe[n];
-    for (uint k = 0u; k < 6u; k++) o[k] = 0.0;
-#endif
-    for (uint k = 0u; k < 9u; k++) s[k] = 0.0;
-    for (uint p = j; p < 256u && n < count; p += EACH) {
-        if (!touches(n, p >> 4)) continue;
-        vec2  pixel = vec2(pixel_at(p));
-        float g = pool[n * ROW + p], c = pool[(BATCH + n) * ROW + p];
-        float dy = pixel.y - place.y, w = fma(shape.y, dy, pixel.x - place.x);
-        if (SCORE) {
-            s[0] = fma(g, g, s[0]);
-            continue;
+    uvec2  at = tile_at(tile) + quad_at(quad);
+    uint   plane = view.width * view.height, from = at.y * view.width + at.x;
+    bool   later = bucket > 0u && any_pair;
+    Pixels p;
+    p.t      = later ? kept[bucket_at(tile, bucket, 192u + quad)] : quad_inside(at);
+    p.behind = vec4(0.0);
+    for (uint ch = 0u; ch < 3u; ch++) {
+        vec4 light = vec4(0.0);
+        p.g[ch]    = vec4(0.0);
+        for (uint k = 0u; k < 4u && at.y < view.height && at.x + k < view.width; k++) {
+            p.g[ch][k] = drgb[ch * plane + from + k];
+            light[k]   = rgb[ch * plane + from + k];
         }
-        s[0] += g;
-        s[1] += g * w;
-        s[2] += g * dy;
-        s[3] = fma(g * w, w, s[3]);
-        s[4] = fma(g * w, dy, s[4]);
-        s[5] = fma(g * dy, dy, s[5]);
-        s[6] = fma(c, gradient[p], s[6]);
-        s[7] = fma(c, gradient[256u + p], s[7]);
-        s[8] = fma(c, gradient[512u + p], s[8]);
-#if LOBED
-        if (lobed_of(n)) {
-            float l = pool[(2u * BATCH + n) * ROW + p], v = fma(other.y, dy, pixel.x - place.x);
-            o[0] += l;
-            o[1] += l * v;
-            o[2] += l * dy;
-            o[3] = fma(l * v, v, o[3]);
-            o[4] = fma(l * v, dy, o[4]);
-            o[5] = fma(l * dy, dy, o[5]);
-        }
-#endif
+        if (later) light -= kept[bucket_at(tile, bucket, 64u * ch + quad)];
+        p.behind = fma(p.g[ch], light, p.behind);
     }
-    /* The job of an invocation: sum k of splat m. Its slot is read before the last barrier: behind it the next batch is loaded. */
-    uint  m = i % BATCH, k = i / BATCH, slot = batch_light[m].w;
-    bool  job = m < count, lobed = lobed_of(m);
-    float peak = SCORE ? own_exp2(batch_shape[m].w) : 0.0;
-    barrier();
-    for (uint q = 0u; q < (SCORE ? 1u : SUMS); q++) pool[q * BATCH * SHARE + to] = s[q];
-    barrier();
-    if (SCORE && job && k == 0u) sums_a[4u * slot] = peak * peak * gather(m, 0u);
-    if (!SCORE && job && k < SUMS) {
-        float sum = gather(m, k);
-        if (k < 4u) sums_a[4u * slot + k] = sum;
-        else if (k < 8u) sums_b[4u * slot + k - 4u] = sum;
-        else sums_c[slot] = sum;
-    }
-#if LOBED
-    if (SCORE) return;
-    barrier();
-    for (uint q = 0u; q < 6u; q++) pool[q * BATCH * SHARE + to] = o[q];
-    barrier();
-    if (job && lobed && k < 6u) {
-        float sum = gather(m, k);
-        if (k < 4u) sums_d[4u * slot + k] = sum;
-        else sums_e[2u * slot + k - 4u] = sum;
-    }
-#endif
+    return p;
 }
 
 /* Splats behind the last that any pixel saw. */
-void zero_sums(uint first, uint end, uint i)
+void zero_sums(uint first, uint end, uint lane)
 {
-    for (uint pair = first + i; pair < end; pair += 256u) {
-        uint slot    = sorted[pair];
-        for (uint k = 0u; k < 4u; k++) sums_a[4u * slot + k] = 0.0;
-        if (SCORE) continue;
-        for (uint k = 0u; k < 4u; k++) sums_b[4u * slot + k] = 0.0;
-        sums_c[slot] = 0.0;
-        for (uint k = 0u; LOBED == 1 && k < 4u; k++) sums_d[4u * slot + k] = 0.0;
-        for (uint k = 0u; LOBED == 1 && k < 2u; k++) sums_e[2u * slot + k] = 0.0;
-    }
+    for (uint pair = first + lane; pair < end; pair += LANES)
+        for (uint k = 0u; k < SUMS; k++) write_sum(sorted[pair], k, 0.0);
 }
+
+uint groups_before(uint tile) { return start[tile] / (SIDES * BUCKET) + tile; }
 
 void main()
 {
-    uint tile = tile_index(), i = gl_LocalInvocationIndex;
-    if (!tile_is_drawn(tile)) return;
-    uvec2 in_tile = pixel_at(i), at = tile_at() + in_tile;
-    bool  inside = at.x < view.width && at.y < view.height;
-    uint  plane = view.width * view.height, from = at.y * view.width + at.x, first = start[tile], end = start[tile + 1u];
-    float t = inside ? 1.0 : -1.0, behind = 0.0;
-    vec3  g = vec3(0.0);
-    for (uint ch = 0u; ch < 3u && inside; ch++) {
-        g[ch] = drgb[ch * plane + from];
-        behind += g[ch] * rgb[ch * plane + from];
+    uint i = gl_LocalInvocationIndex, side = i / LANES, lane = i % LANES;
+    uint group = push.begin + work_group(), tile = 0u, above = tiles();
+    if (group >= push.end || group >= groups_before(above)) return;
+    while (above - tile > 1u) { /* the last tile whose groups begin at this one or before */
+        uint middle = (tile + above) / 2u;
+        if (groups_before(middle) <= group) tile = middle;
+        else above = middle;
     }
-    for (uint ch = 0u; ch < 3u; ch++) gradient[ch * 256u + i] = g[ch];
-    alive_begin(t);
-    for (uint round = 0u; first < end; first += BATCH, round++) {
-        if (i < BATCH) batch_load(first, end, i, push.lobes, false);
+    uint bucket = SIDES * (group - groups_before(tile)), first = start[tile] + bucket * BUCKET;
+    uint last = min(start[tile + 1u], first + SIDES * BUCKET), seen = start[tiles() + 1u + tile];
+    uint count = first < seen ? min(BUCKET, seen - first) : 0u;
+    first += side * BUCKET;
+    last     = min(last, first + BUCKET);
+    uint end = clamp(seen, first, max(first, last));
+    Pixels p[2];
+    for (uint k = 0u; k < 2u; k++) p[k] = pixels_at(tile, bucket + side, lane + LANES * k, first < end);
+    for (uint from = 0u; from < count; from += SIDE) {
+        barrier(); /* the batch before is done */
+        if (lane < SIDE) batch_load(side * SIDE + lane, first + from + lane, end, tile, false);
         barrier();
-        if (!alive_in(round)) break;
-        uint count = min(uint(BATCH), end - first);
-        for (uint n = 0u; n < count; n++) differentiate(n, i, vec2(in_tile), g, t, behind);
-        alive_after(round, t);
-        barrier();
-        add_up(i, count);
+        for (uint n = 0u; n < min(SIDE, count - from); n += EACH) {
+            for (uint each = 0u; each < EACH; each++) {
+                uint  splat = side * SIDE + n + each, to = (side * EACH + each) * NUMBERS * ROW + lane;
+                float sum[15];
+                for (uint k = 0u; k < 15u; k++) sum[k] = 0.0;
+                for (uint k = 0u; k < 2u; k++)
+                    if (touches(splat, lane + LANES * k)) differentiate(splat, lane + LANES * k, p[k], sum);
+                for (uint k = 0u; k < SUMS; k++) pool[to + k * ROW] = sum[k];
+            }
+            barrier();
+            gather(side * SIDE + n, side, lane);
+            barrier();
+        }
     }
-    zero_sums(first, end, i);
+    zero_sums(end, last, lane);
 }
