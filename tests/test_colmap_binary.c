@@ -271,7 +271,7 @@ TEST(colmap_binary_an_unknown_camera_model_leads_to_the_undistorter)
 
 TEST(colmap_binary_names_stay_in_the_image_folder_and_on_one_line)
 {
-    static const char *const wrong[][2] = {{"../b.jpg", "expected a path inside the image folder"},
+    static const char *const wrong[][2] = {{"../..", "expected NAME, a file in the image folder"},
                                            {"b\nc.jpg", "a line end in a name"}};
     for (size_t i = 0; i < OXL_COUNT(wrong); i++) {
         struct colmap c;

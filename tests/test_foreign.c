@@ -3,6 +3,10 @@
 
 #include "../src/survey/image_header.h"
 
+#ifndef _WIN32
+#include <unistd.h>
+#endif
+
 enum { FOREIGN_VIEWS = 10, FOREIGN_WIDTH = 160, FOREIGN_HEIGHT = 112, FOREIGN_POINTS = 360 };
 
 static char foreign_heard[8192];
@@ -84,6 +88,8 @@ static int foreign_sees(int view, const double p[3])
     return fabs(p[0] - foreign_camera(view)) < 2.55 && fabs(p[1]) < 1.75;
 }
 
+static unsigned foreign_blind; /* bits of views that are in no track */
+
 /* rotation: "1 0 0 0" for cameras that look along z. */
 static const char *foreign_survey(int tracks, const char *rotation, int flip)
 {
@@ -102,7 +108,7 @@ static const char *foreign_survey(int tracks, const char *rotation, int flip)
         grey = (int)(255 * foreign_brightness(p[0], p[1]));
         text_add(&points, "%d %.4f %.4f %.4f %d %d %d 0.5", i + 1, p[0], p[1], p[2], grey, grey, grey);
         for (int v = 0; v < FOREIGN_VIEWS && tracks; v++)
-            if (foreign_sees(v, p)) text_add(&points, " %d 0", v + 1);
+            if (foreign_sees(v, p) && !(foreign_blind >> v & 1)) text_add(&points, " %d 0", v + 1);
         text_add(&points, "\n");
     }
     test_write("survey/sparse/0/images.txt", images.data);
@@ -555,6 +561,40 @@ TEST(images_of_many_cameras_all_have_their_size_on_disk)
     for (int i = 0; i < MANY; i++) CHECK(oxl_scene_view(scene, i)->camera.width == 32);
 }
 
+TEST(images_of_a_camera_have_the_size_of_most_and_others_are_named)
+{
+    oxl_scene *scene = NULL;
+    oxl_image small;
+    foreign_survey(1, "1 0 0 0", 0);
+    CHECK_OK(oxl_image_create(test_ctx, FOREIGN_WIDTH / 4, FOREIGN_HEIGHT / 4, &small));
+    CHECK_OK(oxl_image_write(test_ctx, test_path("survey/images/00.png"), &small));
+    oxl_image_free(test_ctx, &small);
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    for (int i = 0; i < FOREIGN_VIEWS; i++) CHECK(oxl_scene_view(scene, i)->camera.width == FOREIGN_WIDTH);
+    CHECK_TEXT(foreign_heard, "1 images are of another size than most of their camera, and are scaled to it: "
+                              "00.png (40 x 28 px, most have 160 x 112)");
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(images_without_a_pose_of_their_own_are_left_out_and_named)
+{
+    for (int tracks = 0; tracks < 2; tracks++) {
+        oxl_scene *scene = NULL;
+        foreign_blind = 1u << 2 | 1u << 7;
+        foreign_survey(tracks, "1 0 0 0", 0);
+        foreign_blind = 0;
+        job_test_replace(test_path("survey/sparse/0/images.txt"), "3 1 0 0 0 -2.600 0 4 1",
+                         "3 1 0 0 0 0 0 0 1");
+        job_test_replace(test_path("survey/sparse/0/images.txt"), "8 1 0 0 0 -9.100 0 4 1",
+                         "8 1 0 0 0 0 0 0 1");
+        CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+        CHECK(oxl_scene_view_count(scene) == FOREIGN_VIEWS - 2);
+        CHECK_TEXT(foreign_heard, "2 of 10 images have the pose 1 0 0 0 0 0 0 and see no point");
+        CHECK_TEXT(foreign_heard, "left out: 02.png, 07.png");
+        oxl_scene_free(test_ctx, scene);
+    }
+}
+
 /* ---------------- files that are there, and not meant */
 
 TEST(images_that_the_model_does_not_have_are_counted)
@@ -566,6 +606,11 @@ TEST(images_that_the_model_does_not_have_are_counted)
     test_write("survey/images/cam1/x.JPG", "");
     test_write("survey/images/notes.txt", "");
     test_write("survey/images/masks/00.png", "");
+    test_write("survey/images/@eaDir/00.png/SYNOPHOTO_THUMB_XL.jpg", "");
+    test_write("survey/images/cam1/thumbs/y.jpg", "");
+#ifndef _WIN32
+    CHECK(symlink("nowhere.jpg", test_path("survey/images/dead.jpg")) == 0);
+#endif
     CHECK_OK(oxl_check(test_ctx, test_path("survey"), NULL, &s));
     CHECK(s.images_unregistered == 3);
     CHECK_TEXT(s.warnings, "3 of the 13 images in the folder are not in the model");
@@ -679,6 +724,58 @@ TEST(transforms_members_that_are_not_read_are_named_once)
     foreign_transforms("\"fisheye_crop_radius\": 5, \"aabb_scale\": 16");
     CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
     CHECK_TEXT(foreign_heard, "not used, though it is there: fisheye_crop_radius\n");
+}
+
+TEST(transforms_with_two_focal_lengths_take_the_one_that_a_camera_has)
+{
+    static const struct {
+        const char *members;
+        double focal;
+        int warns;
+    } cases[] = {
+        /* fl_x is 120 px of 160, 67.4 degrees: as the angle says; a third more; millimetres */
+        {"\"camera_angle_x\": 1.176", 120, 0},
+        {"\"camera_angle_x\": 1.5708", 120, 1},
+        {"\"millimetres\": 1, \"camera_angle_x\": 1.176", 120, 1},
+    };
+    for (size_t i = 0; i < OXL_COUNT(cases); i++) {
+        struct colmap c;
+        foreign_transforms(cases[i].members);
+        if (strstr(cases[i].members, "millimetres"))
+            job_test_replace(test_path("survey/transforms.json"), "\"fl_x\": 120, \"fl_y\": 120",
+                             "\"fl_x\": 3, \"fl_y\": 3");
+        CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
+        CHECK(fabs(c.camera->parameter[0] - cases[i].focal) < 0.1 &&
+              fabs(c.camera->parameter[1] - cases[i].focal) < 0.1);
+        CHECK(cases[i].warns == (strstr(foreign_heard, "degrees, camera_angle_x one of") != NULL));
+        colmap_free(test_ctx, &c);
+    }
+}
+
+TEST(focal_lengths_that_cannot_be_are_named)
+{
+    oxl_scene *scene = NULL;
+    foreign_survey(1, "1 0 0 0", 0);
+    test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 160 112 24 24 80 56\n");
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    CHECK_TEXT(foreign_heard,
+               "cameras.txt:1: the focal length of camera 1 is 24, 24 px, for images of 160 x 112");
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(transforms_are_read_without_the_points_that_they_name)
+{
+    struct colmap c;
+    foreign_transforms("\"ply_file_path\": \"C:\\\\old\\\\p.ply\"");
+    CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
+    CHECK(c.image_count == 2 && c.point_count == 0);
+    CHECK_TEXT(foreign_heard, "ply_file_path names C/old/p.ply, which is not there");
+    colmap_free(test_ctx, &c);
+    test_write("survey/p.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+                               "property float z\nend_header\n1 2 3\n");
+    CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
+    CHECK(c.point_count == 1);
+    colmap_free(test_ctx, &c);
 }
 
 static int foreign_first_red(const char *type, const char *rows)

@@ -188,9 +188,9 @@ TEST(nerfstudio_that_is_wrong_is_refused_with_the_frame)
                                "\"transform_matrix\": [[2,0,0,0],[0,1,0,0],[0,0,1,0]]}]}"),
                "found no rotation");
     CHECK_TEXT(jsurvey_refused("transforms.json",
-                               "{" JSURVEY_CAMERA ", \"frames\": [{\"file_path\": \"../a.png\", "
+                               "{" JSURVEY_CAMERA ", \"frames\": [{\"file_path\": \"../a\\n.png\", "
                                "\"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}"),
-               "expected a path inside the image folder");
+               "a line end in a name");
 }
 
 TEST(nerfstudio_matrices_that_are_transposed_are_refused)

@@ -299,20 +299,67 @@ TEST(scene_points_without_colours_start_grey)
     CHECK(oxl_scene_points(scene)[0].rgb[0] == 0 && oxl_scene_points(scene)[1].rgb[1] == 1);
 }
 
-TEST(scene_says_where_an_image_of_nearly_that_name_lies)
+/* Writes images of these names beside a model of those names; counts the views that are found. */
+static int scene_found(const char *const *files, const char *const *names)
 {
-    const char *path = scene_survey("s", 4, 0, 0);
-    oxl_scene_options options = oxl_scene_options_default();
-    OWNED_SCENE *scene = NULL;
-    test_write("s/images/dive1/IMG00.JPG", "");
-    CHECK_ERROR(oxl_scene_load(test_ctx, path, NULL, &scene), OXL_ERR_INPUT, "s/images/dive1/IMG00.JPG");
-    CHECK_SAYS("--images");
-    options.images = test_path("nowhere");
-    CHECK_ERROR(oxl_scene_load(test_ctx, path, &options, &scene), OXL_ERR_INPUT,
-                "nowhere: there is no such folder");
-    options.read_images = 0; /* text files alone: nobody looks */
-    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
-    CHECK(oxl_scene_view_count(scene) == 4);
+    const oxl_scene_options all = {.missing_images = 1, .max_side = 0, .test_every = 0, .read_images = 1};
+    static int surveys;
+    char folder[40], path[400];
+    struct text t = {.ctx = test_ctx};
+    oxl_scene *scene = NULL;
+    int found;
+    snprintf(folder, sizeof folder, "named%d", surveys++);
+    for (int i = 0; names[i]; i++) text_add(&t, "%d 1 0 0 0 0 0 %d 1 %s\n1 1 -1\n", i + 1, i, names[i]);
+    snprintf(path, sizeof path, "%s/sparse/images.txt", folder);
+    test_write(path, t.data);
+    text_free(&t);
+    snprintf(path, sizeof path, "%s/sparse/cameras.txt", folder);
+    test_write(path, "1 PINHOLE 16 16 16 16 8 8\n");
+    snprintf(path, sizeof path, "%s/sparse/points3D.txt", folder);
+    test_write(path, "");
+    for (int i = 0; files[i]; i++) {
+        snprintf(path, sizeof path, "%s/images/%s", folder, files[i]);
+        test_write(path, "");
+    }
+    found =
+        oxl_scene_load(test_ctx, test_path(folder), &all, &scene) == OXL_OK ? oxl_scene_view_count(scene) : 0;
+    oxl_scene_free(test_ctx, scene);
+    return found;
+}
+#define SCENE_NAMES(...) ((const char *const[]){__VA_ARGS__, NULL})
+
+TEST(scene_takes_the_file_that_ends_like_a_name_that_is_not_there)
+{
+    /* other folders, drives, case, extensions; one letter or two, Latin, Vietnamese, Cyrillic, kana, Hangul */
+    static const char *const same[][2] = {
+        {"IMG.jpg", "/home/a/b/IMG.jpg"},
+        {"IMG.jpg", "D:\\dive 1\\IMG.JPG"},
+        {"cam/IMG.jpg", "../x/cam/IMG.jpg"},
+        {"dive1/IMG.JPG", "img.jpg"},
+        {"IMG.jpg.jpg", "IMG.jpg"},
+        {"IMG.JPG.png", "IMG.JPG"},
+        {"IMG.png", "IMG.tif"},
+        {"Ku\xCC\x88ste.jpg", "K\xC3\xBCste.jpg"},
+        {"K\xC3\xBCste.jpg", "/x/Ku\xCC\x88ste.jpg"},
+        {"a\xCC\xA3\xCC\x82.jpg", "\xE1\xBA\xAD.jpg"},
+        {"\xD0\xB8\xCC\x86.jpg", "\xD0\xB9.jpg"},
+        {"\xE3\x81\x8B\xE3\x82\x99.jpg", "\xE3\x81\x8C.jpg"},
+        {"\xE1\x84\x92\xE1\x85\xA1\xE1\x86\xAB.jpg", "\xED\x95\x9C.jpg"},
+    };
+    for (size_t i = 0; i < OXL_COUNT(same); i++)
+        CHECK(scene_found(SCENE_NAMES(same[i][0]), SCENE_NAMES(same[i][1])) == 1);
+    CHECK(scene_found(SCENE_NAMES("a/1.jpg", "b/1.jpg"), SCENE_NAMES("x/a/1.jpg", "x/b/1.jpg")) == 2);
+}
+
+TEST(scene_takes_no_file_that_two_names_or_another_image_may_mean)
+{
+    CHECK(scene_found(SCENE_NAMES("a/1.jpg", "b/1.jpg"), SCENE_NAMES("1.jpg")) == 0);
+    CHECK(scene_found(SCENE_NAMES("1.jpg", "2.jpg"), SCENE_NAMES("C:\\a\\1.jpg", "D:\\a\\1.jpg", "2.jpg")) ==
+          1);
+    CHECK(scene_found(SCENE_NAMES("a/1.jpg"), SCENE_NAMES("a/1.jpg", "b/1.jpg")) == 1);
+    CHECK(scene_found(SCENE_NAMES("tur.jpg"), SCENE_NAMES("t\xC3\xBCr.jpg")) == 0);
+    CHECK(scene_found(SCENE_NAMES("@eaDir/1.jpg", ".thumbnails/1.jpg", "2.jpg"),
+                      SCENE_NAMES("1.jpg", "2.jpg")) == 1);
 }
 
 TEST(scene_takes_the_sub_model_with_most_images)

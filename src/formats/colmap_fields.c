@@ -341,19 +341,18 @@ OXL_INTERNAL void colmap_check_rotation(struct colmap_reader *r, const double q[
     if (fabs(length - 1) > COLMAP_UNIT_ERROR) colmap_warn(r, WARN_QUATERNION);
 }
 
-/* Returns 0 for paths outside the image folder: absolute paths, drives, ".."
- * between slashes of either kind. */
-OXL_INTERNAL int colmap_name_is_safe(const char *name, const char *end)
+OXL_INTERNAL size_t colmap_safe_name(const char *name, size_t length, char *out)
 {
-    const char *part = name;
-    if (*name == '/' || *name == '\\' || (end - name > 1 && name[1] == ':')) return 0;
-    for (const char *p = name;; p++) {
-        if (p < end && *p == 0) return 0;
-        if (p < end && *p != '/' && *p != '\\') continue;
-        if (p - part == 2 && part[0] == '.' && part[1] == '.') return 0;
-        if (p == end) return 1;
-        part = p + 1;
+    size_t size = 0;
+    for (size_t at = 0, part; at < length; at += part + 1) {
+        const char *from = name + at;
+        for (part = 0; at + part < length && from[part] && from[part] != '/' && from[part] != '\\';) part++;
+        if (part == 0 || (from[0] == '.' && (part == 1 || (part == 2 && from[1] == '.')))) continue;
+        if (size) out[size++] = '/';
+        memmove(out + size, from, part);
+        size += part == 2 && from[1] == ':' ? 1 : part; /* a drive */
     }
+    return size;
 }
 
 OXL_INTERNAL void colmap_read_name(struct colmap_reader *r, size_t *name)
@@ -362,25 +361,18 @@ OXL_INTERNAL void colmap_read_name(struct colmap_reader *r, size_t *name)
     size_t size;
     if (r->rc != OXL_OK) return;
     colmap_skip_blanks(r);
-    /* Removes "./": without it the name is the same image's. */
-    while (r->end - r->cursor > 2 && r->cursor[0] == '.' && r->cursor[1] == '/')
-        for (r->cursor += 2; r->cursor < r->end && r->cursor[0] == '/';) r->cursor++;
     size = (size_t)(r->end - r->cursor);
     r->field = r->cursor;
-    if (size == 0)
-        colmap_fail(r, COLMAP_FIX_EXPORT,
-                    "found the end of the line, expected NAME, a file in the image folder");
-    else if (memchr(r->cursor, '\n', size) || memchr(r->cursor, '\r', size))
+    if (memchr(r->cursor, '\n', size) || memchr(r->cursor, '\r', size))
         colmap_fail(r, COLMAP_FIX_EXPORT, "found a line end in a name, expected a name of one line");
-    else if (!colmap_name_is_safe(r->cursor, r->end))
-        colmap_fail(r, "give names relative to that folder, without \"..\"",
-                    "found the name '%.*s', expected a path inside the image folder",
-                    (int)OXL_MIN(size, (size_t)200), r->cursor);
     if (r->rc == OXL_OK)
         r->rc = oxl_reserve(r->ctx, &out->names, &r->names_capacity, out->names_size + size + 1, 1);
     if (r->rc != OXL_OK) return;
     *name = out->names_size;
-    memcpy(out->names + *name, r->cursor, size);
+    size = colmap_safe_name(r->cursor, size, out->names + *name);
+    if (size == 0)
+        colmap_fail(r, COLMAP_FIX_EXPORT,
+                    "found the end of the line, expected NAME, a file in the image folder");
     out->names[*name + size] = 0;
     out->names_size += size + 1;
 }

@@ -28,6 +28,7 @@ enum {
     WIDTH,
     HEIGHT,
     ANGLE_X,
+    ANGLE_Y,
     K1, /* K1 to P2: in the order of FULL_OPENCV's parameters */
     K2,
     P1,
@@ -39,13 +40,14 @@ enum {
     NERFSTUDIO_NUMBERS
 };
 static const char *const nerfstudio_names[NERFSTUDIO_NUMBERS] = {
-    "fl_x", "fl_y", "cx", "cy", "w", "h", "camera_angle_x", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"};
+    "fl_x", "fl_y", "cx", "cy", "w",  "h", "camera_angle_x", "camera_angle_y", "k1", "k2",
+    "p1",   "p2",   "k3", "k4", "k5", "k6"};
 
 struct nerfstudio_file { /* Holds what the file states for all frames. */
     const char *frames, *model;
     double number[NERFSTUDIO_NUMBERS]; /* NAN: not stated */
-    int is_fisheye;
-    struct json_names listed; /* images by the lists that name them, enum nerfstudio_list */
+    int is_fisheye, contradicts;       /* contradicts: frames with two focal lengths */
+    struct json_names listed;          /* images by the lists that name them, enum nerfstudio_list */
     size_t in_list[3];
 };
 
@@ -85,8 +87,42 @@ static const char *nerfstudio_model(struct colmap_reader *r, const struct nerfst
     return distorted ? "FULL_OPENCV" : "PINHOLE";
 }
 
+#define NERFSTUDIO_CONTRADICTION \
+    1.1 /* Bounds the ratio of focal lengths that contradict each other from below. */
+
+static double nerfstudio_degrees(double focal, double side)
+{
+    return 2 * camera_atan(side / (2 * focal)) * 57.29577951308232;
+}
+
+/* Returns the focal length, in px, of a field of view of `angle` radians; NAN: that is none. */
+static double nerfstudio_focal(double angle, double side)
+{
+    return angle > 0 && angle < 3.1 ? 0.5 * side * vecmath_cos(angle / 2) / vecmath_sin(angle / 2) : NAN;
+}
+
+/* Takes focal lengths from the field of view where there are none. Warns once where both are there and
+ * contradict each other; the field of view counts then if the focal length is none of a camera. */
+static void nerfstudio_focals(struct colmap_reader *r, struct nerfstudio_file *file, double *v, double w,
+                              double h)
+{
+    const double by_x = nerfstudio_focal(v[ANGLE_X], w), ratio = v[FL_X] / by_x;
+    const int is_odd = !camera_focal_is_plausible(v[FL_X], w, h) && camera_focal_is_plausible(by_x, w, h);
+    if (isnan(v[FL_X])) v[FL_X] = isnan(by_x) ? nerfstudio_focal(v[ANGLE_Y], h) : by_x;
+    if (isnan(v[FL_Y])) v[FL_Y] = v[FL_X];
+    if (isnan(ratio) || (ratio < NERFSTUDIO_CONTRADICTION && ratio > 1 / NERFSTUDIO_CONTRADICTION)) return;
+    if (!file->contradicts++)
+        oxl_log(
+            r->ctx, OXL_LOG_WARNING,
+            "%s: fl_x of %g px is a field of view of %.1f degrees, camera_angle_x one of %.1f; %s is taken\n"
+            "fix: correct fl_x (%.1f px by the angle, for images %.0f px wide), or leave camera_angle_x out",
+            r->path, v[FL_X], nerfstudio_degrees(v[FL_X], w), nerfstudio_degrees(by_x, w),
+            is_odd ? "camera_angle_x" : "fl_x", by_x, w);
+    if (is_odd) v[FL_X] /= ratio, v[FL_Y] /= ratio;
+}
+
 /* Reads a frame's camera; measured sizes and centres stand for those that the file does not state. */
-static struct colmap_camera nerfstudio_camera(struct colmap_reader *r, const struct nerfstudio_file *file,
+static struct colmap_camera nerfstudio_camera(struct colmap_reader *r, struct nerfstudio_file *file,
                                               const char *frame)
 {
     struct colmap_camera c = {0};
@@ -102,13 +138,12 @@ static struct colmap_camera nerfstudio_camera(struct colmap_reader *r, const str
         json_survey_fail(r, "w and h", "none, and no image to take them from",
                          "the images' width and height");
     if (r->rc != OXL_OK) return c;
-    if (isnan(v[FL_X]) && v[ANGLE_X] > 0 && v[ANGLE_X] < 3.1)
-        v[FL_X] = 0.5 * w * vecmath_cos(v[ANGLE_X] / 2) / vecmath_sin(v[ANGLE_X] / 2);
+    nerfstudio_focals(r, file, v, w, h);
     c.model = camera_model_find(model, strlen(model));
     c.width = (int)w;
     c.height = (int)h;
     c.parameter[0] = v[FL_X];
-    c.parameter[1] = isnan(v[FL_Y]) ? v[FL_X] : v[FL_Y];
+    c.parameter[1] = v[FL_Y];
     c.parameter[2] = isnan(v[CX]) ? w / 2 : v[CX];
     c.parameter[3] = isnan(v[CY]) ? h / 2 : v[CY];
     if (!strcmp(model, "OPENCV_FISHEYE"))
@@ -172,15 +207,17 @@ static void nerfstudio_pose(struct colmap_reader *r, const char *frame, double q
 
 /* ---------------- names of images */
 
-/* Writes the path of a name from the folder in which names start. */
+/* Writes the path of the file that a name means: its longest end that is in the folder in which names
+ * start. */
 static const char *nerfstudio_path(const struct colmap_reader *r, const char *name, const char *extension,
                                    char out[PATH_LENGTH])
 {
-    const int length = (int)(path_base_name(r->path) - r->path);
-    if (r->image_folder) return path_in(out, r->image_folder, "%s%s", name, extension);
-    snprintf(out, PATH_LENGTH, "%.*s%s%s%s", length, r->path, r->out->images_beside ? "" : "images/", name,
-             extension);
-    return out;
+    char beside[PATH_LENGTH], file[NERFSTUDIO_PATH];
+    const char *folder = r->image_folder ? r->image_folder : beside;
+    snprintf(beside, sizeof beside, "%.*s%s", (int)(path_base_name(r->path) - r->path), r->path,
+             r->out->images_beside ? "" : "images");
+    strcpy(file + colmap_safe_name(name, strlen(name), file), extension);
+    return path_in(out, folder, "%s", path_longest_tail(folder, file));
 }
 
 /* Turns an image's path in the file into a name: from the image folder, with an extension. Where Blender's
@@ -236,7 +273,7 @@ static enum colmap_split nerfstudio_split(const struct nerfstudio_file *file, co
     return list == LIST_TEST || file->in_list[LIST_TEST] == 0 ? COLMAP_TEST : COLMAP_UNSPLIT;
 }
 
-static void nerfstudio_frame(struct colmap_reader *r, const struct nerfstudio_file *file, const char *frame)
+static void nerfstudio_frame(struct colmap_reader *r, struct nerfstudio_file *file, const char *frame)
 {
     char path[NERFSTUDIO_PATH];
     const char *value = oxl_json_member(frame, "file_path"), *name = nerfstudio_name(r, value, path);
@@ -261,7 +298,7 @@ static void nerfstudio_frame(struct colmap_reader *r, const struct nerfstudio_fi
     colmap_read_name(r, &out->image[out->image_count - 1].mask);
 }
 
-static void nerfstudio_frames(struct colmap_reader *r, const struct nerfstudio_file *file)
+static void nerfstudio_frames(struct colmap_reader *r, struct nerfstudio_file *file)
 {
     struct colmap *out = r->out;
     size_t all = 0, held_out = 0;
@@ -299,22 +336,33 @@ static void nerfstudio_name_ignored(struct colmap_reader *r, const char *json,
     text_free(&names);
 }
 
-/* Reads the points. Refuses a name that leads out of the survey, or to a pipe, which would never end. */
+/* Reads the points of ply_file_path, and names other files of points that are beside. Points are not
+ * essential: without them training starts from random ones. */
 static void nerfstudio_points(struct colmap_reader *r, const char *json)
 {
-    char name[512], path[PATH_LENGTH];
-    const int length = (int)(path_base_name(r->path) - r->path);
-    const size_t named = oxl_json_text(oxl_json_member(json, "ply_file_path"), name, sizeof name);
-    snprintf(path, sizeof path, "%.*s%s", length, r->path, named ? name : "sparse_pc.ply");
-    if (!named && os_is_file(path))
+    static const char *const beside[] = {"sparse_pc.ply", "points3d.ply", "points3D.ply"};
+    char name[NERFSTUDIO_PATH] = "", folder[PATH_LENGTH];
+    const char *const value = oxl_json_member(json, "ply_file_path"), *file = name;
+    const size_t named = oxl_json_text(value, name, sizeof name);
+    snprintf(folder, sizeof folder, "%.*s", (int)(path_base_name(r->path) - r->path), r->path);
+    name[colmap_safe_name(name, named, name)] = 0;
+    file = path_longest_tail(folder, name);
+    if (r->rc == OXL_OK && named && os_is_file(PATH(folder, "%s", file))) {
+        r->rc = ply_points_read(r, PATH(folder, "%s", file));
+        return;
+    }
+    if (named)
         oxl_log(r->ctx, OXL_LOG_WARNING,
-                "%s: \"ply_file_path\" is missing, so the points of sparse_pc.ply beside it are not read",
-                r->path);
-    if (!named || r->rc != OXL_OK) return;
-    if (!colmap_name_is_safe(name, name + named))
-        json_survey_fail(r, "ply_file_path", name, "a path inside the survey, without \"..\"");
-    else if (!os_is_file(path)) json_survey_fail(r, "ply_file_path", path, "a PLY file that is there");
-    else r->rc = ply_points_read(r, path);
+                "%s: ply_file_path names %s, which is not there, so its points are not read\n"
+                "fix: put the file there, or take ply_file_path out",
+                r->path, name);
+    for (size_t i = 0; i < OXL_COUNT(beside); i++)
+        if (os_is_file(PATH(folder, "%s", beside[i]))) {
+            oxl_log(r->ctx, OXL_LOG_WARNING,
+                    "%s: \"ply_file_path\" does not name %s beside it, so its points are not read", r->path,
+                    beside[i]);
+            return;
+        }
 }
 
 OXL_INTERNAL void nerfstudio_read(struct colmap_reader *r, const char *json)

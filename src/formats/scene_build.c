@@ -108,7 +108,6 @@ OXL_INTERNAL oxl_result scene_build(oxl_context *ctx, oxl_scene *scene, const ox
     rc = scene_mark_test_views(ctx, scene, o->test_every);
     if (rc == OXL_OK && o->read_images) rc = scene_count_masks(ctx, scene);
     if (rc == OXL_OK) rc = scene_measure(ctx, scene);
-    if (rc == OXL_OK && o->read_images) scene->stats.unregistered = survey_count_unregistered(ctx, scene);
     if (rc == OXL_OK && o->read_images) rc = scene_decide_alpha(ctx, scene, o->alpha);
     return rc;
 }

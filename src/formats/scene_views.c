@@ -9,9 +9,11 @@
 #include "../survey/tracks.h"
 
 enum {
-    SCENE_TEST_EVERY = 8,    /* of so many views by name, the first is held out [Barron 2022] */
-    SCENE_NAMED_MISSING = 10 /* most missing images that are named */
+    SCENE_TEST_EVERY = 8,     /* of so many views by name, the first is held out [Barron 2022] */
+    SCENE_NAMED_MISSING = 10, /* most missing images that are named */
+    SCENE_NAMED_SIZES = 3     /* most images that are named by other messages */
 };
+#define SCENE_SAME_SIZE 1.5 /* Limits how far the sides of images of one size differ, px. */
 
 /* ---------------- missing images */
 
@@ -23,34 +25,19 @@ static const char *scene_removal(const struct colmap *c)
                                                            : "delete its shot in the file";
 }
 
-/* Turns the backslashes of a name from Windows, "a\\b.jpg", into slashes, if that names a file. */
-static void scene_convert_backslashes(const oxl_scene *scene, char *name)
-{
-    char path[PATH_LENGTH];
-    if (!strchr(name, '\\') || os_is_file(path_in(path, scene->images, "%s", name))) return;
-    path_in(path, scene->images, "%s", name);
-    for (char *c = path + strlen(scene->images); *c; c++)
-        if (*c == '\\') *c = '/';
-    for (char *c = name; *c && os_is_file(path); c++)
-        if (*c == '\\') *c = '/';
-}
-
 static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, const char *first,
                                      double fraction)
 {
-    char like[256];
-    survey_find_like(ctx, scene->images, first, like, sizeof like);
     return oxl_fail(
         ctx, OXL_ERR_INPUT,
         "%d of the %zu images of %s are not in %s, the first is %s; at most %.0f %% may be missing\n"
-        "fix: %s%s%s%s",
+        "fix: %s%s",
         scene->stats.images_missing, scene->colmap.image_count, scene->colmap.images_file, scene->images,
         first, 100 * fraction,
         scene->view_count == 0
             ? "name by --images the folder that the names in the model start from"
             : "put them there; or train without them: a larger --missing-images; or take them out: ",
-        scene->view_count == 0 ? "" : scene_removal(&scene->colmap), like[0] ? "; very like it is " : "",
-        like);
+        scene->view_count == 0 ? "" : scene_removal(&scene->colmap));
 }
 
 /* ---------------- views */
@@ -90,8 +77,75 @@ struct scene_build { /* Holds the working data of scene construction. */
     const oxl_scene_options *options;
     struct scene_order *order; /* (images) */
     oxl_camera *ideal;         /* (cameras) undistorted and reduced; width 0: not yet */
-    int turned;                /* number of cameras whose images are turned by their EXIF orientation */
+    struct scene_size {        /* (images) those that are there, by the size that their camera states */
+        int width, height;
+        double on_disk;
+        size_t camera, order;
+    } * size;
+    size_t sizes, others, odd_focals; /* others: images of another size */
+    struct text names;                /* of the first ones */
+    uint8_t *unplaced;                /* (images) 1: without a pose of its own */
 };
+
+static int scene_compare_sizes(const void *a, const void *b)
+{
+    const struct scene_size *s = a, *t = b;
+    if (s->width != t->width) return s->width < t->width ? -1 : 1;
+    if (s->height != t->height) return s->height < t->height ? -1 : 1;
+    if (s->on_disk != t->on_disk) return s->on_disk < t->on_disk ? -1 : 1;
+    return (s->order > t->order) - (s->order < t->order);
+}
+
+/* Gives cameras of one size, whose images are size[from] to size[to - 1], the size on disk that most of these
+ * have. Names the others. */
+static void scene_use_most(oxl_scene *scene, struct scene_build *b, size_t from, size_t to)
+{
+    const struct scene_size *most = &b->size[(from + to) / 2];
+    for (size_t i = from; i < to; i++) {
+        const struct scene_size *s = &b->size[i];
+        const double scale = s->on_disk - most->on_disk;
+        scene->on_disk[s->camera] = most->on_disk;
+        if (fabs(scale) * OXL_MAX(s->width, s->height) <= SCENE_SAME_SIZE) continue;
+        if (++b->others <= SCENE_NAMED_SIZES)
+            text_add(&b->names, "%s%s (%.0f x %.0f px, most have %.0f x %.0f)", b->names.size ? ", " : "",
+                     b->order[s->order].name, s->on_disk * s->width, s->on_disk * s->height,
+                     most->on_disk * s->width, most->on_disk * s->height);
+    }
+}
+
+/* Measures the images that are there. Most images decide on the size of those of a camera: one that is
+ * smaller would make all of them small. */
+static void scene_measure_images(oxl_context *ctx, oxl_scene *scene, struct scene_build *b)
+{
+    const struct colmap *c = &scene->colmap;
+    size_t turned = 0;
+    b->names.ctx = ctx;
+    for (size_t i = 0; i < c->image_count; i++) {
+        const struct colmap_camera *from = colmap_find_camera(c, c->image[b->order[i].image].camera_id);
+        const char *path = PATH(scene->images, "%s", b->order[i].name);
+        struct scene_size s = {.on_disk = 1, .order = i};
+        int is_turned = 0;
+        if (!from || (b->options->read_images && !os_is_file(path))) continue;
+        if (b->options->read_images) s.on_disk = scene_size_on_disk(ctx, path, from, &is_turned);
+        s.width = from->width, s.height = from->height, s.camera = (size_t)(from - c->camera);
+        b->size[b->sizes++] = s;
+        turned += (size_t)is_turned;
+    }
+    qsort(b->size, b->sizes, sizeof *b->size, scene_compare_sizes);
+    for (size_t from = 0, to = 1; from < b->sizes; to++)
+        if (to == b->sizes || b->size[to].width != b->size[from].width ||
+            b->size[to].height != b->size[from].height)
+            scene_use_most(scene, b, from, to), from = to;
+    if (turned)
+        oxl_log(ctx, OXL_LOG_INFO,
+                "%zu images are turned as their EXIF orientation says: their cameras are upright", turned);
+    if (b->others)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%zu images are of another size than most of their camera, and are scaled to it: %s%s\n"
+                "fix: use images of one size; enlarged ones teach blur",
+                b->others, b->names.data ? b->names.data : "", b->others > SCENE_NAMED_SIZES ? ", ..." : "");
+    text_free(&b->names);
+}
 
 /* Prefixes an error about a line of the survey's files with the folder. */
 static oxl_result scene_prefix_folder(oxl_context *ctx, const oxl_scene *scene, oxl_result rc)
@@ -102,18 +156,52 @@ static oxl_result scene_prefix_folder(oxl_context *ctx, const oxl_scene *scene, 
 }
 
 static oxl_result scene_ideal_camera(oxl_context *ctx, const oxl_scene *scene, struct scene_build *b,
-                                     size_t camera, const char *path)
+                                     size_t camera)
 {
     const struct colmap_camera *from = &scene->colmap.camera[camera];
-    int turned = 0;
     oxl_result rc;
     if (b->ideal[camera].width) return OXL_OK;
     rc = camera_undistorted(ctx, from, &b->ideal[camera]);
     if (rc != OXL_OK) return scene_prefix_folder(ctx, scene, rc);
-    scene->on_disk[camera] = b->options->read_images ? scene_size_on_disk(ctx, path, from, &turned) : 1;
-    b->turned += turned;
+    if (!camera_focal_is_plausible(b->ideal[camera].fx, from->width, from->height) ||
+        !camera_focal_is_plausible(b->ideal[camera].fy, from->width, from->height))
+        if (!b->odd_focals++)
+            oxl_log(
+                ctx, OXL_LOG_WARNING,
+                "%s:%d: the focal length of camera %lld is %g, %g px, for images of %d x %d px: expected 0.2 "
+                "to 20 times the longer side\n"
+                "fix: give focal lengths in px: millimetres times the image's width over the sensor's",
+                from->file, from->line, (long long)from->id, b->ideal[camera].fx, b->ideal[camera].fy,
+                from->width, from->height);
     b->ideal[camera] = scene_reduce(&b->ideal[camera], b->options->max_side, scene->on_disk[camera]);
     return OXL_OK;
+}
+
+/* Finds images that programs could not place, and wrote with the pose of no turn and no move: where there are
+ * tracks, they are in none, and where there are none, more than one has this pose. */
+static void scene_find_unplaced(oxl_context *ctx, const oxl_scene *scene, struct scene_build *b)
+{
+    const struct colmap *c = &scene->colmap;
+    struct text names = {.ctx = ctx};
+    size_t count = 0;
+    for (size_t i = 0; i < c->image_count; i++) {
+        const double *q = c->image[i].rotation, *t = c->image[i].translation;
+        const int turns = (q[0] != 0) + (q[1] != 0) + (q[2] != 0) + (q[3] != 0);
+        b->unplaced[i] = turns == 1 && t[0] == 0 && t[1] == 0 && t[2] == 0;
+    }
+    for (size_t k = 0; k < c->track_count; k++) b->unplaced[c->track[k].image_row] = 0;
+    for (size_t i = 0; i < c->image_count; i++)
+        if (b->unplaced[i] && ++count <= SCENE_NAMED_SIZES)
+            text_add(&names, "%s%s", count > 1 ? ", " : "", c->names + c->image[i].name);
+    if (2 * count > c->image_count || (count == 1 && c->track_count == 0)) count = 0;
+    if (count == 0) memset(b->unplaced, 0, c->image_count);
+    else
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%zu of %zu images have the pose 1 0 0 0 0 0 0 and see no point: they were not registered, "
+                "and are left out: %s%s",
+                count, c->image_count, names.data ? names.data : "",
+                count > SCENE_NAMED_SIZES ? ", ..." : "");
+    text_free(&names);
 }
 
 static int scene_is_finite_pose(const struct colmap_image *image)
@@ -140,6 +228,7 @@ static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scen
             ctx, OXL_ERR_INPUT,
             "%s/%s:%d: camera id %lld is not among the cameras\nfix: export both from the same model",
             scene->colmap.folder, scene->colmap.images_file, image->line, (long long)image->camera_id);
+    else if (b->unplaced[o->image]) return OXL_OK;
     else if (b->options->read_images && !os_is_file(path)) {
         if (++*missing <= SCENE_NAMED_MISSING)
             oxl_log(ctx, OXL_LOG_WARNING, "%s is not there; the view is left out", path);
@@ -148,7 +237,7 @@ static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scen
                       "%s/%s:%d: the pose of %s is not finite, or beyond 1e15\n"
                       "fix: remove the image, or export the model again",
                       scene->colmap.folder, scene->colmap.images_file, image->line, o->name);
-    } else if ((rc = scene_ideal_camera(ctx, scene, b, camera, path)) == OXL_OK) {
+    } else if ((rc = scene_ideal_camera(ctx, scene, b, camera)) == OXL_OK) {
         *view = (oxl_view){.name = o->name, .camera = b->ideal[camera]};
         camera_rotation_from_quaternion(image->rotation, view->camera.rotation);
         memcpy(view->camera.translation, image->translation, sizeof image->translation);
@@ -176,13 +265,14 @@ static oxl_result scene_add_views(oxl_context *ctx, oxl_scene *scene, struct sce
     const struct colmap *c = &scene->colmap;
     const char *first = NULL;
     int missing = 0;
-    oxl_result rc = OXL_OK;
-    for (size_t i = 0; i < c->image_count && b->options->read_images; i++)
-        scene_convert_backslashes(scene, c->names + c->image[i].name);
+    oxl_result rc = b->options->read_images ? survey_match_names(ctx, scene) : OXL_OK;
+    if (rc != OXL_OK) return rc;
     for (size_t i = 0; i < c->image_count; i++)
         b->order[i] = (struct scene_order){c->names + c->image[i].name, i};
     qsort(b->order, c->image_count, sizeof *b->order, scene_compare_order);
     rc = scene_check_names(ctx, scene, b->order);
+    scene_find_unplaced(ctx, scene, b);
+    scene_measure_images(ctx, scene, b);
     for (size_t i = 0; i < c->image_count && rc == OXL_OK; i++) {
         rc = scene_add_view(ctx, scene, b, &b->order[i], &missing);
         if (missing && !first) first = b->order[i].name;
@@ -210,16 +300,13 @@ OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
             c->images_file, c->image_count);
     b.order = oxl_alloc(ctx, c->image_count, sizeof *b.order);
     b.ideal = oxl_calloc(ctx, c->camera_count + 1, sizeof *b.ideal);
+    b.size = oxl_alloc(ctx, c->image_count, sizeof *b.size);
+    b.unplaced = oxl_alloc(ctx, c->image_count, 1);
     rc = scene_alloc_views(ctx, scene, c->image_count);
     scene->on_disk = oxl_calloc(ctx, c->camera_count + 1, sizeof *scene->on_disk);
-    if (rc == OXL_OK && !(b.order && b.ideal && scene->on_disk)) rc = OXL_ERR_MEMORY;
+    if (rc == OXL_OK && !(b.order && b.ideal && b.size && b.unplaced && scene->on_disk)) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = scene_add_views(ctx, scene, &b);
-    if (rc == OXL_OK && b.turned)
-        oxl_log(
-            ctx, OXL_LOG_INFO,
-            "images of %d of %zu cameras are turned as their EXIF orientation says: their cameras are upright",
-            b.turned, c->camera_count);
-    OXL_FREE(ctx, b.order, b.ideal);
+    OXL_FREE(ctx, b.order, b.ideal, b.size, b.unplaced);
     return rc;
 }
 

@@ -9,8 +9,9 @@
 
 /* Finds a camera; NULL: there is none. */
 OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap *c, int64_t id);
-/* Returns 1 for a relative path without "..", up to `end`. */
-OXL_INTERNAL int colmap_name_is_safe(const char *name, const char *end);
+/* Copies a name as a path that stays inside its folder: without drives, "..", leading slashes. Returns its
+ * length; 0: nothing is left. out: at least the name's length. */
+OXL_INTERNAL size_t colmap_safe_name(const char *name, size_t length, char *out);
 
 struct colmap_sightings { /* Reads the 2D points of one image at a time. */
     const struct colmap *colmap;
@@ -32,14 +33,14 @@ OXL_INTERNAL int colmap_sightings_next(struct colmap_sightings *s, struct colmap
 
 /* ---------------- survey_files.c: image files of a survey */
 
-/* Finds a file, at most 3 folders deep, whose name equals `name` except for folder, extension and
- * case; out "": there is none. */
+/* Finds the image file, at most 3 folders deep, whose path ends most like `name`; out "": there is none. */
 OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out,
                                    size_t size);
 
 OXL_INTERNAL int survey_is_image_name(const char *name); /* 1: it ends as those of JPEG and PNG files do */
-/* Counts the images in the image folder, and the folders in it, that the model does not have. */
-OXL_INTERNAL int survey_count_unregistered(oxl_context *ctx, const oxl_scene *scene);
+/* Gives images that are not there under their names the names of the files whose paths end alike, and counts
+ * the files that the model does not have. */
+OXL_INTERNAL oxl_result survey_match_names(oxl_context *ctx, oxl_scene *scene);
 
 /* ---------------- ideal_camera.c */
 

@@ -20,8 +20,9 @@ OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene
         if (os_is_file(*out)) return OXL_OK;
         oxl_free(ctx, *out);
     }
-    *out = own && os_is_file(PATH(scene->colmap.folder, "%s", scene->colmap.names + own))
-               ? oxl_path_join(ctx, scene->colmap.folder, scene->colmap.names + own)
+    name = own ? path_longest_tail(scene->colmap.folder, scene->colmap.names + own) : NULL;
+    *out = name && os_is_file(PATH(scene->colmap.folder, "%s", name))
+               ? oxl_path_join(ctx, scene->colmap.folder, name)
                : NULL;
     return OXL_OK;
 }
