@@ -136,6 +136,12 @@ static int camera_shrink(const struct colmap_camera *camera, const oxl_camera *c
     return !(bad[0] || bad[1] || bad[2] || bad[3]);
 }
 
+OXL_INTERNAL int camera_focal_is_plausible(double focal, double width, double height)
+{
+    const double sides = focal / OXL_MAX(width, height);
+    return sides >= 0.2 && sides <= 20;
+}
+
 /* Fails at the camera's line: "camera ID (MODEL) TEXT". */
 static oxl_result camera_fail(oxl_context *ctx, const struct colmap_camera *camera, const char *format, ...)
     OXL_PRINTF(3, 4);

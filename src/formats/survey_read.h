@@ -44,6 +44,9 @@ OXL_INTERNAL oxl_result survey_match_names(oxl_context *ctx, oxl_scene *scene);
 
 /* ---------------- ideal_camera.c */
 
+OXL_INTERNAL double camera_atan(double x); /* of survey/camera.c; for x >= 0, to about 1e-15 */
+/* Returns 1 for a focal length, px, of 0.2 to 20 times the longer side: a lens of 136 to 3 degrees. */
+OXL_INTERNAL int camera_focal_is_plausible(double focal, double width, double height);
 /* Finds the pinhole camera inside the field of view of the real one (no blank pixels), with the same focal
  * length, before --max-side. */
 OXL_INTERNAL oxl_result camera_undistorted(oxl_context *ctx, const struct colmap_camera *camera,

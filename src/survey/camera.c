@@ -61,12 +61,6 @@ OXL_INTERNAL const char *camera_model_list(void)
            "EUCM, EQUIRECTANGULAR";
 }
 
-OXL_INTERNAL int camera_focal_is_plausible(double focal, double width, double height)
-{
-    const double sides = focal / OXL_MAX(width, height);
-    return sides >= 0.2 && sides <= 20;
-}
-
 OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double out[4])
 {
     const int focals = camera_models[camera->model].focal_count;

@@ -113,7 +113,6 @@ OXL_INTERNAL int camera_model_find(const char *name, size_t length); /* COLMAP's
 OXL_INTERNAL const struct camera_model *camera_model_at(int index); /* NULL: COLMAP has no model of this id */
 OXL_INTERNAL const char *camera_model_list(void); /* "SIMPLE_PINHOLE, PINHOLE, ..." for messages */
 
-OXL_INTERNAL double camera_atan(double x); /* for x >= 0, to about 1e-15 */
 /* Returns fx, fy, cx, cy in px, for any model. */
 OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double out[4]);
 
@@ -121,8 +120,6 @@ OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double o
 OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const double direction[2],
                                  double pixel[2]);
 OXL_INTERNAL int camera_is_distorted(const struct colmap_camera *camera);
-/* Returns 1 for a focal length, px, of 0.2 to 20 times the longer side: a lens of 136 to 3 degrees. */
-OXL_INTERNAL int camera_focal_is_plausible(double focal, double width, double height);
 
 /* Returns the same camera at half the sides, rounded down. */
 OXL_INTERNAL oxl_camera camera_halve(const oxl_camera *camera);
