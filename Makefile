@@ -67,6 +67,13 @@ $(BUILD)/oceanxl: $(BUILD)/main.o $(CLI:%.c=$(BUILD)/%.o) $(LIBRARY)
 $(BUILD)/oceanxl-lab: $(LAB:%.c=$(BUILD)/%.o) $(CLI:%.c=$(BUILD)/%.o) $(LIBRARY)
 	$(CC) $(FLAGS) $^ -o $@ $(LIBS)
 
+# The page of results names the commit: its object follows when that changes.
+$(BUILD)/commit: FORCE
+	@mkdir -p $(@D)
+	@git describe --always --dirty --exclude '*' 2>/dev/null | cmp -s - $@ || git describe --always --dirty --exclude '*' > $@ 2>/dev/null || :
+$(BUILD)/lab/results.o: BASE += -DLAB_COMMIT='"$(shell git describe --always --dirty --exclude '*' 2>/dev/null)"'
+$(BUILD)/lab/results.o: $(BUILD)/commit
+
 # The library as one translation unit, whose internal names are static: what is installed.
 unity: $(BUILD)/unity/oceanxl ## the program with the library as one translation unit: the same bytes, a minute to compile
 $(BUILD)/unity/oceanxl: $(BUILD)/main.o $(CLI:%.c=$(BUILD)/%.o) $(BUILD)/oceanxl.o

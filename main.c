@@ -368,12 +368,9 @@ static oxl_result run(oxl_context *ctx, const struct arguments *a, struct consol
 static int execute_lab(char **argv, const struct arguments *a)
 {
     char path[4096] = "oceanxl-lab";
-    if (a->command != COMMAND_SYNTH && a->command != COMMAND_ABLATE && a->command != COMMAND_TRADEOFF)
-        return -1;
+    if (a->command < COMMAND_SYNTH) return -1;
 #ifdef _WIN32
-    console_error(
-        "",
-        "synth, ablate and tradeoff are commands of oceanxl-lab\nfix: oceanxl-lab and the same arguments");
+    console_error("", "this is a command of oceanxl-lab\nfix: oceanxl-lab and the same arguments");
 #else
     {
         const ssize_t length = readlink("/proc/self/exe", path, sizeof path - 1);
@@ -386,7 +383,7 @@ static int execute_lab(char **argv, const struct arguments *a)
         execvp(path, argv); /* returns only on failure */
         snprintf(
             text, sizeof text,
-            "%s cannot be run: %s\nfix: synth, ablate and tradeoff are a program of their own; make builds it beside oceanxl",
+            "%s cannot be run: %s\nfix: this command is part of oceanxl-lab, which make builds beside oceanxl",
             path, strerror(errno));
         console_error("", text);
     }

@@ -125,7 +125,9 @@ static int check_complete(struct arguments *a)
         return fail(a, "--ortho and --flight exclude each other\nfix: leave one of the two out");
     if (!a->ortho && (a->epsg || a->frame))
         return fail(a, "--%s is of --ortho\nfix: add --ortho, or leave it out", a->epsg ? "epsg" : "frame");
-    if (a->devices || (a->path_count == c->paths && (!c->needs_out || a->out))) return 0;
+    if (a->devices || ((a->path_count == c->paths || (a->path_count > 0 && a->command == COMMAND_RESULTS)) &&
+                       (!c->needs_out || a->out)))
+        return 0;
     return fail(a, "oceanxl %s needs %s\nfix: for example: %s", c->name, c->usage, c->example);
 }
 
@@ -165,7 +167,8 @@ int arguments_parse(int argc, char **argv, struct arguments *a)
         if (!ended && strcmp(argv[i], "--") == 0) ended = 1; /* paths that follow may begin with a dash */
         else if (!ended && argv[i][0] == '-' && argv[i][1]) {
             if (parse_option(argc, argv, &i, a)) return 1;
-        } else if (a->path_count < 2) a->path[a->path_count++] = argv[i];
+        } else if (a->path_count < (a->command == COMMAND_RESULTS ? CLI_PATHS : 2))
+            a->path[a->path_count++] = argv[i];
         else
             return fail(a, "'%s' is one argument too many\nfix: oceanxl %s --help shows an example", argv[i],
                         CLI_COMMANDS[a->command].name);

@@ -238,6 +238,22 @@ typedef struct synth_options {
 
 synth_options synth_options_default(void); /* sets all but `out` */
 
+/* ---------------- chart.c: curves as SVG. First all points are included, then the lines drawn, point by point. */
+
+struct chart {
+    int is_log;                          /* 1: the x axis is logarithmic */
+    int points, lines, in_line;          /* included; drawn; 1: a line has begun */
+    double first, last, low, high, step; /* ends of x (its log10), of y; between two lines of y */
+};
+
+void chart_include(struct chart *c, double x, double y);
+/* Writes the attributes of an svg element, and the axes. Returns 0: nothing was included. */
+int chart_begin(struct chart *c, struct output *t, const char *title);
+double chart_x(const struct chart *c, double x); /* in the drawing */
+double chart_y(const struct chart *c, double y);
+void chart_line(struct chart *c, struct output *t, double x, double y);
+void chart_end_line(struct chart *c, struct output *t, const char *name);
+
 /* ---------------- options.c: commands and options */
 
 enum exit_code {
@@ -249,7 +265,11 @@ enum exit_code {
     EXIT_STOPPED = 130
 };
 
-enum { CLI_JOB_OPTIONS = 96, CLI_SEEDS = 99 /* most seeds of a study */ };
+enum {
+    CLI_JOB_OPTIONS = 96,
+    CLI_SEEDS = 99, /* most seeds of a study */
+    CLI_PATHS = 16  /* most surveys of results */
+};
 
 /* Commands, in the order of the help. */
 enum command {
@@ -264,16 +284,17 @@ enum command {
     COMMAND_INFO,
     COMMAND_CONVERT,
     COMMAND_REPORT,
-    COMMAND_SYNTH,
+    COMMAND_SYNTH, /* this and the following: commands of oceanxl-lab */
     COMMAND_ABLATE,
     COMMAND_TRADEOFF,
+    COMMAND_RESULTS,
     COMMANDS
 };
 
 /* Holds the command line: each field is as given, or the default; NULL: not given. */
 struct arguments {
     enum command command;
-    const char *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
+    const char *path[CLI_PATHS]; /* SCENE, MODEL SCENE, IN OUT, FILE, or SURVEY... */
     int path_count;
     const char *help; /* "", or "all" */
     int version, manual, page, quiet, verbose, json, depth, no_images, devices, clear;
@@ -298,7 +319,7 @@ struct arguments arguments_default(void);
 
 struct cli_command {
     const char *name;
-    int paths, needs_out; /* number of paths; needs_out 1: -o is required */
+    int paths, needs_out; /* number of paths, of results at least; needs_out 1: -o is required */
     const char *usage, *purpose, *example, *more;
 };
 extern const struct cli_command CLI_COMMANDS[COMMANDS]; /* the row of COMMAND_NONE is empty */

@@ -326,8 +326,7 @@ int console_main(int argc, char **argv, const struct program *program)
     console.memory.limit = a.job.ram;
     if (a.threads > 0) options.threads = a.threads;
     if (a.job.seed) options.seed = a.job.seed;
-    if (a.command != COMMAND_TRAIN && a.command != COMMAND_ABLATE && a.command != COMMAND_TRADEOFF)
-        a.job.scene.allow_truncated = 1;
+    if (a.command != COMMAND_TRAIN && a.command <= COMMAND_SYNTH) a.job.scene.allow_truncated = 1;
     options.backend = (oxl_backend)a.backend;
     options.device = a.device;
     options.device_ram = a.job.device_ram;

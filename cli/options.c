@@ -77,11 +77,17 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
          "oceanxl tradeoff survey -o tradeoff --budget 20m",
          "OUT gets tradeoff.md (tables), tradeoff.csv, and a run for each row and seed, in NAME-seedS/. Rows that do not fit the budget\n"
          "are named; the same command with a larger one resumes."},
+    [COMMAND_RESULTS] =
+        {"results", 1, 1, "SURVEY... -o OUT",
+         "Measures what the documents publish: speed, light and water, blocks, the paper's parts.",
+         "oceanxl results survey1 survey2 -o results --max-side 240",
+         "OUT gets results.md (tables), speed.svg (a plot), both with the commit, and the runs. Ten minutes by default; a release takes\n"
+         "--budget 24h --seeds 3. The same command resumes. If OUT holds others.csv, lines of NAME,CPU_SECONDS,PSNR are plotted, too."},
 };
 
 /* ---------------- options of the program */
 
-#define STUDIES (IN(ABLATE) | IN(TRADEOFF))
+#define STUDIES (IN(ABLATE) | IN(TRADEOFF) | IN(RESULTS))
 /* Commands that accept all options of train, with or without effect, so that only
  * the command's name changes. */
 #define TRAINS (IN(TRAIN) | IN(CHECK) | IN(PARTITION))
@@ -99,9 +105,9 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
 /* clang-format off */
 static const oxl_option CLI_OPTIONS[] = {
 /* name, value, kind, field, lowest, highest, default, tier, use, group, help, former name */
-{"rows", "NAME,NAME...", OXL_OPTION_TEXT, FIELD(rows), 0, 0, NO_TEXT, OXL_TIER_BASIC, STUDIES, "Study", "rows to train; otherwise, ablate: 3dgs,v1,v2,v1-count,v3,v4,oceanxl,v3-bytes, each control after its row; tradeoff: all, compared with the base", NULL},
+{"rows", "NAME,NAME...", OXL_OPTION_TEXT, FIELD(rows), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(ABLATE) | IN(TRADEOFF), "Study", "rows to train; otherwise, ablate: 3dgs,v1,v2,v1-count,v3,v4,oceanxl,v3-bytes, each control after its row; tradeoff: all, compared with the base", NULL},
 {"seeds", "N", OXL_OPTION_INT, FIELD(seeds), 1, CLI_SEEDS, NO_TEXT, OXL_TIER_BASIC, STUDIES, "Study", "train each row with seeds 1 to N", NULL},
-{"budget", "TIME", OXL_OPTION_SECONDS, FIELD(budget), 0.001, MOST, NO_TEXT, OXL_TIER_BASIC, IN(TRADEOFF), "Study", "time for all rows, e.g. 90s, 20m or 8h", NULL},
+{"budget", "TIME", OXL_OPTION_SECONDS, FIELD(budget), 0.001, MOST, NO_TEXT, OXL_TIER_BASIC, IN(TRADEOFF) | IN(RESULTS), "Study", "time for all rows, e.g. 90s, 20m or 8h; otherwise 20m, of results 10m", NULL},
 {"views", "N", OXL_OPTION_INT, FIELD(synth.views), 2, 1000000, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "number of images", NULL},
 {"size", "WxH", OXL_OPTION_SIZE, FIELD(synth.width), 16, 8192, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "size of an image, 16 to 8192 px a side", NULL},
 {"path", "lawnmower|orbit|forward", OXL_OPTION_CHOICE, FIELD(synth.path), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "camera path; forward: one line, looking ahead and down", NULL},
@@ -160,7 +166,6 @@ struct arguments arguments_default(void)
                               .seeds = 1,
                               .frames = 120,
                               .min_views = 2,
-                              .budget = 1200,
                               .job = oxl_job_options_default(OXL_PRESET_DRAFT),
                               .synth = synth_options_default()};
 }

@@ -2,7 +2,7 @@
  *
  *     report.c         reads OUT and writes the page from top to bottom
  *     report_page.c    the page's frame: style, base64, JPEG
- *     report_chart.c   curves over the iterations as inline SVG
+ *     chart.c          curves over the iterations as inline SVG
  *     report_views.c   views by PSNR; the worst beside their images, with an error map
  */
 #ifndef REPORT_H

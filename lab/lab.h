@@ -23,11 +23,14 @@ typedef struct study_options {
     oxl_callback callback;     /* progress of each training */
 } study_options;
 
-/* The paper's variants and their controls; speed against accuracy. Leaves in `out`: ablation (tradeoff) .md
- * and .csv, and NAME-seedS/ for each training; the page goes to `to`, too. When the callback stops it, or with
- * a larger budget, the next call resumes. */
-oxl_result ablate_run(oxl_context *ctx, const study_options *options, FILE *to);
-oxl_result tradeoff_run(oxl_context *ctx, const study_options *options, FILE *to);
+enum study_name { STUDY_TRADEOFF, STUDY_LIGHT, STUDY_BLOCKS, STUDY_ABLATION, STUDY_ALL };
+
+/* Trains all rows with all seeds. Leaves in `out`: NAME.md and .csv of the study, and ROW-seedS/ for each training; the
+ * page goes to `to`, too. When the callback stops it, or with a larger budget, the next call resumes. */
+oxl_result study_run(oxl_context *ctx, enum study_name name, const study_options *options, FILE *to);
+/* All studies on all surveys: leaves results.md and speed.svg in `out`, and the runs. */
+oxl_result results_run(oxl_context *ctx, const char *const *survey, int surveys, const study_options *options,
+                       FILE *to);
 
 /* ---------------- lpips.c: LPIPS, the distance of two images by a trained network */
 

@@ -23,24 +23,26 @@ static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct 
     return rc;
 }
 
-/* Runs ablate or tradeoff: many trainings with the options of a job, a log and a progress line on this
- * console. */
+/* Runs a study: many trainings with the options of a job, a log and a progress line on this console. */
 static oxl_result run_study(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     study_options o = {.scene = a->path[0],
                        .out = a->out,
                        .rows = a->rows,
                        .seeds = a->seeds,
-                       .budget = a->command == COMMAND_TRADEOFF ? a->budget : 0,
+                       .budget = a->budget,
                        .job = a->job,
                        .memory = &console->memory,
                        .callback = {console_progress, console}};
     oxl_result rc;
+    if (o.budget == 0)
+        o.budget = a->command == COMMAND_RESULTS ? 600 : a->command == COMMAND_TRADEOFF ? 1200 : 0;
     console_catch_signals();
-    rc = (a->command == COMMAND_ABLATE ? ablate_run : tradeoff_run)(ctx, &o, stdout);
+    if (a->command == COMMAND_RESULTS) rc = results_run(ctx, a->path, a->path_count, &o, stdout);
+    else rc = study_run(ctx, a->command == COMMAND_ABLATE ? STUDY_ABLATION : STUDY_TRADEOFF, &o, stdout);
     console_clear(console);
     if (rc == OXL_ERR_INTERRUPTED)
-        fputs("oxl: interrupted; what is trained is kept\n     resume: the same command again\n", stderr);
+        fputs("oxl: interrupted; finished trainings are kept\n     resume: the same command again\n", stderr);
     return rc;
 }
 
@@ -57,8 +59,7 @@ static oxl_result run(oxl_context *ctx, const struct arguments *a, struct consol
 static int refuse_others(char **argv, const struct arguments *a)
 {
     char text[200];
-    if (a->command == COMMAND_SYNTH || a->command == COMMAND_ABLATE || a->command == COMMAND_TRADEOFF)
-        return -1;
+    if (a->command >= COMMAND_SYNTH) return -1;
     snprintf(text, sizeof text, "%s is a command of oceanxl, not of oceanxl-lab\nfix: oceanxl %s", argv[1],
              argv[1]);
     console_error("", text);

@@ -118,7 +118,7 @@ static int study_progress(void *user, const oxl_progress *p)
     return c->progress ? c->progress(c->user, p) : 0;
 }
 
-static oxl_result study_write(oxl_context *ctx, const char *folder, const char *name, struct output *t)
+oxl_result study_write(oxl_context *ctx, const char *folder, const char *name, struct output *t)
 {
     char path[1100];
     snprintf(path, sizeof path, "%s/%s", folder, name);
@@ -227,21 +227,25 @@ static oxl_result study_begin(struct study *s)
     return rc == OXL_OK ? output_check_own(s->ctx, s->options->out, name, "row,seed,psnr") : rc;
 }
 
-oxl_result study_run(oxl_context *ctx, const struct study_kind *kind, const study_options *options, FILE *to)
+oxl_result study_train_all(oxl_context *ctx, const struct study_kind *kind, const study_options *options,
+                           struct study *s)
 {
     const time_t started = time(NULL);
-    struct study *s = calloc(1, sizeof *s);
     oxl_result rc;
-    if (!s) return OXL_ERR_MEMORY;
-    s->ctx = ctx;
-    s->kind = kind;
-    s->options = options;
-    s->base = options->job;
+    *s = (struct study){.ctx = ctx, .kind = kind, .options = options, .base = options->job};
+    if (kind->sh_degree && s->base.train.sh_degree < 0) s->base.train.sh_degree = kind->sh_degree;
     rc = study_begin(s);
     for (int seed = 1; seed <= options->seeds && rc == OXL_OK; seed++)
         for (int row = 0; row < s->rows && rc == OXL_OK; row++)
             if (study_is_due(s, row, seed, options->budget - difftime(time(NULL), started)))
                 rc = study_train(s, row, seed);
+    return rc;
+}
+
+oxl_result study_run(oxl_context *ctx, enum study_name name, const study_options *options, FILE *to)
+{
+    struct study *s = malloc(sizeof *s);
+    oxl_result rc = s ? study_train_all(ctx, &STUDY_KINDS[name], options, s) : OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = study_write_all(s, to);
     free(s);
     return rc;

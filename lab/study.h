@@ -2,7 +2,8 @@
  *
  *     study.c         trains each row with each seed, makes controls equal, writes the files
  *     study_page.c    means, spreads, comparisons, the Pareto front: the page (Markdown) and the CSV
- *     studies.c       the two studies, as tables of rows
+ *     studies.c       the studies, as tables of rows
+ *     results.c       all of them on several surveys, one page and a plot
  */
 #ifndef STUDY_H
 #define STUDY_H
@@ -38,6 +39,7 @@ struct study_kind {
     const struct study_row *row;
     int rows;
     int has_baseline;  /* 1: the first row is always trained, all others are compared with it */
+    int sh_degree;     /* of all rows, where none is given; 0: as each decides */
     const char *notes; /* below the tables */
 };
 
@@ -54,9 +56,14 @@ struct study {
     double cpu;   /* s of processor time at its first step */
 };
 
-/* Trains all rows with all seeds, resuming what is there; leaves kind->file .md and .csv; the page goes to
- * `to`. */
-oxl_result study_run(oxl_context *ctx, const struct study_kind *kind, const study_options *options, FILE *to);
+/* Trains without writing a page; *s is what was trained. */
+oxl_result study_train_all(oxl_context *ctx, const struct study_kind *kind, const study_options *options,
+                           struct study *s);
+oxl_result study_write(oxl_context *ctx, const char *folder, const char *name, struct output *t);
+
+/* ---------------- studies.c */
+
+extern const struct study_kind STUDY_KINDS[STUDY_ALL];
 
 /* ---------------- study_page.c */
 
@@ -75,6 +82,7 @@ struct study_figure study_mean(const struct study *s, int row, enum study_measur
 struct study_figure study_compare(const struct study *s, int row, int base, enum study_measure m);
 /* Returns 1 if no row has as good a PSNR in no more CPU time. */
 int study_is_pareto_optimal(const struct study *s, int row);
+void study_table(struct output *t, const struct study *s); /* the rows alone */
 void study_page(struct output *t, const struct study *s);
 void study_csv(struct output *t, const struct study *s);
 

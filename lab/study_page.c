@@ -2,8 +2,7 @@
  * CSV for programs.
  *
  * Rows are compared seed by seed, which removes what both share. An effect not larger than its spread over
- * the seeds is "none". A saving is useful only if the same time with fewer iterations gives less: each row of a
- * sweep is compared with that, too.
+ * the seeds is "none".
  */
 #include "study.h"
 
@@ -56,22 +55,6 @@ int study_is_pareto_optimal(const struct study *s, int row)
     return !isnan(psnr) && !isnan(cpu);
 }
 
-/* Estimates the PSNR that the base's options reach in so much processor time with more iterations or fewer:
- * linear in the logarithm of time between the two neighbours among the rows that differ in iterations
- * alone; NaN outside of them. */
-static double page_by_iterations(const struct study *s, double cpu)
-{
-    double below = 0, above = HUGE_VAL, psnr_below = NAN, psnr_above = NAN;
-    for (int i = 0; i < s->rows; i++) {
-        const double c = study_mean(s, i, STUDY_CPU).mean;
-        if (!(s->row[i]->iterations > 0)) continue;
-        if (c <= cpu && c > below) below = c, psnr_below = study_mean(s, i, STUDY_PSNR).mean;
-        if (c >= cpu && c < above) above = c, psnr_above = study_mean(s, i, STUDY_PSNR).mean;
-    }
-    if (below == above) return psnr_below;
-    return psnr_below + (psnr_above - psnr_below) * log(cpu / below) / log(above / below);
-}
-
 /* Returns 1 if a row is compared with another: one of its own, or else the first. */
 static int page_is_compared(const struct study *s, int row, int base)
 {
@@ -87,12 +70,12 @@ static int page_is_compared(const struct study *s, int row, int base)
 
 /* ---------------- the page */
 
-static void page_header(struct output *t, const char *first, const char *last)
+static void page_header(struct output *t, const char *first)
 {
     output_add(t, "\n| %s |", first);
     for (int m = 0; m < STUDY_MEASURES; m++) output_add(t, " %s |", STUDY_COLUMNS[m].title);
-    output_add(t, "%s\n|---|", last);
-    for (int m = 0; m < STUDY_MEASURES + !!last[0]; m++) output_add(t, "---:|");
+    output_add(t, "\n|---|");
+    for (int m = 0; m < STUDY_MEASURES; m++) output_add(t, "---:|");
     output_add(t, "\n");
 }
 
@@ -104,9 +87,9 @@ static void page_cell(struct output *t, struct study_figure f, const char *sign,
                spread[0] ? " +-" : "", spread);
 }
 
-static void page_rows(struct output *t, const struct study *s)
+void study_table(struct output *t, const struct study *s)
 {
-    page_header(t, "row", "");
+    page_header(t, "row");
     for (int r = 0; r < s->rows; r++) {
         if (s->done[r] == 0) continue;
         output_add(t, "| %s%s |", s->row[r]->label, study_is_pareto_optimal(s, r) ? " \\*" : "");
@@ -129,11 +112,6 @@ static void page_effect(struct output *t, const struct study *s, int row, int ba
         if (fabs(f.mean - !c->difference) <= f.spread) output_add(t, " none |"); /* of one seed never */
         else page_cell(t, f, c->difference ? "+" : "x", c->difference ? c->decimals : 3);
     }
-    if (s->kind->has_baseline) {
-        const double other = page_by_iterations(s, study_mean(s, row, STUDY_CPU).mean),
-                     psnr = s->row[row]->iterations > 0 ? NAN : study_mean(s, row, STUDY_PSNR).mean;
-        page_cell(t, (struct study_figure){psnr - other, NAN}, "+", 2);
-    }
     output_add(t, "\n");
 }
 
@@ -143,11 +121,11 @@ void study_page(struct output *t, const struct study *s)
                s->kind->title, s->options->scene, s->base.preset ? s->base.preset : "-",
                s->base.train.iterations, s->base.scene.max_side, s->options->seeds);
     output_add(t, " (mean +- standard deviation).\n\n## Rows\n");
-    page_rows(t, s);
+    study_table(t, s);
     output_add(t,
                "\n## Effects\n\nDifferences, or ratios (x), seed by seed. none: not larger than the standard "
                "deviation over the seeds.\n");
-    page_header(t, "row against row", s->kind->has_baseline ? " dB over other iterations |" : "");
+    page_header(t, "row against row");
     for (int r = 0; r < s->rows; r++)
         for (int base = 0; s->done[r] && base < s->rows; base++)
             if (page_is_compared(s, r, base)) page_effect(t, s, r, base);

@@ -330,6 +330,7 @@ promise ablate_makes_controls_equal 0 "V3, bytes of OceanXL" on_stdout "$program
 promise ablate_sets_what_rows_differ_by 2 "each row of ablate sets it itself" "$program" ablate survey -o ablation --ucd on
 promise tradeoff_states_the_cost 0 "half the iterations against base" on_stdout "$program" tradeoff survey -o tradeoff --rows iterations-half,coarse-0.5,paper --iterations 20 --max-side 100 --budget 30s --threads 1 --quiet
 promise tradeoff_leaves_page_table_and_runs 0 "coarse-0.5,1," sh -c 'test -s tradeoff/tradeoff.md && test -s tradeoff/base-seed1/scene.ply && cat tradeoff/tradeoff.csv'
+promise results_of_two_surveys_leave_a_page_and_a_plot 0 "### cut survey" sh -c "ln -sfn survey 'cut survey' && '$program' results survey 'cut survey' -o results --iterations 8 --max-side 40 --budget 1s --threads 1 --quiet >/dev/null && test -s results/speed.svg && cat results/results.md"
 promise tradeoff_resumes 0 "half the iterations against base" without ETA "$program" tradeoff survey -o tradeoff --rows iterations-half,coarse-0.5 --iterations 20 --max-side 100 --budget 30s --threads 1
 promise blocks_side_by_side_give_the_bytes_of_one_process 0 "" sh -c \
     "OCEANXL='$program' '$examples/cluster/local.sh' survey spread --block-points 250 --iterations 40 --seed 5 --keep 1 &&

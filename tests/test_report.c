@@ -2,7 +2,7 @@
 #include "test.h"
 #include "../cli/output.c"
 #include "../cli/report.c"
-#include "../cli/report_chart.c"
+#include "../cli/chart.c"
 #include "../cli/report_page.c"
 #include "../cli/report_views.c"
 

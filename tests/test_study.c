@@ -4,6 +4,7 @@
 #include "../lab/studies.c"
 #include "../lab/study.c"
 #include "../lab/study_page.c"
+#include "../lab/results.c"
 
 static const study_options study_test_two_seeds = {
     .scene = "reef", .out = "nowhere", .seeds = 2, .budget = 600};
@@ -43,7 +44,7 @@ static struct study *study_test_ablation(void)
         {{22.5, 0.71, 900, 1e6, 80, 70, 40e6}, {25, 0.83, 2700, 2e6, 160, 150, NAN}},
         {{23, 0.72, 1200, 3e6, 90, 80, 45e6}, {25.2, 0.84, 3300, 5e6, 170, 160, 45e6}},
         {{23.1, 0.72, 1190, 3e6, 90, 80, 45e6}, {25, 0.84, 3310, 5e6, 170, 160, 45e6}}};
-    return study_test_of(&ABLATE_KIND, 4, names, value);
+    return study_test_of(&STUDY_KINDS[STUDY_ABLATION], 4, names, value);
 }
 
 /* The base, half its iterations, coarse-0.5 (cheaper and better than half), keep-0.5 (dearer and worse than
@@ -56,7 +57,7 @@ static struct study *study_test_sweep(void)
         {{28, 0.85, 800, 8e6, 30, 50, 40e6}, {29, 0.87, 800, 8e6, 35, 60, 40e6}},
         {{29.5, 0.88, 1000, 10e6, 30, 40, 50e6}, {30.5, 0.90, 1000, 10e6, 30, 48, 50e6}},
         {{29.9, 0.89, 900, 9e6, 62, 110, 50e6}, {0}}};
-    struct study *s = study_test_of(&TRADEOFF_KIND, 5, names, value);
+    struct study *s = study_test_of(&STUDY_KINDS[STUDY_TRADEOFF], 5, names, value);
     s->done[3] = 1, s->done[4] = 0;
     return s;
 }
@@ -87,16 +88,6 @@ TEST(study_front_holds_what_nothing_beats_in_no_more_time)
     memcpy(s->value[3], s->value[0], sizeof s->value[0]); /* of equals the first is on it */
     s->done[3] = 2;
     CHECK(study_is_pareto_optimal(s, 0) && !study_is_pareto_optimal(s, 3));
-    free(s);
-}
-
-TEST(study_compares_a_saving_with_fewer_iterations)
-{
-    struct study *s = study_test_sweep();
-    CHECK_CLOSE(page_by_iterations(s, sqrt(55. * 110)), 29.5, 1e-12);
-    CHECK_CLOSE(page_by_iterations(s, 110), 30.5, 1e-12);
-    /* coarse-0.5, below, is not of the base's options */
-    CHECK(isnan(page_by_iterations(s, 50)) && isnan(page_by_iterations(s, 200)));
     free(s);
 }
 
@@ -142,7 +133,6 @@ TEST(study_page_of_a_sweep_says_the_front_and_what_was_not_trained)
     CHECK_TEXT(t.data, "| --coarse 0.5 \\* |");
     CHECK_TEXT(t.data, "| --coarse 0.5 against base |");
     CHECK_TEXT(t.data, " x0.400 +-0.000 |");
-    CHECK_TEXT(t.data, " -0.60 |\n"); /* keep-0.5 against the base for as long */
     CHECK_TEXT(t.data, "Not trained: paper, 0 of 2 seeds done");
     CHECK(study_is_due(s, 2, 2, 70) && !study_is_due(s, 2, 2, 60));  /* the base takes 65 s; 700 iterations */
     CHECK(study_is_due(s, 0, 2, 20) && !study_is_due(s, 4, 2, 1e9)); /* seed 1 is missing */
@@ -178,7 +168,7 @@ TEST(ablate_rows_differ_by_what_the_paper_switches_and_nothing_else)
     NEEDS_PART(prune);
     NEEDS_PART(lobes);
     static const char *const names[] = {"3dgs", "v2", "v1-count", "oceanxl", "v3-bytes"};
-    struct study *s = study_test_of(&ABLATE_KIND, 5, names, NULL);
+    struct study *s = study_test_of(&STUDY_KINDS[STUDY_ABLATION], 5, names, NULL);
     oxl_job_options job[5];
     s->value[3][0][STUDY_BYTES] = 123456, s->value[1][0][STUDY_GAUSSIANS] = 789;
     for (int r = 0; r < 5; r++) CHECK_OK(study_job(s, r, 1, &job[r]));
@@ -215,7 +205,7 @@ static int study_test_different(const oxl_train_options *a, const oxl_train_opti
 TEST(tradeoff_rows_differ_by_one_option_or_are_a_preset)
 {
     static const char *const names[] = {"base", "coarse-0", "iterations-half", "paper"};
-    struct study *s = study_test_of(&TRADEOFF_KIND, 4, names, NULL);
+    struct study *s = study_test_of(&STUDY_KINDS[STUDY_TRADEOFF], 4, names, NULL);
     const oxl_train_options paper = oxl_train_options_default(OXL_PRESET_PAPER);
     oxl_job_options job[4];
     s->base.train.coarse = 0.5f;
@@ -242,28 +232,27 @@ TEST(study_rows_name_options_and_rows_of_their_study)
     NEEDS_PART(prune);
     NEEDS_PART(lobes);
     NEEDS_PART(sh_degree);
-    const struct study_kind *const kinds[] = {&ABLATE_KIND, &TRADEOFF_KIND};
     oxl_job_options job = oxl_job_options_default(OXL_PRESET_DRAFT);
-    for (int k = 0; k < 2; k++) {
-        CHECK(kinds[k]->rows <= STUDY_ROWS);
-        for (int r = 0; r < kinds[k]->rows; r++) {
-            const struct study_row *row = &kinds[k]->row[r];
-            CHECK(study_find_row(kinds[k], row->name, strlen(row->name)) == row);
+    for (int k = 0; k < STUDY_ALL; k++) {
+        const struct study_kind *kind = &STUDY_KINDS[k];
+        CHECK(kind->rows <= STUDY_ROWS);
+        for (int r = 0; r < kind->rows; r++) {
+            const struct study_row *row = &kind->row[r];
+            CHECK(study_find_row(kind, row->name, strlen(row->name)) == row);
             for (int i = 0; i < STUDY_AGAINST && row->against[i]; i++)
-                CHECK(study_find_row(kinds[k], row->against[i], strlen(row->against[i])) != NULL);
+                CHECK(study_find_row(kind, row->against[i], strlen(row->against[i])) != NULL);
             CHECK_OK(study_set_options(test_ctx, row, &job));
             CHECK(!row->like == !row->equal);
-            CHECK(!row->like || study_find_row(kinds[k], row->like, strlen(row->like)) < row);
+            CHECK(!row->like || study_find_row(kind, row->like, strlen(row->like)) < row);
         }
     }
 }
 
-static const char *study_test_refused(oxl_result (*run)(oxl_context *ctx, const study_options *o, FILE *to),
-                                      const char *rows)
+static const char *study_test_refused(enum study_name name, const char *rows)
 {
     study_options o = {.scene = "nowhere", .out = test_path("out"), .rows = rows, .seeds = 1};
     o.job = oxl_job_options_default(OXL_PRESET_DRAFT);
-    CHECK(run(test_ctx, &o, stdout) == OXL_ERR_USAGE);
+    CHECK(study_run(test_ctx, name, &o, stdout) == OXL_ERR_USAGE);
     return oxl_error_text(test_ctx);
 }
 
@@ -271,13 +260,39 @@ TEST(study_refuses_rows_that_are_not_there_are_twice_or_lack_an_option)
 {
     static const struct study_row odd = {.name = "odd", .options = "cooldown=0 no-such=1"};
     oxl_job_options job = oxl_job_options_default(OXL_PRESET_DRAFT);
-    CHECK_TEXT(study_test_refused(ablate_run, "v1,v9"), "found 'v9'");
+    CHECK_TEXT(study_test_refused(STUDY_ABLATION, "v1,v9"), "found 'v9'");
     CHECK_SAYS("3dgs v1 v2 v1-count v3 v4 oceanxl v3-bytes");
-    CHECK_TEXT(study_test_refused(ablate_run, "v1,v1"), "at most once");
-    CHECK_TEXT(study_test_refused(ablate_run, "v1,v1-count"), "controls after their rows");
-    CHECK_TEXT(study_test_refused(tradeoff_run, "coarse-0.5,fast"), ": iterations-half coarse-0 ");
-    CHECK_TEXT(study_test_refused(tradeoff_run, "coarse-0.5,coarse-0.5"), "at most once");
+    CHECK_TEXT(study_test_refused(STUDY_ABLATION, "v1,v1"), "at most once");
+    CHECK_TEXT(study_test_refused(STUDY_ABLATION, "v1,v1-count"), "controls after their rows");
+    CHECK_TEXT(study_test_refused(STUDY_TRADEOFF, "coarse-0.5,fast"),
+               ": iterations-half iterations-sixteenth iterations-quarter coarse-0 ");
+    CHECK_TEXT(study_test_refused(STUDY_TRADEOFF, "coarse-0.5,coarse-0.5"), "at most once");
     CHECK_ERROR(study_set_options(test_ctx, &odd, &job), OXL_ERR_USAGE, "row odd sets --no-such");
+}
+
+/* ---------------- the plot of results */
+
+/* A survey of two points, given in the wrong order, and another program's. */
+TEST(results_plot_joins_the_points_of_a_survey_and_no_others)
+{
+    struct plot *p = calloc(1, sizeof *p);
+    struct output t = {0};
+    CHECK(p != NULL);
+    p->chart.is_log = 1;
+    plot_add(p, "reef", 100, 30), plot_add(p, "reef", 10, 20), plot_add(p, "reef", NAN, 25);
+    p->curves++;
+    test_write("others.csv", "# name,seconds,dB\nOther 1.0,1000,25\n");
+    plot_add_others(p, test_folder());
+    plot_draw(&t, p);
+    CHECK(p->count == 3 && p->point[0].seconds == 10 && p->point[2].curve == 1);
+    CHECK(p->chart.low <= 20 && p->chart.high > 30 && p->chart.first == 1 && p->chart.last == 4);
+    CHECK_TEXT(t.data, ">reef</text>");
+    CHECK_TEXT(t.data, ">Other 1.0</text>");
+    CHECK(study_test_count(t.data, "<path style=\"stroke:var(--s0)", 'L') ==
+          1); /* one line joins two points */
+    CHECK(study_test_count(t.data, "<path style=\"stroke:var(--s1)", 'L') == 0);
+    free(t.data);
+    free(p);
 }
 
 /* ---------------- trainings */
