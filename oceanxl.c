@@ -36,7 +36,8 @@
 #include "src/survey/pose.c"         /* camera poses beside those of the files */
 #include "src/survey/imaging.c"      /* imaging.txt: exposure gains and medium of a model */
 #include "src/survey/contrast.c"     /* fall of image contrast with depth */
-#include "src/survey/photometry.c"   /* exposure, lamp and medium from the colours of tracks */
+#include "src/survey/scene_fixed.c" /* finds the pixels that show the same in all images of a camera, wherever it is */
+#include "src/survey/photometry.c" /* exposure, lamp and medium from the colours of tracks */
 
 /* the model */
 #include "src/model/model.c" /* planes of Gaussians: create, grow, initialise from points */

@@ -185,6 +185,7 @@ typedef struct oxl_scene_options {
     const char *images; /* image folder; NULL: SCENE/images */
     const char *sparse; /* folder of the COLMAP model; NULL: SCENE/sparse/0, SCENE/sparse or SCENE */
     const char *masks;  /* mask folder; NULL: SCENE/masks if it exists */
+    int auto_mask;      /* 1: pixels that show the same in all images of a camera are masked */
     oxl_alpha alpha;    /* of images with an alpha channel */
     int max_side;       /* larger images are reduced to this longer side, px; 0: full size */
     /* every n-th view by name is held out; 0: none; -1: 8, or those that the survey names (-1) */

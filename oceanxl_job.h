@@ -152,6 +152,7 @@ typedef struct oxl_survey {
     double extent;                       /* see oxl_scene_extent */
     /* black fraction of the masks; only oxl_check sets this and the next field */
     double masked;
+    double fixed; /* fraction of the pixels that show the same in all images of a camera, ignored */
     /* images that are not readable, have another aspect ratio or are masked completely */
     int unusable;
     int foreign; /* images that do not fit poses and points */

@@ -6,6 +6,7 @@
  */
 #include "survey_read.h"
 #include "../survey/scene.h"
+#include "../survey/scene_alpha.h"
 #include "../survey/survey.h"
 #include "../survey/tracks.h"
 
@@ -109,5 +110,7 @@ OXL_INTERNAL oxl_result scene_build(oxl_context *ctx, oxl_scene *scene, const ox
     if (rc == OXL_OK && o->read_images) rc = scene_count_masks(ctx, scene);
     if (rc == OXL_OK) rc = scene_measure(ctx, scene);
     if (rc == OXL_OK && o->read_images) rc = scene_decide_alpha(ctx, scene, o->alpha);
+    if (rc == OXL_OK && o->read_images && o->auto_mask && !scene_is_composited(scene))
+        rc = scene_find_fixed(ctx, scene);
     return rc;
 }

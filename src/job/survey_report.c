@@ -83,6 +83,7 @@ static void survey_write_facts(oxl_survey *s)
                  "images       %d in the model, %d missing on disk; %d for training, %d held out; %d masks",
                  s->images, s->images_missing, s->train_views, s->test_views, s->masks);
     if (s->masked > 0) survey_write(s, " (%.0f %% of their pixels are black and ignored)", 100 * s->masked);
+    if (s->fixed > 0) survey_write(s, "; %.1f %% of all pixels are fixed, ignored", 100 * s->fixed);
     survey_write(s, "\n");
     survey_write(s, "cameras      %s; trained at %d x %d\n",
                  s->cameras_text[0] ? s->cameras_text : "given by the caller", s->width, s->height);
@@ -214,6 +215,7 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, cons
                         .train_views = stats->views - stats->test_views,
                         .test_views = stats->test_views,
                         .masks = stats->masks,
+                        .fixed = stats->fixed,
                         .points = stats->points,
                         .outlined = scene_is_composited(scene),
                         .observations = stats->observations,
@@ -291,6 +293,7 @@ OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const cha
                    {"mean_error", s->mean_error},
                    {"extent", s->extent},
                    {"masked_share", s->masked},
+                   {"fixed_share", s->fixed},
                    {"unusable", s->unusable},
                    {"foreign", s->foreign},
                    {"blurred", s->blurred},

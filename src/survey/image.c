@@ -406,8 +406,17 @@ static void image_reduce_mask_row(const struct pixels *mask, const struct traini
         for (int i = rows.first; i <= rows.last; i++)
             for (int j = columns.first; j <= columns.last; j++)
                 counts &= mask->data[(size_t)i * mask->width + j] != 0;
-        out->mask[(size_t)y * out->width + x] = counts ? 255 : 0;
+        if (!counts) out->mask[(size_t)y * out->width + x] = 0;
     }
+}
+
+OXL_INTERNAL oxl_result image_add_mask(oxl_context *ctx, const struct pixels *mask,
+                                       struct training_image *image)
+{
+    const size_t pixels = (size_t)image->width * image->height;
+    if (!image->mask && (image->mask = oxl_alloc(ctx, pixels, 1)) != NULL) memset(image->mask, 255, pixels);
+    for (int y = 0; y < image->height && image->mask; y++) image_reduce_mask_row(mask, image, y);
+    return image->mask ? OXL_OK : OXL_ERR_MEMORY;
 }
 
 /* ---------------- undistort */
@@ -530,8 +539,8 @@ static oxl_result image_training_alloc(oxl_context *ctx, const oxl_camera *to, i
     *out = (struct training_image){.width = to->width, .height = to->height};
     out->rgb = oxl_alloc(ctx, count, 3);
     if (with_mask) out->mask = oxl_alloc(ctx, count, 1);
-    if (out->rgb && (out->mask || !with_mask)) return OXL_OK;
-    return OXL_ERR_MEMORY;
+    if (out->mask) memset(out->mask, 255, count);
+    return out->rgb && (out->mask || !with_mask) ? OXL_OK : OXL_ERR_MEMORY;
 }
 
 /* Frees a mask without black pixels, which would cost time and memory. */

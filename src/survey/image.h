@@ -25,8 +25,7 @@ struct training_image {
     uint8_t *rgb;
     uint8_t *mask;
 };
-/* Says how transparent pixels are used: masked, where alpha is below a half, or
- * composited over `background`. */
+/* Says how transparent pixels are used: masked (alpha below a half), or composited over `background`. */
 struct image_alpha {
     int masks;
     uint8_t background[3];
@@ -38,6 +37,9 @@ OXL_INTERNAL int image_has_alpha(const char *path);
 OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,
                                             const struct image_alpha *alpha, const struct colmap_camera *from,
                                             const oxl_camera *to, struct training_image *out);
+/* Masks what is black in the mask, of any size, too. */
+OXL_INTERNAL oxl_result image_add_mask(oxl_context *ctx, const struct pixels *mask,
+                                       struct training_image *image);
 OXL_INTERNAL void image_training_free(oxl_context *ctx, struct training_image *image);
 struct image_window { /* Names a part of an image (px); width 0: nothing of it. */
     int x, y, width, height;
@@ -59,8 +61,7 @@ static inline uint8_t image_to_byte(float v)
 
 /* ---------------- image_cache.c: which images are in memory */
 
-/* Returns an upper bound of the bytes for images of `pixels` in total, without masks, and for
- * decoding files of file_pixels. */
+/* Bounds the bytes of images of `pixels` in total, without masks, and of decoding file_pixels. */
 OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_pixels);
 
 struct image_loader { /* Loads images that are not in memory. */
@@ -79,11 +80,9 @@ struct image_cache {
     char *decoded;         /* folder of decoded images, or NULL */
 };
 /* Creates an empty cache without a limit; free it with image_cache_free. NULL: the error is set. */
-OXL_INTERNAL struct image_cache *image_cache_begin(oxl_context *ctx, size_t count,
-                                                   const struct image_loader *loader);
+OXL_INTERNAL struct image_cache *image_cache_begin(oxl_context *ctx, size_t n, const struct image_loader *l);
 OXL_INTERNAL void image_cache_free(oxl_context *ctx, struct image_cache *cache);
-/* Returns a view's image, borrowed until the next request of another view or
- * image_cache_ahead; NULL: the error is set. */
+/* Returns a view's image, borrowed until the next request or image_cache_ahead; NULL: the error is set. */
 OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, struct image_cache *cache,
                                                           int view);
 /* Frees all images. */

@@ -1,5 +1,4 @@
-/* scene.h - declares views, points and images of a scene: filled by scene_make.c, scene_images.c, imaging.c;
- * formats/scene_build.c, formats/scene_views.c. */
+/* scene.h - declares views, points and images of a scene. */
 #ifndef OXL_SCENE_H
 #define OXL_SCENE_H
 
@@ -12,6 +11,7 @@ struct scene_stats { /* Holds counts for `check` and the first messages of a run
     int images_listed, images_missing, unregistered, views, test_views, masks;
     size_t points, observations; /* points; (point, image) pairs */
     double mean_track, mean_error;
+    double fixed;                        /* fraction of all pixels that scene_find_fixed masks */
     double bounds_min[3], bounds_max[3]; /* 1st and 99th percentile of the points, around the origin */
 };
 
@@ -41,6 +41,8 @@ struct oxl_scene {
     char *images, *masks;        /* from files: folders; masks NULL: none */
     int transparent;             /* images with an alpha channel */
     int alpha_masks;             /* 1: transparent pixels are masked; 0: composited over a background */
+    struct pixels *fixed;        /* (cameras) what all images of one show alike: masks; data NULL: none */
+    int *fixed_of;               /* (cameras) index of the camera's mask */
 };
 
 struct scene_order { /* Orders images by name, and equal names by file order. */
@@ -68,7 +70,6 @@ struct pose_rule {
 OXL_INTERNAL int pose_is_moved(const double at[POSE_TERMS]);
 /* Sets rotation and translation of *out to the given camera's, turned and moved by `at`. */
 OXL_INTERNAL void pose_apply(const oxl_camera *given, const double at[POSE_TERMS], oxl_camera *out);
-/* Turns and moves a camera that `at` has moved by `more`, in its own axes: at becomes both in one. */
 /* Makes a scene whose cameras the caller may move; all else is that of `scene`. NULL: no memory. */
 OXL_INTERNAL oxl_scene *scene_posed(oxl_context *ctx, const oxl_scene *scene);
 OXL_INTERNAL void scene_posed_free(oxl_context *ctx, oxl_scene *posed);
@@ -94,7 +95,7 @@ OXL_INTERNAL const struct colmap_image *scene_source_image(const oxl_scene *scen
 OXL_INTERNAL const struct training_image *scene_image(oxl_context *ctx, const oxl_scene *scene, int view);
 /* Copies a view's image, on the background of scene_set_background; errors as of oxl_scene_image. */
 OXL_INTERNAL oxl_result scene_copy_image(oxl_context *ctx, const oxl_scene *scene, int view, oxl_image *out);
-/* Returns 1 if, with `more` unreadable images, too large a fraction of the model's images is missing. */
+/* Returns 1 if, with `more` unreadable images, too many of the model's images are missing. */
 OXL_INTERNAL int scene_misses_too_many(const oxl_scene *scene, int more);
 /* Loads the next images like image_cache_ahead. */
 OXL_INTERNAL void scene_images_ahead(oxl_context *ctx, const oxl_scene *scene, const int *view, int count);
@@ -104,6 +105,8 @@ OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scen
                                          struct training_image *out);
 /* Finds the file of a view's mask; *out NULL: there is none. */
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, int view, char **out);
+/* Finds what all images of a camera show alike and masks it from now on (scene_fixed.c). */
+OXL_INTERNAL oxl_result scene_find_fixed(oxl_context *ctx, oxl_scene *scene);
 /* Lists the view of each image of scene_colmap, or -1 if it is not in the split. NULL: the error is
  * set. Free with oxl_free. */
 OXL_INTERNAL int *scene_views_by_image(oxl_context *ctx, const oxl_scene *scene, oxl_split split);

@@ -58,6 +58,13 @@ static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int vie
     return rc;
 }
 
+static oxl_result scene_mask_fixed(oxl_context *ctx, const oxl_scene *scene, int view,
+                                   struct training_image *image)
+{
+    const struct pixels *mask = &scene->fixed[scene->fixed_of[scene->source[view].camera]];
+    return mask->data ? image_add_mask(ctx, mask, image) : OXL_OK;
+}
+
 OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view,
                                          struct training_image *out)
 {
@@ -66,7 +73,7 @@ OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scen
     if (rc == OXL_OK)
         rc = scene_decode(ctx, scene, view, PATH(scene->images, "%s", scene->view[view].name), mask, out);
     oxl_free(ctx, mask);
-    return rc;
+    return rc == OXL_OK && scene->fixed ? scene_mask_fixed(ctx, scene, view, out) : rc;
 }
 
 OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view)
