@@ -52,6 +52,7 @@
 #include "src/formats/ply_points.c"    /* points of a PLY file */
 #include "src/formats/nerfstudio.c"    /* transforms.json */
 #include "src/formats/opensfm.c"       /* reconstruction.json */
+#include "src/formats/llff.c"          /* poses_bounds.npy */
 #include "src/formats/survey_find.c"   /* the formats of surveys, a row each; which sub-model */
 #include "src/formats/survey_files.c"  /* paths of a survey's files */
 #include "src/formats/ideal_camera.c"  /* the pinhole camera of undistorted images */

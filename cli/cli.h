@@ -188,6 +188,8 @@ oxl_result report_write(oxl_context *ctx, const char *out, double scale);
 /* ---------------- synth_options.c: options of a procedural survey, which oceanxl-lab makes */
 
 enum synth_path { SYNTH_LAWNMOWER, SYNTH_ORBIT, SYNTH_FORWARD };
+/* Names the layouts of the files. */
+enum synth_layout { SYNTH_COLMAP, SYNTH_NERF, SYNTH_LLFF };
 /* Names Jerlov's types of water. */
 enum synth_type {
     SYNTH_AIR,
@@ -212,6 +214,7 @@ typedef struct synth_options {
     double extent;
     int water;              /* enum synth_type (1C) */
     int path;               /* enum synth_path (lawnmower) */
+    int layout;             /* enum synth_layout (COLMAP) */
     double exposure_jitter; /* stops; most by which an image is brighter or darker (0) */
     /* power by which the light of a lamp on the camera falls off with range; -1: no lamp (-1) */
     double lamp;

@@ -111,6 +111,7 @@ static const oxl_option CLI_OPTIONS[] = {
 {"views", "N", OXL_OPTION_INT, FIELD(synth.views), 2, 1000000, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "number of images", NULL},
 {"size", "WxH", OXL_OPTION_SIZE, FIELD(synth.width), 16, 8192, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "size of an image, 16 to 8192 px a side", NULL},
 {"path", "lawnmower|orbit|forward", OXL_OPTION_CHOICE, FIELD(synth.path), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "camera path; forward: one line, looking ahead and down", NULL},
+{"layout", "colmap|nerf|llff", OXL_OPTION_CHOICE, FIELD(synth.layout), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "files as COLMAP, NeRF synthetic or LLFF has them", NULL},
 {"extent", "METRES", OXL_OPTION_DOUBLE, FIELD(synth.extent), 0, 2000, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "side of the area, or diameter of the orbit; 0: as the overlap requires", NULL},
 {"exposure-jitter", "STOPS", OXL_OPTION_DOUBLE, FIELD(synth.exposure_jitter), 0, 4, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "largest change of the images' brightness along the path", NULL},
 {"lamp", "POWER", OXL_OPTION_DOUBLE, FIELD(synth.lamp), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "a lamp at the camera that falls off with this power of the range; otherwise none", NULL},

@@ -208,7 +208,7 @@ static oxl_result synth_view(struct synth_run *s, int view)
     for (int y = 0; y < c->height; y++) synth_expose_row(s, c, view, y);
     synth_points_collect(&s->points, view, &s->image);
     if (s->options->alpha > 0) synth_cut_out(s, c);
-    rc = synth_write_image(s, "images", view, &s->image);
+    rc = synth_write_image(s, synth_image_folder(s->options, view), view, &s->image);
     if (rc == OXL_OK) rc = synth_write_image(s, "truth/clean", view, &s->clean);
     return rc == OXL_OK ? synth_write_depth(s, view) : rc;
 }
@@ -253,16 +253,19 @@ static oxl_result synth_check_own(const struct synth_run *s)
     static const char *const others[] = {"images",
                                          "sparse",
                                          "truth",
-                                         "transforms.json",
+                                         "train",
+                                         "test",
                                          "transforms_train.json",
-                                         "reconstruction.json",
+                                         "poses_bounds.npy",
+                                         "transforms.json",
                                          "cameras.txt",
+                                         "reconstruction.json",
                                          "cameras.bin"};
     static const char mark[] = "A made-up seabed, ";
     char path[1024], *model = output_read(s->options->out, "truth/model.txt", NULL);
     const int is_own = model && strncmp(model, mark, strlen(mark)) == 0;
     free(model);
-    for (size_t i = is_own ? 3 : 0; i < sizeof others / sizeof *others; i++) {
+    for (size_t i = is_own ? 7 : 0; i < sizeof others / sizeof *others; i++) {
         FILE *file;
         snprintf(path, sizeof path, "%s/%s", s->options->out, others[i]);
         file = oxl_open(path);
@@ -280,20 +283,30 @@ static oxl_result synth_check_own(const struct synth_run *s)
 /* Makes the folders, and removes the survey of the run before, whose images would belong to other poses. */
 static oxl_result synth_make_folders(struct synth_run *s)
 {
-    static const char *const folders[] = {"truth", "sparse/0", "images", "truth/clean", "truth/depth"};
+    static const char *const images[] = {"images", "train", "test"};
+    const synth_options *o = s->options;
+    const char *const folders[] = {"truth",
+                                   o->layout == SYNTH_NERF ? "truth" : "sparse/0",
+                                   synth_image_folder(o, 0),
+                                   synth_image_folder(o, 1),
+                                   "truth/clean",
+                                   "truth/depth"};
     char path[1024], name[32];
     oxl_result rc = OXL_OK;
-    for (int i = 0; i < (s->options->write_images ? 5 : 2) && rc == OXL_OK; i++) {
-        snprintf(path, sizeof path, "%s/%s", s->options->out, folders[i]);
+    for (int i = 0; i < (o->write_images ? 6 : 2) && rc == OXL_OK; i++) {
+        snprintf(path, sizeof path, "%s/%s", o->out, folders[i]);
         rc = oxl_make_folder(s->ctx, path);
     }
     if (rc == OXL_OK) rc = synth_write_model(s);
     if (rc != OXL_OK) return rc;
-    snprintf(path, sizeof path, "%s/sparse/0/images.txt", s->options->out);
+    synth_remove_files(o);
     for (int i = 0, there = 1; there; i++) {
-        there = remove(path) == 0 || i == 0;
-        synth_image_name(s->options, i, name);
-        snprintf(path, sizeof path, "%s/images/%s", s->options->out, name);
+        synth_image_name(o, i, name);
+        there = 0;
+        for (int k = 0; k < 3; k++) {
+            snprintf(path, sizeof path, "%s/%s/%s", o->out, images[k], name);
+            there |= remove(path) == 0;
+        }
     }
     return OXL_OK;
 }

@@ -130,6 +130,8 @@ int synth_trajectory_create(const synth_options *options, struct synth_trajector
 void synth_trajectory_set_heights(struct synth_trajectory *trajectory, const struct synth_world *world);
 void synth_trajectory_free(struct synth_trajectory *trajectory);
 void synth_image_name(const synth_options *options, int view, char name[32]);
+enum { SYNTH_TEST_EVERY = 8 }; /* NeRF's layout holds out views 0, 8, 16... as others do by themselves */
+const char *synth_image_folder(const synth_options *options, int view);
 v3 synth_pixel_ray(const struct synth_camera *camera, double x, double y); /* unit, in the world */
 /* Returns pixel and camera z of a world point; 0 when it lies behind. */
 int synth_project(const struct synth_camera *camera, v3 p, double *x, double *y, double *z);
@@ -212,6 +214,7 @@ struct synth_run {
 /* Writes truth/model.txt, which marks OUT as a survey of synth. */
 oxl_result synth_write_model(const struct synth_run *s);
 /* Writes the rest of the truth, and last what makes a survey: one that can be read is whole. */
+void synth_remove_files(const synth_options *options); /* removes those of an earlier run */
 oxl_result synth_write_files(const struct synth_run *s);
 void synth_write_exposure(const struct synth_run *s, struct output *t);
 void synth_write_lamp(const struct synth_run *s, struct output *t);

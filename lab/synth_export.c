@@ -1,5 +1,5 @@
-/* synth_export.c - the text files of a survey: the poses and points in the layout of COLMAP's documentation
- * ("Output Format"), and the truth in words and numbers.
+/* synth_export.c - the files of a survey but for its images: the poses and points in the layout of COLMAP's
+ * documentation ("Output Format"), of NeRF synthetic or of LLFF, and the truth in words and numbers.
  *
  * Ids are sparse and unordered, keypoints without a point are mixed with the others, as in real exports.
  * Invariant: both ways round, observation POINT2D_IDX of image IMAGE_ID names POINT3D_ID.
@@ -72,9 +72,9 @@ static void export_cameras(const struct synth_run *s, struct output *t)
         CAMERA_ID, c->width, c->height, c->f, c->f, c->cx, c->cy);
 }
 
-static void export_pose(struct output *to, const struct synth_camera *c, const double origin[3])
+static void export_pose(struct output *to, const struct synth_camera *c)
 {
-    const v3 at = v3_add(c->centre, v3_of(origin[0], origin[1], origin[2])), t = v3_turn(c->rotation, at);
+    const v3 t = v3_turn(c->rotation, c->centre);
     double r[9], q[4];
     memcpy(r, c->rotation, sizeof r);
     export_quaternion(r, q);
@@ -82,8 +82,14 @@ static void export_pose(struct output *to, const struct synth_camera *c, const d
     output_add(to, " %.9f %.9f %.9f", -t.x, -t.y, -t.z);
 }
 
-/* Returns a camera whose pose is off by the noise that is asked for: about and along random directions. */
-static struct synth_camera export_noisy(const struct synth_run *s, int view)
+static v3 export_origin(const struct synth_run *s)
+{
+    return v3_of(s->options->origin[0], s->options->origin[1], s->options->origin[2]);
+}
+
+/* Returns a camera in the world of the export, whose pose is off by the noise that is asked for: about and along
+ * random directions. */
+static struct synth_camera export_camera(const struct synth_run *s, int view)
 {
     const struct synth_points *points = &s->points;
     const size_t first = points->view_first[view], count = points->view_first[view + 1] - first;
@@ -105,7 +111,8 @@ static struct synth_camera export_noisy(const struct synth_run *s, int view)
         c.rotation[i] = v3_add(v3_add(v3_scale(row, cos(angle)), v3_scale(side, sine)),
                                v3_scale(turn, along > 0 ? v3_dot(turn, row) * (1 - cos(angle)) / along : 0));
     }
-    c.centre = v3_add(c.centre, v3_scale(v3_of(off[3], off[4], off[5]), distance / 100));
+    c.centre =
+        v3_add(v3_add(c.centre, v3_scale(v3_of(off[3], off[4], off[5]), distance / 100)), export_origin(s));
     return c;
 }
 
@@ -134,11 +141,11 @@ static void export_images(const struct synth_run *s, struct output *t)
         "#   POINTS2D[] as (X, Y, POINT3D_ID)\n# Number of images: %d, mean observations per image: %.6f\n",
         count, export_mean(&s->points, (size_t)count));
     for (int i = 0; i < count; i++) {
+        const struct synth_camera camera = export_camera(s, i);
         char name[32];
         synth_image_name(s->options, i, name);
         output_add(t, "%llu", synth_id(views, (uint64_t)i));
-        const struct synth_camera noisy = export_noisy(s, i);
-        export_pose(t, s->options->pose_noise > 0 ? &noisy : &s->trajectory.camera[i], s->options->origin);
+        export_pose(t, &camera);
         output_add(t, " %d %s\n", CAMERA_ID, name);
         export_view(s, t, ids, i);
         output_add(t, "\n");
@@ -149,18 +156,26 @@ static void export_true_poses(const struct synth_run *s, struct output *t)
 {
     output_add(t, "# QW, QX, QY, QZ, TX, TY, TZ, NAME: poses without the noise of sparse/0/images.txt\n");
     for (int i = 0; i < s->trajectory.count; i++) {
+        struct synth_camera camera = s->trajectory.camera[i];
         char name[32];
+        camera.centre = v3_add(camera.centre, export_origin(s));
         synth_image_name(s->options, i, name);
-        export_pose(t, &s->trajectory.camera[i], s->options->origin);
+        export_pose(t, &camera);
         output_add(t, " %s\n", name);
     }
+}
+
+static void export_point(const struct synth_run *s, struct output *t, const struct synth_point *p)
+{
+    const v3 at = v3_add(p->position, export_origin(s));
+    output_add(t, "%.6f %.6f %.6f", at.x, at.y, at.z);
+    for (int c = 0; c < 3; c++) output_add(t, " %d", (p->sum[c] + p->count / 2) / p->count);
 }
 
 static void export_points(const struct synth_run *s, struct output *t)
 {
     const struct synth_points *points = &s->points;
     const struct synth_ids views = synth_ids_for((uint64_t)points->views), ids = synth_ids_for(points->count);
-    const double *origin = s->options->origin;
     output_add(t,
                "# 3D point list with one line of data per point:\n"
                "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n"
@@ -168,9 +183,8 @@ static void export_points(const struct synth_run *s, struct output *t)
                points->count, export_mean(points, points->count));
     for (size_t i = 0; i < points->count; i++) {
         const struct synth_point *p = &points->point[i];
-        output_add(t, "%llu %.6f %.6f %.6f", synth_id(ids, i), p->position.x + origin[0],
-                   p->position.y + origin[1], p->position.z + origin[2]);
-        for (int c = 0; c < 3; c++) output_add(t, " %d", (p->sum[c] + p->count / 2) / p->count);
+        output_add(t, "%llu ", synth_id(ids, i));
+        export_point(s, t, p);
         output_add(t, " %.6f", (double)p->error);
         for (int k = 0; k < p->count; k++) {
             const struct synth_observation *at = &points->observation[p->first + (size_t)k];
@@ -186,6 +200,95 @@ static void export_outliers(const struct synth_run *s, struct output *t)
     output_add(t, "# POINT3D_ID of the points that lie off the surface\n");
     for (size_t i = 0; i < s->points.count; i++)
         if (s->points.point[i].is_outlier) output_add(t, "%llu\n", synth_id(ids, i));
+}
+
+/* ---------------- layouts of published scenes */
+
+/* Writes the cameras of one split as NeRF synthetic has them: camera to world, x right, y up, z back. */
+static void export_split(const struct synth_run *s, struct output *t, int is_test)
+{
+    const struct synth_camera *first = &s->trajectory.camera[0];
+    const char *comma = "";
+    output_add(t, "{\"camera_angle_x\": %.15f, %s\"frames\": [", 2 * atan(0.5 * first->width / first->f),
+               is_test ? "" : "\"ply_file_path\": \"points.ply\", ");
+    for (int i = 0; i < s->trajectory.count; i++) {
+        const struct synth_camera c = export_camera(s, i);
+        const double *x = &c.rotation[0].x, *y = &c.rotation[1].x, *z = &c.rotation[2].x, *at = &c.centre.x;
+        char name[32];
+        if (is_test != (i % SYNTH_TEST_EVERY == 0)) continue;
+        synth_image_name(s->options, i, name);
+        name[strlen(name) - 4] = 0; /* .png */
+        output_add(t, "%s\n{\"file_path\": \"./%s/%s\", \"transform_matrix\": [", comma,
+                   synth_image_folder(s->options, i), name);
+        for (int k = 0; k < 3; k++) output_add(t, "[%.15f, %.15f, %.15f, %.9f], ", x[k], -y[k], -z[k], at[k]);
+        output_add(t, "[0, 0, 0, 1]]}");
+        comma = ",";
+    }
+    output_add(t, "]}\n");
+}
+
+static void export_train(const struct synth_run *s, struct output *t)
+{
+    export_split(s, t, 0);
+}
+
+static void export_test(const struct synth_run *s, struct output *t)
+{
+    export_split(s, t, 1);
+}
+
+static void export_ply(const struct synth_run *s, struct output *t)
+{
+    output_add(
+        t,
+        "ply\nformat ascii 1.0\nelement vertex %zu\nproperty double x\nproperty double y\nproperty double z\n"
+        "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
+        s->points.count);
+    for (size_t i = 0; i < s->points.count; i++) {
+        export_point(s, t, &s->points.point[i]);
+        output_add(t, "\n");
+    }
+}
+
+static void export_double(struct output *t, double value)
+{
+    unsigned char byte[8];
+    uint64_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    for (int i = 0; i < 8; i++) byte[i] = (unsigned char)(bits >> 8 * i);
+    output_bytes(t, byte, sizeof byte);
+}
+
+/* Writes LLFF's poses_bounds.npy: for each image its axes down, right and back, its centre, its size and focal
+ * length by rows, then the least and the largest depth of its points. */
+static void export_bounds(const struct synth_run *s, struct output *t)
+{
+    const struct synth_points *points = &s->points;
+    char head[128];
+    snprintf(head, sizeof head, "{'descr': '<f8', 'fortran_order': False, 'shape': (%d, 17), }",
+             s->trajectory.count);
+    output_bytes(t, "\x93NUMPY\1\0\166\0", 10); /* 128 bytes with the rest of the header, 118 */
+    for (size_t i = strlen(head); i < 117; i++) head[i] = ' ';
+    output_bytes(t, head, 117);
+    output_bytes(t, "\n", 1);
+    for (int i = 0; i < s->trajectory.count; i++) {
+        const struct synth_camera c = export_camera(s, i), *at = &s->trajectory.camera[i];
+        const double *x = &c.rotation[0].x, *y = &c.rotation[1].x, *z = &c.rotation[2].x,
+                     *centre = &c.centre.x;
+        const double size[3] = {c.height, c.width, c.f};
+        double nearest = SYNTH_FAR, farthest = 0;
+        for (size_t k = points->view_first[i]; k < points->view_first[i + 1]; k++) {
+            const v3 ray = v3_sub(points->point[points->by_view[k]].position, at->centre);
+            nearest = fmin(nearest, v3_dot(at->rotation[2], ray));
+            farthest = fmax(farthest, v3_dot(at->rotation[2], ray));
+        }
+        for (int k = 0; k < 3; k++) {
+            const double row[5] = {y[k], x[k], -z[k], centre[k], size[k]};
+            for (int j = 0; j < 5; j++) export_double(t, row[j]);
+        }
+        export_double(t, nearest);
+        export_double(t, farthest);
+    }
 }
 
 /* ---------------- truth in words and numbers */
@@ -213,7 +316,7 @@ static void export_water(const struct synth_run *s, struct output *t)
 static void export_model(const struct synth_run *s, struct output *t)
 {
     const synth_options *o = s->options;
-    const v3 origin = v3_of(o->origin[0], o->origin[1], o->origin[2]);
+    const v3 origin = export_origin(s);
     static const char *const paths[] = {"lawnmower", "orbit", "forward"};
     output_add(
         t,
@@ -222,7 +325,7 @@ static void export_model(const struct synth_run *s, struct output *t)
         "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
         "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
         "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
-        "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are %s.\n"
+        "Camera   one PINHOLE camera; COLMAP's frame. Poses are %s.\n"
         "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
         "         outlier: off the surface, found by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
         "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
@@ -262,23 +365,46 @@ oxl_result synth_write_model(const struct synth_run *s)
     return export_write(s, "truth/model.txt", export_model);
 }
 
+/* Lists the files that depend on options, in the order in which they are written. */
+static const struct export_file {
+    const char *name;
+    void (*write)(const struct synth_run *s, struct output *t);
+    int layouts; /* bits of enum synth_layout */
+} export_files[] = {
+    {"truth/water.txt", export_water, 7},
+    {"truth/outliers.txt", export_outliers, 7},
+    {"truth/exposure.txt", synth_write_exposure, 7},
+    {"truth/lamp.txt", synth_write_lamp, 7},
+    {"truth/poses.txt", export_true_poses, 7},
+    {"sparse/0/cameras.txt", export_cameras, 5},
+    {"sparse/0/points3D.txt", export_points, 5},
+    {"sparse/0/images.txt", export_images, 5},
+    {"points.ply", export_ply, 2},
+    {"transforms_test.json", export_test, 2},
+    {"transforms_train.json", export_train, 2},
+    {"poses_bounds.npy", export_bounds, 4},
+};
+
+void synth_remove_files(const synth_options *o)
+{
+    char path[1024];
+    for (size_t i = 0; i < sizeof export_files / sizeof *export_files; i++) {
+        snprintf(path, sizeof path, "%s/%s", o->out, export_files[i].name);
+        remove(path);
+    }
+}
+
 oxl_result synth_write_files(const struct synth_run *s)
 {
     const synth_options *o = s->options;
-    const struct {
-        const char *name;
-        void (*write)(const struct synth_run *s, struct output *t);
-        int is_wanted;
-    } files[] = {{"truth/water.txt", export_water, 1},
-                 {"truth/outliers.txt", export_outliers, 1},
-                 {"truth/exposure.txt", synth_write_exposure, o->exposure_jitter > 0 || o->stereo > 0},
-                 {"truth/lamp.txt", synth_write_lamp, o->lamp >= 0},
-                 {"truth/poses.txt", export_true_poses, o->pose_noise > 0},
-                 {"sparse/0/cameras.txt", export_cameras, 1},
-                 {"sparse/0/points3D.txt", export_points, 1},
-                 {"sparse/0/images.txt", export_images, 1}};
     oxl_result rc = OXL_OK;
-    for (size_t i = 0; i < sizeof files / sizeof *files && rc == OXL_OK; i++)
-        if (files[i].is_wanted) rc = export_write(s, files[i].name, files[i].write);
+    for (size_t i = 0; i < sizeof export_files / sizeof *export_files && rc == OXL_OK; i++) {
+        const struct export_file *f = &export_files[i];
+        if ((f->write == synth_write_exposure && o->exposure_jitter == 0 && o->stereo == 0) ||
+            (f->write == synth_write_lamp && o->lamp < 0) ||
+            (f->write == export_true_poses && o->pose_noise == 0) || !(f->layouts >> o->layout & 1))
+            continue;
+        rc = export_write(s, f->name, f->write);
+    }
     return rc;
 }

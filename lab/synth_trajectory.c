@@ -147,7 +147,8 @@ int synth_trajectory_create(const synth_options *o, struct synth_trajectory *tra
     for (int i = 0; i < o->views; i++) {
         struct synth_camera *c = &trajectory->camera[i];
         *c = (struct synth_camera){.width = o->width, .height = o->height, .f = FOCAL_FRACTION * o->width};
-        c->cx = 0.504 * o->width, c->cy = 0.497 * o->height; /* off the middle, as calibration finds it */
+        /* Off the middle, as calibration finds it; the other layouts state no principal point. */
+        c->cx = (o->layout ? 0.5 : 0.504) * o->width, c->cy = (o->layout ? 0.5 : 0.497) * o->height;
         if (i < rig.views) trajectory->wreck = trajectory_paths[o->path](&rig, i, c);
     }
     if (o->stereo > 0) trajectory_pair(o->stereo, trajectory);
@@ -193,6 +194,11 @@ int synth_project(const struct synth_camera *c, v3 p, double *px, double *py, do
 }
 
 /* Names the image; a stereo pair is one number: IMG_00012L.png, IMG_00012R.png. */
+const char *synth_image_folder(const synth_options *o, int view)
+{
+    return o->layout != SYNTH_NERF ? "images" : view % SYNTH_TEST_EVERY ? "train" : "test";
+}
+
 void synth_image_name(const synth_options *o, int view, char name[32])
 {
     if (o->stereo > 0) snprintf(name, 32, "IMG_%05d%c.png", view / 2, "LR"[view % 2]);

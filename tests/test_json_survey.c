@@ -111,7 +111,7 @@ TEST(nerfstudio_survey_equals_that_of_colmap_with_every_camera_model)
         jsurvey_colmap(cases[i][0], &colmap);
         jsurvey_write_nerfstudio(&colmap, cases[i][1]);
         CHECK_OK(survey_find_model(test_ctx, test_path("ns"), NULL, NULL, &other));
-        CHECK(other.camera_count == 1 && !other.images_beside && other.warnings == 0);
+        CHECK(other.camera_count == 1 && !other.images && other.warnings == 0);
         jsurvey_check_same(&colmap, &other);
     }
 }
@@ -203,10 +203,11 @@ TEST(nerfstudio_matrices_that_are_transposed_are_refused)
 
 TEST(nerfstudio_poses_that_are_mirrored_are_refused)
 {
-    CHECK_TEXT(jsurvey_refused("transforms.json",
-                               "{" JSURVEY_CAMERA ", \"frames\": [{\"file_path\": \"images/a.png\", "
-                               "\"transform_matrix\": [[-1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}"),
-               "found a mirrored camera (determinant -1) for transform_matrix");
+    CHECK_TEXT(
+        jsurvey_refused("transforms.json",
+                        "{" JSURVEY_CAMERA ", \"frames\": [{\"file_path\": \"images/a.png\", "
+                        "\"transform_matrix\": [[-1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}"),
+        "found no rotation for transform_matrix, expected columns of length 1 at right angles, and right-handed");
 }
 
 TEST(json_surveys_may_begin_with_a_byte_order_mark)
@@ -270,7 +271,7 @@ TEST(nerfstudio_names_start_from_its_folder_unless_all_begin_with_images)
                "{" JSURVEY_CAMERA ", \"frames\": [" JSURVEY_FRAME
                ", {\"file_path\": \"./rgb/r_0\", \"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}");
     CHECK_OK(json_survey_read(test_ctx, test_path("ns"), "transforms.json", NULL, &c));
-    CHECK(c.images_beside && c.camera_count == 1);
+    CHECK(c.images && c.camera_count == 1);
     CHECK(strcmp(c.names + c.image[0].name, "images/a.png") == 0 &&
           strcmp(c.names + c.image[1].name, "rgb/r_0.png") == 0);
 }
@@ -372,15 +373,174 @@ TEST(a_split_that_the_survey_states_refuses_another)
         CHECK_ERROR(oxl_scene_load(test_ctx, test_path("blender"), &options, &scene), OXL_ERR_USAGE,
                     "states which of its images are held out (2 of 5)\nfix: ");
     }
-    test_write("blender/transforms_train.json",
-               "{\"w\": 24, \"h\": 16, \"camera_angle_x\": 1, \"frames\": [" JSURVEY_AT("./train/r_0") "]}");
-    os_remove(test_path("blender/train/r_0.png"));
-    os_remove(test_path("blender/train/r_1.JPG"));
-    os_remove(test_path("blender/train/r.2.png"));
-    options = oxl_scene_options_default();
-    options.missing_images = 1;
-    CHECK_ERROR(oxl_scene_load(test_ctx, test_path("blender"), &options, &scene), OXL_ERR_INPUT,
-                "all 2 images that are there are held out");
+}
+
+/* The folder has one file of NeRF synthetic's three, or the names of two; NULL: the survey is not read. */
+static const char *jsurvey_splits(const char *files)
+{
+    static char splits[8];
+    oxl_scene *scene = NULL;
+    jsurvey_write_blender("transforms_test.json");
+    test_write("blender/transforms_val.json",
+               "{\"camera_angle_y\": 1.5707963267948966, \"frames\": [" JSURVEY_AT("./train/r_0") "]}");
+    for (int i = 0; i < 3; i++) {
+        static const char *const names[] = {"train", "val", "test"};
+        char path[64];
+        snprintf(path, sizeof path, "blender/transforms_%s.json", names[i]);
+        if (!strstr(files, names[i])) os_remove(test_path(path));
+    }
+    if (oxl_scene_load(test_ctx, test_path("blender"), NULL, &scene) != OXL_OK) return NULL;
+    memset(splits, 0, sizeof splits);
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) splits[i] = "+-"[oxl_scene_view(scene, i)->is_test];
+    CHECK_CLOSE(oxl_scene_view(scene, 0)->camera.fx, strstr(files, "val") && !strstr(files, "test") ? 8 : 12,
+                1e-9);
+    CHECK(scene->stats.unregistered == 0);
+    oxl_scene_free(test_ctx, scene);
+    return splits;
+}
+
+TEST(nerf_synthetic_of_any_of_its_files_is_read)
+{
+    jsurvey_write_blender("transforms_test.json");
+    jsurvey_write_image("blender/test/r_0_depth_0001.png", 24, 16);
+    jsurvey_write_image("blender/train/r_0_normal_0001.png", 24, 16);
+    CHECK(strcmp(jsurvey_splits("train"), "-++") == 0);
+    CHECK(strcmp(jsurvey_splits("test"), "--") == 0);
+    CHECK(strcmp(jsurvey_splits("val"), "-") == 0);
+    CHECK(strcmp(jsurvey_splits("val test"), "--") == 0);
+    CHECK(strcmp(jsurvey_splits("train test"), "--+++") == 0);
+}
+
+TEST(survey_of_held_out_images_is_evaluated_and_not_trained_on)
+{
+    oxl_train_options options = oxl_train_options_default(OXL_PRESET_DRAFT);
+    oxl_scene *scene = NULL;
+    oxl_model model = {0};
+    oxl_metrics metrics = {0};
+    oxl_trained trained = {0};
+    CHECK(jsurvey_splits("test"));
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("blender"), NULL, &scene));
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, NULL, OXL_SPLIT_TEST, &metrics));
+    CHECK(metrics.count == 2);
+    options.iterations = 2;
+    CHECK(oxl_train(test_ctx, scene, &options, NULL, &trained) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx),
+               "there is no training view: all 2 images that are there are held out");
+    oxl_metrics_free(test_ctx, &metrics);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* ---------------- LLFF */
+
+static void jsurvey_write_array(const char *head, int size, int rows, double width)
+{
+    static const double row[17] = {0, 1, 0, 5,  12, 1,  0,   0, -2,
+                                   0, 0, 0, -1, 3,  20, 0.5, 9}; /* axes of COLMAP's */
+    unsigned char file[4096] = {0x93, 'N', 'U', 'M', 'P', 'Y', 1, 0, 118, 0}, *at = file + 128;
+    memset(file + 10, ' ', 118);
+    memcpy(file + 10, head, strlen(head));
+    for (int i = 0; i < rows; i++)
+        for (int k = 0; k < 17; k++, at += size) {
+            const double value = k == 9 ? width : k == 13 ? i : row[k];
+            uint64_t bits;
+            if (size == 4) bytes_put_float(at, (float)value);
+            memcpy(&bits, &value, sizeof bits);
+            if (size == 8) bytes_put(at, bits, 8);
+        }
+    CHECK_OK(os_write_file(test_ctx, test_path("llff/poses_bounds.npy"), file, (size_t)(at - file)));
+}
+
+#define LLFF_HEAD "{'descr': '<f8', 'fortran_order': False, 'shape': (2, 17), }"
+
+static void jsurvey_write_llff(const char *folder, const char *const name[2], int width)
+{
+    for (int i = 0; i < 2; i++) {
+        char path[80];
+        oxl_image image;
+        CHECK_OK(oxl_image_create(test_ctx, width, OXL_MAX(12 * width / 1604, 1), &image));
+        snprintf(path, sizeof path, "llff/%s/%s", folder, name[i]);
+        test_write(path, "");
+        CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
+        oxl_image_free(test_ctx, &image);
+    }
+}
+
+TEST(llff_is_read_for_the_images_in_name_order_of_the_largest_folder_of_1600_px)
+{
+    static const char *const large[] = {"b.JPG", "a.JPG"}, *const small[] = {"image001.png", "image000.png"};
+    oxl_scene_options options = oxl_scene_options_default();
+    options.max_side = 0;
+    jsurvey_write_llff("images", large, 1604);
+    jsurvey_write_llff("images_2", small, 802);
+    jsurvey_write_llff("images_4", small, 401);
+    test_write("llff/images_4/depth.txt", "");
+    for (int k = 0; k < 6; k++) {
+        static const char *const asked[] = {NULL, "images_4", "images"};
+        const double width = asked[k / 2] ? k / 2 == 1 ? 401 : 1604 : 802;
+        oxl_scene *scene = NULL;
+        options.images = asked[k / 2];
+        jsurvey_write_array(k % 2 ? "{'descr': '<f4', 'fortran_order': False, 'shape': (2L, 17L), }"
+                                  : LLFF_HEAD,
+                            k % 2 ? 4 : 8, 2, 1604);
+        CHECK_OK(oxl_scene_load(test_ctx, test_path("llff"), &options, &scene));
+        CHECK(oxl_scene_view_count(scene) == 2);
+        for (int i = 0; i < 2; i++) {
+            const oxl_view *view = oxl_scene_view(scene, i);
+            const double *c = view->camera.rotation, *range = scene_depth_range(scene, i);
+            double at[3];
+            CHECK(strcmp(view->name, (k / 2 == 2 ? large : small)[1 - i]) == 0 && view->is_test == (i == 0));
+            CHECK(view->camera.width == (int)width);
+            CHECK_CLOSE(view->camera.fx, 20 * width / 1604, 1e-9);
+            CHECK_CLOSE(view->camera.cx, width / 2, 1e-9);
+            camera_position(&view->camera, at);
+            CHECK_CLOSE(at[0] + scene->origin[0], 5, 1e-6);
+            CHECK_CLOSE(at[2] + scene->origin[2], i, 1e-6);
+            CHECK(c[0] == 1 && c[4] == 1 && c[8] == 1 && range && range[0] == 0.5 && range[1] == 9);
+        }
+        oxl_scene_free(test_ctx, scene);
+    }
+}
+
+TEST(llff_array_that_is_damaged_or_foreign_is_refused_with_what_it_is)
+{
+    static const char *const names[] = {"a.png", "b.png"};
+    static const struct {
+        const char *head;
+        int rows;
+        const char *seen;
+    } cases[] = {
+        {"{'descr': '>f8', 'fortran_order': False, 'shape': (2, 17), }", 2,
+         "found an array of {'descr': '>f8'"},
+        {"{'descr': '<i8', 'fortran_order': False, 'shape': (2, 17), }", 2, "expected '<f8' or '<f4'"},
+        {"{'descr': '|O', 'fortran_order': False, 'shape': (), }", 2, "'|O'"},
+        {"{'descr': '<f8', 'fortran_order': True, 'shape': (2, 17), }", 2, "'fortran_order': True"},
+        {"{'descr': '<f8', 'fortran_order': False, 'shape': (2, 15), }", 2, "'shape': (2, 15), }, expected"},
+        {"{'descr': '<f8', 'fortran_order': False, 'shape': (2, 17, 1), }", 2, "'shape': (2, 17, 1)"},
+        {"{'descr': '<f8', 'fortran_order': False, 'shape': (17,), }", 2, "shape (N, 17)"},
+        {LLFF_HEAD, 1, "found 136 bytes behind the header, expected 2 x 17 numbers of 8 bytes"},
+        {"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999999999, 17), }", 1,
+         "found 136 bytes"},
+        {"{'descr': '<f8', 'fortran_order': False, 'shape': (3, 17), }", 3, "found 2 images in "},
+        {LLFF_HEAD, 0, "found 0 bytes"}};
+    static const char *const texts[][2] = {{"", "found an empty file"},
+                                           {"PK\3\4 and so on", "found a zip archive, as np.savez writes it"},
+                                           {"0.1 0.2", "found '0.1', expected an array that np.save wrote"},
+                                           {"\x93NUMPY\1", "expected an array that np.save wrote"}};
+    oxl_scene *scene = NULL;
+    jsurvey_write_llff("images", names, 16);
+    for (size_t i = 0; i < OXL_COUNT(cases) + OXL_COUNT(texts); i++) {
+        const char *seen = i < OXL_COUNT(cases) ? cases[i].seen : texts[i - OXL_COUNT(cases)][1];
+        if (i < OXL_COUNT(cases)) jsurvey_write_array(cases[i].head, 8, cases[i].rows, 16);
+        else test_write("llff/poses_bounds.npy", texts[i - OXL_COUNT(cases)][0]);
+        CHECK(oxl_scene_load(test_ctx, test_path("llff"), NULL, &scene) == OXL_ERR_INPUT);
+        CHECK_TEXT(oxl_error_text(test_ctx), "poses_bounds.npy: found ");
+        CHECK_TEXT(oxl_error_text(test_ctx), seen);
+    }
+    jsurvey_write_array(LLFF_HEAD, 8, 2, NAN);
+    CHECK(oxl_scene_load(test_ctx, test_path("llff"), NULL, &scene) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "poses_bounds.npy: record 1: found the height 12, the width nan");
 }
 
 /* The splits of the images that are left, by name: 1 trained on, 2 held out. */

@@ -49,7 +49,9 @@ struct colmap_reader {
     const int64_t *repeated; /* NULL, or an id that is there twice: the file is read again to find where */
     int met;                 /* how often it was met */
     size_t camera_capacity, image_capacity, point_capacity, track_capacity, names_capacity;
-    const char *image_folder; /* folder in which names of a survey in JSON start; NULL: as the file has it */
+    /* Folder in which names of a survey without COLMAP's files start; NULL: as the file has it. */
+    const char *image_folder;
+    int beside; /* 1: names in a file of JSON start in its folder; 0: in images/ there */
     /* px; size of the first image, for a survey in JSON that does not state it; 0: not read yet */
     int width, height;
 };

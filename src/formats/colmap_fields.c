@@ -130,7 +130,8 @@ OXL_INTERNAL oxl_result colmap_fail(struct colmap_reader *r, const char *fix, co
     va_start(args, format);
     vsnprintf(text, sizeof text, format, args);
     va_end(args);
-    if (r->out->format == COLMAP_TEXT) snprintf(place, sizeof place, ":%d", r->line);
+    if (r->out->format == COLMAP_JSON && r->line == 0) place[0] = 0;
+    else if (r->out->format == COLMAP_TEXT) snprintf(place, sizeof place, ":%d", r->line);
     else if (r->out->format == COLMAP_JSON) snprintf(place, sizeof place, ": record %d", r->line);
     else snprintf(place, sizeof place, ": byte %" PRIu64 ", record %d", colmap_offset(r, r->field), r->line);
     return r->rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s%s: %s\nfix: %s", r->path, place, text, fix);

@@ -13,10 +13,15 @@
  * without `sparse`, SCENE. Observations are not kept. images: as in json_survey_read. */
 OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse,
                                           const char *images, struct colmap *out);
-/* Reads a survey in JSON by the row of SURVEY_FORMATS that has its file's name. images: the folder in which
- * names start; NULL: as the file has it. */
+/* Reads a survey in JSON, or LLFF's, by the reader of its file's name. images: the folder in which names
+ * start; NULL: as the file has it. */
 OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name,
                                          const char *images, struct colmap *out);
+
+/* Returns the folder that an option names, from here or else from the survey's folder, which has `otherwise`
+ * where the option is NULL. */
+OXL_INTERNAL const char *survey_folder(char out[PATH_LENGTH], const char *survey, const char *option,
+                                       const char *otherwise);
 
 /* Reads a model, .txt or .bin, the newer if both exist; invariants: colmap.c. 2D points are not read. */
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out);

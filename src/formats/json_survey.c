@@ -1,5 +1,5 @@
-/* json_survey.c - reads surveys in JSON, nerfstudio's transforms.json and OpenSfM's reconstruction.json, into
- * the struct of COLMAP's files.
+/* json_survey.c - fills the struct of COLMAP's files from surveys in JSON, nerfstudio's transforms.json and
+ * OpenSfM's reconstruction.json, and from LLFF's poses.
  *
  * Invariant: as in colmap.c: finite numbers, rotations, names inside the image folder, each image's camera
  * exists. There are no 2D points and no tracks, so such a survey is one block.
@@ -75,6 +75,45 @@ OXL_INTERNAL int64_t json_names_find(const struct json_names *names, const char 
     return found ? found->value : -1;
 }
 
+/* ---------------- poses */
+
+#define JSON_SURVEY_ROTATION_ERROR 1e-3 /* Limits how far a matrix may be off the nearest rotation. */
+
+/* Computes the unit quaternion of a rotation matrix, by its largest component [Shepperd 1978]. */
+static void json_survey_quaternion(const double m[9], double q[4])
+{
+    const double trace[4] = {m[0] + m[4] + m[8], m[0] - m[4] - m[8], m[4] - m[0] - m[8], m[8] - m[0] - m[4]};
+    int largest = 0, i, j, k;
+    double s;
+    for (int t = 1; t < 4; t++)
+        if (trace[t] > trace[largest]) largest = t;
+    s = 0.5 / sqrt(1 + trace[largest]);
+    i = OXL_MAX(largest - 1, 0), j = (i + 1) % 3, k = (i + 2) % 3;
+    q[largest] = 0.25 / s;
+    if (largest) {
+        q[0] = s * (m[3 * k + j] - m[3 * j + k]);
+        q[1 + j] = s * (m[3 * i + j] + m[3 * j + i]);
+        q[1 + k] = s * (m[3 * i + k] + m[3 * k + i]);
+    } else q[1] = s * (m[7] - m[5]), q[2] = s * (m[2] - m[6]), q[3] = s * (m[3] - m[1]);
+}
+
+/* R = diag(1,-1,-1) M^T, t = -R c. Refuses matrices that are no rotation: they would bend the scene. */
+OXL_INTERNAL void json_survey_pose(struct colmap_reader *r, const char *what, double m[3][4], double q[4],
+                                   double t[3])
+{
+    double rotation[9], same[9], off = 0;
+    for (int i = 0; i < 9; i++) rotation[i] = i < 3 ? m[i][0] : -m[i % 3][i / 3];
+    json_survey_quaternion(rotation, q);
+    camera_rotation_from_quaternion(q, same);
+    for (int i = 0; i < 9; i++) off += fabs(rotation[i] - same[i]);
+    if (!(off < 9 * JSON_SURVEY_ROTATION_ERROR))
+        json_survey_fail(r, what, "no rotation",
+                         "columns of length 1 at right angles, and right-handed: two axes exchanged need one "
+                         "of them negated");
+    for (int i = 0; i < 3; i++)
+        t[i] = -(rotation[3 * i] * m[0][3] + rotation[3 * i + 1] * m[1][3] + rotation[3 * i + 2] * m[2][3]);
+}
+
 /* ---------------- rows */
 
 OXL_INTERNAL void json_survey_add_camera(struct colmap_reader *r, const struct colmap_camera *camera)
@@ -96,6 +135,16 @@ OXL_INTERNAL void json_survey_add_camera(struct colmap_reader *r, const struct c
     if (r->rc == OXL_OK)
         r->rc = oxl_reserve(r->ctx, &out->camera, &r->camera_capacity, out->camera_count + 1, sizeof c);
     if (r->rc == OXL_OK) out->camera[out->camera_count++] = c;
+}
+
+OXL_INTERNAL void json_survey_use_camera(struct colmap_reader *r, const struct colmap_camera *camera)
+{
+    const size_t count = r->out->camera_count;
+    const struct colmap_camera *last = count ? &r->out->camera[count - 1] : NULL;
+    if (!last || last->model != camera->model || last->width != camera->width ||
+        last->height != camera->height ||
+        memcmp(last->parameter, camera->parameter, sizeof camera->parameter) != 0)
+        json_survey_add_camera(r, camera);
 }
 
 OXL_INTERNAL void json_survey_add_image(struct colmap_reader *r, const char *name, const char *end,

@@ -1,4 +1,4 @@
-/* json_survey.h - shared by the readers of surveys in JSON. They fill struct colmap. */
+/* json_survey.h - shared by the readers of surveys in JSON and of LLFF's poses. They fill struct colmap. */
 #ifndef OXL_JSON_SURVEY_H
 #define OXL_JSON_SURVEY_H
 
@@ -9,8 +9,9 @@ OXL_INTERNAL void json_survey_fail(struct colmap_reader *r, const char *what, co
                                    const char *wanted);
 
 /* Add a row each. json_survey_add_camera checks the numbers and makes the row the
- * id. `name` ends at `end`. */
+ * id; json_survey_use_camera adds a camera unless it is the one added last. `name` ends at `end`. */
 OXL_INTERNAL void json_survey_add_camera(struct colmap_reader *r, const struct colmap_camera *camera);
+OXL_INTERNAL void json_survey_use_camera(struct colmap_reader *r, const struct colmap_camera *camera);
 OXL_INTERNAL void json_survey_add_image(struct colmap_reader *r, const char *name, const char *end,
                                         int64_t camera, const double rotation[4],
                                         const double translation[3]);
@@ -18,6 +19,10 @@ OXL_INTERNAL void json_survey_add_point(struct colmap_reader *r, const double po
                                         const double rgb[3]);
 /* Reads the points of a PLY file (ply_points.c). */
 OXL_INTERNAL oxl_result ply_points_read(struct colmap_reader *r, const char *path);
+
+/* Turns camera to world, x right, y up, z back, into world to camera, y down. `what` names the matrix. */
+OXL_INTERNAL void json_survey_pose(struct colmap_reader *r, const char *what, double m[3][4], double q[4],
+                                   double t[3]);
 
 OXL_INTERNAL int json_survey_numbers(const char *array, int count, double *out); /* 0: fewer, or not finite */
 
@@ -36,11 +41,9 @@ OXL_INTERNAL void json_names_add(struct colmap_reader *r, struct json_names *nam
 OXL_INTERNAL void json_names_sort(struct json_names *names);
 OXL_INTERNAL int64_t json_names_find(const struct json_names *names, const char *text);
 
-/* Names NeRF synthetic's file of training images; the held-out images are in another file of the folder. */
-#define JSON_SURVEY_TRAIN "transforms_train.json"
-
-/* Read a survey from the text of its file (nerfstudio.c, opensfm.c). */
-OXL_INTERNAL void nerfstudio_read(struct colmap_reader *r, const char *json);
-OXL_INTERNAL void opensfm_read(struct colmap_reader *r, const char *json);
+/* Read a survey from its file r->path (nerfstudio.c, opensfm.c, llff.c). */
+OXL_INTERNAL void nerfstudio_read(struct colmap_reader *r, const struct os_file_map *file);
+OXL_INTERNAL void opensfm_read(struct colmap_reader *r, const struct os_file_map *file);
+OXL_INTERNAL void llff_read(struct colmap_reader *r, const struct os_file_map *file);
 
 #endif

@@ -17,8 +17,6 @@
 #include "../survey/image.h"
 #include "json_survey.h"
 
-#define NERFSTUDIO_UNIT_ERROR 1e-3 /* Limits how far products of a rotation's columns may be off 0 and 1. */
-
 enum {
     NERFSTUDIO_PATH = 1024, /* bytes of a path, with 8 for an extension */
     FL_X = 0,
@@ -155,54 +153,18 @@ static struct colmap_camera nerfstudio_camera(struct colmap_reader *r, struct ne
     return c;
 }
 
-/* ---------------- poses */
-
-/* Computes the unit quaternion of a rotation matrix, by its largest component [Shepperd 1978]. */
-static void nerfstudio_quaternion(const double m[9], double q[4])
-{
-    const double trace[4] = {m[0] + m[4] + m[8], m[0] - m[4] - m[8], m[4] - m[0] - m[8], m[8] - m[0] - m[4]};
-    int largest = 0, i, j, k;
-    double s;
-    for (int t = 1; t < 4; t++)
-        if (trace[t] > trace[largest]) largest = t;
-    s = 0.5 / sqrt(1 + trace[largest]);
-    i = OXL_MAX(largest - 1, 0), j = (i + 1) % 3, k = (i + 2) % 3;
-    q[largest] = 0.25 / s;
-    if (largest) {
-        q[0] = s * (m[3 * k + j] - m[3 * j + k]);
-        q[1 + j] = s * (m[3 * i + j] + m[3 * j + i]);
-        q[1 + k] = s * (m[3 * i + k] + m[3 * k + i]);
-    } else q[1] = s * (m[7] - m[5]), q[2] = s * (m[2] - m[6]), q[3] = s * (m[3] - m[1]);
-}
-
-/* Reads a pose: turns camera to world, y up, into world to camera, y down, R = diag(1,-1,-1) M^T, t = -R c.
- * Refuses matrices that are no rotation: they would bend the scene. */
+/* Reads a camera-to-world matrix of 3 or 4 rows. */
 static void nerfstudio_pose(struct colmap_reader *r, const char *frame, double q[4], double t[3])
 {
     const char *row = oxl_json_first(oxl_json_member(frame, "transform_matrix"));
-    double m[3][4] = {{0}}, rotation[9], last[4], off = 0;
+    double m[3][4] = {{0}}, last[4];
     for (int i = 0; i < 3; i++, row = oxl_json_next(row))
         if (!row || !json_survey_numbers(row, 4, m[i]))
             json_survey_fail(r, "transform_matrix", "too little", "4 x 4 numbers");
     if (row && json_survey_numbers(row, 4, last) && fabs(last[0]) + fabs(last[1]) + fabs(last[2]) > 0)
         json_survey_fail(r, "transform_matrix", "a last row other than 0 0 0 1",
                          "translations in the last column: the matrix may be transposed");
-    for (int i = 0; i < 3; i++)
-        for (int k = 0; k < 3; k++) {
-            off = OXL_MAX(off, fabs(m[0][i] * m[0][k] + m[1][i] * m[1][k] + m[2][i] * m[2][k] - (i == k)));
-            rotation[3 * i + k] = i ? -m[k][i] : m[k][i];
-        }
-    if (!(off < NERFSTUDIO_UNIT_ERROR))
-        json_survey_fail(r, "transform_matrix", "no rotation", "columns of length 1 at right angles");
-    if (m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) -
-            m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0]) +
-            m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0]) <
-        0)
-        json_survey_fail(r, "transform_matrix", "a mirrored camera (determinant -1)",
-                         "right-handed axes: two axes exchanged need one of them negated");
-    for (int i = 0; i < 3; i++)
-        t[i] = -(rotation[3 * i] * m[0][3] + rotation[3 * i + 1] * m[1][3] + rotation[3 * i + 2] * m[2][3]);
-    nerfstudio_quaternion(rotation, q);
+    json_survey_pose(r, "transform_matrix", m, q, t);
 }
 
 /* ---------------- names of images */
@@ -215,7 +177,7 @@ static const char *nerfstudio_path(const struct colmap_reader *r, const char *na
     char beside[PATH_LENGTH], file[NERFSTUDIO_PATH];
     const char *folder = r->image_folder ? r->image_folder : beside;
     snprintf(beside, sizeof beside, "%.*s%s", (int)(path_base_name(r->path) - r->path), r->path,
-             r->out->images_beside ? "" : "images");
+             r->beside ? "" : "images");
     strcpy(file + colmap_safe_name(name, strlen(name), file), extension);
     return path_in(out, folder, "%s", path_longest_tail(folder, file));
 }
@@ -231,7 +193,7 @@ static const char *nerfstudio_name(const struct colmap_reader *r, const char *va
     char full[PATH_LENGTH];
     if (length == 0) return NULL;
     if (!strncmp(name, "./", 2)) name += 2;
-    if (!r->out->images_beside && !strncmp(name, "images/", 7)) name += 7;
+    if (!r->beside && !strncmp(name, "images/", 7)) name += 7;
     if (survey_is_image_name(name)) return name;
     for (size_t i = 0; i < OXL_COUNT(tried); i++)
         if (os_is_file(nerfstudio_path(r, name, tried[i], full))) return strcat(path, tried[i]), name;
@@ -279,16 +241,12 @@ static void nerfstudio_frame(struct colmap_reader *r, struct nerfstudio_file *fi
     const char *value = oxl_json_member(frame, "file_path"), *name = nerfstudio_name(r, value, path);
     const struct colmap_camera camera = nerfstudio_camera(r, file, frame);
     const struct colmap *out = r->out;
-    const struct colmap_camera *last = out->camera_count ? &out->camera[out->camera_count - 1] : NULL;
     const enum colmap_split split = file->listed.count ? nerfstudio_split(file, value) : COLMAP_TRAIN;
     double q[4] = {1}, t[3] = {0};
     if (!name) json_survey_fail(r, "file_path", "none", "the image's path");
     nerfstudio_pose(r, frame, q, t);
     if (r->rc != OXL_OK || split == COLMAP_UNSPLIT) return;
-    if (!last || last->model != camera.model || last->width != camera.width ||
-        last->height != camera.height ||
-        memcmp(last->parameter, camera.parameter, sizeof camera.parameter) != 0)
-        json_survey_add_camera(r, &camera);
+    json_survey_use_camera(r, &camera);
     json_survey_add_image(r, name, name + strlen(name), (int64_t)out->camera_count - 1, q, t);
     if (r->rc != OXL_OK) return;
     if (file->listed.count) out->image[out->image_count - 1].split = split;
@@ -347,6 +305,7 @@ static void nerfstudio_points(struct colmap_reader *r, const char *json)
     snprintf(folder, sizeof folder, "%.*s", (int)(path_base_name(r->path) - r->path), r->path);
     name[colmap_safe_name(name, named, name)] = 0;
     file = path_longest_tail(folder, name);
+    if (r->out->point_count) return; /* Files of several splits name the same. */
     if (r->rc == OXL_OK && named && os_is_file(PATH(folder, "%s", file))) {
         r->rc = ply_points_read(r, PATH(folder, "%s", file));
         return;
@@ -365,8 +324,9 @@ static void nerfstudio_points(struct colmap_reader *r, const char *json)
         }
 }
 
-OXL_INTERNAL void nerfstudio_read(struct colmap_reader *r, const char *json)
+OXL_INTERNAL void nerfstudio_read(struct colmap_reader *r, const struct os_file_map *map)
 {
+    const char *json = map->data;
     static const char *const lists[] = {"test_filenames", "val_filenames", "train_filenames"};
     struct nerfstudio_file file = {.frames = oxl_json_member(json, "frames"),
                                    .model = oxl_json_member(json, "camera_model"),
@@ -381,10 +341,10 @@ OXL_INTERNAL void nerfstudio_read(struct colmap_reader *r, const char *json)
         file.in_list[k] = file.listed.count - before;
     }
     json_names_sort(&file.listed);
-    if (r->out->image_count > 0 && beside && !r->out->images_beside)
+    if (r->out->image_count > 0 && beside && !r->beside)
         json_survey_fail(r, "file_path", "a path outside images/",
-                         "images/, where " JSON_SURVEY_TRAIN " has its images");
-    if (r->out->image_count == 0) r->out->images_beside = beside;
+                         "images/, as in the file of training images");
+    if (r->out->image_count == 0) r->beside = beside;
     if (isnan(file.number[WIDTH]) || isnan(file.number[HEIGHT])) nerfstudio_measure_image(r, &file);
     nerfstudio_frames(r, &file);
     nerfstudio_name_ignored(r, json, &file);

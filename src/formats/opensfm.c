@@ -162,9 +162,9 @@ static void opensfm_read_reference(struct colmap_reader *r, const char *reconstr
     os_release_file(r->ctx, &map);
 }
 
-OXL_INTERNAL void opensfm_read(struct colmap_reader *r, const char *json)
+OXL_INTERNAL void opensfm_read(struct colmap_reader *r, const struct os_file_map *file)
 {
-    const char *best = NULL;
+    const char *json = file->data, *best = NULL;
     struct json_names cameras = {0};
     size_t most = 0, found = 0;
     for (const char *one = oxl_json_first(json); one && *json == '['; one = oxl_json_next(one), found++) {

@@ -319,11 +319,6 @@ static oxl_result scene_mark_stated_views(oxl_context *ctx, oxl_scene *scene, in
         scene->view[i].is_test = scene_source_image(scene, i)->split == COLMAP_TEST;
         scene->stats.test_views += scene->view[i].is_test;
     }
-    if (scene->stats.test_views == scene->view_count)
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s/%s: all %d images that are there are held out, expected some to train on\n"
-                        "fix: put the training images into %s",
-                        c->folder, c->images_file, scene->view_count, scene->images);
     if (test_every < 0) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_USAGE,
                     "--test-every %d: the survey itself states which of its images are held out (%d of %d)\n"

@@ -7,8 +7,17 @@
  *
  * Invariant: a file is the image of one name at most, and a name that is there is never exchanged.
  */
+#include "formats.h"
 #include "survey_read.h"
 #include "../survey/scene.h"
+
+OXL_INTERNAL const char *survey_folder(char out[PATH_LENGTH], const char *survey, const char *option,
+                                       const char *otherwise)
+{
+    if (option && os_is_folder(option)) return option;
+    path_in(out, survey, "%s", option ? option : otherwise);
+    return !option || os_is_folder(out) ? out : option;
+}
 
 /* ---------------- one form of names */
 
@@ -141,7 +150,6 @@ static int name_tail(const char *a, const char *b)
 struct survey_file {
     const char *base; /* last part of the form */
     char *path, *form;
-    int counts;       /* 1: the folder is one of images of this survey */
     int used, claims; /* used 1: by a name that is there */
 };
 struct survey_files {
@@ -154,25 +162,14 @@ struct survey_files {
 struct survey_walk { /* Visits a folder. */
     struct survey_files *files;
     const char *inside; /* "", or "a/b/" */
-    int depth, counts;
+    int depth;
 };
 enum { SURVEY_DEPTH = 3 };
-
-/* Returns 1 if an image of the model is in the folder itself. */
-static int survey_has_images_in(const struct colmap *c, const char *inside)
-{
-    const size_t length = strlen(inside);
-    for (size_t i = 0; i < c->image_count; i++) {
-        const char *name = c->names + c->image[i].name;
-        if (!strncmp(name, inside, length) && !strchr(name + length, '/')) return 1;
-    }
-    return 0;
-}
 
 static void survey_add_file(struct survey_walk *w, const char *path)
 {
     struct survey_files *f = w->files;
-    struct survey_file file = {.path = oxl_strdup(f->ctx, path), .counts = w->counts};
+    struct survey_file file = {.path = oxl_strdup(f->ctx, path)};
     char form[NAME_FORM], *slash;
     name_form(path, form);
     file.form = oxl_strdup(f->ctx, form);
@@ -195,7 +192,6 @@ static void survey_visit(void *user, const char *name)
 {
     static const char *const others[] = {"masks", "__MACOSX", "thumbs", "thumbnails"};
     struct survey_walk *w = user, deeper = {.files = w->files, .depth = w->depth + 1};
-    const struct colmap *c = &w->files->scene->colmap;
     const char *folder = w->files->scene->images;
     char inside[PATH_LENGTH];
     const size_t length = (size_t)snprintf(inside, sizeof inside - 1, "%s%s", w->inside, name);
@@ -206,7 +202,6 @@ static void survey_visit(void *user, const char *name)
             if (!strcmp(name, others[i])) return;
         memcpy(inside + length, "/", 2);
         deeper.inside = inside;
-        deeper.counts = !c->images_beside || survey_has_images_in(c, inside);
         os_list_folder(w->files->ctx, PATH(folder, "%s", inside), survey_visit, &deeper);
     }
 }
@@ -227,7 +222,6 @@ static oxl_result survey_files_list(oxl_context *ctx, const oxl_scene *scene, st
 {
     struct survey_walk w = {.files = out, .inside = ""};
     *out = (struct survey_files){.ctx = ctx, .scene = scene};
-    w.counts = !scene->colmap.images_beside || survey_has_images_in(&scene->colmap, "");
     os_list_folder(ctx, scene->images, survey_visit, &w);
     if (out->count) qsort(out->file, out->count, sizeof *out->file, survey_compare_files);
     return out->rc;
@@ -317,8 +311,9 @@ OXL_INTERNAL oxl_result survey_match_names(oxl_context *ctx, oxl_scene *scene)
         if (claim[i]) claim[i]->claims++;
     }
     if (rc == OXL_OK) rc = survey_rename(ctx, scene, claim);
-    for (size_t i = 0; i < files.count && !c->states_split; i++)
-        scene->stats.unregistered += files.file[i].counts && !files.file[i].used;
+    /* A folder in which names start beside other files may hold any image. */
+    for (size_t i = 0; i < files.count && !c->states_split && !c->images; i++)
+        scene->stats.unregistered += !files.file[i].used;
     oxl_free(ctx, claim);
     survey_files_free(&files);
     return rc;

@@ -9,17 +9,23 @@
  */
 #include "formats.h"
 #include "json_survey.h"
+#include "../survey/scene.h"
 
 /* Lists the files of surveys: a folder with one of a row holds such a survey; the first row that does is
  * taken. */
-enum { SURVEY_COLMAP = 2 }; /* rows of COLMAP's files; those behind them are in JSON */
+enum { SURVEY_COLMAP = 2 }; /* rows of COLMAP's files; json_survey_read reads the others */
+#define SURVEY_LLFF "poses_bounds.npy"
+#define SURVEY_SAME \
+    1e-4 /* Limits how far poses that are the same may be off: of the sum of distances, and of 1. */
 static const char *const SURVEY_FILES[][2] = {
     {"images.txt", "images.bin"},
     {"cameras.txt", "cameras.bin"}, /* an incomplete model, whose reader says what is missing */
     {"transforms.json", NULL},
-    {JSON_SURVEY_TRAIN, NULL},
+    {"transforms_train.json", "transforms_test.json"},
+    {"transforms_val.json", NULL},
     {"reconstruction.json", NULL},
     {"opensfm/reconstruction.json", NULL}, /* an OpenDroneMap project */
+    {SURVEY_LLFF, NULL},
 };
 
 struct survey_search { /* Tries folders, and keeps the model of most images. */
@@ -61,6 +67,56 @@ static void survey_try_entry(void *user, const char *name)
 {
     struct survey_search *s = user;
     survey_try(s, PATH(s->in, "%s", name));
+}
+
+/* ---------------- LLFF's poses beside a COLMAP model */
+
+/* Orders the images of both by name, and returns 1 if these have the same poses. */
+static int survey_has_poses(const struct colmap *model, const struct colmap *llff, struct scene_order *order)
+{
+    double off = 0, all = 0, turned = 0;
+    for (size_t i = 0; i < model->image_count; i++)
+        order[i] = (struct scene_order){model->names + model->image[i].name, i};
+    if (model->image_count != llff->image_count) return 0;
+    qsort(order, model->image_count, sizeof *order, scene_compare_order);
+    for (size_t i = 0; i < model->image_count; i++) {
+        const struct colmap_image *a = &model->image[order[i].image], *b = &llff->image[i];
+        double r[9], s[9];
+        camera_rotation_from_quaternion(a->rotation, r);
+        camera_rotation_from_quaternion(b->rotation, s);
+        for (int k = 0; k < 9; k++) turned = OXL_MAX(turned, fabs(r[k] - s[k]));
+        for (int k = 0; k < 3; k++)
+            off += fabs(a->translation[k] - b->translation[k]), all += fabs(a->translation[k]);
+    }
+    return turned <= SURVEY_SAME && off <= SURVEY_SAME * all;
+}
+
+/* Uses the images that belong to LLFF's poses, and the ranges of their depths, for the model that the poses
+ * were computed from: it has the distortion, points and tracks. Otherwise the model remains as it is. */
+static oxl_result survey_use_llff(oxl_context *ctx, const char *path, const char *images,
+                                  struct colmap *model)
+{
+    struct scene_order *order = oxl_alloc(ctx, model->image_count + 1, sizeof *order);
+    struct colmap llff = {0};
+    oxl_result rc = order ? json_survey_read(ctx, path, SURVEY_LLFF, images, &llff) : OXL_ERR_MEMORY;
+    if (rc == OXL_OK && survey_has_poses(model, &llff, order)) {
+        for (size_t i = 0; i < llff.image_count; i++) {
+            struct colmap_image *to = &model->image[order[i].image];
+            to->name = llff.image[i].name;
+            memcpy(to->range, llff.image[i].range, sizeof to->range);
+        }
+        OXL_SWAP(char *, model->names, llff.names);
+        OXL_SWAP(char *, model->images, llff.images);
+        oxl_log(ctx, OXL_LOG_INFO, "%s: poses and points are those of %s, images those of %s", path,
+                model->folder, model->images);
+    } else if (rc == OXL_OK || rc == OXL_ERR_INPUT) {
+        oxl_log(ctx, OXL_LOG_WARNING, "%s/" SURVEY_LLFF " is not used beside %s: %s", path, model->folder,
+                rc == OXL_OK ? "it has other poses" : oxl_error_text(ctx));
+        rc = OXL_OK;
+    }
+    oxl_free(ctx, order);
+    colmap_free(ctx, &llff);
+    return rc;
 }
 
 /* ---------------- files of programs that are not read */
@@ -124,17 +180,15 @@ static oxl_result survey_find_fail(oxl_context *ctx, const char *path, const cha
 OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse_option,
                                           const char *images, struct colmap *out)
 {
-    const char *sparse = sparse_option ? sparse_option : PATH(path, "sparse");
-    const char *requested = sparse_option ? sparse_option : path, *inside = PATH(path, "%s", requested);
+    const char *sparse = survey_folder((char[PATH_LENGTH]){0}, path, sparse_option, "sparse");
+    const char *requested = sparse_option ? sparse : path;
     struct survey_search s = {.ctx = ctx, .in = sparse, .images = images, .best = out};
     *out = (struct colmap){0};
     if (!os_is_folder(requested))
-        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s%s", requested,
-                        sparse_option && os_is_folder(inside) ? inside : "",
-                        !sparse_option         ? "give the folder that holds images/ and sparse/"
-                        : os_is_folder(inside) ? " is one: name it by --sparse"
-                                               : "--sparse names the folder of cameras, images and points3D, "
-                                                 ".txt or .bin");
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s", requested,
+                        sparse_option
+                            ? "--sparse names the folder of cameras, images and points3D, .txt or .bin"
+                            : "give the folder that holds images/ and sparse/");
     for (; s.row < OXL_COUNT(SURVEY_FILES) && s.rc == OXL_OK && s.models == 0; s.row++) {
         if (s.row < SURVEY_COLMAP) {
             survey_try(&s, sparse);
@@ -150,6 +204,8 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
         oxl_log(ctx, OXL_LOG_WARNING,
                 "%d sub-models found; %s has most images (%zu) and is used; --sparse names another", s.models,
                 out->folder, out->image_count);
+    if (s.rc == OXL_OK && !sparse_option && out->format != COLMAP_JSON && os_is_file(PATH(path, SURVEY_LLFF)))
+        s.rc = survey_use_llff(ctx, path, images, out);
     if (s.rc != OXL_OK) colmap_free(ctx, out);
     return s.rc;
 }

@@ -5,16 +5,11 @@
 #include "survey_read.h"
 #include "../survey/scene.h"
 
-/* Refuses a folder that does not exist. The fix names the same folder inside the survey's, since other
- * programs take the option so, or else the folder that holds an image of the model. */
+/* Refuses a folder that does not exist. The fix names the folder that holds an image of the model. */
 static oxl_result scene_fail_folder(oxl_context *ctx, const char *path, const char *option,
                                     const char *folder, const struct colmap *c)
 {
     char like[256] = "", *slash;
-    const char *inside = PATH(path, "%s", folder);
-    if (os_is_folder(inside))
-        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s %s, which is one", folder,
-                        option, inside);
     if (c && c->image_count) survey_find_like(ctx, path, c->names + c->image[0].name, like, sizeof like);
     if ((slash = strrchr(like, '/')) != NULL) *slash = 0;
     return oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s names the folder of %s%s%s",
@@ -40,7 +35,9 @@ static void scene_name_masks(oxl_context *ctx, const char *path)
 /* Reads the survey's files and finds the folders of images and masks. */
 static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene_options *o, oxl_scene *scene)
 {
-    oxl_result rc = survey_find_model(ctx, path, o->sparse, o->images, &scene->colmap);
+    const char *images = survey_folder((char[PATH_LENGTH]){0}, path, o->images, "images");
+    const char *masks = survey_folder((char[PATH_LENGTH]){0}, path, o->masks, "masks");
+    oxl_result rc = survey_find_model(ctx, path, o->sparse, o->images ? images : NULL, &scene->colmap);
     if (rc == OXL_OK && scene->colmap.is_truncated && !o->allow_truncated)
         rc = oxl_fail(
             ctx, OXL_ERR_INPUT,
@@ -49,10 +46,8 @@ static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene
             scene->colmap.folder);
     scene->from_files = 1;
     scene->may_miss = o->missing_images;
-    scene->images = o->images                     ? oxl_strdup(ctx, o->images)
-                    : scene->colmap.images_beside ? oxl_strdup(ctx, scene->colmap.folder)
-                                                  : oxl_path_join(ctx, path, "images");
-    scene->masks = o->masks ? oxl_strdup(ctx, o->masks) : oxl_path_join(ctx, path, "masks");
+    scene->images = oxl_strdup(ctx, o->images || !scene->colmap.images ? images : scene->colmap.images);
+    scene->masks = oxl_strdup(ctx, masks);
     if (rc != OXL_OK) return rc;
     if (!scene->images || !scene->masks) return OXL_ERR_MEMORY;
     scene->stats.images_listed = (int)scene->colmap.image_count;

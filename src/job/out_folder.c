@@ -6,6 +6,7 @@
  * program.
  */
 #include "job.h"
+#include "../formats/formats.h"
 #include "../large/os_job.h"
 
 OXL_INTERNAL oxl_result out_check_inputs(oxl_context *ctx, const char *out, const char *scene,
@@ -14,10 +15,10 @@ OXL_INTERNAL oxl_result out_check_inputs(oxl_context *ctx, const char *out, cons
     const struct {
         const char *path, *holds;
     } inputs[] = {{scene, "survey"},
-                  {o->images ? o->images : PATH(scene, "images"), "images"},
-                  {o->masks ? o->masks : PATH(scene, "masks"), "masks"},
-                  {o->sparse ? o->sparse : PATH(scene, "sparse"), "COLMAP model"},
-                  {o->sparse ? o->sparse : PATH(scene, "sparse/0"), "COLMAP model"}};
+                  {survey_folder((char[PATH_LENGTH]){0}, scene, o->images, "images"), "images"},
+                  {survey_folder((char[PATH_LENGTH]){0}, scene, o->masks, "masks"), "masks"},
+                  {survey_folder((char[PATH_LENGTH]){0}, scene, o->sparse, "sparse"), "COLMAP model"},
+                  {PATH(scene, "sparse/0"), "COLMAP model"}};
     for (size_t i = 0; i < OXL_COUNT(inputs); i++)
         if (os_is_same(out, inputs[i].path))
             return oxl_fail(

@@ -2,6 +2,7 @@
  * blocks. */
 #include "../large/partition.h"
 #include "job.h"
+#include "../formats/formats.h"
 #include "../survey/scene.h"
 
 static oxl_block partition_predict(const struct partition *p, int block, const oxl_job_options *o)
@@ -34,7 +35,7 @@ oxl_result oxl_partition(oxl_context *ctx, const char *scene_path, const char *o
                          const oxl_job_options *options, oxl_partition_report *report)
 {
     oxl_job_options o = options ? *options : oxl_job_options_default(OXL_PRESET_DRAFT);
-    const char *images = o.scene.images ? o.scene.images : PATH(scene_path, "images");
+    const char *images = survey_folder((char[PATH_LENGTH]){0}, scene_path, o.scene.images, "images");
     oxl_scene *scene = NULL;
     struct partition p = {0};
     oxl_lock *lock = NULL;

@@ -97,6 +97,12 @@ OXL_INTERNAL const struct colmap_image *scene_source_image(const oxl_scene *scen
     return &scene->colmap.image[scene->source[view].image];
 }
 
+OXL_INTERNAL const double *scene_depth_range(const oxl_scene *scene, int view)
+{
+    const double *range = scene->from_files ? scene_source_image(scene, view)->range : NULL;
+    return range && range[1] > 0 ? range : NULL;
+}
+
 OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view)
 {
     return &scene->colmap.camera[scene->source[view].camera];

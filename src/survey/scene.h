@@ -90,6 +90,8 @@ OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t po
 /* Return the camera and the image of `colmap` that a view comes from; for scenes from files. */
 OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view);
 OXL_INTERNAL const struct colmap_image *scene_source_image(const oxl_scene *scene, int view);
+/* Returns the nearest and the farthest depth of what a view shows; NULL: the survey does not state them. */
+OXL_INTERNAL const double *scene_depth_range(const oxl_scene *scene, int view);
 /* Returns a view's image from the cache, after loading it if necessary; it is borrowed until the next request
  * of another view. NULL: the error is set. */
 OXL_INTERNAL const struct training_image *scene_image(oxl_context *ctx, const oxl_scene *scene, int view);

@@ -18,7 +18,7 @@
 
 OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c)
 {
-    OXL_FREE(ctx, c->camera, c->image, c->point, c->track, c->names, c->folder);
+    OXL_FREE(ctx, c->camera, c->image, c->point, c->track, c->names, c->folder, c->images);
     *c = (struct colmap){0};
 }
 

@@ -34,6 +34,7 @@ struct colmap_image {
     size_t points_size; /* bytes; 0: none */
     int line;
     enum colmap_split split;
+    double range[2]; /* nearest and farthest depth of what it shows, where the files state it; 0 0: unknown */
 };
 
 struct colmap_track {   /* Holds one (IMAGE_ID, POINT2D_IDX), compact, since a large survey has 10^8. */
@@ -73,9 +74,9 @@ struct colmap {
     char *folder;
     char *names; /* zero-terminated, one after the other */
     size_t names_size;
-    size_t warnings;   /* number of deviations that were logged and corrected */
-    int is_truncated;  /* a file has fewer rows than its header states */
-    int images_beside; /* 1: names start in `folder`, not in the image folder */
+    size_t warnings;  /* number of deviations that were logged and corrected */
+    int is_truncated; /* a file has fewer rows than its header states */
+    char *images;     /* folder in which names start; NULL: images/ of the survey */
     /* degrees; latitude and longitude of the world's origin, if x is east, y north,
      * z up and the unit metres */
     double reference[2];

@@ -57,8 +57,11 @@ OXL_INTERNAL oxl_result selection_begin(struct train *t)
     for (int i = 0; i < (int)views; i++)
         if (selection_is_training_view(t, i)) t->view[t->views++] = i;
     if (t->views == 0)
-        return oxl_fail(t->ctx, OXL_ERR_INPUT,
-                        "there is no training view\nfix: --test-every 0 holds none out");
+        return oxl_fail(
+            t->ctx, OXL_ERR_INPUT,
+            "there is no training view: all %zu images that are there are held out\n"
+            "fix: put the training images there; or --test-every 0, unless the survey states the split",
+            views);
     return OXL_OK;
 }
 

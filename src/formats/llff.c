@@ -1,0 +1,189 @@
+/* llff.c - reads poses_bounds.npy of LLFF [Mildenhall 2019], for the images of a folder in the order of their
+ * names.
+ *
+ * Source: llff/poses/pose_utils.py of Fyusion/LLFF. The file is a NumPy array of N x 17 numbers:
+ *
+ *     "\x93NUMPY"  u8 major  u8 minor  header's length, u16 in major 1, else u32
+ *     {'descr': '<f8', 'fortran_order': False, 'shape': (N, 17), }  blanks, newline, then the numbers by rows
+ *
+ * A row is a 3 x 5 matrix, then the range of the depths of points in the image. The matrix has the camera's
+ * axes in the world, down, right and back, the camera's centre, and height, width and focal length in px of
+ * the images that COLMAP saw. images_4 and images_8 are the same images, a quarter and an eighth of the size.
+ */
+#include "../core/bytes.h"
+#include "../survey/image.h"
+#include "../survey/scene.h"
+#include "json_survey.h"
+
+enum {
+    LLFF_COLUMNS = 17,
+    LLFF_SIDE = 1600 /* px; longer side of the images of the folder that is chosen, at most [Kerbl 2023] */
+};
+
+struct llff_array {
+    const char *data;
+    size_t rows;
+    int size; /* bytes of a number */
+};
+
+#define LLFF_FIX "write it again by LLFF's imgs2poses.py; or remove it and export a COLMAP model"
+
+/* Names what is there in the place of an array. */
+static const char *llff_foreign(struct colmap_reader *r, const struct os_file_map *file, char seen[64])
+{
+    if (file->size == 0) return "an empty file";
+    if (file->data[0] == 'P' && file->data[1] == 'K') return "a zip archive, as np.savez writes it";
+    r->field = file->data, r->end = file->data + file->size;
+    return colmap_printable(r, seen);
+}
+
+/* Finds the numbers behind the header, whose keys NumPy writes in this order. */
+static void llff_read_header(struct colmap_reader *r, const struct os_file_map *file, struct llff_array *out)
+{
+    const size_t wide = file->size > 6 && file->data[6] > 1 ? 4 : 2, begin = 8 + wide;
+    char head[200], seen[64], end;
+    size_t length, left, row;
+    unsigned long rows = 0;
+    int columns = 0;
+    if (file->size < begin || memcmp(file->data, "\x93NUMPY", 6) != 0) {
+        colmap_fail(r, LLFF_FIX, "found %s, expected an array that np.save wrote",
+                    llff_foreign(r, file, seen));
+        return;
+    }
+    length = OXL_MIN((size_t)bytes_get(file->data + 8, (int)wide), file->size - begin);
+    snprintf(head, sizeof head, "%.*s", (int)OXL_MIN(length, sizeof head - 1), file->data + begin);
+    head[strcspn(head, "}\n")] = 0;
+    if (sscanf(head, " { 'descr' : '<f%d' , 'fortran_order' : False , 'shape' : ( %lu %*[L, ] %d%c",
+               &out->size, &rows, &columns, &end) != 4 ||
+        (out->size != 4 && out->size != 8) || columns != LLFF_COLUMNS || !strchr("L)", end))
+        colmap_fail(r, LLFF_FIX,
+                    "found an array of %s}, expected '<f8' or '<f4', Fortran order False, and shape (N, 17)",
+                    head);
+    if (r->rc != OXL_OK) return;
+    out->data = file->data + begin + length;
+    out->rows = (size_t)rows;
+    left = file->size - begin - length, row = LLFF_COLUMNS * (size_t)out->size;
+    if (left / row != out->rows || left % row)
+        colmap_fail(r, LLFF_FIX, "found %zu bytes behind the header, expected %lu x 17 numbers of %d bytes",
+                    left, rows, out->size);
+}
+
+/* Adds the image of a row, and its camera. */
+static void llff_add(struct colmap_reader *r, const struct llff_array *a, const char *name)
+{
+    double v[LLFF_COLUMNS], m[3][4], q[4], t[3], sum = 0;
+    struct colmap_camera camera = {.model = camera_model_find("PINHOLE", 7)};
+    struct colmap_image *image;
+    for (size_t i = 0; i < LLFF_COLUMNS; i++) {
+        const char *at = a->data + ((size_t)r->line * LLFF_COLUMNS + i) * (size_t)a->size;
+        v[i] = a->size == 8 ? bytes_double(at) : (double)bytes_float(at);
+        sum += fabs(v[i]);
+    }
+    r->line++;
+    if (!(sum <= DBL_MAX && v[4] >= 1 && v[4] < INT_MAX && v[9] >= 1 && v[9] < INT_MAX))
+        colmap_fail(
+            r, LLFF_FIX,
+            "found the height %g, the width %g and numbers of the sum %g, expected px and finite numbers",
+            v[4], v[9], sum);
+    if (r->rc != OXL_OK) return;
+    for (int i = 0; i < 3; i++)
+        m[i][0] = v[5 * i + 1], m[i][1] = -v[5 * i], m[i][2] = v[5 * i + 2], m[i][3] = v[5 * i + 3];
+    json_survey_pose(r, "the matrix", m, q, t);
+    camera.height = (int)(v[4] + 0.5), camera.width = (int)(v[9] + 0.5);
+    camera.parameter[0] = camera.parameter[1] = v[14];
+    camera.parameter[2] = v[9] / 2, camera.parameter[3] = v[4] / 2;
+    json_survey_use_camera(r, &camera);
+    json_survey_add_image(r, name, name + strlen(name), (int64_t)r->out->camera_count - 1, q, t);
+    if (r->rc != OXL_OK || !(v[15] > 0 && v[15] < v[16])) return;
+    image = &r->out->image[r->out->image_count - 1];
+    image->range[0] = v[15], image->range[1] = v[16];
+}
+
+/* ---------------- the images */
+
+struct llff_folder {
+    oxl_context *ctx;
+    char path[PATH_LENGTH];
+    int side;                  /* px; longer side of the first image by name; 0: there is none */
+    struct scene_order *image; /* by name */
+    size_t count, capacity;
+    oxl_result rc;
+};
+
+static void llff_visit_image(void *user, const char *name)
+{
+    struct llff_folder *f = user;
+    if (f->rc != OXL_OK || !survey_is_image_name(name)) return;
+    f->rc = oxl_reserve(f->ctx, &f->image, &f->capacity, f->count + 1, sizeof *f->image);
+    if (f->rc != OXL_OK) return;
+    f->image[f->count] = (struct scene_order){oxl_strdup(f->ctx, name), f->count};
+    if (f->image[f->count].name) f->count++;
+    else f->rc = OXL_ERR_MEMORY;
+}
+
+static void llff_folder_free(struct llff_folder *f)
+{
+    for (size_t i = 0; i < f->count; i++) oxl_free(f->ctx, (char *)f->image[i].name);
+    oxl_free(f->ctx, f->image);
+    f->image = NULL;
+}
+
+static void llff_folder_open(struct llff_folder *f)
+{
+    int width = 0, height = 0;
+    if (os_is_folder(f->path)) os_list_folder(f->ctx, f->path, llff_visit_image, f);
+    if (f->count == 0) return;
+    qsort(f->image, f->count, sizeof *f->image, scene_compare_order);
+    image_size(f->ctx, PATH(f->path, "%s", f->image[0].name), &width, &height);
+    f->side = OXL_MAX(width, height);
+}
+
+/* Returns 1 if a is better than b: the one with the larger images of at most LLFF_SIDE, or else with the
+ * smaller images. */
+static int llff_is_better(const struct llff_folder *a, const struct llff_folder *b)
+{
+    const int fits = a->side <= LLFF_SIDE;
+    if (a->count == 0 || b->count == 0) return a->count > b->count;
+    if (fits != (b->side <= LLFF_SIDE)) return fits;
+    return a->side == b->side ? strcmp(a->path, b->path) < 0 : fits == (a->side > b->side);
+}
+
+struct llff_search {
+    const char *in;
+    struct llff_folder best;
+};
+
+/* Tries a folder named images, or images_ and a factor or a size. */
+static void llff_visit_folder(void *user, const char *name)
+{
+    struct llff_search *s = user;
+    struct llff_folder f = {.ctx = s->best.ctx, .rc = s->best.rc};
+    if (strncmp(name, "images", 6) ||
+        (name[6] && (name[6] != '_' || name[7 + strspn(name + 7, "0123456789x")])))
+        return;
+    path_in(f.path, s->in, "%s", name);
+    llff_folder_open(&f);
+    if (f.rc != OXL_OK || llff_is_better(&f, &s->best)) OXL_SWAP(struct llff_folder, f, s->best);
+    llff_folder_free(&f);
+}
+
+OXL_INTERNAL void llff_read(struct colmap_reader *r, const struct os_file_map *file)
+{
+    char survey[PATH_LENGTH];
+    struct llff_search s = {.in = survey, .best = {.ctx = r->ctx}};
+    struct llff_array array = {0};
+    llff_read_header(r, file, &array);
+    if (r->rc != OXL_OK) return;
+    snprintf(survey, sizeof survey, "%.*s", (int)(path_base_name(r->path) - r->path), r->path);
+    snprintf(s.best.path, PATH_LENGTH, "%s", r->image_folder ? r->image_folder : "images");
+    if (r->image_folder) llff_folder_open(&s.best);
+    else r->rc = os_list_folder(r->ctx, survey, llff_visit_folder, &s);
+    if (r->rc == OXL_OK) r->rc = s.best.rc;
+    if (s.best.count != array.rows)
+        colmap_fail(r, "name by --images the folder of the images that the poses were computed for",
+                    "found %zu images in %s, expected %zu, one for each pose", s.best.count, s.best.path,
+                    array.rows);
+    for (size_t i = 0; i < s.best.count && r->rc == OXL_OK; i++) llff_add(r, &array, s.best.image[i].name);
+    if (r->rc == OXL_OK && (r->out->images = oxl_strdup(r->ctx, s.best.path)) == NULL) r->rc = OXL_ERR_MEMORY;
+    llff_folder_free(&s.best);
+}
