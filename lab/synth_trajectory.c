@@ -193,12 +193,12 @@ int synth_project(const struct synth_camera *c, v3 p, double *px, double *py, do
     return q.z >= 1e-3;
 }
 
-/* Names the image; a stereo pair is one number: IMG_00012L.png, IMG_00012R.png. */
 const char *synth_image_folder(const synth_options *o, int view)
 {
     return o->layout != SYNTH_NERF ? "images" : view % SYNTH_TEST_EVERY ? "train" : "test";
 }
 
+/* Names the image; a stereo pair is one number: IMG_00012L.png, IMG_00012R.png. */
 void synth_image_name(const synth_options *o, int view, char name[32])
 {
     if (o->stereo > 0) snprintf(name, 32, "IMG_%05d%c.png", view / 2, "LR"[view % 2]);

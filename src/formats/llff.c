@@ -104,13 +104,12 @@ static void llff_add(struct colmap_reader *r, const struct llff_array *a, const 
 struct llff_folder {
     oxl_context *ctx;
     char path[PATH_LENGTH];
-    int side;                  /* px; longer side of the first image by name; 0: there is none */
     struct scene_order *image; /* by name */
     size_t count, capacity;
     oxl_result rc;
 };
 
-static void llff_visit_image(void *user, const char *name)
+static void llff_visit(void *user, const char *name)
 {
     struct llff_folder *f = user;
     if (f->rc != OXL_OK || !survey_is_image_name(name)) return;
@@ -121,69 +120,45 @@ static void llff_visit_image(void *user, const char *name)
     else f->rc = OXL_ERR_MEMORY;
 }
 
-static void llff_folder_free(struct llff_folder *f)
+/* Lists the images of f->path in the order of their names. */
+static void llff_list(struct llff_folder *f)
 {
     for (size_t i = 0; i < f->count; i++) oxl_free(f->ctx, (char *)f->image[i].name);
-    oxl_free(f->ctx, f->image);
-    f->image = NULL;
+    f->count = 0;
+    if (os_is_folder(f->path)) os_list_folder(f->ctx, f->path, llff_visit, f);
+    if (f->count) qsort(f->image, f->count, sizeof *f->image, scene_compare_order);
 }
 
-static void llff_folder_open(struct llff_folder *f)
+/* Lists the folder of the largest images of at most LLFF_SIDE, or else the last one that there is. */
+static void llff_choose(struct colmap_reader *r, struct llff_folder *f)
 {
-    int width = 0, height = 0;
-    if (os_is_folder(f->path)) os_list_folder(f->ctx, f->path, llff_visit_image, f);
-    if (f->count == 0) return;
-    qsort(f->image, f->count, sizeof *f->image, scene_compare_order);
-    image_size(f->ctx, PATH(f->path, "%s", f->image[0].name), &width, &height);
-    f->side = OXL_MAX(width, height);
-}
-
-/* Returns 1 if a is better than b: the one with the larger images of at most LLFF_SIDE, or else with the
- * smaller images. */
-static int llff_is_better(const struct llff_folder *a, const struct llff_folder *b)
-{
-    const int fits = a->side <= LLFF_SIDE;
-    if (a->count == 0 || b->count == 0) return a->count > b->count;
-    if (fits != (b->side <= LLFF_SIDE)) return fits;
-    return a->side == b->side ? strcmp(a->path, b->path) < 0 : fits == (a->side > b->side);
-}
-
-struct llff_search {
-    const char *in;
-    struct llff_folder best;
-};
-
-/* Tries a folder named images, or images_ and a factor or a size. */
-static void llff_visit_folder(void *user, const char *name)
-{
-    struct llff_search *s = user;
-    struct llff_folder f = {.ctx = s->best.ctx, .rc = s->best.rc};
-    if (strncmp(name, "images", 6) ||
-        (name[6] && (name[6] != '_' || name[7 + strspn(name + 7, "0123456789x")])))
-        return;
-    path_in(f.path, s->in, "%s", name);
-    llff_folder_open(&f);
-    if (f.rc != OXL_OK || llff_is_better(&f, &s->best)) OXL_SWAP(struct llff_folder, f, s->best);
-    llff_folder_free(&f);
+    static const char *const names[] = {"images", "images_2", "images_4", "images_8"};
+    const int length = (int)(path_base_name(r->path) - r->path);
+    for (int i = 0, width = INT_MAX, height = 0; i < 4 && OXL_MAX(width, height) > LLFF_SIDE; i++) {
+        char path[PATH_LENGTH];
+        snprintf(path, sizeof path, "%.*s%s", length, r->path, names[i]);
+        if (i > 0 && !os_is_folder(path)) continue;
+        memcpy(f->path, path, sizeof path);
+        llff_list(f);
+        if (f->count) image_size(r->ctx, PATH(path, "%s", f->image[0].name), &width, &height);
+    }
 }
 
 OXL_INTERNAL void llff_read(struct colmap_reader *r, const struct os_file_map *file)
 {
-    char survey[PATH_LENGTH];
-    struct llff_search s = {.in = survey, .best = {.ctx = r->ctx}};
+    struct llff_folder f = {.ctx = r->ctx};
     struct llff_array array = {0};
     llff_read_header(r, file, &array);
     if (r->rc != OXL_OK) return;
-    snprintf(survey, sizeof survey, "%.*s", (int)(path_base_name(r->path) - r->path), r->path);
-    snprintf(s.best.path, PATH_LENGTH, "%s", r->image_folder ? r->image_folder : "images");
-    if (r->image_folder) llff_folder_open(&s.best);
-    else r->rc = os_list_folder(r->ctx, survey, llff_visit_folder, &s);
-    if (r->rc == OXL_OK) r->rc = s.best.rc;
-    if (s.best.count != array.rows)
+    snprintf(f.path, sizeof f.path, "%s", r->image_folder ? r->image_folder : "");
+    if (r->image_folder) llff_list(&f);
+    else llff_choose(r, &f);
+    r->rc = f.rc;
+    if (f.count != array.rows)
         colmap_fail(r, "name by --images the folder of the images that the poses were computed for",
-                    "found %zu images in %s, expected %zu, one for each pose", s.best.count, s.best.path,
-                    array.rows);
-    for (size_t i = 0; i < s.best.count && r->rc == OXL_OK; i++) llff_add(r, &array, s.best.image[i].name);
-    if (r->rc == OXL_OK && (r->out->images = oxl_strdup(r->ctx, s.best.path)) == NULL) r->rc = OXL_ERR_MEMORY;
-    llff_folder_free(&s.best);
+                    "found %zu images in %s, expected %zu, one for each pose", f.count, f.path, array.rows);
+    for (size_t i = 0; i < f.count && r->rc == OXL_OK; i++) llff_add(r, &array, f.image[i].name);
+    if (r->rc == OXL_OK && (r->out->images = oxl_strdup(r->ctx, f.path)) == NULL) r->rc = OXL_ERR_MEMORY;
+    for (size_t i = 0; i < f.count; i++) oxl_free(r->ctx, (char *)f.image[i].name);
+    oxl_free(r->ctx, f.image);
 }
