@@ -462,8 +462,11 @@ typedef struct oxl_ucd {
     int learn;          /* 1: corrected during training by SPSA; 0: fixed */
 } oxl_ucd;
 
-/* Terms of one's own in the loss, on the CPU alone. Each function returns its value, which is added to the
- * loss, and adds its gradient; examples/ has one of each. */
+/* What becomes of a Gaussian where the model is densified. */
+typedef enum oxl_change { OXL_REMOVE = 0, OXL_KEEP, OXL_SPLIT /* into two */ } oxl_change;
+
+/* Terms of one's own in the loss, and a density rule, on the CPU alone. A term returns its value, which is
+ * added to the loss, and adds its gradient; examples/ has one of each. */
 typedef struct oxl_terms {
     /* rendered, image: (3,H,W) of the step's view, as they are compared; image->weight NULL: no pixel is
      * masked. drgb: (3,H,W) d/d rendered. NULL: no such term */
@@ -471,6 +474,11 @@ typedef struct oxl_terms {
     /* gradient: planes of the model's shape. Gaussians that the view does not show take no step. NULL: no
      * such term */
     double (*parameters)(void *user, const oxl_model *model, oxl_model *gradient);
+    /* Rewrites the library's choice, change (count) of oxl_change, before max_gaussians limits it. Since the
+     * last time, gradient (count) is the sum over views (count) of |dL/d(u, v)|, of the splat's centre, in
+     * units of half an image. NULL: the library's choice */
+    void (*density)(void *user, const oxl_model *model, const float *gradient, const float *views,
+                    uint8_t *change);
     void *user;
 } oxl_terms;
 
@@ -519,6 +527,8 @@ typedef struct oxl_train_options {
     /* difference-of-Gaussians lobes */
     oxl_dog dog;
     const oxl_terms *terms; /* NULL: none; not recorded in run.json */
+    /* of oxl_train: Gaussians to start from, copied without second lobes; NULL: the scene's points */
+    const oxl_model *from;
     /* in a block: iterations of the whole run, which rates and intervals follow; 0: `iterations` */
     int survey_iterations;
     float experimental[4]; /* values of options that are tried out: CONTRIBUTING, "An idea of your own" */
@@ -591,6 +601,22 @@ OXL_API void oxl_trained_free(oxl_context *ctx, oxl_trained *trained);
  * Of these files, those that the result has not are removed. */
 OXL_API oxl_result oxl_trained_write(oxl_context *ctx, const char *folder, const oxl_scene *scene,
                                      const oxl_trained *trained);
+
+/* ---------------- a loop of one's own */
+
+/* For each step: oxl_render, a loss and its gradient, oxl_render_backward, oxl_adam_step. */
+typedef struct oxl_adam {
+    float rate[OXL_PLANES]; /* of each plane at this step */
+    double beta[2];         /* decay of the first and second moment */
+    int step;               /* from 1, for bias correction */
+} oxl_adam;
+/* The rates that oxl_train has at a step of a run with these options, all views showing all Gaussians. */
+OXL_API oxl_adam oxl_adam_at(const oxl_scene *scene, const oxl_train_options *options, int step);
+/* Moves the Gaussians that have a gradient by a step of Adam (Kingma & Ba 2015), as oxl_train does. moments:
+ * zeroed before the first step; free both with oxl_model_free. A row with a value or gradient that is not
+ * finite stays. OXL_ERR_USAGE: they differ in shape. */
+OXL_API oxl_result oxl_adam_step(oxl_context *ctx, oxl_model *model, const oxl_model *gradient,
+                                 oxl_model moments[2], const oxl_adam *adam);
 
 #ifdef __cplusplus
 }

@@ -171,7 +171,7 @@ static void bench_step(oxl_context *ctx, struct renderer *r, struct bench_input 
     oxl_render_options o = oxl_render_options_default();
     struct renderer_loss loss;
     struct renderer_nonfinite skipped;
-    const struct adam_params still = {.beta = RENDERER_BETAS, .step = 1};
+    const oxl_adam still = {.beta = RENDERER_BETAS, .step = 1};
     double t[STAGES + 1];
     o.near_plane = in->near_plane;
     bench_check(ctx, render_begin(ctx, r, &in->trained.model, &in->camera, &o));

@@ -48,7 +48,7 @@ static void cost_make_target(struct cost_probe *p, const oxl_scene *scene)
 
 static void cost_step(struct cost_probe *p, struct trained_model *trained, const oxl_camera *camera)
 {
-    const struct adam_params still = {.beta = RENDERER_BETAS, .step = 1};
+    const oxl_adam still = {.beta = RENDERER_BETAS, .step = 1};
     struct renderer_loss loss;
     struct renderer_nonfinite skipped;
     cost_check(p->ctx, renderer_forward(p->ctx, p->renderer, &trained->model, camera, &p->render));

@@ -160,7 +160,7 @@ static void device_set_points(struct device_run *r)
 /* Rates of 0: every round draws the same. */
 static void device_step(oxl_context *ctx, struct device_run *r)
 {
-    const struct adam_params still = {.beta = RENDERER_BETAS, .step = 1};
+    const oxl_adam still = {.beta = RENDERER_BETAS, .step = 1};
     oxl_render_options options = oxl_render_options_default();
     struct renderer_loss loss;
     struct renderer_nonfinite skipped;

@@ -253,7 +253,7 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
     const oxl_camera camera = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
     oxl_render_options options = oxl_render_options_default();
     float drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
-    struct adam_params adam = {.beta = RENDERER_BETAS, .step = 1};
+    oxl_adam adam = {.beta = RENDERER_BETAS, .step = 1};
     OWNED_WIDE r = {0};
     OWNED_RENDERER *renderer = NULL;
     OWNED_MODEL gradient = {0}, old = {0};
@@ -282,8 +282,11 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
     model_trained_free(test_ctx, &m);
 }
 
-/* The model after a step, whose gradient comes from the backward pass (late 0) or from the step itself. */
-static void gradient_stepped(const struct wide *r, int late, struct trained_model *m)
+enum { GRADIENT_EARLY, GRADIENT_LATE, GRADIENT_PUBLIC, GRADIENT_WAYS };
+
+/* The model after a step, whose gradient comes from the backward pass or from the step itself; or by
+ * oxl_adam_step. */
+static void gradient_stepped(const struct wide *r, int way, struct trained_model *m)
 {
     const oxl_camera camera = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
     const oxl_render_options options = oxl_render_options_default();
@@ -292,8 +295,9 @@ static void gradient_stepped(const struct wide *r, int late, struct trained_mode
                                  .backscatter = {0.1f, 0.1f, 0.1f},
                                  .veiling_light = {0.2f, 0.3f, 0.4f}};
     float drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
-    struct adam_params adam = {.beta = RENDERER_BETAS, .step = 1};
+    oxl_adam adam = {.beta = RENDERER_BETAS, .step = 1};
     OWNED_MODEL gradient = {0};
+    oxl_model moments[2] = {{0}, {0}};
     OWNED_RENDERER *renderer = NULL;
     struct renderer_nonfinite aside;
     gradient_to_model(r, &m->model);
@@ -304,20 +308,25 @@ static void gradient_stepped(const struct wide *r, int late, struct trained_mode
     CHECK_OK(renderer_create(test_ctx, &renderer));
     renderer_set_medium(renderer, &murky);
     CHECK_OK(renderer_forward(test_ctx, renderer, &m->model, &camera, &options));
-    CHECK_OK(renderer_backward(test_ctx, renderer, drgb, late ? NULL : &gradient));
-    CHECK_OK(renderer_step(test_ctx, renderer, m, late ? NULL : &gradient, &adam, &aside));
+    memset(gradient.plane[OXL_ROTATION], 0, 40 * sizeof(float));
+    CHECK_OK(renderer_backward(test_ctx, renderer, drgb, way == GRADIENT_LATE ? NULL : &gradient));
+    if (way == GRADIENT_PUBLIC) CHECK_OK(oxl_adam_step(test_ctx, &m->model, &gradient, moments, &adam));
+    else CHECK_OK(renderer_step(test_ctx, renderer, m, way ? NULL : &gradient, &adam, &aside));
+    oxl_model_free(test_ctx, &moments[0]);
+    oxl_model_free(test_ctx, &moments[1]);
 }
 
-TEST(a_step_that_ends_the_backward_pass_itself_gives_the_same_bytes)
+TEST(a_step_gives_the_same_bytes_whether_it_ends_the_backward_pass_or_a_loop_of_ones_own_makes_it)
 {
     OWNED_WIDE r = {0};
-    struct trained_model m[2];
+    struct trained_model m[GRADIENT_WAYS];
     gradient_lobed_scene(&r, 40, 19, 0);
-    for (int late = 0; late < 2; late++) gradient_stepped(&r, late, &m[late]);
-    for (int k = 0; k < OXL_PLANES; k++)
-        if (m[0].model.plane[k])
-            CHECK(memcmp(m[0].model.plane[k], m[1].model.plane[k],
-                         (k < OXL_LOBE ? 40 : 19) * sizeof(float)) == 0);
+    for (int way = 0; way < GRADIENT_WAYS; way++) gradient_stepped(&r, way, &m[way]);
+    for (int way = 1; way < GRADIENT_WAYS; way++)
+        for (int k = 0; k < OXL_PLANES; k++)
+            if (m[0].model.plane[k])
+                CHECK(memcmp(m[0].model.plane[k], m[way].model.plane[k],
+                             (k < OXL_LOBE ? 40 : 19) * sizeof(float)) == 0);
     CHECK(m[0].model.plane[OXL_MEAN][0] != (float)r.plane[OXL_MEAN][0]);
-    for (int k = 0; k < 2; k++) model_trained_free(test_ctx, &m[k]);
+    for (int way = 0; way < GRADIENT_WAYS; way++) model_trained_free(test_ctx, &m[way]);
 }

@@ -524,7 +524,7 @@ TEST(reference_steps_of_adam_agree)
 {
     enum { STEPS = 60, ROWS = 60 };
     const struct reference_scene scene = {"", reference_as_it_is, 0, 64, 48, ROWS, 20, 0};
-    struct adam_params adam = {.beta = RENDERER_BETAS};
+    oxl_adam adam = {.beta = RENDERER_BETAS};
     struct renderer_nonfinite aside;
     struct renderer *r;
     struct reference_case c;

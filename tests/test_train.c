@@ -575,13 +575,12 @@ TEST(train_refuses_second_lobes_while_gaussians_are_still_split)
     CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
 }
 
-static struct adam_params train_adam_params_at(int step, int iterations, float short_run_exponent,
-                                               float cooldown)
+static oxl_adam train_adam_params_at(int step, int iterations, float short_run_exponent, float cooldown)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_STANDARD);
     oxl_scene *scene = train_scene(2);
     const struct train t = {.ctx = test_ctx, .scene = scene, .options = &o, .step = step};
-    struct adam_params adam;
+    oxl_adam adam;
     o.iterations = iterations;
     o.short_run_exponent = short_run_exponent;
     o.cooldown = cooldown;
@@ -590,7 +589,7 @@ static struct adam_params train_adam_params_at(int step, int iterations, float s
     return adam;
 }
 
-static struct adam_params train_adam_params_of(int iterations, float short_run_exponent)
+static oxl_adam train_adam_params_of(int iterations, float short_run_exponent)
 {
     return train_adam_params_at(1, iterations, short_run_exponent, 0.2f);
 }
@@ -598,10 +597,10 @@ static struct adam_params train_adam_params_of(int iterations, float short_run_e
 /* Of 10 001 steps, so that shares of the run are round. */
 TEST(train_cooldown_reduces_all_rates_to_a_tenth_at_the_end)
 {
-    const struct adam_params usual = train_adam_params_at(10001, 10001, 0, 0),
-                             before = train_adam_params_at(8000, 10001, 0, 0.2f),
-                             within = train_adam_params_at(9001, 10001, 0, 0.2f),
-                             end = train_adam_params_at(10001, 10001, 0, 0.2f);
+    const oxl_adam usual = train_adam_params_at(10001, 10001, 0, 0),
+                   before = train_adam_params_at(8000, 10001, 0, 0.2f),
+                   within = train_adam_params_at(9001, 10001, 0, 0.2f),
+                   end = train_adam_params_at(10001, 10001, 0, 0.2f);
     for (int k = 0; k < OXL_PLANES; k++) {
         CHECK_CLOSE(end.rate[k] / usual.rate[k], 0.1, 1e-6);
         if (k < OXL_LOG_SCALE) continue; /* means shrink in the whole run */
@@ -615,10 +614,10 @@ TEST(train_cooldown_reduces_all_rates_to_a_tenth_at_the_end)
 TEST(train_rates_of_a_short_run_begin_larger_by_the_root_of_its_factor_and_not_from_its_middle_on)
 {
     const double h = pow(30000.0 / 10001, 0.4);
-    const struct adam_params start = train_adam_params_at(1, 10001, 0.4f, 0),
-                             quarter = train_adam_params_at(2501, 10001, 0.4f, 0),
-                             middle = train_adam_params_at(5001, 10001, 0.4f, 0),
-                             paper = train_adam_params_at(1, 10001, 0, 0);
+    const oxl_adam start = train_adam_params_at(1, 10001, 0.4f, 0),
+                   quarter = train_adam_params_at(2501, 10001, 0.4f, 0),
+                   middle = train_adam_params_at(5001, 10001, 0.4f, 0),
+                   paper = train_adam_params_at(1, 10001, 0, 0);
     CHECK_CLOSE(start.rate[OXL_OPACITY] / middle.rate[OXL_OPACITY], sqrt(h), 1e-5);
     CHECK_CLOSE(quarter.rate[OXL_OPACITY] / middle.rate[OXL_OPACITY], sqrt(sqrt(h)), 1e-5);
     CHECK(middle.rate[OXL_OPACITY] == paper.rate[OXL_OPACITY]);
@@ -629,9 +628,9 @@ TEST(train_rates_of_a_short_run_begin_larger_by_the_root_of_its_factor_and_not_f
 TEST(train_rates_of_opacity_and_colours_are_larger_below_2000_iterations)
 {
     static const int plane[] = {OXL_OPACITY, OXL_SH, OXL_SH + 3};
-    const struct adam_params at[2] = {train_adam_params_at(999, 1000, 0.5f, 0),
-                                      train_adam_params_at(1999, 2000, 0.5f, 0)},
-                             paper = train_adam_params_at(999, 1000, 0, 0);
+    const oxl_adam at[2] = {train_adam_params_at(999, 1000, 0.5f, 0),
+                            train_adam_params_at(1999, 2000, 0.5f, 0)},
+                   paper = train_adam_params_at(999, 1000, 0, 0);
     for (size_t k = 0; k < OXL_COUNT(plane); k++)
         for (int i = 0; i < 2; i++)
             CHECK_CLOSE(at[i].rate[plane[k]] / paper.rate[plane[k]],
@@ -644,7 +643,7 @@ TEST(train_moves_gaussians_ten_rates_at_most_where_views_show_few_of_them)
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_STANDARD);
     OWNED_SCENE *scene = train_scene(2);
     struct train t = {.ctx = test_ctx, .scene = scene, .options = &o, .step = 2};
-    struct adam_params usual, few, third;
+    oxl_adam usual, few, third;
     o.iterations = 1875, o.short_run_exponent = 0.5f;
     usual = schedule_adam_params(&t);
     t.shown = 1.0 / 16, few = schedule_adam_params(&t);
@@ -727,9 +726,8 @@ TEST(train_counts_every_contribution_from_four_fifths_of_the_run_on_with_or_with
 
 TEST(train_keeps_less_momentum_the_shorter_the_run_and_kerbls_from_7000_iterations_on)
 {
-    const struct adam_params full = train_adam_params_of(7000, 0.35f),
-                             shortened = train_adam_params_of(1400, 0.35f),
-                             least = train_adam_params_of(10, 0.45f), usual = train_adam_params_of(700, 0);
+    const oxl_adam full = train_adam_params_of(7000, 0.35f), shortened = train_adam_params_of(1400, 0.35f),
+                   least = train_adam_params_of(10, 0.45f), usual = train_adam_params_of(700, 0);
     CHECK(full.beta[0] == 0.9 && full.beta[1] == 0.999);
     CHECK(usual.beta[0] == 0.9 && usual.beta[1] == 0.999 && usual.rate[OXL_LOG_SCALE] == 0.005f);
     CHECK_CLOSE(shortened.beta[0], 1 - 0.1 * pow(5, 0.7), 1e-6);
@@ -773,7 +771,7 @@ TEST(train_with_terms_that_add_nothing_gives_the_same_bytes)
 {
     OWNED_SCENE *scene = train_scene(7);
     oxl_train_options o = train_options(60);
-    const oxl_terms terms[] = {{train_no_pixels, NULL, NULL}, {NULL, train_no_parameters, NULL}};
+    const oxl_terms terms[] = {{.pixels = train_no_pixels}, {.parameters = train_no_parameters}};
     oxl_model plain, with;
     o.dog = OXL_DOG_ALL;
     CHECK_OK(test_train(scene, &o, NULL, &plain));
@@ -826,4 +824,64 @@ TEST(train_follows_terms_on_pixels_and_on_parameters)
     CHECK(train_mean_of(&less_red, OXL_SH) < train_mean_of(&plain, OXL_SH) - 0.1);
     CHECK_CLOSE(train_mean_of(&less_red, OXL_SH + 1), train_mean_of(&plain, OXL_SH + 1), 0.05);
     CHECK(train_mean_of(&clear, OXL_OPACITY) < train_mean_of(&plain, OXL_OPACITY) - 0.5);
+}
+
+/* Removes the Gaussians whose number is odd at first, and splits none. */
+static void train_halve(void *user, const oxl_model *model, const float *gradient, const float *views,
+                        uint8_t *change)
+{
+    int *times = user, split = 0, grows = 0;
+    for (size_t i = 0; i < model->count; i++) {
+        split += change[i] == OXL_SPLIT, grows += views[i] > 0 && gradient[i] / views[i] > 0;
+        change[i] = *times == 0 && i % 2 ? OXL_REMOVE : OXL_KEEP;
+    }
+    CHECK(grows > 0 && split <= grows);
+    ++*times;
+}
+
+TEST(train_follows_a_density_rule)
+{
+    oxl_scene *scene = train_scene(7);
+    oxl_train_options o = train_options(60);
+    int times = 0;
+    const oxl_terms terms = {.density = train_halve, .user = &times};
+    const size_t points = oxl_scene_point_count(scene);
+    oxl_model plain, halved;
+    o.densify_until = 0.8f, o.densify_every = 15, o.densify_gradient = 1e-5f;
+    CHECK_OK(test_train(scene, &o, NULL, &plain));
+    o.terms = &terms;
+    CHECK_OK(test_train(scene, &o, NULL, &halved));
+    CHECK(times > 1 && plain.count > points);
+    CHECK(halved.count == (points + 1) / 2);
+    oxl_model_free(test_ctx, &plain);
+    oxl_model_free(test_ctx, &halved);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(train_starts_from_a_model_in_its_own_origin)
+{
+    oxl_scene *scene = train_scene(7);
+    oxl_train_options o = train_options(1);
+    const double away[3] = {100, -50, 7};
+    oxl_model from;
+    oxl_trained t;
+    CHECK_OK(oxl_model_create(test_ctx, 0, 0, &from));
+    o.from = &from;
+    CHECK(oxl_train(test_ctx, scene, &o, NULL, &t) == OXL_ERR_USAGE);
+    oxl_model_free(test_ctx, &from);
+    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), 9, 0, &from));
+    memcpy(from.origin, oxl_scene_origin(scene), sizeof from.origin);
+    oxl_model_move_origin(&from, away);
+    CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &t));
+    CHECK(t.model.count > 0 && t.model.count <= 9);
+    for (size_t i = 0; i < t.model.count; i++) {
+        double nearest = HUGE_VAL;
+        for (size_t k = 0; k < 9; k++)
+            nearest =
+                OXL_MIN(nearest, fabs(oxl_scene_points(scene)[k].position[0] - t.model.plane[OXL_MEAN][i]));
+        CHECK_CLOSE(nearest, 0, 0.1);
+    }
+    oxl_trained_free(test_ctx, &t);
+    oxl_model_free(test_ctx, &from);
+    oxl_scene_free(test_ctx, scene);
 }

@@ -108,7 +108,7 @@ TEST(nonfinite_gradient_skips_the_step_of_that_gaussian_only)
     struct nonfinite_test_case c;
     struct renderer_nonfinite aside;
     struct renderer_loss loss;
-    struct adam_params adam = {.beta = RENDERER_BETAS};
+    oxl_adam adam = {.beta = RENDERER_BETAS};
     OWNED_MODEL gradient = {0};
     nonfinite_test_begin(&c, 3);
     CHECK_OK(oxl_model_create(test_ctx, c.t.trained.model.count, c.t.trained.model.sh_degree, &gradient));

@@ -460,7 +460,7 @@ static void vulkan_half_step(struct vulkan_run *r)
 
 static oxl_result vulkan_adam(struct vulkan_run *r, int step)
 {
-    struct adam_params adam = {.beta = {0.7, 0.9995}, .step = step};
+    oxl_adam adam = {.beta = {0.7, 0.9995}, .step = step};
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 1e-3f;
     return renderer_step(r->ctx, r->r, &r->trained, &r->gradient, &adam, &r->skipped);
 }

@@ -219,7 +219,7 @@ static oxl_result vulkan_end_step(struct vulkan_renderer *r)
     return v->rc;
 }
 
-static oxl_result vulkan_step(void *device, struct trained_model *trained, const struct adam_params *adam,
+static oxl_result vulkan_step(void *device, struct trained_model *trained, const oxl_adam *adam,
                               struct renderer_nonfinite *out)
 {
     struct vulkan_renderer *r = device;

@@ -161,7 +161,7 @@ static oxl_result cost_time_steps(oxl_context *ctx, const oxl_scene *scene, stru
     const double started = os_seconds();
     const int views = oxl_scene_view_count(scene);
     struct renderer *renderer = NULL;
-    struct adam_params still = {.beta = RENDERER_BETAS, .step = 1};
+    oxl_adam still = {.beta = RENDERER_BETAS, .step = 1};
     struct renderer_loss loss;
     struct renderer_nonfinite skipped;
     oxl_render_options render = oxl_render_options_default();

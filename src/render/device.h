@@ -51,7 +51,7 @@ struct renderer_device {
     /* Of the last loss and backward; waits. */
     oxl_result (*lamp_gradient)(void *device, double dlamp[LAMP_TERMS]);
     oxl_result (*score)(void *device, const float *drgb, float *score);
-    oxl_result (*step)(void *device, struct trained_model *trained, const struct adam_params *adam,
+    oxl_result (*step)(void *device, struct trained_model *trained, const oxl_adam *adam,
                        struct renderer_nonfinite *out);
     int (*defer)(void *device, int on);
     oxl_result (*report)(void *device, int wait, struct renderer_report *out);

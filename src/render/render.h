@@ -78,11 +78,6 @@ OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, 
  * nothing: the view must be rendered again. */
 OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score);
 
-struct adam_params {
-    float rate[OXL_PLANES]; /* of each plane at this step */
-    double beta[2];         /* decay of the first and second moment */
-    int step;               /* of the run, not of the row; from 1; for bias correction */
-};
 #define RENDERER_BETAS \
     {                  \
         0.9, 0.999     \
@@ -95,7 +90,7 @@ struct renderer_nonfinite {
 /* Adam on the rows visible in the last view. Rows with a value or gradient that is not finite are not updated
  * and count as invisible from then on. gradient: as renderer_backward gave it; NULL if it gave none. */
 OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, struct trained_model *trained,
-                                      const oxl_model *gradient, const struct adam_params *adam,
+                                      const oxl_model *gradient, const oxl_adam *adam,
                                       struct renderer_nonfinite *out);
 
 /* Deferred steps, on a device: after renderer_defer(1), forward, loss, backward and step return before the

@@ -2,24 +2,28 @@
  * gradient. */
 #include "renderer_state.h"
 
-struct render_step {
-    const struct trained_model *trained;
-    const oxl_model *gradient; /* of all rows, or r->part */
-    const float *rates;
-    double correction; /* of the first moment's bias */
-};
-
-/* Assigns the model's planes from first_plane on to those of the job from `at` on. */
-static void render_step_planes(const struct render_step *s, int first_plane, int planes, int at,
-                               struct adam_job *out)
+/* Describes the step of all planes of this degree and these rows with second lobes. gradient: of all rows, or
+ * the renderer's part. */
+static struct adam_job render_step_job(const struct trained_model *trained, const oxl_model *gradient,
+                                       const oxl_adam *adam, int sh_degree, size_t lobes)
 {
-    for (int k = first_plane; k < first_plane + planes; k++, at++) {
-        out->parameter[at] = s->trained->model.plane[k];
-        out->gradient[at] = s->gradient->plane[k];
-        out->mean[at] = s->trained->mean.plane[k];
-        out->square[at] = s->trained->square.plane[k];
-        out->rate[at] = (float)(s->rates[k] / s->correction);
+    const double step = adam->step, correction = 1 - vecmath_exp(step * vecmath_log(adam->beta[0]));
+    struct adam_job job = {.planes = OXL_SH + 3 * (sh_degree + 1) * (sh_degree + 1),
+                           .lobe_planes = lobes ? MODEL_LOBE_PLANES : 0,
+                           .lobe_packs = render_packs(lobes),
+                           .beta1 = (float)adam->beta[0],
+                           .beta2 = (float)adam->beta[1],
+                           .inverse_correction =
+                               (float)(1 / sqrt(1 - vecmath_exp(step * vecmath_log(adam->beta[1]))))};
+    for (int at = 0; at < job.planes + job.lobe_planes; at++) {
+        const int k = at < job.planes ? at : OXL_LOBE + at - job.planes;
+        job.parameter[at] = trained->model.plane[k];
+        job.gradient[at] = gradient->plane[k];
+        job.mean[at] = trained->mean.plane[k];
+        job.square[at] = trained->square.plane[k];
+        job.rate[at] = (float)(adam->rate[k] / correction);
     }
+    return job;
 }
 
 /* Counts rows of a pack whose visibility bit the step cleared: their values were not finite. */
@@ -63,19 +67,12 @@ static void render_step_packs(const oxl_context *ctx, struct renderer *r, const 
 }
 
 OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, struct trained_model *trained,
-                                      const oxl_model *gradient, const struct adam_params *adam,
+                                      const oxl_model *gradient, const oxl_adam *adam,
                                       struct renderer_nonfinite *out)
 {
-    const struct render_step s = {trained, r->unprojected ? &r->part : gradient, adam->rate,
-                                  1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]))};
     const int64_t tasks = render_tasks(r);
     size_t skipped = 0, first_skipped = SIZE_MAX;
-    struct adam_job rows = {.visible = r->visible,
-                            .beta1 = (float)adam->beta[0],
-                            .beta2 = (float)adam->beta[1],
-                            .lobe_packs = render_packs(r->in.lobes),
-                            .inverse_correction =
-                                (float)(1 / sqrt(1 - vecmath_exp(adam->step * vecmath_log(adam->beta[1]))))};
+    struct adam_job rows;
     struct gaussians part;
     oxl_result rc;
     if (r->device) {
@@ -85,10 +82,8 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, stru
     rc = r->unprojected ? render_reserve_part(ctx, r) : OXL_OK;
     if (rc != OXL_OK) return rc;
     part = render_gaussians(&r->part, r->in.sh_degree);
-    rows.planes = OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1);
-    rows.lobe_planes = r->in.lobes ? MODEL_LOBE_PLANES : 0;
-    render_step_planes(&s, 0, rows.planes, 0, &rows);
-    render_step_planes(&s, OXL_LOBE, rows.lobe_planes, rows.planes, &rows);
+    rows = render_step_job(trained, r->unprojected ? &r->part : gradient, adam, r->in.sh_degree, r->in.lobes);
+    rows.visible = r->visible;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : skipped) reduction(min : first_skipped)
     for (int64_t task = 0; task < tasks; task++) {
         const size_t begin = (size_t)task * RENDER_TASK, end = OXL_MIN(begin + RENDER_TASK, r->packs);
@@ -106,6 +101,48 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, stru
     *out = (struct renderer_nonfinite){skipped, first_skipped, 0};
     return OXL_OK;
 }
+
+/* ---------------- a step without a renderer */
+
+static int render_same_shape(const oxl_model *a, const oxl_model *b)
+{
+    return a->count == b->count && a->sh_degree == b->sh_degree && a->lobes == b->lobes;
+}
+
+/* Marks the rows that have a gradient. */
+static void render_mark_rows(const oxl_model *gradient, const struct adam_job *job)
+{
+    for (int k = 0; k < job->planes + job->lobe_planes; k++)
+        for (size_t i = 0; i < (k < job->planes ? gradient->count : gradient->lobes); i++)
+            if (job->gradient[k][i] != 0) job->visible[i / PACK] |= (uint16_t)(1u << i % PACK);
+}
+
+oxl_result oxl_adam_step(oxl_context *ctx, oxl_model *model, const oxl_model *gradient, oxl_model moments[2],
+                         const oxl_adam *adam)
+{
+    struct trained_model t = {*model, moments[0], moments[1]};
+    struct adam_job job;
+    uint16_t *visible;
+    oxl_result rc = moments[0].count ? OXL_OK : model_trained_begin(ctx, &t);
+    if (rc != OXL_OK) return rc;
+    moments[0] = t.mean, moments[1] = t.square;
+    if (!render_same_shape(model, gradient) || !render_same_shape(model, &t.mean))
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "a model of %zu Gaussians, a gradient of %zu and moments of %zu differ in shape\n"
+                        "fix: begin with new moments where the Gaussians are others",
+                        model->count, gradient->count, t.mean.count);
+    visible = oxl_calloc(ctx, render_packs(model->count) + 1, sizeof *visible);
+    if (!visible) return OXL_ERR_MEMORY;
+    job = render_step_job(&t, gradient, adam, model->sh_degree, model->lobes);
+    job.visible = visible;
+    job.end_pack = render_packs(model->count);
+    render_mark_rows(gradient, &job);
+    adam_step(ctx->isa, &job);
+    oxl_free(ctx, visible);
+    return OXL_OK;
+}
+
+/* ---------------- what the last view gives */
 
 /* Returns 1 if the centre is inside the window, or there is none. Of a Gaussian that is cut, the gradient
  * is a part of what the image gives. */

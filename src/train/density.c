@@ -31,8 +31,6 @@
 #define DENSITY_CAP_GEOMETRIC 50 /* number of geometric means, which find the order of magnitude */
 #define DENSITY_CAP_ROUNDS 100   /* number of means in all; the arithmetic ones find the last bits */
 
-enum density_verdict { DENSITY_REMOVE, DENSITY_KEEP, DENSITY_SPLIT };
-
 OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out)
 {
     *out = oxl_calloc(ctx, 1, sizeof **out);
@@ -155,14 +153,14 @@ static double density_scale(const oxl_model *m, size_t i)
     return vecmath_exp(OXL_MAX(OXL_MAX(a, b), c));
 }
 
-static enum density_verdict density_classify(const struct density *d, const oxl_model *m, size_t i,
-                                             const struct density_rules *rules)
+static oxl_change density_classify(const struct density *d, const oxl_model *m, size_t i,
+                                   const struct density_rules *rules)
 {
     const double mean = d->views[i] > 0 ? d->gradient[i] / d->views[i] : 0;
-    if (!model_row_is_finite(m, i)) return DENSITY_REMOVE;
-    if (vecmath_sigmoid(m->plane[OXL_OPACITY][i]) < DENSITY_OPACITY_MIN) return DENSITY_REMOVE;
-    if (rules->split_large && density_scale(m, i) > DENSITY_SCALE_MAX * rules->extent) return DENSITY_SPLIT;
-    return mean >= rules->gradient ? DENSITY_SPLIT : DENSITY_KEEP;
+    if (!model_row_is_finite(m, i)) return OXL_REMOVE;
+    if (vecmath_sigmoid(m->plane[OXL_OPACITY][i]) < DENSITY_OPACITY_MIN) return OXL_REMOVE;
+    if (rules->split_large && density_scale(m, i) > DENSITY_SCALE_MAX * rules->extent) return OXL_SPLIT;
+    return mean >= rules->gradient ? OXL_SPLIT : OXL_KEEP;
 }
 
 /* Limits splits under a cap to the `room` rows of the largest mean gradient. Bisection finds the lowest
@@ -178,13 +176,13 @@ static void density_cap(struct density *d, size_t count, size_t kept, size_t gro
             round < DENSITY_CAP_GEOMETRIC ? sqrt(OXL_MAX(low, DENSITY_CAP_LOW) * high) : (low + high) / 2;
         size_t above = 0;
         for (size_t i = 0; i < count; i++)
-            above += d->verdict[i] == DENSITY_SPLIT && d->gradient[i] / d->views[i] >= middle;
+            above += d->verdict[i] == OXL_SPLIT && d->gradient[i] / d->views[i] >= middle;
         if (above > room) low = middle;
         else high = middle;
     }
     for (size_t i = 0; i < count; i++)
-        if (d->verdict[i] == DENSITY_SPLIT && (room == 0 || !(d->gradient[i] / d->views[i] >= high)))
-            d->verdict[i] = DENSITY_KEEP;
+        if (d->verdict[i] == OXL_SPLIT && (room == 0 || !(d->gradient[i] / d->views[i] >= high)))
+            d->verdict[i] = OXL_KEEP;
 }
 
 /* ---------------- the new rows */
@@ -212,10 +210,10 @@ OXL_INTERNAL size_t density_sources(const struct density *d, const oxl_model *mo
 {
     size_t at = 0, lobes = 0;
     for (size_t i = 0; i < model->count; i++) {
-        if (d->verdict[i] != DENSITY_REMOVE)
-            from[at++] = (uint32_t)i | (d->verdict[i] == DENSITY_SPLIT ? RENDERER_FRESH : 0);
-        if (d->verdict[i] == DENSITY_SPLIT) from[at++] = (uint32_t)i | RENDERER_FRESH;
-        lobes += i < model->lobes && d->verdict[i] != DENSITY_REMOVE;
+        if (d->verdict[i] != OXL_REMOVE)
+            from[at++] = (uint32_t)i | (d->verdict[i] == OXL_SPLIT ? RENDERER_FRESH : 0);
+        if (d->verdict[i] == OXL_SPLIT) from[at++] = (uint32_t)i | RENDERER_FRESH;
+        lobes += i < model->lobes && d->verdict[i] != OXL_REMOVE;
     }
     return lobes;
 }
@@ -227,10 +225,10 @@ static void density_move_plane(const struct density *d, float *plane, size_t cou
 {
     size_t kept = 0, at = new_count;
     for (size_t i = 0; i < count; i++)
-        if (d->verdict[i] != DENSITY_REMOVE) plane[kept++] = plane[i];
+        if (d->verdict[i] != OXL_REMOVE) plane[kept++] = plane[i];
     for (size_t i = count; i-- > 0;) {
-        const int split = d->verdict[i] == DENSITY_SPLIT;
-        if (d->verdict[i] == DENSITY_REMOVE) continue;
+        const int split = d->verdict[i] == OXL_SPLIT;
+        if (d->verdict[i] == OXL_REMOVE) continue;
         plane[--at] = plane[--kept];
         if (!split) continue;
         plane[at - 1] = plane[at];
@@ -246,7 +244,7 @@ static void density_rebuild(oxl_context *ctx, const struct density *d, oxl_model
     const size_t count = model->count;
     size_t lobes = 0;
     (void)ctx; /* without OpenMP */
-    for (size_t i = 0; i < model->lobes; i++) lobes += d->verdict[i] != DENSITY_REMOVE;
+    for (size_t i = 0; i < model->lobes; i++) lobes += d->verdict[i] != OXL_REMOVE;
     for (int k = OXL_LOBE; model->lobes && k < planes; k++)
         density_move_plane(d, model->plane[k], model->lobes, lobes, fresh);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
@@ -264,13 +262,21 @@ static void density_make_children(const struct density *d, oxl_model *model, siz
 {
     size_t at = 0;
     for (size_t i = 0; i < count; i++) {
-        if (d->verdict[i] == DENSITY_REMOVE) continue;
-        if (d->verdict[i] == DENSITY_SPLIT) {
+        if (d->verdict[i] == OXL_REMOVE) continue;
+        if (d->verdict[i] == OXL_SPLIT) {
             density_make_child(model, at++, -1);
             density_make_child(model, at, 1);
         }
         at++;
     }
+}
+
+/* Lets the caller's rule change the verdicts, but for rows that are not finite. */
+static void density_ask(const oxl_terms *terms, struct density *d, const oxl_model *model)
+{
+    terms->density(terms->user, model, d->gradient, d->views, d->verdict);
+    for (size_t i = 0; i < model->count; i++)
+        if (!model_row_is_finite(model, i)) d->verdict[i] = OXL_REMOVE;
 }
 
 OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, const oxl_model *model,
@@ -282,9 +288,10 @@ OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, cons
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)model->count; i++)
         d->verdict[i] = (uint8_t)density_classify(d, model, (size_t)i, rules);
+    if (rules->terms && rules->terms->density) density_ask(rules->terms, d, model);
     for (size_t i = 0; i < model->count; i++) {
-        kept += d->verdict[i] != DENSITY_REMOVE;
-        growing += d->verdict[i] == DENSITY_SPLIT;
+        kept += d->verdict[i] != OXL_REMOVE;
+        growing += d->verdict[i] == OXL_SPLIT;
     }
     if (model->lobes > 0 && growing > 0)
         return oxl_fail(ctx, OXL_ERR_USAGE,
@@ -292,8 +299,8 @@ OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, cons
                         model->count, model->lobes);
     if (rules->cap) density_cap(d, model->count, kept, growing, rules->cap);
     for (size_t i = 0; i < model->count; i++) {
-        out->removed += d->verdict[i] == DENSITY_REMOVE;
-        out->split += d->verdict[i] == DENSITY_SPLIT;
+        out->removed += d->verdict[i] == OXL_REMOVE;
+        out->split += d->verdict[i] == OXL_SPLIT;
     }
     return OXL_OK;
 }

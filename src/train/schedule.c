@@ -99,7 +99,7 @@ static double schedule_position_rate(const oxl_train_options *o, double progress
  * larger, by the root of (1 - b2^n) / (1 - b2^(n share)). That makes up for the steps that it misses, up to
  * SCHEDULE_RATES_MAX with the factor of short runs; beyond, it is noise (docs/log/GROWTH.md). A factor of
  * short runs beyond that limit is the one that was asked for, and is not reduced. */
-static double schedule_seldom_factor(const struct train *t, const struct adam_params *adam)
+static double schedule_seldom_factor(const struct train *t, const oxl_adam *adam)
 {
     const double b = vecmath_log(adam->beta[1]), shorter = schedule_short_run_factor(t->options);
     double larger;
@@ -108,7 +108,7 @@ static double schedule_seldom_factor(const struct train *t, const struct adam_pa
     return OXL_MIN(1, OXL_MAX(SCHEDULE_RATES_MAX, shorter) / (larger * shorter));
 }
 
-OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
+OXL_INTERNAL oxl_adam schedule_adam_params(const struct train *t)
 {
     const oxl_train_options *o = t->options;
     const double short_run_factor = schedule_short_run_factor(o),
@@ -119,7 +119,7 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
         (float)(short_run_factor * schedule_position_rate(o, progress) * oxl_scene_extent(t->scene));
     const double early = SCHEDULE_EARLY_EXPONENT * OXL_MAX(0, 1 - progress / SCHEDULE_EARLY_UNTIL) *
                          vecmath_log(short_run_factor);
-    struct adam_params adam = {.beta = RENDERER_BETAS, .step = t->step - t->task.first};
+    oxl_adam adam = {.beta = RENDERER_BETAS, .step = t->step - t->task.first};
     adam.beta[0] = OXL_MAX(SCHEDULE_BETA_MIN, 1 - (1 - adam.beta[0]) * momentum_factor * momentum_factor);
     adam.beta[1] =
         OXL_MIN(SCHEDULE_BETA_MAX, 1 - (1 - adam.beta[1]) / (momentum_factor * sqrt(momentum_factor)));
@@ -137,6 +137,12 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
         adam.rate[k] *= (float)vecmath_exp((k < OXL_LOG_SCALE ? 0 : early) +
                                            schedule_cooldown(t) * vecmath_log(SCHEDULE_COOLDOWN_END));
     return adam;
+}
+
+oxl_adam oxl_adam_at(const oxl_scene *scene, const oxl_train_options *options, int step)
+{
+    const struct train t = {.scene = scene, .options = options, .step = step};
+    return schedule_adam_params(&t);
 }
 
 /* Returns the steps between densifications; auto: in a block as many densifications as in the whole run. */

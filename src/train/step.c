@@ -204,7 +204,7 @@ OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferre
     struct train_deferred step = *here;
     struct part_view v = {
         .view = here->view, .learns = 1, .progress = (double)t->step / t->options->iterations, .step = &step};
-    struct adam_params adam;
+    oxl_adam adam;
     struct renderer_loss loss;
     struct renderer_nonfinite skipped;
     oxl_result rc;
@@ -344,7 +344,8 @@ OXL_INTERNAL oxl_result step_densify(struct train *t)
                                   .f_far = 1,
                                   .extent = oxl_scene_extent(t->scene),
                                   .split_large = t->step > schedule_reset_interval(o),
-                                  .cap = schedule_gaussian_cap(t->scene, o)};
+                                  .cap = schedule_gaussian_cap(t->scene, o),
+                                  .terms = o->terms};
     struct density_change change = {0};
     int moved = 0;
     oxl_result rc = step_download(t, DOWNLOAD_SHAPE);

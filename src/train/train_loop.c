@@ -103,6 +103,7 @@ static oxl_result train_first_from_model(struct train *t, const oxl_model *from)
         oxl_log(t->ctx, OXL_LOG_WARNING,
                 "the model to start from has second lobes: they are removed, since Gaussians are split");
     if (rc == OXL_OK) model_drop_lobes(&t->trained.model);
+    if (rc == OXL_OK) oxl_model_move_origin(&t->trained.model, oxl_scene_origin(t->scene));
     return rc;
 }
 

@@ -72,7 +72,7 @@ struct train {
 
 /* ---------------- schedule.c, forecast.c */
 
-OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t);
+OXL_INTERNAL oxl_adam schedule_adam_params(const struct train *t);
 OXL_INTERNAL float schedule_alpha_min(const struct train *t);
 OXL_INTERNAL int schedule_reset_interval(const oxl_train_options *options);
 OXL_INTERNAL int schedule_resets_opacity_at(const oxl_train_options *options, int step);

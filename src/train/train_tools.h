@@ -82,11 +82,12 @@ struct density { /* statistics since the last control */
     uint8_t *verdict;                   /* (count) */
 };
 struct density_rules {
-    double gradient;     /* grow at this mean |dL/d(u,v)|, in units of half an image */
-    double f_mid, f_far; /* weights of the mid and far band [paper eq. 2]; used when there are bands */
-    double extent;       /* of the scene */
-    int split_large;     /* after the first reset interval [Kerbl 2023] */
-    size_t cap;          /* on the number of Gaussians; 0: none */
+    double gradient;        /* grow at this mean |dL/d(u,v)|, in units of half an image */
+    double f_mid, f_far;    /* weights of the mid and far band [paper eq. 2]; used when there are bands */
+    double extent;          /* of the scene */
+    int split_large;        /* after the first reset interval [Kerbl 2023] */
+    size_t cap;             /* on the number of Gaussians; 0: none */
+    const oxl_terms *terms; /* with a rule of the caller's own, or NULL */
 };
 struct density_change {
     size_t removed, split;

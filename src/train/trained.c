@@ -277,7 +277,10 @@ oxl_result oxl_trained_write(oxl_context *ctx, const char *folder, const oxl_sce
 oxl_result oxl_train(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
                      const oxl_callback *callback, oxl_trained *out)
 {
-    struct train_task task = {.first = 0};
+    struct train_task task = {.from = options->from};
+    if (task.from && task.from->count == 0)
+        return *out = (oxl_trained){0},
+               oxl_fail(ctx, OXL_ERR_USAGE, "the model to start from has no Gaussian");
     return trained_make(ctx, scene, options, callback, &task,
                         &(struct train_extra){.viewer_steps = viewer_steps(options), .trims = 1}, out);
 }
