@@ -51,7 +51,7 @@ TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
 OURS    := $(wildcard *.c *.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c examples/course/*.c examples/course/*/*.[ch] reference/*.[ch])
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
-.PHONY: all help unity without shared rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters borders heights reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
+.PHONY: all help unity without shared python rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters borders heights reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
 .DELETE_ON_ERROR:
 
 all: $(BUILD)/oceanxl $(BUILD)/oceanxl-lab ## build/oceanxl, the program, and build/oceanxl-lab, which it executes for synthetic surveys and studies (the default)
@@ -247,7 +247,9 @@ man: $(BUILD)/oceanxl ## docs/oceanxl.1 and docs/OPTIONS.md, from the tables of 
 
 $(BUILD)/liboceanxl.so: oceanxl.c $(BUILD)/flags
 	$(CC) $(FLAGS) -fPIC -shared -Wl,-soname,liboceanxl.so.0 -MMD -MP -MT $@ -MF $(BUILD)/shared.d $< -o $@ $(LIBS)
-shared: $(BUILD)/liboceanxl.so ## the library for other languages: examples/train_survey.py
+shared: $(BUILD)/liboceanxl.so ## the library for other languages
+python: $(BUILD)/liboceanxl.so ## the library for python/oceanxl.py, whose structs and functions are generated from oceanxl.h
+	python3 python/generate.py
 
 # What install puts beside the program; versions of the library in one place, oceanxl.h.
 VERSION := $(shell sed -n 's/^\#define OXL_VERSION "\(.*\)"$$/\1/p' oceanxl.h)
