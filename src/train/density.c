@@ -26,10 +26,7 @@
  * there, and its distance from the parent's mean, are sqrt(1/2) s, so the pair has the variance s^2 / 2 + s^2
  * / 2; 1 - o' = (1 - o)^sqrt(1/2). */
 #define DENSITY_SQRT_HALF 0.70710678118654752
-#define DENSITY_CAP_HIGH 1e30    /* upper end of the search of density_cap for its threshold */
-#define DENSITY_CAP_LOW 1e-12    /* its lower end, while it searches the order of magnitude */
-#define DENSITY_CAP_GEOMETRIC 50 /* number of geometric means, which find the order of magnitude */
-#define DENSITY_CAP_ROUNDS 100   /* number of means in all; the arithmetic ones find the last bits */
+#define DENSITY_INFINITY 0x7F800000u /* bits of a float; those of positive ones rise with them */
 
 OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out)
 {
@@ -39,13 +36,8 @@ OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out)
 
 static void density_release(oxl_context *ctx, struct density *d)
 {
-    float **const sums[] = {&d->gradient, &d->gradient_mid, &d->gradient_far, &d->views};
-    for (size_t k = 0; k < OXL_COUNT(sums); k++) {
-        oxl_free(ctx, *sums[k]);
-        *sums[k] = NULL;
-    }
-    oxl_free(ctx, d->verdict);
-    d->verdict = NULL;
+    OXL_FREE(ctx, d->gradient, d->verdict);
+    d->gradient = NULL, d->verdict = NULL;
     d->capacity = 0;
 }
 
@@ -56,34 +48,33 @@ OXL_INTERNAL void density_free(oxl_context *ctx, struct density *d)
     oxl_free(ctx, d);
 }
 
+/* The sums are one allocation, each `capacity` long. */
+static size_t density_sums_kept(const struct density *d)
+{
+    return d->banded ? 4 : 2;
+}
+
 static oxl_result density_reserve(oxl_context *ctx, struct density *d, size_t count)
 {
     const size_t capacity = count + count / 2;
-    float **const sums[] = {&d->gradient, &d->views, &d->gradient_mid, &d->gradient_far};
-    const size_t wanted = d->banded ? 4 : 2;
-    int given = 1;
     if (count <= d->capacity) return OXL_OK;
     density_release(ctx, d);
-    for (size_t k = 0; k < wanted; k++) {
-        *sums[k] = oxl_alloc(ctx, capacity, sizeof **sums[k]);
-        given &= *sums[k] != NULL;
-    }
+    d->gradient = oxl_alloc(ctx, capacity, density_sums_kept(d) * sizeof *d->gradient);
     d->verdict = oxl_alloc(ctx, capacity, sizeof *d->verdict);
-    d->capacity = given && d->verdict ? capacity : 0;
-    if (d->capacity) return OXL_OK;
-    density_release(ctx, d);
-    return OXL_ERR_MEMORY;
+    if (!d->gradient || !d->verdict) return density_release(ctx, d), OXL_ERR_MEMORY;
+    d->capacity = capacity;
+    d->views = d->gradient + capacity;
+    d->gradient_mid = d->banded ? d->views + capacity : NULL;
+    d->gradient_far = d->banded ? d->gradient_mid + capacity : NULL;
+    return OXL_OK;
 }
 
 OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_t count)
 {
     const oxl_result rc = density_reserve(ctx, d, count);
-    if (rc != OXL_OK || count == 0) return rc;
-    memset(d->gradient, 0, count * sizeof *d->gradient);
-    memset(d->views, 0, count * sizeof *d->views);
-    if (d->banded) memset(d->gradient_mid, 0, count * sizeof *d->gradient_mid);
-    if (d->banded) memset(d->gradient_far, 0, count * sizeof *d->gradient_far);
-    return OXL_OK;
+    for (size_t k = 0; rc == OXL_OK && count > 0 && k < density_sums_kept(d); k++)
+        memset(d->gradient + k * d->capacity, 0, count * sizeof *d->gradient);
+    return rc;
 }
 
 OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, size_t count, double z_near,
@@ -98,20 +89,18 @@ OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, s
 
 OXL_INTERNAL void density_keep_rows(struct density *d, const uint8_t *keep, size_t count)
 {
-    float *const sums[] = {d->gradient, d->views, d->gradient_mid, d->gradient_far};
-    for (size_t k = 0; k < (d->banded ? 4 : 2); k++)
-        for (size_t i = 0, at = 0; i < count; i++)
-            if (keep[i]) sums[k][at++] = sums[k][i];
+    for (size_t k = 0; k < density_sums_kept(d); k++) {
+        float *sum = d->gradient + k * d->capacity, *to = sum;
+        for (size_t i = 0; i < count; i++)
+            if (keep[i]) *to++ = sum[i];
+    }
 }
 
 OXL_INTERNAL void density_archive(struct archive *a, struct density *d, size_t count)
 {
     if (a->reading && a->rc == OXL_OK) a->rc = density_clear(a->ctx, d, count);
-    if (a->rc != OXL_OK) return;
-    archive_floats(a, d->gradient, count);
-    archive_floats(a, d->views, count);
-    if (d->banded) archive_floats(a, d->gradient_mid, count);
-    if (d->banded) archive_floats(a, d->gradient_far, count);
+    for (size_t k = 0; a->rc == OXL_OK && k < density_sums_kept(d); k++)
+        archive_floats(a, d->gradient + k * d->capacity, count);
 }
 
 OXL_INTERNAL struct renderer_sums density_sums(const struct density *d, size_t count)
@@ -163,26 +152,33 @@ static oxl_change density_classify(const struct density *d, const oxl_model *m, 
     return mean >= rules->gradient ? OXL_SPLIT : OXL_KEEP;
 }
 
-/* Limits splits under a cap to the `room` rows of the largest mean gradient. Bisection finds the lowest
- * threshold, to a double's precision, that at most `room` of them reach. Rows tied at the limit all stay
- * unsplit, so the result does not depend on their order. */
-static void density_cap(struct density *d, size_t count, size_t kept, size_t growing, size_t cap)
+/* Counts the rows to split whose mean gradient reaches the one of these bits; `keeps`: those that do not are
+ * kept as they are. */
+static size_t density_reaching(struct density *d, size_t count, uint32_t bits, int keeps)
 {
-    const size_t room = cap > kept ? cap - kept : 0;
-    double low = 0, high = DENSITY_CAP_HIGH;
-    if (growing <= room) return;
-    for (int round = 0; round < DENSITY_CAP_ROUNDS && room > 0; round++) {
-        const double middle =
-            round < DENSITY_CAP_GEOMETRIC ? sqrt(OXL_MAX(low, DENSITY_CAP_LOW) * high) : (low + high) / 2;
-        size_t above = 0;
-        for (size_t i = 0; i < count; i++)
-            above += d->verdict[i] == OXL_SPLIT && d->gradient[i] / d->views[i] >= middle;
-        if (above > room) low = middle;
+    size_t reaching = 0;
+    float least;
+    memcpy(&least, &bits, sizeof least);
+    for (size_t i = 0; i < count; i++) {
+        if (d->verdict[i] != OXL_SPLIT) continue;
+        if (d->gradient[i] / d->views[i] >= least) reaching++;
+        else if (keeps) d->verdict[i] = OXL_KEEP;
+    }
+    return reaching;
+}
+
+/* Limits splits under a cap to the `room` rows of the largest mean gradient, by bisection for the lowest
+ * that at most `room` of them reach. Rows tied at the limit all stay unsplit, so the result does not depend
+ * on their order. */
+static size_t density_cap(struct density *d, size_t count, size_t room)
+{
+    uint32_t low = 0, high = DENSITY_INFINITY;
+    while (high - low > 1) {
+        const uint32_t middle = low + (high - low) / 2;
+        if (density_reaching(d, count, middle, 0) > room) low = middle;
         else high = middle;
     }
-    for (size_t i = 0; i < count; i++)
-        if (d->verdict[i] == OXL_SPLIT && (room == 0 || !(d->gradient[i] / d->views[i] >= high)))
-            d->verdict[i] = OXL_KEEP;
+    return density_reaching(d, count, high, 1);
 }
 
 /* ---------------- the new rows */
@@ -282,7 +278,7 @@ static void density_ask(const oxl_terms *terms, struct density *d, const oxl_mod
 OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, const oxl_model *model,
                                        const struct density_rules *rules, struct density_change *out)
 {
-    size_t kept = 0, growing = 0;
+    size_t room;
     *out = (struct density_change){0};
     if (d->banded) density_weigh(ctx, d, model->count, rules);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
@@ -290,18 +286,15 @@ OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, cons
         d->verdict[i] = (uint8_t)density_classify(d, model, (size_t)i, rules);
     if (rules->terms && rules->terms->density) density_ask(rules->terms, d, model);
     for (size_t i = 0; i < model->count; i++) {
-        kept += d->verdict[i] != OXL_REMOVE;
-        growing += d->verdict[i] == OXL_SPLIT;
-    }
-    if (model->lobes > 0 && growing > 0)
-        return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "%zu of %zu Gaussians would be split while %zu have a second lobe", growing,
-                        model->count, model->lobes);
-    if (rules->cap) density_cap(d, model->count, kept, growing, rules->cap);
-    for (size_t i = 0; i < model->count; i++) {
         out->removed += d->verdict[i] == OXL_REMOVE;
         out->split += d->verdict[i] == OXL_SPLIT;
     }
+    if (model->lobes > 0 && out->split > 0)
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "%zu of %zu Gaussians would be split while %zu have a second lobe", out->split,
+                        model->count, model->lobes);
+    room = rules->cap + out->removed > model->count ? rules->cap + out->removed - model->count : 0;
+    if (rules->cap && out->split > room) out->split = density_cap(d, model->count, room);
     return OXL_OK;
 }
 
