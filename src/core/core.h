@@ -107,6 +107,9 @@ OXL_INTERNAL void oxl_free_all(oxl_context *ctx, void *const *memory, size_t cou
  * and keeps its elements. array: address of the pointer to them. */
 OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capacity, size_t needed,
                                     size_t size);
+/* Does the same for an array whose capacity is beside it, named like it with _capacity behind. */
+#define OXL_RESERVE(ctx, array, needed) \
+    oxl_reserve(ctx, &(array), &array##_capacity, needed, sizeof *(array))
 
 #if defined(__MINGW32__)
 #define OXL_PRINTF(at, first) __attribute__((format(gnu_printf, at, first)))

@@ -129,7 +129,7 @@ static oxl_result prune_mask_view(oxl_context *ctx, const oxl_scene *scene, int 
     const oxl_camera *camera = &oxl_scene_view(scene, view)->camera;
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
     const struct training_image *image = scene_image(ctx, scene, view);
-    oxl_result rc = oxl_reserve(ctx, &pass->drgb, &pass->drgb_capacity, 3 * pixels, sizeof *pass->drgb);
+    oxl_result rc = OXL_RESERVE(ctx, pass->drgb, 3 * pixels);
     if (rc != OXL_OK) return rc;
     /* else it was named when it was trained on */
     if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed;

@@ -41,7 +41,7 @@ struct bin_scratch {
     uint32_t *count; /* (BIN_PARTS, tiles) number of pairs, then write position of each part */
     uint32_t *pack_start;
     size_t key_capacity, other_capacity, staged_capacity, count_capacity, order_capacity, pair_capacity,
-        start_capacity, pack_capacity;
+        start_capacity, pack_start_capacity;
     int parts;
     size_t part_end[BIN_PARTS + 1]; /* in the depth order */
 };
@@ -68,15 +68,15 @@ static oxl_result bin_collect_visible(oxl_context *ctx, struct bins *b)
 {
     struct bin_scratch *s = b->scratch;
     size_t total = 0;
-    oxl_result rc = oxl_reserve(ctx, &s->pack_start, &s->pack_capacity, b->packs + 1, sizeof *s->pack_start);
+    oxl_result rc = OXL_RESERVE(ctx, s->pack_start, b->packs + 1);
     if (rc != OXL_OK) return rc;
     for (size_t p = 0; p < b->packs; p++) {
         s->pack_start[p] = (uint32_t)total;
         total += (size_t)bin_popcount16(b->visible[p]);
     }
     b->visible_count = total;
-    rc = oxl_reserve(ctx, &s->key, &s->key_capacity, total + 1, sizeof *s->key);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, &s->other, &s->other_capacity, total + 1, sizeof *s->other);
+    rc = OXL_RESERVE(ctx, s->key, total + 1);
+    if (rc == OXL_OK) rc = OXL_RESERVE(ctx, s->other, total + 1);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, &b->order, &s->order_capacity, total + 1, sizeof *b->order);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
@@ -288,7 +288,7 @@ static oxl_result bin_assign_slots(oxl_context *ctx, struct bins *b)
     }
     while (part <= s->parts) s->part_end[part++] = b->visible_count;
     b->slot_count = total;
-    return oxl_reserve(ctx, &s->staged, &s->staged_capacity, total + 1, sizeof *s->staged);
+    return OXL_RESERVE(ctx, s->staged, total + 1);
 }
 
 struct bin_part {
@@ -352,7 +352,7 @@ static oxl_result bin_reserve_tiles(oxl_context *ctx, struct bins *b)
 {
     struct bin_scratch *s = b->scratch;
     const size_t tiles = (size_t)(b->tiles_x * b->tiles_y);
-    oxl_result rc = oxl_reserve(ctx, &s->count, &s->count_capacity, BIN_PARTS * tiles, sizeof *s->count);
+    oxl_result rc = OXL_RESERVE(ctx, s->count, BIN_PARTS * tiles);
     if (rc == OXL_OK)
         rc = oxl_reserve(ctx, &b->tile_start, &s->start_capacity, tiles + 1, sizeof *b->tile_start);
     return rc;

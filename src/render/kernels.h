@@ -231,8 +231,12 @@ struct loss_job {
 struct loss_value {
     double total, l1, ssim, mse; /* means over unmasked pixels and three channels */
 };
+/* of a row: |x - y|, S, (x - y)^2 */
+enum loss_sum { LOSS_SUM_L1, LOSS_SUM_SSIM, LOSS_SUM_SQUARE, LOSS_SUMS };
 struct loss_scratch { /* kept between steps, to avoid allocations */
-    void *strip, *rows, *sums, *valid;
+    struct loss_strip *strip;
+    real *rows, *valid;
+    double (*sums)[LOSS_SUMS];
     size_t strip_capacity, rows_capacity, sums_capacity, valid_capacity;
     size_t cleared; /* number of values cleared */
     int width;      /* the width that they were cleared for */

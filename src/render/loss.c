@@ -30,9 +30,6 @@
 #define LOSS_PRODUCT 3     /* xy */
 #define LOSS_DERIVATIVES 3 /* of S in the blurred x, x^2 + y^2, xy */
 
-/* of a row: |x - y|, S, (x - y)^2 */
-enum loss_sum { LOSS_SUM_L1, LOSS_SUM_SSIM, LOSS_SUM_SQUARE, LOSS_SUMS };
-
 #define LOSS_C1 ((real)1e-4) /* 0.01^2 */
 #define LOSS_C2 ((real)9e-4) /* 0.03^2, unless the job has its own */
 
@@ -474,7 +471,7 @@ static oxl_result loss_valid_windows(oxl_context *ctx, const struct loss_job *jo
     const size_t w = (size_t)job->width, image = w * (size_t)job->height;
     int64_t pixels = 0, count = 0;
     real *valid, *horizontal;
-    oxl_result rc = oxl_reserve(ctx, &scratch->valid, &scratch->valid_capacity, 2 * image, sizeof *valid);
+    oxl_result rc = OXL_RESERVE(ctx, scratch->valid, 2 * image);
     if (rc != OXL_OK) return rc;
     valid = scratch->valid;
     horizontal = valid + image;
@@ -489,7 +486,7 @@ static oxl_result loss_valid_windows(oxl_context *ctx, const struct loss_job *jo
     return OXL_OK;
 }
 
-static void loss_add_up(const struct loss_job *job, const double (*sums)[LOSS_SUMS], double values,
+static void loss_add_up(const struct loss_job *job, double (*sums)[LOSS_SUMS], double values,
                         double windows, struct loss_value *out)
 {
     double sum[LOSS_SUMS] = {0};
@@ -519,12 +516,11 @@ OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct los
     double values = 3.0 * (double)pixels, windows = values;
     struct loss_strip *strip;
     oxl_result rc =
-        oxl_reserve(ctx, &scratch->strip, &scratch->strip_capacity, (size_t)strips, sizeof *strip);
+        OXL_RESERVE(ctx, scratch->strip, (size_t)strips);
     if (rc == OXL_OK)
-        rc = oxl_reserve(ctx, &scratch->rows, &scratch->rows_capacity, room * (size_t)strips, sizeof(real));
+        rc = OXL_RESERVE(ctx, scratch->rows, room * (size_t)strips);
     if (rc == OXL_OK)
-        rc = oxl_reserve(ctx, &scratch->sums, &scratch->sums_capacity, 3 * (size_t)job->height,
-                         LOSS_SUMS * sizeof(double));
+        rc = OXL_RESERVE(ctx, scratch->sums, 3 * (size_t)job->height);
     if (rc == OXL_OK && job->weight) rc = loss_valid_windows(ctx, job, scratch, &values, &windows);
     if (rc != OXL_OK) return rc;
     loss_clear(scratch, job->width, room * (size_t)strips);
@@ -539,8 +535,8 @@ OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct los
         strip[i].ssim_scale = windows > 0 ? job->ssim_weight / (real)windows : 0;
         strip[i].c2 = job->c2 > 0 ? job->c2 : LOSS_C2;
         strip[i].one = 1;
-        strip[i].scratch = (real *)scratch->rows + room * (size_t)i;
-        strip[i].sums = (double(*)[LOSS_SUMS])scratch->sums + (size_t)strip[i].channel * (size_t)job->height;
+        strip[i].scratch = scratch->rows + room * (size_t)i;
+        strip[i].sums = scratch->sums + (size_t)strip[i].channel * (size_t)job->height;
     }
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int i = 0; i < strips; i++) {

@@ -97,17 +97,16 @@ static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t pa
                                  size_t pixels)
 {
     const size_t rows = packs * PACK;
-    oxl_result rc = oxl_reserve(ctx, &r->splat, &r->splat_capacity, rows, sizeof *r->splat);
+    oxl_result rc = OXL_RESERVE(ctx, r->splat, rows);
     if (rc == OXL_OK)
-        rc = oxl_reserve(ctx, &r->tile_range, &r->tile_range_capacity, (size_t)ctx->threads,
-                         sizeof *r->tile_range);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->lobe, &r->lobe_capacity, lobes, sizeof *r->lobe);
+        rc = OXL_RESERVE(ctx, r->tile_range, (size_t)ctx->threads);
+    if (rc == OXL_OK) rc = OXL_RESERVE(ctx, r->lobe, lobes);
     if (rc == OXL_OK)
-        rc = oxl_reserve(ctx, &r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
+        rc = OXL_RESERVE(ctx, r->visible, rows / PACK + 1);
+    if (rc == OXL_OK) rc = OXL_RESERVE(ctx, r->rgb, 3 * pixels);
     if (rc == OXL_OK)
         rc =
-            oxl_reserve(ctx, &r->transmittance, &r->transmittance_capacity, pixels, sizeof *r->transmittance);
+            OXL_RESERVE(ctx, r->transmittance, pixels);
     return rc;
 }
 
@@ -117,9 +116,9 @@ static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t pa
 static oxl_result render_download_target(oxl_context *ctx, struct renderer *r)
 {
     const size_t pixels = r->backend->target(r->device, NULL, NULL, &r->masked);
-    oxl_result rc = oxl_reserve(ctx, &r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
+    oxl_result rc = OXL_RESERVE(ctx, r->target, 3 * pixels);
     if (rc == OXL_OK && r->masked)
-        rc = oxl_reserve(ctx, &r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
+        rc = OXL_RESERVE(ctx, r->weight, pixels);
     if (rc == OXL_OK && pixels > 0 && r->backend->target(r->device, r->target, r->weight, &r->masked) == 0)
         rc = ctx->failed;
     return rc;
@@ -252,8 +251,7 @@ static void render_measure_depths(oxl_context *ctx, struct renderer *r, const ox
 
 static oxl_result render_begin_medium(oxl_context *ctx, struct renderer *r)
 {
-    const oxl_result rc = oxl_reserve(ctx, &r->medium_pack, &r->medium_pack_capacity, r->bins.packs + 1,
-                                      sizeof *r->medium_pack);
+    const oxl_result rc = OXL_RESERVE(ctx, r->medium_pack, r->bins.packs + 1);
     if (rc != OXL_OK) return rc;
     r->context_medium = r->medium;
     r->context_medium.training_range = 0;
@@ -387,7 +385,7 @@ static oxl_result render_forward_on_device(oxl_context *ctx, struct renderer *r,
                                                r->lamp != NULL,   r->full[0] > 0,
                                                r->context,        r->dropout,
                                                r->dropout_seed,   r->dropout_step};
-    const oxl_result rc = oxl_reserve(ctx, &r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
+    const oxl_result rc = OXL_RESERVE(ctx, r->rgb, 3 * pixels);
     if (rc != OXL_OK) return rc;
     r->kernel_camera = render_kernel_camera(camera, options->near_plane);
     render_set_full_size(&r->kernel_camera, camera, r->full);

@@ -22,10 +22,10 @@ OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r,
     }
     pixels =
         (size_t)(window ? window->width : image->width) * (size_t)(window ? window->height : image->height);
-    rc = oxl_reserve(ctx, &r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
+    rc = OXL_RESERVE(ctx, r->target, 3 * pixels);
     r->masked = image->mask != NULL;
     if (rc == OXL_OK && r->masked)
-        rc = oxl_reserve(ctx, &r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
+        rc = OXL_RESERVE(ctx, r->weight, pixels);
     if (rc != OXL_OK) return rc;
     image_from_training(ctx, image, window, r->target, r->masked ? r->weight : NULL);
     if (halved)
@@ -118,8 +118,8 @@ static oxl_result render_loss_with_gains(oxl_context *ctx, struct renderer *r, c
                                     .dshape = r->dlamp};
     oxl_result rc = renderer_image(ctx, r, &rendered);
     if (rc == OXL_OK)
-        rc = oxl_reserve(ctx, &r->exposed, &r->exposed_capacity, 3 * pixels, sizeof *r->exposed);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->lamp_map, &r->lamp_capacity, pixels, sizeof *r->lamp_map);
+        rc = OXL_RESERVE(ctx, r->exposed, 3 * pixels);
+    if (rc == OXL_OK) rc = OXL_RESERVE(ctx, r->lamp_map, pixels);
     if (rc != OXL_OK) return rc;
     exposure.x = rendered, exposure.y = r->exposed, exposure.lamp_map = r->lamp_map,
     exposure.dy = exposure.dx = r->drgb;
@@ -151,7 +151,7 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
         return r->backend->loss(r->device, rgb, weight, &gains, ssim_weight, out);
     }
     if (!rgb) rgb = r->target, weight = r->masked ? r->weight : NULL;
-    rc = oxl_reserve(ctx, &r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
+    rc = OXL_RESERVE(ctx, r->drgb, 3 * pixels);
     if (rc == OXL_OK && render_has_gains(r))
         rc = render_loss_with_gains(ctx, r, rgb, weight, ssim_weight, out->dlog_gain, &value);
     else if (rc == OXL_OK) rc = render_loss_of(ctx, r, r->rgb, rgb, weight, ssim_weight, &value);
@@ -186,12 +186,11 @@ OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct rendere
 
 static oxl_result render_begin_backward(oxl_context *ctx, struct renderer *r)
 {
-    oxl_result rc = oxl_reserve(ctx, &r->sums, &r->sums_capacity, r->bins.slot_count + 1, sizeof *r->sums);
+    oxl_result rc = OXL_RESERVE(ctx, r->sums, r->bins.slot_count + 1);
     if (rc == OXL_OK)
-        rc = oxl_reserve(ctx, &r->dmean2d, &r->dmean2d_capacity, r->bins.packs * PACK, sizeof *r->dmean2d);
+        rc = OXL_RESERVE(ctx, r->dmean2d, r->bins.packs * PACK);
     if (rc == OXL_OK && r->has_pose)
-        rc = oxl_reserve(ctx, &r->pose_sum, &r->pose_sum_capacity, (size_t)render_tasks(r) + 1,
-                         sizeof *r->pose_sum);
+        rc = OXL_RESERVE(ctx, r->pose_sum, (size_t)render_tasks(r) + 1);
     return rc;
 }
 
@@ -244,7 +243,7 @@ OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, con
 {
     oxl_result rc;
     if (r->device) return render_fall_back_to_cpu(ctx, r, r->backend->score(r->device, drgb, score));
-    rc = oxl_reserve(ctx, &r->score, &r->score_capacity, r->bins.slot_count + 1, sizeof *r->score);
+    rc = OXL_RESERVE(ctx, r->score, r->bins.slot_count + 1);
     if (rc != OXL_OK) return rc;
     render_each_tile(ctx, r, drgb, raster_score);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)

@@ -54,7 +54,7 @@ struct renderer {
     float *exposed;          /* (3,H,W) rgb times gain and lamp */
     float *lamp_map;         /* (H,W) the lamp's gain */
     double dlamp[LAMP_TERMS];
-    size_t exposed_capacity, lamp_capacity;
+    size_t exposed_capacity, lamp_map_capacity;
     float *target, *weight; /* image of renderer_set_image: (3,H,W), and (H,W) if masked */
     int masked;
     struct depth_point depth_point[DEPTH_POINTS]; /* of renderer_set_depths */
