@@ -25,17 +25,10 @@ struct colmap_observed {
     } * at;
     size_t *first; /* (images + 1) */
 };
-struct colmap_warned {
-    int count;
-    char last[512];
-};
-extern struct colmap_warned colmap_warned;
 /* test_colmap.c */
-void colmap_capture(void *user, oxl_log_level level, const char *text);
 extern const char colmap_good_cameras[];
 extern const char colmap_good_images[];
 extern const char colmap_good_points[];
-void colmap_listen(void);
 struct colmap_observed colmap_observe(const char *folder, const struct colmap *c);
 size_t colmap_observed_count(const struct colmap_observed *o, size_t image);
 void colmap_observed_free(struct colmap_observed *o);
@@ -52,16 +45,15 @@ struct job_test_watch {
 /* test_job.c */
 oxl_metrics job_test_evaluate(const char *model, int imaging);
 int job_test_has(const char *file, const char *words);
+/* Runs the survey of the test's folder, which is made if it is not there, into the folder `out` beside it. */
+oxl_result job_test_run(const char *out, const oxl_job_options *options);
+oxl_result job_test_watched(const char *out, const oxl_job_options *options, struct job_test_watch *watch);
 oxl_result job_test_image(const char *path, int view);
 oxl_job_options job_test_options(void);
 int job_test_progress(void *user, const oxl_progress *p);
 void job_test_replace(const char *file, const char *from, const char *to);
 const char *job_test_survey(void);
 const char *job_test_survey_of(int points);
-
-extern char lint_heard[4096];
-/* test_lint.c */
-void lint_listen(void *user, oxl_log_level level, const char *text);
 
 /* test_partition.c */
 oxl_scene *partition_test_load(const char *path);
@@ -89,10 +81,6 @@ double train_psnr(oxl_scene *scene, const oxl_model *model);
 int train_same(const oxl_model *a, const oxl_model *b);
 oxl_scene *train_scene(int views);
 oxl_scene *train_scene_of(int views, double shine);
-
-extern char nonfinite_log[2000];
-/* test_train_nonfinite.c */
-void nonfinite_listen(void *user, oxl_log_level level, const char *text);
 
 struct checkpoint_case {
     oxl_scene *scene;

@@ -76,13 +76,50 @@ void memory_weigh_end(void)
     test_ctx->options.reallocate = counting_reallocate;
 }
 
-const char *test_path(const char *name)
+const char *test_path(const char *format, ...)
 {
     static char ring[16][512];
     static int next;
-    char *path = ring[next++ % 16];
-    snprintf(path, sizeof ring[0], "%s/%s", test_folder(), name);
+    char name[400], *path = ring[next++ % 16];
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(name, sizeof name, format, arguments);
+    va_end(arguments);
+    if (name[0] == '/') snprintf(path, sizeof ring[0], "%s", name);
+    else snprintf(path, sizeof ring[0], "%s/%s", test_folder(), name);
     return path;
+}
+
+int test_has(const char *file)
+{
+    return os_is_file(test_path(file));
+}
+
+void test_read_model(const char *file, oxl_model *out)
+{
+    CHECK_OK(oxl_model_read(test_ctx, test_path(file), out));
+}
+
+oxl_scene *test_load(const char *survey, const oxl_scene_options *options)
+{
+    oxl_scene *scene = NULL;
+    CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), options, &scene));
+    return scene;
+}
+
+struct renderer *test_renderer(void)
+{
+    struct renderer *r = NULL;
+    CHECK_OK(renderer_create(test_ctx, &r));
+    return r;
+}
+
+oxl_model test_points(const oxl_scene *scene, int sh_degree)
+{
+    oxl_model model = {0};
+    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), sh_degree,
+                                   &model));
+    return model;
 }
 
 const char *test_folder(void)
@@ -175,6 +212,28 @@ void test_fail(const char *file, int line, const char *format, ...)
     longjmp(test_end, 1);
 }
 
+struct test_said test_said;
+
+static void test_add(char *to, size_t size, const char *before, const char *text)
+{
+    const size_t used = strlen(to);
+    snprintf(to + used, size - used, "%s%s\n", before, text);
+}
+
+static void test_hear(void *user, oxl_log_level level, const char *text)
+{
+    const int warns = level == OXL_LOG_WARNING;
+    (void)user;
+    test_said.warnings += warns;
+    test_add(test_said.all, sizeof test_said.all, warns ? "warning: " : "info: ", text);
+    if (warns) test_add(test_said.warning, sizeof test_said.warning, "", text);
+}
+
+void test_listen(void)
+{
+    memset(&test_said, 0, sizeof test_said);
+}
+
 void owned_colmap(struct colmap *c)
 {
     colmap_free(test_ctx, c);
@@ -225,6 +284,8 @@ static int run_here(const char *name, void (*body)(void))
 {
     oxl_context_options options = oxl_context_options_default();
     options.reallocate = counting_reallocate;
+    options.log = test_hear;
+    test_listen();
     test_case = test_skip = NULL;
     blocks_held = 0;
     if (setjmp(test_end)) return FAILED;

@@ -98,10 +98,25 @@ void owned_renderer(struct renderer **r);
 void owned_scene(oxl_scene **scene);
 void owned_text(struct text *t);
 
+/* What the library has logged since the test began, or since test_listen, a line each. */
+struct test_said {
+    int warnings;
+    char all[8192], warning[8192]; /* with "info: " or "warning: " before each; the warnings' texts alone */
+};
+extern struct test_said test_said;
+void test_listen(void);
+
 /* A fresh folder for the running test's files; removed afterwards. */
 const char *test_folder(void);
-/* "FOLDER/name" in a small ring of buffers. */
-const char *test_path(const char *name);
+/* "FOLDER/name" in a small ring of buffers; a path from the root stays. Functions below take such names. */
+const char *test_path(const char *format, ...);
+int test_has(const char *file);
+void test_read_model(const char *file, oxl_model *out);
+/* Loads a survey; options may be NULL. */
+oxl_scene *test_load(const char *survey, const oxl_scene_options *options);
+struct renderer *test_renderer(void);
+/* A model of the scene's points. */
+oxl_model test_points(const oxl_scene *scene, int sh_degree);
 /* Writes a text file into the test's folder (parents are made) and returns its path. */
 const char *test_write(const char *name, const char *text);
 /* Path of the folder of surveys beside the project, or NULL when it is not there: then SKIP. */

@@ -60,23 +60,6 @@ static const char *colmap_refused_points(const char *points)
     return colmap_refused(colmap_good_cameras, colmap_good_images, points);
 }
 
-/* Counts the warnings and keeps the last. */
-struct colmap_warned colmap_warned;
-
-void colmap_capture(void *user, oxl_log_level level, const char *text)
-{
-    (void)user;
-    if (level != OXL_LOG_WARNING) return;
-    colmap_warned.count++;
-    snprintf(colmap_warned.last, sizeof colmap_warned.last, "%s", text);
-}
-
-void colmap_listen(void)
-{
-    memset(&colmap_warned, 0, sizeof colmap_warned);
-    test_ctx->options.log = colmap_capture;
-}
-
 /* The 2D points of all images, which the library does not read, from the file of images of the model; those
  * of image i from first[i] on. */
 struct colmap_observed colmap_observe(const char *folder, const struct colmap *c)
@@ -173,14 +156,14 @@ TEST(colmap_a_file_of_fewer_rows_than_announced_is_reported)
              colmap_good_images);
     snprintf(points, sizeof points, "# Number of points:  3\n%s", colmap_good_points);
     colmap_check_same(colmap_good_cameras, images, colmap_good_points, 0);
-    colmap_listen();
+    test_listen();
     CHECK_OK(colmap_try(colmap_good_cameras, images, points, &c));
-    CHECK(colmap_warned.count == 1 && c.warnings == 1);
-    CHECK_TEXT(colmap_warned.last, "points3D.txt: its header announces 3 points, and 2 are there");
+    CHECK(test_said.warnings == 1 && c.warnings == 1);
+    CHECK_TEXT(test_said.warning, "points3D.txt: its header announces 3 points, and 2 are there");
     colmap_free(test_ctx, &c);
     CHECK_OK(colmap_try(colmap_good_cameras, "# Number of images:\n7 1 0 0 0 0 0 0 1 b.jpg\n\n",
                         "# Number of points: 0\n", &c));
-    CHECK(colmap_warned.count == 1);
+    CHECK(test_said.warnings == 1);
 }
 
 /* ---------------- dialects */
@@ -408,16 +391,16 @@ TEST(colmap_warnings_name_file_and_line_and_are_cut_after_three_of_a_kind)
 {
     OWNED_TEXT points = {.ctx = test_ctx};
     OWNED_COLMAP c = {0};
-    colmap_listen();
+    test_listen();
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, "9 1 2 3 4 5 6 nan 7 0\n", &c));
-    CHECK(colmap_warned.count == 1);
-    CHECK_TEXT(colmap_warned.last, "points3D.txt:1: ");
+    CHECK(test_said.warnings == 1);
+    CHECK_TEXT(test_said.warning, "points3D.txt:1: ");
     colmap_free(test_ctx, &c);
     for (int i = 0; i < 25; i++) text_add(&points, "%d 1 2 3 4 5 6 nan 7 0\n", i);
-    colmap_listen();
+    test_listen();
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, points.data, &c));
-    CHECK(colmap_warned.count == 4 && c.warnings == 25);
-    CHECK_TEXT(colmap_warned.last, "points3D.txt: 22 more like it");
+    CHECK(test_said.warnings == 4 && c.warnings == 25);
+    CHECK_TEXT(test_said.warning, "points3D.txt: 22 more like it");
 }
 
 /* ---------------- what is refused */

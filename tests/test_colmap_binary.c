@@ -102,12 +102,6 @@ static const char *binary_refused(void)
     return oxl_error_text(test_ctx);
 }
 
-static void colmap_capture_all(void *user, oxl_log_level level, const char *text)
-{
-    (void)level;
-    colmap_capture(user, OXL_LOG_WARNING, text);
-}
-
 /* ---------------- what is read */
 
 static void binary_check_same(const char *text_folder, const char *binary_folder, size_t window)
@@ -178,12 +172,12 @@ TEST(colmap_of_text_and_binary_the_newer_is_read_with_a_message)
     CHECK_OK(colmap_read(test_ctx, test_path("binary"), &c));
     CHECK(c.format == COLMAP_BINARY && strcmp(c.images_file, "images.bin") == 0);
     colmap_free(test_ctx, &c);
-    test_ctx->options.log = colmap_capture_all;
+    test_listen();
     snprintf(command, sizeof command, "touch -d '2001-01-03' '%s/points3D.txt'", test_path("binary"));
     CHECK(system(command) == 0);
     CHECK_OK(colmap_read(test_ctx, test_path("binary"), &c));
     CHECK(c.format == COLMAP_TEXT);
-    CHECK_TEXT(colmap_warned.last, "the text files are newer and are read");
+    CHECK_TEXT(test_said.all, "the text files are newer and are read");
 }
 
 /* ---------------- what is refused */

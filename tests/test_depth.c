@@ -125,12 +125,11 @@ TEST(depth_agrees_with_a_slow_search_in_double)
     for (int k = 0; k < 6; k++) {
         const oxl_render_options options = oxl_render_options_default();
         OWNED_MODEL m = depth_test_model(60, k % 2 ? 30 : 0);
-        OWNED_RENDERER *r = NULL;
         OWNED_IMAGE image = {0};
         float depth[32 * 32];
         int wrong = 0, without = 0, uncertain = 0;
         test_ctx->isa = OXL_MIN(isa, k / 2);
-        CHECK_OK(renderer_create(test_ctx, &r));
+        OWNED_RENDERER *r = test_renderer();
         CHECK_OK(renderer_draw(test_ctx, r, &m, &DEPTH_TEST_CAMERA, &options, &image, depth));
         for (int i = 0; i < 32 * 32; i++) {
             struct depth_test_layer layer[400];

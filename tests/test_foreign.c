@@ -185,9 +185,9 @@ TEST(images_are_compared_before_training_too)
     options.train.iterations = 2;
     foreign_survey(1, "1 0 0 0", 0);
     for (int i = 0; i < FOREIGN_VIEWS; i++) foreign_image(i, i, foreign_turned);
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+    CHECK_OK(job_test_run("out", &options));
     CHECK_TEXT(foreign_heard, "better turned by 180 degrees");
-    CHECK(job_test_has(test_path("out/run.json"), "turned by 180 degrees"));
+    CHECK(job_test_has("out/run.json", "turned by 180 degrees"));
 }
 
 static void *foreign_refuse(void *user, void *old, size_t size)
@@ -539,7 +539,6 @@ TEST(images_are_turned_by_their_exif_orientation_where_the_camera_is_upright)
 TEST(images_of_many_cameras_all_have_their_size_on_disk)
 {
     struct text cameras = {.ctx = test_ctx}, images = {.ctx = test_ctx};
-    OWNED_SCENE *scene = NULL;
     oxl_image half;
     enum { MANY = 24 };
     test_write("survey/images/.keep", "");
@@ -557,7 +556,7 @@ TEST(images_of_many_cameras_all_have_their_size_on_disk)
     test_write("survey/sparse/0/points3D.txt", "1 0 0 5 9 9 9 0 1 0 2 0\n");
     text_free(&cameras);
     text_free(&images);
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    OWNED_SCENE *scene = test_load("survey", NULL);
     for (int i = 0; i < MANY; i++) CHECK(oxl_scene_view(scene, i)->camera.width == 32);
 }
 
@@ -639,12 +638,11 @@ TEST(folders_named_from_here_or_from_the_survey_are_used)
 
 TEST(names_with_backslashes_are_those_with_slashes_where_these_are_there)
 {
-    OWNED_SCENE *scene = NULL;
     foreign_survey(1, "1 0 0 0", 0);
     CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/images/cam")));
     CHECK(os_rename(test_path("survey/images/04.png"), test_path("survey/images/cam/04.png")) == 0);
-    job_test_replace(test_path("survey/sparse/0/images.txt"), "04.png", "cam\\04.png");
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    job_test_replace("survey/sparse/0/images.txt", "04.png", "cam\\04.png");
+    OWNED_SCENE *scene = test_load("survey", NULL);
     CHECK(oxl_scene_view_count(scene) == FOREIGN_VIEWS &&
           !strcmp(oxl_scene_view(scene, 9)->name, "cam/04.png"));
 }
@@ -857,7 +855,7 @@ TEST(models_of_alphas_and_sizes_in_the_place_of_logits_and_logarithms_are_said)
         CHECK_OK(oxl_model_write(test_ctx, test_path("m.ply"), &m));
         foreign_heard[0] = 0;
         test_ctx->options.log = foreign_listen;
-        CHECK_OK(oxl_model_read(test_ctx, test_path("m.ply"), &back));
+        test_read_model("m.ply", &back);
         oxl_model_free(test_ctx, &back);
         if (k == 0) CHECK(!strstr(foreign_heard, "all "));
         if (k == 1) CHECK_TEXT(foreign_heard, "all opacities are from 0 to 0.995, as alphas are");
@@ -889,10 +887,10 @@ TEST(models_are_known_by_their_bytes_and_names_in_any_case)
                    FOREIGN_PLY(FOREIGN_DC, "1 0 0 0 0 0 0 0 0 0 1 0 0 0\n2 0 0 0 0 0 0 0 0 0 1 0 0 0\n")),
         &m));
     CHECK_OK(oxl_model_write(test_ctx, test_path("A.SPZ"), &m));
-    CHECK_OK(oxl_model_read(test_ctx, test_path("A.SPZ"), &again));
+    test_read_model("A.SPZ", &again);
     oxl_model_free(test_ctx, &again);
     CHECK(os_rename(test_path("A.SPZ"), test_path("a.ply")) == 0);
-    CHECK_OK(oxl_model_read(test_ctx, test_path("a.ply"), &again));
+    test_read_model("a.ply", &again);
     CHECK(again.count == 2);
     oxl_model_free(test_ctx, &again);
     CHECK(oxl_model_write(test_ctx, test_path("a.compressed.ply"), &m) == OXL_ERR_USAGE);
@@ -915,7 +913,7 @@ TEST(spz_keeps_the_precision_of_the_scene_beside_a_far_gaussian)
     m.plane[OXL_LOG_SCALE][ROWS - 1] = 10;
     CHECK_OK(oxl_model_write(test_ctx, test_path("far.spz"), &m));
     CHECK_TEXT(foreign_heard, "1 of 200 Gaussians lie beyond the format's range");
-    CHECK_OK(oxl_model_read(test_ctx, test_path("far.spz"), &again));
+    test_read_model("far.spz", &again);
     for (int i = 0; i + 1 < ROWS && again.count == ROWS; i++)
         CHECK(fabs(again.plane[OXL_MEAN][i] - m.plane[OXL_MEAN][i]) < 1e-5);
     if (again.count == ROWS) { /* drawn in, and as wide from the origin as it was */
@@ -939,7 +937,7 @@ TEST(training_from_a_model_of_another_frame_is_said)
     CHECK_OK(oxl_model_write(test_ctx, test_path("from.ply"), &m));
     oxl_model_free(test_ctx, &m);
     o.from = test_path("from.ply"), o.train.iterations = 1;
-    oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &o, NULL);
+    job_test_run("out", &o);
     CHECK_TEXT(foreign_heard, "from.ply does not seem to cover the survey");
 }
 
@@ -962,7 +960,7 @@ TEST(a_finished_result_stays_when_its_survey_has_another_name)
     int64_t before;
     o.train.iterations = 2;
     foreign_survey(1, "1 0 0 0", 0);
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &o, NULL));
+    CHECK_OK(job_test_run("out", &o));
     before = os_modified(test_path("out/scene.ply"));
     snprintf(named, sizeof named, "%s/../survey/", test_path("survey"));
     CHECK_OK(oxl_job_resume(test_ctx, named, test_path("out"), &resumed, &run));

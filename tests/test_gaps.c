@@ -25,14 +25,12 @@ static double gaps_test_texture(double x, double y, int seed)
 static void gaps_test_write_image(int view, int seed)
 {
     OWNED_IMAGE image = {0};
-    char path[64];
     CHECK_OK(oxl_image_create(test_ctx, GAPS_TEST_WIDTH, GAPS_TEST_HEIGHT, &image));
     for (int i = 0; i < GAPS_TEST_WIDTH * GAPS_TEST_HEIGHT; i++)
         for (int c = 0; c < 3; c++)
             image.rgb[c * GAPS_TEST_WIDTH * GAPS_TEST_HEIGHT + i] = (float)gaps_test_texture(
                 view + (i % GAPS_TEST_WIDTH + 0.5 - 160) / 40, (i / GAPS_TEST_WIDTH + 0.5 - 120) / 40, seed);
-    snprintf(path, sizeof path, "gaps/images/img%02d.png", view);
-    CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
+    CHECK_OK(oxl_image_write(test_ctx, test_path("gaps/images/img%02d.png", view), &image));
 }
 
 /* Points of the wall, but for those nearer than `hole` to (1.5, 0); `same`: all images show one texture. */

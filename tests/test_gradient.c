@@ -255,7 +255,6 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
     float drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
     oxl_adam adam = {.beta = RENDERER_BETAS, .step = 1};
     OWNED_WIDE r = {0};
-    OWNED_RENDERER *renderer = NULL;
     OWNED_MODEL gradient = {0}, old = {0};
     struct trained_model m;
     struct renderer_nonfinite aside;
@@ -267,7 +266,7 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = k == OXL_LOBE ? 0.025f : 0.005f;
     CHECK_OK(model_trained_begin(test_ctx, &m));
     CHECK_OK(oxl_model_create(test_ctx, 40, 0, &gradient));
-    CHECK_OK(renderer_create(test_ctx, &renderer));
+    OWNED_RENDERER *renderer = test_renderer();
     CHECK_OK(renderer_forward(test_ctx, renderer, &m.model, &camera, &options));
     CHECK_OK(renderer_backward(test_ctx, renderer, drgb, &gradient));
     CHECK(gradient.lobes == 19);
@@ -298,14 +297,13 @@ static void gradient_stepped(const struct wide *r, int way, struct trained_model
     oxl_adam adam = {.beta = RENDERER_BETAS, .step = 1};
     OWNED_MODEL gradient = {0};
     oxl_model moments[2] = {{0}, {0}};
-    OWNED_RENDERER *renderer = NULL;
     struct renderer_nonfinite aside;
     gradient_to_model(r, &m->model);
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)gradient_weight(i);
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 0.005f;
     CHECK_OK(model_trained_begin(test_ctx, m));
     CHECK_OK(oxl_model_create(test_ctx, 40, 0, &gradient));
-    CHECK_OK(renderer_create(test_ctx, &renderer));
+    OWNED_RENDERER *renderer = test_renderer();
     renderer_set_medium(renderer, &murky);
     CHECK_OK(renderer_forward(test_ctx, renderer, &m->model, &camera, &options));
     memset(gradient.plane[OXL_ROTATION], 0, 40 * sizeof(float));

@@ -22,12 +22,10 @@ const char *job_test_survey_of(int count)
 {
     const int across = count / 6;
     struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
-    char name[64];
     test_write("survey/images/.keep", "");
     test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 48 32 40 40 24 16\n");
     for (int i = 0; i < JOB_VIEWS; i++) {
-        snprintf(name, sizeof name, "survey/images/%d.png", i);
-        CHECK_OK(job_test_image(test_path(name), i));
+        CHECK_OK(job_test_image(test_path("survey/images/%d.png", i), i));
         text_add(&images, "%d 1 0 0 0 %.3f 0 0 1 %d.png\n24 16 %d\n", i + 1, -0.1 * i, i, i + 1);
     }
     for (int i = 0; i < count; i++)
@@ -54,27 +52,23 @@ oxl_job_options job_test_options(void)
 
 int job_test_has(const char *file, const char *words)
 {
-    struct os_file_map map = {0};
-    int has;
-    if (!os_is_file(file)) return 0;
-    CHECK_OK(os_read_file(test_ctx, file, &map));
-    has = map.data && strstr(map.data, words) != NULL;
-    os_release_file(test_ctx, &map);
-    return has;
+    OWNED_FILE map = {0};
+    if (!test_has(file)) return 0;
+    CHECK_OK(os_read_file(test_ctx, test_path(file), &map));
+    return strstr(map.data, words) != NULL;
 }
 
 /* The first `from` in a file becomes `to`. */
 void job_test_replace(const char *file, const char *from, const char *to)
 {
-    struct os_file_map map = {0};
+    OWNED_FILE map = {0};
     OWNED_TEXT t = {.ctx = test_ctx};
     const char *at;
-    CHECK_OK(os_read_file(test_ctx, file, &map));
+    CHECK_OK(os_read_file(test_ctx, test_path(file), &map));
     at = strstr(map.data, from);
     CHECK(at != NULL);
-    if (at) text_add(&t, "%.*s%s%s", (int)(at - map.data), map.data, to, at + strlen(from));
-    CHECK_OK(os_write_file(test_ctx, file, t.data, t.size));
-    os_release_file(test_ctx, &map);
+    text_add(&t, "%.*s%s%s", (int)(at - map.data), map.data, to, at + strlen(from));
+    CHECK_OK(os_write_file(test_ctx, test_path(file), t.data, t.size));
 }
 
 int job_test_progress(void *user, const oxl_progress *p)
@@ -82,6 +76,18 @@ int job_test_progress(void *user, const oxl_progress *p)
     struct job_test_watch *w = user;
     w->calls++;
     return p->iteration == w->stop_at;
+}
+
+oxl_result job_test_watched(const char *out, const oxl_job_options *options, struct job_test_watch *watch)
+{
+    const oxl_callback callback = {job_test_progress, watch};
+    if (!os_is_folder(test_path("survey"))) job_test_survey();
+    return oxl_job_run(test_ctx, test_path("survey"), test_path(out), options, watch ? &callback : NULL);
+}
+
+oxl_result job_test_run(const char *out, const oxl_job_options *options)
+{
+    return job_test_watched(out, options, NULL);
 }
 
 /* Of the training views the one nearest to their centre, whatever the block or the run was before. */
@@ -93,8 +99,8 @@ TEST(job_begins_viewers_at_a_training_view)
     OWNED_SCENE *scene = NULL;
     OWNED_MODEL model = {0};
     int same = 0;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
-    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
+    CHECK_OK(job_test_run("out", &options));
+    test_read_model("out/scene.ply", &model);
     load.test_every = 8;
     CHECK_OK(oxl_scene_load(test_ctx, survey, &load, &scene));
     for (int v = 0; scene && v < oxl_scene_view_count(scene); v++) {
@@ -116,19 +122,18 @@ TEST(job_begins_viewers_at_a_training_view)
 TEST(job_writes_model_metrics_log_renders_and_last_run_json)
 {
     const oxl_job_options options = job_test_options();
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
-    CHECK(os_is_file(test_path("out/scene.ply")));
-    CHECK(job_test_has(test_path("out/metrics.json"), "\"split\": \"test\""));
-    CHECK(job_test_has(test_path("out/metrics.json"), "\"peak_rss_bytes\": "));
-    CHECK(job_test_has(test_path("out/metrics.json"), "\"psnr\": "));
-    CHECK(job_test_has(test_path("out/blocks/000/log.csv"),
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(test_has("out/scene.ply"));
+    CHECK(job_test_has("out/metrics.json", "\"split\": \"test\""));
+    CHECK(job_test_has("out/metrics.json", "\"peak_rss_bytes\": "));
+    CHECK(job_test_has("out/metrics.json", "\"psnr\": "));
+    CHECK(job_test_has("out/blocks/000/log.csv",
                        "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n1,"));
-    CHECK(job_test_has(test_path("out/blocks/000/log.csv"), "\n12,"));
-    CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
-    CHECK(os_is_file(test_path("out/renders/0.png.png")));
-    CHECK(os_is_file(test_path("out/renders/0.png.image.png")) &&
-          !os_is_file(test_path("out/renders/0.png.clear.png")));
-    CHECK(!os_is_file(test_path("out/renders/1.png.png")));
+    CHECK(job_test_has("out/blocks/000/log.csv", "\n12,"));
+    CHECK(job_test_has("out/run.json", "\"finished\": true"));
+    CHECK(test_has("out/renders/0.png.png"));
+    CHECK(test_has("out/renders/0.png.image.png") && !test_has("out/renders/0.png.clear.png"));
+    CHECK(!test_has("out/renders/1.png.png"));
 }
 
 TEST(job_log_holds_no_iteration_twice)
@@ -137,7 +142,7 @@ TEST(job_log_holds_no_iteration_twice)
     struct os_file_map map = {0};
     int last = 0;
     options.train.iterations = 400;
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    CHECK_OK(job_test_run("out", &options));
     CHECK_OK(os_read_file(test_ctx, test_path("out/blocks/000/log.csv"), &map));
     for (const char *at = strchr(map.data, '\n'); at && at[1]; at = strchr(at + 1, '\n')) {
         CHECK(atoi(at + 1) > last);
@@ -151,24 +156,22 @@ TEST(job_that_is_finished_is_not_done_again_but_another_is)
 {
     oxl_job_options options = job_test_options();
     struct job_test_watch watch = {0, -1};
-    const oxl_callback callback = {job_test_progress, &watch};
-    const char *survey = job_test_survey();
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK_OK(job_test_watched("out", &options, &watch));
     CHECK(watch.calls == 12);
     options.preset = "a name changes nothing";
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK_OK(job_test_watched("out", &options, &watch));
     CHECK(watch.calls == 12);
     options.train.lr_scale *= 2;
-    CHECK_ERROR(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback), OXL_ERR_USAGE,
+    CHECK_ERROR(job_test_watched("out", &options, &watch), OXL_ERR_USAGE,
                 "holds the finished result of a run with other options");
     CHECK(watch.calls == 12);
     options.restart = 1;
     for (int again = 2; again < 4; again++) {
-        CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+        CHECK_OK(job_test_watched("out", &options, &watch));
         CHECK(watch.calls == 12 * again);
     }
     test_ctx->options.seed = 7;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK_OK(job_test_watched("out", &options, &watch));
     CHECK(watch.calls == 48);
 }
 
@@ -176,22 +179,20 @@ TEST(job_that_is_stopped_keeps_its_model_and_does_not_count_as_finished)
 {
     oxl_job_options options = job_test_options();
     struct job_test_watch watch = {0, 5};
-    const oxl_callback callback = {job_test_progress, &watch};
-    const char *survey = job_test_survey();
     oxl_model model = {0};
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK_OK(job_test_run("out", &options));
     test_ctx->options.seed = 2; /* another job in the same folder */
     options.restart = 1;
-    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_INTERRUPTED);
+    CHECK(job_test_watched("out", &options, &watch) == OXL_ERR_INTERRUPTED);
     CHECK(watch.calls == 5);
-    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
+    test_read_model("out/scene.ply", &model);
     CHECK(model.count >= 60);
-    CHECK(job_test_has(test_path("out/run.json"), "\"finished\": false"));
-    CHECK(!os_is_file(test_path("out/metrics.json")));
+    CHECK(job_test_has("out/run.json", "\"finished\": false"));
+    CHECK(!test_has("out/metrics.json"));
     oxl_model_free(test_ctx, &model);
     watch = (struct job_test_watch){0, -1};
     options.restart = 0;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK_OK(job_test_watched("out", &options, &watch));
     CHECK(watch.calls == 1 + 12 - 5); /* where it stood, and what was left */
 }
 
@@ -199,14 +200,10 @@ TEST(job_that_is_stopped_keeps_its_model_and_does_not_count_as_finished)
 
 static int job_test_same(const char *a, const char *b)
 {
-    struct os_file_map x = {0}, y = {0};
-    int same;
-    CHECK_OK(os_read_file(test_ctx, a, &x));
-    CHECK_OK(os_read_file(test_ctx, b, &y));
-    same = x.size == y.size && x.size > 0 && !memcmp(x.data, y.data, x.size);
-    os_release_file(test_ctx, &x);
-    os_release_file(test_ctx, &y);
-    return same;
+    OWNED_FILE x = {0}, y = {0};
+    CHECK_OK(os_read_file(test_ctx, test_path(a), &x));
+    CHECK_OK(os_read_file(test_ctx, test_path(b), &y));
+    return x.size == y.size && x.size > 0 && !memcmp(x.data, y.data, x.size);
 }
 
 /* Nine views and 60 points make two blocks or more when a block may hold 40. */
@@ -221,17 +218,14 @@ static oxl_job_options job_test_blocks(void)
 TEST(job_by_blocks_gives_the_same_bytes_in_one_process_and_in_many)
 {
     oxl_job_options options = job_test_blocks();
-    const char *survey = job_test_survey();
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("whole"), &options, NULL));
-    CHECK(os_is_file(test_path("whole/partition.txt")) &&
-          os_is_file(test_path("whole/blocks/001/model.ply")));
-    for (options.block = 1; options.block >= 0; options.block--)
-        CHECK_OK(oxl_job_run(test_ctx, survey, test_path("parts"), &options, NULL));
-    CHECK(!os_is_file(test_path("parts/scene.ply")));
+    CHECK_OK(job_test_run("whole", &options));
+    CHECK(test_has("whole/partition.txt") && test_has("whole/blocks/001/model.ply"));
+    for (options.block = 1; options.block >= 0; options.block--) CHECK_OK(job_test_run("parts", &options));
+    CHECK(!test_has("parts/scene.ply"));
     CHECK_OK(oxl_merge(test_ctx, test_path("parts"), NULL));
-    CHECK(job_test_same(test_path("whole/scene.ply"), test_path("parts/scene.ply")));
-    CHECK(job_test_has(test_path("parts/run.json"), "\"finished\": true"));
-    CHECK(job_test_has(test_path("parts/metrics.json"), "\"blocks\": 2"));
+    CHECK(job_test_same("whole/scene.ply", "parts/scene.ply"));
+    CHECK(job_test_has("parts/run.json", "\"finished\": true"));
+    CHECK(job_test_has("parts/metrics.json", "\"blocks\": 2"));
 }
 
 static double job_test_psnr(const char *model_path)
@@ -239,7 +233,7 @@ static double job_test_psnr(const char *model_path)
     oxl_model model;
     oxl_scene *scene = NULL;
     oxl_metrics m = {0};
-    CHECK_OK(oxl_model_read(test_ctx, model_path, &model));
+    test_read_model(model_path, &model);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
     oxl_model_move_origin(&model, oxl_scene_origin(scene));
     CHECK_OK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_TRAIN, &m));
@@ -253,8 +247,8 @@ TEST(job_options_that_cannot_be_are_refused_before_anything_is_written)
 {
     oxl_job_options options = job_test_options();
     options.train.coarse = 2;
-    CHECK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL) == OXL_ERR_USAGE);
-    CHECK(!os_is_file(test_path("out/run.json")));
+    CHECK(job_test_run("out", &options) == OXL_ERR_USAGE);
+    CHECK(!test_has("out/run.json"));
 }
 
 TEST(job_in_blocks_is_about_as_good_as_in_one_for_the_same_work)
@@ -262,26 +256,23 @@ TEST(job_in_blocks_is_about_as_good_as_in_one_for_the_same_work)
     oxl_job_options options = job_test_blocks(), one = job_test_options();
     one.renders = 0;
     one.train.iterations = options.train.iterations = 240;
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("one"), &one, NULL));
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
-    CHECK(job_test_has(test_path("out/metrics.json"), "\"iterations\": 240,"));
-    CHECK(job_test_psnr(test_path("out/scene.ply")) > job_test_psnr(test_path("one/scene.ply")) - 2);
-    CHECK(!os_is_file(test_path("out/blocks/000/checkpoint.oxl")) &&
-          !os_is_folder(test_path("out/blocks/decoded")));
+    CHECK_OK(job_test_run("one", &one));
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(job_test_has("out/metrics.json", "\"iterations\": 240,"));
+    CHECK(job_test_psnr("out/scene.ply") > job_test_psnr("one/scene.ply") - 2);
+    CHECK(!test_has("out/blocks/000/checkpoint.oxl") && !os_is_folder(test_path("out/blocks/decoded")));
 }
 
 TEST(job_trains_its_blocks_again_when_the_survey_has_changed)
 {
     oxl_job_options options = job_test_blocks();
     struct job_test_watch watch = {0, -1};
-    const oxl_callback callback = {job_test_progress, &watch};
-    const char *survey = job_test_survey();
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK_OK(job_test_watched("out", &options, &watch));
     CHECK(remove(test_path("survey/images/8.png")) == 0);
-    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_USAGE);
+    CHECK(job_test_watched("out", &options, &watch) == OXL_ERR_USAGE);
     watch.calls = 0;
     options.restart = 1;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK_OK(job_test_watched("out", &options, &watch));
     CHECK(watch.calls > 1);
 }
 
@@ -289,9 +280,9 @@ TEST(job_in_blocks_trains_the_merged_model_last)
 {
     oxl_job_options options = job_test_blocks();
     options.train.iterations = 40;
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("ample"), &options, NULL));
-    CHECK(os_is_file(test_path("ample/blocks/whole/model.ply")));
-    CHECK(!job_test_same(test_path("ample/blocks/whole/model.ply"), test_path("ample/blocks/000/model.ply")));
+    CHECK_OK(job_test_run("ample", &options));
+    CHECK(test_has("ample/blocks/whole/model.ply"));
+    CHECK(!job_test_same("ample/blocks/whole/model.ply", "ample/blocks/000/model.ply"));
 }
 
 TEST(job_in_blocks_lets_the_merged_model_grow_to_what_its_blocks_have_left_of_the_number_allowed)
@@ -303,13 +294,13 @@ TEST(job_in_blocks_lets_the_merged_model_grow_to_what_its_blocks_have_left_of_th
     options.train.densify_every = 1 << 20; /* none in a block */
     options.train.densify_gradient = 1e-12f;
     options.train.max_gaussians = 67;
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    CHECK_OK(job_test_run("out", &options));
     for (int b = 0; b < 2; b++) {
         CHECK_OK(oxl_model_read(test_ctx, PATH(test_path("out"), "blocks/%03d/model.ply", b), &model));
         blocks += model.count;
         oxl_model_free(test_ctx, &model);
     }
-    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
+    test_read_model("out/scene.ply", &model);
     CHECK(blocks <= 60 && model.count > blocks && model.count <= 67);
 }
 
@@ -320,10 +311,10 @@ TEST(job_in_blocks_with_second_lobes_writes_a_standard_model_of_all)
     OWNED_MODEL model = {0}, standard = {0};
     options.train.iterations = 60;
     options.train.dog = OXL_DOG_ALL;
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
-    CHECK(os_is_file(test_path("out/blocks/whole/model_standard.ply")));
-    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
-    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene_standard.ply"), &standard));
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(test_has("out/blocks/whole/model_standard.ply"));
+    test_read_model("out/scene.ply", &model);
+    test_read_model("out/scene_standard.ply", &standard);
     CHECK(model.lobes == model.count && standard.lobes == 0 && standard.count == model.count);
 }
 
@@ -332,8 +323,8 @@ TEST(job_is_split_into_as_many_blocks_as_are_asked_for)
     oxl_job_options options = job_test_options();
     options.partition.blocks = 3;
     options.renders = 0;
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
-    CHECK(job_test_has(test_path("out/metrics.json"), "\"blocks\": 3"));
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(job_test_has("out/metrics.json", "\"blocks\": 3"));
 }
 
 TEST(job_reads_decoded_images_from_files_and_ends_in_the_same_bytes)
@@ -354,17 +345,17 @@ TEST(job_reads_decoded_images_from_files_and_ends_in_the_same_bytes)
     oxl_scene_free(test_ctx, a);
     oxl_scene_free(test_ctx, b);
     options.scene.image_cache_bytes = 1; /* memory holds one: files hold the rest */
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("small"), &options, NULL));
+    CHECK_OK(job_test_run("small", &options));
     options.scene.image_cache_bytes = 1 << 30;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("large"), &options, NULL));
-    CHECK(job_test_same(test_path("small/scene.ply"), test_path("large/scene.ply")));
+    CHECK_OK(job_test_run("large", &options));
+    CHECK(job_test_same("small/scene.ply", "large/scene.ply"));
 }
 
 TEST(job_merge_names_the_block_that_is_missing)
 {
     oxl_job_options options = job_test_blocks();
     options.block = 0;
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    CHECK_OK(job_test_run("out", &options));
     CHECK_ERROR(oxl_merge(test_ctx, test_path("out"), NULL), OXL_ERR_INPUT, "blocks/001");
     CHECK_SAYS("--block 1");
 }
@@ -373,40 +364,35 @@ TEST(job_in_blocks_that_is_stopped_anywhere_ends_in_the_same_bytes)
 {
     oxl_job_options options = job_test_blocks();
     const int stops[] = {1, 3, 9, 14};
-    const char *survey = job_test_survey();
     options.train.iterations = 40;
     /* a block begins with the coarse model's gains, not with those that the one before has left */
     options.train.exposure = OXL_ON;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("whole"), &options, NULL));
+    CHECK_OK(job_test_run("whole", &options));
     for (size_t i = 0; i < sizeof stops / sizeof *stops; i++) {
         struct job_test_watch watch = {0, stops[i]};
-        const oxl_callback callback = {job_test_progress, &watch};
         char out[32], scene[48];
         snprintf(out, sizeof out, "stop%d", stops[i]);
         snprintf(scene, sizeof scene, "%s/scene.ply", out);
-        CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path(out), &options, &callback) ==
-              OXL_ERR_INTERRUPTED);
-        CHECK(!os_is_file(test_path(scene)));
-        CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path(out), &options, NULL));
-        CHECK(job_test_same(test_path("whole/scene.ply"), test_path(scene)));
+        CHECK(job_test_watched(out, &options, &watch) == OXL_ERR_INTERRUPTED);
+        CHECK(!test_has(scene));
+        CHECK_OK(job_test_run(out, &options));
+        CHECK(job_test_same("whole/scene.ply", scene));
     }
 }
 
 TEST(job_in_blocks_of_a_wholly_black_survey_ends_with_a_model)
 {
     oxl_job_options options = job_test_blocks();
-    const char *survey = job_test_survey();
+    job_test_survey();
     oxl_image black = {0};
     options.train.iterations = 200;
     CHECK_OK(oxl_image_create(test_ctx, JOB_WIDTH, JOB_HEIGHT, &black));
     for (int i = 0; i < JOB_VIEWS; i++) {
-        char name[64];
-        snprintf(name, sizeof name, "survey/images/%d.png", i);
-        CHECK_OK(oxl_image_write(test_ctx, test_path(name), &black));
+        CHECK_OK(oxl_image_write(test_ctx, test_path("survey/images/%d.png", i), &black));
     }
     oxl_image_free(test_ctx, &black);
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
-    CHECK(os_is_file(test_path("out/scene.ply")));
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(test_has("out/scene.ply"));
 }
 
 /* Memory that a partition states is kept, whatever the machine has. */
@@ -430,8 +416,8 @@ TEST(job_in_blocks_grows_to_what_memory_holds_of_the_merged_model)
     p.memory = (double)limited.ram;
     CHECK_OK(partition_write(test_ctx, test_path("out/partition.txt"), &p));
     partition_free(test_ctx, &p);
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
-    CHECK_OK(oxl_model_read(test_ctx, test_path("out/blocks/whole/model.ply"), &model));
+    CHECK_OK(job_test_run("out", &options));
+    test_read_model("out/blocks/whole/model.ply", &model);
     CHECK(model.count > 100 && model.count <= 150);
 }
 
@@ -549,47 +535,43 @@ TEST(job_in_blocks_with_gains_alone_writes_a_model_for_viewers_and_resumes_it)
     const oxl_job_options options = job_test_gains_in_blocks();
     int left = 5;
     const oxl_callback stop = {job_test_stop_viewers, &left};
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("whole"), &options, NULL));
+    CHECK_OK(job_test_run("whole", &options));
     job_test_shows_viewers("whole");
     CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("stopped"), &options, &stop) ==
           OXL_ERR_INTERRUPTED);
     CHECK(left == 0);
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("stopped"), &options, NULL));
-    CHECK(job_test_same(test_path("whole/scene.ply"), test_path("stopped/scene.ply")));
-    CHECK(job_test_same(test_path("whole/scene_clear.ply"), test_path("stopped/scene_clear.ply")));
+    CHECK_OK(job_test_run("stopped", &options));
+    CHECK(job_test_same("whole/scene.ply", "stopped/scene.ply"));
+    CHECK(job_test_same("whole/scene_clear.ply", "stopped/scene_clear.ply"));
 }
 
 TEST(job_trains_a_block_again_whose_folder_was_emptied)
 {
     oxl_job_options options = job_test_blocks();
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    CHECK_OK(job_test_run("out", &options));
     CHECK(remove(test_path("out/blocks/001/block.json")) == 0 && remove(test_path("out/run.json")) == 0);
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
-    CHECK(os_is_file(test_path("out/blocks/001/model.ply")) &&
-          job_test_has(test_path("out/run.json"), "\"finished\": true"));
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(test_has("out/blocks/001/model.ply") && job_test_has("out/run.json", "\"finished\": true"));
 }
 
-/* A survey, and in `out` a run with these options that was stopped after five steps. */
-static const char *job_test_stopped(const oxl_job_options *options)
+/* Leaves in `out` a run with these options that was stopped after five steps. */
+static void job_test_stopped(const oxl_job_options *options)
 {
     struct job_test_watch watch = {0, 5};
-    const oxl_callback callback = {job_test_progress, &watch};
-    const char *survey = job_test_survey();
-    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), options, &callback) == OXL_ERR_INTERRUPTED);
-    return survey;
+    CHECK(job_test_watched("out", options, &watch) == OXL_ERR_INTERRUPTED);
 }
 
 TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
 {
     oxl_job_options options = job_test_options();
-    const char *survey = job_test_stopped(&options);
+    job_test_stopped(&options);
     options.train.iterations++;
-    CHECK_ERROR(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL), OXL_ERR_USAGE, "--restart");
+    CHECK_ERROR(job_test_run("out", &options), OXL_ERR_USAGE, "--restart");
     CHECK_SAYS("survey:\n  iterations: 12 there, 13 here\nfix: "); /* and nothing else */
-    CHECK(os_is_file(test_path("out/blocks/000/checkpoint.oxl")));
+    CHECK(test_has("out/blocks/000/checkpoint.oxl"));
     options.restart = 1;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
-    CHECK(job_test_has(test_path("out/run.json"), "\"iterations_done\": 13"));
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(job_test_has("out/run.json", "\"iterations_done\": 13"));
 }
 
 /* Its own is spent when the model is trained: the standard model that follows does not take it for another
@@ -598,19 +580,17 @@ TEST(job_with_lobes_leaves_no_checkpoint_behind)
 {
     NEEDS_PART(lobes);
     oxl_job_options options = job_test_options();
-    const char *survey;
     options.train.dog = OXL_DOG_ALL;
-    survey = job_test_stopped(&options);
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
-    CHECK(os_is_file(test_path("out/scene_standard.ply")));
-    CHECK(!os_is_file(test_path("out/blocks/000/checkpoint.oxl")));
+    job_test_stopped(&options);
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(test_has("out/scene_standard.ply"));
+    CHECK(!test_has("out/blocks/000/checkpoint.oxl"));
 }
 
 TEST(job_does_not_overwrite_the_finished_model_of_another_survey)
 {
     oxl_job_options options = job_test_options();
-    const char *survey = job_test_survey();
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK_OK(job_test_run("out", &options));
     CHECK(rename(test_path("survey"), test_path("moved")) == 0);
     options.train.iterations++;
     CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &options, NULL));
@@ -618,26 +598,23 @@ TEST(job_does_not_overwrite_the_finished_model_of_another_survey)
                "1 0 0 4 120 60 50 0.5 1 0 2 0\n2 1 0 4 120 60 50 0.5 1 0 2 0\n");
     options.restart = 1;
     CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &options, NULL));
-    survey = job_test_survey();
     options.restart = 0;
-    CHECK_ERROR(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL), OXL_ERR_USAGE,
+    CHECK_ERROR(job_test_run("out", &options), OXL_ERR_USAGE,
                 "holds the finished result of a run with other options or of another survey");
     options.restart = 1;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK_OK(job_test_run("out", &options));
 }
 
 TEST(job_keeps_what_the_log_said_also_over_an_interruption)
 {
     const oxl_job_options options = job_test_options();
     struct job_test_watch watch = {0, 5};
-    const oxl_callback callback = {job_test_progress, &watch};
-    const char *survey = job_test_survey();
-    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_INTERRUPTED);
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
-    CHECK(job_test_has(test_path("out/run.json"), "{\"level\": \"info\", \"text\": \"images "));
-    CHECK(job_test_has(test_path("out/run.json"), "blocks       1, of"));
-    CHECK(!job_test_has(test_path("out/run.json"), "resumed after iteration"));
-    CHECK(job_test_has(test_path("out/blocks/000/block.json"),
+    CHECK(job_test_watched("out", &options, &watch) == OXL_ERR_INTERRUPTED);
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(job_test_has("out/run.json", "{\"level\": \"info\", \"text\": \"images "));
+    CHECK(job_test_has("out/run.json", "blocks       1, of"));
+    CHECK(!job_test_has("out/run.json", "resumed after iteration"));
+    CHECK(job_test_has("out/blocks/000/block.json",
                        "{\"level\": \"info\", \"text\": \"resumed after iteration 5\"}"));
 }
 
@@ -654,7 +631,7 @@ TEST(job_whose_folder_is_deleted_before_its_last_step_ends_with_its_model)
     const oxl_job_options options = job_test_options();
     const oxl_callback callback = {job_test_delete, NULL};
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback));
-    CHECK(os_is_file(test_path("out/scene.ply")) && os_is_file(test_path("out/blocks/000/model.ply")));
+    CHECK(test_has("out/scene.ply") && test_has("out/blocks/000/model.ply"));
 }
 
 TEST(job_resume_finds_the_options_that_a_run_was_given)
@@ -666,7 +643,7 @@ TEST(job_resume_finds_the_options_that_a_run_was_given)
     given.train.lr_sh = 1e-3f;
     given.seed = 77;
     given.scene.images = test_path("survey/images");
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &given, NULL));
+    CHECK_OK(job_test_run("out", &given));
     CHECK_OK(oxl_job_resume(test_ctx, survey, test_path("out"), &found, &run));
     CHECK(found.train.iterations == 12 && found.scene.max_side == 40 && found.train.lr_sh == 1e-3f &&
           found.seed == 77);
@@ -683,10 +660,9 @@ TEST(job_without_held_out_views_evaluates_training_views_and_says_so)
     oxl_job_options options = job_test_options();
     options.scene.test_every = 0;
     options.renders = 0;
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
-    CHECK(job_test_has(test_path("out/metrics.json"), "\"split\": \"train\""));
-    CHECK(
-        job_test_has(test_path("out/metrics.json"), "\"training\": {\"count\": 9, \"of\": 9, ")); /* not 6 */
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(job_test_has("out/metrics.json", "\"split\": \"train\""));
+    CHECK(job_test_has("out/metrics.json", "\"training\": {\"count\": 9, \"of\": 9, ")); /* not 6 */
     CHECK(!os_is_folder(test_path("out/renders")));
 }
 
@@ -715,20 +691,17 @@ TEST(renders_that_cannot_be_written_are_named_and_those_before_counted)
     const oxl_render_output what = {.split = OXL_SPLIT_ALL, .images = 1};
     const oxl_point point = {.position = {0, 0, 4}};
     const int threads = test_ctx->threads;
-    OWNED_SCENE *scene = NULL;
     OWNED_MODEL model = {0};
     int count = -1;
-    CHECK_OK(oxl_scene_load(test_ctx, job_test_survey(), NULL, &scene));
+    OWNED_SCENE *scene = test_load(job_test_survey(), NULL);
     CHECK_OK(oxl_model_from_points(test_ctx, &point, 1, 0, &model));
     test_ctx->threads = 4;
     CHECK_OK(oxl_render_views(test_ctx, &model, scene, NULL, &what, test_path("drawn"), &count));
-    CHECK(count == JOB_VIEWS && os_is_file(test_path("drawn/0.png.png")) &&
-          os_is_file(test_path("drawn/8.png.image.png")));
+    CHECK(count == JOB_VIEWS && test_has("drawn/0.png.png") && test_has("drawn/8.png.image.png"));
     test_write("again/1.png.png/.keep", "");
     CHECK_ERROR(oxl_render_views(test_ctx, &model, scene, NULL, &what, test_path("again"), &count),
                 OXL_ERR_IO, "again/1.png.png");
-    CHECK(count == 1 && os_is_file(test_path("again/0.png.image.png")) &&
-          !os_is_file(test_path("again/8.png.png")));
+    CHECK(count == 1 && test_has("again/0.png.image.png") && !test_has("again/8.png.png"));
     test_ctx->threads = threads;
 }
 
@@ -815,7 +788,7 @@ TEST(run_numbers_that_no_option_can_hold_are_not_taken)
 TEST(job_leaves_out_images_that_cannot_be_read_and_counts_them)
 {
     oxl_job_options options = job_test_options();
-    const char *survey = job_test_survey();
+    job_test_survey();
     oxl_image mask;
     test_write("survey/images/4.png", "no image");
     test_write("survey/images/2.png", "nor this");
@@ -823,21 +796,20 @@ TEST(job_leaves_out_images_that_cannot_be_read_and_counts_them)
     CHECK_OK(oxl_image_create(test_ctx, 8, 8, &mask));
     CHECK_OK(oxl_image_write(test_ctx, test_path("survey/masks/3.png"), &mask)); /* all of it black */
     oxl_image_free(test_ctx, &mask);
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
-    CHECK(job_test_has(test_path("out/metrics.json"), "\"images_left_out\": 3"));
-    CHECK(job_test_has(test_path("out/metrics.json"), "\"steps_skipped\": 0"));
-    CHECK(job_test_has(test_path("out/blocks/000/block.json"), "\"images_left_out\": 3"));
-    CHECK(job_test_has(test_path("out/blocks/000/block.json"), "the mask is all black at"));
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(job_test_has("out/metrics.json", "\"images_left_out\": 3"));
+    CHECK(job_test_has("out/metrics.json", "\"steps_skipped\": 0"));
+    CHECK(job_test_has("out/blocks/000/block.json", "\"images_left_out\": 3"));
+    CHECK(job_test_has("out/blocks/000/block.json", "the mask is all black at"));
     CHECK(remove(test_path("out/run.json")) == 0 && remove(test_path("out/scene.ply")) == 0);
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
-    CHECK(job_test_has(test_path("out/run.json"), "trained without 3 images"));
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(job_test_has("out/run.json", "trained without 3 images"));
 }
 
 /* It used to start from every point, and each block had the whole number to itself. */
 TEST(job_has_as_many_gaussians_as_were_asked_for_also_in_blocks)
 {
     NEEDS_PART(prune);
-    const char *survey = job_test_survey();
     for (int k = 0; k < 4; k++) {
         oxl_job_options options = k < 2 ? job_test_options() : job_test_blocks();
         OWNED_MODEL model = {0};
@@ -845,8 +817,8 @@ TEST(job_has_as_many_gaussians_as_were_asked_for_also_in_blocks)
         options.restart = 1;
         if (k % 2) options.train.keep = (oxl_keep){OXL_KEEP_COUNT, 30};
         else options.train.max_gaussians = 30;
-        CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
-        CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
+        CHECK_OK(job_test_run("out", &options));
+        test_read_model("out/scene.ply", &model);
         CHECK(k < 2 ? model.count == 30 || (k == 0 && model.count < 30)
                     : model.count > 20 && model.count < 38);
     }
@@ -855,13 +827,12 @@ TEST(job_has_as_many_gaussians_as_were_asked_for_also_in_blocks)
 TEST(job_completes_when_a_held_out_image_cannot_be_read)
 {
     oxl_job_options options = job_test_options();
-    const char *survey = job_test_survey();
+    job_test_survey();
     test_write("survey/images/8.png", "no image");
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
-    CHECK(job_test_has(test_path("out/metrics.json"), "\"count\": 1"));
-    CHECK(os_is_file(test_path("out/renders/8.png.png")) &&
-          !os_is_file(test_path("out/renders/8.png.image.png")));
-    CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(job_test_has("out/metrics.json", "\"count\": 1"));
+    CHECK(test_has("out/renders/8.png.png") && !test_has("out/renders/8.png.image.png"));
+    CHECK(job_test_has("out/run.json", "\"finished\": true"));
 }
 
 /* A model with second lobes is followed by a standard one, refined without them; a run that ended between the
@@ -875,21 +846,21 @@ TEST(job_writes_a_standard_model_beside_one_with_lobes)
     struct os_file_map first, again;
     options.train.dog = OXL_DOG_ALL;
     options.train.sh_degree = 1;
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
-    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
-    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene_standard.ply"), &standard));
+    CHECK_OK(job_test_run("out", &options));
+    test_read_model("out/scene.ply", &model);
+    test_read_model("out/scene_standard.ply", &standard);
     CHECK(model.lobes == model.count && model.sh_degree == 1);
     CHECK(standard.lobes == 0 && standard.count == model.count && standard.sh_degree == 3); /* 62 columns */
     CHECK(standard.plane[OXL_OPACITY][0] != model.plane[OXL_OPACITY][0]);
-    CHECK(job_test_has(test_path("out/metrics.json"), "\"psnr_lost\": "));
+    CHECK(job_test_has("out/metrics.json", "\"psnr_lost\": "));
     oxl_model_free(test_ctx, &model);
     oxl_model_free(test_ctx, &standard);
     CHECK_OK(os_read_file(test_ctx, test_path("out/scene_standard.ply"), &first));
-    job_test_replace(test_path("out/blocks/000/block.json"), "\"finished\": true", "\"finished\": false");
-    job_test_replace(test_path("out/run.json"), "\"finished\": true", "\"finished\": false");
+    job_test_replace("out/blocks/000/block.json", "\"finished\": true", "\"finished\": false");
+    job_test_replace("out/run.json", "\"finished\": true", "\"finished\": false");
     CHECK(os_remove(test_path("out/blocks/000/model_standard.ply")) == 0 &&
           os_remove(test_path("out/scene_standard.ply")) == 0);
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+    CHECK_OK(job_test_run("out", &options));
     CHECK_OK(os_read_file(test_ctx, test_path("out/scene_standard.ply"), &again));
     CHECK(first.size == again.size && memcmp(first.data, again.data, first.size) == 0);
     os_release_file(test_ctx, &first);
@@ -905,7 +876,7 @@ oxl_metrics job_test_evaluate(const char *model, int imaging)
     oxl_scene_options o = oxl_scene_options_default();
     o.test_every = oxl_job_options_default(OXL_PRESET_DRAFT).scene.test_every;
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene));
-    CHECK_OK(oxl_model_read(test_ctx, test_path(model), &read));
+    test_read_model(model, &read);
     if (imaging) CHECK_OK(test_read_imaging(scene, test_path(model)));
     CHECK_OK(oxl_evaluate(test_ctx, &read, scene, imaging ? &test_imaging : NULL, OXL_SPLIT_TEST, &m));
     out = m;
@@ -928,7 +899,7 @@ TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt
     options.train.dog = OXL_DOG_ALL;
     options.train.iterations = 60;
     photometry_test_make("survey", SYNTH_3C);
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+    CHECK_OK(job_test_run("out", &options));
     full = job_test_evaluate("out/scene_clear.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
     gains = job_test_evaluate("out/scene.ply", 1);
     CHECK_OK(os_read_file(test_ctx, test_path("out/metrics.json"), &json));
@@ -950,9 +921,8 @@ TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt
     CHECK(oxl_json_number(json.data, "bytes") == (double)clear.size);
     os_release_file(test_ctx, &clear);
     os_release_file(test_ctx, &json);
-    CHECK(os_is_file(test_path("out/renders/IMG_00000.png.clear.png")));
-    CHECK(!job_test_same(test_path("out/renders/IMG_00000.png.clear.png"),
-                         test_path("out/renders/IMG_00000.png.png")));
+    CHECK(test_has("out/renders/IMG_00000.png.clear.png"));
+    CHECK(!job_test_same("out/renders/IMG_00000.png.clear.png", "out/renders/IMG_00000.png.png"));
 }
 
 /* Where the images differ by gains alone, scene.ply is trained on without them, and is read without them in whatever
@@ -966,8 +936,8 @@ TEST(job_with_gains_alone_writes_a_model_for_viewers_that_needs_none)
     options.train.exposure = OXL_ON;
     options.train.lamp = options.train.medium = OXL_OFF;
     options.train.iterations = 60;
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
-    CHECK(os_is_file(test_path("out/blocks/000/model_standard.ply")));
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(test_has("out/blocks/000/model_standard.ply"));
     full = job_test_evaluate("out/scene_clear.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
     named = job_test_evaluate("out/scene.ply", 1);
     CHECK_OK(os_read_file(test_ctx, test_path("out/metrics.json"), &json));
@@ -994,25 +964,24 @@ TEST(job_with_a_lamp_and_no_medium_shows_even_light_in_scene_ply_and_refines_not
     options.train.medium = OXL_OFF;
     options.train.sh_degree = 3;
     options.train.iterations = 60;
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    CHECK_OK(job_test_run("out", &options));
     full = job_test_evaluate("out/scene.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
     CHECK_OK(os_read_file(test_ctx, test_path("out/metrics.json"), &json));
     CHECK(fabs(full.psnr - plain.psnr) > 1e-6);
     CHECK_CLOSE(oxl_json_number(json.data, "psnr"), full.psnr, 1e-9);
     CHECK_CLOSE(oxl_json_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
     os_release_file(test_ctx, &json);
-    CHECK(!os_is_file(test_path("out/scene_clear.ply")) && !os_is_file(test_path("out/scene_standard.ply")));
-    CHECK(!os_is_file(test_path("out/blocks/000/model_standard.ply")));
+    CHECK(!test_has("out/scene_clear.ply") && !test_has("out/scene_standard.ply"));
+    CHECK(!test_has("out/blocks/000/model_standard.ply"));
 }
 
 TEST(job_says_in_run_json_what_was_decided_and_why)
 {
     NEEDS_PART(ucd);
     oxl_job_options options = job_test_options();
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
-    CHECK(job_test_has(test_path("out/run.json"), "\"decisions\": {\"partition\": {\"chosen\": \"none\", "));
-    CHECK(job_test_has(test_path("out/run.json"),
-                       "\"ucd\": {\"chosen\": \"off\", \"evidence\": \"no points are seen"));
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(job_test_has("out/run.json", "\"decisions\": {\"partition\": {\"chosen\": \"none\", "));
+    CHECK(job_test_has("out/run.json", "\"ucd\": {\"chosen\": \"off\", \"evidence\": \"no points are seen"));
 }
 
 TEST(job_merge_of_a_run_without_a_survey_leaks_nothing)
@@ -1028,34 +997,32 @@ TEST(job_with_more_iterations_continues_a_finished_run_to_the_same_bytes_in_any_
 {
     oxl_job_options options = job_test_options();
     struct job_test_watch watch = {0, -1};
-    const oxl_callback callback = {job_test_progress, &watch};
     const char *const out[] = {"whole", "stopped"};
     const int threads = test_ctx->threads;
     job_test_survey();
     for (int k = 0; k < 2; k++) {
         options.train.iterations = 12;
-        CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path(out[k]), &options, NULL));
+        CHECK_OK(job_test_run(out[k], &options));
         options.train.iterations = 20;
         watch = (struct job_test_watch){0, k ? 3 : -1};
         test_ctx->threads = k ? 1 : threads;
-        CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path(out[k]), &options, &callback) ==
-              (k ? OXL_ERR_INTERRUPTED : OXL_OK));
+        CHECK(job_test_watched(out[k], &options, &watch) == (k ? OXL_ERR_INTERRUPTED : OXL_OK));
         CHECK(watch.calls == (k ? 3 : 8)); /* the 8 that were missing */
     }
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("stopped"), &options, NULL));
+    CHECK_OK(job_test_run("stopped", &options));
     test_ctx->threads = threads;
-    CHECK(job_test_same(test_path("whole/scene.ply"), test_path("stopped/scene.ply")));
-    CHECK(job_test_has(test_path("whole/metrics.json"), "\"iterations\": 20,"));
-    CHECK(job_test_has(test_path("whole/run.json"), "continues for 8 more"));
+    CHECK(job_test_same("whole/scene.ply", "stopped/scene.ply"));
+    CHECK(job_test_has("whole/metrics.json", "\"iterations\": 20,"));
+    CHECK(job_test_has("whole/run.json", "continues for 8 more"));
     watch = (struct job_test_watch){0, -1};
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("whole"), &options, &callback));
+    CHECK_OK(job_test_watched("whole", &options, &watch));
     CHECK(watch.calls == 0); /* finished */
     options.train.iterations = 22;
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("whole"), &options, &callback));
+    CHECK_OK(job_test_watched("whole", &options, &watch));
     CHECK(watch.calls == 2);
     watch = (struct job_test_watch){0, -1};
     options.restart = 1;
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("whole"), &options, &callback));
+    CHECK_OK(job_test_watched("whole", &options, &watch));
     CHECK(watch.calls >= 22); /* from the points; with a trial */
 }
 
@@ -1063,11 +1030,10 @@ TEST(job_in_blocks_is_not_continued)
 {
     oxl_job_options options = job_test_blocks();
     job_test_survey();
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+    CHECK_OK(job_test_run("out", &options));
     options.train.iterations = 20;
-    CHECK_ERROR(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL), OXL_ERR_USAGE,
-                "fix: --restart");
-    CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
+    CHECK_ERROR(job_test_run("out", &options), OXL_ERR_USAGE, "fix: --restart");
+    CHECK(job_test_has("out/run.json", "\"finished\": true"));
 }
 
 TEST(job_starts_from_a_model_of_any_format_and_notices_when_it_changes)
@@ -1075,13 +1041,12 @@ TEST(job_starts_from_a_model_of_any_format_and_notices_when_it_changes)
     static const char *const names[] = {"from.ply", "from.splat", "from.spz"};
     oxl_job_options options = job_test_options();
     struct job_test_watch watch = {0, 5};
-    const oxl_callback callback = {job_test_progress, &watch};
     uint8_t keep[200];
     char from[512];
     oxl_model model;
     job_test_survey();
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
-    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
+    CHECK_OK(job_test_run("out", &options));
+    test_read_model("out/scene.ply", &model);
     CHECK(model.count <= 200);
     oxl_model_move_origin(&model, (double[3]){0, 0, 0}); /* as another trainer's has it */
     for (size_t i = 0; i < model.count; i++) keep[i] = i < 30;
@@ -1093,19 +1058,17 @@ TEST(job_starts_from_a_model_of_any_format_and_notices_when_it_changes)
         snprintf(from, sizeof from, "%s", test_path(names[i]));
         options.from = from;
         options.restart = 1;
-        CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("other"), &options, NULL));
-        CHECK_OK(oxl_model_read(test_ctx, test_path("other/scene.ply"), &found));
+        CHECK_OK(job_test_run("other", &options));
+        test_read_model("other/scene.ply", &found);
         CHECK(found.count >= 30 && found.count < 60); /* the points are 60 */
     }
-    CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("changed"), &options, &callback) ==
-          OXL_ERR_INTERRUPTED);
+    CHECK(job_test_watched("changed", &options, &watch) == OXL_ERR_INTERRUPTED);
     model.plane[OXL_OPACITY][0] += 1;
     CHECK_OK(oxl_model_write(test_ctx, options.from, &model));
     options.restart = 0;
-    CHECK_ERROR(oxl_job_run(test_ctx, test_path("survey"), test_path("changed"), &options, NULL),
-                OXL_ERR_USAGE, "  start: {\"after\": 0, ");
+    CHECK_ERROR(job_test_run("changed", &options), OXL_ERR_USAGE, "  start: {\"after\": 0, ");
     options.partition.block_points = 40;
-    CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("cut"), &options, NULL) == OXL_ERR_USAGE);
+    CHECK(job_test_run("cut", &options) == OXL_ERR_USAGE);
     for (int i = 0; i < oxl_option_count(); i++) { /* the table names this option, and no other */
         snprintf(from, sizeof from, "--%s starts a single block", oxl_option_at(i)->name);
         CHECK((strstr(oxl_error_text(test_ctx), from) != NULL) ==
@@ -1154,8 +1117,8 @@ TEST(job_from_the_ply_of_another_trainer_begins_with_its_images_and_does_not_fal
     job_test_survey();
     options.train.iterations = 30;
     options.train.sh_degree = 2;
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
-    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
+    CHECK_OK(job_test_run("out", &options));
+    test_read_model("out/scene.ply", &model);
     CHECK_OK(model_set_degree(test_ctx, &model, 2));
     for (size_t i = 0; i < model.count; i++) /* harmonics that a wrong order would show */
         for (int k = 3; k < 27; k++) model.plane[OXL_SH + k][i] += 0.02f * (float)(k % 5 - 2);
@@ -1164,11 +1127,11 @@ TEST(job_from_the_ply_of_another_trainer_begins_with_its_images_and_does_not_fal
     snprintf(from, sizeof from, "%s", test_path("inria.ply"));
     job_test_write_inria(&model, from);
     oxl_model_free(test_ctx, &model);
-    begin = job_test_psnr(test_path("ours.ply"));
+    begin = job_test_psnr("ours.ply");
     read = job_test_psnr(from);
     options.from = from;
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("other"), &options, NULL));
-    end = job_test_psnr(test_path("other/scene.ply"));
+    CHECK_OK(job_test_run("other", &options));
+    end = job_test_psnr("other/scene.ply");
     CHECK(fabs(begin - read) < 1e-3);
     CHECK(end >= read);
 }
@@ -1181,8 +1144,8 @@ static void job_test_same_file(const char *name)
     char one[200], other[200];
     snprintf(one, sizeof one, "library/%s", name);
     snprintf(other, sizeof other, "command/%s", name);
-    CHECK(os_is_file(test_path(one)) == os_is_file(test_path(other)));
-    if (!os_is_file(test_path(one))) return;
+    CHECK(test_has(one) == test_has(other));
+    if (!test_has(one)) return;
     CHECK_OK(os_read_file(test_ctx, test_path(one), &a));
     CHECK_OK(os_read_file(test_ctx, test_path(other), &b));
     CHECK(a.size == b.size && memcmp(a.data, b.data, a.size) == 0);
@@ -1202,14 +1165,13 @@ TEST(job_of_one_block_writes_what_the_library_does_byte_for_byte)
         const char *const survey = k == 1 ? "water" : "survey";
         oxl_job_options options = job_test_options();
         oxl_train_options *o = &options.train;
-        OWNED_SCENE *scene = NULL;
         oxl_trained trained = {.finished = 0};
         options.restart = 1, options.seed = 0;
         o->iterations = 60;
         o->exposure = k == 0 ? OXL_ON : OXL_OFF, o->medium = k == 1 ? OXL_ON : OXL_OFF, o->lamp = o->medium;
         o->dog = k == 2 ? OXL_DOG_ALL : OXL_DOG_OFF;
         CHECK_OK(oxl_job_run(test_ctx, test_path(survey), test_path("command"), &options, NULL));
-        CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), &options.scene, &scene));
+        OWNED_SCENE *scene = test_load(survey, &options.scene);
         CHECK_OK(oxl_train(test_ctx, scene, o, NULL, &trained));
         CHECK(trained.finished && trained.iterations == 60);
         CHECK((trained.viewer.count > 0) == (k < 3));
@@ -1227,11 +1189,10 @@ TEST(job_evaluates_what_the_library_renders)
 {
     NEEDS_PART(exposure);
     oxl_job_options options = job_test_options();
-    OWNED_SCENE *scene = NULL;
     oxl_trained t = {.finished = 0};
     oxl_metrics m;
     options.train.iterations = 60, options.train.exposure = options.train.lamp = OXL_ON;
-    CHECK_OK(oxl_scene_load(test_ctx, job_test_survey(), &options.scene, &scene));
+    OWNED_SCENE *scene = test_load(job_test_survey(), &options.scene);
     CHECK_OK(oxl_train(test_ctx, scene, &options.train, NULL, &t));
     CHECK_OK(oxl_evaluate(test_ctx, &t.model, scene, t.imaging, OXL_SPLIT_ALL, &m));
     CHECK(m.count == JOB_VIEWS);

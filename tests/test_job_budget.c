@@ -89,12 +89,12 @@ TEST(budget_of_a_job_is_kept_and_one_too_small_is_refused_at_once)
 {
     oxl_job_options options = job_test_options();
     options.ram = 3 << 20;
-    CHECK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL) == OXL_ERR_BUDGET);
-    CHECK(!os_is_file(test_path("out/scene.ply")) && strstr(oxl_error_text(test_ctx), "fix: --ram ") != NULL);
+    CHECK(job_test_run("out", &options) == OXL_ERR_BUDGET);
+    CHECK(!test_has("out/scene.ply") && strstr(oxl_error_text(test_ctx), "fix: --ram ") != NULL);
     options.ram = (size_t)2 << 30;
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
-    CHECK(job_test_has(test_path("out/metrics.json"), "\"predicted_memory_bytes\": "));
-    CHECK(job_test_has(test_path("out/metrics.json"), "\"peak_rss_bytes\": "));
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(job_test_has("out/metrics.json", "\"predicted_memory_bytes\": "));
+    CHECK(job_test_has("out/metrics.json", "\"peak_rss_bytes\": "));
 }
 
 TEST(budget_of_steps_grows_with_many_images_and_is_limited_with_few_unless_iterations_are_given)
@@ -113,21 +113,20 @@ TEST(budget_of_steps_grows_with_many_images_and_is_limited_with_few_unless_itera
 TEST(budget_of_steps_of_a_large_survey_is_kept_in_run_json_and_its_run_is_found_finished)
 {
     struct job_test_watch watch = {0, -1};
-    const oxl_callback callback = {job_test_progress, &watch};
     oxl_job_options options = job_test_options();
     options.iterations_for = 3; /* of 9 images */
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
-    CHECK(job_test_has(test_path("out/run.json"), "\"iterations\": 36,"));
-    CHECK(job_test_has(test_path("out/blocks/000/log.csv"), "\n36,"));
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, &callback));
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(job_test_has("out/run.json", "\"iterations\": 36,"));
+    CHECK(job_test_has("out/blocks/000/log.csv", "\n36,"));
+    CHECK_OK(job_test_watched("out", &options, &watch));
     CHECK(watch.calls == 0);
     options.block = 0;
     options.partition.blocks = 2;
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("parts"), &options, NULL));
+    CHECK_OK(job_test_run("parts", &options));
     options.block = 1; /* reads run.json, not the survey */
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("parts"), &options, NULL));
+    CHECK_OK(job_test_run("parts", &options));
     CHECK_OK(oxl_merge(test_ctx, test_path("parts"), NULL));
-    CHECK(job_test_has(test_path("parts/metrics.json"), "\"iterations\": 36,"));
+    CHECK(job_test_has("parts/metrics.json", "\"iterations\": 36,"));
 }
 
 TEST(budget_is_what_partition_predicts_with)

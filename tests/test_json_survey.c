@@ -145,9 +145,7 @@ TEST(opensfm_survey_equals_that_of_colmap_with_every_camera_model)
 static const char *jsurvey_refused(const char *name, const char *text)
 {
     struct colmap c;
-    char path[64];
-    snprintf(path, sizeof path, "bad/%s", name);
-    test_write(path, text);
+    test_write(test_path("bad/%s", name), text);
     CHECK_ERROR(json_survey_read(test_ctx, test_path("bad"), name, NULL, &c), OXL_ERR_INPUT, "\nfix: ");
     return oxl_error_text(test_ctx);
 }
@@ -328,13 +326,12 @@ static void jsurvey_write_image(const char *name, int width, int height)
 /* NeRF synthetic's layout: 24 x 16 px, three images to train on, two to hold out. */
 static void jsurvey_write_blender(const char *held_out)
 {
-    char name[64];
     test_write("blender/transforms_train.json",
                "{\"camera_angle_x\": 1.5707963267948966, \"frames\": [" JSURVEY_AT(
                    "./train/r_0") ", " JSURVEY_AT("./train/r_1") ", " JSURVEY_AT("./train/r.2") "]}");
-    snprintf(name, sizeof name, "blender/%s", held_out);
-    test_write(name, "{\"camera_angle_x\": 1.5707963267948966, \"frames\": [" JSURVEY_AT(
-                         "./test/r_0") ", " JSURVEY_AT("./test/r_1") "]}");
+    test_write(test_path("blender/%s", held_out),
+               "{\"camera_angle_x\": 1.5707963267948966, \"frames\": [" JSURVEY_AT(
+                   "./test/r_0") ", " JSURVEY_AT("./test/r_1") "]}");
     jsurvey_write_image("blender/train/r_0.png", 24, 16);
     jsurvey_write_image("blender/train/r_1.JPG", 24, 16);
     jsurvey_write_image("blender/train/r.2.png", 24, 16);

@@ -49,13 +49,11 @@ TEST(folders_of_a_run_that_are_links_are_refused_by_name)
     static const char *const folders[] = {"blocks",        "renders",      "training_views", "blocks/000",
                                           "blocks/coarse", "blocks/whole", "blocks/decoded", "blocks/start"};
     oxl_job_options options = job_test_options();
-    const char *survey = job_test_survey();
     for (size_t k = 0; k < OXL_COUNT(folders); k++) {
         char path[128];
         snprintf(path, sizeof path, "out/%s", folders[k]);
         links_lead_out(folders[k]);
-        CHECK_ERROR(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL), OXL_ERR_INPUT,
-                    folders[k]);
+        CHECK_ERROR(job_test_run("out", &options), OXL_ERR_INPUT, folders[k]);
         CHECK_SAYS("is a link");
         CHECK(links_victim_is_unchanged());
         CHECK(unlink(test_path(path)) == 0);
@@ -65,11 +63,10 @@ TEST(folders_of_a_run_that_are_links_are_refused_by_name)
 TEST(a_folder_given_by_the_user_may_be_a_link)
 {
     const oxl_job_options options = job_test_options();
-    const char *survey = job_test_survey();
     CHECK_OK(oxl_make_folder(test_ctx, test_path("disk")));
     CHECK(symlink(test_path("disk"), test_path("out")) == 0);
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
-    CHECK(os_is_file(test_path("disk/scene.ply")));
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(test_has("disk/scene.ply"));
 }
 
 TEST(a_lock_that_is_a_link_or_a_pipe_is_refused_and_stays)
@@ -94,13 +91,11 @@ TEST(a_lock_that_is_a_link_or_a_pipe_is_refused_and_stays)
 
 TEST(a_temporary_name_that_is_a_link_is_replaced_and_its_target_stays)
 {
-    char name[64], page[64], temporary[300];
+    char temporary[300];
     FILE *file;
     test_write("victim", "keep");
-    snprintf(name, sizeof name, "a.%ld.tmp", (long)getpid());
-    snprintf(page, sizeof page, "report.html.%ld.tmp", (long)getpid());
-    CHECK(symlink(test_path("victim"), test_path(name)) == 0);
-    CHECK(symlink(test_path("victim"), test_path(page)) == 0);
+    CHECK(symlink(test_path("victim"), test_path("a.%ld.tmp", (long)getpid())) == 0);
+    CHECK(symlink(test_path("victim"), test_path("report.html.%ld.tmp", (long)getpid())) == 0);
     CHECK_OK(os_write_file(test_ctx, test_path("a"), "new", 3));
     file = oxl_create_beside(test_path("report.html"), temporary, sizeof temporary);
     CHECK(file && fputs("new", file) >= 0 && fclose(file) == 0);
@@ -111,14 +106,13 @@ TEST(a_temporary_name_that_is_a_link_is_replaced_and_its_target_stays)
 TEST(a_file_that_is_a_link_is_replaced_and_its_target_stays)
 {
     oxl_job_options options = job_test_options();
-    const char *survey = job_test_survey();
     options.restart = 1; /* without, a model that no run wrote is kept */
     test_write("victim", "keep");
     CHECK_OK(oxl_make_folder(test_ctx, test_path("out")));
     CHECK(symlink(test_path("victim"), test_path("out/scene.ply")) == 0);
     CHECK(symlink(test_path("victim"), test_path("out/metrics.json")) == 0);
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
-    CHECK(links_holds(test_path("victim"), "keep") && job_test_has(test_path("out/scene.ply"), "ply\n"));
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(links_holds(test_path("victim"), "keep") && job_test_has("out/scene.ply", "ply\n"));
 }
 
 TEST(a_folder_of_the_survey_is_not_taken_for_the_output)
@@ -129,15 +123,14 @@ TEST(a_folder_of_the_survey_is_not_taken_for_the_output)
     for (size_t k = 0; k < OXL_COUNT(folders); k++) {
         char path[64];
         snprintf(path, sizeof path, "%s/./", folders[k]);
-        CHECK_ERROR(oxl_job_run(test_ctx, survey, test_path(path), &options, NULL), OXL_ERR_USAGE,
-                    "survey/out");
+        CHECK_ERROR(job_test_run(path, &options), OXL_ERR_USAGE, "survey/out");
         CHECK(oxl_partition(test_ctx, survey, test_path(path), &options, NULL) == OXL_ERR_USAGE);
     }
     options.scene.images = test_path("survey/images");
-    CHECK(oxl_job_run(test_ctx, survey, test_path("survey/images"), &options, NULL) == OXL_ERR_USAGE);
-    CHECK(!os_is_file(test_path("survey/.lock")) && !os_is_folder(test_path("survey/images/blocks")));
+    CHECK(job_test_run("survey/images", &options) == OXL_ERR_USAGE);
+    CHECK(!test_has("survey/.lock") && !os_is_folder(test_path("survey/images/blocks")));
     options.scene.images = NULL;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("survey/out"), &options, NULL));
+    CHECK_OK(job_test_run("survey/out", &options));
 }
 
 TEST(a_block_of_a_partition_is_not_cut_in_its_own_place)
@@ -155,13 +148,11 @@ TEST(a_block_of_a_partition_is_not_cut_in_its_own_place)
 TEST(a_model_that_no_run_wrote_is_replaced_with_restart_alone)
 {
     oxl_job_options options = job_test_options();
-    const char *survey = job_test_survey();
     test_write("out/scene.ply", "of another program");
-    CHECK_ERROR(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL), OXL_ERR_USAGE,
-                "no run.json");
+    CHECK_ERROR(job_test_run("out", &options), OXL_ERR_USAGE, "no run.json");
     CHECK(links_holds(test_path("out/scene.ply"), "of another program"));
     options.restart = 1;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK_OK(job_test_run("out", &options));
     CHECK(!links_holds(test_path("out/scene.ply"), "of another program"));
 }
 
@@ -198,20 +189,19 @@ TEST(only_files_that_a_run_writes_are_swept)
     for (size_t k = 0; k < OXL_COUNT(goes); k++) test_write(goes[k], "1");
     CHECK_OK(os_remove_temporaries(test_ctx, test_folder(), "metrics.json run.json *.png"));
     CHECK_OK(os_remove_temporaries(test_ctx, test_path("nowhere"), "*"));
-    for (size_t k = 0; k < OXL_COUNT(stays); k++) CHECK(os_is_file(test_path(stays[k])));
-    for (size_t k = 0; k < OXL_COUNT(goes); k++) CHECK(!os_is_file(test_path(goes[k])));
+    for (size_t k = 0; k < OXL_COUNT(stays); k++) CHECK(test_has(stays[k]));
+    for (size_t k = 0; k < OXL_COUNT(goes); k++) CHECK(!test_has(goes[k]));
 }
 
 TEST(decoded_images_are_removed_by_the_names_that_a_run_gives_them)
 {
     oxl_job_options options = job_test_options();
-    const char *survey = job_test_survey();
     options.scene.image_cache_bytes = 1;
     test_write("out/blocks/decoded/photo", "keep");
     test_write("out/blocks/decoded/0123456789abcdef.7.tmp", "of a killed run");
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
-    CHECK(os_is_file(test_path("out/blocks/decoded/photo")));
-    CHECK(!os_is_file(test_path("out/blocks/decoded/0123456789abcdef.7.tmp")));
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(test_has("out/blocks/decoded/photo"));
+    CHECK(!test_has("out/blocks/decoded/0123456789abcdef.7.tmp"));
 }
 
 /* ---------------- names of renders */

@@ -1,15 +1,6 @@
 /* test_lint.c - surveys whose files can be read, and which yet are wrong. */
 #include "test.h"
 
-char lint_heard[4096]; /* what the library said */
-
-void lint_listen(void *user, oxl_log_level level, const char *text)
-{
-    const size_t used = strlen(lint_heard);
-    (void)user;
-    if (level == OXL_LOG_WARNING) snprintf(lint_heard + used, sizeof lint_heard - used, "%s\n", text);
-}
-
 /* The survey of test_job.c, with points that are seen in the images that their tracks name. */
 static const char *lint_survey(void)
 {
@@ -22,8 +13,7 @@ static const char *lint_survey(void)
     }
     test_write("survey/sparse/0/points3D.txt", points.data);
     text_free(&points);
-    lint_heard[0] = 0;
-    test_ctx->options.log = lint_listen;
+    test_listen();
     return survey;
 }
 
@@ -32,7 +22,7 @@ TEST(lint_finds_nothing_in_a_valid_survey)
     oxl_survey s;
     CHECK_OK(oxl_check(test_ctx, lint_survey(), NULL, &s));
     CHECK(s.foreign == 0 && s.unusable == 0 && s.masked == 0);
-    CHECK(lint_heard[0] == 0);
+    CHECK(test_said.warning[0] == 0);
 }
 
 TEST(lint_counts_images_and_masks_that_cannot_be_used)
@@ -60,15 +50,13 @@ TEST(lint_counts_images_and_masks_that_cannot_be_used)
     CHECK_CLOSE(s.masked, 0.5, 1e-12);
     CHECK_TEXT(s.text, "3 masks (50 % of their pixels are black and ignored)");
     CHECK_TEXT(s.warnings, "3 of 9 images cannot be used");
-    CHECK_TEXT(lint_heard,
+    CHECK_TEXT(test_said.warning,
                "2.png: 32 x 48 px, but camera 1 (cameras.txt:1) has 48 x 32, another shape\nfix: turn it");
-    CHECK_TEXT(lint_heard, "8.png: neither a JPEG nor a PNG");
-    CHECK_TEXT(lint_heard, "masks/5.png: the mask is all black");
-    CHECK_TEXT(lint_heard, "masks/7.png: 16 x 16 px, but its image has another aspect ratio");
+    CHECK_TEXT(test_said.warning, "8.png: neither a JPEG nor a PNG");
+    CHECK_TEXT(test_said.warning, "masks/5.png: the mask is all black");
+    CHECK_TEXT(test_said.warning, "masks/7.png: 16 x 16 px, but its image has another aspect ratio");
     for (int i = 0; i < JOB_VIEWS; i++) {
-        char name[64];
-        snprintf(name, sizeof name, "survey/images/%d.png", i);
-        test_write(name, "no image");
+        test_write(test_path("survey/images/%d.png", i), "no image");
     }
     CHECK_ERROR(oxl_check(test_ctx, test_path("survey"), NULL, &s), OXL_ERR_INPUT,
                 "none of the 7 training views can be used");
@@ -157,7 +145,7 @@ TEST(lint_says_how_poses_and_cameras_would_fit_what_the_images_saw)
         lint_write_sight(&cases[i].sight);
         CHECK_OK(oxl_check(test_ctx, survey, NULL, &s));
         CHECK(s.foreign == cases[i].foreign);
-        CHECK_TEXT(lint_heard, cases[i].said);
-        CHECK((lint_heard[0] == 0) == (cases[i].foreign == 0));
+        CHECK_TEXT(test_said.warning, cases[i].said);
+        CHECK((test_said.warning[0] == 0) == (cases[i].foreign == 0));
     }
 }

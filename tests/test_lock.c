@@ -43,10 +43,10 @@ TEST(lock_of_a_live_process_is_refused_by_its_number_and_that_of_a_killed_one_is
     CHECK(strstr(oxl_error_text(test_ctx), message) && strstr(oxl_error_text(test_ctx), "\nfix: "));
     CHECK(lock_folder(test_ctx, folder, 1, &lock) == OXL_ERR_FAILED);
     lock_test_kill(child);
-    CHECK(os_is_file(test_path("out/.lock")));
+    CHECK(test_has("out/.lock"));
     CHECK_OK(oxl_lock_folder(test_ctx, folder, &lock));
     oxl_unlock_folder(test_ctx, &lock);
-    CHECK(!lock && !os_is_file(test_path("out/.lock")));
+    CHECK(!lock && !test_has("out/.lock"));
 }
 
 TEST(lock_that_is_shared_lets_others_share_it_and_nobody_have_it_alone)
@@ -58,12 +58,12 @@ TEST(lock_that_is_shared_lets_others_share_it_and_nobody_have_it_alone)
     CHECK_OK(lock_folder(test_ctx, folder, 1, &lock));
     CHECK(lock_change(test_ctx, lock, folder, 0) == OXL_ERR_FAILED);
     oxl_unlock_folder(test_ctx, &lock);
-    CHECK(os_is_file(test_path("out/.lock"))); /* the child's still */
+    CHECK(test_has("out/.lock")); /* the child's still */
     CHECK_OK(lock_folder(test_ctx, folder, 1, &lock));
     lock_test_kill(child);
     CHECK_OK(lock_change(test_ctx, lock, folder, 0));
     oxl_unlock_folder(test_ctx, &lock);
-    CHECK(!os_is_file(test_path("out/.lock")));
+    CHECK(!test_has("out/.lock"));
 }
 
 TEST(lock_of_a_survey_of_one_block_is_not_shared)
@@ -87,14 +87,13 @@ TEST(lock_of_a_survey_of_one_block_is_not_shared)
 TEST(lock_is_not_needed_where_the_run_is_finished)
 {
     oxl_job_options options = job_test_options();
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    CHECK_OK(job_test_run("out", &options));
     CHECK_OK(oxl_make_folder(test_ctx, test_path("out/.lock")));
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+    CHECK_OK(job_test_run("out", &options));
     CHECK_OK(oxl_merge(test_ctx, test_path("out"), NULL));
     options.train.iterations += 5;
-    CHECK_ERROR(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL), OXL_ERR_IO,
-                ".lock: cannot write");
+    CHECK_ERROR(job_test_run("out", &options), OXL_ERR_IO, ".lock: cannot write");
     options.restart = 1;
-    CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL) == OXL_ERR_IO);
-    CHECK(os_is_file(test_path("out/scene.ply")) && os_is_file(test_path("out/run.json")));
+    CHECK(job_test_run("out", &options) == OXL_ERR_IO);
+    CHECK(test_has("out/scene.ply") && test_has("out/run.json"));
 }

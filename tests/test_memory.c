@@ -57,13 +57,12 @@ static uint64_t memory_sum(const char *file)
 TEST(memory_refused_anywhere_in_a_job_is_reported_or_changes_nothing)
 {
     const char *survey = job_test_survey(), *out = test_path("out");
-    char name[64], ply[512], refused[400];
+    char ply[512], refused[400];
     uint64_t whole;
     long count, stride, held, reported = 0;
     test_write("survey/masks/.keep", "");
     for (int i = 0; i < 3; i++) {
-        snprintf(name, sizeof name, "survey/masks/%d.png", i);
-        CHECK_OK(job_test_image(test_path(name), i));
+        CHECK_OK(job_test_image(test_path("survey/masks/%d.png", i), i));
     }
     snprintf(ply, sizeof ply, "%s/scene.ply", out);
     test_ctx->threads = 1;

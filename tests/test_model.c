@@ -3,22 +3,6 @@
 
 /* ---------------- helpers */
 
-static char model_test_warning[1024]; /* what was logged, line behind line */
-
-static void model_test_log(void *user, oxl_log_level level, const char *text)
-{
-    (void)user;
-    (void)level;
-    snprintf(model_test_warning + strlen(model_test_warning),
-             sizeof model_test_warning - strlen(model_test_warning), "%s\n", text);
-}
-
-static void model_test_listen(void)
-{
-    model_test_warning[0] = 0;
-    test_ctx->options.log = model_test_log;
-}
-
 static double model_test_unit(uint64_t i, uint64_t a)
 {
     return random_unit(random_bits(11, i, a));
@@ -211,21 +195,21 @@ TEST(model_lobes_come_back_from_a_ply_and_nowhere_else)
     struct os_file_map a, b;
     m.origin[1] = 0.1;
     CHECK_OK(oxl_model_write(test_ctx, test_path("m.ply"), &m));
-    CHECK_OK(oxl_model_read(test_ctx, test_path("m.ply"), &same));
+    test_read_model("m.ply", &same);
     CHECK(same.lobes == 77 && model_test_same(&same, &m) && model_test_same_lobes(&same, &m));
     a = model_test_file(test_path("m.ply"));
     CHECK(a.size > 300 * 248 + 77 * 16 && a.size < 300 * 248 + 77 * 16 + 2048);
     CHECK(strstr(a.data, "element dog 77\nproperty float opacity_factor\n"));
     CHECK(strstr(a.data, "scale_factor_2\nend_header\n") && strstr(a.data, "comment dog: "));
     os_release_file(test_ctx, &a);
-    model_test_listen();
+    test_listen();
     CHECK_OK(oxl_model_write(test_ctx, test_path("m_standard.ply"), &m));
-    CHECK_TEXT(model_test_warning, "second lobes of 77 of 300");
-    model_test_warning[0] = 0;
+    CHECK_TEXT(test_said.all, "second lobes of 77 of 300");
+    test_said.all[0] = 0;
     CHECK_OK(model_copy(test_ctx, &m, &plain));
     model_drop_lobes(&plain);
     CHECK_OK(oxl_model_write(test_ctx, test_path("plain.ply"), &plain));
-    CHECK(!model_test_warning[0]);
+    CHECK(!test_said.all[0]);
     a = model_test_file(test_path("m_standard.ply"));
     b = model_test_file(test_path("plain.ply"));
     CHECK(a.size == b.size && !memcmp(a.data, b.data, a.size) && !strstr(b.data, "dog"));
@@ -525,7 +509,7 @@ TEST(model_write_refuses_values_that_are_not_finite_and_leaves_the_old_file)
     m.plane[OXL_OPACITY][19] = -INFINITY;
     CHECK_ERROR(oxl_model_write(test_ctx, path, &m), OXL_ERR_FAILED, "column opacity of row 19");
     CHECK(oxl_model_write(test_ctx, test_path("m.splat"), &m) == OXL_ERR_FAILED);
-    CHECK(!os_is_file(test_path("m.splat")));
+    CHECK(!test_has("m.splat"));
     m.plane[OXL_OPACITY][19] = 0;
     m.origin[1] = NAN;
     CHECK(oxl_model_write(test_ctx, path, &m) == OXL_ERR_FAILED);
@@ -570,7 +554,7 @@ TEST(model_read_takes_properties_of_any_order_and_type_and_others_beside_them)
 TEST(model_read_drops_rows_that_are_not_finite_and_says_how_many)
 {
     OWNED_MODEL m = {0};
-    model_test_listen();
+    test_listen();
     CHECK_OK(oxl_model_read(
         test_ctx,
         test_write(
@@ -581,7 +565,7 @@ TEST(model_read_drops_rows_that_are_not_finite_and_says_how_many)
             "3 0 0 0 0 0 0 0 0 1 0 0 0 0\n"),
         &m));
     CHECK(m.count == 2 && m.not_finite == 3 && m.plane[0][0] == 1 && m.plane[0][1] == 3);
-    CHECK_TEXT(model_test_warning, "dropped 3 of 5 Gaussians");
+    CHECK_TEXT(test_said.all, "dropped 3 of 5 Gaussians");
     for (size_t i = 2; i < m.capacity; i++) CHECK(m.plane[0][i] == 0 && m.plane[OXL_ROTATION][i] == 1);
 }
 
@@ -615,7 +599,7 @@ TEST(model_read_explains_files_that_are_no_models)
 TEST(model_read_ignores_an_origin_that_is_no_origin)
 {
     OWNED_MODEL m = {0};
-    model_test_listen();
+    test_listen();
     CHECK_OK(oxl_model_read(
         test_ctx,
         test_write("m.ply",
@@ -623,8 +607,8 @@ TEST(model_read_ignores_an_origin_that_is_no_origin)
                    "property float opacity\nend_header\n"),
         &m));
     CHECK(m.count == 0 && m.origin[0] == 0 && m.origin[1] == 0 && m.origin[2] == 0);
-    CHECK_TEXT(model_test_warning, "origin of species");
-    CHECK_TEXT(model_test_warning, "holds no Gaussians");
+    CHECK_TEXT(test_said.all, "origin of species");
+    CHECK_TEXT(test_said.all, "holds no Gaussians");
     oxl_model_free(test_ctx, &m);
     CHECK_OK(oxl_model_read(
         test_ctx,
@@ -633,7 +617,7 @@ TEST(model_read_ignores_an_origin_that_is_no_origin)
                    "property float opacity\nend_header\n"),
         &m));
     CHECK(m.origin[0] == 0 && m.origin[1] == 0);
-    CHECK_TEXT(model_test_warning, "expected origin X Y Z, each within 1e+15");
+    CHECK_TEXT(test_said.all, "expected origin X Y Z, each within 1e+15");
 }
 
 /* ---------------- .splat */
@@ -705,13 +689,13 @@ TEST(model_splat_of_no_rows_zero_scale_or_zero_rotation_is_repaired_and_a_cut_fi
     unsigned char bytes[64] = {0};
     const char *path = test_path("m.splat");
     oxl_model m;
-    model_test_listen();
+    test_listen();
     memset(bytes + 28, 128, 4);
     bytes[32 + 15] = 0xbf; /* a scale of -0.5 */
     CHECK_OK(os_write_file(test_ctx, path, bytes, 64));
     CHECK_OK(oxl_model_read(test_ctx, path, &m));
     CHECK(m.count == 1);
-    CHECK_TEXT(model_test_warning, "dropped 1 of 2");
+    CHECK_TEXT(test_said.all, "dropped 1 of 2");
     CHECK_CLOSE(m.plane[OXL_LOG_SCALE][0], log(FLT_MIN), 1e-5);
     CHECK(m.plane[OXL_ROTATION][0] == 1 && m.plane[OXL_OPACITY][0] < -5);
     oxl_model_free(test_ctx, &m);
@@ -805,7 +789,7 @@ TEST(model_background_goes_through_files_and_into_renders)
             m.has_background = known;
             if (known) memcpy(m.background, (float[3]){1, 0.25f, 0}, sizeof m.background);
             CHECK_OK(oxl_model_write(test_ctx, test_path(names[k]), &m));
-            CHECK_OK(oxl_model_read(test_ctx, test_path(names[k]), &back));
+            test_read_model(names[k], &back);
             CHECK(back.has_background == known &&
                   !memcmp(back.background, m.background, sizeof m.background));
             CHECK_OK(model_copy(test_ctx, &back, &copy));

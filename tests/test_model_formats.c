@@ -50,7 +50,7 @@ TEST(spz_gives_back_what_was_written_to_its_steps)
         OWNED_MODEL m = formats_test_model(300, degree), back = {0};
         double worst[6];
         CHECK_OK(oxl_model_write(test_ctx, test_path("m.spz"), &m));
-        CHECK_OK(oxl_model_read(test_ctx, test_path("m.spz"), &back));
+        test_read_model("m.spz", &back);
         CHECK(back.count == m.count && back.sh_degree == degree && back.lobes == 0);
         formats_test_compare(&m, &back, worst);
         CHECK(worst[0] <= 0.5 / (1 << 16)); /* 90 units leave 16 fractional bits */
@@ -68,7 +68,7 @@ TEST(spz_and_ply_give_back_origin_and_scale_and_gltf_holds_them)
     CHECK(m.scale == 0.4051 && fabs(m.origin[0] - 0.4051 * 500000.125) < 1e-6);
     for (int i = 0; i < 2; i++) {
         CHECK_OK(oxl_model_write(test_ctx, test_path(names[i]), &m));
-        CHECK_OK(oxl_model_read(test_ctx, test_path(names[i]), &back));
+        test_read_model(names[i], &back);
         CHECK(back.count == 20 && back.scale == m.scale &&
               memcmp(back.origin, m.origin, sizeof m.origin) == 0);
         oxl_model_free(test_ctx, &back);
@@ -87,10 +87,10 @@ TEST(spz_written_again_is_the_same_bytes)
     OWNED_MODEL m = formats_test_model(50, 3), back = {0};
     struct os_file_map a, b;
     CHECK_OK(oxl_model_write(test_ctx, test_path("a.spz"), &m));
-    CHECK_OK(oxl_model_read(test_ctx, test_path("a.spz"), &back));
+    test_read_model("a.spz", &back);
     CHECK_OK(oxl_model_write(test_ctx, test_path("b.spz"), &back));
     oxl_model_free(test_ctx, &m);
-    CHECK_OK(oxl_model_read(test_ctx, test_path("b.spz"), &m));
+    test_read_model("b.spz", &m);
     CHECK_OK(oxl_model_write(test_ctx, test_path("c.spz"), &m));
     CHECK_OK(os_read_file(test_ctx, test_path("b.spz"), &a));
     CHECK_OK(os_read_file(test_ctx, test_path("c.spz"), &b));
@@ -118,7 +118,7 @@ TEST(spz_frame_is_turned_by_half_a_turn_about_x)
     bytes_put(all + sizeof spz_test_one + 4, (uint32_t)data, 4);
     file = fopen(test_path("one.spz"), "wb");
     CHECK(file && fwrite(all, 1, sizeof all, file) == sizeof all && fclose(file) == 0);
-    CHECK_OK(oxl_model_read(test_ctx, test_path("one.spz"), &m));
+    test_read_model("one.spz", &m);
     CHECK(m.count == 1 && m.plane[OXL_MEAN][0] == 1 && m.plane[OXL_MEAN + 1][0] == 1 &&
           m.plane[OXL_MEAN + 2][0] == -1.0f / 4096);
     CHECK_CLOSE(m.plane[OXL_LOG_SCALE][0], 0, 0);
@@ -231,5 +231,5 @@ TEST(gltf_of_nothing_is_refused)
     CHECK_OK(oxl_model_create(test_ctx, 0, 0, &m));
     CHECK_ERROR(oxl_model_write(test_ctx, test_path("m.glb"), &m), OXL_ERR_FAILED,
                 "glTF has no empty arrays");
-    CHECK(!os_is_file(test_path("m.glb")));
+    CHECK(!test_has("m.glb"));
 }

@@ -671,14 +671,13 @@ TEST(scale_rays_undo_the_distortion)
                                           "1 OPENCV_FISHEYE 200 150 90 90 100 75 0.02 0.01 0 0\n"};
     for (int m = 0; m < 2; m++) {
         oxl_scene_options o = oxl_scene_options_default();
-        OWNED_SCENE *scene = NULL;
         double start[3], way[3], pixel[2];
         o.read_images = 0;
         test_write("survey/cameras.txt", cameras[m]);
         test_write("survey/images.txt", "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 -1 0 0 1 b.png\n\n");
         test_write("survey/points3D.txt",
                    "1 0 0 5 9 9 9 0.5 1 0 2 0\n2 1 0 5 9 9 9 0.5 1 0 2 0\n3 0 1 6 9 9 9 0.5 1 0 2 0\n");
-        CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene));
+        OWNED_SCENE *scene = test_load("survey", &o);
         if (!scene) continue;
         for (int i = 0; i < 12; i++) {
             const double x = 20 + 50 * (i % 4), y = 20 + 50 * (i / 4);

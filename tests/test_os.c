@@ -131,7 +131,7 @@ TEST(os_folders_are_made_with_their_parents_and_twice)
 {
     CHECK_OK(oxl_make_folder(test_ctx, test_path("a/b//c/")));
     CHECK_OK(oxl_make_folder(test_ctx, test_path("a/b/c")));
-    CHECK(os_is_folder(test_path("a/b/c")) && !os_is_file(test_path("a/b/c")));
+    CHECK(os_is_folder(test_path("a/b/c")) && !test_has("a/b/c"));
 }
 
 TEST(os_a_file_in_the_way_of_a_folder_is_named)

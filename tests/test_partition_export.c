@@ -10,9 +10,7 @@ static const struct colmap_image *export_test_image(const struct colmap *c, int6
 
 static const char *export_test_folder(const char *out, int block)
 {
-    char name[64];
-    snprintf(name, sizeof name, "%s/blocks/%03d/sparse/0", out, block);
-    return test_path(name);
+    return test_path("%s/blocks/%03d/sparse/0", out, block);
 }
 
 static void export_test_check_image(const struct colmap *all, const struct colmap_observed *seen,
@@ -82,7 +80,7 @@ TEST(partition_export_reads_back_to_the_same_numbers_with_tracks_that_point_back
         colmap_observed_free(&o2);
         colmap_free(test_ctx, &part);
     }
-    CHECK(os_is_file(test_path("out/partition.txt")) && os_is_file(test_path("out/partition.svg")));
+    CHECK(test_has("out/partition.txt") && test_has("out/partition.svg"));
     colmap_observed_free(&seen);
     colmap_free(test_ctx, &all);
 }
@@ -126,14 +124,13 @@ TEST(partition_export_copies_2d_points_byte_by_byte)
     oxl_scene_options options = oxl_scene_options_default();
     struct os_file_map file;
     OWNED_PARTITION p = {0};
-    OWNED_SCENE *scene = NULL;
     options.test_every = options.read_images = 0;
     test_write("odd/sparse/0/cameras.txt", "1 PINHOLE 32 24 40 40 16 12\r\n");
     test_write(
         "odd/sparse/0/images.txt",
         "8 1 0 0 0 0 0 0 1 a.png\r\n1.50  2.250\t7 3 4e0 -1   5 6 12\r\n9 1 0 0 0 1 0 0 1 b.png\r\n\r\n");
     test_write("odd/sparse/0/points3D.txt", "7 0 0 9 1 2 3 0.5 8 0\n12 1 0 9 1 2 3 0.5 8 2\n");
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("odd"), &options, &scene));
+    OWNED_SCENE *scene = test_load("odd", &options);
     p = partition_test_cut(scene, 0, OXL_CUT_BALANCED);
     CHECK_OK(partition_export(test_ctx, &p, test_path("out")));
     CHECK_OK(os_read_file(test_ctx, test_path("out/blocks/000/sparse/0/images.txt"), &file));
@@ -189,5 +186,5 @@ TEST(partition_that_cannot_be_written_is_an_error_and_leaves_no_list)
     test_write("out/blocks/001/sparse/0/images.txt/in_the_way", "");
     CHECK_ERROR(partition_export(test_ctx, &p, test_path("out")), OXL_ERR_IO,
                 "blocks/001/sparse/0/images.txt");
-    CHECK(!os_is_file(test_path("out/partition.txt")));
+    CHECK(!test_has("out/partition.txt"));
 }

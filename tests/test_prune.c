@@ -218,9 +218,8 @@ TEST(prune_scores_are_the_same_with_any_threads)
     struct prune p;
     prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 4000, 2000, 5, 248);
     for (int i = 0; i < 2; i++) {
-        OWNED_RENDERER *r = NULL;
         test_ctx->threads = i ? 5 : 1;
-        CHECK_OK(renderer_create(test_ctx, &r));
+        OWNED_RENDERER *r = test_renderer();
         CHECK_OK(
             prune_score(test_ctx, &p, &(struct prune_of){r, c.scene, &options, &c.trained.model}, score[i]));
     }

@@ -283,7 +283,6 @@ TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_w
     const oxl_camera camera = {DROP_SIDE, DROP_SIDE, 50, 50, 32, 32, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
     const oxl_render_options options = oxl_render_options_default();
     static float ones[3 * DROP_SIDE * DROP_SIDE];
-    OWNED_RENDERER *r = NULL;
     OWNED_WIDE w = {0};
     OWNED_MODEL m = {0}, gradient = {0};
     float peak[DROP_COUNT];
@@ -293,7 +292,7 @@ TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_w
     raster_scene(&w, DROP_COUNT, 0, DROP_SIDE, DROP_SIDE);
     raster_to_model(&w, &m);
     for (int i = 0; i < 3 * DROP_SIDE * DROP_SIDE; i++) ones[i] = 1;
-    CHECK_OK(renderer_create(test_ctx, &r));
+    OWNED_RENDERER *r = test_renderer();
     renderer_use_cpu(r);
     CHECK_OK(renderer_forward(test_ctx, r, &m, &camera, &options));
     for (size_t i = 0; i < DROP_COUNT; i++)

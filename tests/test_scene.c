@@ -2,21 +2,6 @@
 #include "../src/survey/scene_alpha.h"
 #include "test.h"
 
-static char scene_log[4096]; /* what the library said */
-
-static void scene_remember(void *user, oxl_log_level level, const char *text)
-{
-    (void)user, (void)level;
-    snprintf(scene_log + strlen(scene_log), sizeof scene_log - strlen(scene_log), "%s\n", text);
-}
-
-static void scene_listen(void)
-{
-    scene_log[0] = 0;
-    test_ctx->options.log = scene_remember;
-    test_ctx->options.user = NULL;
-}
-
 /* A survey of n images (32 x 24 px, img00.png...) that look along z at four points 10 away; the cameras stand
  * 1 apart along x, from `base` on. Written to the test's folder under `name`. */
 const char *scene_survey(const char *name, int n, double base, int with_files)
@@ -91,9 +76,8 @@ TEST(scene_views_are_sorted_by_name_and_every_eighth_is_for_the_test)
 {
     const char *path = scene_survey("s", 17, 0, 1);
     const struct scene_stats *stats;
-    OWNED_SCENE *scene = NULL;
-    scene_listen();
-    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    test_listen();
+    OWNED_SCENE *scene = test_load(path, NULL);
     CHECK(oxl_scene_view_count(scene) == 17 && oxl_scene_point_count(scene) == 4);
     CHECK(oxl_scene_view(scene, 17) == NULL && oxl_scene_view(scene, -1) == NULL);
     for (int i = 0; i < 17; i++) {
@@ -109,7 +93,7 @@ TEST(scene_views_are_sorted_by_name_and_every_eighth_is_for_the_test)
     CHECK_CLOSE(stats->mean_track, 17, 1e-12);
     CHECK_CLOSE(stats->mean_error, 0.5, 1e-6);
     CHECK_CLOSE(scene_depth_quantile(scene, 0.5), 10, 1e-9);
-    CHECK(scene_log[0] == 0); /* nothing to complain of */
+    CHECK(test_said.all[0] == 0); /* nothing to complain of */
 }
 
 TEST(scene_far_from_zero_loses_nothing)
@@ -157,10 +141,10 @@ TEST(scene_extent_is_that_of_3dgs_and_an_outlier_camera_does_not_change_it)
     }
     CHECK_OK(stats_camera_radius(test_ctx, view, 9, &plain));
     CHECK_CLOSE(plain, 4, 1e-12); /* cameras at 0..8, mean 4 */
-    scene_listen();
+    test_listen();
     CHECK_OK(stats_camera_radius(test_ctx, view, 10, &robust));
     CHECK_CLOSE(robust, 4, 1e-12);
-    CHECK_TEXT(scene_log, "1 cameras are far from all others");
+    CHECK_TEXT(test_said.all, "1 cameras are far from all others");
 }
 
 /* Two thirds of the points in front of the cameras were seen by none of them: haze. */
@@ -168,13 +152,12 @@ TEST(scene_depths_are_of_points_that_were_seen)
 {
     const char *path = scene_survey("s", 9, 0, 1);
     struct text points = {.ctx = test_ctx};
-    OWNED_SCENE *scene = NULL;
     for (int i = 0; i < 4; i++) text_add(&points, "%d %d 0 10 1 2 3 0.5 11 0 12 0\n", i, i);
     for (int i = 4; i < 12; i++)
         text_add(&points, "%d %d 0 30 1 2 3 0.5 10 0\n", i, i); /* image 10 is for the test */
     test_write("s/sparse/0/points3D.txt", points.data);
     text_free(&points);
-    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    OWNED_SCENE *scene = test_load(path, NULL);
     CHECK_CLOSE(scene_depth_quantile(scene, 0), 10, 1e-9);
     CHECK_CLOSE(scene_depth_quantile(scene, 1), 10, 1e-9);
     CHECK_CLOSE(oxl_scene_near_plane(scene), 2, 1e-9);
@@ -182,23 +165,21 @@ TEST(scene_depths_are_of_points_that_were_seen)
 
 TEST(scene_of_one_image_trains_on_it_and_has_an_extent)
 {
-    OWNED_SCENE *scene = NULL;
-    CHECK_OK(oxl_scene_load(test_ctx, scene_survey("one", 1, 0, 1), NULL, &scene));
+    OWNED_SCENE *scene = test_load(scene_survey("one", 1, 0, 1), NULL);
     CHECK(oxl_scene_view_count(scene) == 1 && !oxl_scene_view(scene, 0)->is_test);
     CHECK_CLOSE(oxl_scene_extent(scene), 10, 1e-9); /* the median depth */
 }
 
 TEST(scene_without_points_is_reported_and_gets_random_ones_in_view)
 {
-    OWNED_SCENE *scene = NULL;
     OWNED_MEMORY oxl_point *points = NULL, *again = NULL;
     size_t found;
     int seen = 0;
     const char *path = scene_survey("s", 9, 100, 1);
     test_write("s/sparse/0/points3D.txt", "# none\n");
-    scene_listen();
-    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
-    CHECK_TEXT(scene_log, "no points");
+    test_listen();
+    OWNED_SCENE *scene = test_load(path, NULL);
+    CHECK_TEXT(test_said.all, "no points");
     CHECK(oxl_scene_point_count(scene) == 0 && oxl_scene_near_plane(scene) > 0);
     CHECK_CLOSE(oxl_scene_origin(scene)[0], 104, 1e-9);  /* the median camera */
     CHECK_CLOSE(oxl_scene_extent(scene), 1.1 * 3, 1e-9); /* training views stand at 101..107 */
@@ -219,11 +200,11 @@ TEST(scene_missing_images_are_left_out_up_to_the_stated_fraction)
     oxl_scene *scene;
     remove(test_path("s/images/img02.png"));
     remove(test_path("s/images/img05.png"));
-    scene_listen();
+    test_listen();
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     CHECK(oxl_scene_view_count(scene) == 6 && scene->stats.images_missing == 2);
-    CHECK_TEXT(scene_log, "img02.png is not there");
-    CHECK_TEXT(scene_log, "img05.png is not there");
+    CHECK_TEXT(test_said.all, "img02.png is not there");
+    CHECK_TEXT(test_said.all, "img05.png is not there");
     CHECK(scene_image(test_ctx, scene, 2)->rgb[0] == 4); /* img03: its own pose and image */
     CHECK_CLOSE(oxl_scene_view(scene, 2)->camera.translation[0] -
                     oxl_scene_view(scene, 0)->camera.translation[0],
@@ -243,16 +224,15 @@ TEST(scene_images_that_go_missing_are_left_out_of_an_evaluation_up_to_that_fract
     oxl_scene_options options = oxl_scene_options_default();
     oxl_metrics metrics;
     OWNED_MODEL model = {0};
-    OWNED_SCENE *scene = NULL;
     options.test_every = 0;
     options.image_cache_bytes = 1;
-    scene_listen();
-    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    test_listen();
+    OWNED_SCENE *scene = test_load(path, &options);
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     remove(test_path("s/images/img02.png"));
     CHECK_OK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_TRAIN, &metrics));
     CHECK(metrics.count == 7);
-    CHECK_TEXT(scene_log, "img02.png");
+    CHECK_TEXT(test_said.all, "img02.png");
     oxl_metrics_free(test_ctx, &metrics);
     remove(test_path("s/images/img03.png"));
     remove(test_path("s/images/img05.png"));
@@ -274,12 +254,11 @@ TEST(scene_refuses_two_poses_for_one_image)
 TEST(scene_points_of_one_grey_are_said_to_have_no_colours)
 {
     const char *path = scene_survey("s", 2, 0, 1);
-    OWNED_SCENE *scene = NULL;
-    scene_listen();
+    test_listen();
     test_write("s/sparse/0/points3D.txt",
                "1 0 0 10 255 255 255 0.5 10 0 11 0\n2 1 0 10 255 255 255 0.5 10 0 11 0\n");
-    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
-    CHECK_TEXT(scene_log, "the points have no colours (all are 255 255 255), so they start so");
+    OWNED_SCENE *scene = test_load(path, NULL);
+    CHECK_TEXT(test_said.all, "the points have no colours (all are 255 255 255), so they start so");
     CHECK(oxl_scene_points(scene)[0].rgb[1] == 255);
 }
 
@@ -287,10 +266,10 @@ TEST(scene_points_without_colours_start_grey)
 {
     const char *path = scene_survey("s", 2, 0, 1);
     OWNED_SCENE *scene = NULL;
-    scene_listen();
+    test_listen();
     test_write("s/sparse/0/points3D.txt", "1 0 0 10 0 0 0 0.5 10 0 11 0\n2 1 0 10 0 0 0 0.5 10 0 11 0\n");
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
-    CHECK_TEXT(scene_log, "the points have no colours");
+    CHECK_TEXT(test_said.all, "the points have no colours");
     for (int i = 0; i < 2; i++)
         CHECK(oxl_scene_points(scene)[i].rgb[0] == 128 && oxl_scene_points(scene)[i].rgb[2] == 128);
     oxl_scene_free(test_ctx, scene);
@@ -373,10 +352,10 @@ TEST(scene_takes_the_sub_model_with_most_images)
     test_write(
         "s/sparse/1/images.txt",
         "1 1 0 0 0 0 0 0 1 a\n\n2 1 0 0 0 0 0 0 1 b\n\n3 1 0 0 0 0 0 0 1 c\n\n4 1 0 0 0 0 0 0 1 d\n\n");
-    scene_listen();
+    test_listen();
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     CHECK(oxl_scene_view_count(scene) == 4);
-    CHECK_TEXT(scene_log, "2 sub-models found");
+    CHECK_TEXT(test_said.all, "2 sub-models found");
     oxl_scene_free(test_ctx, scene);
     options.sparse = test_path("s/sparse/0");
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
@@ -386,12 +365,11 @@ TEST(scene_takes_the_sub_model_with_most_images)
 TEST(scene_is_found_beside_the_images_too)
 {
     oxl_scene_options options = oxl_scene_options_default();
-    OWNED_SCENE *scene = NULL;
     options.read_images = 0;
     test_write("flat/cameras.txt", "1 PINHOLE 32 24 40 40 16 12\n");
     test_write("flat/images.txt", "1 1 0 0 0 0 0 0 1 a\n\n");
     test_write("flat/points3D.txt", "");
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("flat"), &options, &scene));
+    OWNED_SCENE *scene = test_load("flat", &options);
 }
 
 TEST(scene_that_is_missing_is_refused_with_a_fix)
@@ -553,10 +531,9 @@ TEST(scene_image_that_cannot_be_read_ahead_is_named_when_it_is_asked_for)
 TEST(scene_image_that_is_corrupt_is_named_and_the_rest_goes_on)
 {
     const char *path = scene_survey("s", 3, 0, 1);
-    OWNED_SCENE *scene = NULL;
     oxl_image image;
     test_write("s/images/img01.png", "no image");
-    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    OWNED_SCENE *scene = test_load(path, NULL);
     CHECK(scene_image(test_ctx, scene, 1) == NULL);
     CHECK_SAYS("img01.png");
     CHECK(oxl_scene_image(test_ctx, scene, 1, NULL, &image) == OXL_ERR_INPUT);
@@ -569,7 +546,6 @@ TEST(scene_image_that_is_corrupt_is_named_and_the_rest_goes_on)
 TEST(scene_masks_are_found_by_name_with_or_without_the_extension)
 {
     const char *path = scene_survey("s", 4, 0, 1);
-    OWNED_SCENE *scene = NULL;
     oxl_image image;
     CHECK_OK(oxl_image_create(test_ctx, 2, 1, &image));
     for (int c = 0; c < 3; c++) image.rgb[2 * c + 1] = 1; /* the left half is black */
@@ -577,7 +553,7 @@ TEST(scene_masks_are_found_by_name_with_or_without_the_extension)
     CHECK_OK(oxl_image_write(test_ctx, test_path("s/masks/img00.png.png"), &image));
     CHECK_OK(oxl_image_write(test_ctx, test_path("s/masks/img02.png"), &image));
     oxl_image_free(test_ctx, &image);
-    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    OWNED_SCENE *scene = test_load(path, NULL);
     CHECK(scene->stats.masks == 2);
     for (int i = 0; i < 4; i++) {
         CHECK_OK(oxl_scene_image(test_ctx, scene, i, NULL, &image));
@@ -679,9 +655,8 @@ TEST(scene_frees_all_memory_when_any_allocation_fails)
 TEST(scene_of_a_real_dive_is_read_and_undistorted)
 {
     const char *path = test_shared("data/subvo_pool_distorted");
-    OWNED_SCENE *scene = NULL;
     if (!path) SKIP("no ../shared/data");
-    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    OWNED_SCENE *scene = test_load(path, NULL);
     CHECK(oxl_scene_view_count(scene) == 61 && scene->stats.test_views == 8 &&
           oxl_scene_point_count(scene) == 16462);
     CHECK(oxl_scene_view(scene, 0)->camera.width == 1028 && oxl_scene_view(scene, 0)->camera.height == 520);
@@ -715,14 +690,13 @@ TEST(scene_masks_transparent_pixels_where_points_are_and_composites_them_elsewhe
     } cases[] = {{3, 32, 0}, {18, 32, 1}, {0, 14, 1}};
     const float black[3] = {0, 0, 0};
     for (size_t k = 0; k < OXL_COUNT(cases); k++) {
-        OWNED_SCENE *scene = NULL;
         OWNED_IMAGE image = {0};
         const char *path = scene_survey("alpha", 3, 0, 1);
         scene_make_transparent("alpha", 3, cases[k].from, cases[k].to);
-        scene_listen();
-        CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+        test_listen();
+        OWNED_SCENE *scene = test_load(path, NULL);
         CHECK(scene->transparent == 3 && scene->alpha_masks == cases[k].masks);
-        CHECK_TEXT(scene_log, cases[k].masks ? "images are masked: " : "images are composited over");
+        CHECK_TEXT(test_said.all, cases[k].masks ? "images are masked: " : "images are composited over");
         CHECK_OK(oxl_scene_image(test_ctx, scene, 0, NULL, &image));
         CHECK((image.weight != NULL) == cases[k].masks);
         CHECK(cases[k].masks || (image.rgb[0] == 1 && image.rgb[16] == 51 / 255.0f));
@@ -737,11 +711,10 @@ TEST(scene_alpha_is_what_the_option_says)
     oxl_scene_options options = oxl_scene_options_default();
     const float none[3] = {-1, -1, -1}, grey[3] = {0.5f, 0.5f, 0.5f};
     for (options.alpha = OXL_ALPHA_COMPOSITE; options.alpha <= OXL_ALPHA_MASK; options.alpha++) {
-        OWNED_SCENE *scene = NULL;
         float rgb[3];
         const char *path = scene_survey("alpha", 3, 0, 1);
         scene_make_transparent("alpha", 3, 3, 14);
-        CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+        OWNED_SCENE *scene = test_load(path, &options);
         CHECK(scene->alpha_masks == (options.alpha == OXL_ALPHA_MASK));
         scene_background(scene, none, rgb);
         CHECK(rgb[0] == !scene->alpha_masks && rgb[2] == rgb[0]);
@@ -759,7 +732,6 @@ static const char *scene_ball(int transparent)
     CHECK_OK(oxl_make_folder(test_ctx, test_path("ball/images")));
     for (int i = 0; i < 12; i++) {
         const double half = i * 3.14159265358979 / 12;
-        char path[64];
         OWNED_IMAGE image = {0};
         text_add(&images, "%d %.17g 0 %.17g 0 0 0 5 1 %02d.png\n\n", i + 1, cos(half), sin(half), i);
         CHECK_OK(oxl_image_create(test_ctx, 32, 32, &image));
@@ -769,8 +741,7 @@ static const char *scene_ball(int transparent)
             image.weight[k] = !transparent && x * x + y * y < 6.5 * 6.5; /* 32 px x tan(asin(1/5)) */
             image.rgb[k] = image.weight[k];
         }
-        snprintf(path, sizeof path, "ball/images/%02d.png", i);
-        CHECK_OK(oxl_image_write_alpha(test_ctx, test_path(path), &image));
+        CHECK_OK(oxl_image_write_alpha(test_ctx, test_path("ball/images/%02d.png", i), &image));
     }
     test_write("ball/sparse/0/images.txt", images.data);
     text_free(&images);

@@ -20,22 +20,16 @@ synth_options synth_test_options(const char *name)
     return o;
 }
 
-/* Makes the survey and reads its text files back as any reader would. */
+/* Makes the survey and reads its text files back as any reader would; NULL: does not read them. */
 void synth_test_make(const synth_options *o, struct colmap *survey)
 {
-    char folder[600];
-    oxl_result rc = synth_run(test_ctx, o);
-    CHECK(rc == OXL_OK);
-    if (rc != OXL_OK) printf("  %s\n", oxl_error_text(test_ctx));
-    snprintf(folder, sizeof folder, "%s/sparse/0", o->out);
-    CHECK_OK(colmap_read(test_ctx, folder, survey));
+    CHECK_OK(synth_run(test_ctx, o));
+    if (survey) CHECK_OK(colmap_read(test_ctx, PATH(o->out, "sparse/0"), survey));
 }
 
 static struct colmap_observed synth_test_observe(const synth_options *o, const struct colmap *survey)
 {
-    char folder[600];
-    snprintf(folder, sizeof folder, "%s/sparse/0", o->out);
-    return colmap_observe(folder, survey);
+    return colmap_observe(PATH(o->out, "sparse/0"), survey);
 }
 
 static void synth_test_to_camera(const struct colmap_image *image, const double p[3], double out[3])
@@ -406,11 +400,11 @@ TEST(synth_in_the_place_of_a_larger_survey_leaves_none_of_its_images)
     CHECK_OK(synth_run(test_ctx, &o));
     o.views = 3;
     CHECK_OK(synth_run(test_ctx, &o));
-    CHECK(os_is_file(test_path("a/images/IMG_00002.png")));
-    CHECK(!os_is_file(test_path("a/images/IMG_00003.png")));
+    CHECK(test_has("a/images/IMG_00002.png"));
+    CHECK(!test_has("a/images/IMG_00003.png"));
     o.write_images = 0; /* its poses are others': so are the images */
     CHECK_OK(synth_run(test_ctx, &o));
-    CHECK(!os_is_file(test_path("a/images/IMG_00002.png")));
+    CHECK(!test_has("a/images/IMG_00002.png"));
     o.write_images = 1;
     CHECK_OK(synth_run(test_ctx, &o));
 }
@@ -429,9 +423,9 @@ TEST(synth_stops_when_asked_and_leaves_no_text_files_behind)
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_INTERRUPTED);
     test_write("survey/sparse/0/images.txt", "of an earlier run");
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_INTERRUPTED);
-    CHECK(os_is_file(test_path("survey/images/IMG_00001.png")));
-    CHECK(!os_is_file(test_path("survey/images/IMG_00002.png")));
-    CHECK(!os_is_file(test_path("survey/sparse/0/images.txt")));
+    CHECK(test_has("survey/images/IMG_00001.png"));
+    CHECK(!test_has("survey/images/IMG_00002.png"));
+    CHECK(!test_has("survey/sparse/0/images.txt"));
 }
 
 TEST(synth_numbers_are_written_as_meant)
@@ -463,10 +457,9 @@ TEST(lint_flags_images_that_are_blurred_or_badly_exposed_beside_their_neighbours
     snprintf(out, sizeof out, "%s", test_path("synth"));
     o.out = out;
     CHECK(synth_run(test_ctx, &o) == OXL_OK);
-    lint_heard[0] = 0;
-    test_ctx->options.log = lint_listen;
+    test_listen();
     CHECK_OK(oxl_check_quality(test_ctx, out, NULL, &s));
-    CHECK(s.blurred == 0 && s.badly_exposed == 0 && lint_heard[0] == 0);
+    CHECK(s.blurred == 0 && s.badly_exposed == 0 && test_said.warning[0] == 0);
     for (int k = 0; k < 3; k++) { /* blurred along x, darker, brighter */
         char name[80];
         const size_t n = 120 * 80;
@@ -483,12 +476,12 @@ TEST(lint_flags_images_that_are_blurred_or_badly_exposed_beside_their_neighbours
     }
     CHECK_OK(oxl_check_quality(test_ctx, out, NULL, &s));
     CHECK(s.blurred == 1 && s.badly_exposed == 2);
-    CHECK_TEXT(lint_heard, "1 image is less sharp than the images beside it: IMG_00007.png");
-    CHECK_TEXT(lint_heard, "1 image is much darker than the images beside it: IMG_00014.png");
-    CHECK_TEXT(lint_heard, "1 image is much brighter than the images beside it: IMG_00021.png");
-    lint_heard[0] = 0;
+    CHECK_TEXT(test_said.warning, "1 image is less sharp than the images beside it: IMG_00007.png");
+    CHECK_TEXT(test_said.warning, "1 image is much darker than the images beside it: IMG_00014.png");
+    CHECK_TEXT(test_said.warning, "1 image is much brighter than the images beside it: IMG_00021.png");
+    test_listen();
     CHECK_OK(oxl_check(test_ctx, out, NULL, &s)); /* headers alone */
-    CHECK(s.blurred == 0 && lint_heard[0] == 0);
+    CHECK(s.blurred == 0 && test_said.warning[0] == 0);
 }
 
 /* ---------------- poses */

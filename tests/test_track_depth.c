@@ -37,13 +37,12 @@ TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
 
 TEST(depth_of_tracks_is_kept_for_views_with_a_window_alone)
 {
-    OWNED_SCENE *scene = NULL;
     struct track_depth d = {0};
     struct depth_point point[DEPTH_POINTS];
     OWNED_MEMORY struct image_window *window = NULL;
     int count, views;
     photometry_test_make("depth_windows", SYNTH_3C);
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_windows"), NULL, &scene));
+    OWNED_SCENE *scene = test_load("depth_windows", NULL);
     views = oxl_scene_view_count(scene);
     window = oxl_calloc(test_ctx, (size_t)views, sizeof *window);
     for (int v = 0; v < views; v += 2) window[v] = (struct image_window){.width = 8, .height = 8};

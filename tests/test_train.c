@@ -245,12 +245,11 @@ static void density_observe_two(struct density *d)
 {
     const oxl_camera camera = {32, 32, 40, 40, 16, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
     const oxl_render_options options = oxl_render_options_default();
-    OWNED_RENDERER *r = NULL;
     OWNED_MODEL model = {0}, gradient = {0};
     OWNED_MEMORY float *drgb = oxl_calloc(test_ctx, 3 * 32 * 32, sizeof *drgb);
     CHECK_OK(oxl_model_create(test_ctx, 2, 0, &model));
     CHECK_OK(oxl_model_create(test_ctx, 2, 0, &gradient));
-    CHECK_OK(renderer_create(test_ctx, &r));
+    OWNED_RENDERER *r = test_renderer();
     for (int i = 0; i < 2; i++) {
         model.plane[OXL_MEAN][i] = i ? 1.0f : -0.2f;
         model.plane[OXL_MEAN + 2][i] = i ? 5.0f : 1.0f;

@@ -1,15 +1,6 @@
 /* test_train_nonfinite.c - nonfinite numbers planted in images, models and gradients do not spread. */
 #include "test.h"
 
-char nonfinite_log[2000]; /* warnings */
-
-void nonfinite_listen(void *user, oxl_log_level level, const char *text)
-{
-    const size_t used = strlen(nonfinite_log);
-    (void)user;
-    if (level == OXL_LOG_WARNING) snprintf(nonfinite_log + used, sizeof nonfinite_log - used, "%s\n", text);
-}
-
 struct nonfinite_test_case {
     oxl_train_options options;
     oxl_model before;
@@ -20,8 +11,7 @@ struct nonfinite_test_case {
 static void nonfinite_test_begin(struct nonfinite_test_case *c, int steps)
 {
     memset(c, 0, sizeof *c);
-    nonfinite_log[0] = 0;
-    test_ctx->options.log = nonfinite_listen;
+    test_listen();
     c->options = train_options(200);
     c->options.exposure = OXL_OFF; /* else the target is on the host, not in the renderer */
     c->t = (struct train){
@@ -67,7 +57,7 @@ TEST(nonfinite_pixel_skips_one_step_only)
         nonfinite_test_step_with_pixel(&c, steps ? INFINITY : NAN);
         CHECK(train_same(&c.t.trained.model, &c.before));
         CHECK(c.t.nonfinite.steps == 1 && c.t.nonfinite.cleared == 0 && c.t.nonfinite.rows == 0);
-        CHECK_TEXT(nonfinite_log,
+        CHECK_TEXT(test_said.warning,
                    steps ? "step 2: the loss of v02.png is not finite" : "step 1: the loss of v02.png");
         c.t.step++;
         CHECK_OK(train_step(&c.t));
@@ -91,7 +81,8 @@ TEST(nonfinite_gaussian_is_named_and_removed_and_the_others_are_trained)
         }
         CHECK(c.t.nonfinite.steps <= 1 && c.t.nonfinite.rows <= 15);
         if (k == 0)
-            CHECK_TEXT(nonfinite_log, "a value of Gaussian 77 is not finite; its step is skipped, 1 cleared");
+            CHECK_TEXT(test_said.warning,
+                       "a value of Gaussian 77 is not finite; its step is skipped, 1 cleared");
         for (size_t i = 0; i < c.t.trained.model.count; i++)
             bad += !model_row_is_finite(&c.t.trained.model, i);
         /* one that no view can see harms none, and goes at the end */
@@ -127,7 +118,7 @@ TEST(nonfinite_gradient_skips_the_step_of_that_gaussian_only)
     CHECK(c.t.trained.model.plane[OXL_SH][39] != c.before.plane[OXL_SH][39] &&
           c.t.trained.model.plane[OXL_SH][42] != c.before.plane[OXL_SH][42]);
     nonfinite_of_rows(test_ctx, &c.t.nonfinite, c.t.step, "v02.png", aside, &c.t.trained);
-    CHECK_TEXT(nonfinite_log,
+    CHECK_TEXT(test_said.warning,
                "step 4: v02.png: a value of Gaussian 40 and 1 more is not finite; its step is skipped, 0");
     CHECK(c.t.nonfinite.rows == 2 && c.t.nonfinite.cleared == 0 &&
           nonfinite_test_model_is_finite(&c.t.trained.model) &&
@@ -141,8 +132,7 @@ TEST(nonfinite_counts_are_logged_at_the_end_and_recorded)
     oxl_nonfinite back = {0}, end = f;
     OWNED_TEXT t = {.ctx = test_ctx};
     OWNED_MODEL m = {0};
-    nonfinite_log[0] = 0;
-    test_ctx->options.log = nonfinite_listen;
+    test_listen();
     text_add(&t, "{\n");
     nonfinite_add_json(&t, &f);
     text_add(&t, "  \"end\": 0}");
@@ -158,10 +148,10 @@ TEST(nonfinite_counts_are_logged_at_the_end_and_recorded)
     m.plane[OXL_SH][2] = NAN;
     CHECK_OK(nonfinite_end(test_ctx, &end, &m));
     CHECK(m.count == 2 && end.cleared == 5 && end.degenerate == 2);
-    CHECK_TEXT(nonfinite_log,
+    CHECK_TEXT(test_said.warning,
                "not finite: 2 steps and 3 steps of single Gaussians skipped, 5 Gaussians cleared");
-    CHECK_TEXT(nonfinite_log, "could not be read and were left out: 1");
-    CHECK_TEXT(nonfinite_log, "2 Gaussians have a zero quaternion");
+    CHECK_TEXT(test_said.warning, "could not be read and were left out: 1");
+    CHECK_TEXT(test_said.warning, "2 Gaussians have a zero quaternion");
 }
 
 /* A state with one thing changed that no run would write, and a right checksum. */

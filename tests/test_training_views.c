@@ -29,8 +29,7 @@ static const struct medium tviews_medium = {.on = 1,
 static void tviews_draw(const oxl_model *m, const oxl_camera *camera, int in_medium, oxl_image *out)
 {
     const oxl_render_options options = oxl_render_options_default();
-    OWNED_RENDERER *r = NULL;
-    CHECK_OK(renderer_create(test_ctx, &r));
+    OWNED_RENDERER *r = test_renderer();
     renderer_set_medium(r, in_medium ? &tviews_medium : NULL);
     CHECK_OK(renderer_draw(test_ctx, r, m, camera, &options, out, NULL));
 }
@@ -78,10 +77,10 @@ static void tviews_check_flags(int in_medium)
     OWNED_MODEL m = tviews_model();
     OWNED_SCENE *scene = tviews_scene(&m, 1, in_medium);
     OWNED_TEXT t = {.ctx = test_ctx};
-    colmap_listen();
+    test_listen();
     CHECK_OK(
         training_views_check(test_ctx, &m, scene, &test_imaging, 20 * TVIEWS, NULL, &t, test_path("worst")));
-    CHECK(colmap_warned.count == 3); /* a shift explains no part of what is out of focus */
+    CHECK(test_said.warnings == 3); /* a shift explains no part of what is out of focus */
     CHECK_TEXT(t.data, "\"training\": {\"count\": 24, \"of\": 24, \"flagged\": 4, \"shown\": 4, ");
     for (const char *row = strstr(t.data, "{\"name\""); row; row = strstr(row + 1, "{\"name\"")) {
         char name[16], flag[16];
@@ -94,7 +93,7 @@ static void tviews_check_flags(int in_medium)
         if (strcmp(flag, wanted)) printf("  %s: '%s', expected '%s'\n", name, flag, wanted);
         CHECK(strcmp(flag, wanted) == 0);
     }
-    CHECK(os_is_file(test_path("worst/v20.png")) && os_is_file(test_path("worst/v20.image.png")));
+    CHECK(test_has("worst/v20.png") && test_has("worst/v20.image.png"));
 }
 
 TEST(training_views_with_a_wrong_pose_another_exposure_or_blur_are_flagged_and_the_first_two_reported)
@@ -108,32 +107,16 @@ TEST(training_views_behind_a_medium_are_compared_with_what_the_model_shows_throu
 }
 
 /* Keeps the lines of the log, of any level. */
-static char tviews_said[2000];
-
-static void tviews_hear(void *user, oxl_log_level level, const char *text)
-{
-    const size_t length = strlen(tviews_said);
-    (void)user;
-    snprintf(tviews_said + length, sizeof tviews_said - length, "%s: %s\n",
-             level == OXL_LOG_WARNING ? "warning" : "info", text);
-}
-
-static void tviews_listen(void)
-{
-    tviews_said[0] = '\0';
-    test_ctx->options.log = tviews_hear;
-}
-
 TEST(training_views_without_the_structure_of_their_images_are_counted_and_shown)
 {
     OWNED_MODEL m = tviews_model();
     OWNED_SCENE *scene = tviews_scene(&m, 2, 0);
     OWNED_TEXT t = {.ctx = test_ctx};
     const char *row;
-    colmap_listen();
+    test_listen();
     CHECK_OK(
         training_views_check(test_ctx, &m, scene, &test_imaging, 20 * TVIEWS, NULL, &t, test_path("fog")));
-    CHECK(colmap_warned.count == 3);
+    CHECK(test_said.warnings == 3);
     CHECK_TEXT(t.data, "\"flagged\": 5, \"shown\": 4, \"structure\": 0.");
     CHECK_TEXT(t.data, "\"no_structure\": ");
     row = strstr(t.data, "{\"name\": \"v10\"");
@@ -141,7 +124,7 @@ TEST(training_views_without_the_structure_of_their_images_are_counted_and_shown)
     CHECK(row && strstr(row, "\"flag\": \"misfit\"}"));
     row = strstr(t.data, "{\"name\": \"v11\"");
     CHECK(row && oxl_json_number(row, "structure") > 0.9);
-    CHECK(os_is_file(test_path("fog/v10.png")) && !os_is_file(test_path("fog/v11.png")));
+    CHECK(test_has("fog/v10.png") && !test_has("fog/v11.png"));
 }
 
 /* Checks that a figure of all training views is the mean of theirs. */
@@ -172,9 +155,9 @@ TEST(training_views_of_a_valid_survey_are_not_flagged)
     OWNED_MODEL m = tviews_model();
     OWNED_SCENE *scene = tviews_scene(&m, 0, 0);
     OWNED_TEXT t = {.ctx = test_ctx};
-    colmap_listen();
+    test_listen();
     CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 20 * TVIEWS, NULL, &t, NULL));
-    CHECK(colmap_warned.count == 0);
+    CHECK(test_said.warnings == 0);
     CHECK_TEXT(t.data, "\"flagged\": 0, \"shown\": 2, ");
     text_free(&t);
     CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 1000, NULL, &t, NULL));
@@ -188,10 +171,10 @@ TEST(training_views_of_a_run_too_short_for_all_views_are_not_flagged)
     OWNED_SCENE *scene = tviews_scene(&m, 1, 0);
     for (int i = 0; i < 2; i++) {
         OWNED_TEXT t = {.ctx = test_ctx};
-        colmap_listen();
+        test_listen();
         CHECK_OK(
             training_views_check(test_ctx, &m, scene, &test_imaging, 5 * TVIEWS - 1 + i, NULL, &t, NULL));
-        CHECK((colmap_warned.count == 0) == (i == 0));
+        CHECK((test_said.warnings == 0) == (i == 0));
         CHECK(strstr(t.data, "\"count\": 6, \"of\": 24, "));
         CHECK((strstr(t.data, "\"flagged\": 0, ") == NULL) == i);
     }
@@ -205,10 +188,10 @@ TEST(training_views_that_are_measured_are_all_judged)
     OWNED_TEXT t = {.ctx = test_ctx};
     oxl_metrics all = {0};
     CHECK_OK(oxl_evaluate(test_ctx, &m, scene, &test_imaging, OXL_SPLIT_TRAIN, &all));
-    tviews_listen();
+    test_listen();
     CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 5 * TVIEWS, &all, &t, NULL));
     CHECK_TEXT(t.data, "\"training\": {\"count\": 24, \"of\": 24, \"flagged\": 4, ");
-    CHECK(!strstr(tviews_said, "are evaluated"));
+    CHECK(!strstr(test_said.all, "are evaluated"));
     CHECK(all.count == TVIEWS);
     oxl_metrics_free(test_ctx, &all);
 }
@@ -219,17 +202,17 @@ TEST(training_views_of_a_short_run_are_judged_by_evenly_spaced_ones)
     OWNED_MODEL m = tviews_model();
     OWNED_SCENE *scene = tviews_scene(&m, 0, 0);
     OWNED_TEXT t = {.ctx = test_ctx};
-    tviews_listen();
+    test_listen();
     CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 10 * TVIEWS, NULL, &t, NULL));
     CHECK_TEXT(t.data, "\"training\": {\"count\": 12, \"of\": 24, \"flagged\": 0, ");
-    CHECK_TEXT(tviews_said, "12 of 24 training views are evaluated, evenly spaced: one per 20 iterations");
+    CHECK_TEXT(test_said.all, "12 of 24 training views are evaluated, evenly spaced: one per 20 iterations");
     for (int v = 0; v < TVIEWS; v++) {
         char name[24];
         snprintf(name, sizeof name, "\"name\": \"v%02d\"", v);
         CHECK((strstr(t.data, name) != NULL) == (v % 2 == 0));
     }
     text_free(&t);
-    tviews_listen();
+    test_listen();
     CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 1, NULL, &t, NULL));
     CHECK_TEXT(t.data, "\"training\": {\"count\": 6, \"of\": 24, ");
 }

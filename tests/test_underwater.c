@@ -115,11 +115,8 @@ static struct renderer_loss exposure_loss(struct renderer *r, oxl_scene *scene, 
 TEST(exposure_gradient_agrees_with_finite_differences)
 {
     OWNED_SCENE *scene = train_scene(3);
-    OWNED_RENDERER *r = NULL;
-    OWNED_MODEL model = {0};
-    CHECK_OK(renderer_create(test_ctx, &r));
-    CHECK_OK(
-        oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &model));
+    OWNED_RENDERER *r = test_renderer();
+    OWNED_MODEL model = test_points(scene, 0);
     for (int k = -1; k <= 1; k++)
         for (int c = 0; c < 3; c++) {
             const double h = 1e-3;
@@ -305,10 +302,8 @@ TEST(exposure_of_a_damaged_file_names_line_and_value)
 TEST(synth_exposure_and_lamp_are_what_truth_says)
 {
     synth_options o = synth_test_options("lamp");
-    struct colmap survey = {0};
     o.exposure_jitter = 0.5, o.lamp = 1, o.noise = 0, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD;
-    synth_test_make(&o, &survey);
-    colmap_free(test_ctx, &survey);
+    synth_test_make(&o, NULL);
     for (int view = 0; view < o.views; view += 5) {
         char name[64], path[96];
         OWNED_IMAGE seen = {0}, clean = {0};
@@ -332,7 +327,7 @@ TEST(synth_exposure_and_lamp_are_what_truth_says)
             }
         CHECK(most < 0.06);
     }
-    CHECK(os_is_file(test_path("lamp/truth/exposure.txt")) && os_is_file(test_path("lamp/truth/lamp.txt")));
+    CHECK(test_has("lamp/truth/exposure.txt") && test_has("lamp/truth/lamp.txt"));
     CHECK(synth_lamp_falloff(&o, 3) == 1 && synth_lamp_falloff(&o, 6) == 0.5);
 }
 
@@ -340,19 +335,16 @@ TEST(synth_exposure_and_lamp_are_what_truth_says)
 
 static void photometry_test_measure(const char *survey, struct photometry *p)
 {
-    OWNED_SCENE *scene = NULL;
-    CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), NULL, &scene));
+    OWNED_SCENE *scene = test_load(survey, NULL);
     CHECK_OK(photometry_measure(test_ctx, scene, PHOTOMETRY_ALL, p));
 }
 
 synth_options photometry_test_make(const char *name, enum synth_type water)
 {
     synth_options o = synth_test_options(name);
-    struct colmap survey = {0};
     o.views = 14, o.width = 96, o.height = 64, o.water = water, o.path = SYNTH_FORWARD, o.threads = 0;
     o.noise = 0.5;
-    synth_test_make(&o, &survey);
-    colmap_free(test_ctx, &survey);
+    synth_test_make(&o, NULL);
     return o;
 }
 
@@ -383,13 +375,11 @@ TEST(photometry_of_a_lamp_in_air_finds_its_shape_and_no_medium)
 {
     enum { N = 16 };
     synth_options o = synth_test_options("lit");
-    struct colmap survey = {0};
     struct photometry p;
     double truth[N * N], mean = 0, error = 0, square = 0;
     o.views = 14, o.width = 96, o.height = 64, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.threads = 0;
     o.noise = 0.5, o.lamp = 0;
-    synth_test_make(&o, &survey);
-    colmap_free(test_ctx, &survey);
+    synth_test_make(&o, NULL);
     photometry_test_measure("lit", &p);
     CHECK(p.parts == PHOTOMETRY_LAMP);
     for (int i = 0; i < N * N; i++) {
@@ -412,11 +402,10 @@ TEST(photometry_along_a_strip_keeps_the_slope_of_the_lamp_out_of_the_gains)
     const char *path = test_shared("data/haltbrekken_a");
     oxl_scene_options small = oxl_scene_options_default();
     struct photometry p;
-    OWNED_SCENE *scene = NULL;
     double worst = 0;
     if (!path) SKIP("no ../shared/data");
     small.max_side = 320;
-    CHECK_OK(oxl_scene_load(test_ctx, path, &small, &scene));
+    OWNED_SCENE *scene = test_load(path, &small);
     CHECK_OK(photometry_measure(test_ctx, scene, PHOTOMETRY_ALL, &p));
     CHECK(p.parts == (PHOTOMETRY_LAMP | PHOTOMETRY_GAINS));
     for (int i = 0; i < oxl_scene_view_count(scene); i++)
@@ -429,15 +418,12 @@ TEST(photometry_along_a_strip_keeps_the_slope_of_the_lamp_out_of_the_gains)
 TEST(photometry_of_a_medium_that_is_refused_leaves_lamp_and_gains_as_if_none_had_been_fitted)
 {
     synth_options o = synth_test_options("faint");
-    struct colmap survey = {0};
     struct photometry p, alone;
-    OWNED_SCENE *scene = NULL;
     o.views = 14, o.width = 96, o.height = 64, o.water = SYNTH_II, o.threads = 0;
     o.noise = 2, o.lamp = 0, o.exposure_jitter = 0.3;
-    synth_test_make(&o, &survey);
-    colmap_free(test_ctx, &survey);
+    synth_test_make(&o, NULL);
     photometry_test_measure("faint", &p);
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("faint"), NULL, &scene));
+    OWNED_SCENE *scene = test_load("faint", NULL);
     CHECK(scene_depth_span(scene) < SCENE_DEPTH_SPAN_MIN);
     CHECK(p.without[0] > 1.1 * p.with_medium && p.without[0] < 1.3 * p.with_medium);
     CHECK(p.parts == (PHOTOMETRY_LAMP | PHOTOMETRY_GAINS));
@@ -492,12 +478,10 @@ TEST(photometry_judges_gains_by_the_channels_and_views_that_are_in_the_fit)
 TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
 {
     synth_options o = synth_test_options("lamps");
-    struct colmap survey = {0};
     struct photometry p;
     o.views = 28, o.width = 96, o.height = 64, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.threads = 0;
     o.noise = 0.5, o.stereo = 0.3, o.lamp = 0;
-    synth_test_make(&o, &survey);
-    colmap_free(test_ctx, &survey);
+    synth_test_make(&o, NULL);
     photometry_test_measure("lamps", &p);
     CHECK(p.parts & PHOTOMETRY_LAMP);
     CHECK(memcmp(p.shape[1], p.shape[2], sizeof p.shape[1]) == 0);
@@ -521,17 +505,14 @@ TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
 TEST(photometry_of_more_images_than_it_fits_takes_as_many_of_each_camera_of_a_stereo_pair)
 {
     synth_options o = synth_test_options("pairs");
-    struct colmap survey = {0};
     struct photometry_work w = {0};
     struct photometry out = {0};
     oxl_scene_options all = oxl_scene_options_default();
-    OWNED_SCENE *scene = NULL;
     int of[2] = {0, 0}, last = -1;
     o.views = 260, o.width = 20, o.height = 16, o.points = 50, o.stereo = 0.3, o.water = SYNTH_AIR;
     all.test_every = 0;
-    synth_test_make(&o, &survey);
-    colmap_free(test_ctx, &survey);
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("pairs"), &all, &scene));
+    synth_test_make(&o, NULL);
+    OWNED_SCENE *scene = test_load("pairs", &all);
     CHECK_OK(photometry_begin(test_ctx, scene, &w, &out));
     CHECK((w.lamps = imaging_set_lamps(scene, w.lamp)) == 3);
     photometry_choose_views(scene, scene_colmap(scene), &w);
@@ -545,15 +526,6 @@ TEST(photometry_of_more_images_than_it_fits_takes_as_many_of_each_camera_of_a_st
     photometry_free(test_ctx, &out);
 }
 
-static int photometry_test_warned;
-
-static void photometry_test_log(void *user, oxl_log_level level, const char *text)
-{
-    (void)user;
-    photometry_test_warned |=
-        level == OXL_LOG_WARNING && strstr(text, "exposure is correlated with the range");
-}
-
 /* The run's first step warns or does not. */
 static int photometry_test_warns(const char *survey)
 {
@@ -561,23 +533,20 @@ static int photometry_test_warns(const char *survey)
     oxl_scene *scene;
     oxl_model model;
     o.medium = o.exposure = OXL_AUTO;
-    photometry_test_warned = 0;
-    test_ctx->options.log = photometry_test_log;
+    test_listen();
     CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), NULL, &scene));
     CHECK_OK(test_train(scene, &o, NULL, &model));
-    test_ctx->options.log = NULL;
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
-    return photometry_test_warned;
+    return strstr(test_said.warning, "exposure is correlated with the range") != NULL;
 }
 
 /* Mean distance of the points that each view has tracks of. */
 static void photometry_test_ranges(const char *survey, double range[14])
 {
-    OWNED_SCENE *scene = NULL;
     const struct colmap *c;
     double x[3], pixel[2];
-    CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), NULL, &scene));
+    OWNED_SCENE *scene = test_load(survey, NULL);
     c = scene_colmap(scene);
     for (int v = 0; v < oxl_scene_view_count(scene); v++) {
         const size_t row = (size_t)(scene_source_image(scene, v) - c->image);
@@ -617,10 +586,8 @@ TEST(exposure_that_is_refused_leaves_a_lamp_fitted_without_it_unless_that_hides_
     NEEDS_PART(exposure);
     NEEDS_PART(lamp);
     synth_options o = synth_test_options("apart");
-    struct colmap survey = {0};
     o.views = 14, o.threads = 0, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.noise = 0.5, o.lamp = 0;
-    synth_test_make(&o, &survey);
-    colmap_free(test_ctx, &survey);
+    synth_test_make(&o, NULL);
     for (int large = 0; large < 2; large++) {
         oxl_model model[2];
         for (int v = 0; v < 14; v++) {
@@ -629,9 +596,8 @@ TEST(exposure_that_is_refused_leaves_a_lamp_fitted_without_it_unless_that_hides_
         }
         for (int k = 0; k < 2; k++) {
             oxl_train_options options = train_options(10);
-            OWNED_SCENE *scene = NULL;
             options.exposure = k ? OXL_AUTO : OXL_OFF, options.lamp = OXL_AUTO, options.medium = OXL_OFF;
-            CHECK_OK(oxl_scene_load(test_ctx, test_path("apart"), NULL, &scene));
+            OWNED_SCENE *scene = test_load("apart", NULL);
             CHECK_OK(test_train(scene, &options, NULL, &model[k]));
             CHECK(!test_imaging.on && test_imaging.lamps == (k || !large));
         }
@@ -748,12 +714,11 @@ static void photometry_test_clear(const char *survey, double mean[3])
 {
     oxl_train_options o = train_options(150);
     const oxl_render_options render = oxl_render_options_default();
-    OWNED_SCENE *scene = NULL;
     OWNED_MODEL model = {0};
     OWNED_IMAGE image = {0};
     size_t pixels;
     o.medium = OXL_AUTO, o.exposure = o.lamp = OXL_OFF;
-    CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), NULL, &scene));
+    OWNED_SCENE *scene = test_load(survey, NULL);
     CHECK_OK(test_train(scene, &o, NULL, &model));
     CHECK(test_imaging.medium.on);
     CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 7)->camera, &render, &image, NULL));
@@ -811,10 +776,9 @@ TEST(medium_gradient_of_the_centres_agrees_with_finite_differences)
     const size_t n = 3 * (size_t)camera->width * (size_t)camera->height;
     OWNED_MEMORY float *drgb = oxl_alloc(test_ctx, n, sizeof *drgb);
     struct medium m = imaging_test_murky;
-    OWNED_RENDERER *r = NULL;
     OWNED_MODEL model = {0}, gradient = {0};
     for (size_t i = 0; i < n; i++) drgb[i] = (float)(random_unit(random_bits(1, i, 0)) - 0.3);
-    CHECK_OK(renderer_create(test_ctx, &r));
+    OWNED_RENDERER *r = test_renderer();
     CHECK_OK(
         oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
     CHECK_OK(oxl_model_create(test_ctx, model.count, 1, &gradient));
@@ -847,14 +811,11 @@ TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
     OWNED_MEMORY float *drgb = oxl_alloc(test_ctx, n, sizeof *drgb);
     struct medium m = imaging_test_murky;
     struct oxl_imaging imaging = {0};
-    OWNED_RENDERER *r = NULL;
-    OWNED_MODEL model = {0};
     double through, clear;
     memset(m.veiling_light, 0, sizeof m.veiling_light); /* black background, as without the medium */
     for (size_t i = 0; i < n; i++) drgb[i] = 1;
-    CHECK_OK(renderer_create(test_ctx, &r));
-    CHECK_OK(
-        oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
+    OWNED_RENDERER *r = test_renderer();
+    OWNED_MODEL model = test_points(scene, 1);
     through = medium_score(r, camera, &model, &m, drgb);
     clear = medium_score(r, camera, &model, NULL, drgb);
     CHECK(fabs(clear - through) > 0.1 * clear);
@@ -921,11 +882,10 @@ TEST(medium_baked_into_the_colours_is_the_mean_over_the_views_that_see_a_row)
 TEST(medium_alone_shows_its_veil)
 {
     OWNED_SCENE *scene = train_scene(3);
-    OWNED_RENDERER *r = NULL;
     OWNED_MODEL model = {0};
     const float *rgb;
     oxl_render_options o = oxl_render_options_default();
-    CHECK_OK(renderer_create(test_ctx, &r));
+    OWNED_RENDERER *r = test_renderer();
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     model.plane[OXL_OPACITY][0] = -20;
     renderer_set_medium(r, &imaging_test_murky);
@@ -1161,11 +1121,10 @@ TEST(lamp_gradients_of_all_terms_and_of_the_gaussians_agree_with_finite_differen
 {
     OWNED_SCENE *scene = train_scene(3);
     struct lamp lamp = lamp_of(-1);
-    OWNED_RENDERER *r = NULL;
     OWNED_MODEL model = {0}, gradient = {0};
     double d[LAMP_TERMS], slope = 0, plus, minus;
     const float h = 4e-3f;
-    CHECK_OK(renderer_create(test_ctx, &r));
+    OWNED_RENDERER *r = test_renderer();
     CHECK_OK(
         oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &model));
     CHECK_OK(oxl_model_create(test_ctx, model.count, 0, &gradient));
@@ -1198,13 +1157,10 @@ static void imaging_test_gradients(int isa, int threads, oxl_model *gradient, do
     const double log_gain[3] = {0.1, -0.2, 0.3};
     const struct lamp lamp = lamp_of(-1);
     OWNED_SCENE *scene = train_scene(3);
-    OWNED_RENDERER *r = NULL;
     struct renderer_loss loss;
-    OWNED_MODEL model = {0};
     test_ctx->isa = isa, test_ctx->threads = threads;
-    CHECK_OK(renderer_create(test_ctx, &r));
-    CHECK_OK(
-        oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
+    OWNED_RENDERER *r = test_renderer();
+    OWNED_MODEL model = test_points(scene, 1);
     CHECK_OK(oxl_model_create(test_ctx, model.count, 1, gradient));
     renderer_set_medium(r, &imaging_test_murky);
     renderer_set_lamp(r, &lamp);
@@ -1395,7 +1351,7 @@ TEST(medium_and_lamp_of_blocks_are_the_coarse_model_s_and_show_the_images)
     const oxl_job_options o = blocks_test_options();
     const char *word[2] = {"bD 0.3", "lamp all "};
     char line[2][300];
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &o, NULL));
+    CHECK_OK(job_test_run("out", &o));
     for (int k = 0; k < 2; k++) {
         CHECK(strlen(blocks_test_line("out/blocks/coarse/imaging.txt", word[k], line[0])) > 20);
         CHECK(!strcmp(line[0], blocks_test_line("out/blocks/000/imaging.txt", word[k], line[1])));

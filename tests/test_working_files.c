@@ -108,7 +108,7 @@ TEST(blocks_with_a_damaged_file_end_in_the_same_bytes_or_are_refused)
         rc = oxl_job_run(test_ctx, survey, test_path(out), &options, &callback);
         CHECK(rc == OXL_ERR_INTERRUPTED);
         snprintf(path, sizeof path, "out%zu/%s", k, files[k]);
-        CHECK(os_is_file(test_path(path)));
+        CHECK(test_has(path));
         working_damage(test_path(path), 0.6, 0);
         rc = oxl_job_run(test_ctx, survey, test_path(out), &options, NULL);
         CHECK(rc == (strcmp(files[k], "partition.txt") ? OXL_OK : OXL_ERR_INPUT));
@@ -120,13 +120,12 @@ TEST(blocks_with_a_damaged_file_end_in_the_same_bytes_or_are_refused)
 TEST(a_trained_model_that_was_damaged_before_the_result_is_trained_again)
 {
     oxl_job_options options = job_test_options();
-    const char *survey = job_test_survey();
     options.renders = 0;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("ref"), &options, NULL));
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK_OK(job_test_run("ref", &options));
+    CHECK_OK(job_test_run("out", &options));
     CHECK(remove(test_path("out/run.json")) == 0 && remove(test_path("out/scene.ply")) == 0);
     working_damage(test_path("out/blocks/000/model.ply"), 0.9, 0);
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK_OK(job_test_run("out", &options));
     CHECK(working_same(test_path("out/scene.ply"), test_path("ref/scene.ply")));
 }
 
@@ -136,14 +135,14 @@ TEST(a_standard_model_that_is_lost_or_damaged_before_the_result_is_made_again)
     oxl_job_options options = job_test_options();
     options.renders = 0;
     options.train.dog = OXL_DOG_ALL;
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("ref"), &options, NULL));
-    CHECK(os_is_file(test_path("ref/blocks/000/model_standard.ply")));
+    CHECK_OK(job_test_run("ref", &options));
+    CHECK(test_has("ref/blocks/000/model_standard.ply"));
     for (int k = 0; k < 2; k++) {
-        CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+        CHECK_OK(job_test_run("out", &options));
         CHECK(remove(test_path("out/run.json")) == 0 && remove(test_path("out/scene.ply")) == 0);
         if (k) working_damage(test_path("out/blocks/000/model_standard.ply"), 0.9, 0);
         else CHECK(remove(test_path("out/blocks/000/model_standard.ply")) == 0);
-        CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+        CHECK_OK(job_test_run("out", &options));
         CHECK(working_same(test_path("out/scene.ply"), test_path("ref/scene.ply")));
         CHECK(working_same(test_path("out/scene_standard.ply"), test_path("ref/scene_standard.ply")));
     }
@@ -181,10 +180,10 @@ TEST(a_run_whose_images_vanish_stops_and_continues_when_they_are_back)
     options.train.iterations = 60;
     CHECK_ERROR(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback), OXL_ERR_IO,
                 "training images cannot be read");
-    CHECK(!job_test_has(test_path("out/run.json"), "\"finished\": true"));
+    CHECK(!job_test_has("out/run.json", "\"finished\": true"));
     CHECK(rename(test_path("gone"), test_path("survey/images")) == 0);
-    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
-    CHECK(job_test_has(test_path("out/metrics.json"), "\"images_left_out\": 0"));
+    CHECK_OK(job_test_run("out", &options));
+    CHECK(job_test_has("out/metrics.json", "\"images_left_out\": 0"));
 }
 
 /* ---------------- rates, views, cameras, presets */
@@ -192,13 +191,12 @@ TEST(a_run_whose_images_vanish_stops_and_continues_when_they_are_back)
 TEST(rates_of_0_train_without_a_number_that_is_not_finite)
 {
     oxl_job_options options = job_test_options();
-    const char *survey = job_test_survey();
     options.renders = 0, options.restart = 1;
     for (int k = 1; k < 4; k++) {
         if (k & 1) options.train.lr_position = 0;
         if (k & 2) options.train.lr_position_final = 0;
-        CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
-        CHECK(job_test_has(test_path("out/metrics.json"), "\"gaussians_cleared\": 0"));
+        CHECK_OK(job_test_run("out", &options));
+        CHECK(job_test_has("out/metrics.json", "\"gaussians_cleared\": 0"));
     }
 }
 
@@ -259,15 +257,15 @@ TEST(a_finished_run_is_not_taken_for_that_of_other_images_masks_poses_cameras_or
         {"survey/sparse/0/points3D.txt", " 120 60 ", " 121 60 "}};
     const oxl_job_options options = job_test_options();
     for (size_t k = 0; k < OXL_COUNT(changed); k++) {
-        const char *survey = job_test_survey(), *path = test_path(changed[k][0]);
+        const char *path = changed[k][0];
         char out[8];
+        job_test_survey();
         snprintf(out, sizeof out, "out%d", (int)k);
-        CHECK_OK(oxl_job_run(test_ctx, survey, test_path(out), &options, NULL));
+        CHECK_OK(job_test_run(out, &options));
         if (k == 1) test_write("survey/masks/.keep", "");
-        if (k < 2) CHECK_OK(job_test_image(path, 7));
+        if (k < 2) CHECK_OK(job_test_image(test_path(path), 7));
         else job_test_replace(path, changed[k][1], changed[k][2]);
-        CHECK_ERROR(oxl_job_run(test_ctx, survey, test_path(out), &options, NULL), OXL_ERR_USAGE,
-                    "  checksum_of_files: ");
+        CHECK_ERROR(job_test_run(out, &options), OXL_ERR_USAGE, "  checksum_of_files: ");
         CHECK_SAYS("--restart");
     }
 }
