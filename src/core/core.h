@@ -108,8 +108,7 @@ OXL_INTERNAL void oxl_free_all(oxl_context *ctx, void *const *memory, size_t cou
 OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capacity, size_t needed,
                                     size_t size);
 /* Does the same for an array whose capacity is beside it, named like it with _capacity behind. */
-#define OXL_RESERVE(ctx, array, needed) \
-    oxl_reserve(ctx, &(array), &array##_capacity, needed, sizeof *(array))
+#define OXL_RESERVE(ctx, array, needed) oxl_reserve(ctx, &(array), &array##_capacity, needed, sizeof *(array))
 
 #if defined(__MINGW32__)
 #define OXL_PRINTF(at, first) __attribute__((format(gnu_printf, at, first)))
@@ -139,7 +138,6 @@ OXL_INTERNAL void text_add_json_string(struct text *t, const char *s); /* quoted
 OXL_INTERNAL void text_add_number(struct text *t, double value);
 /* Adds a number as a member of a JSON object, on a line of its own. */
 OXL_INTERNAL void text_add_member(struct text *t, const char *name, double value);
-OXL_INTERNAL int text_has_line(const char *text, const char *line); /* line: without its newline */
 OXL_INTERNAL void text_free(struct text *t);
 /* Moves the text to *out and empties t; OXL_ERR_MEMORY if an addition failed. */
 OXL_INTERNAL oxl_result text_take(struct text *t, char **out);
@@ -172,7 +170,6 @@ OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out)
 /* Writes the value as %.17g in the "C" locale, which parses to the same value; returns the length. */
 enum { NUMBER_TEXT_MAX = 48 };
 OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value);
-OXL_INTERNAL void format_digits(char out[NUMBER_TEXT_MAX], double value, int precision); /* as %.*g */
 /* Writes the shortest text that parses to the same double. */
 OXL_INTERNAL void format_shortest(char out[NUMBER_TEXT_MAX], double value);
 /* Writes the shortest text that parses to the same float. */

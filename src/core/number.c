@@ -252,7 +252,7 @@ static void number_unlocalize(char *text)
     *to = 0;
 }
 
-OXL_INTERNAL void format_digits(char out[NUMBER_TEXT_MAX], double value, int precision)
+static void format_digits(char out[NUMBER_TEXT_MAX], double value, int precision)
 {
     snprintf(out, NUMBER_TEXT_MAX, "%.*g", precision, value);
     number_unlocalize(out);

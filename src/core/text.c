@@ -77,14 +77,6 @@ OXL_INTERNAL void text_add_member(struct text *t, const char *name, double value
     text_add(t, "  \"%s\": %s,\n", name, NUMBER(value));
 }
 
-OXL_INTERNAL int text_has_line(const char *text, const char *line)
-{
-    const size_t size = strlen(line);
-    for (; *text; text += strcspn(text, "\n"), text += *text != 0)
-        if (!strncmp(text, line, size) && (text[size] == '\n' || !text[size])) return 1;
-    return 0;
-}
-
 OXL_INTERNAL void text_free(struct text *t)
 {
     oxl_free(t->ctx, t->data);

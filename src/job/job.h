@@ -61,12 +61,9 @@ OXL_INTERNAL oxl_result start_check(oxl_context *ctx, const struct start *start,
 /* Lists the suffixes of a view's files, and the temporary names of these. */
 #define RENDER_SUFFIXES ".png", ".image.png", ".clear.png", ".depth.png", ".depth.pfm", ".depth16.png"
 #define RENDER_FILES "*.png *.pfm"
-/* Makes the name of a view's files in their folder, without suffix (oxl_render_path). */
-OXL_INTERNAL oxl_result render_name(oxl_context *ctx, const char *view, char **out);
 /* Refuses views whose files would have the same name. */
 OXL_INTERNAL oxl_result render_names_check(oxl_context *ctx, const oxl_scene *scene);
 
-struct render_source;
 struct render_files {
     const oxl_model *source;
     const oxl_scene *scene;

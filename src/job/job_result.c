@@ -9,7 +9,6 @@
 #include "../survey/scene.h"
 #include "../model/model.h"
 #include "../large/os_job.h"
-#include "../train/trained.h"
 
 #define JOB_EXPOSURE 0.5 /* Logs cc_psnr from this difference (dB) to PSNR on. */
 

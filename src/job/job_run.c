@@ -11,7 +11,6 @@
 #include "../checks/checks.h"
 #include "../survey/scene.h"
 #include "../large/os_job.h"
-#include "../train/trained.h"
 
 /* ---------------- run.json */
 
@@ -97,9 +96,7 @@ static oxl_result job_replace_run(struct job *job)
     static const char *const files[] = {"run.json", "metrics.json", "partition.txt"};
     const oxl_result rc = job_lock_alone(job);
     if (rc != OXL_OK) return rc;
-    if (job->options.block < 0) {
-        job_drop_blocks(job);
-    }
+    if (job->options.block < 0) job_drop_blocks(job);
     for (size_t i = 0; i < OXL_COUNT(files); i++) os_remove(PATH(job->out, "%s", files[i]));
     return OXL_OK;
 }
@@ -225,12 +222,12 @@ static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_
 
 static oxl_result job_train_single(struct job *job, const char *folder)
 {
-    struct block_task task = {.folder = folder,
-                              .imaging = &job->imaging,
-                              .key = job->key.data,
-                              .viewed = cost_evaluation_steps(job->scene, job->options.train.iterations),
-                              .viewer_steps = viewer_steps(&job->options.train),
-                              .trims = 1};
+    struct block_task task = {
+        .folder = folder,
+        .key = job->key.data,
+        .run = {.imaging = &job->imaging,
+                .viewed = cost_evaluation_steps(job->scene, job->options.train.iterations)},
+        .extra = {.viewer_steps = viewer_steps(&job->options.train), .trims = 1}};
     oxl_job_options options;
     const oxl_callback callback = {job_progress, job};
     oxl_result rc = job_plan_single(job, &task, &options);

@@ -30,7 +30,8 @@ static void render_name_add_last(struct text *t, const char *name, const char *w
              (unsigned long long)checksum_add(CHECKSUM_SEED, whole, strlen(whole)));
 }
 
-OXL_INTERNAL oxl_result render_name(oxl_context *ctx, const char *view, char **out)
+/* Makes the name of a view's files in their folder, without suffix (oxl_render_path). */
+static oxl_result render_name(oxl_context *ctx, const char *view, char **out)
 {
     const int escapes = view[0] == '/' || strstr(view, "..");
     char *flat = oxl_strdup(ctx, view), *last;

@@ -13,7 +13,6 @@
 #include "../formats/formats.h"
 
 #include "../formats/json.h"
-#include "../train/trained.h"
 
 /* Copies a file completely or not at all; removes the target if the file is missing. */
 static oxl_result start_copy(oxl_context *ctx, const char *from, const char *to, const char *name)
@@ -113,11 +112,11 @@ OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char
             "the model to start from has %zu Gaussians, and %d are allowed\nfix: a larger --max-gaussians or --ram",
             start->model.count, task->train.max_gaussians);
     if (start->after == 0) {
-        task->from = &start->model;
+        task->run.from = &start->model;
         return OXL_OK;
     }
-    task->start = &start->model;
+    task->run.start = &start->model;
     task->train =
         train_refinement(&task->train, start->model.sh_degree, task->train.iterations - start->after);
-    return imaging_read_beside(ctx, PATH(out, "blocks/start/model.ply"), scene, task->imaging);
+    return imaging_read_beside(ctx, PATH(out, "blocks/start/model.ply"), scene, task->run.imaging);
 }

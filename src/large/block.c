@@ -11,7 +11,6 @@
 #include "../formats/json.h"
 #include "../survey/scene.h"
 #include "../model/model.h"
-#include "../train/trained.h"
 #include "os_job.h"
 
 #define BLOCK_LOG_ROWS 200     /* Limits the rows of log.csv in a whole run. */
@@ -261,26 +260,16 @@ static oxl_result block_run(struct block *b, const oxl_scene *scene, oxl_trained
 {
     const struct block_task *task = b->task;
     const char *viewer = PATH(task->folder, "viewer");
-    struct train_task train = {.store = checkpoint_in(task->folder, task->key),
-                               .log = &b->log,
-                               .notes = &b->notes,
-                               .imaging = task->imaging,
-                               .start = task->start,
-                               .context = task->context,
-                               .window = task->window,
-                               .first = task->first,
-                               .until = task->until,
-                               .viewed = task->viewed,
-                               .from = task->from};
-    const struct train_extra extra = {.viewer_store = checkpoint_in(viewer, task->key),
-                                      .viewer_steps = task->viewer_steps,
-                                      .trims = task->trims};
+    struct train_task run = task->run;
+    struct train_extra extra = task->extra;
     oxl_result rc, written;
+    run.store = checkpoint_in(task->folder, task->key), run.log = &b->log, run.notes = &b->notes;
+    extra.viewer_store = checkpoint_in(viewer, task->key);
     text_add(&b->log, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n");
-    rc = trained_make(b->ctx, scene, &task->train, &(oxl_callback){block_progress, b}, &train, &extra, t);
+    rc = trained_make(b->ctx, scene, &task->train, &(oxl_callback){block_progress, b}, &run, &extra, t);
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
     if (t->model.count == 0) return rc;
-    t->finished |= task->until > 0 && t->iterations >= task->until;
+    t->finished |= run.until > 0 && t->iterations >= run.until;
     written = block_write_result(b, scene, t);
     /* The models are complete. */
     if (written == OXL_OK && t->finished) {
@@ -302,7 +291,7 @@ OXL_INTERNAL oxl_result block_train(oxl_context *ctx, const oxl_scene *scene, co
     ctx->notes = &b.notes;
     rc = block_run(&b, scene, &trained);
     ctx->notes = outer;
-    if (trained.imaging) OXL_SWAP(struct oxl_imaging, *task->imaging, *trained.imaging);
+    if (trained.imaging) OXL_SWAP(struct oxl_imaging, *task->run.imaging, *trained.imaging);
     oxl_trained_free(ctx, &trained);
     text_free(&b.log);
     text_free(&b.notes);

@@ -16,7 +16,6 @@
 #include "../render/render.h"
 #include "../survey/scene.h"
 #include "../model/model.h"
-#include "../train/trained.h"
 #include "os_job.h"
 
 /* Splits Gaussians of the merged model once more after this fraction of its steps (docs/log/SCALE.md). */
@@ -33,7 +32,7 @@ static struct block_task blocks_task(struct job *job, const char *folder, const 
     struct block_task task = {.folder = folder,
                               .key = job->key.data,
                               .callback = callback,
-                              .imaging = &job->imaging,
+                              .run = {.imaging = &job->imaging},
                               .train = job->options.train};
     if (task.train.dropout < 0) task.train.dropout = 0; /* In blocks `auto` is off. */
     return task;
@@ -41,8 +40,8 @@ static struct block_task blocks_task(struct job *job, const char *folder, const 
 
 static oxl_result blocks_train(struct job *job, struct block_task *task)
 {
-    job->stage_first = task->first;
-    job->stage_until = task->until ? task->until : task->train.iterations;
+    job->stage_first = task->run.first;
+    job->stage_until = task->run.until ? task->run.until : task->train.iterations;
     job_limit_time(job, &task->train);
     return block_train(job->ctx, job->scene, task);
 }
@@ -62,9 +61,9 @@ static oxl_result blocks_train_coarse(struct blocks *b, int block, const char *f
     o.train.dropout = task.train.dropout;
     task.train = o.train;
     task.train.keep.kind = OXL_KEEP_ALL;
-    task.until = (int)OXL_MAX(1, JOB_COARSE * o.train.iterations);
+    task.run.until = (int)OXL_MAX(1, JOB_COARSE * o.train.iterations);
     task.predicted_peak = cost_memory(&o, &load, cost_gaussians(&o, &load));
-    oxl_log(job->ctx, OXL_LOG_DEBUG, "coarse model of the survey: %d steps", task.until);
+    oxl_log(job->ctx, OXL_LOG_DEBUG, "coarse model of the survey: %d steps", task.run.until);
     return blocks_train(job, &task);
 }
 
@@ -136,8 +135,8 @@ static oxl_result blocks_train_block(struct blocks *b, int block, const char *fo
     else if (rc == OXL_OK) {
         blocks_set_options(&plan, &task.train);
         blocks_limit(job, &plan, &task);
-        task.start = &plan.own, task.context = &plan.context, task.window = plan.window;
-        task.first = plan.first, task.until = plan.last;
+        task.run.start = &plan.own, task.run.context = &plan.context, task.run.window = plan.window;
+        task.run.first = plan.first, task.run.until = plan.last;
         rc = blocks_train(job, &task);
     }
     block_plan_free(job->ctx, &plan);
@@ -173,10 +172,10 @@ static oxl_result blocks_train_merged(struct blocks *b, int block, const char *f
     oxl_model merged = {0};
     oxl_result rc = job_merge(job, &merged);
     (void)block;
-    task.start = &merged;
-    task.viewer_steps = viewer_steps(&job->options.train);
+    task.run.start = &merged;
+    task.extra.viewer_steps = viewer_steps(&job->options.train);
     if (rc == OXL_OK && imaging_hides(&job->imaging))
-        job->stage_viewers = viewer_hiding_steps(task.viewer_steps);
+        job->stage_viewers = viewer_hiding_steps(task.extra.viewer_steps);
     if (rc == OXL_OK) blocks_set_merged(job, merged.sh_degree, steps, &task.train);
     if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_DEBUG, "merged model: %d steps", steps);
     if (rc == OXL_OK) rc = blocks_train(job, &task);

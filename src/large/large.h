@@ -3,7 +3,7 @@
 #define OXL_LARGE_H
 
 #include "../core/core.h"
-#include "../train/train.h"
+#include "../train/trained.h"
 #include "../../oceanxl_job.h"
 
 /* ---------------- partition_make.c: balanced blocks of a survey */
@@ -144,7 +144,6 @@ OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scen
 
 /* ---------------- nonfinite_record.c: counts of values that are not finite, in records */
 
-OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from);
 /* Adds the counts as members of a JSON object, each followed by a comma. */
 OXL_INTERNAL void nonfinite_add_json(struct text *t, const oxl_nonfinite *n);
 OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *n);
@@ -167,14 +166,8 @@ struct block_task {
     const char *folder, *key; /* key: all that the result depends on */
     oxl_train_options train;
     const oxl_callback *callback;
-    struct oxl_imaging *imaging; /* in: that of `start`; out: that of the result */
-    oxl_model *start;            /* a trained model to refine, which is moved into the run; NULL: none */
-    const oxl_model *from;       /* a model to start from; NULL: the scene's points */
-    const oxl_model *context;    /* `context` to `until` as in struct train_task */
-    const struct image_window *window;
-    int first, until;
-    int viewed;              /* as in struct train_task */
-    int viewer_steps, trims; /* as in struct train_extra */
+    struct train_task run;    /* without store, log and notes, which are the folder's; imaging: not NULL */
+    struct train_extra extra; /* without viewer_store */
     double predicted_peak;
 };
 /* Reads block.json; exists 0: there is none, or it has another key. */

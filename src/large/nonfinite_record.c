@@ -8,15 +8,6 @@
 
 #define NONFINITE_COUNT_MAX 1e9 /* Limits a count in a file, so that it fits 32 bits. */
 
-OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from)
-{
-    to->images += from->images;
-    to->steps += from->steps;
-    to->rows += from->rows;
-    to->cleared += from->cleared;
-    to->degenerate += from->degenerate;
-}
-
 static const struct nonfinite_member {
     const char *name;
     size_t at;

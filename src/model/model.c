@@ -259,7 +259,9 @@ static void model_active_first(oxl_model *model, const uint8_t *active, float *o
     }
 }
 
-OXL_INTERNAL oxl_result model_make_lobes(oxl_context *ctx, oxl_model *model, const uint8_t *active)
+/* Moves the rows whose active (count) is not 0 to the front, both parts in their order, and gives them second
+ * lobes of zeros. The model must have no lobes. */
+static oxl_result model_make_lobes(oxl_context *ctx, oxl_model *model, const uint8_t *active)
 {
     size_t lobes = 0;
     float *other;

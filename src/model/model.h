@@ -37,9 +37,6 @@ enum { MODEL_LOBE_PLANES = OXL_PLANES - OXL_LOBE };
 /* Gives rows 0..lobes-1 a second lobe; new lobes are zero. */
 OXL_INTERNAL oxl_result model_set_lobes(oxl_context *ctx, oxl_model *model, size_t lobes);
 OXL_INTERNAL void model_drop_lobes(oxl_model *model);
-/* Moves the rows whose active (count) is not 0 to the front, both parts in their order, and gives them second
- * lobes of zeros. The model must have no lobes. */
-OXL_INTERNAL oxl_result model_make_lobes(oxl_context *ctx, oxl_model *model, const uint8_t *active);
 
 /* Holds a model in training with Adam's first and second moments, running means of the gradient and of its
  * square, in the same planes. */

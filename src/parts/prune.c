@@ -101,7 +101,7 @@ OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count)
     return count > goal ? count - goal : 0;
 }
 
-OXL_INTERNAL void prune_describe(const struct prune *p, char *out, size_t size)
+static void prune_describe(const struct prune *p, char *out, size_t size)
 {
     if (p->keep.kind == OXL_KEEP_ALL) snprintf(out, size, "all are kept: as set");
     else snprintf(out, size, "%zu of %zu after density control: as set", p->target, p->first_count);

@@ -21,7 +21,6 @@ struct prune {
  * Gaussian in its file. */
 OXL_INTERNAL void prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views,
                               double row_bytes);
-OXL_INTERNAL void prune_describe(const struct prune *p, char *out, size_t size); /* the result, as text */
 /* Observes the loss; call it after each step. Steps outside the phase are ignored. */
 OXL_INTERNAL void prune_observe(struct prune *p, int step, double l1);
 /* Returns 1 if prune_due checks. */

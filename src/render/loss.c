@@ -486,8 +486,8 @@ static oxl_result loss_valid_windows(oxl_context *ctx, const struct loss_job *jo
     return OXL_OK;
 }
 
-static void loss_add_up(const struct loss_job *job, double (*sums)[LOSS_SUMS], double values,
-                        double windows, struct loss_value *out)
+static void loss_add_up(const struct loss_job *job, double (*sums)[LOSS_SUMS], double values, double windows,
+                        struct loss_value *out)
 {
     double sum[LOSS_SUMS] = {0};
     for (int row = 0; row < 3 * job->height; row++)
@@ -515,12 +515,9 @@ OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct los
     const int pieces = ctx->threads, strips = 3 * pieces;
     double values = 3.0 * (double)pixels, windows = values;
     struct loss_strip *strip;
-    oxl_result rc =
-        OXL_RESERVE(ctx, scratch->strip, (size_t)strips);
-    if (rc == OXL_OK)
-        rc = OXL_RESERVE(ctx, scratch->rows, room * (size_t)strips);
-    if (rc == OXL_OK)
-        rc = OXL_RESERVE(ctx, scratch->sums, 3 * (size_t)job->height);
+    oxl_result rc = OXL_RESERVE(ctx, scratch->strip, (size_t)strips);
+    if (rc == OXL_OK) rc = OXL_RESERVE(ctx, scratch->rows, room * (size_t)strips);
+    if (rc == OXL_OK) rc = OXL_RESERVE(ctx, scratch->sums, 3 * (size_t)job->height);
     if (rc == OXL_OK && job->weight) rc = loss_valid_windows(ctx, job, scratch, &values, &windows);
     if (rc != OXL_OK) return rc;
     loss_clear(scratch, job->width, room * (size_t)strips);

@@ -98,15 +98,11 @@ static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t pa
 {
     const size_t rows = packs * PACK;
     oxl_result rc = OXL_RESERVE(ctx, r->splat, rows);
-    if (rc == OXL_OK)
-        rc = OXL_RESERVE(ctx, r->tile_range, (size_t)ctx->threads);
+    if (rc == OXL_OK) rc = OXL_RESERVE(ctx, r->tile_range, (size_t)ctx->threads);
     if (rc == OXL_OK) rc = OXL_RESERVE(ctx, r->lobe, lobes);
-    if (rc == OXL_OK)
-        rc = OXL_RESERVE(ctx, r->visible, rows / PACK + 1);
+    if (rc == OXL_OK) rc = OXL_RESERVE(ctx, r->visible, rows / PACK + 1);
     if (rc == OXL_OK) rc = OXL_RESERVE(ctx, r->rgb, 3 * pixels);
-    if (rc == OXL_OK)
-        rc =
-            OXL_RESERVE(ctx, r->transmittance, pixels);
+    if (rc == OXL_OK) rc = OXL_RESERVE(ctx, r->transmittance, pixels);
     return rc;
 }
 
@@ -117,8 +113,7 @@ static oxl_result render_download_target(oxl_context *ctx, struct renderer *r)
 {
     const size_t pixels = r->backend->target(r->device, NULL, NULL, &r->masked);
     oxl_result rc = OXL_RESERVE(ctx, r->target, 3 * pixels);
-    if (rc == OXL_OK && r->masked)
-        rc = OXL_RESERVE(ctx, r->weight, pixels);
+    if (rc == OXL_OK && r->masked) rc = OXL_RESERVE(ctx, r->weight, pixels);
     if (rc == OXL_OK && pixels > 0 && r->backend->target(r->device, r->target, r->weight, &r->masked) == 0)
         rc = ctx->failed;
     return rc;

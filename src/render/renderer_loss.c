@@ -24,8 +24,7 @@ OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r,
         (size_t)(window ? window->width : image->width) * (size_t)(window ? window->height : image->height);
     rc = OXL_RESERVE(ctx, r->target, 3 * pixels);
     r->masked = image->mask != NULL;
-    if (rc == OXL_OK && r->masked)
-        rc = OXL_RESERVE(ctx, r->weight, pixels);
+    if (rc == OXL_OK && r->masked) rc = OXL_RESERVE(ctx, r->weight, pixels);
     if (rc != OXL_OK) return rc;
     image_from_training(ctx, image, window, r->target, r->masked ? r->weight : NULL);
     if (halved)
@@ -117,8 +116,7 @@ static oxl_result render_loss_with_gains(oxl_context *ctx, struct renderer *r, c
                                     .dlog_gain = dlog_gain,
                                     .dshape = r->dlamp};
     oxl_result rc = renderer_image(ctx, r, &rendered);
-    if (rc == OXL_OK)
-        rc = OXL_RESERVE(ctx, r->exposed, 3 * pixels);
+    if (rc == OXL_OK) rc = OXL_RESERVE(ctx, r->exposed, 3 * pixels);
     if (rc == OXL_OK) rc = OXL_RESERVE(ctx, r->lamp_map, pixels);
     if (rc != OXL_OK) return rc;
     exposure.x = rendered, exposure.y = r->exposed, exposure.lamp_map = r->lamp_map,
@@ -187,10 +185,8 @@ OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct rendere
 static oxl_result render_begin_backward(oxl_context *ctx, struct renderer *r)
 {
     oxl_result rc = OXL_RESERVE(ctx, r->sums, r->bins.slot_count + 1);
-    if (rc == OXL_OK)
-        rc = OXL_RESERVE(ctx, r->dmean2d, r->bins.packs * PACK);
-    if (rc == OXL_OK && r->has_pose)
-        rc = OXL_RESERVE(ctx, r->pose_sum, (size_t)render_tasks(r) + 1);
+    if (rc == OXL_OK) rc = OXL_RESERVE(ctx, r->dmean2d, r->bins.packs * PACK);
+    if (rc == OXL_OK && r->has_pose) rc = OXL_RESERVE(ctx, r->pose_sum, (size_t)render_tasks(r) + 1);
     return rc;
 }
 

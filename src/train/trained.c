@@ -47,8 +47,9 @@ OXL_INTERNAL oxl_train_options train_refinement(const oxl_train_options *run, in
     return o;
 }
 
-OXL_INTERNAL oxl_train_options viewer_options(const oxl_train_options *run, int sh_degree, int steps,
-                                              const struct oxl_imaging *m)
+/* Returns the options of the second run. */
+static oxl_train_options viewer_options(const oxl_train_options *run, int sh_degree, int steps,
+                                        const struct oxl_imaging *m)
 {
     const int drops_gains = imaging_is_gains_alone(m), hides = imaging_hides(m);
     oxl_train_options o = train_refinement(run, sh_degree, hides ? viewer_hiding_steps(steps) : steps);
@@ -84,9 +85,9 @@ static int trained_progress(void *user, const oxl_progress *progress)
     return context_report(r->callback, &p);
 }
 
-static void trained_add_nonfinite(oxl_nonfinite *to, const oxl_nonfinite *from)
+OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from)
 {
-    to->images = OXL_MAX(to->images, from->images); /* both runs leave out the same images */
+    to->images += from->images;
     to->steps += from->steps;
     to->rows += from->rows;
     to->cleared += from->cleared;
@@ -131,7 +132,8 @@ static oxl_result viewer_refine(oxl_context *ctx, const oxl_scene *scene, const 
                 drops_gains ? " and gains" : " and medium", o.iterations);
         rc = train_run(ctx, scene, &o, &(oxl_callback){trained_progress, progress}, &task, &refined);
     }
-    trained_add_nonfinite(&t->nonfinite, &task.nonfinite);
+    task.nonfinite.images -= OXL_MIN(task.nonfinite.images, t->nonfinite.images); /* out of both runs */
+    nonfinite_add(&t->nonfinite, &task.nonfinite);
     t->finished = rc == OXL_OK && task.finished;
     oxl_model_free(ctx, &t->viewer);
     if (t->finished) OXL_SWAP(oxl_model, t->viewer, refined);

@@ -23,11 +23,11 @@ OXL_INTERNAL oxl_train_options train_refinement(const oxl_train_options *run, in
 OXL_INTERNAL int viewer_steps(const oxl_train_options *run);
 /* Returns the steps of it where images have a medium or gains that it leaves out. */
 OXL_INTERNAL int viewer_hiding_steps(int steps);
-/* Returns the options of the second run. */
-OXL_INTERNAL oxl_train_options viewer_options(const oxl_train_options *run, int sh_degree, int steps,
-                                              const struct oxl_imaging *m);
 /* Returns 1 if scene.ply is the model for viewers. */
 OXL_INTERNAL int trained_hides(const oxl_trained *t);
+
+/* Adds the counts of another run. */
+OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from);
 
 /* ---------------- unseen.c */
 
