@@ -90,8 +90,7 @@ static oxl_scene *fixed_survey(enum fixed_kind first, enum fixed_kind second, in
     oxl_image_free(test_ctx, &image);
     text_free(&images);
     options.auto_mask = mask;
-    lint_heard[0] = 0;
-    test_ctx->options.log = lint_listen;
+    test_listen();
     CHECK_OK(oxl_scene_load(test_ctx, test_path("s"), &options, &scene));
     return scene;
 }
@@ -124,7 +123,7 @@ TEST(fixed_pixels_of_each_camera_are_masked)
         CHECK(missed <= 4 && far <= 8);
         fixed_count(scene, 3, kind == FIXED_LOGO ? FIXED_TWO_SIDES : FIXED_NOTHING, &missed, &far);
         CHECK(missed <= 4 && far <= 8);
-        CHECK_TEXT(lint_heard,
+        CHECK_TEXT(test_said.warning,
                    kind == FIXED_LOGO ? "24 images show the same at " : "12 images show the same at ");
         CHECK(scene->stats.fixed > 0.005 && scene->stats.fixed < 0.2);
         oxl_scene_free(test_ctx, scene);
@@ -135,7 +134,7 @@ TEST(fixed_backgrounds_a_sky_and_a_lamp_are_no_part_of_the_camera)
 {
     for (enum fixed_kind kind = FIXED_WHITE_STUDIO; kind < FIXED_KINDS; kind++) {
         oxl_scene *scene = fixed_survey(kind, FIXED_NOTHING, 1);
-        CHECK(lint_heard[0] == 0 && scene->stats.fixed == 0 && !scene_image(test_ctx, scene, 0)->mask);
+        CHECK(test_said.warning[0] == 0 && scene->stats.fixed == 0 && !scene_image(test_ctx, scene, 0)->mask);
         oxl_scene_free(test_ctx, scene);
     }
 }
@@ -143,6 +142,6 @@ TEST(fixed_backgrounds_a_sky_and_a_lamp_are_no_part_of_the_camera)
 TEST(fixed_pixels_stay_where_auto_mask_is_off)
 {
     oxl_scene *scene = fixed_survey(FIXED_ROUND_PORT, FIXED_NOTHING, 0);
-    CHECK(lint_heard[0] == 0 && !scene_image(test_ctx, scene, 0)->mask);
+    CHECK(test_said.warning[0] == 0 && !scene_image(test_ctx, scene, 0)->mask);
     oxl_scene_free(test_ctx, scene);
 }
