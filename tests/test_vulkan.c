@@ -1936,8 +1936,9 @@ static void vulkan_check_tight(void)
         d[k] = vulkan_begin_run(device, 300, 100);
         r = d[k].d;
         vulkan_steps(&d[k], 1, 1);
-        vulkan_play_full(INT_MAX, k ? 32 * r->pairs + 4096 : SIZE_MAX);
+        vulkan_play_full(INT_MAX, k ? 32 * r->pairs + 4096 * (r->tiles + 1) : SIZE_MAX);
         CHECK(r->pairs > 256 && renderer_defer(d[k].r, 1));
+        renderer_expect_steps(d[k].r);
         vulkan_steps(&d[k], 2, 2);
         CHECK((vulkan_refusals > 0) == k && r->low_memory == k && r->room > 0);
         if (k) CHECK(r->room * 32 <= vulkan_largest && r->kept.size <= vulkan_largest);

@@ -179,22 +179,25 @@ static void vulkan_draw(struct vulkan_renderer *r, uint32_t variant)
     r->keeps = variant == 1;
 }
 
-static void vulkan_reserve_pairs(struct vulkan_renderer *r, struct vulkan_buffer *b, size_t element)
+/* By pair, and so many more. */
+static void vulkan_reserve_pairs(struct vulkan_renderer *r, struct vulkan_buffer *b, size_t element,
+                                 size_t more)
 {
-    if (r->low_memory) vulkan_reserve_exactly(r->v, b, r->pairs, element, "(tile, splat) pairs");
-    else vulkan_reserve(r->v, b, r->pairs, element, "(tile, splat) pairs");
+    (r->low_memory ? vulkan_reserve_exactly : vulkan_reserve)(r->v, b, r->pairs + more, element,
+                                                              "(tile, splat) pairs");
 }
 
 /* Room for what the way back reads and writes; score: of the score alone. */
 static void vulkan_reserve_backward(struct vulkan_renderer *r, int score)
 {
-    vulkan_reserve_pairs(r, &r->kept, 4096 / VULKAN_BUCKET); /* four numbers of 256 pixels a bucket */
-    vulkan_reserve_pairs(r, &r->sums_a, 16);
+    /* four numbers of 256 pixels a bucket */
+    vulkan_reserve_pairs(r, &r->kept, 4096 / VULKAN_BUCKET, r->tiles * VULKAN_BUCKET);
+    vulkan_reserve_pairs(r, &r->sums_a, 16, 0);
     if (score) return;
-    vulkan_reserve_pairs(r, &r->sums_b, 16);
-    vulkan_reserve_pairs(r, &r->sums_c, 4);
-    if (r->lobes) vulkan_reserve_pairs(r, &r->sums_d, 16);
-    if (r->lobes) vulkan_reserve_pairs(r, &r->sums_e, 8);
+    vulkan_reserve_pairs(r, &r->sums_b, 16, 0);
+    vulkan_reserve_pairs(r, &r->sums_c, 4, 0);
+    if (r->lobes) vulkan_reserve_pairs(r, &r->sums_d, 16, 0);
+    if (r->lobes) vulkan_reserve_pairs(r, &r->sums_e, 8, 0);
 }
 
 static enum vulkan_pass vulkan_backward_pass(const struct vulkan_renderer *r)
@@ -263,10 +266,10 @@ static void vulkan_reserve_view(struct vulkan_renderer *r, int steps)
         r->pairs = r->room;
     }
     for (int k = 0; k < 2; k++) {
-        vulkan_reserve_pairs(r, &r->pair_key[k], 4);
-        vulkan_reserve_pairs(r, &r->pair_value[k], 4);
+        vulkan_reserve_pairs(r, &r->pair_key[k], 4, 0);
+        vulkan_reserve_pairs(r, &r->pair_value[k], 4, 0);
     }
-    vulkan_reserve_pairs(r, &r->staged, 8);
+    vulkan_reserve_pairs(r, &r->staged, 8, 0);
     vulkan_reserve(r->v, &r->histogram, VULKAN_DIGITS * vulkan_chunks(r->pairs), 4, "(tile, splat) pairs");
     if (steps) vulkan_reserve_step(r);
 }

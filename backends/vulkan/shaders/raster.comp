@@ -61,6 +61,13 @@ void alive_after(uint round, vec4 t)
     if (any(greaterThan(t, vec4(0.0)))) alive[(round + 1u) % 3u] = 1u;
 }
 
+/* The pixels as they are before bucket n of the tile. */
+void keep(uint tile, uint n, vec4 t, vec4 light[3])
+{
+    for (uint ch = 0u; ch < 3u; ch++) kept[bucket_at(tile, n, 64u * ch + gl_LocalInvocationIndex)] = light[ch];
+    kept[bucket_at(tile, n, 192u + gl_LocalInvocationIndex)] = t;
+}
+
 void main()
 {
     uint tile = work_group(), i = gl_LocalInvocationIndex;
@@ -68,7 +75,7 @@ void main()
     uvec2 in_tile = quad_at(i), at = tile_at(tile) + in_tile;
     vec4  t, light[3];
     Layer layer[4];
-    uint  first, end = start[tile + 1u];
+    uint  first, end = start[tile + 1u], bucket = 1u, keeps_at = start[tile] + first_bucket(end - start[tile]);
     for (uint k = 0u; k < 4u; k++) layer[k] = Layer(-1.0, 0.0, 0.0, 0.0, 0.0);
     for (uint ch = 0u; ch < 3u; ch++) light[ch] = vec4(0.0);
     for (uint turn = uint(DEPTHS); turn <= 2u * uint(DEPTHS); turn++) {
@@ -82,13 +89,12 @@ void main()
             batch_load(i, first + i, end, tile, DEPTHS);
             barrier();
             if (alive[round % 3u] == 0u) break;
-            uint done = round * BATCH;
-            if (KEEPS && done % BUCKET == 0u && done > 0u) {
-                for (uint ch = 0u; ch < 3u; ch++) kept[bucket_at(tile, done / BUCKET, 64u * ch + i)] = light[ch];
-                kept[bucket_at(tile, done / BUCKET, 192u + i)] = t;
-            }
             uint count = min(uint(BATCH), end - first);
             for (uint n = 0u; n < count; n++) {
+                if (KEEPS && first + n == keeps_at) {
+                    keep(tile, bucket++, t, light);
+                    keeps_at = bucket % SIDES == 0u ? start[tile] + bucket * BUCKET : keeps_at + first_bucket(end - keeps_at);
+                }
                 if (!touches(n, i)) continue;
                 Share p = share_of(n, vec2(in_tile), t);
                 vec3  c = light_of(n);

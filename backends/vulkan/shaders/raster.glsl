@@ -14,10 +14,12 @@ layout(std430, binding = 5) readonly buffer SplatB { vec4 splat_b[]; };
 layout(std430, binding = 6) readonly buffer SplatC { vec4 splat_c[]; };
 layout(std430, binding = 7) readonly buffer LobeA { vec4 lobe_a[]; };
 layout(std430, binding = 8) buffer Rgb { float rgb[]; };  /* (3,H,W) */
-layout(std430, binding = 9) buffer Kept { vec4 kept[]; }; /* (pairs / BUCKET, 4, 64) red, green, blue so far and T of each quad: see bucket_at */
+layout(std430, binding = 9) buffer Kept { vec4 kept[]; }; /* (pairs / BUCKET + tiles, 4, 64) red, green, blue so far and T of quads: bucket_at */
 layout(push_constant) uniform Push { uint lobes, begin, end; } push;
 
-const uint BUCKET = 128u; /* pairs of a tile that one group takes backward: where they begin, forward keeps the tile's pixels */
+/* Pairs of a tile that 32 invocations take backward, at most: where they begin, forward keeps the tile's pixels. Two buckets are a workgroup's,
+ * the last two of a tile are alike. */
+const uint BUCKET = 128u, SIDES = 2u;
 
 /* Bits of numbers beside whole numbers: as floats, a device may flush or change the latter. */
 shared vec4  batch_shape[BATCH]; /* -a k -e peak */
@@ -31,7 +33,9 @@ uint  tiles() { return view.tiles_x * view.tiles_y; }
 uvec2 tile_at(uint tile) { return uvec2(tile % view.tiles_x, tile / view.tiles_x) * TILE; }
 uvec2 quad_at(uint quad) { return uvec2(quad >> 2 & 3u, quad >> 4) * 4u + uvec2(0u, quad & 3u); }
 /* Where the state before bucket `n` > 0 of a tile is kept, for a quad; that of the first one is known. */
-uint bucket_at(uint tile, uint n, uint quad) { return (start[tile] / BUCKET + n - 1u) * 256u + quad; }
+uint bucket_at(uint tile, uint n, uint quad) { return (start[tile] / BUCKET + tile + n - 1u) * 256u + quad; }
+/* Pairs of the first of two buckets, which have so many: half of them, in whole batches of a bucket (16). */
+uint first_bucket(uint pairs) { return pairs >= SIDES * BUCKET ? BUCKET : (pairs + 31u) / 32u * 16u; }
 
 /* 1 for pixels in the image, -1 for those beyond its edge. */
 vec4 quad_inside(uvec2 at)

@@ -21,7 +21,7 @@ layout(std430, binding = 14) writeonly buffer SumsD { float sums_d[]; }; /* of t
 layout(std430, binding = 15) writeonly buffer SumsE { float sums_e[]; }; /* and w y, y^2 */
 
 const bool SCORE = (VARIANT & 2u) != 0u;
-const uint LANES = 32u, SIDES = 2u, EACH = 2u, SIDE = BATCH / SIDES, NUMBERS = 9u + 6u * LOBED, SUMS = SCORE ? 1u : NUMBERS;
+const uint LANES = 32u, EACH = 2u, SIDE = BATCH / SIDES, NUMBERS = 9u + 6u * LOBED, SUMS = SCORE ? 1u : NUMBERS;
 const uint ROW = 36u; /* of 32 numbers, padded: rows that are read together begin in different banks, and as whole vectors */
 
 shared float pool[SIDES * EACH * NUMBERS * ROW];
@@ -85,9 +85,10 @@ void write_sum(uint slot, uint k, float sum)
 void gather(uint n, uint side, uint lane)
 {
     uint  splat = n + lane / SUMS, k = lane % SUMS, from = ((side * EACH + lane / SUMS) * NUMBERS + k) * ROW;
-    float sum = 0.0;
+    vec4  all = vec4(0.0);
     if (lane >= EACH * SUMS || batch_place[splat].z == 0u) return;
-    for (uint j = 0u; j < LANES; j++) sum += pool[from + j];
+    for (uint j = 0u; j < LANES; j += 4u) all += vec4(pool[from + j], pool[from + j + 1u], pool[from + j + 2u], pool[from + j + 3u]);
+    float sum = (all.x + all.y) + (all.z + all.w);
     if (SCORE) {
         float peak = own_exp2(batch_shape[splat].w);
         sum *= peak * peak;
@@ -138,9 +139,9 @@ void main()
     }
     uint bucket = SIDES * (group - groups_before(tile)), first = start[tile] + bucket * BUCKET;
     uint last = min(start[tile + 1u], first + SIDES * BUCKET), seen = start[tiles() + 1u + tile];
-    uint count = first < seen ? min(BUCKET, seen - first) : 0u;
-    first += side * BUCKET;
-    last     = min(last, first + BUCKET);
+    uint share = first_bucket(last - min(first, last)), count = first < seen ? min(share, seen - first) : 0u;
+    first += side * share;
+    last     = min(last, first + share);
     uint end = clamp(seen, first, max(first, last));
     Pixels p[2];
     for (uint k = 0u; k < 2u; k++) p[k] = pixels_at(tile, bucket + side, lane + LANES * k, first < end);
