@@ -14,7 +14,7 @@
 static void suggest(const char *word, const char *name, char best[40], int *most)
 {
     int same = 0;
-    while (word[same] && word[same] == name[same]) same++;
+    while (word[same] && (word[same] == name[same] || (word[same] == '_' && name[same] == '-'))) same++;
     if (same <= *most) return;
     *most = same;
     snprintf(best, 40, "%s", name);
@@ -38,6 +38,31 @@ static int fail_unknown(struct arguments *a, const char *what, const char *word,
                 command[0] ? " all" : "");
 }
 
+/* Options of other trainers, and what they are called here. */
+static const char *const OTHER_NAMES[][2] = {
+    {"-s --source_path --data --data_dir --data-dir --input", "SCENE, the first word after the command"},
+    {"-m --model_path --output --output-dir --output_path --result_dir --export-path", "-o FOLDER"},
+    {"-n --num-iters --max-num-iterations --max_steps --total-steps --steps", "--iterations N"},
+    {"-r -d --resolution --data_factor --downscale-factor --max-resolution", "--max-side PX"},
+    {"-i", "--images FOLDER"},
+    {"--eval", "--test-every 8, the default"},
+    {"-w --white_background", "--background 1,1,1"},
+    {"--max-cap --cap-max --cap_max --max-splats", "--max-gaussians N"},
+    {"--checkpoint --start_checkpoint --load-checkpoint --resume", "the same command again, which resumes"},
+};
+
+/* Refuses the name of an option that another trainer has; 0: it is none. */
+static int fail_other(struct arguments *a, const char *word)
+{
+    const size_t length = strlen(word);
+    for (size_t i = 0; i < sizeof OTHER_NAMES / sizeof *OTHER_NAMES; i++)
+        for (const char *at = OTHER_NAMES[i][0]; (at = strstr(at, word)) != NULL; at += length)
+            if ((at == OTHER_NAMES[i][0] || at[-1] == ' ') && (at[length] == ' ' || !at[length]))
+                return fail(a, "option '%s' is another program's\nfix: here it is %s", word,
+                            OTHER_NAMES[i][1]);
+    return 0;
+}
+
 /* Refuses a word that is no option, with the nearest name; word: as typed, without a value. */
 static int unknown_option(const char *word, struct arguments *a)
 {
@@ -48,6 +73,7 @@ static int unknown_option(const char *word, struct arguments *a)
             a,
             "option '%s': each row of ablate sets it itself\nfix: choose the rows, as --rows 3dgs,v2,oceanxl",
             word);
+    if (fail_other(a, word)) return 1;
     for (int i = 0; i < cli_option_count(); i++)
         if (cli_option_is_of(i, a->command))
             suggest(word, cli_option_word(cli_option_at(i), other), best, &most);
@@ -118,6 +144,21 @@ static int parse_option(int argc, char **argv, int *at, struct arguments *a)
     return oxl_option_set(o, &tried, value, a->error, sizeof a->error) != OXL_OK;
 }
 
+/* Refuses an output folder that has the name of a model or an image, as other programs write these. */
+static int check_out(struct arguments *a)
+{
+    static const char *const files[] = {".ply", ".spz", ".splat", ".glb", ".png", ".jpg", ".tif"};
+    const size_t length = a->out ? strlen(a->out) : 0;
+    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+        const size_t n = strlen(files[i]);
+        if (length > n && !strcmp(a->out + length - n, files[i]))
+            return fail(
+                a, "-o %s: it is the name of a file, and a folder is written, which holds %s\nfix: -o %.*s",
+                a->out, a->command == COMMAND_TRAIN ? "scene.ply" : "the files", (int)(length - n), a->out);
+    }
+    return 0;
+}
+
 static int check_complete(struct arguments *a)
 {
     const struct cli_command *c = &CLI_COMMANDS[a->command];
@@ -127,7 +168,7 @@ static int check_complete(struct arguments *a)
         return fail(a, "--%s is of --ortho\nfix: add --ortho, or leave it out", a->epsg ? "epsg" : "frame");
     if (a->devices || ((a->path_count == c->paths || (a->path_count > 0 && a->command == COMMAND_RESULTS)) &&
                        (!c->needs_out || a->out)))
-        return 0;
+        return a->command == COMMAND_TRAIN || a->command == COMMAND_RENDER ? check_out(a) : 0;
     return fail(a, "oceanxl %s needs %s\nfix: for example: %s", c->name, c->usage, c->example);
 }
 

@@ -878,6 +878,43 @@ TEST(models_with_red_green_blue_have_these_colours)
     }
 }
 
+TEST(models_of_mip_splatting_get_their_filter_and_other_columns_are_named)
+{
+    static const char head[] =
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+        "property float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\nproperty float opacity\n"
+        "property float scale_0\nproperty float scale_1\nproperty float scale_2\nproperty float rot_0\n"
+        "property float rot_1\nproperty float rot_2\nproperty float rot_3\nproperty float filter_3D\n"
+        "property float confidence\nend_header\n"
+        "1 2 3 0 0 0 0 0 0 0 1 0 0 0 1 5\n"; /* alpha 0.5, widths and filter 1 */
+    OWNED_MODEL m = {0};
+    foreign_heard[0] = 0;
+    test_ctx->options.log = foreign_listen;
+    CHECK_OK(oxl_model_read(test_ctx, test_write("mip.ply", head), &m));
+    for (int i = 0; i < 3; i++) CHECK_CLOSE(m.plane[OXL_LOG_SCALE + i][0], 0.5 * log(2.0), 1e-6);
+    CHECK_CLOSE(1 / (1 + exp(-m.plane[OXL_OPACITY][0])), 0.5 / sqrt(8.0), 1e-6);
+    CHECK_TEXT(foreign_heard, "not used, though it is there: confidence\n");
+}
+
+TEST(models_that_are_text_or_have_logarithms_of_widths_are_said)
+{
+    unsigned char splat[32] = {0};
+    const float log_width = -4;
+    OWNED_MODEL m = {0};
+    CHECK_ERROR(oxl_model_read(
+                    test_ctx,
+                    test_write("a.splat", "<!DOCTYPE html>\n<html><head><title>Sign in</title></head>"), &m),
+                OXL_ERR_INPUT, "a.splat: it is text that begins '<!DOCTYPE html>', and no model");
+    foreign_heard[0] = 0;
+    test_ctx->options.log = foreign_listen;
+    for (int i = 0; i < 3; i++) memcpy(splat + 12 + 4 * i, &log_width, 4);
+    memset(splat + 24, 200, 8);
+    CHECK_OK(os_write_file(test_ctx, test_path("log.splat"), splat, sizeof splat));
+    CHECK_OK(oxl_model_read(test_ctx, test_path("log.splat"), &m));
+    CHECK(m.count == 1 && m.plane[OXL_LOG_SCALE][0] == -4);
+    CHECK_TEXT(foreign_heard, "so they are logarithms");
+}
+
 TEST(models_are_known_by_their_bytes_and_names_in_any_case)
 {
     OWNED_MODEL m = {0}, again = {0};

@@ -337,6 +337,18 @@ TEST(image_with_flipped_bits_is_read_or_refused_without_a_crash)
 }
 
 /* The sums were taken with stb built without its SIMD paths (-DSTBI_NO_SIMD). */
+TEST(image_jpeg_of_another_coding_is_not_called_damaged)
+{
+    static const char arithmetic[] = "\xff\xd8\xff\xc9\0\x0b\x08\0\x10\0\x10\x01\x01\x11\0\xff\xd9",
+                      lossless[] = "\xff\xd8\xff\xc3\0\x0b\x08\0\x10\0\x10\x01\x01\x11\0\xff\xd9";
+    int w, h;
+    CHECK_OK(os_write_file(test_ctx, test_path("a.jpg"), arithmetic, sizeof arithmetic - 1));
+    CHECK_ERROR(image_size(test_ctx, test_path("a.jpg"), &w, &h), OXL_ERR_INPUT,
+                "a JPEG with arithmetic coding");
+    CHECK_OK(os_write_file(test_ctx, test_path("a.jpg"), lossless, sizeof lossless - 1));
+    CHECK_ERROR(image_size(test_ctx, test_path("a.jpg"), &w, &h), OXL_ERR_INPUT, "a JPEG with lossless");
+}
+
 TEST(image_jpeg_bytes_do_not_depend_on_simd)
 {
     static const uint64_t sums[] = {UINT64_C(0x259690ffcf0fcbec), UINT64_C(0x5ddc3bf00bb6ebb0)};

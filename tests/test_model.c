@@ -585,7 +585,7 @@ TEST(model_read_explains_files_that_are_no_models)
     oxl_model m;
     model_test_refused("element face 0\n", "no element 'vertex'", "3DGS PLY");
     model_test_refused("element vertex 0\n" MODEL_TEST_REQUIRED,
-                       "no property 'opacity'; it has: x y z f_dc_0", "fix: convert");
+                       "no property 'opacity'; it has: x y z f_dc_0", "fix: rename its columns of Gaussians");
     model_test_refused(
         "element vertex 0\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\n",
         "no property 'f_dc_1'; it has: x y z red", "this is a point cloud");

@@ -70,6 +70,42 @@ TEST(options_of_floats_are_the_shortest_text_of_the_same_bits)
     }
 }
 
+TEST(options_of_sizes_and_times_are_read_as_people_write_them)
+{
+    static const struct {
+        const char *name, *text, *same;
+    } written[] = {
+        {"ram", "4 GB", "4G"},
+        {"ram", "512mib", "512M"},
+        {"ram", "4096 MB", "4G"},
+        {"max-time", "1h30m", "90m"},
+        {"max-time", "2 hours 5 min", "125m"},
+        {"max-time", "90 s", "90"},
+        {"max-gaussians", "1.5M", "1500000"},
+        {"iterations", "30k", "30000"},
+    };
+    static const char *const wrong[][3] = {{"ram", "4 X", "fix: --ram 4G"},
+                                           {"max-time", "1h30", "fix: --max-time 90m"},
+                                           {"max-gaussians", "many", "fix: --max-gaussians N"},
+                                           {"max-gaussians", "1.5", "fix: --max-gaussians N"}};
+    char text[64], error[300];
+    for (size_t i = 0; i < OXL_COUNT(written); i++) {
+        oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT), same = o;
+        const oxl_option *row = oxl_option_find(written[i].name);
+        CHECK_OK(oxl_option_set(row, &o, written[i].text, NULL, 0));
+        CHECK_OK(oxl_option_set(row, &same, written[i].same, NULL, 0));
+        CHECK(!memcmp((char *)&o + row->at, (char *)&same + row->at,
+                      row->kind == OXL_OPTION_INT ? sizeof(int) : sizeof(double)));
+        CHECK_OK(oxl_option_set(row, &same, oxl_option_get(row, &o, text, sizeof text), NULL, 0));
+    }
+    for (size_t i = 0; i < OXL_COUNT(wrong); i++) {
+        oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
+        CHECK(oxl_option_set(oxl_option_find(wrong[i][0]), &o, wrong[i][1], error, sizeof error) ==
+              OXL_ERR_USAGE);
+        CHECK_TEXT(error, wrong[i][2]);
+    }
+}
+
 static void options_test_refusal(const char *name, const char *text, const char *words)
 {
     oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);

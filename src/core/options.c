@@ -156,16 +156,44 @@ static int option_unsigned(const char **text, double *out)
            parse_double(text, *text + strlen(*text), out) && !isnan(*out);
 }
 
-/* Parses a plain number, and perhaps one of the units. */
-static int option_number(const char *text, const char *units, const double *factors, double *out)
+/* Lists units: their words, between blanks, and their sizes. */
+struct option_unit {
+    const char *words;
+    double size;
+};
+static const struct option_unit OPTION_COUNTS[] = {{" k ", 1e3}, {" m ", 1e6}, {NULL, 0}},
+                                OPTION_BYTES[] = {{" b ", 1},
+                                                  {" k kb kib ", 1024.},
+                                                  {" m mb mib ", 1048576.},
+                                                  {" g gb gib ", 1073741824.},
+                                                  {" t tb tib ", 1099511627776.},
+                                                  {NULL, 0}},
+                                OPTION_SECONDS[] = {{" s sec secs second seconds ", 1},
+                                                    {" m min mins minute minutes ", 60},
+                                                    {" h hr hrs hour hours ", 3600},
+                                                    {" d day days ", 86400},
+                                                    {NULL, 0}};
+
+/* Parses a number, or a sum of numbers with units, with blanks or without: 4G, "4 GB", 1h30m. */
+static int option_quantity(const char *text, const struct option_unit *units, double *out)
 {
-    const char *unit;
-    if (!option_unsigned(&text, out)) return 0;
-    if (!*text) return 1;
-    unit = *units ? strchr(units, *text | 0x20) : NULL;
-    if (!unit || text[1]) return 0;
-    *out *= factors[unit - units];
-    return 1;
+    double sum = 0, value;
+    for (int parts = 0;; parts++) {
+        const struct option_unit *unit = units;
+        char word[16] = " ";
+        size_t n = 1;
+        if (!option_unsigned(&text, &value)) return 0;
+        text += strspn(text, " ");
+        for (; (*text | 0x20) >= 'a' && (*text | 0x20) <= 'z' && n < 14; text++)
+            word[n++] = (char)(*text | 0x20);
+        word[n] = ' ';
+        text += strspn(text, " ");
+        if (n == 1 && (parts || *text)) return 0;
+        while (n > 1 && unit->words && !strstr(unit->words, word)) unit++;
+        if (n > 1 && !unit->words) return 0;
+        sum += n > 1 ? value * unit->size : value;
+        if (!*text) return *out = sum, 1;
+    }
 }
 
 static int option_whole(const char *text, double *out)
@@ -320,22 +348,24 @@ static int option_read_preset(const oxl_option *o, const char *text, void *optio
 /* Numbers that have a range, as a double; -1 for the word. */
 static int option_read_number(const oxl_option *o, const char *text, double *out)
 {
-    static const double bytes[] = {1024., 1048576., 1073741824., 1099511627776.},
-                        seconds[] = {1, 60, 3600, 86400};
+    static const struct option_unit none = {NULL, 0};
     const size_t word = option_word(o);
     float single = 0;
     int is_one = 0;
     if (word > 0 && strlen(text) == word && strncmp(text, o->value, word) == 0) return *out = -1, 1;
     switch (o->kind) {
     case OXL_OPTION_INT:
-    case OXL_OPTION_LONG: is_one = option_whole(text, out); break;
-    case OXL_OPTION_BYTES: is_one = option_number(text, "kmgt", bytes, out); break;
-    case OXL_OPTION_SECONDS: is_one = option_number(text, "smhd", seconds, out); break;
+    case OXL_OPTION_LONG:
+        is_one = option_whole(text, out) ||
+                 (option_quantity(text, OPTION_COUNTS, out) && *out == floor(*out) && strpbrk(text, "kKmM"));
+        break;
+    case OXL_OPTION_BYTES: is_one = option_quantity(text, OPTION_BYTES, out); break;
+    case OXL_OPTION_SECONDS: is_one = option_quantity(text, OPTION_SECONDS, out); break;
     case OXL_OPTION_FLOAT:
         is_one = option_fraction(text, &single);
         *out = single;
         return is_one && single >= (float)o->low && single <= (float)o->high;
-    default: is_one = option_number(text, "", NULL, out);
+    default: is_one = option_quantity(text, &none, out);
     }
     return is_one && *out >= o->low && *out <= o->high;
 }
@@ -394,16 +424,19 @@ static void option_describe_range(const oxl_option *o, char out[160])
     }
 }
 
+/* The fix never is 0, which for a limit is none. */
 static void option_describe_error(const oxl_option *o, const char *text, char *error, size_t size)
 {
     const char *dashes = o->name[1] ? "--" : "-", *example = o->preset[0];
     char wanted[160];
     option_describe_range(o, wanted);
+    if (!example || !strcmp(example, "0"))
+        example = o->kind == OXL_OPTION_BYTES     ? "4G"
+                  : o->kind == OXL_OPTION_SECONDS ? "90m"
+                  : o->value                      ? o->value
+                                                  : "";
     snprintf(error, size, "option %s%s: found '%.80s', expected %s\nfix: %s%s %s", dashes, o->name, text,
-             wanted, dashes, o->name,
-             example    ? example
-             : o->value ? o->value
-                        : "");
+             wanted, dashes, o->name, example);
 }
 
 oxl_result oxl_option_set(const oxl_option *option, void *options, const char *text, char *error,

@@ -13,6 +13,7 @@
 #include "ply.h"
 
 #include "../core/bytes.h"
+#include "../core/vecmath.h"
 
 #define MODEL_FILE_SCALE_MAX 88.7f /* Limits log sizes: a float holds no larger size. */
 #define MODEL_FILE_FLAT -87.0f     /* Replaces the log of a width of 0. */
@@ -162,18 +163,22 @@ static oxl_result model_file_no_property(oxl_context *ctx, const struct ply *ply
                                          const struct ply_element *vertex, const char *name)
 {
     const int packed = ply_find_property(vertex, "packed_position") >= 0;
-    const int points = ply_find_property(vertex, "x") >= 0 && ply_find_property(vertex, "f_dc_0") < 0;
+    int points = ply_find_property(vertex, "x") >= 0;
     struct text seen = {.ctx = ctx};
     oxl_result rc;
-    for (int c = 0; c < vertex->properties && seen.size < 400; c++)
-        text_add(&seen, "%s%s", c ? " " : "", vertex->property[c].name);
+    for (int c = 0; c < vertex->properties && seen.size < 400; c++) {
+        const char *has = vertex->property[c].name;
+        text_add(&seen, "%s%s", c ? " " : "", has);
+        points &= strncmp(has, "scal", 4) && strncmp(has, "rot", 3) && strncmp(has, "f_dc", 4);
+    }
     rc = oxl_fail(
         ctx, OXL_ERR_INPUT, "%s: element vertex has no property '%s'; it has: %s\nfix: %s", ply->path, name,
         seen.data ? seen.data : "none",
         packed ? "this is a compressed PLY; write a plain one: splat-transform IN.compressed.ply OUT.ply"
         : points
             ? "this is a point cloud or a mesh; a model of Gaussians has f_dc_0, opacity, scale_0, rot_0 and more"
-            : "convert the file to the standard 3DGS layout");
+            : "rename its columns of Gaussians as 3DGS has them: x y z, f_dc_0 to _2, "
+              "f_rest_*, opacity, scale_0 to _2, rot_0 to _3");
     text_free(&seen);
     return rc;
 }
@@ -209,6 +214,38 @@ static void model_file_from_rgb(oxl_model *model, int plane, double white)
         model->plane[plane][i] = (float)((model->plane[plane][i] / white - 0.5) / MODEL_SH0);
 }
 
+/* Names the columns that nothing reads. target: (properties) those that are read have a place. */
+static void model_file_name_unread(oxl_context *ctx, const struct ply *ply, const struct ply_element *vertex,
+                                   const struct ply_target *target)
+{
+    struct text names = {.ctx = ctx};
+    for (int c = 0; c < vertex->properties; c++) {
+        const char *name = vertex->property[c].name;
+        if (!target[c].as_float && !(name[0] == 'n' && name[1] && !name[2])) /* normals are always unread */
+            text_add(&names, "%s%s", names.size ? ", " : "", name);
+    }
+    if (names.data)
+        oxl_log(ctx, OXL_LOG_WARNING, "%s: not used, though it is there: %s", ply->path, names.data);
+    text_free(&names);
+}
+
+/* Applies the 3D filter of Mip-Splatting, a width for each Gaussian, as its script does before viewers read
+ * the model: squares of widths add up, and opacities fall by the root of the volumes' ratio. */
+static void model_file_fuse(oxl_model *model, const float *filter)
+{
+    for (size_t i = 0; i < model->count; i++) {
+        float *opacity = &model->plane[OXL_OPACITY][i];
+        double ratio = 1;
+        for (int a = 0; a < 3; a++) {
+            float *scale = &model->plane[OXL_LOG_SCALE + a][i];
+            const double own = vecmath_exp(2.0 * *scale), all = own + (double)filter[i] * filter[i];
+            ratio *= own / all;
+            *scale = (float)(0.5 * vecmath_log(all));
+        }
+        *opacity = (float)vecmath_logit(sqrt(ratio) * vecmath_sigmoid(*opacity));
+    }
+}
+
 /* Reads the planes of element vertex, each straight from its column. */
 static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *ply, int element,
                                            oxl_model *out)
@@ -216,6 +253,8 @@ static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *p
     const struct ply_element *vertex = &ply->element[element];
     struct model_file_column column[MODEL_FILE_COLUMNS];
     struct ply_target *target;
+    float *filter = NULL;
+    const int filter_at = ply_find_property(vertex, "filter_3D");
     int degree, columns;
     oxl_result rc = model_file_read_degree(ctx, ply, vertex, &degree);
     if (rc != OXL_OK) return rc;
@@ -226,16 +265,24 @@ static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *p
     rc = oxl_model_create(ctx, (size_t)vertex->rows, degree, out);
     if (rc != OXL_OK) return rc;
     target = oxl_calloc(ctx, (size_t)vertex->properties, sizeof *target);
-    if (!target) return OXL_ERR_MEMORY;
-    for (int c = 0; c < columns; c++)
+    if (target && filter_at >= 0)
+        target[filter_at].as_float = filter = oxl_alloc(ctx, (size_t)vertex->rows + 1, sizeof *filter);
+    if (!target || (filter_at >= 0 && !filter)) rc = OXL_ERR_MEMORY;
+    for (int c = 0; c < columns && rc == OXL_OK; c++)
         if (column[c].plane >= 0)
             target[model_file_property(vertex, &column[c])].as_float = out->plane[column[c].plane];
-    rc = ply_read(ctx, ply, element, target);
+    if (rc == OXL_OK) model_file_name_unread(ctx, ply, vertex, target);
+    if (rc == OXL_OK) rc = ply_read(ctx, ply, element, target);
     for (int c = 0; c < columns && rc == OXL_OK; c++)
         if (column[c].plane >= 0 && ply_find_property(vertex, column[c].name) < 0)
             model_file_from_rgb(out, column[c].plane,
                                 ply_white(vertex->property[model_file_property(vertex, &column[c])].type));
-    oxl_free(ctx, target);
+    if (rc == OXL_OK && filter) {
+        model_file_fuse(out, filter);
+        oxl_log(ctx, OXL_LOG_INFO, "%s: filter_3D of Mip-Splatting is applied to widths and opacities",
+                ply->path);
+    }
+    OXL_FREE(ctx, target, filter);
     return rc;
 }
 

@@ -79,26 +79,44 @@ static const struct model_format *model_format_by_name(const char *path)
     return NULL;
 }
 
+enum { MODEL_HEAD = 64 }; /* bytes by which a file is known */
+
 /* Finds the format by the file's first bytes, or else by its name. */
-static const struct model_format *model_format_of_file(const char *path)
+static const struct model_format *model_format_of_file(const char *path, const char head[MODEL_HEAD + 1])
 {
-    char head[4] = {0};
-    FILE *file = os_open(path);
-    const size_t size = file ? fread(head, 1, sizeof head, file) : 0;
-    if (file) fclose(file);
-    for (size_t i = 0; i < OXL_COUNT(MODEL_FORMATS) && size == sizeof head; i++)
+    for (size_t i = 0; i < OXL_COUNT(MODEL_FORMATS); i++)
         for (int k = 0; k < 2 && MODEL_FORMATS[i].begin[k]; k++)
-            if (!memcmp(head, MODEL_FORMATS[i].begin[k], strlen(MODEL_FORMATS[i].begin[k])))
+            if (!strncmp(head, MODEL_FORMATS[i].begin[k], strlen(MODEL_FORMATS[i].begin[k])))
                 return &MODEL_FORMATS[i];
     return model_format_by_name(path);
 }
 
+/* Reads the first bytes. Returns 1 if they are text: a web page, or git-lfs's pointer to a file. */
+static int model_read_head(const char *path, char head[MODEL_HEAD + 1])
+{
+    FILE *file = os_open(path);
+    const size_t size = file ? fread(head, 1, MODEL_HEAD, file) : 0;
+    size_t text = 0;
+    if (file) fclose(file);
+    head[size] = 0;
+    while (text < size && ((head[text] >= ' ' && head[text] <= '~') || strchr("\r\n\t", head[text]))) text++;
+    return size > 0 && text == size;
+}
+
 oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
 {
-    const struct model_format *format = model_format_of_file(path);
+    char head[MODEL_HEAD + 1];
+    const int is_text = model_read_head(path, head);
+    const struct model_format *format = model_format_of_file(path, head);
     oxl_result rc;
     *out = (oxl_model){0};
-    if (format && !format->read) rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: %s", path, format->unread);
+    if (format && is_text && format->read == splat_file_read)
+        rc =
+            oxl_fail(ctx, OXL_ERR_INPUT,
+                     "%s: it is text that begins '%.*s', and no model\nfix: download the model itself; a web "
+                     "page or a pointer of git-lfs was saved under its name",
+                     path, (int)OXL_MIN(strcspn(head, "\r\n"), (size_t)40), head);
+    else if (format && !format->read) rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: %s", path, format->unread);
     else rc = (format ? format->read : model_file_read_ply)(ctx, path, out);
     if (rc == OXL_OK) rc = model_file_drop_rows(ctx, path, out);
     if (rc == OXL_OK && out->count == 0)

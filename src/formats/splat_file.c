@@ -28,8 +28,9 @@ static void splat_file_put(const oxl_model *model, size_t row, unsigned char *p)
 }
 
 /* Reads a Gaussian. Its limits have no finite raw value: alpha 0 and 255 move inwards by a quarter step,
- * which converts back to the same byte, and scale 0 becomes the smallest normal float. */
-static void splat_file_get(const unsigned char *p, oxl_model *model, size_t row)
+ * which converts back to the same byte, and scale 0 becomes the smallest normal float. logs 1: the widths
+ * are logarithms. */
+static void splat_file_get(const unsigned char *p, oxl_model *model, size_t row, int logs)
 {
     const double alpha = OXL_CLAMP(p[27], 0.25, 254.75) / 255;
     int zero = 1;
@@ -37,7 +38,7 @@ static void splat_file_get(const unsigned char *p, oxl_model *model, size_t row)
         const float scale = bytes_float(p + 12 + 4 * i);
         model->plane[OXL_MEAN + i][row] = bytes_float(p + 4 * i);
         model->plane[OXL_LOG_SCALE + i][row] =
-            (float)vecmath_log(scale >= 0 && scale < FLT_MIN ? FLT_MIN : scale);
+            logs ? scale : (float)vecmath_log(scale >= 0 && scale < FLT_MIN ? FLT_MIN : scale);
         model->plane[OXL_SH + i][row] = (float)((p[24 + i] / 255.0 - 0.5) / MODEL_SH0);
     }
     model->plane[OXL_OPACITY][row] = (float)vecmath_logit(alpha);
@@ -109,6 +110,7 @@ OXL_INTERNAL oxl_result splat_file_write(oxl_context *ctx, const char *path, con
 OXL_INTERNAL oxl_result splat_file_read(oxl_context *ctx, const char *path, oxl_model *out)
 {
     struct os_file_map file = {0};
+    size_t negative = 0;
     oxl_result rc = os_read_file(ctx, path, &file);
     if (rc != OXL_OK) return rc;
     if (file.size % SPLAT_FILE_BYTES)
@@ -118,7 +120,13 @@ OXL_INTERNAL oxl_result splat_file_read(oxl_context *ctx, const char *path, oxl_
             path, file.size);
     if (rc == OXL_OK) rc = oxl_model_create(ctx, file.size / SPLAT_FILE_BYTES, 0, out);
     for (size_t i = 0; rc == OXL_OK && i < out->count; i++)
-        splat_file_get((const unsigned char *)file.data + SPLAT_FILE_BYTES * i, out, i);
+        negative += bytes_float((const unsigned char *)file.data + SPLAT_FILE_BYTES * i + 12) < 0;
+    if (rc == OXL_OK && 2 * negative > out->count)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: most widths are below 0, so they are logarithms, and read as these", path);
+    for (size_t i = 0; rc == OXL_OK && i < out->count; i++)
+        splat_file_get((const unsigned char *)file.data + SPLAT_FILE_BYTES * i, out, i,
+                       2 * negative > out->count);
     os_release_file(ctx, &file);
     return rc;
 }

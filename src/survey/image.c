@@ -87,6 +87,9 @@ static int image_jpeg_scan_fits(const unsigned char *p, const unsigned char *end
     return 1;
 }
 
+static const char IMAGE_ARITHMETIC[] = "arithmetic coding",
+                  IMAGE_LOSSLESS[] = "lossless or hierarchical coding";
+
 /* Finds an error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman table
  * (buffer overrun), reads tables that are not defined, accepts a second frame header after allocating for the
  * first, and reports a truncated file as "expected marker". Goes from marker to marker; a preview inside a
@@ -110,6 +113,8 @@ static const char *image_jpeg_error(const struct os_file_map *file)
         if (marker == 0xda && !image_jpeg_scan_fits(p + 4, p + 2 + (p[2] << 8 | p[3]), tables, progressive))
             return "a scan has no Huffman table";
         progressive |= marker == 0xc2;
+        if (marker >= 0xc3 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc)
+            return marker > 0xc8 ? IMAGE_ARITHMETIC : IMAGE_LOSSLESS;
         if (marker >= 0xc0 && marker <= 0xc2 && frames++) return "it has two frame headers";
         p += 2 + (p[2] << 8 | p[3]);
     }
@@ -119,6 +124,13 @@ static const char *image_jpeg_error(const struct os_file_map *file)
 static oxl_result image_fail_damaged(oxl_context *ctx, const char *path, const struct os_file_map *file,
                                      const char *fault)
 {
+    if (fault == IMAGE_ARITHMETIC || fault == IMAGE_LOSSLESS)
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s: a JPEG with %s, which is not read\n"
+                        "fix: write it as a usual JPEG, under the same name: %s",
+                        path, fault,
+                        fault == IMAGE_ARITHMETIC ? "jpegtran -copy all IN > OUT, without -arithmetic"
+                                                  : "mogrify -quality 98 IMAGE");
     return !fault ? OXL_OK
                   : oxl_fail(ctx, OXL_ERR_INPUT,
                              "%s: the %s of %zu bytes is damaged: %s\nfix: copy the file again, or remove it",

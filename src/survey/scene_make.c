@@ -50,13 +50,17 @@ static void scene_fill_stats(oxl_scene *scene)
 {
     struct scene_stats *s = &scene->stats;
     double errors = 0;
-    /* Counts -1, not known, as 0. */
-    for (size_t i = 0; i < scene->point_count; i++) errors += OXL_MAX(scene->point[i].error, 0);
+    size_t known = 0;
+    /* An error of -1 is not known, nor is 0, which RealityCapture writes for all points. */
+    for (size_t i = 0; i < scene->point_count; i++) {
+        errors += OXL_MAX(scene->point[i].error, 0);
+        known += scene->point[i].error > 0;
+    }
     s->views = scene->view_count;
     s->points = scene->point_count;
     s->observations = scene->colmap.track_count;
     s->mean_track = s->points ? (double)s->observations / (double)s->points : 0;
-    s->mean_error = s->points ? errors / (double)s->points : 0;
+    s->mean_error = known ? errors / (double)known : 0;
 }
 
 OXL_INTERNAL oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene)
