@@ -217,6 +217,16 @@ TEST(colmap_cameras_are_read_as_written)
     CHECK_CLOSE(c.camera[1].parameter[7], -2e-4, 0);
 }
 
+TEST(colmap_a_ninth_number_of_opencv_is_k3)
+{
+    struct colmap c;
+    CHECK_OK(
+        colmap_try("7 OPENCV 64 48 50 50 32 24 .1 .2 .3 .4 .5\n", "7 1 0 0 0 0 0 0 7 a.jpg\n\n", "", &c));
+    CHECK(!strcmp(camera_model_at(c.camera->model)->name, "FULL_OPENCV") && c.camera->parameter_count == 12);
+    CHECK(c.camera->parameter[7] == .4 && c.camera->parameter[8] == .5 && c.camera->parameter[9] == 0);
+    colmap_free(test_ctx, &c);
+}
+
 TEST(colmap_images_are_read_as_written_by_id)
 {
     OWNED_COLMAP c = {0};

@@ -731,6 +731,21 @@ TEST(renders_of_depth_hold_thousandths_and_floats)
     os_release_file(test_ctx, &pfm);
 }
 
+TEST(survey_does_not_state_errors_that_its_files_do_not_know)
+{
+    oxl_survey s;
+    char *json = NULL;
+    const char *survey = job_test_survey();
+    CHECK_OK(oxl_check(test_ctx, survey, NULL, &s));
+    CHECK_TEXT(s.text, "; reprojection error 0.50 px");
+    test_write("survey/sparse/0/points3D.txt", "1 0 0 4 9 9 9 0 1 0 2 0\n2 1 0 4 9 9 9 0 1 1 2 1\n");
+    CHECK_OK(oxl_check(test_ctx, survey, NULL, &s));
+    CHECK(!strstr(s.text, "reprojection"));
+    CHECK_OK(oxl_survey_to_json(test_ctx, &s, &json));
+    CHECK_TEXT(json, "\"mean_error\": null");
+    oxl_text_free(test_ctx, json);
+}
+
 TEST(survey_counts_what_the_files_hold)
 {
     oxl_survey s;

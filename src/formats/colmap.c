@@ -105,6 +105,28 @@ static void colmap_read_model(struct colmap_reader *r, struct colmap_camera *c)
                     "found %s for the camera model, expected one of %s", seen, camera_model_list());
 }
 
+/* Takes numbers behind the eight of OPENCV as k3 to k6, which OpenCV writes there: FULL_OPENCV has them.
+ * Refuses other text behind the parameters. */
+static void colmap_read_more(struct colmap_reader *r, struct colmap_camera *c)
+{
+    const int full = camera_model_find("FULL_OPENCV", 11), most = camera_model_at(full)->parameter_count;
+    const int is_opencv = r->rc == OXL_OK && c->model == camera_model_find("OPENCV", 6);
+    if (!colmap_field(r, "the end", 0) || r->out->format != COLMAP_TEXT || r->cursor == r->end) return;
+    for (int i = c->parameter_count; is_opencv && i < most && r->cursor < r->end; i++) {
+        c->parameter[i] = colmap_finite(r, "PARAMS");
+        colmap_skip_blanks(r);
+    }
+    if (r->rc == OXL_OK && r->cursor != r->end)
+        colmap_fail_field(r, "the end of the line", "after the model's parameters", 0);
+    if (!is_opencv || r->rc != OXL_OK) return;
+    c->model = full, c->parameter_count = most;
+    oxl_log(
+        r->ctx, OXL_LOG_WARNING,
+        "%s:%d: OPENCV has 8 numbers; those behind them are read as k3 to k6 of FULL_OPENCV, as OpenCV orders "
+        "them",
+        r->path, r->line);
+}
+
 static void colmap_read_camera(struct colmap_reader *r)
 {
     struct colmap *out = r->out;
@@ -117,8 +139,7 @@ static void colmap_read_camera(struct colmap_reader *r)
         if (i < camera_model_at(c.model)->focal_count && !(c.parameter[i] > 0))
             colmap_fail_field(r, "a focal length", "more than 0 px", c.parameter[i]);
     }
-    if (colmap_field(r, "the end", 0) && out->format == COLMAP_TEXT && r->cursor != r->end)
-        colmap_fail_field(r, "the end of the line", "after the model's parameters", 0);
+    colmap_read_more(r, &c);
     c.file = out->format == COLMAP_TEXT ? "cameras.txt" : "cameras.bin";
     c.line = r->line;
     if (r->rc == OXL_OK)

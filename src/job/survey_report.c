@@ -87,12 +87,13 @@ static void survey_write_facts(oxl_survey *s)
     survey_write(s, "\n");
     survey_write(s, "cameras      %s; trained at %d x %d\n",
                  s->cameras_text[0] ? s->cameras_text : "given by the caller", s->width, s->height);
-    if (s->points > 0)
-        survey_write(
-            s,
-            "points       %zu in %.3g x %.3g x %.3g units, each in %.1f images; reprojection error %.2f px\n",
-            s->points, s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1],
-            s->bounds_max[2] - s->bounds_min[2], s->mean_track, s->mean_error);
+    if (s->points == 0) return;
+    survey_write(s, "points       %zu in %.3g x %.3g x %.3g units", s->points,
+                 s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1],
+                 s->bounds_max[2] - s->bounds_min[2]);
+    if (s->mean_track > 0) survey_write(s, ", each in %.1f images", s->mean_track);
+    if (s->mean_error > 0) survey_write(s, "; reprojection error %.2f px", s->mean_error);
+    survey_write(s, "\n");
 }
 
 static void survey_write_prediction(const oxl_context *ctx, oxl_survey *s)
@@ -290,7 +291,7 @@ OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const cha
                    {"points", (double)s->points},
                    {"observations", (double)s->observations},
                    {"mean_track", s->mean_track},
-                   {"mean_error", s->mean_error},
+                   {"mean_error", s->mean_error > 0 ? s->mean_error : NAN},
                    {"extent", s->extent},
                    {"masked_share", s->masked},
                    {"fixed_share", s->fixed},
