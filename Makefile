@@ -41,14 +41,14 @@ BASE  = -std=c99 $(WARN) $(FLOATS) $(THREADS) $(STB_FLAGS) $(VULKAN_FLAGS) $(DEV
 FLAGS = $(CFLAGS) $(BASE)
 LIBS  = $(LDFLAGS) -lm $(if $(VULKAN_FLAGS),-ldl)
 
-CLI     := $(wildcard cli/*.c)
+CLI     := $(wildcard cli/*.c tools/*.c)
 LAB     := $(wildcard lab/*.c)
 VULKAN_C := $(if $(VULKAN_FLAGS),$(wildcard backends/vulkan/*.c))
 MODULES := $(wildcard src/*/*.c) $(VULKAN_C)
 LIBRARY := $(MODULES:%.c=$(BUILD)/%.o)
-SOURCES := $(wildcard oceanxl.[ch] oceanxl_job.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch])
+SOURCES := $(wildcard oceanxl.[ch] oceanxl_job.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] tools/*.[ch] lab/*.[ch])
 TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
-OURS    := $(wildcard *.c *.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c examples/course/*.c examples/course/*/*.[ch] reference/*.[ch])
+OURS    := $(wildcard *.c *.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] tools/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c examples/course/*.c examples/course/*/*.[ch] reference/*.[ch])
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
 .PHONY: all help unity without shared python rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters borders heights reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE

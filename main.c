@@ -7,6 +7,7 @@
 #define _DEFAULT_SOURCE 1 /* readlink */
 #endif
 #include "cli/console.h"
+#include "tools/tools.h"
 
 #include <errno.h>
 #include <stdlib.h>
@@ -191,7 +192,9 @@ static const char *model_file(oxl_context *ctx, const struct arguments *a, char 
     const int is_scene = strcmp(base ? base + 1 : a->path[0], "scene.ply") == 0;
     const int length = is_scene ? (int)strlen(a->path[0]) - 9 : (int)strlen(a->path[0]);
     snprintf(path, size, "%.*s%sscene_clear.ply", length, a->path[0], is_scene ? "" : "/");
-    if ((a->clear || (!a->ortho && !a->flight) || oxl_has_gains_alone(ctx, path)) && file_exists(path))
+    if ((a->clear || (a->command != COMMAND_CLOUD && !a->ortho && !a->flight) ||
+         oxl_has_gains_alone(ctx, path)) &&
+        file_exists(path))
         return path;
     snprintf(path, size, "%.*s%sscene.ply", length, a->path[0], is_scene ? "" : "/");
     return file_exists(path) ? path : a->path[0];
@@ -229,11 +232,24 @@ static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct
     int count = a->frames;
     oxl_result rc = load(ctx, a, &model, &scene, &imaging);
     console_catch_signals();
-    if (rc == OXL_OK && a->ortho) rc = ortho_write(ctx, &model, scene, a, stdout);
+    if (rc == OXL_OK && a->ortho) rc = map_write(ctx, &model, scene, a, stdout);
     else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &model, scene, a, console_count, console);
     else if (rc == OXL_OK) rc = oxl_render_views(ctx, &model, scene, imaging, &what, a->out, &count);
     console_clear(console);
     if (rc == OXL_OK && !a->ortho) print_format(stdout, "%d images in %s\n", count, a->out);
+    oxl_imaging_free(ctx, imaging);
+    oxl_scene_free(ctx, scene);
+    oxl_model_free(ctx, &model);
+    return rc;
+}
+
+static oxl_result run_cloud(oxl_context *ctx, const struct arguments *a)
+{
+    oxl_model model = {0};
+    oxl_scene *scene = NULL;
+    oxl_imaging *imaging = NULL;
+    oxl_result rc = load(ctx, a, &model, &scene, &imaging);
+    if (rc == OXL_OK) rc = cloud_write(ctx, &model, scene, a, stdout);
     oxl_imaging_free(ctx, imaging);
     oxl_scene_free(ctx, scene);
     oxl_model_free(ctx, &model);
@@ -341,6 +357,7 @@ static oxl_result run_command(oxl_context *ctx, const struct arguments *a, struc
     case COMMAND_TRAIN: return run_train(ctx, a, console);
     case COMMAND_CHECK: return run_check(ctx, a, &a->job);
     case COMMAND_RENDER: return run_render(ctx, a, console);
+    case COMMAND_CLOUD: return run_cloud(ctx, a);
     case COMMAND_EVAL: return run_eval(ctx, a);
     case COMMAND_MEASURE: return run_measure(ctx, a);
     case COMMAND_INFO: return a->devices ? run_devices(ctx) : info_print(ctx, stdout, a->path[0], a->json);

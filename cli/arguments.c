@@ -164,7 +164,7 @@ static int check_complete(struct arguments *a)
     const struct cli_command *c = &CLI_COMMANDS[a->command];
     if (a->ortho && a->flight)
         return fail(a, "--ortho and --flight exclude each other\nfix: leave one of the two out");
-    if (!a->ortho && (a->epsg || a->frame))
+    if (a->command == COMMAND_RENDER && !a->ortho && (a->epsg || a->frame))
         return fail(a, "--%s is of --ortho\nfix: add --ortho, or leave it out", a->epsg ? "epsg" : "frame");
     if (a->devices || ((a->path_count == c->paths || (a->path_count > 0 && a->command == COMMAND_RESULTS)) &&
                        (!c->needs_out || a->out)))

@@ -41,6 +41,9 @@ struct output {
  * member of JSON, escaped the same way, or "unknown". %S of NULL is nothing. */
 void output_add(struct output *t, const char *format, ...);
 void output_bytes(struct output *t, const void *data, size_t size);
+/* Adds `size` bytes of an integer, or a float (4) or double (8), little endian. */
+void output_integer(struct output *t, uint64_t value, int size);
+void output_real(struct output *t, double value, int size);
 /* Opens a file for t, whose text becomes the file's beginning. */
 void output_open(struct output *t, const char *path);
 /* Closes the file and empties t. Returns 1 if it was written whole. */
@@ -102,59 +105,24 @@ int frame_bounds(const struct frame *f, const oxl_scene *scene, double low[2], d
 /* ---------------- geotiff.c: rasters with a place */
 
 struct geotiff {
-    int width, height, is_height;
+    int width, height;
+    int floats;              /* bands of floats; 0: bytes of red, green, blue, alpha */
     double pixel, corner[2]; /* size of a pixel; x and y of the top-left pixel's outer corner */
     int epsg;                /* code of a projected CRS; 0: none */
     const double *reference; /* (2) latitude and longitude in degrees of (0, 0); NULL: not known */
     const char *citation;    /* meaning of x and y, in words */
     int is_metric;           /* 1: x and y are metres, even if no CRS says so */
 };
-/* Writes a raster as a GeoTIFF. data (height,width,4): bytes of RGBA, alpha 0 or 255; if is_height,
- * (height,width) floats, NaN: no data. */
-oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotiff *g, const void *data);
-
-/* ---------------- ortho.c: an orthomosaic and a height model */
-
-struct map {
-    oxl_context *ctx;
-    const oxl_scene *scene;
-    double pixel;          /* units; side of a pixel; 0: the median ground sampling distance */
-    unsigned short enough; /* training views that must see a place; no more are counted */
-    struct frame frame;
-    double corner[2]; /* units; outer corner of the top-left pixel, along right and up from the centre */
-    double shift[3];  /* units; map coordinates of the frame's centre */
-    double top;       /* units; height of the highest camera above the frame's centre */
-    double distance;  /* units; median distance of the ground from the cameras; 0: not known */
-    double sampling;  /* units; median ground sampling distance of the training views; 0: not known */
-    int width, height;
-    unsigned char *rgba;              /* (height,width,4) */
-    float *level;                     /* (height,width) units; height above the centre; NaN: none */
-    unsigned short *seen, *confirmed; /* (height,width) views that see the place, of these of its depth */
-    size_t hidden;                    /* Gaussians that no training view shows */
-    /* square units; shares of the ground that any training view sees: seen by enough; with a height */
-    double area, covered, high;
-    double error, none; /* units; median difference of heights from the points; share of these without */
+/* The GeoKeys of a CRS, for a GeoTIFF or a LAS file: values of the tags 34735, 34736 and 34737. */
+struct geotiff_crs {
+    double key[72], number[5];
+    size_t keys, numbers;
+    char words[256];
 };
-/* Makes the map, and Gaussians that no training view shows invisible in the model. side: px, at most; hidden
- * places then count as seen, so that it is quick; 0: as many as the pixel size requires. ortho_free frees it,
- * also on error. */
-oxl_result ortho_make(struct map *m, oxl_model *model, enum frame_kind kind, int side);
-void ortho_free(struct map *m);
-/* Writes ortho.tif, height.tif and frame.txt to -o, by --pixel, --scale and --min-views. */
-oxl_result ortho_write(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, const struct arguments *a,
-                       FILE *to);
-
-/* ---------------- ground.c: which places of a map the views saw */
-
-/* Projects p into the camera, at: px; returns camera z, which is 0 or less behind the camera. */
-double ground_see(const oxl_camera *c, const double p[3], double at[2]);
-/* Sets `out` to the place at x, y px of the map, in the scene's coordinates. */
-void ground_place(const struct map *m, double x, double y, double height, double out[3]);
-/* Sets the map's distance and sampling. */
-oxl_result ground_measure_distance(struct map *m, const oxl_model *model);
-/* Counts into `seen` and `confirmed` the training views that see each place; without a model, nothing hides a
- * place. */
-oxl_result ground_count_views(const struct map *m, const oxl_model *model);
+void geotiff_crs(const struct geotiff *g, struct geotiff_crs *out);
+/* Writes a raster as a GeoTIFF. data (height,width,4): bytes of RGBA, alpha 0 or 255; or (height,width,floats),
+ * NaN: no data. */
+oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotiff *g, const void *data);
 
 /* ---------------- flight.c: frames along a path */
 
@@ -282,6 +250,7 @@ enum command {
     COMMAND_CHECK,
     COMMAND_PARTITION,
     COMMAND_RENDER,
+    COMMAND_CLOUD,
     COMMAND_MEASURE,
     COMMAND_EVAL,
     COMMAND_INFO,
@@ -301,15 +270,15 @@ struct arguments {
     int path_count;
     const char *help; /* "", or "all" */
     int version, manual, page, quiet, verbose, json, depth, no_images, devices, clear;
-    int dry_run, quality, progress_json;
-    int split, backend;                         /* enum oxl_split, enum oxl_backend */
-    int device, threads, seeds;                 /* -1: the best, all */
-    double budget;                              /* s; time for all rows of a study */
-    int ortho, flight, frames, min_views, epsg; /* flight: FLIGHT_ORBIT... */
-    int frame;                                  /* enum frame_kind */
-    double pixel, scale, length;                /* units of the map; metres a unit; metres; 0: not given */
-    const char *bar;                            /* --scale-bar of measure */
-    const char *control;                        /* file of --control of check */
+    int dry_run, quality, progress_json, mesh;
+    int split, backend;                                 /* enum oxl_split, enum oxl_backend */
+    int device, threads, seeds;                         /* -1: the best, all */
+    double budget;                                      /* s; time for all rows of a study */
+    int ortho, flight, frames, min_views, smooth, epsg; /* flight: FLIGHT_ORBIT... */
+    int frame;                                          /* enum frame_kind */
+    double pixel, scale, length; /* units of the map; metres a unit; metres; 0: not given */
+    const char *bar;             /* --scale-bar of measure */
+    const char *control;         /* file of --control of check */
     const char *out, *rows;
     synth_options synth;
     oxl_job_options job; /* defaults of the preset, replaced by what was given */

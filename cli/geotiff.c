@@ -12,46 +12,37 @@
 #include <string.h>
 
 #define GEOTIFF_MOST 4.0e9 /* bytes of a file: offsets in a TIFF have 32 bits */
-enum { GEOTIFF_HEAD = 8, GEOTIFF_ROOM = 72 };
+enum { GEOTIFF_HEAD = 8 };
 enum { TIFF_ASCII = 2, TIFF_SHORT = 3, TIFF_LONG = 4, TIFF_DOUBLE = 12 };
 
 struct geotiff_file {
     struct output out, value, directory; /* value: of tags that do not fit their 4 bytes */
-    uint32_t pixels;                     /* bytes */
+    size_t pixels;                       /* bytes */
     int tags;
 };
 
-static void geotiff_integer(struct output *t, uint64_t value, int size)
-{
-    unsigned char b[8];
-    for (int i = 0; i < size; i++) b[i] = (unsigned char)(value >> 8 * i);
-    output_bytes(t, b, (size_t)size);
-}
-
 static void geotiff_number(struct output *t, int type, double value)
 {
-    uint64_t bits;
-    memcpy(&bits, &value, sizeof bits);
-    if (type == TIFF_DOUBLE) geotiff_integer(t, bits, 8);
-    else geotiff_integer(t, (uint64_t)value, type == TIFF_LONG ? 4 : 2);
+    if (type == TIFF_DOUBLE) output_real(t, value, 8);
+    else output_integer(t, (uint64_t)value, type == TIFF_LONG ? 4 : 2);
 }
 
 static void geotiff_head(struct geotiff_file *f, int tag, int type, size_t count)
 {
-    geotiff_integer(&f->directory, (uint64_t)tag, 2);
-    geotiff_integer(&f->directory, (uint64_t)type, 2);
-    geotiff_integer(&f->directory, count, 4);
+    output_integer(&f->directory, (uint64_t)tag, 2);
+    output_integer(&f->directory, (uint64_t)type, 2);
+    output_integer(&f->directory, count, 4);
     f->tags++;
 }
 
-/* Adds a tag of numbers, which stand in its own 4 bytes if there is one of 2 or 4 bytes, else apart. */
+/* Adds a tag of numbers, which stand in its own 4 bytes if they fit, else apart. */
 static void geotiff_tag(struct geotiff_file *f, int tag, int type, const double *value, size_t count)
 {
-    const int is_inside = count == 1 && type != TIFF_DOUBLE;
+    const int is_inside = count <= (type == TIFF_SHORT ? 2 : type == TIFF_LONG);
     geotiff_head(f, tag, type, count);
-    if (!is_inside) geotiff_integer(&f->directory, GEOTIFF_HEAD + f->pixels + f->value.used, 4);
+    if (!is_inside) output_integer(&f->directory, GEOTIFF_HEAD + f->pixels + f->value.used, 4);
     for (size_t i = 0; i < count; i++) geotiff_number(is_inside ? &f->directory : &f->value, type, value[i]);
-    if (is_inside && type == TIFF_SHORT) geotiff_integer(&f->directory, 0, 2);
+    if (is_inside && type == TIFF_SHORT && count == 1) output_integer(&f->directory, 0, 2);
 }
 
 static void geotiff_tag_one(struct geotiff_file *f, int tag, int type, double value)
@@ -64,35 +55,35 @@ static void geotiff_tag_text(struct geotiff_file *f, int tag, const char *text)
     const size_t size = strlen(text) + 1;
     geotiff_head(f, tag, TIFF_ASCII, size);
     if (size <= 4) output_bytes(&f->directory, text, 4);
-    else geotiff_integer(&f->directory, GEOTIFF_HEAD + f->pixels + f->value.used, 4);
+    else output_integer(&f->directory, GEOTIFF_HEAD + f->pixels + f->value.used, 4);
     if (size > 4) output_bytes(&f->value, text, size);
-    if (f->value.used % 2) geotiff_integer(&f->value, 0, 1);
+    if (f->value.used % 2) output_integer(&f->value, 0, 1);
 }
 
 /* Adds a GeoKey to those in `key`, of id, tag that holds the value (0: the key does), count, and value or index
  * in the tag; key[3] counts them. */
-static void geotiff_key(double key[GEOTIFF_ROOM], int id, int tag, size_t count, double value)
+static void geotiff_key(double *key, int id, int tag, size_t count, double value)
 {
     double *to = key + 4 + 4 * (int)key[3]++;
     to[0] = id, to[1] = tag, to[2] = (double)count, to[3] = value;
 }
 
-/* Adds the place with its keys by rising id, as the standard demands: an EPSG code, or a transverse Mercator
- * around a reference, or no CRS but words. */
-static void geotiff_place(struct geotiff_file *f, const struct geotiff *g)
+/* Keys stand by rising id, as the standard demands: an EPSG code, or a transverse Mercator around a reference, or no
+ * CRS but words. */
+void geotiff_crs(const struct geotiff *g, struct geotiff_crs *out)
 {
     enum { USER_DEFINED = 32767, METRE = 9001, NUMBERS = 34736, WORDS = 34737 };
-    const double scale[3] = {g->pixel, g->pixel, 0}, tie[6] = {0, 0, 0, g->corner[0], g->corner[1], 0};
-    double key[GEOTIFF_ROOM] = {1, 1, 0, 0}, number[5] = {0, 0, 0, 0, 1};
-    char words[256];
-    snprintf(words, sizeof words, "%.250s|", g->citation);
+    double *key = out->key;
+    *out = (struct geotiff_crs){.key = {1, 1, 0, 0}, .number = {0, 0, 0, 0, 1}};
+    snprintf(out->words, sizeof out->words, "%.250s|", g->citation);
     if (g->epsg || g->reference) geotiff_key(key, 1024, 0, 1, 1); /* GTModelType: projected */
     geotiff_key(key, 1025, 0, 1, 1);                              /* GTRasterType: a pixel is an area */
-    geotiff_key(key, 1026, WORDS, strlen(words), 0);              /* GTCitation */
+    geotiff_key(key, 1026, WORDS, strlen(out->words), 0);         /* GTCitation */
     if (g->epsg) geotiff_key(key, 3072, 0, 1, g->epsg);           /* ProjectedCRS */
     else if (g->reference) {
         static const int origin[] = {3080, 3081, 3082, 3083, 3092}; /* long, lat, easting, northing, scale */
-        number[0] = g->reference[1], number[1] = g->reference[0];
+        out->number[0] = g->reference[1], out->number[1] = g->reference[0];
+        out->numbers = 5;
         geotiff_key(key, 2048, 0, 1, 4326);         /* GeodeticCRS: WGS 84 */
         geotiff_key(key, 3072, 0, 1, USER_DEFINED); /* ProjectedCRS */
         geotiff_key(key, 3074, 0, 1, USER_DEFINED); /* Projection */
@@ -100,52 +91,63 @@ static void geotiff_place(struct geotiff_file *f, const struct geotiff *g)
         geotiff_key(key, 3076, 0, 1, METRE);        /* ProjLinearUnits */
         for (int i = 0; i < 5; i++) geotiff_key(key, origin[i], NUMBERS, 1, i);
     } else if (g->is_metric) geotiff_key(key, 3076, 0, 1, METRE);
+    out->keys = 4 + 4 * (size_t)key[3];
+}
+
+static void geotiff_place(struct geotiff_file *f, const struct geotiff *g)
+{
+    const double scale[3] = {g->pixel, g->pixel, 0}, tie[6] = {0, 0, 0, g->corner[0], g->corner[1], 0};
+    struct geotiff_crs crs;
+    geotiff_crs(g, &crs);
     geotiff_tag(f, 33550, TIFF_DOUBLE, scale, 3);
     geotiff_tag(f, 33922, TIFF_DOUBLE, tie, 6);
-    geotiff_tag(f, 34735, TIFF_SHORT, key, 4 + 4 * (size_t)key[3]);
-    if (g->reference && !g->epsg) geotiff_tag(f, NUMBERS, TIFF_DOUBLE, number, 5);
-    geotiff_tag_text(f, WORDS, words);
+    geotiff_tag(f, 34735, TIFF_SHORT, crs.key, crs.keys);
+    if (crs.numbers) geotiff_tag(f, 34736, TIFF_DOUBLE, crs.number, crs.numbers);
+    geotiff_tag_text(f, 34737, crs.words);
 }
 
 static void geotiff_describe(struct geotiff_file *f, const struct geotiff *g)
 {
-    static const double bits[4] = {8, 8, 8, 8};
+    static const double bytes[4] = {8, 8, 8, 8}, wide[2] = {32, 32}, floating[2] = {3, 3};
+    const double extra[1] = {g->floats ? 0 : 2}; /* 2: alpha, not multiplied in */
+    const size_t bands = g->floats ? (size_t)g->floats : 4;
     geotiff_tag_one(f, 256, TIFF_LONG, g->width);
     geotiff_tag_one(f, 257, TIFF_LONG, g->height);
-    if (g->is_height) geotiff_tag_one(f, 258, TIFF_SHORT, 32); /* BitsPerSample */
-    else geotiff_tag(f, 258, TIFF_SHORT, bits, 4);
-    geotiff_tag_one(f, 259, TIFF_SHORT, 1);                    /* Compression: none */
-    geotiff_tag_one(f, 262, TIFF_SHORT, g->is_height ? 1 : 2); /* PhotometricInterpretation: grey, RGB */
-    geotiff_tag_one(f, 273, TIFF_LONG, GEOTIFF_HEAD);          /* StripOffsets */
-    geotiff_tag_one(f, 277, TIFF_SHORT, g->is_height ? 1 : 4); /* SamplesPerPixel */
-    geotiff_tag_one(f, 278, TIFF_LONG, g->height);             /* RowsPerStrip */
-    geotiff_tag_one(f, 279, TIFF_LONG, f->pixels);             /* StripByteCounts */
-    if (g->is_height) geotiff_tag_one(f, 339, TIFF_SHORT, 3);  /* SampleFormat: floating point */
-    else geotiff_tag_one(f, 338, TIFF_SHORT, 2);               /* ExtraSamples: alpha, not multiplied in */
+    geotiff_tag(f, 258, TIFF_SHORT, g->floats ? wide : bytes, bands); /* BitsPerSample */
+    geotiff_tag_one(f, 259, TIFF_SHORT, 1);                           /* Compression: none */
+    geotiff_tag_one(f, 262, TIFF_SHORT, g->floats ? 1 : 2); /* PhotometricInterpretation: grey, RGB */
+    geotiff_tag_one(f, 273, TIFF_LONG, GEOTIFF_HEAD);       /* StripOffsets */
+    geotiff_tag_one(f, 277, TIFF_SHORT, (double)bands);     /* SamplesPerPixel */
+    geotiff_tag_one(f, 278, TIFF_LONG, g->height);          /* RowsPerStrip */
+    geotiff_tag_one(f, 279, TIFF_LONG, f->pixels);          /* StripByteCounts */
+    if (g->floats != 1)
+        geotiff_tag(f, 338, TIFF_SHORT, extra, bands - (g->floats ? 1 : 3)); /* ExtraSamples */
+    if (g->floats) geotiff_tag(f, 339, TIFF_SHORT, floating, bands);         /* SampleFormat */
     geotiff_place(f, g);
-    if (g->is_height) geotiff_tag_text(f, 42113, "nan"); /* GDAL_NODATA */
+    if (g->floats) geotiff_tag_text(f, 42113, "nan"); /* GDAL_NODATA */
 }
 
 oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotiff *g, const void *data)
 {
-    struct geotiff_file f = {.pixels = 4 * (uint32_t)g->width * (uint32_t)g->height};
+    struct geotiff_file f = {.pixels = 4 * (size_t)(g->floats ? g->floats : 1) * (size_t)g->width *
+                                       (size_t)g->height};
     int written;
-    if (4.0 * g->width * g->height > GEOTIFF_MOST)
+    if ((double)f.pixels > GEOTIFF_MOST)
         return oxl_fail(ctx, OXL_ERR_USAGE, "%s would have more than 4 GB\nfix: a larger --pixel", path);
     geotiff_describe(&f, g);
     output_open(&f.out, path);
     output_bytes(&f.out, "II*\0", 4);
-    geotiff_integer(&f.out, GEOTIFF_HEAD + f.pixels + f.value.used, 4);
+    output_integer(&f.out, GEOTIFF_HEAD + f.pixels + f.value.used, 4);
     for (size_t i = 0; i < f.pixels; i += 4) { /* a height as an integer: little endian on any machine */
         uint32_t bits;
         memcpy(&bits, (const char *)data + i, 4);
-        if (g->is_height) geotiff_integer(&f.out, bits, 4);
+        if (g->floats) output_integer(&f.out, bits, 4);
         else output_bytes(&f.out, (const char *)data + i, 4);
     }
     output_bytes(&f.out, f.value.data, f.value.used);
-    geotiff_integer(&f.out, (uint64_t)f.tags, 2);
+    output_integer(&f.out, (uint64_t)f.tags, 2);
     output_bytes(&f.out, f.directory.data, f.directory.used);
-    geotiff_integer(&f.out, 0, 4);
+    output_integer(&f.out, 0, 4);
     f.out.failed |= f.value.failed | f.directory.failed;
     written = output_close(&f.out);
     output_close(&f.value);

@@ -38,6 +38,11 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
          "Renders a model from the cameras of a survey, from above, or along a flight.",
          "oceanxl render out/scene.ply survey -o renders",
          "One PNG a view, named as its image; --ortho and --flight render other views instead."},
+    [COMMAND_CLOUD] =
+        {"cloud", 2, 1, "MODEL SCENE -o FILE",
+         "Writes points on the surface that the training views agree on, or with --mesh triangles.",
+         "oceanxl cloud out/scene.ply survey -o cloud.las",
+         "FILE is .ply or .las, with --mesh .ply or .obj, in the survey's world, in metres with --scale."},
     [COMMAND_MEASURE] =
         {"measure", 1, 0, "SCENE --scale-bar ENDS",
          "Measures in a survey: the length of a scale bar, and from it metres per unit.",
@@ -91,7 +96,7 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
 /* Commands that accept all options of train, with or without effect, so that only
  * the command's name changes. */
 #define TRAINS (IN(TRAIN) | IN(CHECK) | IN(PARTITION))
-#define DRAWS (IN(TRAIN) | IN(CHECK) | IN(MERGE) | IN(RENDER) | IN(EVAL) | STUDIES)
+#define DRAWS (IN(TRAIN) | IN(CHECK) | IN(MERGE) | IN(RENDER) | IN(CLOUD) | IN(EVAL) | STUDIES)
 #define EVERYWHERE (~0u)
 #define FIELD(name) offsetof(struct arguments, name)
 #define NO_TEXT          \
@@ -131,15 +136,17 @@ static const oxl_option CLI_OPTIONS[] = {
 {"split", "test|train|all", OXL_OPTION_CHOICE, FIELD(split), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(EVAL), "Views", "views to use", NULL},
 {"depth", NULL, OXL_OPTION_FLAG, FIELD(depth), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "also write depth: NAME.depth.png for viewing, NAME.depth.pfm in the survey's unit, NAME.depth16.png in thousandths of it", NULL},
 {"clear", NULL, OXL_OPTION_FLAG, FIELD(clear), 0, 1, NO_TEXT, OXL_TIER_ADVANCED, IN(RENDER), "Views", "render at mean exposure and without the medium, for models with an imaging.txt beside them", NULL},
-{"ortho", NULL, OXL_OPTION_FLAG, FIELD(ortho), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "render a map instead: the orthomosaic ortho.tif and the heights height.tif, both GeoTIFF, and their axes, frame.txt", NULL},
+{"ortho", NULL, OXL_OPTION_FLAG, FIELD(ortho), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "render a map instead: the orthomosaic ortho.tif, the heights height.tif, their standard deviation and number of views certainty.tif, all GeoTIFF, and their axes, frame.txt", NULL},
 {"pixel", "SIZE", OXL_OPTION_DOUBLE, FIELD(pixel), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Map", "pixel size in units, in metres with --scale; otherwise what a pixel of the images sees of the ground, in the median", NULL},
-{"epsg", "CODE", OXL_OPTION_INT, FIELD(epsg), 0, 32766, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Map", "the survey's projected coordinate system, for the GeoTIFF files, e.g. 32632 for UTM zone 32N", NULL},
-{"min-views", "N", OXL_OPTION_INT, FIELD(min_views), 1, 1000, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Map", "training views that must have seen a place; others are transparent and have no height", NULL},
+{"epsg", "CODE", OXL_OPTION_INT, FIELD(epsg), 0, 32766, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(CLOUD), "Map", "the survey's projected coordinate system, for the GeoTIFF and LAS files, e.g. 32632 for UTM zone 32N", NULL},
+{"min-views", "N", OXL_OPTION_INT, FIELD(min_views), 1, 1000, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(CLOUD), "Map", "training views that must have seen a place; others are transparent and have no height, and are in no cloud", NULL},
+{"mesh", NULL, OXL_OPTION_FLAG, FIELD(mesh), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(CLOUD), "Map", "write triangles instead of points", NULL},
+{"smooth", "N", OXL_OPTION_INT, FIELD(smooth), 0, 1000, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Map", "passes that smooth the heights within their certainty and keep edges", NULL},
 {"frame", "auto|world|survey", OXL_OPTION_CHOICE, FIELD(frame), 0, 2, NO_TEXT, OXL_TIER_ADVANCED, IN(RENDER), "Map", "axes: the world's x and y, seen along z, or the survey's principal axes; auto: the world's where its z is up", NULL},
 {"flight", "none|orbit|survey", OXL_OPTION_CHOICE, FIELD(flight), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "render the frames of a flight instead, around the centre or along the cameras: frame_00000.png, ...", "path"},
 {"frames", "N", OXL_OPTION_INT, FIELD(frames), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "number of frames of the flight", NULL},
-{"scale", "METRES", OXL_OPTION_DOUBLE, FIELD(scale), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(CONVERT) | IN(REPORT), "Views", "metres per unit of the survey, as printed by measure: depths, heights, positions, models and the report's lengths get metres", NULL},
-{"o", "FOLDER", OXL_OPTION_TEXT, FIELD(out), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN) | IN(RENDER) | IN(SYNTH) | IN(PARTITION) | STUDIES, "Program", "output folder; created if missing", NULL},
+{"scale", "METRES", OXL_OPTION_DOUBLE, FIELD(scale), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(CLOUD) | IN(CONVERT) | IN(REPORT), "Views", "metres per unit of the survey, as printed by measure: depths, heights, positions, models and the report's lengths get metres", NULL},
+{"o", "FOLDER", OXL_OPTION_TEXT, FIELD(out), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN) | IN(RENDER) | IN(CLOUD) | IN(SYNTH) | IN(PARTITION) | STUDIES, "Program", "output folder, created if missing; of cloud: the file", NULL},
 {"json", NULL, OXL_OPTION_FLAG, FIELD(json), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN) | IN(CHECK) | IN(EVAL) | IN(INFO), "Program", "print results on standard output as JSON", NULL},
 {"quality", NULL, OXL_OPTION_FLAG, FIELD(quality), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(CHECK), "Program", "decode every image and name those that are more blurred, darker or brighter than their neighbours", NULL},
 {"control", "FILE", OXL_OPTION_TEXT, FIELD(control), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(CHECK), "Program", "also compare control points with where the cameras see them; lines of NAME,X,Y,Z,IMG,X,Y,IMG,X,Y: world, and pixels in two images or more", NULL},
@@ -193,7 +200,8 @@ int cli_option_of_job(int index)
 static unsigned cli_commands_of(unsigned use)
 {
     unsigned commands = 0;
-    if (use & OXL_OPTION_OF_SURVEY) commands |= TRAINS | STUDIES | IN(RENDER) | IN(EVAL) | IN(MEASURE);
+    if (use & OXL_OPTION_OF_SURVEY)
+        commands |= TRAINS | STUDIES | IN(RENDER) | IN(CLOUD) | IN(EVAL) | IN(MEASURE);
     if (use & OXL_OPTION_OF_TRAINING) commands |= TRAINS | STUDIES;
     if (use & OXL_OPTION_OF_RUN) commands |= TRAINS;
     if (use & OXL_OPTION_OF_OUT) commands |= IN(TRAIN) | STUDIES;

@@ -215,6 +215,23 @@ oxl_result output_check_own(oxl_context *ctx, const char *folder, const char *na
                           path);
 }
 
+void output_integer(struct output *t, uint64_t value, int size)
+{
+    unsigned char b[8];
+    for (int i = 0; i < size; i++) b[i] = (unsigned char)(value >> 8 * i);
+    output_bytes(t, b, (size_t)size);
+}
+
+void output_real(struct output *t, double value, int size)
+{
+    const float single = (float)value;
+    uint64_t bits;
+    uint32_t few;
+    memcpy(&bits, &value, sizeof bits);
+    memcpy(&few, &single, sizeof few);
+    output_integer(t, size == 8 ? bits : few, size);
+}
+
 void output_open(struct output *t, const char *path)
 {
     if (snprintf(t->path, sizeof t->path, "%s", path) >= (int)sizeof t->path) t->failed = 1;

@@ -8,6 +8,7 @@
  * missing.
  */
 #include "report.h"
+#include "../tools/tools.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -254,12 +255,12 @@ static void report_ground(struct report *r)
         oxl_model_read(m.ctx, path, &model) == OXL_OK) {
         m.scene = scene;
         oxl_model_move_origin(&model, oxl_scene_origin(scene));
-        if (ortho_make(&m, &model, FRAME_AUTO, side) == OXL_OK) report_map(r, &m);
+        if (map_make(&m, &model, FRAME_AUTO, side) == OXL_OK) report_map(r, &m);
     }
     if (!(m.area > 0))
         output_add(&r->page, "<p class=\"pale\">No map: the survey or the model is not found, or has no "
                              "points.</p>\n");
-    ortho_free(&m);
+    map_free(&m);
     if (m.ctx) oxl_model_free(m.ctx, &model);
     oxl_scene_free(m.ctx, scene);
     oxl_context_free(m.ctx);

@@ -29,7 +29,7 @@ words() { # of identifiers, by part; the option keep of prune is left out, a com
     esac
 }
 
-files=$(ls main.c oceanxl.h oceanxl_job.h src/*/*.[ch] cli/*.[ch] backends/vulkan/*.[ch] | grep -v '^src/parts/')
+files=$(ls main.c oceanxl.h oceanxl_job.h src/*/*.[ch] cli/*.[ch] tools/*.[ch] backends/vulkan/*.[ch] | grep -v '^src/parts/')
 tokens=$(mktemp)
 trap 'rm -f "$tokens"' EXIT
 # A line each: file, line, identifier; OPTION_ before a member of the options.

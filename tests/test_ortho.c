@@ -4,9 +4,11 @@
 #include "../cli/flight.c"
 #include "../cli/frame.c"
 #include "../cli/geotiff.c"
-#include "../cli/ground.c"
-#include "../cli/ortho.c"
 #include "../cli/scale_bar.c"
+#include "../tools/cloud.c"
+#include "../tools/map.c"
+#include "../tools/similarity.c"
+#include "../tools/surface.c"
 
 /* 6 x 5 points over the ground plane, 2 units and 1 unit apart; two cameras 5 above look down, the second
  * turned ahead by an angle. The world's axes have signs. */
@@ -244,8 +246,11 @@ static void ortho_test_pixel(const double p[3], int min_views, const double far[
     CHECK_OK(oxl_model_create(test_ctx, 2, 0, &model));
     ortho_test_gaussian(scene, &model, 0, ground, (float[]){1, 1, 0.01f}, 0);
     ortho_test_gaussian(scene, &model, 1, p, (float[]){0.1f, 0.1f, 0.1f}, 1.7f);
+    /* every fifth point is at the speck's height, so that they do not contradict it */
+    for (int i = 0; i < 30; i += 5)
+        scene->point[i].position[2] = (p[2] < 5 ? p[2] : 0) - oxl_scene_origin(scene)[2];
     for (int k = 0; k < 3; k++) scene->origin[k] += far[k];
-    CHECK_OK(ortho_write(test_ctx, &model, scene, &a, to));
+    CHECK_OK(map_write(test_ctx, &model, scene, &a, to));
     t = ortho_test_file("map/ortho.tif");
     h = ortho_test_file("map/height.tif");
     if (t && h) {
@@ -256,7 +261,7 @@ static void ortho_test_pixel(const double p[3], int min_views, const double far[
         *alpha = ortho_test_at(t, x, y)[3], *red = ortho_test_at(t, x, y)[0];
     }
     a.pixel = 1e-9;
-    CHECK(ortho_write(test_ctx, &model, scene, &a, to) == OXL_ERR_USAGE);
+    CHECK(map_write(test_ctx, &model, scene, &a, to) == OXL_ERR_USAGE);
     fclose(to);
     free(h);
     free(t);
@@ -287,94 +292,89 @@ TEST(ortho_is_transparent_where_too_few_views_saw_the_ground)
     }
 }
 
-/* A map of one place, (5.05, 2.05, -1), which the cameras at x = 3 and 7 have in their images. */
-struct ortho_test_place {
-    oxl_scene *scene;
-    oxl_model model;
-    struct map map;
-    float level;
-    unsigned short seen, confirmed;
-};
+/* What the cameras at x = 3 and 7 say of a place that both have in their images. usual: distance; 0: that of the
+ * model. Without points, nothing is contradicted. */
 static const double ortho_test_place[3] = {5.05, 2.05, -1};
 
-static void ortho_test_open(struct ortho_test_place *o, size_t gaussians)
+static void ortho_test_ask(oxl_scene *scene, const oxl_model *model, double usual, int sees, int confirms,
+                           int passes)
 {
-    *o = (struct ortho_test_place){.scene = ortho_test_scene(), .seen = 9, .confirmed = 9};
-    o->map = (struct map){.ctx = test_ctx, .scene = o->scene, .pixel = 0.1, .enough = 9, .distance = 100};
-    o->map.width = o->map.height = 1;
-    o->map.level = &o->level, o->map.seen = &o->seen, o->map.confirmed = &o->confirmed;
-    frame_choose(o->scene, FRAME_AUTO, &o->map.frame);
-    o->level = (float)(ortho_test_place[2] - oxl_scene_origin(o->scene)[2] - o->map.frame.centre[2]);
-    for (int d = 0; d < 2; d++)
-        o->map.corner[d] =
-            ortho_test_place[d] + (d ? 0.05 : -0.05) - oxl_scene_origin(o->scene)[d] - o->map.frame.centre[d];
-    CHECK_OK(oxl_model_create(test_ctx, gaussians, 0, &o->model));
+    struct surface s;
+    const int list[2] = {0, 1};
+    double p[3];
+    struct surface_vote vote;
+    CHECK_OK(surface_open(test_ctx, model, scene, 1000, &s));
+    for (int k = 0; k < 3; k++) p[k] = ortho_test_place[k] - oxl_scene_origin(scene)[k];
+    if (usual > 0) s.distance = usual;
+    vote = surface_ask(&s, list, 2, p);
+    surface_close(&s);
+    CHECK(vote.sees == sees && vote.confirms == confirms && vote.passes == passes);
 }
 
-static void ortho_test_count(struct ortho_test_place *o, int with_model, int seen, int confirmed)
+/* A speck halfway hides the place from the first camera; images that have no depth there do not confirm it. */
+TEST(surface_is_not_seen_through_what_is_before_it_nor_from_far_away)
 {
-    CHECK_OK(ground_count_views(&o->map, with_model ? &o->model : NULL));
-    CHECK(o->seen == seen && o->confirmed == confirmed);
-}
-
-static void ortho_test_close(struct ortho_test_place *o)
-{
-    oxl_model_free(test_ctx, &o->model);
-    oxl_scene_free(test_ctx, o->scene);
-}
-
-/* A speck halfway hides the place from the first camera; images that see past the place, or have no depth there,
- * do not confirm it. */
-TEST(ground_is_not_seen_through_what_is_before_it_nor_from_far_away)
-{
-    struct ortho_test_place o;
+    OWNED_SCENE *scene = ortho_test_scene();
+    OWNED_MODEL model = {0};
     double half[3];
-    ortho_test_open(&o, 1);
+    scene->point_count = 0;
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     for (int k = 0; k < 3; k++) half[k] = (ortho_test_place[k] + (double[]){3, 2, 5}[k]) / 2;
-    ortho_test_gaussian(o.scene, &o.model, 0, half, (float[]){0.1f, 0.1f, 0.1f}, 0);
-    ortho_test_count(&o, 0, 2, 2);
-    o.map.enough = 1; /* The second view is not counted. */
-    ortho_test_count(&o, 0, 1, 1);
-    o.map.enough = 9;
-    ortho_test_count(&o, 1, 1, 0);
-    o.model.plane[OXL_MEAN + 2][0] -= 2.9f; /* within a twentieth of the place's depth: a slope, not a wall */
-    o.model.plane[OXL_MEAN][0] += 1, o.model.plane[OXL_MEAN + 1][0] += 0.02f;
-    CHECK_OK(ground_count_views(&o.map, &o.model));
-    CHECK(o.seen == 2);
-    o.map.distance = 5.9 / GROUND_FAR;
-    ortho_test_count(&o, 1, 0, 0);
-    o.level = NAN;
-    ortho_test_count(&o, 1, 0, 0);
-    ortho_test_close(&o);
+    ortho_test_gaussian(scene, &model, 0, half, (float[]){0.1f, 0.1f, 0.1f}, 0);
+    ortho_test_ask(scene, &model, 100, 1, 0, 0);
+    model.plane[OXL_MEAN + 2][0] -= 2.9f; /* within a twentieth of the place's depth: a slope, not a wall */
+    model.plane[OXL_MEAN][0] += 1, model.plane[OXL_MEAN + 1][0] += 0.02f;
+    ortho_test_ask(scene, &model, 100, 2, 2, 0);
+    ortho_test_ask(scene, &model, 5.9 / SURFACE_FAR, 0, 0, 0);
 }
 
-/* At the place; two units below it; nowhere. */
-TEST(ground_height_is_confirmed_by_images_of_that_depth)
+/* At the place; two units below it, which clear views pass; nowhere. */
+TEST(surface_is_confirmed_by_images_of_that_depth_and_passed_by_deeper_ones)
 {
-    struct ortho_test_place o;
-    ortho_test_open(&o, 1);
+    OWNED_SCENE *scene = ortho_test_scene();
+    OWNED_MODEL model = {0};
+    scene->point_count = 0;
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     for (int behind = 0; behind < 3; behind++) {
         const double at[3] = {ortho_test_place[0], ortho_test_place[1], ortho_test_place[2] - 2 * behind};
-        ortho_test_gaussian(o.scene, &o.model, 0, at, (float[]){3, 3, 0.01f}, 0);
-        if (behind == 2) o.model.plane[OXL_OPACITY][0] = -20;
-        ortho_test_count(&o, 1, 2, behind ? 0 : 2);
+        ortho_test_gaussian(scene, &model, 0, at, (float[]){3, 3, 0.01f}, 0);
+        if (behind == 2) model.plane[OXL_OPACITY][0] = -20;
+        ortho_test_ask(scene, &model, 100, 2, behind ? 0 : 2, behind == 1 ? 2 : 0);
     }
-    ortho_test_count(&o, 0, 2, 2);
-    ortho_test_close(&o);
 }
 
-/* Ground without detail, as haze is, has no height that images confirm; with specks on it, it has. */
-TEST(ground_height_wants_detail_in_the_images_that_confirm_it)
+/* Ground without detail, as haze is, has no depth that images confirm; with specks on it, it has. */
+TEST(surface_wants_detail_in_the_images_that_confirm_it)
 {
     const double above[3] = {ortho_test_place[0], ortho_test_place[1], ortho_test_place[2] + 0.05};
-    struct ortho_test_place o;
-    ortho_test_open(&o, 2);
-    ortho_test_gaussian(o.scene, &o.model, 0, ortho_test_place, (float[]){30, 30, 0.01f}, 0);
-    ortho_test_gaussian(o.scene, &o.model, 1, above, (float[]){0.1f, 0.1f, 0.01f}, 0.2f);
-    ortho_test_count(&o, 1, 2, 2);
-    o.model.plane[OXL_OPACITY][1] = -20;
-    ortho_test_count(&o, 1, 2, 0);
-    ortho_test_close(&o);
+    OWNED_SCENE *scene = ortho_test_scene();
+    OWNED_MODEL model = {0};
+    scene->point_count = 0;
+    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &model));
+    ortho_test_gaussian(scene, &model, 0, ortho_test_place, (float[]){30, 30, 0.01f}, 0);
+    ortho_test_gaussian(scene, &model, 1, above, (float[]){0.1f, 0.1f, 0.01f}, 0.2f);
+    ortho_test_ask(scene, &model, 0, 2, 2, 0);
+    model.plane[OXL_OPACITY][1] = -20;
+    ortho_test_ask(scene, &model, 0, 2, 0, 0);
+}
+
+/* A slab a unit under the survey's points, which all views show, is not confirmed; among points at its depth it
+ * is. */
+TEST(surface_that_the_surveys_points_contradict_is_not_confirmed)
+{
+    for (int deep = 0; deep < 2; deep++) {
+        OWNED_SCENE *scene = ortho_test_scene();
+        OWNED_MODEL model = {0};
+        CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+        for (int i = 0; i < 30; i++)
+            for (int k = 0; k < 3; k++)
+                scene->point[i].position[k] = (k == 0   ? 4.6 + 0.16 * (i % 6)
+                                               : k == 1 ? 1.5 + 0.2 * (i / 6)
+                                                        : deep * ortho_test_place[2]) -
+                                              oxl_scene_origin(scene)[k];
+        ortho_test_gaussian(scene, &model, 0, ortho_test_place, (float[]){3, 3, 0.01f}, 0);
+        ortho_test_ask(scene, &model, 100, 2, deep ? 2 : 0, deep ? 0 : 2);
+    }
 }
 
 /* In the image of the camera at x = 3; above both cameras; in the image of the one at 7 alone, which is held out;
@@ -403,30 +403,28 @@ TEST(unseen_gaussians_are_removed_and_no_training_view_changes)
     CHECK(memcmp(before.rgb, after.rgb, 3 * 40 * 30 * sizeof(float)) == 0);
 }
 
-/* Views are tried on the pixels that they may see alone: those must be all that they do see. */
-TEST(ground_window_of_a_view_holds_every_place_in_its_image)
+/* Places are asked of the views in the list alone: it must have all that see one in the sphere. */
+TEST(surface_lists_every_view_that_has_a_place_of_the_sphere_in_its_image)
 {
     OWNED_SCENE *scene = ortho_test_turned(0.6);
-    enum { SIDE = 40 };
-    static float level[SIDE * SIDE];
-    static unsigned short seen[2][SIDE * SIDE];
-    struct map m = {.ctx = test_ctx, .scene = scene, .pixel = 0.5, .enough = 9, .corner = {-10, 10}};
-    int any = 0;
-    m.width = m.height = SIDE, m.level = level, m.seen = seen[0], m.confirmed = seen[1];
-    frame_choose(scene, FRAME_AUTO, &m.frame);
-    for (int i = 0; i < SIDE * SIDE; i++) level[i] = (float)(i * 7 % 5) - 3;
-    CHECK_OK(ground_count_views(&m, NULL));
-    for (int i = 0; i < SIDE * SIDE; i++) {
-        int views = 0;
+    OWNED_MODEL model = {0};
+    struct surface s;
+    int any = 0, spared = 0;
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    CHECK_OK(surface_open(test_ctx, &model, scene, 1000, &s));
+    for (int i = 0; i < 2000; i++) {
+        const double centre[3] = {i % 41 - 20, i % 37 - 18, i % 7 - 3},
+                     p[3] = {centre[0] + 0.6, centre[1] - 0.5, centre[2] + 0.6};
+        int list[2], n = surface_list(&s, centre, 1, list);
+        spared += 2 - n;
         for (int v = 0; v < 2; v++) {
-            double place[3];
-            ground_place(&m, i % SIDE + 0.5, i / SIDE + 0.5, (double)level[i], place);
-            views += ortho_is_seen(&oxl_scene_view(scene, v)->camera, place, 0);
+            const int sees = map_is_seen(&s.view[v].camera, p, 0);
+            any += sees;
+            CHECK(!sees || (n > 0 && list[0] == v) || (n > 1 && list[1] == v));
         }
-        any += views > 0;
-        CHECK(views == seen[0][i]);
     }
-    CHECK(any > 100);
+    CHECK(any > 40 && spared > 1000);
+    surface_close(&s);
 }
 
 /* The outermost points of a survey far from its world's origin lie in the outermost pixels. */
@@ -441,7 +439,7 @@ TEST(ortho_has_its_corners_within_a_pixel_of_the_surveys_points)
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     ortho_test_gaussian(scene, &model, 0, (double[]){3, 2, 0}, (float[]){1, 1, 1}, 0);
     for (int k = 0; k < 3; k++) scene->origin[k] += (double[3]){500000, 6700000, -20}[k];
-    CHECK_OK(ortho_write(test_ctx, &model, scene, &a, to));
+    CHECK_OK(map_write(test_ctx, &model, scene, &a, to));
     fclose(to);
     t = ortho_test_file("map/height.tif");
     if (t) {
@@ -457,24 +455,101 @@ TEST(ortho_has_its_corners_within_a_pixel_of_the_surveys_points)
     free(t);
 }
 
-/* Flat ground 9 below the cameras at x = 3 and 7, whose images are 7.2 wide there: of the map, 10 x 4, both have
- * the middle 3.2 x 4. */
-TEST(ortho_overview_measures_the_ground_that_two_views_share)
+/* A wall of specks on flat ground 9 below the cameras at x = 3 and 7, whose images are 7.2 wide there: of the map,
+ * 10 x 4, both have the middle 3.2 x 4. */
+static void ortho_test_ground(oxl_scene *scene, oxl_model *model)
+{
+    for (int i = 0; i < 30; i++)
+        scene->point[i].position[2] = -4 + 0.01 * (i % 3) - oxl_scene_origin(scene)[2];
+    CHECK_OK(oxl_model_create(test_ctx, 201, 0, model));
+    ortho_test_gaussian(scene, model, 0, (double[]){5, 2, -4}, (float[]){10, 10, 0.01f}, 0);
+    for (int i = 0; i < 200; i++)
+        ortho_test_gaussian(scene, model, (size_t)i + 1,
+                            (double[]){i % 20 * 0.7 - 1, i / 20 * 0.7 - 1, -3.96},
+                            (float[]){0.2f, 0.2f, 0.01f}, 1);
+}
+
+TEST(map_measures_the_ground_that_two_views_share_and_its_certainty)
 {
     OWNED_SCENE *scene = ortho_test_scene();
     struct map m = {.ctx = test_ctx, .scene = scene, .enough = 2};
     OWNED_MODEL model = {0};
-    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
-    ortho_test_gaussian(scene, &model, 0, (double[]){5, 2, -4}, (float[]){10, 10, 0.01f}, 0);
-    CHECK_OK(ortho_make(&m, &model, FRAME_AUTO, 100));
+    size_t middle;
+    ortho_test_ground(scene, &model);
+    CHECK_OK(map_make(&m, &model, FRAME_AUTO, 100));
     CHECK_CLOSE(m.sampling, 0.18, 0.001); /* 9 to the model's ground, by 50 px */
     CHECK_CLOSE(m.area, 12.8, 0.7);
     CHECK_CLOSE(m.covered, 0.32, 0.02);
-    CHECK_CLOSE(m.high, 0.32, 0.02);
-    CHECK_CLOSE(m.error, 4.01, 0.02); /* the ground of the model is 4 below the points */
+    CHECK_CLOSE(m.high, 0.32, 0.03);
+    CHECK_CLOSE(m.error, 0.03, 0.03);
+    CHECK(m.gross == 0 && m.error_90 < 0.1);
     CHECK_CLOSE(m.distance, 9, 0.03);
     CHECK(m.width <= 101 && m.height <= 41);
-    ortho_free(&m);
+    middle = (size_t)(m.height / 2 * m.width + m.width / 2);
+    CHECK(m.views[middle] == 2 && m.sigma[middle] > 0.005f && m.sigma[middle] < 0.3f);
+    CHECK(m.views[0] == 0 && isnan(m.sigma[0]) && isnan(m.level[0]));
+    map_free(&m);
+}
+
+/* A hole of two pixels gets the mean of what is around; one at the border, and a large one, stay. */
+TEST(map_fills_pinholes_alone)
+{
+    enum { W = 12, H = 9 };
+    unsigned char rgba[4 * W * H];
+    struct map m = {.width = W, .height = H, .rgba = rgba};
+    memset(rgba, 255, sizeof rgba);
+    for (int i = 0; i < W * H; i++) rgba[4 * i] = (unsigned char)(i % W < 3 ? 100 : 200);
+    for (int i = 0; i < 20; i++) memset(rgba + 4 * ((2 + i / 5) * W + 5 + i % 5), 0, 4);
+    memset(rgba + 4 * (3 * W + 2), 0, 8), memset(rgba, 0, 4);
+    map_fill(&m);
+    CHECK(m.filled == 2 && rgba[3] == 0 && rgba[4 * (3 * W + 6) + 3] == 0 &&
+          rgba[4 * (3 * W + 2) + 3] == 255);
+    CHECK(rgba[4 * (3 * W + 2)] == 150 && rgba[4 * (3 * W + 3)] == 150 && rgba[4 * (3 * W + 2) + 1] == 255);
+}
+
+/* A LAS 1.4 file of the ground above: its header, the CRS by the keys of GeoTIFF, and points on the ground with
+ * normals up. */
+TEST(cloud_in_las_has_its_crs_its_scale_and_points_on_the_ground)
+{
+    OWNED_SCENE *scene = ortho_test_scene();
+    OWNED_MODEL model = {0};
+    struct arguments a = {.command = COMMAND_CLOUD, .min_views = 2, .epsg = 32632};
+    FILE *to = fopen(test_path("said"), "wb");
+    char path[512];
+    size_t size;
+    unsigned char *t;
+    snprintf(path, sizeof path, "%s", test_path("c.las"));
+    a.out = path;
+    ortho_test_ground(scene, &model);
+    for (int k = 0; k < 3; k++) scene->origin[k] += (double[3]){500000, 6700000, -20}[k];
+    CHECK_OK(cloud_write(test_ctx, &model, scene, &a, to));
+    fclose(to);
+    t = (unsigned char *)output_read(test_folder(), "c.las", &size);
+    CHECK(t != NULL);
+    const uint32_t first = ortho_test_integer(t + 96, 4), count = ortho_test_integer(t + 247, 4);
+    CHECK(memcmp(t, "LASF", 4) == 0 && t[24] == 1 && t[25] == 4 && t[104] == 2 &&
+          ortho_test_integer(t + 94, 2) == 375);
+    CHECK(size == first + 38 * (size_t)count && count == ortho_test_integer(t + 107, 4) && count > 300);
+    CHECK(ortho_test_integer(t + 375 + 18, 2) == 34735); /* the first record: keys by rising id */
+    int epsg = 0;
+    for (const unsigned char *key = t + 375 + 54 + 8;
+         key < t + 375 + 54 + ortho_test_integer(t + 375 + 20, 2); key += 8)
+        if (ortho_test_integer(key, 2) == 3072) epsg = (int)ortho_test_integer(key + 6, 2);
+    CHECK(epsg == 32632);
+    for (uint32_t i = 0; i < count; i++) {
+        const unsigned char *p = t + first + 38 * (size_t)i;
+        double x[3];
+        for (int k = 0; k < 3; k++)
+            x[k] = (int32_t)ortho_test_integer(p + 4 * k, 4) * ortho_test_double(t + 131 + 8 * k) +
+                   ortho_test_double(t + 155 + 8 * k);
+        CHECK(x[0] > 500003 && x[0] < 500007 && x[1] > 6699998 && x[1] < 6700006 && fabs(x[2] + 24) < 0.1 &&
+              p[18] == 2);
+        uint32_t bits = ortho_test_integer(p + 34, 4);
+        float up;
+        memcpy(&up, &bits, 4);
+        CHECK(up > 0.9f);
+    }
+    free(t);
 }
 
 /* Ground that falls by 25 degrees below cameras that look straight down. */
