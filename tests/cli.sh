@@ -263,6 +263,8 @@ promise report_replaces_no_page_of_another_program 2 "mine4/report.html is there
     "mkdir -p mine4 && cp out/run.json mine4 && echo mine >mine4/report.html && '$program' report mine4"
 promise a_study_replaces_no_table_of_another_program 2 "mine3/ablation.csv is there" sh -c \
     "echo mine >mine3/ablation.csv && '$program' ablate survey -o mine3 --rows v1 --iterations 10 --seeds 1"
+promise cloud_writes_points 0 "cloud.las, " "$program" cloud out/scene.ply survey -o cloud.las
+promise cloud_says_which_files_it_writes 2 "expected a file *.ply or *.las" on_stderr "$program" cloud out/scene.ply survey -o cloud.xyz
 promise map_says_its_axes 0 "1 0 0 0" cat ortho/frame.txt
 promise map_of_own_axes_refuses_an_epsg_code 2 "--frame world if the survey is georeferenced" on_stderr "$program" render out/scene.ply survey -o ortho --ortho --frame survey --epsg 32632
 promise options_of_a_map_want_a_map 2 "--epsg is of --ortho" "$program" render out/scene.ply survey -o ortho --epsg 32632

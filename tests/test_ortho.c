@@ -543,7 +543,7 @@ TEST(cloud_in_las_has_its_crs_its_scale_and_points_on_the_ground)
             x[k] = (int32_t)ortho_test_integer(p + 4 * k, 4) * ortho_test_double(t + 131 + 8 * k) +
                    ortho_test_double(t + 155 + 8 * k);
         CHECK(x[0] > 500003 && x[0] < 500007 && x[1] > 6699998 && x[1] < 6700006 && fabs(x[2] + 24) < 0.1 &&
-              p[18] == 2);
+              p[17] == 2);
         uint32_t bits = ortho_test_integer(p + 34, 4);
         float up;
         memcpy(&up, &bits, 4);
