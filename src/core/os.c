@@ -145,17 +145,16 @@ static void os_writer_free(oxl_context *ctx, struct os_writer *writer)
 
 OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struct os_writer *out)
 {
-    oxl_result rc = OXL_OK;
+    oxl_result rc = OXL_ERR_MEMORY;
     struct text name = {.ctx = ctx};
     *out = (struct os_writer){.path = oxl_strdup(ctx, path)};
     text_add(&name, "%s.%ld.tmp", path,
              os_process()); /* The name is unique among processes that share an output folder. */
     out->temporary = name.data;
-    if (!out->path || name.failed) rc = OXL_ERR_MEMORY;
-    if (rc != OXL_OK) goto done;
-    out->file = os_create(out->temporary);
-    if (!out->file) rc = os_fail(ctx, OXL_ERR_IO, path, "cannot write", errno);
-done:
+    if (out->path && !name.failed) {
+        out->file = os_create(out->temporary);
+        rc = out->file ? OXL_OK : os_fail(ctx, OXL_ERR_IO, path, "cannot write", errno);
+    }
     if (rc != OXL_OK) os_writer_free(ctx, out);
     return rc;
 }

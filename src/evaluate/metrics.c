@@ -279,10 +279,9 @@ static oxl_result metrics_sum_windows(oxl_context *ctx, const oxl_image *a, cons
         oxl_calloc(ctx, metrics_room(a->width) * (size_t)ctx->threads, METRICS_LINES * sizeof *s.scratch);
     s.row = oxl_calloc(ctx, (size_t)a->height, sizeof *s.row);
     if (!s.scratch || !s.row) rc = OXL_ERR_MEMORY;
-    if (rc != OXL_OK) goto done;
     metrics_kernel(s.kernel);
-    metrics_rows(ctx, &s);
-    for (int y = 0; y < a->height; y++) {
+    if (rc == OXL_OK) metrics_rows(ctx, &s);
+    for (int y = 0; rc == OXL_OK && y < a->height; y++) {
         for (int c = 0; c < 3; c++) {
             out->all[c] += s.row[y].all[c];
             out->ssim[c] += s.row[y].ssim[c];
@@ -291,7 +290,6 @@ static oxl_result metrics_sum_windows(oxl_context *ctx, const oxl_image *a, cons
         out->all_windows += s.row[y].all_windows;
         out->windows += s.row[y].windows;
     }
-done:
     OXL_FREE(ctx, s.scratch, s.row);
     return rc;
 }

@@ -107,43 +107,46 @@ static void job_add_figures(struct job *job, struct text *t, const oxl_model *mo
     nonfinite_add_json(t, &job->total.nonfinite);
 }
 
-static oxl_result job_write_metrics(struct job *job, const oxl_trained *trained)
+static void job_log_metrics(struct job *job, const oxl_metrics *m, size_t gaussians, size_t bytes)
 {
-    const oxl_model *model = &trained->model;
-    const size_t bytes = job_bytes_of(job, trained_hides(trained) ? "scene_clear.ply" : "scene.ply");
-    oxl_metrics m = {0};
-    struct text t = {.ctx = job->ctx};
-    oxl_result rc = oxl_evaluate(job->ctx, model, job->scene, &job->imaging, job_evaluated_split(job), &m);
-    if (rc != OXL_OK) goto done;
-    if (m.count == 0)
+    if (m->count == 0)
         oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be evaluated, so there are no metrics");
     else
         oxl_log(
             job->ctx, OXL_LOG_INFO,
             "result       PSNR %.2f dB, SSIM %.4f, structure %.3f (mean of %d %s views); %zu Gaussians, %.1f MB",
-            m.psnr, m.ssim, m.structure, m.count,
-            job_evaluated_split(job) == OXL_SPLIT_TEST ? "held-out" : "training", model->count,
+            m->psnr, m->ssim, m->structure, m->count,
+            job_evaluated_split(job) == OXL_SPLIT_TEST ? "held-out" : "training", gaussians,
             (double)bytes / 1e6);
-    if (!isnan(m.aligned_psnr))
+    if (!isnan(m->aligned_psnr))
         oxl_log(job->ctx, OXL_LOG_INFO,
                 "refined      PSNR %.2f dB, SSIM %.4f with the poses of held-out views refined, too",
-                m.aligned_psnr, m.aligned_ssim);
-    if (m.cc_psnr > m.psnr + JOB_EXPOSURE)
+                m->aligned_psnr, m->aligned_ssim);
+    if (m->cc_psnr > m->psnr + JOB_EXPOSURE)
         oxl_log(
             job->ctx, OXL_LOG_DEBUG,
             "PSNR is %.2f dB after one factor per channel and view (cc_psnr): exposure may differ between views",
-            m.cc_psnr);
+            m->cc_psnr);
+}
+
+static oxl_result job_write_metrics(struct job *job, const oxl_trained *trained)
+{
+    const oxl_model *model = &trained->model;
+    const oxl_split split = job_evaluated_split(job);
+    const size_t bytes = job_bytes_of(job, trained_hides(trained) ? "scene_clear.ply" : "scene.ply");
+    oxl_metrics m = {0};
+    struct text t = {.ctx = job->ctx};
+    oxl_result rc = oxl_evaluate(job->ctx, model, job->scene, &job->imaging, split, &m);
+    if (rc == OXL_OK) job_log_metrics(job, &m, model->count, bytes);
     job_add_figures(job, &t, model, bytes);
-    rc = job_add_viewer(job, &t, trained, &m);
-    if (rc != OXL_OK) goto done;
-    rc = training_views_check(job->ctx, model, job->scene, &job->imaging, job->total.iterations,
-                              job_evaluated_split(job) == OXL_SPLIT_TRAIN ? &m : NULL, &t,
-                              job->options.renders ? PATH(job->out, "training_views") : NULL);
-    if (rc != OXL_OK) goto done;
-    rc = metrics_json_add(&t, job->scene, &m);
+    if (rc == OXL_OK) rc = job_add_viewer(job, &t, trained, &m);
+    if (rc == OXL_OK)
+        rc = training_views_check(job->ctx, model, job->scene, &job->imaging, job->total.iterations,
+                                  split == OXL_SPLIT_TRAIN ? &m : NULL, &t,
+                                  job->options.renders ? PATH(job->out, "training_views") : NULL);
+    if (rc == OXL_OK) rc = metrics_json_add(&t, job->scene, &m);
     text_add(&t, "}\n");
     if (rc == OXL_OK) rc = job_write(job, "metrics.json", &t);
-done:
     oxl_metrics_free(job->ctx, &m);
     text_free(&t);
     return rc;

@@ -119,19 +119,18 @@ static oxl_result job_find_earlier(struct job *job, int *done)
 {
     struct oxl_manifest run = {0};
     const int restart = job->options.restart;
-    int same;
+    int same = 0;
     oxl_result rc = manifest_read(job->ctx, job->out, &run);
     if (rc == OXL_OK && !run.text && !restart && !job_has_blocks(job))
         rc = out_check_files(job->ctx, job->out);
     if (rc == OXL_OK) rc = job_find_start(job, &run);
-    if (rc != OXL_OK) goto done;
-    same = manifest_has(&run, &job->line) && manifest_has(&run, &job->found);
+    if (rc == OXL_OK) same = manifest_has(&run, &job->line) && manifest_has(&run, &job->found);
     *done = same && !restart && run.finished && os_is_file(PATH(job->out, "scene.ply"));
-    if (run.text && !same && !restart && (run.finished ? job->start.after == 0 : job_has_blocks(job)))
+    if (rc != OXL_OK) *done = 0;
+    else if (run.text && !same && !restart && (run.finished ? job->start.after == 0 : job_has_blocks(job)))
         rc = job_refuse(job, &run);
     else if (restart || (run.text && !same)) rc = job_replace_run(job);
     else if (!*done && !job->lock) rc = job_lock_alone(job);
-done:
     manifest_free(job->ctx, &run);
     return rc;
 }

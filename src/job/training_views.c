@@ -253,6 +253,20 @@ static int training_add_fog(const struct training_views *t, int count, int *show
     return count;
 }
 
+/* Compares the views, orders them from the worst on, and logs what is found. */
+static oxl_result training_judge(struct training_views *t, const oxl_model *model, int evident)
+{
+    oxl_result rc;
+    for (int i = 0; i < t->m->count; i++) t->view[i] = t->m->views[i].view;
+    training_compare(t);
+    qsort(t->row, (size_t)t->m->count, sizeof *t->row, training_order);
+    if (evident) training_flag(t);
+    qsort(t->row, (size_t)t->m->count, sizeof *t->row, training_order);
+    rc = training_report(t, model);
+    if (rc == OXL_OK && evident) training_report_structure(t);
+    return rc;
+}
+
 OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                              const oxl_imaging *imaging, int iterations,
                                              const oxl_metrics *measured, struct text *json,
@@ -276,26 +290,18 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     t.row = oxl_calloc(ctx, (size_t)m.count + 1, sizeof *t.row);
     t.work = oxl_alloc(ctx, 2 * (size_t)m.count + 1, sizeof *t.work);
     t.view = oxl_alloc(ctx, (size_t)m.count + 1, sizeof *t.view);
-    if (!t.row || !t.work || !t.view) rc = OXL_ERR_MEMORY;
-    if (rc != OXL_OK) goto done;
-    for (int i = 0; i < m.count; i++) t.view[i] = m.views[i].view;
-    training_compare(&t);
-    qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
-    if (evident) training_flag(&t);
-    qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
-    rc = training_report(&t, model);
-    if (rc != OXL_OK) goto done;
-    if (evident) training_report_structure(&t);
-    if (iterations < TRAINING_SHORT)
-        worst = OXL_CLAMP(training_flagged(&t), (int)TRAINING_FEW, (int)TRAINING_SHOWN);
-    worst = OXL_MIN(worst, m.count);
-    training_add_json(&t, worst, json);
-    for (; count < worst; count++) shown[count] = m.views[t.row[count].at].view;
-    count = training_add_fog(&t, count, shown);
-    if (folder)
+    rc = t.row && t.work && t.view ? training_judge(&t, model, evident) : OXL_ERR_MEMORY;
+    if (rc == OXL_OK) {
+        if (iterations < TRAINING_SHORT)
+            worst = OXL_CLAMP(training_flagged(&t), (int)TRAINING_FEW, (int)TRAINING_SHOWN);
+        worst = OXL_MIN(worst, m.count);
+        training_add_json(&t, worst, json);
+        for (; count < worst; count++) shown[count] = m.views[t.row[count].at].view;
+        count = training_add_fog(&t, count, shown);
+    }
+    if (rc == OXL_OK && folder)
         rc = render_files_of(ctx, &(struct render_files){model, scene, imaging, &what, folder, shown, count},
                              &count);
-done:
     OXL_FREE(ctx, t.row, t.work, t.view);
     if (!measured) oxl_metrics_free(ctx, &m);
     return rc;

@@ -25,15 +25,11 @@ static oxl_result lock_refuse(oxl_context *ctx, const char *folder, const struct
                     file->holder[0] ? file->holder : "another process");
 }
 
-OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int shared, oxl_lock **out)
+static oxl_result lock_open(oxl_context *ctx, const char *folder, int shared, oxl_lock *lock)
 {
-    oxl_lock *lock = oxl_calloc(ctx, 1, sizeof *lock);
     enum os_locked got = OS_LOCK_REMOVED;
-    oxl_result rc = OXL_ERR_MEMORY;
-    *out = NULL;
-    if (lock) lock->path = oxl_path_join(ctx, folder, ".lock");
-    if (lock && lock->path) rc = oxl_make_folder(ctx, folder);
-    if (rc != OXL_OK) goto done;
+    oxl_result rc = oxl_make_folder(ctx, folder);
+    if (rc != OXL_OK) return rc;
     /* Opens the file again as long as its last holder has removed it meanwhile. */
     for (int tries = 0; tries < LOCK_TRIES && got == OS_LOCK_REMOVED; tries++)
         got = os_lock_open(lock->path, shared, &lock->file);
@@ -46,8 +42,16 @@ OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int sh
             "%s: this file system has no locks; two processes that write there destroy each other's files",
             folder);
     if (rc == OXL_OK) os_lock_write_owner(&lock->file);
-    if (rc == OXL_OK) *out = lock;
-done:
+    return rc;
+}
+
+OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int shared, oxl_lock **out)
+{
+    oxl_lock *lock = oxl_calloc(ctx, 1, sizeof *lock);
+    oxl_result rc = OXL_ERR_MEMORY;
+    if (lock) lock->path = oxl_path_join(ctx, folder, ".lock");
+    if (lock && lock->path) rc = lock_open(ctx, folder, shared, lock);
+    *out = rc == OXL_OK ? lock : NULL;
     if (rc != OXL_OK && lock) OXL_FREE(ctx, lock->path, lock);
     return rc;
 }

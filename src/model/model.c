@@ -568,35 +568,34 @@ static void model_fill(oxl_model *model, const struct model_key *key, const doub
     }
 }
 
+/* Computes width (tree->count), the log widths of the points. */
+static oxl_result model_measure(oxl_context *ctx, const struct model_key *key, struct model_tree *tree,
+                                double *width)
+{
+    for (size_t i = 0; i < tree->count; i++) {
+        memcpy(tree->site[i].x, key[i].point->position, sizeof tree->site[i].x);
+        tree->site[i].row = i;
+    }
+    model_build_tree(tree, 0, tree->count);
+    model_neighbour_distances(ctx, tree, width);
+    return model_widths(ctx, width, tree->count);
+}
+
 oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count, int sh_degree,
                                  oxl_model *out)
 {
-    struct model_key *key = NULL;
-    struct model_tree tree = {0};
-    double *width = NULL; /* (count) mean squared distances; model_widths replaces them by log widths */
-    oxl_result rc = model_check_points(ctx, points, count);
+    struct model_tree tree = {.site = oxl_alloc(ctx, count + 1, sizeof *tree.site),
+                              .split = oxl_alloc(ctx, count + 1, 1)};
+    struct model_key *key = oxl_alloc(ctx, count + 1, sizeof *key);
+    double *width = oxl_alloc(ctx, count + 1, sizeof *width);
+    oxl_result rc =
+        key && tree.site && tree.split && width ? model_check_points(ctx, points, count) : OXL_ERR_MEMORY;
     *out = (oxl_model){0};
-    if (rc == OXL_OK && count == 0) return oxl_model_create(ctx, 0, sh_degree, out);
-    if (rc != OXL_OK) goto done;
-    key = oxl_alloc(ctx, count, sizeof *key);
-    tree.site = oxl_alloc(ctx, count, sizeof *tree.site);
-    tree.split = oxl_alloc(ctx, count, 1);
-    width = oxl_alloc(ctx, count, sizeof *width);
-    if (!key || !tree.site || !tree.split || !width) rc = OXL_ERR_MEMORY;
-    if (rc != OXL_OK) goto done;
-    model_sort_by_code(points, count, key);
-    count = tree.count = model_drop_coincident(key, count);
-    rc = oxl_model_create(ctx, count, sh_degree, out);
-    if (rc != OXL_OK) goto done;
-    for (size_t i = 0; i < count; i++) {
-        memcpy(tree.site[i].x, key[i].point->position, sizeof tree.site[i].x);
-        tree.site[i].row = i;
-    }
-    model_build_tree(&tree, 0, count);
-    model_neighbour_distances(ctx, &tree, width);
-    rc = model_widths(ctx, width, count);
+    if (rc == OXL_OK && count > 0) model_sort_by_code(points, count, key);
+    if (rc == OXL_OK) tree.count = model_drop_coincident(key, count);
+    if (rc == OXL_OK) rc = oxl_model_create(ctx, tree.count, sh_degree, out);
+    if (rc == OXL_OK && count > 0) rc = model_measure(ctx, key, &tree, width);
     if (rc == OXL_OK) model_fill(out, key, width);
-done:
     OXL_FREE(ctx, width, tree.split, tree.site, key);
     if (rc != OXL_OK) oxl_model_free(ctx, out);
     return rc;

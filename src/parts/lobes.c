@@ -50,15 +50,14 @@ static oxl_result lobes_assign(struct train *t)
     size_t given = 0;
     const float threshold = o->dog == OXL_DOG_ALL ? -1 : LOBES_THRESHOLD;
     oxl_result rc = active ? step_download(t, DOWNLOAD_TO_CHANGE) : OXL_ERR_MEMORY;
-    if (rc != OXL_OK) goto done;
-    for (size_t i = 0; i < t->trained.model.count; i++) {
+    for (size_t i = 0; rc == OXL_OK && i < t->trained.model.count; i++) {
         active[i] = density_mean_gradient(t->density, i) > threshold;
         given += active[i];
     }
-    oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu of %zu Gaussians get a second lobe", t->step, given,
-            t->trained.model.count);
+    if (rc == OXL_OK)
+        oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu of %zu Gaussians get a second lobe", t->step, given,
+                t->trained.model.count);
     if (given > 0) rc = model_trained_make_lobes(t->ctx, &t->trained, active, LOBES_OPACITY, LOBES_SCALE);
-done:
     oxl_free(t->ctx, active);
     return rc;
 }
