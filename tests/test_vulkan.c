@@ -2685,7 +2685,7 @@ static void vulkan_check_device_ram(void)
     snprintf(out, sizeof out, "%s", test_path("device_ram"));
     options.renders = 0;
     options.train.sh_degree = 3; /* with degree 1, which auto takes, they fit */
-    options.device_ram = device->options.device_ram = 11 << 20;
+    options.device_ram = device->options.device_ram = 12 << 20;
     v->most_allocated = v->allocated;
     device->backend->rendered_on = 0;
     CHECK_OK(oxl_job_run(device, survey, out, &options, NULL));

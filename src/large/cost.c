@@ -14,9 +14,9 @@
 #define COST_PIXEL_BYTES 160.0   /* of working memory a pixel: images, SSIM's maps */
 #define COST_PROGRAM_BYTES 1.2e7 /* of the program itself; measured: 9 to 10 MB */
 #define COST_DEVICE_ROW 110.0    /* bytes a row on a device, as backends/vulkan reserves them, */
-#define COST_DEVICE_PAIR 84.0    /* a pair of tile and splat, */
+#define COST_DEVICE_PAIR 116.0   /* a pair of tile and splat, */
 #define COST_DEVICE_PAIRS 8.0    /* of which a row has so many in a view of all Gaussians, */
-#define COST_DEVICE_PIXEL 125.0  /* a pixel of loss and image, */
+#define COST_DEVICE_PIXEL 141.0  /* a pixel of loss and image, */
 #define COST_DEVICE_BYTES 2e6    /* and those that do not grow; */
 #define COST_DEVICE_ROOM 1.25    /* those that grow with the Gaussians are reserved by a quarter more */
 #define COST_STEPS_PER_IMAGE \
