@@ -107,7 +107,7 @@ test: $(BUILD)/test all ## all tests: of the library, then of the command line (
 $(BUILD)/test_list.h: FORCE
 	@mkdir -p $(BUILD)
 	@! grep -nE '^(DEVICE_)?TEST\([^),]*$$' $(TESTS) # a name on a line of its own is not in the list
-	@cat $(TESTS) /dev/null | sed -nE 's/^(DEVICE_)?TEST\(([A-Za-z0-9_]+)[,)].*/ENTRY(\2)/p' > $(BUILD)/test_list.new
+	@cat $(TESTS) /dev/null | sed -nE 's/^(DEVICE_)?TEST\(([A-Za-z0-9_]+)[,)].*/\1ENTRY(\2)/p' > $(BUILD)/test_list.new
 	@cmp -s $(BUILD)/test_list.new $@ || mv $(BUILD)/test_list.new $@
 
 # The reference and the kernels in double: units of their own, see tests/wide.h.

@@ -165,8 +165,19 @@ static void remove_folder(void)
 }
 
 #define ENTRY(name) void test_##name(void);
-#include "test_list.h" /* generated: ENTRY(name) for each TEST(name) */
+#ifdef OXL_VULKAN
+#define DEVICE_ENTRY ENTRY
+#else
+#define DEVICE_ENTRY(name)                                          \
+    static void test_##name(void)                                   \
+    {                                                               \
+        SKIP("a build without the Vulkan backend (make VULKAN=1)"); \
+    }
+#endif
+#include "test_list.h" /* generated: ENTRY(name) for each TEST(name), DEVICE_ENTRY(name) for each DEVICE_TEST(name) */
 #undef ENTRY
+#undef DEVICE_ENTRY
+#define DEVICE_ENTRY ENTRY
 
 static const struct {
     const char *name;
