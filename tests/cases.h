@@ -80,6 +80,11 @@ oxl_train_options train_options(int iterations);
 double train_psnr(oxl_scene *scene, const oxl_model *model);
 int train_same(const oxl_model *a, const oxl_model *b);
 oxl_scene *train_scene(int views);
+/* train_scene with other names (NULL: the same), and images as `change` leaves them (NULL: the same). */
+oxl_scene *train_scene_changed(int views, const char *const *names,
+                               void (*change)(const void *how, const oxl_scene *scene, int view,
+                                              oxl_image *image),
+                               const void *how);
 oxl_scene *train_scene_of(int views, double shine);
 
 struct checkpoint_case {
@@ -93,6 +98,8 @@ struct checkpoint_case {
 void checkpoint_case_free(struct checkpoint_case *c);
 struct checkpoint_case checkpoint_of(oxl_scene *scene, oxl_train_options options);
 oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int until, oxl_model *out);
+/* Stops the run after each of these steps, and then ends it. */
+void checkpoint_stops(struct checkpoint_case *c, const int *stop, size_t stops, oxl_model *out);
 
 /* test_underwater.c */
 struct lamp lamp_of(int view);

@@ -221,11 +221,7 @@ TEST(poses_of_a_run_stopped_at_any_step_end_in_the_same_bytes)
     CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
     memcpy(whole, test_imaging.pose, sizeof whole);
     CHECK(pose_is_moved(whole[0]));
-    for (size_t i = 0; i < OXL_COUNT(stops); i++) {
-        CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
-        oxl_model_free(test_ctx, &model);
-    }
-    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);
     CHECK(train_same(&model, &c.whole) && memcmp(whole, test_imaging.pose, sizeof whole) == 0);
     checkpoint_case_free(&c);
 }

@@ -343,6 +343,27 @@ oxl_scene *train_scene(int views)
     return train_scene_of(views, 0);
 }
 
+oxl_scene *train_scene_changed(int views, const char *const *names,
+                               void (*change)(const void *how, const oxl_scene *scene, int view,
+                                              oxl_image *image),
+                               const void *how)
+{
+    OWNED_SCENE *plain = train_scene(views);
+    oxl_scene *scene = NULL;
+    oxl_view view[16] = {{0}};
+    oxl_image image[16] = {{0}};
+    for (int v = 0; v < views; v++) {
+        view[v] = *oxl_scene_view(plain, v);
+        if (names) view[v].name = names[v];
+        CHECK_OK(oxl_scene_image(test_ctx, plain, v, NULL, &image[v]));
+        if (change) change(how, plain, v, &image[v]);
+    }
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, oxl_scene_points(plain),
+                                   oxl_scene_point_count(plain), &scene));
+    for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
+    return scene;
+}
+
 oxl_train_options train_options(int iterations)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);

@@ -53,16 +53,21 @@ oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int until,
     return rc;
 }
 
+void checkpoint_stops(struct checkpoint_case *c, const int *stop, size_t stops, oxl_model *out)
+{
+    for (size_t i = 0; i < stops; i++) {
+        CHECK(checkpoint_run(c, "key", stop[i], out) == OXL_ERR_INTERRUPTED);
+        oxl_model_free(test_ctx, out);
+    }
+    CHECK_OK(checkpoint_run(c, "key", -1, out));
+}
+
 TEST(checkpoint_a_run_stopped_at_any_step_ends_in_the_same_bytes)
 {
     static const int stops[] = {1, 29, 99, 100, 101};
     struct checkpoint_case c = checkpoint_case();
     OWNED_MODEL model = {0};
-    for (size_t i = 0; i < OXL_COUNT(stops); i++) {
-        CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
-        oxl_model_free(test_ctx, &model);
-    }
-    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);
     CHECK(c.whole.count != oxl_scene_point_count(c.scene) && train_same(&model, &c.whole));
     checkpoint_case_free(&c);
 }

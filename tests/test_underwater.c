@@ -28,24 +28,6 @@ TEST(exposure_of_a_view_that_was_not_trained_lies_on_the_line_between_its_neighb
     CHECK_CLOSE(gain[2], exp(0.62), 1e-5);
 }
 
-/* Views of these names, of the first scene of test_train.c. */
-static oxl_scene *exposure_scene_named(const char *const *names, int views)
-{
-    oxl_scene *plain = train_scene(views), *scene = NULL;
-    oxl_view view[14] = {{0}};
-    oxl_image image[14] = {{0}};
-    for (int v = 0; v < views; v++) {
-        view[v] = *oxl_scene_view(plain, v);
-        view[v].name = names[v];
-        CHECK_OK(oxl_scene_image(test_ctx, plain, v, NULL, &image[v]));
-    }
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, oxl_scene_points(plain),
-                                   oxl_scene_point_count(plain), &scene));
-    for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
-    oxl_scene_free(test_ctx, plain);
-    return scene;
-}
-
 TEST(exposure_of_a_stereo_pair_is_interpolated_for_each_camera_on_its_own)
 {
     static const char *const pairs[] = {"01_left.png", "01_right.png", "02_left.png", "02_right.png",
@@ -55,7 +37,7 @@ TEST(exposure_of_a_stereo_pair_is_interpolated_for_each_camera_on_its_own)
     const char *const *const names[] = {pairs, random};
     const double wanted[] = {0.4, 0.2}; /* between the left images 2 and 6; between 3 and 5, lowered by 0.2 */
     for (int k = 0; k < 2; k++) {
-        OWNED_SCENE *scene = exposure_scene_named(names[k], 8);
+        OWNED_SCENE *scene = train_scene_changed(8, names[k], NULL, NULL);
         OWNED_IMAGING m = imaging_test_make(8, (int[]){1, 2, 3, 5, 6, 7}, 6);
         float between[3];
         for (int v = 1; v < 8; v += 2) m.log_gain[3 * v] -= k == 0 ? 1 : 0.2f;
@@ -147,29 +129,24 @@ TEST(exposure_gains_multiply_the_gradient_of_the_image)
 
 /* ---------------- runs */
 
-/* The scene of test_train.c, each image brighter or darker by up to a third, in a wave along its views. */
-static oxl_scene *exposure_scene(int views, float amplitude, double speed)
+/* Each image brighter or darker by up to a third, in a wave along the views. */
+static void exposure_test_wave(const void *amplitude, const oxl_scene *scene, int view, oxl_image *image)
 {
-    oxl_scene *plain = train_scene(views), *scene = NULL;
-    oxl_view view[14] = {{0}};
-    oxl_image image[14] = {{0}};
-    for (int v = 0; v < views; v++) {
-        view[v] = *oxl_scene_view(plain, v);
-        CHECK_OK(oxl_scene_image(test_ctx, plain, v, NULL, &image[v]));
-        for (int i = 0; i < 3 * image[v].width * image[v].height; i++)
-            image[v].rgb[i] = OXL_MIN(1.0f, image[v].rgb[i] * (float)exp(amplitude * sin(speed * v)));
-    }
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, oxl_scene_points(plain),
-                                   oxl_scene_point_count(plain), &scene));
-    for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
-    oxl_scene_free(test_ctx, plain);
-    return scene;
+    (void)scene;
+    for (int i = 0; i < 3 * image->width * image->height; i++)
+        image->rgb[i] =
+            OXL_MIN(1.0f, image->rgb[i] * (float)exp(*(const float *)amplitude * sin(0.4 * view)));
+}
+
+static oxl_scene *exposure_scene(int views, float amplitude)
+{
+    return train_scene_changed(views, NULL, exposure_test_wave, &amplitude);
 }
 
 TEST(exposure_of_known_gains_is_recovered_and_helps_views_that_were_held_out)
 {
     NEEDS_PART(exposure);
-    OWNED_SCENE *scene = exposure_scene(14, 0.2f, 0.4);
+    OWNED_SCENE *scene = exposure_scene(14, 0.2f);
     oxl_train_options options = train_options(600);
     OWNED_MODEL model = {0};
     const struct oxl_imaging *m;
@@ -213,7 +190,7 @@ TEST(exposure_of_a_stereo_pair_follows_the_other_camera_as_far_as_known_views_do
     static const char *const names[] = {"01_left.png", "01_right.png", "02_left.png", "02_right.png",
                                         "03_left.png", "03_right.png", "04_left.png", "04_right.png",
                                         "05_left.png", "05_right.png"};
-    OWNED_SCENE *scene = exposure_scene_named(names, 10);
+    OWNED_SCENE *scene = train_scene_changed(10, names, NULL, NULL);
     for (int together = 0; together < 2; together++) {
         OWNED_IMAGING m = imaging_test_make(10, NULL, 0);
         float gain[3];
@@ -232,7 +209,7 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
 {
     NEEDS_PART(exposure);
     static const int stops[] = {5, 99, 100, 101, 320};
-    struct checkpoint_case c = checkpoint_of(exposure_scene(14, 0.3f, 0.4), train_options(1000));
+    struct checkpoint_case c = checkpoint_of(exposure_scene(14, 0.3f), train_options(1000));
     OWNED_MODEL model = {0};
     OWNED_IMAGING whole = {0};
     c.options.exposure = OXL_ON;
@@ -240,11 +217,7 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
     CHECK_OK(imaging_create(test_ctx, 14, &whole));
     imaging_copy(&test_imaging, &whole);
     CHECK(whole.on);
-    for (size_t i = 0; i < OXL_COUNT(stops); i++) {
-        CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
-        oxl_model_free(test_ctx, &model);
-    }
-    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);
     CHECK(train_same(&model, &c.whole));
     CHECK(memcmp(whole.log_gain, test_imaging.log_gain, 3 * 14 * sizeof *whole.log_gain) == 0);
     checkpoint_case_free(&c);
@@ -339,11 +312,17 @@ static void photometry_test_measure(const char *survey, struct photometry *p)
     CHECK_OK(photometry_measure(test_ctx, scene, PHOTOMETRY_ALL, p));
 }
 
-synth_options photometry_test_make(const char *name, enum synth_type water)
+static synth_options photometry_test_options(const char *name, enum synth_type water)
 {
     synth_options o = synth_test_options(name);
     o.views = 14, o.width = 96, o.height = 64, o.water = water, o.path = SYNTH_FORWARD, o.threads = 0;
     o.noise = 0.5;
+    return o;
+}
+
+synth_options photometry_test_make(const char *name, enum synth_type water)
+{
+    synth_options o = photometry_test_options(name, water);
     synth_test_make(&o, NULL);
     return o;
 }
@@ -374,11 +353,10 @@ TEST(photometry_of_tracks_in_air_finds_neither_medium_nor_lamp_nor_gains)
 TEST(photometry_of_a_lamp_in_air_finds_its_shape_and_no_medium)
 {
     enum { N = 16 };
-    synth_options o = synth_test_options("lit");
+    synth_options o = photometry_test_options("lit", SYNTH_AIR);
     struct photometry p;
     double truth[N * N], mean = 0, error = 0, square = 0;
-    o.views = 14, o.width = 96, o.height = 64, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.threads = 0;
-    o.noise = 0.5, o.lamp = 0;
+    o.lamp = 0;
     synth_test_make(&o, NULL);
     photometry_test_measure("lit", &p);
     CHECK(p.parts == PHOTOMETRY_LAMP);
@@ -477,10 +455,9 @@ TEST(photometry_judges_gains_by_the_channels_and_views_that_are_in_the_fit)
 /* The right images of stereo pairs get a ramp; without it both cameras have the same shape. */
 TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
 {
-    synth_options o = synth_test_options("lamps");
+    synth_options o = photometry_test_options("lamps", SYNTH_AIR);
     struct photometry p;
-    o.views = 28, o.width = 96, o.height = 64, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.threads = 0;
-    o.noise = 0.5, o.stereo = 0.3, o.lamp = 0;
+    o.views = 28, o.stereo = 0.3, o.lamp = 0;
     synth_test_make(&o, NULL);
     photometry_test_measure("lamps", &p);
     CHECK(p.parts & PHOTOMETRY_LAMP);
@@ -634,13 +611,11 @@ TEST(exposure_that_a_trial_refuses_leaves_what_a_run_without_begins_with)
     synth_options o = synth_test_options("waves");
     struct train t[2] = {{0}, {0}};
     oxl_train_options options[2];
-    struct colmap survey = {0};
     oxl_model first;
     NEEDS_PART(exposure);
     NEEDS_PART(lamp);
     o.views = 14, o.threads = 0, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.noise = 0.5, o.lamp = 0;
-    synth_test_make(&o, &survey);
-    colmap_free(test_ctx, &survey);
+    synth_test_make(&o, NULL);
     for (int v = 0; v < 14; v++) {
         const double f = 1 + 0.02 * cos(0.5 * v);
         photometry_test_scale(&o, "waves", v, (const double[3]){f, f, f});
@@ -678,14 +653,10 @@ TEST(exposure_that_a_trial_refuses_leaves_what_a_run_without_begins_with)
 TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
 {
     static const double factor[3] = {0.4, 0.5, 0.6};
-    synth_options o = synth_test_options("tracks");
-    struct colmap survey = {0};
+    synth_options o = photometry_test_options("tracks", SYNTH_7C);
     struct photometry p, scaled;
-    o.views = 14, o.width = 96, o.height = 64, o.water = SYNTH_7C, o.path = SYNTH_FORWARD,
-    o.exposure_jitter = 0.4, o.threads = 0;
-    o.noise = 0.5;
-    synth_test_make(&o, &survey);
-    colmap_free(test_ctx, &survey);
+    o.exposure_jitter = 0.4;
+    synth_test_make(&o, NULL);
     photometry_test_measure("tracks", &p);
     CHECK(p.parts & PHOTOMETRY_MEDIUM && p.parts & PHOTOMETRY_GAINS);
     for (int c = 0; c < 3; c++) {
@@ -1062,11 +1033,7 @@ TEST(medium_a_run_that_is_stopped_ends_in_the_same_bytes)
     CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
     whole = test_imaging.medium;
     CHECK(whole.on);
-    for (size_t i = 0; i < OXL_COUNT(stops); i++) {
-        CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
-        oxl_model_free(test_ctx, &model);
-    }
-    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);
     CHECK(train_same(&model, &c.whole) && memcmp(&whole, &test_imaging.medium, sizeof whole) == 0);
     checkpoint_case_free(&c);
 }
@@ -1188,30 +1155,31 @@ TEST(medium_lamp_and_gains_have_the_same_gradients_with_avx2_and_avx512_and_any_
     for (int k = 0; k < 3; k++) oxl_model_free(test_ctx, &gradient[k]);
 }
 
+struct lamp_test {
+    const struct lamp *lamp;
+    int lamps;
+};
+
+static void lamp_test_light(const void *how, const oxl_scene *scene, int view, oxl_image *image)
+{
+    const struct lamp_test *l = how;
+    struct oxl_imaging m = {.lamps = 1, .lamp = {l->lamp[view % l->lamps]}};
+    CHECK_OK(imaging_apply_lamp(test_ctx, scene, &m, view, image));
+    for (int i = 0; i < 3 * image->width * image->height; i++)
+        image->rgb[i] = OXL_MIN(1.0f, 0.7f * image->rgb[i]);
+}
+
 /* The scene of test_train.c, each image times the lamp's gain; of two lamps in turn, the one of a left, the
  * other of a right camera. */
 static oxl_scene *lamp_scene(int views, const struct lamp *lamp, int lamps)
 {
-    oxl_scene *plain = train_scene(views), *scene = NULL;
-    struct oxl_imaging m = {.lamps = 1};
-    oxl_view view[16] = {{0}};
-    oxl_image image[16] = {{0}};
-    char name[16][16];
+    static char name[16][16];
+    const char *names[16];
     for (int v = 0; v < views; v++) {
-        m.lamp[0] = lamp[v % lamps];
         snprintf(name[v], sizeof name[v], "%02d%s.png", v, lamps == 1 ? "" : v % 2 ? "_right" : "_left");
-        view[v] = *oxl_scene_view(plain, v);
-        view[v].name = name[v];
-        CHECK_OK(oxl_scene_image(test_ctx, plain, v, NULL, &image[v]));
-        CHECK_OK(imaging_apply_lamp(test_ctx, plain, &m, v, &image[v]));
-        for (int i = 0; i < 3 * image[v].width * image[v].height; i++)
-            image[v].rgb[i] = OXL_MIN(1.0f, 0.7f * image[v].rgb[i]);
+        names[v] = name[v];
     }
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, oxl_scene_points(plain),
-                                   oxl_scene_point_count(plain), &scene));
-    for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
-    oxl_scene_free(test_ctx, plain);
-    return scene;
+    return train_scene_changed(views, names, lamp_test_light, &(struct lamp_test){lamp, lamps});
 }
 
 TEST(lamp_of_known_shape_is_recovered_and_helps_views_that_were_held_out)
@@ -1273,11 +1241,7 @@ TEST(lamp_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
     CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
     whole.medium = test_imaging.medium, whole.lamp[0] = test_imaging.lamp[0];
     CHECK(whole.lamp[0].shape[1] != 0);
-    for (size_t i = 0; i < OXL_COUNT(stops); i++) {
-        CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
-        oxl_model_free(test_ctx, &model);
-    }
-    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);
     CHECK(train_same(&model, &c.whole));
     CHECK(memcmp(&whole.medium, &test_imaging.medium, sizeof whole.medium) == 0);
     CHECK(memcmp(&whole.lamp[0], &test_imaging.lamp[0], sizeof whole.lamp[0]) == 0);
@@ -1288,7 +1252,7 @@ TEST(lamp_of_a_stereo_pair_is_one_for_each_folder_or_prefix)
 {
     static const char *const names[] = {"01_left.png", "01_right.png", "02_left.png", "02_right.png",
                                         "03_left.png", "03_right.png", "04_left.png", "04_right.png"};
-    OWNED_SCENE *scene = exposure_scene_named(names, 8);
+    OWNED_SCENE *scene = train_scene_changed(8, names, NULL, NULL);
     OWNED_IMAGING m = imaging_test_make(8, NULL, 0), read = {0};
     m.lamps = 2, m.lamp[0] = lamp_of(-1), m.lamp[1] = lamp_of(1);
     CHECK_OK(oxl_imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
