@@ -174,10 +174,12 @@ static void fuzz_colmap_binary(oxl_context *ctx, const uint8_t *data, size_t siz
     fuzz_use_colmap(ctx);
 }
 
-/* A '{' at the start: nerfstudio's file; else OpenSfM's. */
+/* A '{' at the start: nerfstudio's file; the first byte of NumPy's: LLFF's, without images; else OpenSfM's. */
 static void fuzz_json_survey(oxl_context *ctx, const uint8_t *data, size_t size)
 {
-    const char *name = size > 0 && data[0] == '{' ? "transforms.json" : "reconstruction.json";
+    const char *name = size > 0 && data[0] == '{'    ? "transforms.json"
+                       : size > 0 && data[0] == 0x93 ? "poses_bounds.npy"
+                                                     : "reconstruction.json";
     oxl_scene_options options = oxl_scene_options_default();
     oxl_scene *scene = NULL;
     struct colmap c;

@@ -27,20 +27,6 @@ OXL_INTERNAL int json_survey_numbers(const char *array, int count, double *out)
 
 /* ---------------- strings of the text */
 
-static int json_names_compare(const void *a, const void *b)
-{
-    const struct json_name *s = a, *t = b;
-    if (s->length != t->length) return s->length < t->length ? -1 : 1;
-    return memcmp(s->text, t->text, s->length);
-}
-
-static int json_names_order(const void *a, const void *b)
-{
-    const struct json_name *s = a, *t = b;
-    const int order = json_names_compare(a, b);
-    return order ? order : (s->value > t->value) - (s->value < t->value);
-}
-
 /* Finds the string of a value, without a leading "./"; the length is 0 if it is none. */
 static struct json_name json_name_of(const char *text, int64_t value)
 {
@@ -59,20 +45,14 @@ OXL_INTERNAL void json_names_add(struct colmap_reader *r, struct json_names *nam
     if (r->rc == OXL_OK) names->name[names->count++] = name;
 }
 
-OXL_INTERNAL void json_names_sort(struct json_names *names)
-{
-    if (names->count) qsort(names->name, names->count, sizeof *names->name, json_names_order);
-}
-
 OXL_INTERNAL int64_t json_names_find(const struct json_names *names, const char *text)
 {
     const struct json_name wanted = json_name_of(text, 0);
-    const struct json_name *found =
-        wanted.length && names->count
-            ? bsearch(&wanted, names->name, names->count, sizeof wanted, json_names_compare)
-            : NULL;
-    while (found && found > names->name && !json_names_compare(found - 1, found)) found--;
-    return found ? found->value : -1;
+    for (size_t i = 0; i < names->count && wanted.length; i++)
+        if (names->name[i].length == wanted.length &&
+            !memcmp(names->name[i].text, wanted.text, wanted.length))
+            return names->name[i].value;
+    return -1;
 }
 
 /* ---------------- poses */

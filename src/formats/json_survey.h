@@ -26,8 +26,8 @@ OXL_INTERNAL void json_survey_pose(struct colmap_reader *r, const char *what, do
 
 OXL_INTERNAL int json_survey_numbers(const char *array, int count, double *out); /* 0: fewer, or not finite */
 
-/* Holds strings as they stand in the text, with a value each; json_names_sort comes before searches, since
- * each frame and shot searches. Of equal strings, the least value is found; -1: there is none. */
+/* Holds strings as they stand in the text, with a value each; of equal strings, the first one's is found; -1:
+ * there is none. */
 struct json_names {
     struct json_name {
         const char *text;
@@ -38,7 +38,6 @@ struct json_names {
 };
 OXL_INTERNAL void json_names_add(struct colmap_reader *r, struct json_names *names, const char *text,
                                  int64_t value);
-OXL_INTERNAL void json_names_sort(struct json_names *names);
 OXL_INTERNAL int64_t json_names_find(const struct json_names *names, const char *text);
 
 /* Read a survey from its file r->path (nerfstudio.c, opensfm.c, llff.c). */

@@ -340,7 +340,6 @@ OXL_INTERNAL void nerfstudio_read(struct colmap_reader *r, const struct os_file_
             json_names_add(r, &file.listed, value, k);
         file.in_list[k] = file.listed.count - before;
     }
-    json_names_sort(&file.listed);
     if (r->out->image_count > 0 && beside && !r->beside)
         json_survey_fail(r, "file_path", "a path outside images/",
                          "images/, as in the file of training images");

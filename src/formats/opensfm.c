@@ -180,7 +180,6 @@ OXL_INTERNAL void opensfm_read(struct colmap_reader *r, const struct os_file_map
         json_names_add(r, &cameras, key, r->line++);
         opensfm_camera(r, camera);
     }
-    json_names_sort(&cameras);
     r->line = 0;
     OPENSFM_EACH(r, key, shot, oxl_json_member(best, "shots"))
     {

@@ -15,8 +15,7 @@
  * taken. */
 enum { SURVEY_COLMAP = 2 }; /* rows of COLMAP's files; json_survey_read reads the others */
 #define SURVEY_LLFF "poses_bounds.npy"
-#define SURVEY_SAME \
-    1e-4 /* Limits how far poses that are the same may be off: of the sum of distances, and of 1. */
+#define SURVEY_SAME 1e-4 /* Limits how far translations of the same poses may be off, of their sum. */
 static const char *const SURVEY_FILES[][2] = {
     {"images.txt", "images.bin"},
     {"cameras.txt", "cameras.bin"}, /* an incomplete model, whose reader says what is missing */
@@ -74,21 +73,17 @@ static void survey_try_entry(void *user, const char *name)
 /* Orders the images of both by name, and returns 1 if these have the same poses. */
 static int survey_has_poses(const struct colmap *model, const struct colmap *llff, struct scene_order *order)
 {
-    double off = 0, all = 0, turned = 0;
+    double off = 0, all = 0;
     for (size_t i = 0; i < model->image_count; i++)
         order[i] = (struct scene_order){model->names + model->image[i].name, i};
     if (model->image_count != llff->image_count) return 0;
     qsort(order, model->image_count, sizeof *order, scene_compare_order);
     for (size_t i = 0; i < model->image_count; i++) {
         const struct colmap_image *a = &model->image[order[i].image], *b = &llff->image[i];
-        double r[9], s[9];
-        camera_rotation_from_quaternion(a->rotation, r);
-        camera_rotation_from_quaternion(b->rotation, s);
-        for (int k = 0; k < 9; k++) turned = OXL_MAX(turned, fabs(r[k] - s[k]));
         for (int k = 0; k < 3; k++)
             off += fabs(a->translation[k] - b->translation[k]), all += fabs(a->translation[k]);
     }
-    return turned <= SURVEY_SAME && off <= SURVEY_SAME * all;
+    return off <= SURVEY_SAME * all;
 }
 
 /* Uses the images that belong to LLFF's poses, and the ranges of their depths, for the model that the poses
