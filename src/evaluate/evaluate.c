@@ -38,14 +38,20 @@ static oxl_result evaluate_draw_medium(oxl_context *ctx, const struct drawn *d, 
     return renderer_draw(ctx, d->r, d->model, camera, &options, out, depth);
 }
 
+/* Applies the lamp and the gains of a view. */
+static oxl_result evaluate_light(oxl_context *ctx, const struct drawn *d, int view, oxl_image *image)
+{
+    const oxl_result rc = imaging_apply_lamp(ctx, d->scene, d->imaging, view, image);
+    if (rc == OXL_OK) imaging_apply(d->imaging, view, image);
+    return rc;
+}
+
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
                                       float *depth)
 {
     const oxl_camera camera = scene_camera(d->scene, d->imaging, view);
-    oxl_result rc = evaluate_draw_medium(ctx, d, &camera, out, depth);
-    if (rc == OXL_OK && d->imaging) rc = imaging_apply_lamp(ctx, d->scene, d->imaging, view, out);
-    if (rc == OXL_OK && d->imaging) imaging_apply(d->imaging, view, out);
-    return rc;
+    const oxl_result rc = evaluate_draw_medium(ctx, d, &camera, out, depth);
+    return rc == OXL_OK && d->imaging ? evaluate_light(ctx, d, view, out) : rc;
 }
 
 oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, int view,
@@ -66,14 +72,11 @@ oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_s
 
 /* Holds what the evaluation of all views shares. */
 struct evaluate_pass {
-    struct renderer *r;
-    const oxl_model *model;
-    const oxl_scene *scene;
-    const struct oxl_imaging *imaging; /* not NULL */
-    int whole, shown;                  /* neither: measures as evaluate_quick; shown: as evaluate_shown */
-    int most;                          /* evaluates so many views, evenly spaced */
-    oxl_model gradient;                /* gradient of the model, for aligned views */
-    int missing;                       /* images whose files are gone */
+    struct drawn of;    /* imaging: not NULL */
+    int whole, shown;   /* neither: measures as evaluate_quick; shown: as evaluate_shown */
+    int most;           /* evaluates so many views, evenly spaced */
+    oxl_model gradient; /* gradient of the model, for aligned views */
+    int missing;        /* images whose files are gone */
 };
 
 /* Computes row->explained against the light alone: a white scene through the view's lamp and gains. */
@@ -84,8 +87,7 @@ static oxl_result evaluate_explained(oxl_context *ctx, const struct evaluate_pas
     oxl_result rc = oxl_image_create(ctx, image->width, image->height, &light);
     for (size_t i = 0; rc == OXL_OK && i < 3 * (size_t)image->width * (size_t)image->height; i++)
         light.rgb[i] = 1;
-    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, p->imaging, row->view, &light);
-    if (rc == OXL_OK) imaging_apply(p->imaging, row->view, &light);
+    if (rc == OXL_OK) rc = evaluate_light(ctx, &p->of, row->view, &light);
     if (rc == OXL_OK) row->explained = structure_explained(rendered, image, &light);
     oxl_image_free(ctx, &light);
     return rc;
@@ -96,8 +98,7 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
 {
     oxl_result rc = OXL_OK;
     if (p->whole || p->shown) rc = oxl_psnr(ctx, rendered, image, &row->plain_psnr);
-    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, p->imaging, row->view, rendered);
-    if (rc == OXL_OK) imaging_apply(p->imaging, row->view, rendered);
+    if (rc == OXL_OK) rc = evaluate_light(ctx, &p->of, row->view, rendered);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, rendered, image, &row->psnr);
     if (rc == OXL_OK && p->shown) return oxl_ssim(ctx, rendered, image, &row->ssim);
     if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, rendered, image, &row->cc_psnr);
@@ -108,19 +109,18 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
 
 /* Measures a held-out view again from the pose at which its image fits best, if poses of
  * training views were refined. */
-static oxl_result evaluate_aligned(oxl_context *ctx, struct evaluate_pass *p, const struct drawn *d,
-                                   const oxl_image *image, oxl_view_metrics *row)
+static oxl_result evaluate_aligned(oxl_context *ctx, struct evaluate_pass *p, const oxl_image *image,
+                                   oxl_view_metrics *row)
 {
-    const oxl_render_options options = evaluate_options(d);
-    const oxl_model *model = p->model;
+    const oxl_render_options options = evaluate_options(&p->of);
+    const oxl_model *model = p->of.model;
     oxl_image rendered = {0};
     oxl_camera camera;
     oxl_result rc = OXL_OK;
     if (!p->gradient.memory) rc = oxl_model_create(ctx, model->count, model->sh_degree, &p->gradient);
-    if (rc == OXL_OK) rc = align_view(ctx, d, row->view, image, &options, &p->gradient, &camera);
-    if (rc == OXL_OK) rc = evaluate_draw_medium(ctx, d, &camera, &rendered, NULL);
-    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, d->imaging, row->view, &rendered);
-    if (rc == OXL_OK) imaging_apply(d->imaging, row->view, &rendered);
+    if (rc == OXL_OK) rc = align_view(ctx, &p->of, row->view, image, &options, &p->gradient, &camera);
+    if (rc == OXL_OK) rc = evaluate_draw_medium(ctx, &p->of, &camera, &rendered, NULL);
+    if (rc == OXL_OK) rc = evaluate_light(ctx, &p->of, row->view, &rendered);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, &rendered, image, &row->aligned_psnr);
     if (rc == OXL_OK) rc = oxl_ssim(ctx, &rendered, image, &row->aligned_ssim);
     oxl_image_free(ctx, &rendered);
@@ -129,19 +129,18 @@ static oxl_result evaluate_aligned(oxl_context *ctx, struct evaluate_pass *p, co
 
 static int evaluate_aligns(const struct evaluate_pass *p, int view)
 {
-    return p->imaging->pose && p->whole && !renderer_has_device(p->r) &&
-           oxl_scene_view(p->scene, view)->is_test;
+    return p->of.imaging->pose && p->whole && !renderer_has_device(p->of.r) &&
+           oxl_scene_view(p->of.scene, view)->is_test;
 }
 
 static oxl_result evaluate_view(oxl_context *ctx, struct evaluate_pass *p, const oxl_image *image,
                                 oxl_view_metrics *row)
 {
-    const struct drawn d = {p->r, p->model, p->scene, p->imaging};
-    const oxl_camera camera = scene_camera(p->scene, p->imaging, row->view);
+    const oxl_camera camera = scene_camera(p->of.scene, p->of.imaging, row->view);
     oxl_image rendered = {0};
-    oxl_result rc = evaluate_draw_medium(ctx, &d, &camera, &rendered, NULL);
+    oxl_result rc = evaluate_draw_medium(ctx, &p->of, &camera, &rendered, NULL);
     if (rc == OXL_OK) rc = evaluate_compare(ctx, p, &rendered, image, row);
-    if (rc == OXL_OK && evaluate_aligns(p, row->view)) rc = evaluate_aligned(ctx, p, &d, image, row);
+    if (rc == OXL_OK && evaluate_aligns(p, row->view)) rc = evaluate_aligned(ctx, p, image, row);
     oxl_image_free(ctx, &rendered);
     return rc;
 }
@@ -152,28 +151,32 @@ static oxl_result evaluate_add_view(oxl_context *ctx, struct evaluate_pass *p, i
 {
     oxl_image image = {0};
     oxl_view_metrics row = {.view = view, .ssim = NAN, .aligned_psnr = NAN, .aligned_ssim = NAN};
-    oxl_result rc = scene_copy_image(ctx, p->scene, view, &image);
+    oxl_result rc = scene_copy_image(ctx, p->of.scene, view, &image);
     if (rc == OXL_OK) rc = evaluate_view(ctx, p, &image, &row);
     oxl_image_free(ctx, &image);
     if (rc == OXL_OK) out->views[out->count++] = row;
-    if (rc != OXL_ERR_INPUT && (rc != OXL_ERR_IO || scene_misses_too_many(p->scene, ++p->missing))) return rc;
+    if (rc != OXL_ERR_INPUT && (rc != OXL_ERR_IO || scene_misses_too_many(p->of.scene, ++p->missing)))
+        return rc;
     oxl_log(ctx, OXL_LOG_WARNING, "%s: %s; the view is left out of the evaluation",
-            oxl_scene_view(p->scene, view)->name, oxl_error_text(ctx));
+            oxl_scene_view(p->of.scene, view)->name, oxl_error_text(ctx));
     return OXL_OK;
 }
 
-/* Averages the values that every pass measures over the views that have them. */
-static void evaluate_sum_up_views(oxl_metrics *m)
+/* Averages the values over the views that have them. */
+static void evaluate_sum_up(oxl_metrics *m)
 {
     int with = 0, explained = 0;
-    m->psnr = m->plain_psnr = m->cc_psnr = m->ssim = 0;
-    m->structure = m->explained = 0, m->structure_least = NAN, m->no_structure = 0;
+    m->structure_least = NAN;
+    m->aligned_psnr = m->aligned_ssim = m->count ? 0 : NAN;
     for (int i = 0; i < m->count; i++) {
         const oxl_view_metrics *v = &m->views[i];
         m->psnr += v->psnr / m->count;
         m->plain_psnr += v->plain_psnr / m->count;
         m->cc_psnr += v->cc_psnr / m->count;
         m->ssim += v->ssim / m->count;
+        m->ms_ssim += v->ms_ssim / m->count;
+        m->aligned_psnr += v->aligned_psnr / m->count;
+        m->aligned_ssim += v->aligned_ssim / m->count;
         if (!isnan(v->explained)) m->explained += v->explained, explained++;
         if (isnan(v->structure)) continue;
         m->structure += v->structure;
@@ -184,39 +187,30 @@ static void evaluate_sum_up_views(oxl_metrics *m)
     m->explained = explained ? m->explained / explained : NAN;
 }
 
-static void evaluate_sum_up(oxl_metrics *m)
-{
-    m->aligned_psnr = m->aligned_ssim = m->count ? 0 : NAN;
-    for (int i = 0; i < m->count; i++) {
-        m->ms_ssim += m->views[i].ms_ssim / m->count;
-        m->aligned_psnr += m->views[i].aligned_psnr / m->count;
-        m->aligned_ssim += m->views[i].aligned_ssim / m->count;
-    }
-}
-
 /* Evaluates the views of a split. */
 static oxl_result evaluate_views(oxl_context *ctx, struct evaluate_pass p, oxl_split split, oxl_metrics *out)
 {
     static const struct oxl_imaging none;
-    const size_t room = (size_t)oxl_scene_view_count(p.scene) + 1;
+    const oxl_scene *scene = p.of.scene;
+    const size_t room = (size_t)oxl_scene_view_count(scene) + 1;
     oxl_result rc = OXL_OK;
     int *view = oxl_alloc(ctx, room, sizeof *view), count = 0, all = 0;
     *out = (oxl_metrics){.views = oxl_alloc(ctx, room, sizeof *out->views)};
     if (!view || !out->views) rc = OXL_ERR_MEMORY;
-    if (rc == OXL_OK) all = scene_views_of(p.scene, split, view), count = OXL_MIN(all, p.most);
+    if (rc == OXL_OK) all = scene_views_of(scene, split, view), count = OXL_MIN(all, p.most);
     for (int i = 0; i < count; i++) view[i] = view[(int)((int64_t)i * all / count)];
-    if (rc == OXL_OK) rc = renderer_create(ctx, &p.r);
-    evaluate_begin(ctx, p.model, p.scene);
-    if (!p.imaging) p.imaging = &none;
+    if (rc == OXL_OK) rc = renderer_create(ctx, &p.of.r);
+    evaluate_begin(ctx, p.of.model, scene);
+    if (!p.of.imaging) p.of.imaging = &none;
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         rc = context_stopped(ctx);
-        scene_images_ahead(ctx, p.scene, view + i, count - i);
+        scene_images_ahead(ctx, scene, view + i, count - i);
         if (rc == OXL_OK) rc = evaluate_add_view(ctx, &p, view[i], out);
     }
-    renderer_free(ctx, p.r);
+    renderer_free(ctx, p.of.r);
     oxl_model_free(ctx, &p.gradient);
     oxl_free(ctx, view);
-    evaluate_sum_up_views(out);
+    evaluate_sum_up(out);
     if (rc != OXL_OK) oxl_metrics_free(ctx, out);
     return rc;
 }
@@ -224,26 +218,22 @@ static oxl_result evaluate_views(oxl_context *ctx, struct evaluate_pass p, oxl_s
 oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                         const oxl_imaging *imaging, oxl_split split, oxl_metrics *out)
 {
-    const struct evaluate_pass p = {
-        .model = model, .scene = scene, .imaging = imaging, .whole = 1, .most = INT_MAX};
-    const oxl_result rc = evaluate_views(ctx, p, split, out);
-    if (rc == OXL_OK) evaluate_sum_up(out);
-    return rc;
+    const struct evaluate_pass p = {.of = {NULL, model, scene, imaging}, .whole = 1, .most = INT_MAX};
+    return evaluate_views(ctx, p, split, out);
 }
 
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                        const struct oxl_imaging *imaging, oxl_split split, int most,
                                        oxl_metrics *out)
 {
-    const struct evaluate_pass p = {.model = model, .scene = scene, .imaging = imaging, .most = most};
+    const struct evaluate_pass p = {.of = {NULL, model, scene, imaging}, .most = most};
     return evaluate_views(ctx, p, split, out);
 }
 
 OXL_INTERNAL oxl_result evaluate_shown(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                        const struct oxl_imaging *imaging, oxl_split split, oxl_metrics *out)
 {
-    const struct evaluate_pass p = {
-        .model = model, .scene = scene, .imaging = imaging, .most = INT_MAX, .shown = 1};
+    const struct evaluate_pass p = {.of = {NULL, model, scene, imaging}, .most = INT_MAX, .shown = 1};
     return evaluate_views(ctx, p, split, out);
 }
 
