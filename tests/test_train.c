@@ -387,8 +387,7 @@ TEST(train_learns_views_that_it_has_not_seen)
     OWNED_SCENE *scene = train_scene(7);
     oxl_train_options options = train_options(300);
     OWNED_MODEL start = {0}, model = {0};
-    CHECK_OK(
-        oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &start));
+    start = test_points(scene, 0);
     CHECK_OK(test_train(scene, &options, NULL, &model));
     CHECK(train_psnr(scene, &start) < 15);
     CHECK(train_psnr(scene, &model) > 25);

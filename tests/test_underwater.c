@@ -90,6 +90,7 @@ static struct renderer_loss exposure_loss(struct renderer *r, oxl_scene *scene, 
     CHECK_OK(renderer_forward(test_ctx, r, model, &oxl_scene_view(scene, 1)->camera, &o));
     renderer_set_gain(r, gain);
     CHECK_OK(renderer_loss(test_ctx, r, image.rgb, NULL, 0.2f, &loss));
+    renderer_complete_loss(r, &loss);
     oxl_image_free(test_ctx, &image);
     return loss;
 }
@@ -750,8 +751,7 @@ TEST(medium_gradient_of_the_centres_agrees_with_finite_differences)
     OWNED_MODEL model = {0}, gradient = {0};
     for (size_t i = 0; i < n; i++) drgb[i] = (float)(random_unit(random_bits(1, i, 0)) - 0.3);
     OWNED_RENDERER *r = test_renderer();
-    CHECK_OK(
-        oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
+    model = test_points(scene, 1);
     CHECK_OK(oxl_model_create(test_ctx, model.count, 1, &gradient));
     medium_score(r, camera, &model, &m, drgb);
     CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
@@ -915,8 +915,7 @@ static struct depth_case depth_case_begin(void)
     c.camera = &oxl_scene_view(c.scene, 1)->camera;
     c.drgb = oxl_calloc(test_ctx, 3 * (size_t)c.camera->width * (size_t)c.camera->height, sizeof *c.drgb);
     CHECK_OK(renderer_create(test_ctx, &c.r));
-    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(c.scene), oxl_scene_point_count(c.scene), 0,
-                                   &c.model));
+    c.model = test_points(c.scene, 0);
     CHECK_OK(oxl_model_create(test_ctx, c.model.count, 0, &c.gradient));
     c.in_front = oxl_alloc(test_ctx, c.model.count, 1);
     for (int i = 0; i < 3; i++)
@@ -1074,12 +1073,12 @@ TEST(lamp_has_a_log_gain_of_zero_mean_over_the_image)
 }
 
 /* With gains as well: both are between the rendered image and the loss. */
-static double lamp_loss(struct renderer *r, oxl_scene *scene, const oxl_model *model, const struct lamp *lamp)
+static struct renderer_loss lamp_loss(struct renderer *r, oxl_scene *scene, const oxl_model *model,
+                                      const struct lamp *lamp)
 {
-    const double log_gain[3] = {0.1, -0.2, 0.3};
-    double loss;
+    struct renderer_loss loss;
     renderer_set_lamp(r, lamp);
-    loss = exposure_loss(r, scene, model, log_gain).total;
+    loss = exposure_loss(r, scene, model, (double[]){0.1, -0.2, 0.3});
     renderer_set_lamp(r, NULL);
     return loss;
 }
@@ -1092,26 +1091,24 @@ TEST(lamp_gradients_of_all_terms_and_of_the_gaussians_agree_with_finite_differen
     double d[LAMP_TERMS], slope = 0, plus, minus;
     const float h = 4e-3f;
     OWNED_RENDERER *r = test_renderer();
-    CHECK_OK(
-        oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &model));
+    model = test_points(scene, 0);
     CHECK_OK(oxl_model_create(test_ctx, model.count, 0, &gradient));
-    lamp_loss(r, scene, &model, &lamp);
-    memcpy(d, renderer_lamp_gradient(r), sizeof d);
+    memcpy(d, lamp_loss(r, scene, &model, &lamp).dlamp, sizeof d);
     CHECK_OK(renderer_backward(test_ctx, r, NULL, &gradient));
     for (int t = 0; t < LAMP_TERMS; t++) {
         const float is = lamp.shape[t];
         lamp.shape[t] = is + h;
-        plus = lamp_loss(r, scene, &model, &lamp);
+        plus = lamp_loss(r, scene, &model, &lamp).total;
         lamp.shape[t] = is - h;
-        minus = lamp_loss(r, scene, &model, &lamp);
+        minus = lamp_loss(r, scene, &model, &lamp).total;
         lamp.shape[t] = is;
         CHECK_CLOSE(d[t], (plus - minus) / (2 * (double)h), 2e-4 + 5e-3 * fabs(d[t]));
     }
     for (size_t i = 0; i < model.count; i++) slope += gradient.plane[OXL_SH + 1][i];
     for (size_t i = 0; i < model.count; i++) model.plane[OXL_SH + 1][i] += h;
-    plus = lamp_loss(r, scene, &model, &lamp);
+    plus = lamp_loss(r, scene, &model, &lamp).total;
     for (size_t i = 0; i < model.count; i++) model.plane[OXL_SH + 1][i] -= 2 * h;
-    minus = lamp_loss(r, scene, &model, &lamp);
+    minus = lamp_loss(r, scene, &model, &lamp).total;
     CHECK(fabs(slope) > 1e-3);
     CHECK_CLOSE(slope, (plus - minus) / (2 * (double)h), 1e-4 + 5e-3 * fabs(slope));
 }
@@ -1133,7 +1130,7 @@ static void imaging_test_gradients(int isa, int threads, oxl_model *gradient, do
     renderer_set_lamp(r, &lamp);
     loss = exposure_loss(r, scene, &model, log_gain);
     CHECK_OK(renderer_backward(test_ctx, r, NULL, gradient));
-    memcpy(d, renderer_lamp_gradient(r), LAMP_TERMS * sizeof *d);
+    memcpy(d, loss.dlamp, sizeof loss.dlamp);
     memcpy(d + LAMP_TERMS, loss.dlog_gain, 3 * sizeof *d);
     test_ctx->isa = isa_before, test_ctx->threads = threads_before;
 }

@@ -1067,7 +1067,7 @@ static struct renderer_loss vulkan_imaging_step(oxl_context *ctx, struct rendere
     vulkan_model(m->count, o->degree, m->lobes, gradient);
     CHECK_OK(renderer_backward(ctx, r, NULL, gradient));
     CHECK_OK(renderer_gradient(ctx, r, gradient));
-    memcpy(loss.dlamp, renderer_lamp_gradient(r), sizeof loss.dlamp);
+    renderer_complete_loss(r, &loss);
     return loss;
 }
 

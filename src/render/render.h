@@ -215,8 +215,6 @@ OXL_INTERNAL void renderer_set_medium(struct renderer *r,
 /* From the next loss on, the rendered image is also multiplied by the lamp's gain at each pixel; NULL: no
  * lamp. Borrowed. */
 OXL_INTERNAL void renderer_set_lamp(struct renderer *r, const struct lamp *lamp);
-/* (14) dL/d(shape) of the last loss, complete after the step. */
-OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
 /* Fills the gradient by the lamp, which is known after the step. */
 OXL_INTERNAL void renderer_complete_loss(const struct renderer *r, struct renderer_loss *loss);
 /* Bakes medium and lamp into the colours, as the views see them, for viewers that ignore imaging.txt;

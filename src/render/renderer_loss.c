@@ -76,11 +76,6 @@ OXL_INTERNAL void renderer_set_lamp(struct renderer *r, const struct lamp *lamp)
     r->lamp = lamp;
 }
 
-OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r)
-{
-    return r->dlamp;
-}
-
 OXL_INTERNAL void renderer_complete_loss(const struct renderer *r, struct renderer_loss *loss)
 {
     memcpy(loss->dlamp, r->dlamp, sizeof loss->dlamp);
