@@ -48,7 +48,7 @@ MODULES := $(wildcard src/*/*.c) $(VULKAN_C)
 LIBRARY := $(MODULES:%.c=$(BUILD)/%.o)
 SOURCES := $(wildcard oceanxl.[ch] oceanxl_job.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] tools/*.[ch] lab/*.[ch])
 TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
-OURS    := $(wildcard *.c *.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] tools/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c examples/course/*.c examples/course/*/*.[ch] reference/*.[ch])
+OURS    := $(wildcard *.c *.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] tools/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c examples/course/*.c examples/course/*/*.[ch] examples/playground/*.c examples/playground/wasm/*.h reference/*.[ch])
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
 .PHONY: all help unity without shared python rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters borders heights reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
@@ -58,7 +58,7 @@ all: $(BUILD)/oceanxl $(BUILD)/oceanxl-lab ## build/oceanxl, the program, and bu
 
 help: ## this list
 	@echo 'make TARGET [CC=clang] [CFLAGS=-O3] [OPENMP=0] [VULKAN=1] [STB=folder] [WERROR=1] [BUILD=build]'
-	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/  \1\t\2/p' Makefile examples/course/course.mk | expand -t 16
+	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/  \1\t\2/p' Makefile examples/course/course.mk examples/playground/playground.mk | expand -t 16
 
 # ------------------------------------------------------------------------------------------------ program, library
 
@@ -270,5 +270,6 @@ clean: ## removes build/ and dist/
 	rm -rf $(BUILD) dist
 
 include examples/course/course.mk
+include examples/playground/playground.mk
 
 -include $(shell find $(BUILD) -name '*.d' 2>/dev/null)
