@@ -72,9 +72,9 @@ oxl_camera._fields_ = [("width", c_int), ("height", c_int), ("fx", c_double), ("
     ("rotation", c_double * 9), ("translation", c_double * 3)]
 oxl_view._fields_ = [("name", c_char_p), ("camera", oxl_camera), ("is_test", c_int)]
 oxl_point._fields_ = [("position", c_double * 3), ("error", c_float), ("rgb", c_uint8 * 3)]
-oxl_scene_options._fields_ = [("images", c_char_p), ("sparse", c_char_p), ("masks", c_char_p), ("alpha", c_int), ("max_side", c_int),
-    ("test_every", c_int), ("image_cache_bytes", c_size_t), ("missing_images", c_double), ("read_images", c_int), ("allow_truncated",
-    c_int)]
+oxl_scene_options._fields_ = [("images", c_char_p), ("sparse", c_char_p), ("masks", c_char_p), ("auto_mask", c_int), ("alpha", c_int),
+    ("max_side", c_int), ("test_every", c_int), ("image_cache_bytes", c_size_t), ("missing_images", c_double), ("read_images", c_int),
+    ("allow_truncated", c_int)]
 oxl_model._fields_ = [("count", c_size_t), ("capacity", c_size_t), ("lobes", c_size_t), ("sh_degree", c_int), ("origin", c_double * 3),
     ("scale", c_double), ("plane", POINTER(c_float) * OXL_PLANES), ("memory", c_void_p), ("background", c_float * 3), ("has_background",
     c_int), ("antialias", c_int), ("view", c_double * 13), ("not_finite", c_size_t)]
