@@ -476,6 +476,7 @@ TEST(llff_is_read_for_the_images_in_name_order_of_the_largest_folder_of_1600_px)
     for (int k = 0; k < 6; k++) {
         static const char *const asked[] = {NULL, "images_4", "images"};
         const double width = asked[k / 2] ? k / 2 == 1 ? 401 : 1604 : 802;
+        uint64_t sum[2] = {0};
         oxl_scene *scene = NULL;
         options.images = asked[k / 2];
         jsurvey_write_array(k % 2 ? "{'descr': '<f4', 'fortran_order': False, 'shape': (2L, 17L), }"
@@ -496,6 +497,10 @@ TEST(llff_is_read_for_the_images_in_name_order_of_the_largest_folder_of_1600_px)
             CHECK_CLOSE(at[2] + scene->origin[2], i, 1e-6);
             CHECK(c[0] == 1 && c[4] == 1 && c[8] == 1 && range && range[0] == 0.5 && range[1] == 9);
         }
+        CHECK_OK(survey_checksum(test_ctx, scene, &sum[0]));
+        scene->colmap.image[1].range[0] = 0.6; /* Another range is another survey. */
+        CHECK_OK(survey_checksum(test_ctx, scene, &sum[1]));
+        CHECK(sum[0] != sum[1]);
         oxl_scene_free(test_ctx, scene);
     }
 }

@@ -145,7 +145,7 @@ struct hypotheses {
 static void hypotheses_fill(struct hypotheses *w)
 {
     const int transforms =
-        w->colmap->format == COLMAP_JSON && !strcmp(w->colmap->images_file, "transforms.json");
+        w->colmap->format == COLMAP_JSON && !strncmp(w->colmap->images_file, "transforms", 10);
     const char *wanted = transforms ? "write the poses camera to world, x right, y up, z back, and points of "
                                       "ply_file_path in the same world"
                          : w->colmap->format == COLMAP_JSON

@@ -63,6 +63,7 @@ OXL_INTERNAL oxl_result survey_checksum(oxl_context *ctx, const oxl_scene *scene
         *sum = checksum_add(*sum, name, strlen(name));
         *sum = checksum_add_numbers(*sum, image->rotation, 4);
         *sum = checksum_add_numbers(*sum, image->translation, 3);
+        if (scene_depth_range(scene, v)) *sum = checksum_add_numbers(*sum, image->range, 2);
         *sum = checksum_add_file(*sum, PATH(scene->images, "%s", name));
         *sum = checksum_add_file(*sum, mask);
         oxl_free(ctx, mask);
