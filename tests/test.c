@@ -78,9 +78,9 @@ void memory_weigh_end(void)
 
 const char *test_path(const char *format, ...)
 {
-    static char ring[16][512];
-    static int next;
-    char name[400], *path = ring[next++ % 16];
+    static char ring[256][512];
+    static unsigned next;
+    char name[400], *path = ring[next++ % OXL_COUNT(ring)];
     va_list arguments;
     va_start(arguments, format);
     vsnprintf(name, sizeof name, format, arguments);
@@ -92,18 +92,18 @@ const char *test_path(const char *format, ...)
 
 int test_has(const char *file)
 {
-    return os_is_file(test_path(file));
+    return os_is_file(test_path("%s", file));
 }
 
 void test_read_model(const char *file, oxl_model *out)
 {
-    CHECK_OK(oxl_model_read(test_ctx, test_path(file), out));
+    CHECK_OK(oxl_model_read(test_ctx, test_path("%s", file), out));
 }
 
 oxl_scene *test_load(const char *survey, const oxl_scene_options *options)
 {
     oxl_scene *scene = NULL;
-    CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), options, &scene));
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("%s", survey), options, &scene));
     return scene;
 }
 
@@ -130,7 +130,7 @@ const char *test_folder(void)
 
 const char *test_write(const char *name, const char *text)
 {
-    const char *path = test_path(name);
+    const char *path = test_path("%s", name);
     char parent[512];
     char *slash;
     snprintf(parent, sizeof parent, "%s", path);

@@ -108,7 +108,7 @@ void test_listen(void);
 
 /* A fresh folder for the running test's files; removed afterwards. */
 const char *test_folder(void);
-/* "FOLDER/name" in a small ring of buffers; a path from the root stays. Functions below take such names. */
+/* "FOLDER/name" in a ring of buffers; a path from the root stays. Functions below take such names. */
 const char *test_path(const char *format, ...);
 int test_has(const char *file);
 void test_read_model(const char *file, oxl_model *out);

@@ -73,7 +73,6 @@ static oxl_scene *fixed_survey(enum fixed_kind first, enum fixed_kind second, in
     CHECK_OK(oxl_make_folder(test_ctx, test_path("s/images")));
     CHECK_OK(oxl_image_create(test_ctx, FIXED_TEST_W, FIXED_TEST_H, &image));
     for (int v = 0; v < 2 * FIXED_TEST_VIEWS; v++) {
-        char name[32];
         for (size_t i = 0; i < 3 * pixels; i++) {
             const int x = (int)(i % pixels % FIXED_TEST_W), y = (int)(i % pixels / FIXED_TEST_W);
             const struct fixed_pixel p = fixed_paint(v % 2 ? second : first, v, x, y);
@@ -82,8 +81,7 @@ static oxl_scene *fixed_survey(enum fixed_kind first, enum fixed_kind second, in
                             p.light +
                         p.noise / 255 * (random_unit(random_bits(3, i, (uint64_t)v)) - 0.5));
         }
-        snprintf(name, sizeof name, "s/images/%02d.png", v);
-        CHECK_OK(oxl_image_write(test_ctx, test_path(name), &image));
+        CHECK_OK(oxl_image_write(test_ctx, test_path("s/images/%02d.png", v), &image));
         text_add(&images, "%d 1 0 0 0 %.17g 0 0 %d %02d.png\n1 2 1\n", v + 1, 0.1 * v, 1 + v % 2, v);
     }
     test_write("s/sparse/0/images.txt", images.data);

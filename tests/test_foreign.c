@@ -62,7 +62,6 @@ static void foreign_distorted(double u, double v, double out[2])
 
 static void foreign_image(int view, int shows, foreign_place *place)
 {
-    char name[40];
     OWNED_IMAGE image = {0};
     CHECK_OK(oxl_image_create(test_ctx, FOREIGN_WIDTH, FOREIGN_HEIGHT, &image));
     for (int i = 0; i < FOREIGN_WIDTH * FOREIGN_HEIGHT && image.rgb; i++) {
@@ -72,8 +71,7 @@ static void foreign_image(int view, int shows, foreign_place *place)
             image.rgb[c * FOREIGN_WIDTH * FOREIGN_HEIGHT + i] =
                 (float)foreign_seen(foreign_camera(shows), p[0], p[1]);
     }
-    snprintf(name, sizeof name, "survey/images/%02d.png", view);
-    CHECK_OK(oxl_image_write(test_ctx, test_path(name), &image));
+    CHECK_OK(oxl_image_write(test_ctx, test_path("survey/images/%02d.png", view), &image));
 }
 
 static void foreign_point(int i, double p[3])
@@ -357,13 +355,12 @@ TEST(wide_images_of_twelve_bits_are_said_to_be_dark)
     foreign_survey(1, "1 0 0 0", 0);
     for (int i = 0; i < FOREIGN_VIEWS; i++) {
         uint16_t grey[FOREIGN_WIDTH * FOREIGN_HEIGHT];
-        char name[40];
         for (int k = 0; k < FOREIGN_WIDTH * FOREIGN_HEIGHT; k++)
             grey[k] =
                 (uint16_t)(4095 * foreign_seen(foreign_camera(i), (k % FOREIGN_WIDTH + 0.5) / FOREIGN_WIDTH,
                                                (k / FOREIGN_WIDTH + 0.5) / FOREIGN_HEIGHT));
-        snprintf(name, sizeof name, "survey/images/%02d.png", i);
-        CHECK_OK(render_write_png16(test_ctx, test_path(name), grey, FOREIGN_WIDTH, FOREIGN_HEIGHT));
+        CHECK_OK(render_write_png16(test_ctx, test_path("survey/images/%02d.png", i), grey, FOREIGN_WIDTH,
+                                    FOREIGN_HEIGHT));
     }
     foreign_check();
     CHECK_TEXT(foreign_heard, "the brightest value of the 16-bit images is");
@@ -372,15 +369,13 @@ TEST(wide_images_of_twelve_bits_are_said_to_be_dark)
 
 TEST(masks_that_ignore_most_points_are_said_to)
 {
-    char name[40];
     oxl_image mask;
     foreign_survey(1, "1 0 0 0", 0);
     CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/masks")));
     CHECK_OK(oxl_image_create(test_ctx, FOREIGN_WIDTH, FOREIGN_HEIGHT, &mask));
     for (int i = 0; i < 3 * FOREIGN_WIDTH * FOREIGN_HEIGHT; i++) mask.rgb[i] = i % FOREIGN_WIDTH < 20;
     for (int i = 0; i < FOREIGN_VIEWS; i++) {
-        snprintf(name, sizeof name, "survey/masks/%02d.png", i);
-        CHECK_OK(oxl_image_write(test_ctx, test_path(name), &mask));
+        CHECK_OK(oxl_image_write(test_ctx, test_path("survey/masks/%02d.png", i), &mask));
     }
     oxl_image_free(test_ctx, &mask);
     foreign_check();
@@ -405,11 +400,8 @@ TEST(files_of_other_programs_in_the_place_of_a_model_are_named)
                                            {"a.xmp", "RealityCapture's"}};
     oxl_survey s;
     for (size_t i = 0; i < OXL_COUNT(files); i++) {
-        char name[40];
-        snprintf(name, sizeof name, "f%zu/%s", i, files[i][0]);
-        test_write(name, "x");
-        snprintf(name, sizeof name, "f%zu", i);
-        CHECK_ERROR(oxl_check(test_ctx, test_path(name), NULL, &s), OXL_ERR_INPUT, files[i][1]);
+        test_write(test_path("f%zu/%s", i, files[i][0]), "x");
+        CHECK_ERROR(oxl_check(test_ctx, test_path("f%zu", i), NULL, &s), OXL_ERR_INPUT, files[i][1]);
     }
     foreign_survey(1, "1 0 0 0", 0);
     CHECK_ERROR(oxl_check(test_ctx, test_path("survey/images"), NULL, &s), OXL_ERR_INPUT,
@@ -424,11 +416,9 @@ TEST(files_that_a_cloud_or_git_has_not_fetched_are_said)
     test_write("survey/images/02.png", "");
     test_write("survey/images/03.png", pointer);
     for (int view = 2; view < 4; view++) {
-        char name[40];
         int width, height;
-        snprintf(name, sizeof name, "survey/images/%02d.png", view);
-        CHECK_ERROR(image_size(test_ctx, test_path(name), &width, &height), OXL_ERR_INPUT,
-                    view == 2 ? "it is empty" : "fix: git lfs pull");
+        CHECK_ERROR(image_size(test_ctx, test_path("survey/images/%02d.png", view), &width, &height),
+                    OXL_ERR_INPUT, view == 2 ? "it is empty" : "fix: git lfs pull");
     }
     test_write("survey/sparse/0/points3D.txt", pointer);
     CHECK_ERROR(oxl_check(test_ctx, test_path("survey"), NULL, &s), OXL_ERR_INPUT,
@@ -437,15 +427,13 @@ TEST(files_that_a_cloud_or_git_has_not_fetched_are_said)
 
 TEST(masks_without_a_black_pixel_ignore_nothing_and_that_is_said)
 {
-    char name[40];
     oxl_image mask;
     foreign_survey(1, "1 0 0 0", 0);
     CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/masks")));
     CHECK_OK(oxl_image_create(test_ctx, FOREIGN_WIDTH, FOREIGN_HEIGHT, &mask));
     for (int i = 0; i < 3 * FOREIGN_WIDTH * FOREIGN_HEIGHT; i++) mask.rgb[i] = i % 2 ? 1 : 3 / 255.0f;
     for (int i = 0; i < FOREIGN_VIEWS; i++) {
-        snprintf(name, sizeof name, "survey/masks/%02d.png", i);
-        CHECK_OK(oxl_image_write(test_ctx, test_path(name), &mask));
+        CHECK_OK(oxl_image_write(test_ctx, test_path("survey/masks/%02d.png", i), &mask));
     }
     foreign_check();
     CHECK_TEXT(foreign_heard, "the masks have no black pixel");
@@ -544,9 +532,7 @@ TEST(images_of_many_cameras_all_have_their_size_on_disk)
     test_write("survey/images/.keep", "");
     CHECK_OK(oxl_image_create(test_ctx, 32, 24, &half));
     for (int i = 0; i < MANY; i++) {
-        char name[40];
-        snprintf(name, sizeof name, "survey/images/%02d.png", i);
-        CHECK_OK(oxl_image_write(test_ctx, test_path(name), &half));
+        CHECK_OK(oxl_image_write(test_ctx, test_path("survey/images/%02d.png", i), &half));
         text_add(&cameras, "%d PINHOLE 64 48 50 50 32 24\n", i + 1);
         text_add(&images, "%d 1 0 0 0 %d 0 0 %d %02d.png\n\n", i + 1, i, i + 1, i);
     }
@@ -652,9 +638,7 @@ TEST(images_that_are_missing_name_the_option_that_allows_it)
     oxl_scene *scene = NULL;
     foreign_survey(1, "1 0 0 0", 0);
     for (int i = 0; i < 4; i++) {
-        char name[40];
-        snprintf(name, sizeof name, "survey/images/%02d.png", i);
-        CHECK(remove(test_path(name)) == 0);
+        CHECK(remove(test_path("survey/images/%02d.png", i)) == 0);
     }
     CHECK_ERROR(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene), OXL_ERR_INPUT,
                 "--missing-images");

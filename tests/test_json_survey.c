@@ -382,9 +382,7 @@ static const char *jsurvey_splits(const char *files)
                "{\"camera_angle_y\": 1.5707963267948966, \"frames\": [" JSURVEY_AT("./train/r_0") "]}");
     for (int i = 0; i < 3; i++) {
         static const char *const names[] = {"train", "val", "test"};
-        char path[64];
-        snprintf(path, sizeof path, "blender/transforms_%s.json", names[i]);
-        if (!strstr(files, names[i])) os_remove(test_path(path));
+        if (!strstr(files, names[i])) os_remove(test_path("blender/transforms_%s.json", names[i]));
     }
     if (oxl_scene_load(test_ctx, test_path("blender"), NULL, &scene) != OXL_OK) return NULL;
     memset(splits, 0, sizeof splits);

@@ -31,7 +31,6 @@ static const char *partition_test_survey(const char *name, const struct partitio
 {
     struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
     int *next = calloc((size_t)(t->views * t->views), sizeof *next);
-    char path[128];
     for (int v = 0; v < t->views * t->views; v++) {
         double c[2];
         int unmatched = v % 3; /* lists do not begin with points */
@@ -51,12 +50,9 @@ static const char *partition_test_survey(const char *name, const struct partitio
             if (partition_test_sees(t, v, i)) text_add(&points, " %d %d", 100 + 7 * v, next[v]++);
         text_add(&points, "\n");
     }
-    snprintf(path, sizeof path, "%s/sparse/0/cameras.txt", name);
-    test_write(path, "1 SIMPLE_RADIAL 640 480 500.5 320 240 0.01\n");
-    snprintf(path, sizeof path, "%s/sparse/0/images.txt", name);
-    test_write(path, images.data);
-    snprintf(path, sizeof path, "%s/sparse/0/points3D.txt", name);
-    test_write(path, points.data);
+    test_write(test_path("%s/sparse/0/cameras.txt", name), "1 SIMPLE_RADIAL 640 480 500.5 320 240 0.01\n");
+    test_write(test_path("%s/sparse/0/images.txt", name), images.data);
+    test_write(test_path("%s/sparse/0/points3D.txt", name), points.data);
     text_free(&images);
     text_free(&points);
     free(next);

@@ -7,7 +7,6 @@
 const char *scene_survey(const char *name, int n, double base, int with_files)
 {
     struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
-    char path[128];
     text_add(&images, "# images\n");
     for (int i = n - 1; i >= 0; i--) /* not in the order of names */
         text_add(&images, "%d 1 0 0 0 %.17g 0 0 1 img%02d.png\n1 2 %d\n", 10 + i, -(base + i), i, 1);
@@ -16,22 +15,17 @@ const char *scene_survey(const char *name, int n, double base, int with_files)
         for (int k = 0; k < n; k++) text_add(&points, " %d 0", 10 + k);
         text_add(&points, "\n");
     }
-    snprintf(path, sizeof path, "%s/sparse/0/cameras.txt", name);
-    test_write(path, "1 PINHOLE 32 24 40 40 16 12\n");
-    snprintf(path, sizeof path, "%s/sparse/0/images.txt", name);
-    test_write(path, images.data);
-    snprintf(path, sizeof path, "%s/sparse/0/points3D.txt", name);
-    test_write(path, points.data);
+    test_write(test_path("%s/sparse/0/cameras.txt", name), "1 PINHOLE 32 24 40 40 16 12\n");
+    test_write(test_path("%s/sparse/0/images.txt", name), images.data);
+    test_write(test_path("%s/sparse/0/points3D.txt", name), points.data);
     text_free(&images);
     text_free(&points);
-    snprintf(path, sizeof path, "%s/images", name);
-    CHECK_OK(oxl_make_folder(test_ctx, test_path(path)));
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("%s/images", name)));
     for (int i = 0; i < n && with_files; i++) {
         OWNED_IMAGE image = {0};
         CHECK_OK(oxl_image_create(test_ctx, 32, 24, &image));
         for (int k = 0; k < 3 * 32 * 24; k++) image.rgb[k] = (float)(i + 1) / 255.0f;
-        snprintf(path, sizeof path, "%s/images/img%02d.png", name, i);
-        CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
+        CHECK_OK(oxl_image_write(test_ctx, test_path("%s/images/img%02d.png", name, i), &image));
     }
     return test_path(name);
 }
@@ -283,22 +277,18 @@ static int scene_found(const char *const *files, const char *const *names)
 {
     const oxl_scene_options all = {.missing_images = 1, .max_side = 0, .test_every = 0, .read_images = 1};
     static int surveys;
-    char folder[40], path[400];
+    char folder[40];
     struct text t = {.ctx = test_ctx};
     oxl_scene *scene = NULL;
     int found;
     snprintf(folder, sizeof folder, "named%d", surveys++);
     for (int i = 0; names[i]; i++) text_add(&t, "%d 1 0 0 0 0 0 %d 1 %s\n1 1 -1\n", i + 1, i, names[i]);
-    snprintf(path, sizeof path, "%s/sparse/images.txt", folder);
-    test_write(path, t.data);
+    test_write(test_path("%s/sparse/images.txt", folder), t.data);
     text_free(&t);
-    snprintf(path, sizeof path, "%s/sparse/cameras.txt", folder);
-    test_write(path, "1 PINHOLE 16 16 16 16 8 8\n");
-    snprintf(path, sizeof path, "%s/sparse/points3D.txt", folder);
-    test_write(path, "");
+    test_write(test_path("%s/sparse/cameras.txt", folder), "1 PINHOLE 16 16 16 16 8 8\n");
+    test_write(test_path("%s/sparse/points3D.txt", folder), "");
     for (int i = 0; files[i]; i++) {
-        snprintf(path, sizeof path, "%s/images/%s", folder, files[i]);
-        test_write(path, "");
+        test_write(test_path("%s/images/%s", folder, files[i]), "");
     }
     found =
         oxl_scene_load(test_ctx, test_path(folder), &all, &scene) == OXL_OK ? oxl_scene_view_count(scene) : 0;

@@ -279,15 +279,13 @@ TEST(synth_exposure_and_lamp_are_what_truth_says)
     o.exposure_jitter = 0.5, o.lamp = 1, o.noise = 0, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD;
     synth_test_make(&o, NULL);
     for (int view = 0; view < o.views; view += 5) {
-        char name[64], path[96];
+        char name[64];
         OWNED_IMAGE seen = {0}, clean = {0};
         const v3 gain = synth_gain(&o, view);
         double most = 0;
         synth_image_name(&o, view, name);
-        snprintf(path, sizeof path, "lamp/images/%s", name);
-        CHECK_OK(oxl_image_read(test_ctx, test_path(path), &seen));
-        snprintf(path, sizeof path, "lamp/truth/clean/%s", name);
-        CHECK_OK(oxl_image_read(test_ctx, test_path(path), &clean));
+        CHECK_OK(oxl_image_read(test_ctx, test_path("lamp/images/%s", name), &seen));
+        CHECK_OK(oxl_image_read(test_ctx, test_path("lamp/truth/clean/%s", name), &clean));
         for (int y = 0; y < o.height; y++)
             /* the falloff is one for all channels: the ratio of red to green is the gains' */
             for (int x = 0; x < o.width; x++) {
