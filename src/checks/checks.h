@@ -29,5 +29,7 @@ enum { QUALITY_NEIGHBOURS = 8 };
  * views; returns their number. */
 OXL_INTERNAL int quality_nearest(const oxl_scene *scene, const int *view, int count, int of,
                                  int out[QUALITY_NEIGHBOURS]);
+/* Returns the median of the neighbours' values, which are `stride` apart. */
+OXL_INTERNAL double quality_beside(const double *value, size_t stride, const int *near, int neighbours);
 
 #endif

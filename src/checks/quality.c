@@ -34,11 +34,13 @@ enum {
 /* Reports an image from this fraction of pixels on that are white or black beyond the neighbours'. */
 #define QUALITY_CLIPPED 0.25
 
-struct quality {
-    double sharpness, fine;     /* from quality_sharpness */
-    double light, white, black; /* mean square of the values, as linear light; fractions of clipped pixels */
-    int known;
-    double finer, whiter, blacker; /* compared with the neighbours: quotient, differences */
+enum quality_value { /* Lists what is measured of an image. */
+                     QUALITY_SHARP,
+                     QUALITY_FINE_DETAIL,
+                     QUALITY_LIGHT,  /* mean square of the values, as linear light */
+                     QUALITY_WHITES, /* fractions of clipped pixels */
+                     QUALITY_BLACKS,
+                     QUALITY_VALUES
 };
 
 /* ---------------- neighbours */
@@ -77,10 +79,10 @@ OXL_INTERNAL int quality_nearest(const oxl_scene *scene, const int *view, int co
 
 /* ---------------- one image */
 
-/* Returns the sharpness, independent of exposure: the mean absolute second difference of the green channel
- * over the channel's mean, along the axis where it is less, since motion blurs one axis. fine: this
- * difference over that of pixels 2 px apart, which blur lowers and a plain surface does not; or NULL. */
-static double quality_sharpness(const struct training_image *image, double *fine)
+/* Measures the sharpness, independent of exposure: the mean absolute second difference of the green channel
+ * over the channel's mean, along the axis where it is less, since motion blurs one axis. Fine detail is this
+ * difference over that of pixels 2 px apart, which blur lowers and a plain surface does not. */
+static void quality_sharpness(const struct training_image *image, double out[QUALITY_VALUES])
 {
     const size_t w = (size_t)image->width, h = (size_t)image->height;
     uint64_t second[2][2] = {{0}}, sum = 0; /* along x and y; 1 and 2 px apart */
@@ -97,15 +99,15 @@ static double quality_sharpness(const struct training_image *image, double *fine
             sum += g[0];
         }
     axis = second[1][0] < second[0][0];
-    if (fine) *fine = second[axis][1] ? (double)second[axis][0] / (double)second[axis][1] : 0;
-    return sum ? (double)second[axis][0] / (double)sum : 0;
+    out[QUALITY_FINE_DETAIL] = (double)second[axis][0] / (double)OXL_MAX(second[axis][1], 1);
+    out[QUALITY_SHARP] = (double)second[axis][0] / (double)OXL_MAX(sum, 1);
 }
 
-static struct quality quality_measure(const struct training_image *image)
+/* Returns 0 if all pixels are masked. */
+static int quality_measure(const struct training_image *image, double out[QUALITY_VALUES])
 {
     const size_t pixels = (size_t)image->width * (size_t)image->height;
     uint64_t counted = 0, squares = 0, white = 0, black = 0;
-    double sharpness, fine = 0;
     for (size_t i = 0; i < pixels; i++) {
         const unsigned r = image->rgb[i], g = image->rgb[pixels + i], b = image->rgb[2 * pixels + i];
         if (image->mask && !image->mask[i]) continue;
@@ -114,32 +116,28 @@ static struct quality quality_measure(const struct training_image *image)
         white += OXL_MAX(r, OXL_MAX(g, b)) >= QUALITY_WHITE;
         black += OXL_MAX(r, OXL_MAX(g, b)) <= QUALITY_BLACK;
     }
-    if (counted == 0) return (struct quality){0};
-    sharpness = quality_sharpness(image, &fine);
-    return (struct quality){.sharpness = sharpness,
-                            .fine = fine,
-                            .light = (double)squares / (3.0 * (double)counted),
-                            .white = (double)white / (double)counted,
-                            .black = (double)black / (double)counted,
-                            .known = 1};
+    if (counted == 0) return 0;
+    quality_sharpness(image, out);
+    out[QUALITY_LIGHT] = (double)squares / (3.0 * (double)counted);
+    out[QUALITY_WHITES] = (double)white / (double)counted;
+    out[QUALITY_BLACKS] = (double)black / (double)counted;
+    return 1;
 }
 
 /* ---------------- all of them */
 
 struct quality_check {
     oxl_context *ctx;
-    const int *view; /* (count) views that can be read */
-    struct quality *image;
+    int *view, count;                                           /* (count) views that can be read */
+    double (*value)[QUALITY_VALUES], (*beside)[QUALITY_VALUES]; /* (count) and medians of the neighbours */
     double *sharp, *light, *work; /* (count) log ratios to the neighbours' medians; scratch */
-    int count;
 };
 
-static double quality_median(const struct quality_check *q, const int *near, int neighbours, size_t member)
+OXL_INTERNAL double quality_beside(const double *value, size_t stride, const int *near, int neighbours)
 {
-    double value[QUALITY_NEIGHBOURS];
-    for (int k = 0; k < neighbours; k++)
-        value[k] = *(const double *)((const char *)&q->image[near[k]] + member);
-    return stats_select(value, (size_t)neighbours, 0.5);
+    double beside[QUALITY_NEIGHBOURS];
+    for (int k = 0; k < neighbours; k++) beside[k] = value[stride * (size_t)near[k]];
+    return stats_select(beside, (size_t)neighbours, 0.5);
 }
 
 /* Returns the distance from the median of all ratios from which on a view is an outlier, at least
@@ -175,71 +173,61 @@ static int quality_report(const struct quality_check *q, const oxl_scene *scene,
 /* Compares each view with its neighbours. Dark or bright images are not reported as blurred, too. */
 static void quality_compare(const struct quality_check *q, const oxl_scene *scene, oxl_survey *s)
 {
+    static const char exposure[] =
+        "correct the exposure, or remove what cannot be corrected from the COLMAP model";
     double sharp_middle, light_middle, sharp_limit, light_limit;
     double *dark = q->work, *bright = q->light, *blurred = q->sharp;
     for (int i = 0; i < q->count; i++) {
         int near[QUALITY_NEIGHBOURS];
         const int n = quality_nearest(scene, q->view, q->count, i, near);
-        q->sharp[i] =
-            vecmath_log((q->image[i].sharpness + QUALITY_TINY) /
-                        (quality_median(q, near, n, offsetof(struct quality, sharpness)) + QUALITY_TINY));
+        double *v = q->value[i], beside[QUALITY_VALUES];
+        for (int k = 0; k < QUALITY_VALUES; k++)
+            beside[k] = quality_beside(q->value[0] + k, QUALITY_VALUES, near, n);
+        q->sharp[i] = vecmath_log((v[QUALITY_SHARP] + QUALITY_TINY) / (beside[QUALITY_SHARP] + QUALITY_TINY));
         q->light[i] =
-            vecmath_log((q->image[i].light + QUALITY_DARKEST) /
-                        (quality_median(q, near, n, offsetof(struct quality, light)) + QUALITY_DARKEST));
-        q->image[i].finer = q->image[i].fine /
-                            OXL_MAX(quality_median(q, near, n, offsetof(struct quality, fine)), QUALITY_TINY);
-        q->image[i].whiter = q->image[i].white - quality_median(q, near, n, offsetof(struct quality, white));
-        q->image[i].blacker = q->image[i].black - quality_median(q, near, n, offsetof(struct quality, black));
+            vecmath_log((v[QUALITY_LIGHT] + QUALITY_DARKEST) / (beside[QUALITY_LIGHT] + QUALITY_DARKEST));
+        for (int k = 0; k < QUALITY_VALUES; k++) q->beside[i][k] = beside[k];
     }
     sharp_limit = quality_limit(q, q->sharp, -vecmath_log(QUALITY_BLUR), &sharp_middle);
     light_limit = quality_limit(q, q->light, QUALITY_STOPS * vecmath_log(2), &light_middle);
     for (int i = 0; i < q->count; i++) {
-        const double light = q->light[i] - light_middle, sharp = q->sharp[i] - sharp_middle;
-        dark[i] = light < -light_limit                    ? -light
-                  : q->image[i].blacker > QUALITY_CLIPPED ? q->image[i].blacker
-                                                          : 0;
-        bright[i] = light > light_limit                    ? light
-                    : q->image[i].whiter > QUALITY_CLIPPED ? q->image[i].whiter
-                                                           : 0;
+        const double *v = q->value[i], *beside = q->beside[i], light = q->light[i] - light_middle,
+                     sharp = q->sharp[i] - sharp_middle, whiter = v[QUALITY_WHITES] - beside[QUALITY_WHITES],
+                     blacker = v[QUALITY_BLACKS] - beside[QUALITY_BLACKS];
+        dark[i] = light < -light_limit ? -light : blacker > QUALITY_CLIPPED ? blacker : 0;
+        bright[i] = light > light_limit ? light : whiter > QUALITY_CLIPPED ? whiter : 0;
         blurred[i] =
-            sharp < -sharp_limit && q->image[i].finer < QUALITY_FINE && dark[i] <= 0 && bright[i] <= 0
+            sharp < -sharp_limit && dark[i] <= 0 && bright[i] <= 0 &&
+                    v[QUALITY_FINE_DETAIL] < QUALITY_FINE * OXL_MAX(beside[QUALITY_FINE_DETAIL], QUALITY_TINY)
                 ? -sharp
                 : 0;
     }
     s->blurred = quality_report(q, scene, blurred, "less sharp",
                                 "remove what is blurred from the COLMAP model, or take it again");
-    s->badly_exposed =
-        quality_report(q, scene, dark, "much darker",
-                       "correct the exposure, or remove what cannot be corrected from the COLMAP model") +
-        quality_report(q, scene, bright, "much brighter",
-                       "correct the exposure, or remove what cannot be corrected from the COLMAP model");
+    s->badly_exposed = quality_report(q, scene, dark, "much darker", exposure) +
+                       quality_report(q, scene, bright, "much brighter", exposure);
 }
 
 OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_survey *s)
 {
-    const int views = oxl_scene_view_count(scene);
-    int *view = oxl_alloc(ctx, (size_t)views + 1, sizeof *view),
-        *list = oxl_alloc(ctx, (size_t)views + 1, sizeof *list);
-    struct quality_check q = {.ctx = ctx, .view = view};
-    oxl_result rc = OXL_OK;
-    q.image = oxl_alloc(ctx, (size_t)views + 1, sizeof *q.image);
-    q.sharp = oxl_alloc(ctx, (size_t)views + 1, sizeof *q.sharp);
-    q.light = oxl_alloc(ctx, (size_t)views + 1, sizeof *q.light);
-    q.work = oxl_alloc(ctx, (size_t)views + 1, sizeof *q.work);
-    if (!view || !list || !q.image || !q.sharp || !q.light || !q.work) rc = OXL_ERR_MEMORY;
-    for (int i = 0; rc == OXL_OK && i < views; i++) list[i] = i;
-    for (int i = 0; i < views && rc == OXL_OK; i++) {
+    const size_t views = (size_t)oxl_scene_view_count(scene) + 1;
+    int *list = oxl_alloc(ctx, 2 * views, sizeof *list);
+    double *memory = oxl_alloc(ctx, (2 * QUALITY_VALUES + 3) * views, sizeof *memory);
+    struct quality_check q = {.ctx = ctx, .view = list + views};
+    oxl_result rc = list && memory ? OXL_OK : OXL_ERR_MEMORY;
+    const int count = rc == OXL_OK ? scene_views_of(scene, OXL_SPLIT_ALL, list) : 0;
+    q.sharp = memory, q.light = memory + views, q.work = memory + 2 * views;
+    q.value = (double(*)[QUALITY_VALUES])(memory + 3 * views), q.beside = q.value + views;
+    for (int i = 0; i < count && rc == OXL_OK; i++) {
         const struct training_image *image;
         if ((rc = context_stopped(ctx)) != OXL_OK) break;
-        scene_images_ahead(ctx, scene, list + i, views - i);
+        scene_images_ahead(ctx, scene, list + i, count - i);
         image = scene_image(ctx, scene, i);
         /* Leaves unreadable images to lint_images. */
         if (!image && ctx->failed != OXL_ERR_INPUT) rc = ctx->failed;
-        if (!image) continue;
-        q.image[q.count] = quality_measure(image);
-        if (q.image[q.count].known) view[q.count++] = i;
+        if (image && quality_measure(image, q.value[q.count])) q.view[q.count++] = i;
     }
     if (rc == OXL_OK && q.count >= QUALITY_MIN) quality_compare(&q, scene, s);
-    OXL_FREE(ctx, view, list, q.image, q.sharp, q.light, q.work);
+    OXL_FREE(ctx, list, memory);
     return rc;
 }

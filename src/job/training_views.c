@@ -27,6 +27,7 @@ enum {
 /* Warns of a flagged view if a shift explains more than this fraction of its error: others may show what is
  * hard to render, such as woods. */
 #define TRAINING_SHIFTED 0.12
+#define TRAINING_STRUCTURE 0.1 /* Looks for a shift where so much structure is lacking. */
 /* Flags a view whose exposure is off by so many spreads: one of 10^5 views of a normal distribution. */
 #define TRAINING_SPREADS 4.5
 /* Lists what a view is flagged with, in the order of the log. */
@@ -38,18 +39,14 @@ enum training_flag {
     TRAINING_FLAGS
 };
 
-static const struct {
-    const char *name, *message; /* member "flag" of metrics.json; NULL: the log has no line for each view */
-} TRAINING_FLAG[TRAINING_FLAGS] = {
-    [TRAINING_MISFIT] = {"misfit", "look at its pose: a shift explains a part of the error"},
-    [TRAINING_EXPOSURE] = {"exposure", "look at its exposure and white balance"},
-    [TRAINING_NO_STRUCTURE] = {"no structure", NULL}};
+/* Member "flag" of metrics.json. */
+static const char *const TRAINING_FLAG[TRAINING_FLAGS] = {NULL, "misfit", "exposure", "no structure"};
 
 struct training_row {
     int at; /* index in the metrics */
     /* dB to the neighbours' median: of cc_psnr; of the gain by one factor per channel */
     double lacks, exposure;
-    double structure;
+    double structure, lacks_structure; /* to the neighbours' median */
     enum training_flag flag;
 };
 
@@ -60,7 +57,7 @@ struct training_views {
     const oxl_metrics *m;
     int all;                  /* training views, of which m->count are judged */
     struct training_row *row; /* (m->count) the worst first, once sorted */
-    double *work;             /* (2,m->count) scratch */
+    double *work;             /* (3,m->count) scratch */
     int *view;                /* (m->count) views of the metrics */
 };
 
@@ -73,25 +70,26 @@ static int training_nearest(const struct training_views *t, int of, int out[QUAL
 
 /* ---------------- what a view lacks */
 
-static double training_corrected(const oxl_view_metrics *v)
-{
-    return v->cc_psnr - v->psnr;
-}
-
 static void training_compare(struct training_views *t)
 {
-    for (int i = 0; i < t->m->count; i++) {
+    enum { FIT, CORRECTED, STRUCTURE, VALUES };
+    const int count = t->m->count;
+    for (int i = 0; i < count; i++) {
+        const oxl_view_metrics *v = &t->m->views[i];
+        double *value = t->work + VALUES * i;
+        value[FIT] = v->cc_psnr, value[CORRECTED] = v->cc_psnr - v->psnr, value[STRUCTURE] = v->structure;
+    }
+    for (int i = 0; i < count; i++) {
         int near[QUALITY_NEIGHBOURS];
-        double fit[QUALITY_NEIGHBOURS], corrected[QUALITY_NEIGHBOURS];
-        const int count = training_nearest(t, i, near);
-        for (int k = 0; k < count; k++) {
-            fit[k] = t->m->views[near[k]].cc_psnr;
-            corrected[k] = training_corrected(&t->m->views[near[k]]);
-        }
-        t->row[i] = (struct training_row){.at = i, .structure = t->m->views[i].structure};
-        t->row[i].lacks = stats_select(fit, (size_t)count, 0.5) - t->m->views[i].cc_psnr;
-        t->row[i].exposure =
-            training_corrected(&t->m->views[i]) - stats_select(corrected, (size_t)count, 0.5);
+        const int n = training_nearest(t, i, near);
+        double lacks[VALUES];
+        for (int k = 0; k < VALUES; k++)
+            lacks[k] = quality_beside(t->work + k, VALUES, near, n) - t->work[VALUES * i + k];
+        t->row[i] = (struct training_row){.at = i,
+                                          .lacks = lacks[FIT],
+                                          .exposure = -lacks[CORRECTED],
+                                          .structure = t->m->views[i].structure,
+                                          .lacks_structure = lacks[STRUCTURE]};
     }
 }
 
@@ -152,34 +150,49 @@ static int training_suffers(const struct training_views *t, const struct trainin
 }
 
 static oxl_result training_shift(const struct training_views *t, const oxl_model *model, int view,
-                                 double *shifted)
+                                 struct misfit *misfit)
 {
     oxl_image image = {0}, rendered = {0};
     oxl_result rc = scene_copy_image(t->ctx, t->scene, view, &image);
     if (rc == OXL_OK) rc = oxl_render_view(t->ctx, model, t->scene, view, t->imaging, &rendered, NULL);
-    if (rc == OXL_OK) rc = misfit_measure(t->ctx, &rendered, &image, shifted);
+    if (rc == OXL_OK) rc = misfit_measure(t->ctx, &rendered, &image, misfit);
     oxl_image_free(t->ctx, &image);
     oxl_image_free(t->ctx, &rendered);
     return rc;
 }
 
+/* Warns of a view whose exposure is another one, and of one whose render is displaced, which then counts as a
+ * misfit. */
+static oxl_result training_report_view(const struct training_views *t, const oxl_model *model,
+                                       struct training_row *row)
+{
+    const int view = t->m->views[row->at].view;
+    const char *name = oxl_scene_view(t->scene, view)->name;
+    struct misfit misfit = {0};
+    oxl_result rc = OXL_OK;
+    if (row->flag == TRAINING_EXPOSURE)
+        oxl_log(
+            t->ctx, OXL_LOG_WARNING,
+            "training image %s fits %.1f dB worse than its neighbours: look at its exposure and white balance",
+            name, OXL_MAX(row->lacks, row->exposure));
+    if ((row->flag == TRAINING_MISFIT && !training_suffers(t, row)) ||
+        (row->flag == TRAINING_NO_STRUCTURE && row->lacks_structure > TRAINING_STRUCTURE))
+        rc = training_shift(t, model, view, &misfit);
+    if (rc != OXL_OK || misfit.explained <= TRAINING_SHIFTED) return rc;
+    row->flag = TRAINING_MISFIT;
+    oxl_log(
+        t->ctx, OXL_LOG_WARNING,
+        "training image %s is rendered displaced by %.1f to %.1f px, which explains %.0f %% of the error of its detail: "
+        "look at its pose, or refine poses (--poses auto)",
+        name, misfit.least, misfit.most, 100 * misfit.explained);
+    return OXL_OK;
+}
+
 static oxl_result training_report(const struct training_views *t, const oxl_model *model)
 {
     oxl_result rc = OXL_OK;
-    for (int flag = 0; flag < TRAINING_FLAGS; flag++)
-        for (int i = 0; i < t->m->count && rc == OXL_OK; i++) {
-            const struct training_row *row = &t->row[i];
-            const int view = t->m->views[row->at].view;
-            double shifted = 1;
-            if ((int)row->flag != flag || !TRAINING_FLAG[flag].message) continue;
-            if (flag == TRAINING_MISFIT && training_suffers(t, row)) continue;
-            if (flag == TRAINING_MISFIT) rc = training_shift(t, model, view, &shifted);
-            if (rc == OXL_OK && shifted > TRAINING_SHIFTED)
-                oxl_log(t->ctx, OXL_LOG_WARNING,
-                        "training image %s fits %.1f dB worse than its neighbours: %s",
-                        oxl_scene_view(t->scene, view)->name, OXL_MAX(row->lacks, row->exposure),
-                        TRAINING_FLAG[flag].message);
-        }
+    for (int i = 0; i < t->m->count && rc == OXL_OK; i++)
+        if (t->row[i].flag) rc = training_report_view(t, model, &t->row[i]);
     return rc;
 }
 
@@ -228,7 +241,7 @@ static void training_add_json(const struct training_views *t, int shown, struct 
         text_add_json_string(out, oxl_scene_view(t->scene, v->view)->name);
         for (size_t k = 0; k < OXL_COUNT(names); k++)
             text_add(out, ", \"%s\": %s", names[k], NUMBER(values[k]));
-        text_add(out, row->flag ? ", \"flag\": \"%s\"}" : "}", TRAINING_FLAG[row->flag].name);
+        text_add(out, row->flag ? ", \"flag\": \"%s\"}" : "}", TRAINING_FLAG[row->flag]);
     }
     text_add(out, "%s]},\n", t->m->count ? "\n  " : "");
 }
@@ -259,10 +272,10 @@ static oxl_result training_judge(struct training_views *t, const oxl_model *mode
     oxl_result rc;
     for (int i = 0; i < t->m->count; i++) t->view[i] = t->m->views[i].view;
     training_compare(t);
-    qsort(t->row, (size_t)t->m->count, sizeof *t->row, training_order);
     if (evident) training_flag(t);
     qsort(t->row, (size_t)t->m->count, sizeof *t->row, training_order);
     rc = training_report(t, model);
+    qsort(t->row, (size_t)t->m->count, sizeof *t->row, training_order);
     if (rc == OXL_OK && evident) training_report_structure(t);
     return rc;
 }
@@ -288,7 +301,7 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
                 "%d of %d training views are evaluated, evenly spaced: one per %d iterations", m.count, t.all,
                 OXL_MAX(1, iterations / judged));
     t.row = oxl_calloc(ctx, (size_t)m.count + 1, sizeof *t.row);
-    t.work = oxl_alloc(ctx, 2 * (size_t)m.count + 1, sizeof *t.work);
+    t.work = oxl_alloc(ctx, 3 * (size_t)m.count + 1, sizeof *t.work);
     t.view = oxl_alloc(ctx, (size_t)m.count + 1, sizeof *t.view);
     rc = t.row && t.work && t.view ? training_judge(&t, model, evident) : OXL_ERR_MEMORY;
     if (rc == OXL_OK) {
