@@ -192,12 +192,29 @@ static const char *model_file(oxl_context *ctx, const struct arguments *a, char 
     const int is_scene = strcmp(base ? base + 1 : a->path[0], "scene.ply") == 0;
     const int length = is_scene ? (int)strlen(a->path[0]) - 9 : (int)strlen(a->path[0]);
     snprintf(path, size, "%.*s%sscene_clear.ply", length, a->path[0], is_scene ? "" : "/");
-    if ((a->clear || (a->command != COMMAND_CLOUD && !a->ortho && !a->flight) ||
+    if ((a->clear ||
+         (a->command != COMMAND_CLOUD && a->command != COMMAND_COMPARE && !a->ortho && !a->flight) ||
          oxl_has_gains_alone(ctx, path)) &&
         file_exists(path))
         return path;
     snprintf(path, size, "%.*s%sscene.ply", length, a->path[0], is_scene ? "" : "/");
     return file_exists(path) ? path : a->path[0];
+}
+
+/* The survey's options of the run that made the model, where its run.json lies beside it, unless others are given. */
+static void take_run_options(oxl_context *ctx, const struct arguments *a, const char *file,
+                             oxl_scene_options *o, oxl_manifest **run)
+{
+    const char *slash = strrchr(file, '/');
+    oxl_job_options job = a->job;
+    char folder[4096];
+    snprintf(folder, sizeof folder, "%.*s", slash ? (int)(slash - file) : 1, slash ? file : ".");
+    if (!has_file(folder, "run.json") || oxl_job_resume(ctx, a->path[1], folder, &job, run) != OXL_OK) return;
+    arguments_apply(a, &job);
+    job.scene.allow_truncated = o->allow_truncated;
+    if (job.scene.max_side != o->max_side && !a->quiet)
+        fprintf(stderr, "oxl: --max-side %d, as in training\n", job.scene.max_side);
+    *o = job.scene;
 }
 
 /* Loads the model in the survey's own frame and unit. */
@@ -207,7 +224,9 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *m
     char path[4096];
     const char *file = model_file(ctx, a, path, sizeof path);
     oxl_scene_options options = a->job.scene;
+    oxl_manifest *run = NULL;
     oxl_result rc = oxl_model_read(ctx, file, model);
+    take_run_options(ctx, a, file, &options, &run);
     if (a->job.ram && options.image_cache_bytes > a->job.ram / 4) options.image_cache_bytes = a->job.ram / 4;
     /* convert --scale wrote it in metres */
     if (rc == OXL_OK && model->scale > 0) oxl_model_rescale(model, 1 / model->scale);
@@ -220,6 +239,7 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *m
     /* a block's or another program's has its own */
     if (rc == OXL_OK) oxl_model_move_origin(model, oxl_scene_origin(*scene));
     if (rc == OXL_OK) rc = oxl_model_check_overlap(ctx, model, *scene, a->path[0]);
+    oxl_manifest_free(ctx, &run);
     return rc;
 }
 
@@ -253,6 +273,33 @@ static oxl_result run_cloud(oxl_context *ctx, const struct arguments *a)
     oxl_imaging_free(ctx, imaging);
     oxl_scene_free(ctx, scene);
     oxl_model_free(ctx, &model);
+    return rc;
+}
+
+/* Loads two results of train with their surveys, and compares them. */
+static oxl_result run_compare(oxl_context *ctx, const struct arguments *a)
+{
+    oxl_model model[2] = {{0}, {0}}, *models[2] = {&model[0], &model[1]};
+    oxl_scene *scene[2] = {NULL, NULL};
+    oxl_result rc = OXL_OK;
+    for (int i = 0; i < 2 && rc == OXL_OK; i++) {
+        char *run = output_read(a->path[i], "run.json", NULL),
+             *survey = json_string(oxl_json_member(oxl_json_member(run, "inputs"), "scene"));
+        struct arguments side = *a;
+        oxl_imaging *imaging = NULL;
+        side.path[0] = a->path[i], side.path[1] = survey;
+        if (survey) rc = load(ctx, &side, &model[i], &scene[i], &imaging);
+        else
+            rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                          "%s holds no run.json that names its survey\nfix: the folder that train wrote",
+                          a->path[i]);
+        oxl_imaging_free(ctx, imaging);
+        free(survey);
+        free(run);
+    }
+    if (rc == OXL_OK)
+        rc = compare_run(ctx, models, (const oxl_scene *const[2]){scene[0], scene[1]}, a, stdout);
+    for (int i = 0; i < 2; i++) oxl_scene_free(ctx, scene[i]), oxl_model_free(ctx, &model[i]);
     return rc;
 }
 
@@ -357,6 +404,7 @@ static oxl_result run_command(oxl_context *ctx, const struct arguments *a, struc
     case COMMAND_TRAIN: return run_train(ctx, a, console);
     case COMMAND_CHECK: return run_check(ctx, a, &a->job);
     case COMMAND_RENDER: return run_render(ctx, a, console);
+    case COMMAND_COMPARE: return run_compare(ctx, a);
     case COMMAND_CLOUD: return run_cloud(ctx, a);
     case COMMAND_EVAL: return run_eval(ctx, a);
     case COMMAND_MEASURE: return run_measure(ctx, a);
@@ -373,7 +421,9 @@ static oxl_result run_command(oxl_context *ctx, const struct arguments *a, struc
 static oxl_result run(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     oxl_lock *lock = NULL;
-    oxl_result rc = a->command == COMMAND_RENDER ? oxl_lock_folder(ctx, a->out, &lock) : OXL_OK;
+    oxl_result rc = a->command == COMMAND_RENDER || a->command == COMMAND_COMPARE
+                        ? oxl_lock_folder(ctx, a->out, &lock)
+                        : OXL_OK;
     if (rc == OXL_OK) rc = run_command(ctx, a, console);
     oxl_unlock_folder(ctx, &lock);
     return rc;

@@ -158,6 +158,7 @@ oxl_result report_write(oxl_context *ctx, const char *out, double scale);
 enum synth_path { SYNTH_LAWNMOWER, SYNTH_ORBIT, SYNTH_FORWARD };
 /* Names the layouts of the files. */
 enum synth_layout { SYNTH_COLMAP, SYNTH_NERF, SYNTH_LLFF };
+enum synth_change { SYNTH_SAME, SYNTH_LIGHT, SYNTH_CHANGED };
 /* Names Jerlov's types of water. */
 enum synth_type {
     SYNTH_AIR,
@@ -190,6 +191,7 @@ typedef struct synth_options {
     double backscatter;
     /* fraction of its own contrast that bare sand has; below 1 it is dark and has few points (1) */
     double sand_contrast;
+    int change;    /* enum synth_change: a second dive to the same place (none) */
     double stereo; /* metres; distance between the two cameras of a rig; 0: one camera (0) */
     long points;   /* sparse points; 0: 400 a view (0) */
     double noise;  /* 8-bit levels; sigma of the sensor's noise (1.5) */
@@ -251,6 +253,7 @@ enum command {
     COMMAND_PARTITION,
     COMMAND_RENDER,
     COMMAND_CLOUD,
+    COMMAND_COMPARE,
     COMMAND_MEASURE,
     COMMAND_EVAL,
     COMMAND_INFO,
@@ -279,7 +282,7 @@ struct arguments {
     double pixel, scale, length; /* units of the map; metres a unit; metres; 0: not given */
     const char *bar;             /* --scale-bar of measure */
     const char *control;         /* file of --control of check */
-    const char *out, *rows;
+    const char *out, *rows, *polygon;
     synth_options synth;
     oxl_job_options job; /* defaults of the preset, replaced by what was given */
     /* text of each option of the job, in the order of the library's table; NULL: not given */

@@ -43,6 +43,11 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
          "Writes points on the surface that the training views agree on, or with --mesh triangles.",
          "oceanxl cloud out/scene.ply survey -o cloud.las",
          "FILE is .ply or .las, with --mesh .ply or .obj, in the survey's world, in metres with --scale."},
+    [COMMAND_COMPARE] =
+        {"compare", 2, 1, "OUT1 OUT2 -o DIR",
+         "Compares two trained surveys of one place: height differences, volumes, what changed significantly.",
+         "oceanxl compare dive1 dive2 -o change",
+         "DIR gets compare.html to look at, compare.csv, change.png, difference.tif with the level of detection, significant.tif."},
     [COMMAND_MEASURE] =
         {"measure", 1, 0, "SCENE --scale-bar ENDS",
          "Measures in a survey: the length of a scale bar, and from it metres per unit.",
@@ -96,7 +101,7 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
 /* Commands that accept all options of train, with or without effect, so that only
  * the command's name changes. */
 #define TRAINS (IN(TRAIN) | IN(CHECK) | IN(PARTITION))
-#define DRAWS (IN(TRAIN) | IN(CHECK) | IN(MERGE) | IN(RENDER) | IN(CLOUD) | IN(EVAL) | STUDIES)
+#define DRAWS (IN(TRAIN) | IN(CHECK) | IN(MERGE) | IN(RENDER) | IN(CLOUD) | IN(COMPARE) | IN(EVAL) | STUDIES)
 #define EVERYWHERE (~0u)
 #define FIELD(name) offsetof(struct arguments, name)
 #define NO_TEXT          \
@@ -123,6 +128,7 @@ static const oxl_option CLI_OPTIONS[] = {
 {"backscatter", "FRACTION", OXL_OPTION_DOUBLE, FIELD(synth.backscatter), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "largest backscatter of --lamp, as a fraction of full white", NULL},
 {"sand-contrast", "FRACTION", OXL_OPTION_DOUBLE, FIELD(synth.sand_contrast), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "contrast of bare sand, as a fraction of its own; below 1 it is dark and has few points", NULL},
 {"stereo", "METRES", OXL_OPTION_DOUBLE, FIELD(synth.stereo), 0, 10, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "distance of two cameras that take the images in pairs; 0: one camera", NULL},
+{"change", "none|light|all", OXL_OPTION_CHOICE, FIELD(synth.change), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "a second dive to the place of the same seed, with other cameras, sun and noise; all: a mound is heaped up and a stone taken away (truth/change.txt)", NULL},
 {"water", "none|I|IA|IB|II|III|1C|3C|5C|7C|9C", OXL_OPTION_CHOICE, FIELD(synth.water), 0, 10, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "Jerlov's water type", NULL},
 {"pose-noise", "X", OXL_OPTION_DOUBLE, FIELD(synth.pose_noise), 0, 10, NO_TEXT, OXL_TIER_ADVANCED, IN(SYNTH), "Synthetic survey", "turn exported poses by X degrees, move them by X % of the distance (rms); truth/poses.txt has the true ones", NULL},
 {"noise", "SIGMA", OXL_OPTION_DOUBLE, FIELD(synth.noise), 0, 100, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "sensor noise, standard deviation in 8-bit levels", NULL},
@@ -137,16 +143,17 @@ static const oxl_option CLI_OPTIONS[] = {
 {"depth", NULL, OXL_OPTION_FLAG, FIELD(depth), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "also write depth: NAME.depth.png for viewing, NAME.depth.pfm in the survey's unit, NAME.depth16.png in thousandths of it", NULL},
 {"clear", NULL, OXL_OPTION_FLAG, FIELD(clear), 0, 1, NO_TEXT, OXL_TIER_ADVANCED, IN(RENDER), "Views", "render at mean exposure and without the medium, for models with an imaging.txt beside them", NULL},
 {"ortho", NULL, OXL_OPTION_FLAG, FIELD(ortho), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "render a map instead: the orthomosaic ortho.tif, the heights height.tif, their standard deviation and number of views certainty.tif, all GeoTIFF, and their axes, frame.txt", NULL},
-{"pixel", "SIZE", OXL_OPTION_DOUBLE, FIELD(pixel), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Map", "pixel size in units, in metres with --scale; otherwise what a pixel of the images sees of the ground, in the median", NULL},
-{"epsg", "CODE", OXL_OPTION_INT, FIELD(epsg), 0, 32766, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(CLOUD), "Map", "the survey's projected coordinate system, for the GeoTIFF and LAS files, e.g. 32632 for UTM zone 32N", NULL},
-{"min-views", "N", OXL_OPTION_INT, FIELD(min_views), 1, 1000, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(CLOUD), "Map", "training views that must have seen a place; others are transparent and have no height, and are in no cloud", NULL},
+{"pixel", "SIZE", OXL_OPTION_DOUBLE, FIELD(pixel), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(CLOUD) | IN(COMPARE), "Map", "pixel size in units, in metres with --scale; otherwise what a pixel of the images sees of the ground, in the median; of --mesh, twice that", NULL},
+{"epsg", "CODE", OXL_OPTION_INT, FIELD(epsg), 0, 32766, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD), "Map", "the survey's projected coordinate system, for the GeoTIFF and LAS files, e.g. 32632 for UTM zone 32N", NULL},
+{"min-views", "N", OXL_OPTION_INT, FIELD(min_views), 1, 1000, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD), "Map", "training views that must have seen a place; others are transparent and have no height, and are in no cloud", NULL},
+{"polygon", "X,Y;X,Y;...", OXL_OPTION_TEXT, FIELD(polygon), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(COMPARE), "Map", "compare within these corners alone, in the map's coordinates", NULL},
 {"mesh", NULL, OXL_OPTION_FLAG, FIELD(mesh), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(CLOUD), "Map", "write triangles instead of points", NULL},
 {"smooth", "N", OXL_OPTION_INT, FIELD(smooth), 0, 1000, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Map", "passes that smooth the heights within their certainty and keep edges", NULL},
-{"frame", "auto|world|survey", OXL_OPTION_CHOICE, FIELD(frame), 0, 2, NO_TEXT, OXL_TIER_ADVANCED, IN(RENDER), "Map", "axes: the world's x and y, seen along z, or the survey's principal axes; auto: the world's where its z is up", NULL},
+{"frame", "auto|world|survey", OXL_OPTION_CHOICE, FIELD(frame), 0, 2, NO_TEXT, OXL_TIER_ADVANCED, IN(RENDER) | IN(COMPARE), "Map", "axes: the world's x and y, seen along z, or the survey's principal axes; auto: the world's where its z is up", NULL},
 {"flight", "none|orbit|survey", OXL_OPTION_CHOICE, FIELD(flight), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "render the frames of a flight instead, around the centre or along the cameras: frame_00000.png, ...", "path"},
 {"frames", "N", OXL_OPTION_INT, FIELD(frames), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "number of frames of the flight", NULL},
-{"scale", "METRES", OXL_OPTION_DOUBLE, FIELD(scale), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(CLOUD) | IN(CONVERT) | IN(REPORT), "Views", "metres per unit of the survey, as printed by measure: depths, heights, positions, models and the report's lengths get metres", NULL},
-{"o", "FOLDER", OXL_OPTION_TEXT, FIELD(out), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN) | IN(RENDER) | IN(CLOUD) | IN(SYNTH) | IN(PARTITION) | STUDIES, "Program", "output folder, created if missing; of cloud: the file", NULL},
+{"scale", "METRES", OXL_OPTION_DOUBLE, FIELD(scale), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD) | IN(CONVERT) | IN(REPORT), "Views", "metres per unit of the survey, as printed by measure: depths, heights, positions, models and the report's lengths get metres", NULL},
+{"o", "FOLDER", OXL_OPTION_TEXT, FIELD(out), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN) | IN(RENDER) | IN(CLOUD) | IN(COMPARE) | IN(SYNTH) | IN(PARTITION) | STUDIES, "Program", "output folder, created if missing; of cloud: the file", NULL},
 {"json", NULL, OXL_OPTION_FLAG, FIELD(json), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN) | IN(CHECK) | IN(EVAL) | IN(INFO), "Program", "print results on standard output as JSON", NULL},
 {"quality", NULL, OXL_OPTION_FLAG, FIELD(quality), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(CHECK), "Program", "decode every image and name those that are more blurred, darker or brighter than their neighbours", NULL},
 {"control", "FILE", OXL_OPTION_TEXT, FIELD(control), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(CHECK), "Program", "also compare control points with where the cameras see them; lines of NAME,X,Y,Z,IMG,X,Y,IMG,X,Y: world, and pixels in two images or more", NULL},
@@ -201,7 +208,7 @@ static unsigned cli_commands_of(unsigned use)
 {
     unsigned commands = 0;
     if (use & OXL_OPTION_OF_SURVEY)
-        commands |= TRAINS | STUDIES | IN(RENDER) | IN(CLOUD) | IN(EVAL) | IN(MEASURE);
+        commands |= TRAINS | STUDIES | IN(RENDER) | IN(CLOUD) | IN(COMPARE) | IN(EVAL) | IN(MEASURE);
     if (use & OXL_OPTION_OF_TRAINING) commands |= TRAINS | STUDIES;
     if (use & OXL_OPTION_OF_RUN) commands |= TRAINS;
     if (use & OXL_OPTION_OF_OUT) commands |= IN(TRAIN) | STUDIES;

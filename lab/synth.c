@@ -318,6 +318,25 @@ static oxl_result synth_make_points(struct synth_run *s)
     return rc == OXL_OK ? rc : oxl_fail(s->ctx, rc, "synth: no memory for the points\nfix: fewer --points");
 }
 
+/* Makes the dive a second one to the same world: other cameras and noise, another sun, and perhaps changes. */
+static int synth_dive_again(struct synth_run *s)
+{
+    const struct synth_trajectory first = s->trajectory;
+    struct synth_trajectory *second = &s->trajectory;
+    s->again = *s->options;
+    s->again.seed = synth_bits(s->options->seed, 77, 1);
+    s->options = &s->again;
+    if (!synth_trajectory_create(&s->again, second)) {
+        *second = first;
+        return 0;
+    }
+    second->half = first.half, second->wreck = first.wreck;
+    free(first.camera);
+    s->world.sun = v3_unit(v3_of(-0.5, 0.35, 0.8));
+    if (s->again.change == SYNTH_CHANGED) synth_world_change(&s->world, s->change);
+    return 1;
+}
+
 static oxl_result synth_make(struct synth_run *s)
 {
     const synth_options *o = s->options;
@@ -330,6 +349,7 @@ static oxl_result synth_make(struct synth_run *s)
         return oxl_fail(s->ctx, OXL_ERR_MEMORY,
                         "synth: no memory for the world\nfix: a smaller --extent or fewer --views");
     s->world.sand_contrast = o->sand_contrast;
+    if (o->change && !synth_dive_again(s)) return oxl_fail(s->ctx, OXL_ERR_MEMORY, "synth: no memory");
     synth_trajectory_set_heights(&s->trajectory, &s->world);
     rc = synth_make_folders(s);
     if (rc == OXL_OK) rc = synth_make_points(s);

@@ -96,6 +96,12 @@ void synth_world_free(struct synth_world *world);
 double synth_ground(const struct synth_world *world, double x, double y);
 /* Metres that a ray may safely go from p; negative inside. surface may be NULL. */
 double synth_distance(const struct synth_world *world, v3 p, struct synth_surface *surface);
+/* Heaps up a mound away from the wreck, a cap of a paraboloid, and takes the largest boulder near the middle away. */
+struct synth_changed {
+    v3 place;
+    double radius, volume; /* volume: cubic metres that the surface from above rises by; negative: sinks by */
+};
+void synth_world_change(struct synth_world *world, struct synth_changed out[2]);
 v3 synth_wreck_frame(const struct synth_world *world, v3 p); /* world to wreck */
 
 /* ---------------- synth_shade.c */
@@ -204,6 +210,8 @@ struct synth_run {
     struct synth_water water;
     struct synth_trajectory trajectory;
     struct synth_world world;
+    synth_options again;            /* of a second dive */
+    struct synth_changed change[2]; /* mound, stone */
     struct synth_points points;
     oxl_image clean, image;
     float *depth; /* (H,W) camera z, metres; 0: nothing there */

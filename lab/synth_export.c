@@ -343,6 +343,19 @@ static void export_model(const struct synth_run *s, struct output *t)
     export_triple(t, "sun", s->world.sun);
 }
 
+static void export_change(const struct synth_run *s, struct output *t)
+{
+    output_add(
+        t,
+        "# since the first dive: place in the world, radius, metres; volume that the surface rises by, cubic metres\n");
+    for (int i = 0; i < 2; i++) {
+        const struct synth_changed *c = &s->change[i];
+        output_add(t, "%s %.4f %.4f %.4f %.4f %.6f\n", i ? "stone" : "mound",
+                   c->place.x + s->options->origin[0], c->place.y + s->options->origin[1],
+                   c->place.z + s->options->origin[2], c->radius, c->volume);
+    }
+}
+
 static oxl_result export_write(const struct synth_run *s, const char *name,
                                void (*write)(const struct synth_run *s, struct output *t))
 {
@@ -375,6 +388,7 @@ static const struct export_file {
     {"truth/outliers.txt", export_outliers, 7},
     {"truth/exposure.txt", synth_write_exposure, 7},
     {"truth/lamp.txt", synth_write_lamp, 7},
+    {"truth/change.txt", export_change, 7},
     {"truth/poses.txt", export_true_poses, 7},
     {"sparse/0/cameras.txt", export_cameras, 5},
     {"sparse/0/points3D.txt", export_points, 5},
@@ -402,6 +416,7 @@ oxl_result synth_write_files(const struct synth_run *s)
         const struct export_file *f = &export_files[i];
         if ((f->write == synth_write_exposure && o->exposure_jitter == 0 && o->stereo == 0) ||
             (f->write == synth_write_lamp && o->lamp < 0) ||
+            (f->write == export_change && o->change != SYNTH_CHANGED) ||
             (f->write == export_true_poses && o->pose_noise == 0) || !(f->layouts >> o->layout & 1))
             continue;
         rc = export_write(s, f->name, f->write);

@@ -553,6 +553,77 @@ failed:
     return 0;
 }
 
+/* ---------------- a second dive */
+
+#define MOUND_RADIUS 0.9 /* metres */
+#define MOUND_HEIGHT 0.35
+#define CHANGE_STEP 0.02 /* metres; of the rays that measure volumes */
+
+static double world_mound(v3 mound, double x, double y)
+{
+    const double r = hypot(x - mound.x, y - mound.y) / MOUND_RADIUS;
+    return r < 1 ? MOUND_HEIGHT * (1 - r * r) : 0;
+}
+
+/* Returns the volume under the surface seen from above, above an arbitrary depth. */
+static double world_volume(const struct synth_world *w, v3 centre, double radius)
+{
+    const int steps = (int)(radius / CHANGE_STEP) + 1;
+    double sum = 0;
+    for (int i = -steps; i <= steps; i++)
+        for (int k = -steps; k <= steps; k++) {
+            const v3 from = v3_of(centre.x + i * CHANGE_STEP, centre.y + k * CHANGE_STEP, w->top + 1);
+            sum += from.z - synth_cast(w, from, v3_of(0, 0, -1), SYNTH_FAR);
+        }
+    return sum * CHANGE_STEP * CHANGE_STEP;
+}
+
+/* Returns the largest boulder near the middle, and not near the mound or the wreck. */
+static struct synth_object *world_boulder(const struct synth_world *w, v3 mound)
+{
+    struct synth_object *best = NULL;
+    for (size_t i = 0; i < w->object_count; i++) {
+        struct synth_object *o = &w->object[i];
+        if (o->shape != SYNTH_STONE || fmax(fabs(o->centre.x), fabs(o->centre.y)) > 0.5 * w->half ||
+            hypot(o->centre.x - mound.x, o->centre.y - mound.y) < MOUND_RADIUS + 2 * o->radius + 0.2 ||
+            hypot(o->centre.x - w->wreck.x, o->centre.y - w->wreck.y) < 2.5)
+            continue;
+        if (!best || o->radius > best->radius) best = o;
+    }
+    return best;
+}
+
+/* Moves what belongs to an object up, or far below the ground. */
+static void world_lift(struct synth_world *w, struct synth_object *o, double by)
+{
+    const uint32_t index = (uint32_t)(o - w->object);
+    o->centre.z += by;
+    for (size_t i = 0; fabs(by) > 0 && i < w->cell_first[w->cells * w->cells]; i++)
+        if (w->near[i].object == index) w->near[i].z += (float)by;
+}
+
+void synth_world_change(struct synth_world *w, struct synth_changed out[2])
+{
+    const double far = hypot(w->wreck.x, w->wreck.y);
+    const v3 mound =
+        far > 0.5 ? v3_of(-1.6 * w->wreck.x / far, -1.6 * w->wreck.y / far, 0) : v3_of(1.6, -1.2, 0);
+    struct synth_object *stone = world_boulder(w, mound);
+    out[0] =
+        (struct synth_changed){v3_of(mound.x, mound.y, synth_ground(w, mound.x, mound.y)), MOUND_RADIUS, 0};
+    if (stone) out[1] = (struct synth_changed){stone->centre, stone->radius, 0};
+    w->top += MOUND_HEIGHT;
+    for (int i = 0; i < w->cells * w->cells; i++) w->ceiling[i] += (float)MOUND_HEIGHT;
+    for (int k = 0; k < 2; k++) out[k].volume = -world_volume(w, out[k].place, 1.2 * out[k].radius);
+    for (int j = 0; j < w->side; j++)
+        for (int i = 0; i < w->side; i++)
+            w->height[(size_t)j * (size_t)w->side + (size_t)i] +=
+                (float)world_mound(mound, i * w->step - w->half, j * w->step - w->half);
+    for (size_t i = 0; i < w->object_count; i++)
+        world_lift(w, &w->object[i], world_mound(mound, w->object[i].centre.x, w->object[i].centre.y));
+    if (stone) world_lift(w, stone, -3);
+    for (int k = 0; k < 2; k++) out[k].volume += world_volume(w, out[k].place, 1.2 * out[k].radius);
+}
+
 void synth_world_free(struct synth_world *w)
 {
     free(w->height);

@@ -264,6 +264,10 @@ promise report_replaces_no_page_of_another_program 2 "mine4/report.html is there
 promise a_study_replaces_no_table_of_another_program 2 "mine3/ablation.csv is there" sh -c \
     "echo mine >mine3/ablation.csv && '$program' ablate survey -o mine3 --rows v1 --iterations 10 --seeds 1"
 promise cloud_writes_points 0 "cloud.las, " "$program" cloud out/scene.ply survey -o cloud.las
+promise cloud_writes_triangles 0 "mesh.obj, " "$program" cloud out/scene.ply survey -o mesh.obj --mesh
+promise compare_finds_nothing_between_a_run_and_itself 0 "at 0 places" "$program" compare out out -o change
+promise compare_wants_a_polygon_of_three_corners 2 "three corners or more" on_stderr "$program" compare out out -o change --polygon "0,0;1,1"
+promise eval_takes_the_sides_of_training 0 "--max-side 48, as in training" on_stderr sh -c "'$program' train survey -o sides --max-side 48 --iterations 5 --quiet >/dev/null && '$program' eval sides/scene.ply survey"
 promise cloud_says_which_files_it_writes 2 "expected a file *.ply or *.las" on_stderr "$program" cloud out/scene.ply survey -o cloud.xyz
 promise map_says_its_axes 0 "1 0 0 0" cat ortho/frame.txt
 promise map_of_own_axes_refuses_an_epsg_code 2 "--frame world if the survey is georeferenced" on_stderr "$program" render out/scene.ply survey -o ortho --ortho --frame survey --epsg 32632

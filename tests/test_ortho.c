@@ -6,7 +6,9 @@
 #include "../cli/geotiff.c"
 #include "../cli/scale_bar.c"
 #include "../tools/cloud.c"
+#include "../tools/compare.c"
 #include "../tools/map.c"
+#include "../tools/mesh.c"
 #include "../tools/similarity.c"
 #include "../tools/surface.c"
 
@@ -550,6 +552,115 @@ TEST(cloud_in_las_has_its_crs_its_scale_and_points_on_the_ground)
         CHECK(up > 0.9f);
     }
     free(t);
+}
+
+/* Turns by any angle, half a turn too, with scale and without. */
+TEST(similarity_of_pairs_is_the_one_that_made_them)
+{
+    for (int turn = 0; turn < 9; turn++) {
+        const double a = turn * 0.7853981633974483, scale = turn % 2 ? 1 : 0.3 + turn, t[3] = {5, -70, 2};
+        const double r[9] = {cos(a), -sin(a), 0, 0, 0, -1, sin(a), cos(a), 0};
+        const struct similarity truth = {
+            scale, {r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8]}, {t[0], t[1], t[2]}};
+        double from[20][3], to[20][3], weight[20], p[3];
+        struct similarity s;
+        for (int i = 0; i < 20; i++) {
+            for (int k = 0; k < 3; k++) from[i][k] = (i * (7 + 4 * k)) % 11;
+            similarity_apply(&truth, from[i], to[i]);
+            weight[i] = i < 18;
+        }
+        to[19][0] += 100, to[18][2] -= 50; /* without weight */
+        CHECK(
+            similarity_fit((const double(*)[3])from, (const double(*)[3])to, weight, 20, turn % 2 == 0, &s));
+        CHECK_CLOSE(s.scale, scale, 1e-9);
+        similarity_apply(&s, from[19], p);
+        CHECK_CLOSE(p[0], to[19][0] - 100, 1e-7);
+        CHECK_CLOSE(p[2], to[19][2], 1e-7);
+    }
+}
+
+/* Whatever corners are inside, each cut edge has one edge before it and one behind it, none else has any, and the line
+ * on a face is the one that the neighbouring cell has there, backwards. */
+TEST(mesh_lines_of_every_cell_are_closed_loops_that_fit_the_neighbours)
+{
+    for (unsigned inside = 0; inside < 256; inside++) {
+        int next[24], other[24], before[24] = {0};
+        mesh_trace(inside, next);
+        for (int e = 0; e < 24; e++)
+            if (next[e] >= 0) before[next[e]]++;
+        for (int e = 0; e < 24; e++) {
+            const int low = e % 8, high = low | 1 << e / 8;
+            const int is_cut = low != high && (inside >> low & 1) != (inside >> high & 1);
+            CHECK((next[e] >= 0) == is_cut && before[e] == is_cut);
+        }
+        /* the cell mirrored at its face x = 1 has the same corners there: its lines there go the other way */
+        unsigned mirrored = 0;
+        for (int i = 0; i < 8; i++) mirrored |= (inside >> (i ^ 1) & 1) << i;
+        mesh_trace(mirrored, other);
+        for (int e = 8; e < 24; e++)
+            if (e & 1 && next[e] >= 8 && next[e] & 1) CHECK(other[next[e] ^ 1] == (e ^ 1));
+    }
+}
+
+/* Triangles on the ground, as large as what two views share, that face the cameras. */
+TEST(mesh_of_flat_ground_lies_on_it_and_faces_the_cameras)
+{
+    OWNED_SCENE *scene = ortho_test_scene();
+    OWNED_MODEL model = {0};
+    struct surface s;
+    struct cloud c;
+    ortho_test_ground(scene, &model);
+    CHECK_OK(surface_open(test_ctx, &model, scene, 320, &s));
+    CHECK_OK(cloud_make(&s, 2, &c));
+    struct mesh m = {.s = &s, .enough = 2, .cell = 0.2};
+    CHECK(mesh_find_blocks(&m, &c) && mesh_trace_blocks(&m) && mesh_join(&m));
+    double area = 0;
+    for (size_t i = 0; i < m.triangles; i++) {
+        const struct cloud_point *p[3];
+        for (int k = 0; k < 3; k++) p[k] = &m.vertex.point[m.index[3 * i + (size_t)k]];
+        area += 0.5 * ((p[1]->place[0] - p[0]->place[0]) * (p[2]->place[1] - p[0]->place[1]) -
+                       (p[1]->place[1] - p[0]->place[1]) * (p[2]->place[0] - p[0]->place[0]));
+        CHECK_CLOSE(p[0]->place[2], -4 - oxl_scene_origin(scene)[2], 0.15);
+        CHECK(p[0]->normal[2] > 0.8f);
+    }
+    CHECK(area > 10 && area < 20 && m.triangles > MESH_SMALL);
+    mesh_free(&m);
+    cloud_free(&c);
+    surface_close(&s);
+}
+
+/* A hill of 30 x 30 cells is a change, with its volume; one of 8 x 8, and a difference within the level of detection,
+ * are none. */
+TEST(compare_finds_what_is_larger_than_noise_and_its_volume)
+{
+    enum { SIDE = 80 };
+    static float difference[SIDE * SIDE], level[SIDE * SIDE];
+    static signed char sign[SIDE * SIDE];
+    struct compare c = {.ctx = test_ctx, .difference = difference, .level = level, .sign = sign};
+    struct compare_sum whole, *place = calloc(COMPARE_PLACES + 1, sizeof *place);
+    int places;
+    c.map[0] = (struct map){.width = SIDE, .height = SIDE, .pixel = 0.5, .corner = {10, 20}};
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        const int x = i % SIDE, y = i / SIDE;
+        level[i] = 0.1f, sign[i] = 0;
+        difference[i] = x >= 10 && x < 40 && y >= 20 && y < 50   ? 0.4f
+                        : x >= 60 && x < 68 && y < 30 && y >= 22 ? -0.4f
+                        : x < 60                                 ? 0.05f
+                                                                 : NAN;
+    }
+    compare_judge(&c);
+    CHECK_OK(compare_list(&c, &whole, place, &places));
+    CHECK(places == 1 && place[0].sign == 1 && whole.lowered == 0);
+    CHECK_CLOSE(place[0].net, 900 * 0.25 * 0.4,
+                3); /* without its corners, which most cells around do not share */
+    CHECK_CLOSE(place[0].place[0], 10 + 25 * 0.5, 0.1);
+    CHECK_CLOSE(place[0].place[1], 20 - 35 * 0.5, 0.1);
+    CHECK_CLOSE(whole.raised, place[0].net, 1e-9);
+    CHECK(compare_is_inside("0,0;4,0;4,4;0,4", 1, 3) && !compare_is_inside("0,0;4,0;4,4;0,4", 5, 3) &&
+          compare_is_inside(NULL, 9, 9));
+    CHECK(compare_is_polygon("0,0;4,0;4,3") && !compare_is_polygon("0,0;4,0") &&
+          !compare_is_polygon("0,0;4;0,4,3,3"));
+    free(place);
 }
 
 /* Ground that falls by 25 degrees below cameras that look straight down. */

@@ -311,14 +311,16 @@ static oxl_result cloud_check(oxl_context *ctx, const oxl_scene *scene, const st
     return OXL_OK;
 }
 
-static oxl_result cloud_save(const struct cloud_file *f, const struct cloud *c, const struct arguments *a)
+static oxl_result cloud_save(const struct surface *s, const struct cloud_file *f, const struct cloud *c,
+                             const struct arguments *a, struct deviation *d, FILE *to)
 {
     struct output t = {0};
     output_open(&t, a->out);
     (cloud_ends(a->out, ".las") ? cloud_put_las : cloud_put_ply)(f, c, &t);
-    return output_close(&t)
-               ? OXL_OK
-               : oxl_fail(f->ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", a->out);
+    if (!output_close(&t))
+        return oxl_fail(f->ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", a->out);
+    print_format(to, "cloud     %s, %zu points about %.3g %s apart\n", a->out, c->count, f->step, f->words);
+    return cloud_deviation(s, c, d);
 }
 
 static void cloud_say(const struct surface *s, const struct deviation *d, const struct cloud_file *f,
@@ -356,10 +358,7 @@ oxl_result cloud_write(oxl_context *ctx, const oxl_model *model, const oxl_scene
                                .is_metric = a->scale > 0,
                                .citation = "oceanxl: coordinates of the survey's world"};
     if (rc == OXL_OK) rc = cloud_make(&s, a->min_views, &c);
-    if (rc == OXL_OK) rc = cloud_deviation(&s, &c, &d);
-    if (rc == OXL_OK) rc = cloud_save(&f, &c, a);
-    if (rc == OXL_OK)
-        print_format(to, "cloud     %s, %zu points about %.3g %s apart\n", a->out, c.count, f.step, f.words);
+    if (rc == OXL_OK) rc = a->mesh ? mesh_save(&s, &c, &f, a, &d, to) : cloud_save(&s, &f, &c, a, &d, to);
     if (rc == OXL_OK) cloud_say(&s, &d, &f, to);
     cloud_free(&c);
     surface_close(&s);

@@ -32,10 +32,10 @@ enum {
 /* rim around an image, as a fraction of its sides: a Gaussian whose centre lies in it may show in the image */
 #define MAP_RIM 0.1
 /* factors of map_sigma */
-#define MAP_SIGMA_SPREAD 1.6
-#define MAP_SIGMA_OPEN 0.3
-#define MAP_SIGMA_STEP 0.15
-#define MAP_SIGMA_LEAST 0.0019
+#define MAP_SIGMA_SPREAD 1.75
+#define MAP_SIGMA_OPEN 0.33
+#define MAP_SIGMA_STEP 0.17
+#define MAP_SIGMA_LEAST 0.0022
 
 /* ---------------- what the views see */
 
@@ -392,24 +392,24 @@ static oxl_result map_measure(struct map *m, const struct map_count *sum)
 
 oxl_result map_make(struct map *m, oxl_model *model, enum frame_kind kind, int side)
 {
-    struct surface s = {0};
+    struct surface own = {0}, *s = m->surface ? m->surface : &own;
     struct map_count sum = {0, 0};
-    oxl_result rc;
+    oxl_result rc = OXL_OK;
     if (oxl_scene_point_count(m->scene) < 3)
         return oxl_fail(
             m->ctx, OXL_ERR_INPUT,
             "map: the survey has no points, so its vertical axis is unknown\nfix: export points3D, too");
     if (!m->is_placed) frame_choose(m->scene, kind, &m->frame);
-    rc = surface_open(m->ctx, model, m->scene, MAP_VIEW_SIDE, &s);
-    if (rc == OXL_OK) rc = map_open(m, &s, side);
-    if (rc == OXL_OK) map_hide_unseen(m, &s, model);
+    if (!m->surface) rc = surface_open(m->ctx, model, m->scene, MAP_VIEW_SIDE, &own);
+    if (rc == OXL_OK) rc = map_open(m, s, side);
+    if (rc == OXL_OK) map_hide_unseen(m, s, model);
     if (rc == OXL_OK) rc = map_draw(m, model);
-    if (rc == OXL_OK) rc = map_confirm(m, &s, &sum);
+    if (rc == OXL_OK) rc = map_confirm(m, s, &sum);
     if (rc == OXL_OK) map_keep(m);
     if (rc == OXL_OK) map_fill(m);
     if (rc == OXL_OK && m->smooth > 0) rc = map_smooth(m);
     if (rc == OXL_OK) rc = map_measure(m, &sum);
-    surface_close(&s);
+    surface_close(&own);
     return rc;
 }
 
@@ -423,7 +423,7 @@ void map_free(struct map *m)
 
 /* ---------------- files */
 
-static struct geotiff map_georeference(const struct map *m, const struct arguments *a, double unit)
+struct geotiff map_georeference(const struct map *m, const struct arguments *a, double unit)
 {
     struct geotiff g = {.width = m->width,
                         .height = m->height,

@@ -61,9 +61,10 @@ void surface_place(const struct surface_view *v, double x, double y, double dept
 struct map {
     oxl_context *ctx;
     const oxl_scene *scene;
-    double pixel; /* units; side of a pixel; 0: the median ground sampling distance */
-    int enough;   /* training views that must see a place */
-    int smooth;   /* passes that smooth heights and keep edges */
+    struct surface *surface; /* NULL: map_make opens one */
+    double pixel;            /* units; side of a pixel; 0: the median ground sampling distance */
+    int enough;              /* training views that must see a place */
+    int smooth;              /* passes that smooth heights and keep edges */
     int is_placed; /* 1: frame, corner, width and height are given: another survey's map, turned into this one */
     struct frame frame;
     double corner[2]; /* units; outer corner of the top-left pixel, along right and up from the centre */
@@ -88,6 +89,8 @@ struct map {
  * as the pixel size requires. map_free frees it, also on error. */
 oxl_result map_make(struct map *m, oxl_model *model, enum frame_kind kind, int side);
 void map_free(struct map *m);
+/* The georeference of rasters on the map's grid, in units of `unit` units. */
+struct geotiff map_georeference(const struct map *m, const struct arguments *a, double unit);
 /* Sets `out` to the place at x, y px of the map, in the scene's coordinates. */
 void map_place(const struct map *m, double x, double y, double height, double out[3]);
 /* Writes ortho.tif, height.tif, certainty.tif and frame.txt to -o, by --pixel, --scale and --min-views. */
@@ -127,6 +130,12 @@ struct cloud_file {
 oxl_result cloud_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                        const struct arguments *a, FILE *to);
 
+/* ---------------- mesh.c: triangles */
+
+/* Makes a mesh around the cloud, writes it to the file -o and says so; d: its vertices' deviation. */
+oxl_result mesh_save(const struct surface *s, const struct cloud *c, const struct cloud_file *f,
+                     const struct arguments *a, struct deviation *d, FILE *to);
+
 /* ---------------- similarity.c: nearest points, similarities */
 
 struct near {
@@ -148,5 +157,12 @@ void similarity_apply(const struct similarity *s, const double p[3], double out[
 /* Fits it to weighted pairs by least squares; scale 1 unless with_scale. Returns 0 where it is not defined. */
 int similarity_fit(const double (*from)[3], const double (*to)[3], const double *weight, size_t count,
                    int with_scale, struct similarity *out);
+
+/* ---------------- compare.c: what changed between two surveys of one place */
+
+/* Registers the second survey to the first and writes difference.tif, significant.tif, change.png, compare.csv and
+ * compare.html to -o. Gaussians that no training view shows become invisible in the models. */
+oxl_result compare_run(oxl_context *ctx, oxl_model *model[2], const oxl_scene *const scene[2],
+                       const struct arguments *a, FILE *to);
 
 #endif
