@@ -213,11 +213,13 @@ OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_su
     const size_t views = (size_t)oxl_scene_view_count(scene) + 1;
     int *list = oxl_alloc(ctx, 2 * views, sizeof *list);
     double *memory = oxl_alloc(ctx, (2 * QUALITY_VALUES + 3) * views, sizeof *memory);
-    struct quality_check q = {.ctx = ctx, .view = list + views};
+    struct quality_check q = {.ctx = ctx};
     oxl_result rc = list && memory ? OXL_OK : OXL_ERR_MEMORY;
     const int count = rc == OXL_OK ? scene_views_of(scene, OXL_SPLIT_ALL, list) : 0;
-    q.sharp = memory, q.light = memory + views, q.work = memory + 2 * views;
-    q.value = (double(*)[QUALITY_VALUES])(memory + 3 * views), q.beside = q.value + views;
+    if (rc == OXL_OK) {
+        q.view = list + views, q.sharp = memory, q.light = memory + views, q.work = memory + 2 * views;
+        q.value = (double(*)[QUALITY_VALUES])(memory + 3 * views), q.beside = q.value + views;
+    }
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         const struct training_image *image;
         if ((rc = context_stopped(ctx)) != OXL_OK) break;

@@ -271,23 +271,22 @@ static oxl_result fixed_search(oxl_context *ctx, const oxl_scene *scene, const i
                       .scene = scene,
                       .width = OXL_MAX(1, (int)floor(c->width * factor + 0.5)),
                       .height = OXL_MAX(1, (int)floor(c->height * factor + 0.5))};
-    const size_t pixels = (size_t)f.width * (size_t)f.height;
-    oxl_result rc = OXL_OK;
-    f.value = oxl_alloc(ctx, pixels, FIXED_VIEWS);
-    f.median = oxl_alloc(ctx, pixels, 1);
-    f.spread = oxl_alloc(ctx, pixels, 1);
-    f.medians = oxl_alloc(ctx, ((size_t)f.width + 1) * ((size_t)f.height + 1), sizeof *f.medians);
-    f.spreads = oxl_alloc(ctx, ((size_t)f.width + 1) * ((size_t)f.height + 1), sizeof *f.spreads);
-    f.flag = oxl_calloc(ctx, pixels, 1);
-    f.stack = oxl_alloc(ctx, pixels, sizeof *f.stack);
-    if (!f.value || !f.median || !f.spread || !f.medians || !f.spreads || !f.flag || !f.stack)
-        rc = OXL_ERR_MEMORY;
+    const size_t pixels = (size_t)f.width * (size_t)f.height,
+                 sums = ((size_t)f.width + 1) * ((size_t)f.height + 1);
+    uint8_t *levels = oxl_calloc(ctx, pixels, FIXED_VIEWS + 3);
+    int *numbers = oxl_alloc(ctx, 3 * sums, sizeof *numbers);
+    oxl_result rc = levels && numbers ? OXL_OK : OXL_ERR_MEMORY;
+    if (rc == OXL_OK) {
+        f.value = levels, f.median = levels + FIXED_VIEWS * pixels;
+        f.spread = f.median + pixels, f.flag = f.spread + pixels;
+        f.medians = numbers, f.spreads = numbers + sums, f.stack = numbers + 2 * sums;
+    }
     for (int k = 0; k < wanted && rc == OXL_OK; k++) {
         rc = context_stopped(ctx);
         if (rc == OXL_OK) rc = fixed_add_image(&f, view[(int64_t)k * count / wanted]);
     }
     if (rc == OXL_OK) rc = fixed_find_regions(&f, out);
-    OXL_FREE(ctx, f.value, f.median, f.spread, f.medians, f.spreads, f.flag, f.stack);
+    OXL_FREE(ctx, levels, numbers);
     return rc;
 }
 
