@@ -232,6 +232,10 @@ static void report_map(struct report *r, const struct map *m)
                    "Heights differ from the survey's points by %s %s in the median, %.2f %% of the cameras' "
                    "distance. ",
                    REPORT_LENGTH(m->error * r->unit), r->words, 100 * m->error / m->distance);
+    if (m->down < MAP_DOWN)
+        output_add(
+            t,
+            "The cameras look along this map more than down on it; <code>--frame survey</code> maps the plane of the points. ");
     output_add(t, "<code>oceanxl render %S", PRINT_WORD(r->out));
     output_add(t, " %S -o map --ortho</code> writes it in full resolution.</p>\n", PRINT_WORD(r->scene));
 }

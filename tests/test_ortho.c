@@ -484,13 +484,27 @@ TEST(map_measures_the_ground_that_two_views_share_and_its_certainty)
     CHECK_CLOSE(m.covered, 0.32, 0.02);
     CHECK_CLOSE(m.high, 0.32, 0.03);
     CHECK_CLOSE(m.error, 0.03, 0.03);
-    CHECK(m.gross == 0 && m.error_90 < 0.1);
+    CHECK(m.gross == 0 && m.error_90 < 0.1 && m.down > 0.999);
     CHECK_CLOSE(m.distance, 9, 0.03);
     CHECK(m.width <= 101 && m.height <= 41);
     middle = (size_t)(m.height / 2 * m.width + m.width / 2);
     CHECK(m.views[middle] == 2 && m.sigma[middle] > 0.005f && m.sigma[middle] < 0.3f);
     CHECK(m.views[0] == 0 && isnan(m.sigma[0]) && isnan(m.level[0]));
     map_free(&m);
+}
+
+/* Cameras that look at a wall, north and level, on the world's map. */
+TEST(map_knows_that_its_cameras_do_not_look_down)
+{
+    static const double level[9] = {1, 0, 0, 0, 0, -1, 0, 1, 0};
+    OWNED_SCENE *scene = ortho_test_scene();
+    struct map m = {.ctx = test_ctx, .scene = scene, .enough = 2};
+    OWNED_MODEL model = {0};
+    ortho_test_ground(scene, &model);
+    for (int v = 0; v < 2; v++) memcpy(scene->view[v].camera.rotation, level, sizeof level);
+    map_make(&m, &model, FRAME_WORLD_AXES, 50);
+    map_free(&m);
+    CHECK_CLOSE(m.down, 0, 1e-9);
 }
 
 /* A hole of two pixels gets the mean of what is around; one at the border, and a large one, stay. */

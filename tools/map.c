@@ -104,6 +104,8 @@ static oxl_result map_open(struct map *m, const struct surface *s, int side)
     const double *origin = oxl_scene_origin(m->scene);
     m->top = -HUGE_VAL, m->distance = s->distance, m->sampling = s->sampling;
     for (int i = 0; i < s->views; i++) m->top = fmax(m->top, frame_along(&m->frame, s->view[i].eye, 2));
+    for (int i = 0; i < 3 * s->views; i++)
+        m->down -= s->view[i / 3].camera.rotation[6 + i % 3] * m->frame.axis[2][i % 3] / s->views;
     for (int d = 0; d < 3; d++) m->shift[d] = m->frame.is_world ? m->frame.centre[d] + origin[d] : 0;
     if (m->is_placed) return OXL_OK;
     if (!frame_bounds(&m->frame, m->scene, low, high))
@@ -507,6 +509,11 @@ static void map_say(const struct map *m, const struct arguments *a, double unit,
     if (m->filled)
         print_format(to, "filled    %zu pixels in holes of up to %d, whose views are 0 in certainty.tif\n",
                      m->filled, MAP_PINHOLE);
+    if (m->down < MAP_DOWN)
+        print_format(
+            to,
+            "warning   the cameras look along this map more than down on it, as on a wall or in a room, so that little "
+            "has a height; --frame survey maps the plane of the points\n");
     if (isnan(m->error)) return;
     print_format(
         to,

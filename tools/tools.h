@@ -71,6 +71,7 @@ struct map {
     double shift[3];  /* units; map coordinates of the frame's centre */
     double top;       /* units; height of the highest camera above the frame's centre */
     double distance, sampling; /* of the surface */
+    double down;               /* mean over the views of the cosine between their axis and straight down */
     int width, height;
     unsigned char *rgba;   /* (height,width,4) */
     float *level;          /* (height,width) units; height above the centre; NaN: none */
@@ -85,6 +86,7 @@ struct map {
     double error, error_90, gross, none;
 };
 #define MAP_GROSS 0.05
+#define MAP_DOWN 0.5 /* cosine of 60 degrees: below it, the views do not show the ground from above */
 /* Makes the map, and Gaussians that no training view shows invisible in the model. side: px, at most; 0: as many
  * as the pixel size requires. map_free frees it, also on error. */
 oxl_result map_make(struct map *m, oxl_model *model, enum frame_kind kind, int side);
