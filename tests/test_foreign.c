@@ -350,6 +350,24 @@ TEST(poses_without_points_start_from_points3D_ply_or_from_random_points)
 
 /* ---------------- values and headers */
 
+TEST(points_of_a_ply_stand_for_a_dummy_point_and_for_no_others)
+{
+    static const char ply[] = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+                              "property float z\nend_header\n1 2 3\n4 5 6\n7 8 9\n";
+    OWNED_COLMAP c = {0};
+    const char *folder;
+    foreign_survey(1, "1 0 0 0", 0);
+    test_write("survey/sparse/0/points3D.ply", ply);
+    folder = test_path("survey/sparse/0");
+    CHECK_OK(colmap_read(test_ctx, folder, &c));
+    CHECK(c.point_count == FOREIGN_POINTS && c.track_count > 0 && !foreign_heard[0]);
+    colmap_free(test_ctx, &c);
+    test_write("survey/sparse/0/points3D.txt", "1 0 0 0 0 0 0 0\n");
+    CHECK_OK(colmap_read(test_ctx, folder, &c));
+    CHECK(c.point_count == 3 && c.point[0].position[0] == 1 && c.point[2].id == 2);
+    CHECK_TEXT(foreign_heard, "points3D.txt holds 1 points, points3D.ply beside it 3: these are read");
+}
+
 TEST(wide_images_of_twelve_bits_are_said_to_be_dark)
 {
     foreign_survey(1, "1 0 0 0", 0);
@@ -546,6 +564,24 @@ TEST(images_of_many_cameras_all_have_their_size_on_disk)
     for (int i = 0; i < MANY; i++) CHECK(oxl_scene_view(scene, i)->camera.width == 32);
 }
 
+/* Copies an image of the survey, encoded again as the name of the copy says. */
+static void foreign_copy(const char *from, const char *to)
+{
+    oxl_image image;
+    char path[80];
+    char *jpeg = NULL;
+    size_t size = 0;
+    snprintf(path, sizeof path, "survey/images/%s", from);
+    CHECK_OK(oxl_image_read(test_ctx, test_path(path), &image));
+    snprintf(path, sizeof path, "survey/images/%s", to);
+    if (strstr(to, ".jpg")) {
+        CHECK_OK(oxl_image_to_jpeg(test_ctx, &image, 80, &jpeg, &size));
+        CHECK_OK(os_write_file(test_ctx, test_path(path), jpeg, size));
+        oxl_text_free(test_ctx, jpeg);
+    } else CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
+    oxl_image_free(test_ctx, &image);
+}
+
 TEST(images_of_a_camera_have_the_size_of_most_and_others_are_named)
 {
     oxl_scene *scene = NULL;
@@ -559,6 +595,33 @@ TEST(images_of_a_camera_have_the_size_of_most_and_others_are_named)
     CHECK_TEXT(foreign_heard, "1 images are of another size than most of their camera, and are scaled to it: "
                               "00.png (40 x 28 px, most have 160 x 112)");
     oxl_scene_free(test_ctx, scene);
+}
+
+TEST(copies_of_images_are_named_and_stay_on_one_side_of_the_split)
+{
+    OWNED_SCENE *scene = NULL;
+    struct text more = {.ctx = test_ctx};
+    struct os_file_map file;
+    foreign_survey(1, "1 0 0 0", 0);
+    CHECK_OK(os_read_file(test_ctx, test_path("survey/sparse/0/images.txt"), &file));
+    text_add(&more,
+             "%.*s90 1 0 0 0 0 0 4 1 00 copy.jpg\n\n91 1 0 0 0 -5.2 .0001 4 1 other.png\n\n"
+             "92 1 0 0 0 -9.1 0 4 1 07 copy.png\n\n",
+             (int)file.size, file.data);
+    os_release_file(test_ctx, &file);
+    test_write("survey/sparse/0/images.txt", more.data);
+    text_free(&more);
+    foreign_copy("00.png", "00 copy.jpg");
+    foreign_copy("07.png", "07 copy.png");
+    foreign_copy("01.png", "other.png"); /* of the same pose as 04.png, and not the same image */
+    foreign_heard[0] = 0;
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    CHECK_TEXT(foreign_heard, "2 images are copies of others, such as 00.png of 00 copy.jpg");
+    CHECK(!strcmp(oxl_scene_view(scene, 1)->name, "00.png"));
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
+        const char *name = oxl_scene_view(scene, i)->name;
+        CHECK(oxl_scene_view(scene, i)->is_test == (!strncmp(name, "00", 2) || !strcmp(name, "08.png")));
+    }
 }
 
 TEST(images_without_a_pose_of_their_own_are_left_out_and_named)

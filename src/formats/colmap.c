@@ -26,8 +26,10 @@
 
 enum {
     COLMAP_ROWS_FIRST = 4096, /* rows of points and tracks before their number is estimated */
-    COLMAP_OBSERVATION = 24   /* bytes of a 2D point in images.bin */
+    COLMAP_OBSERVATION = 24,  /* bytes of a 2D point in images.bin */
+    COLMAP_DUMMY = 100        /* points; fewer may stand for those of a PLY */
 };
+#define COLMAP_SAME 1e-4 /* Limits how far the poses of a model differ, text and binary. */
 
 /* ---------------- ids */
 
@@ -330,76 +332,122 @@ static void colmap_read_file(struct colmap_reader *r, const char *folder, int i)
     colmap_close(r, file->rows);
 }
 
-/* Chooses between text and binary files: the newer ones; text if both have the same age, since it may have
- * been edited. */
-static oxl_result colmap_choose(oxl_context *ctx, const char *folder, enum colmap_format *out)
+/* Takes the points of points3D.ply where there are no others, which simulators and motion capture export, or
+ * where the others are fewer and in no track: some programs leave a dummy point there. */
+static void colmap_read_other_points(struct colmap_reader *r, const char *folder, int has_points)
 {
-    int has[2] = {0}, poses[2] = {0};
-    int64_t modified[2] = {0};
-    const char *missing[2] = {NULL, NULL}, *compressed = NULL;
-    for (int f = 0; f < 2; f++)
-        for (int i = COLMAP_FILES; i-- > 0;) {
-            const char *path = PATH(folder, "%s", colmap_files[i].name[f]);
-            if (!os_is_file(path)) missing[f] = colmap_files[i].name[f];
-            if (os_is_compressed(path)) compressed = colmap_files[i].name[f];
-            if (!os_is_file(path)) continue;
-            has[f]++;
-            poses[f] += i < COLMAP_POSES;
-            modified[f] = OXL_MAX(modified[f], os_modified(path));
-        }
-    *out = has[1] == COLMAP_FILES && (has[0] < COLMAP_FILES || modified[1] > modified[0]) ? COLMAP_BINARY
-           : has[0] < COLMAP_FILES && poses[0] < COLMAP_POSES && poses[1] == COLMAP_POSES ? COLMAP_BINARY
-                                                                                          : COLMAP_TEXT;
-    if (has[0] == COLMAP_FILES && has[1] == COLMAP_FILES)
-        oxl_log(ctx, OXL_LOG_INFO,
-                "%s holds the model as text and as binary files; the %s files are %s and are read", folder,
-                *out == COLMAP_TEXT ? "text" : "binary", modified[0] == modified[1] ? "as new" : "newer");
-    if (has[*out] == COLMAP_FILES) return OXL_OK;
-    if (compressed)
-        return oxl_fail(ctx, OXL_ERR_INPUT, "%s/%s: it is compressed\nfix: gunzip %s.gz", folder, compressed,
-                        SHELL_WORD(PATH(folder, "%s", compressed)));
-    if (poses[*out] == COLMAP_POSES) return OXL_OK;
-    return oxl_fail(
-        ctx, OXL_ERR_INPUT,
-        "%s: %s is not there, expected a COLMAP model: cameras, images and points3D, all .txt or all .bin\n"
-        "fix: name the folder that holds all three, or export them with colmap model_converter --output_type TXT",
-        folder, missing[has[1] > has[0]]);
+    struct colmap *out = r->out;
+    const size_t own = out->point_count;
+    const char *ply = PATH(folder, "points3D.ply");
+    if (!os_is_file(ply)) ply = PATH(folder, "points3d.ply");
+    if (r->rc != OXL_OK || (has_points && out->track_count && own >= COLMAP_DUMMY)) return;
+    if (os_is_file(ply)) r->rc = ply_points_read(r, ply);
+    else if (!has_points)
+        oxl_log(r->ctx, OXL_LOG_WARNING,
+                "%s: there is no points3D.txt or .bin, so training starts from random points\n"
+                "fix: compute points for these poses: colmap point_triangulator",
+                folder);
+    if (r->rc != OXL_OK || out->point_count <= 2 * own) {
+        out->point_count = own;
+        return;
+    }
+    out->point_count -= own, out->track_count = 0;
+    memmove(out->point, out->point + own, out->point_count * sizeof *out->point);
+    for (size_t i = 0; i < out->point_count; i++) out->point[i].id = (int64_t)i;
+    if (has_points)
+        oxl_log(r->ctx, OXL_LOG_WARNING, "%s holds %zu points, %s beside it %zu: these are read",
+                PATH(folder, "%s", colmap_files[2].name[out->format]), own, path_base_name(ply),
+                out->point_count);
+    else
+        oxl_log(r->ctx, OXL_LOG_INFO, "%s: there is no points3D.txt or .bin; the points of %s are read",
+                folder, path_base_name(ply));
 }
 
-/* Reads the points of points3D.ply, if it is there: simulators and motion capture export poses without
- * points3D. */
-static oxl_result colmap_read_other_points(struct colmap_reader *r, const char *folder)
+/* Reads the model of one format; the file of points may be missing. */
+static oxl_result colmap_read_as(oxl_context *ctx, const char *folder, enum colmap_format format,
+                                 size_t buffer, struct colmap *out)
 {
-    const char *ply = PATH(folder, "points3D.ply");
-    if (os_is_file(ply)) {
-        oxl_log(r->ctx, OXL_LOG_INFO,
-                "%s: there is no points3D.txt or .bin; the points of points3D.ply are read", folder);
-        return ply_points_read(r, ply);
+    struct colmap_reader r = {.ctx = ctx, .out = out, .buffer_size = buffer};
+    const int has_points = os_is_file(PATH(folder, "%s", colmap_files[2].name[format]));
+    *out = (struct colmap){.format = format, .images_file = colmap_files[1].name[format]};
+    if ((out->folder = oxl_strdup(ctx, folder)) == NULL) r.rc = OXL_ERR_MEMORY;
+    for (int i = 0; i < COLMAP_POSES + has_points && r.rc == OXL_OK; i++) colmap_read_file(&r, folder, i);
+    colmap_read_other_points(&r, folder, has_points);
+    oxl_free(ctx, r.buffer);
+    if (r.rc != OXL_OK) colmap_free(ctx, out);
+    return r.rc;
+}
+
+/* Returns 1 for models of the same poses and number of points. */
+static int colmap_is_same(const struct colmap *a, const struct colmap *b)
+{
+    double off = 0, all = 0;
+    if (a->image_count != b->image_count || a->point_count != b->point_count) return 0;
+    for (size_t i = 0; i < a->image_count; i++) {
+        const struct colmap_image *x = &a->image[i], *y = &b->image[i];
+        double dot = 0;
+        for (int k = 0; k < 4; k++) dot += x->rotation[k] * y->rotation[k];
+        for (int k = 0; k < 3; k++)
+            off += fabs(x->translation[k] - y->translation[k]), all += fabs(x->translation[k]);
+        if (strcmp(a->names + x->name, b->names + y->name) || !(fabs(dot) > 1 - COLMAP_SAME)) return 0;
     }
-    oxl_log(r->ctx, OXL_LOG_WARNING,
-            "%s: there is no points3D.txt or .bin, so training starts from random points\n"
-            "fix: compute points for these poses: colmap point_triangulator",
-            folder);
-    return OXL_OK;
+    return off <= COLMAP_SAME * all;
+}
+
+/* Reads both formats, and keeps the one with more images, or else more points, or else the binary one, which
+ * COLMAP and 3DGS read first. Times tell nothing: a checkout of git makes them. */
+static oxl_result colmap_read_both(oxl_context *ctx, const char *folder, size_t buffer, struct colmap *out)
+{
+    struct colmap text;
+    const oxl_result read = colmap_read_as(ctx, folder, COLMAP_TEXT, buffer, &text),
+                     rc = read == OXL_OK || read == OXL_ERR_INPUT
+                              ? colmap_read_as(ctx, folder, COLMAP_BINARY, buffer, out)
+                              : read;
+    const int is_text = read == OXL_OK && rc == OXL_OK &&
+                        (text.image_count > out->image_count ||
+                         (text.image_count == out->image_count && text.point_count > out->point_count));
+    if (rc != OXL_OK || read != OXL_OK || !colmap_is_same(&text, out))
+        oxl_log(
+            ctx, OXL_LOG_WARNING,
+            "%s holds two models that differ: text of %zu images and %zu points, binary of %zu and %zu; the "
+            "%s one is read\nfix: remove the files of the other, or move one to a folder of its own",
+            folder, text.image_count, text.point_count, out->image_count, out->point_count,
+            is_text || rc != OXL_OK ? "text" : "binary");
+    if (is_text || (rc == OXL_ERR_INPUT && read == OXL_OK)) {
+        OXL_SWAP(struct colmap, text, *out);
+        colmap_free(ctx, &text);
+        return OXL_OK;
+    }
+    colmap_free(ctx, &text);
+    return rc;
 }
 
 OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folder, size_t buffer,
                                              struct colmap *out)
 {
-    struct colmap_reader r = {.ctx = ctx, .out = out, .buffer_size = buffer};
-    enum colmap_format format = COLMAP_TEXT;
+    int poses[2] = {0}, has[2] = {0};
+    const char *missing[2] = {NULL, NULL}, *compressed = NULL;
     *out = (struct colmap){0};
-    r.rc = colmap_choose(ctx, folder, &format);
-    out->format = format;
-    out->images_file = colmap_files[1].name[format];
-    if (r.rc == OXL_OK && (out->folder = oxl_strdup(ctx, folder)) == NULL) r.rc = OXL_ERR_MEMORY;
-    for (int i = 0; i < COLMAP_FILES && r.rc == OXL_OK; i++)
-        if (i < COLMAP_POSES || os_is_file(PATH(folder, "%s", colmap_files[i].name[format])))
-            colmap_read_file(&r, folder, i);
-        else r.rc = colmap_read_other_points(&r, folder);
-    oxl_free(ctx, r.buffer);
-    if (r.rc != OXL_OK) colmap_free(ctx, out);
-    return r.rc;
+    for (int f = 0; f < 2; f++)
+        for (int i = COLMAP_FILES; i-- > 0;) {
+            const char *path = PATH(folder, "%s", colmap_files[i].name[f]);
+            if (os_is_compressed(path)) compressed = colmap_files[i].name[f];
+            if (!os_is_file(path)) missing[f] = colmap_files[i].name[f];
+            else has[f]++, poses[f] += i < COLMAP_POSES;
+        }
+    if (poses[0] == COLMAP_POSES && poses[1] == COLMAP_POSES)
+        return colmap_read_both(ctx, folder, buffer, out);
+    for (int f = 0; f < 2; f++)
+        if (poses[f] == COLMAP_POSES && (has[f] == COLMAP_FILES || !compressed))
+            return colmap_read_as(ctx, folder, (enum colmap_format)f, buffer, out);
+    if (compressed)
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s/%s: it is compressed\nfix: gunzip %s.gz", folder, compressed,
+                        SHELL_WORD(PATH(folder, "%s", compressed)));
+    return oxl_fail(
+        ctx, OXL_ERR_INPUT,
+        "%s: %s is not there, expected a COLMAP model: cameras, images and points3D, all .txt or all .bin\n"
+        "fix: name the folder that holds all three, or export them with colmap model_converter --output_type TXT",
+        folder, missing[has[1] > has[0]]);
 }
 
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out)

@@ -106,7 +106,7 @@ OXL_INTERNAL oxl_result scene_build(oxl_context *ctx, oxl_scene *scene, const ox
     if (rc == OXL_OK) rc = scene_move_to_origin(ctx, scene);
     if (rc == OXL_OK) rc = scene_copy_points(ctx, scene);
     if (rc != OXL_OK) return rc;
-    rc = scene_mark_test_views(ctx, scene, o->test_every);
+    rc = scene_mark_test_views(ctx, scene, o->test_every, o->read_images);
     if (rc == OXL_OK && o->read_images) rc = scene_count_masks(ctx, scene);
     if (rc == OXL_OK) rc = scene_measure(ctx, scene);
     if (rc == OXL_OK && o->read_images) rc = scene_decide_alpha(ctx, scene, o->alpha);

@@ -326,14 +326,25 @@ static oxl_result scene_mark_stated_views(oxl_context *ctx, oxl_scene *scene, in
                     test_every, scene->stats.test_views, scene->view_count, c->folder, c->images_file);
 }
 
-/* Holds out the views with index 0, 8, 16... by name, as 3DGS does. A single view is a training view. */
-OXL_INTERNAL oxl_result scene_mark_test_views(oxl_context *ctx, oxl_scene *scene, int test_every)
+/* Holds out the views with index 0, 8, 16... by name, as 3DGS does; copies are not counted and go with the image
+ * that they show. A single view is a training view. */
+static void scene_mark_every(oxl_scene *scene, int every, const int *of)
 {
-    const int every = test_every < 0 ? SCENE_TEST_EVERY : test_every;
-    if (scene->colmap.states_split) return scene_mark_stated_views(ctx, scene, test_every);
+    int own = 0;
     for (int i = 0; i < scene->view_count && scene->view_count > 1 && every > 0; i++) {
-        scene->view[i].is_test = i % every == 0;
+        scene->view[i].is_test = of[i] < i ? scene->view[of[i]].is_test : own++ % every == 0;
         scene->stats.test_views += scene->view[i].is_test;
     }
-    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result scene_mark_test_views(oxl_context *ctx, oxl_scene *scene, int test_every, int looks)
+{
+    int *of = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *of);
+    oxl_result rc = of ? OXL_OK : OXL_ERR_MEMORY;
+    for (int i = 0; of && i < scene->view_count; i++) of[i] = i;
+    if (rc == OXL_OK && looks) rc = scene_find_twins(ctx, scene, of);
+    if (rc == OXL_OK && scene->colmap.states_split) rc = scene_mark_stated_views(ctx, scene, test_every);
+    else if (rc == OXL_OK) scene_mark_every(scene, test_every < 0 ? SCENE_TEST_EVERY : test_every, of);
+    oxl_free(ctx, of);
+    return rc;
 }

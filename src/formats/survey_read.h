@@ -60,8 +60,11 @@ OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
 /* Builds a scene from scene->colmap and its folders: views, points around the origin, statistics. */
 OXL_INTERNAL oxl_result scene_build(oxl_context *ctx, oxl_scene *scene, const oxl_scene_options *options);
 /* Holds out the views that the survey states, or every test_every-th (-1: every 8th); OXL_ERR_USAGE: the
- * survey states views and test_every is given. */
-OXL_INTERNAL oxl_result scene_mark_test_views(oxl_context *ctx, oxl_scene *scene, int test_every);
+ * survey states views and test_every is given. looks 1: copies of an image stay on its side. */
+OXL_INTERNAL oxl_result scene_mark_test_views(oxl_context *ctx, oxl_scene *scene, int test_every, int looks);
+/* Finds images that are copies of others (scene_twins.c), and says so. of: (views) gets the first image that
+ * each shows, in most cases its own index. */
+OXL_INTERNAL oxl_result scene_find_twins(oxl_context *ctx, oxl_scene *scene, int *of);
 /* Counts images with alpha and sets scene->alpha. */
 OXL_INTERNAL oxl_result scene_decide_alpha(oxl_context *ctx, oxl_scene *scene, oxl_alpha option);
 
