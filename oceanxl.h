@@ -98,6 +98,7 @@ typedef struct oxl_context_options {
     oxl_backend backend; /* (CPU) */
     int device;          /* index in the list of oxl_devices; -1: discrete devices first (-1) */
     size_t device_ram;   /* bytes of the device's memory that may be used; 0: all (0) */
+    int command_line;    /* 1: texts name options as --max-side, 0: as max_side (0) */
 } oxl_context_options;
 
 OXL_API oxl_context_options oxl_context_options_default(void);

@@ -330,6 +330,7 @@ int console_main(int argc, char **argv, const struct program *program)
     options.backend = (oxl_backend)a.backend;
     options.device = a.device;
     options.device_ram = a.job.device_ram;
+    options.command_line = 1;
     rc = oxl_context_create(&options, &ctx);
     if (rc == OXL_OK) rc = oxl_backend_begin(ctx);
     if (rc == OXL_OK) rc = program->run(ctx, &a, &console);

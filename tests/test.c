@@ -300,6 +300,7 @@ static int run_here(const char *name, void (*body)(void))
     test_case = test_skip = NULL;
     blocks_held = 0;
     if (setjmp(test_end)) return FAILED;
+    options.command_line = 1;
     if (oxl_context_create(&options, &test_ctx) != OXL_OK) test_fail(__FILE__, __LINE__, "no context");
     body();
     imaging_free(test_ctx, &test_imaging);

@@ -155,6 +155,8 @@ OXL_INTERNAL const char *path_in(char out[PATH_LENGTH], const char *folder, cons
 /* Makes oxl_shell_word's text in a temporary, for the commands in messages. */
 #define SHELL_WORD(path) oxl_shell_word(path, (char[PATH_LENGTH]){0}, PATH_LENGTH)
 OXL_API const char *oxl_shell_word(const char *path, char *out, size_t size);
+/* Names options in a text as the fields that programs set: --max-side becomes max_side. */
+OXL_INTERNAL void option_name_fields(char *text);
 OXL_INTERNAL const char *path_base_name(const char *path); /* part after the last slash */
 /* Returns the longest end of a name, from a slash on, that is a file of the folder; else the name. */
 OXL_INTERNAL const char *path_longest_tail(const char *folder, const char *name);

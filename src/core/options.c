@@ -82,6 +82,21 @@ const oxl_option *oxl_option_at(int index)
     return index < (int)OXL_COUNT(OPTIONS) ? &OPTIONS[index] : parts_option(index - (int)OXL_COUNT(OPTIONS));
 }
 
+OXL_INTERNAL void option_name_fields(char *text)
+{
+    for (char *at = text; (at = strstr(at, "--")) != NULL;) {
+        char name[40];
+        const size_t size = strspn(at + 2, "abcdefghijklmnopqrstuvwxyz-");
+        snprintf(name, sizeof name, "%.*s", (int)OXL_MIN(size, sizeof name - 1), at + 2);
+        if (oxl_option_find(name)) {
+            memmove(at, at + 2, strlen(at + 2) + 1);
+            for (size_t i = 0; i < size; i++)
+                if (at[i] == '-') at[i] = '_';
+        } else at += 2;
+        at += size;
+    }
+}
+
 const oxl_option *oxl_option_find(const char *name)
 {
     const oxl_option *o;

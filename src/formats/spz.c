@@ -386,7 +386,7 @@ static void spz_warn(oxl_context *ctx, const char *path, const oxl_model *model,
         oxl_log(
             ctx, OXL_LOG_WARNING,
             "%s: the widths of %zu of %zu Gaussians are outside the format's range, 4.5e-5 to 365 units, and are limited to it\n"
-            "fix: convert with --scale, which changes the unit",
+            "fix: write the model in another unit (convert has --scale)",
             path, small + large, model->count);
     if (spread > 0 && step > SPZ_COARSE * spread)
         oxl_log(

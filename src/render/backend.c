@@ -72,7 +72,7 @@ static oxl_result backend_missing(oxl_context *ctx)
 {
     return oxl_fail(
         ctx, OXL_ERR_FAILED,
-        "this program was built without the Vulkan backend\nfix: make VULKAN=1, or --backend cpu");
+        "this program was built without the Vulkan backend\nfix: make VULKAN=1, or use the CPU backend");
 }
 
 OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx)

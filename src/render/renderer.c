@@ -398,7 +398,8 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
     if (r->context && options->parallel > 0)
         return oxl_fail(ctx, OXL_ERR_USAGE, "a context is not rendered with parallel rays");
     if (r->device && options->parallel > 0)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "parallel rays are not rendered on a device\nfix: --backend cpu");
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "parallel rays are not rendered on a device\nfix: use the CPU backend");
     if (r->device) {
         rc = render_fall_back_to_cpu(ctx, r, render_forward_on_device(ctx, r, model, camera, options));
         if (rc == OXL_OK && r->device) ctx->backend->rendered_on |= RENDERED_ON_DEVICE;
