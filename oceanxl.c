@@ -68,7 +68,7 @@
 #include "src/formats/model_file.c"    /* models from PLY */
 #include "src/formats/image_write.c"   /* writes PNG and JPEG, in memory by codec */
 #include "src/formats/json_file.c" /* reads a survey in JSON, by the reader that knows the name of its file */
-#include "src/formats/scene_twins.c" /* finds images that are copies of others */
+#include "src/formats/scene_twins.c"   /* finds images that are copies of others */
 #include "src/formats/model_formats.c" /* the formats of models, a row each */
 
 /* forward and backward pass of one image */
