@@ -23,7 +23,8 @@ OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, c
 OXL_INTERNAL const char *survey_folder(char out[PATH_LENGTH], const char *survey, const char *option,
                                        const char *otherwise);
 
-/* Reads a model, .txt or .bin; of both, the one with more images or points; invariants: colmap.c. 2D points are not read. */
+/* Reads a model, .txt or .bin; of both, the one with more images or points.
+ * Invariants: colmap.c. 2D points are not read. */
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out);
 /* Reads a model like colmap_read, with a buffer of `buffer` bytes, for tests. */
 OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folder, size_t buffer,

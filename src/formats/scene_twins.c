@@ -1,8 +1,8 @@
 /* scene_twins.c - finds images that are copies of others: whole files, or encoded again.
  *
  * The copy of a held-out image must not be trained on, or the metrics are of images that are known. COLMAP
- * registers copies, which have the same pose up to a fraction of a pixel; so only images of nearly one pose are
- * decoded and compared.
+ * registers copies, which have the same pose up to a fraction of a pixel; so only images of nearly
+ * one pose are decoded and compared.
  *
  * Invariant: a copy is on the same side of the split as the first image by name that it is a copy of.
  */

@@ -326,8 +326,8 @@ static oxl_result scene_mark_stated_views(oxl_context *ctx, oxl_scene *scene, in
                     test_every, scene->stats.test_views, scene->view_count, c->folder, c->images_file);
 }
 
-/* Holds out the views with index 0, 8, 16... by name, as 3DGS does; copies are not counted and go with the image
- * that they show. A single view is a training view. */
+/* Holds out the views with index 0, 8, 16... by name, as 3DGS does; copies are not counted and go with the
+ * image that they show. A single view is a training view. */
 static void scene_mark_every(oxl_scene *scene, int every, const int *of)
 {
     int own = 0;
