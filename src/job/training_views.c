@@ -27,7 +27,7 @@ enum {
 /* Warns of a flagged view if a shift explains more than this fraction of its error: others may show what is
  * hard to render, such as woods. */
 #define TRAINING_SHIFTED 0.12
-#define TRAINING_STRUCTURE 0.1 /* Looks for a shift where so much structure is lacking. */
+#define TRAINING_STRUCTURE 0.15 /* Looks for a shift where so much structure is lacking. */
 /* Flags a view whose exposure is off by so many spreads: one of 10^5 views of a normal distribution. */
 #define TRAINING_SPREADS 4.5
 /* Lists what a view is flagged with, in the order of the log. */
@@ -176,7 +176,7 @@ static oxl_result training_report_view(const struct training_views *t, const oxl
             "training image %s fits %.1f dB worse than its neighbours: look at its exposure and white balance",
             name, OXL_MAX(row->lacks, row->exposure));
     if ((row->flag == TRAINING_MISFIT && !training_suffers(t, row)) ||
-        (row->flag == TRAINING_NO_STRUCTURE && row->lacks_structure > TRAINING_STRUCTURE))
+        (row->flag != TRAINING_EXPOSURE && row->lacks_structure > TRAINING_STRUCTURE))
         rc = training_shift(t, model, view, &misfit);
     if (rc != OXL_OK || misfit.explained <= TRAINING_SHIFTED) return rc;
     row->flag = TRAINING_MISFIT;
@@ -191,8 +191,7 @@ static oxl_result training_report_view(const struct training_views *t, const oxl
 static oxl_result training_report(const struct training_views *t, const oxl_model *model)
 {
     oxl_result rc = OXL_OK;
-    for (int i = 0; i < t->m->count && rc == OXL_OK; i++)
-        if (t->row[i].flag) rc = training_report_view(t, model, &t->row[i]);
+    for (int i = 0; i < t->m->count && rc == OXL_OK; i++) rc = training_report_view(t, model, &t->row[i]);
     return rc;
 }
 
@@ -274,7 +273,7 @@ static oxl_result training_judge(struct training_views *t, const oxl_model *mode
     training_compare(t);
     if (evident) training_flag(t);
     qsort(t->row, (size_t)t->m->count, sizeof *t->row, training_order);
-    rc = training_report(t, model);
+    rc = evident && t->m->count >= TRAINING_MIN ? training_report(t, model) : OXL_OK;
     qsort(t->row, (size_t)t->m->count, sizeof *t->row, training_order);
     if (rc == OXL_OK && evident) training_report_structure(t);
     return rc;
