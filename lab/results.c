@@ -153,7 +153,7 @@ oxl_result results_run(oxl_context *ctx, const char *const *survey, int surveys,
         if (k == 0) output_add(&page, "\n![PSNR against CPU seconds](speed.svg)\n");
         for (int i = 0; i < surveys && rc == OXL_OK; i++, left--)
             rc = results_study(ctx, &STUDY_KINDS[k], survey[i], options,
-                               (options->budget - difftime(time(NULL), started)) / left, &page, plot);
+                               fmax(options->budget - difftime(time(NULL), started), 1) / left, &page, plot);
     }
     if (rc == OXL_OK) {
         plot_add_others(plot, options->out);
