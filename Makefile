@@ -167,8 +167,8 @@ $(BUILD)/fuzz/fuzz: fuzz/fuzz.c fuzz/targets.c $(SOURCES)
 	  fuzz/fuzz.c $(filter-out cli/arguments.c cli/options.c cli/console.c lab/main.c,$(CLI) $(LAB)) -o $@ -lm
 
 cost: $(BUILD)/cost ## build/cost SCENE: how a step's time grows with Gaussians, pixels, views, bands, threads
-floaters: $(BUILD)/floaters ## build/floaters IMAGES SURVEY: floaters in a model's images of a synthetic survey (docs/log/ROBUST.md)
-heights: $(BUILD)/heights ## build/heights MAX_SIDE MODEL SURVEY: rendered depths against points and truth (docs/log/HEIGHTS.md)
+floaters: $(BUILD)/floaters ## build/floaters IMAGES SURVEY: floaters in a model's images of a synthetic survey (docs/log/TRAINING.md)
+heights: $(BUILD)/heights ## build/heights MAX_SIDE MODEL SURVEY: rendered depths against points and truth (docs/log/TRAINING.md)
 $(BUILD)/heights: SOURCE = bench/heights.c
 borders: $(BUILD)/borders ## build/borders MAX_SIDE SURVEY PARTITION OUT...: PSNR near borders between blocks at the same pixels (docs/SCALE.md)
 $(BUILD)/borders: SOURCE = bench/borders.c

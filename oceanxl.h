@@ -239,7 +239,7 @@ OXL_API oxl_result oxl_scene_image(oxl_context *ctx, const oxl_scene *scene, int
                                    const float background[3], oxl_image *out);
 
 /* What lies between the colours of a model and the images of its scene: exposure gains of each image, a lamp,
- * a medium, refined poses (docs/IMAGING.md). Wherever one is taken, NULL means none. */
+ * a medium, refined poses (docs/UNDERWATER.md). Wherever one is taken, NULL means none. */
 typedef struct oxl_imaging oxl_imaging;
 /* Reads the imaging that belongs to a model file, from imaging.txt in its folder; *out NULL: there is none.
  * scene.ply has the medium in its colours, scene_clear.ply has not. */
@@ -331,8 +331,8 @@ OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl
 typedef struct oxl_render_options {
     float background[3]; /* red, green, blue, 0..1 (0,0,0) */
     int sh_degree;       /* largest degree evaluated; -1: the model's */
-    float near_plane;    /* Gaussians of smaller camera z are culled; the scene's unit (0.2) (see PAPER.md) */
-    float alpha_min;     /* smaller alpha values are skipped; at least 1/255 (1/255) [Kerbl 2023] */
+    float near_plane; /* Gaussians of smaller camera z are culled; the scene's unit (0.2) (see METHOD.md) */
+    float alpha_min;  /* smaller alpha values are skipped; at least 1/255 (1/255) [Kerbl 2023] */
     /* For maps: above 0, all rays are parallel to the camera's z axis, fx and fy are px per unit, and this is
      * the distance from which the survey's cameras saw the ground, the scale of its depths. CPU only (0) */
     float parallel;
@@ -430,7 +430,7 @@ typedef enum oxl_dog {
     OXL_DOG_ALL
 } oxl_dog;
 
-/* Whether exposure, lamp or medium is modelled (docs/IMAGING.md). */
+/* Whether exposure, lamp or medium is modelled (docs/UNDERWATER.md). */
 typedef enum oxl_switch {
     OXL_OFF = 0,
     OXL_ON,
@@ -486,13 +486,13 @@ typedef struct oxl_terms {
 typedef struct oxl_train_options {
     int iterations; /* one image each */
     int sh_degree;  /* 0..3: final SH degree; -1 (auto): chosen by validation views */
-    /* limit of their number; 0: one per 60 training pixels, at least one per point (PAPER.md) */
+    /* limit of their number; 0: one per 60 training pixels, at least one per point (METHOD.md) */
     int max_gaussians;
     double max_seconds; /* stop after this time and write the model; 0: no limit */
     /* red, green, blue, 0..1; -1,-1,-1: white where transparent images are composited over it, else black */
     float background[3];
     float ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
-    /* less work per step; docs/TRADEOFF.md has time and accuracy of each */
+    /* less work per step; docs/RESULTS.md has time and accuracy of each */
     float coarse; /* first fraction of the run, at half resolution; -1: 0.75 for images of at least 640 px */
     /* Fraction of the Gaussians that a step leaves out [Park 2025], rising from 0 to this during the run. -1:
      * with fewer than 30 training views and fewer than 4.6 images per point 0 at 30 steps per view, growing
@@ -506,9 +506,9 @@ typedef struct oxl_train_options {
      * rotations by h = (30 000 / n)^e and those of SH degrees above 0 by sqrt(h), with e =
      * short_run_exponent; initial Gaussians are narrower and more opaque than Kerbl's.
      * A run of n < 7000, with r = (7000 / n)^e, also multiplies the rate of scales by sqrt(r), 1 - beta1 by
-     * r^2 (at most 0.5) and 1 - beta2 by r^-1.5 (docs/TRADEOFF.md). */
+     * r^2 (at most 0.5) and 1 - beta2 by r^-1.5 (docs/METHOD.md). */
     float short_run_exponent;
-    /* last fraction of the run, in which all learning rates fall to a tenth; 0: none (docs/TRADEOFF.md) */
+    /* last fraction of the run, in which all learning rates fall to a tenth; 0: none (docs/METHOD.md) */
     float cooldown;
     /* density control */
     float densify_until; /* fraction of the run */
@@ -520,7 +520,7 @@ typedef struct oxl_train_options {
     oxl_switch exposure; /* a log gain per channel and training image */
     /* a light that moves with the camera: a smooth gain over the image, falloff with distance */
     oxl_switch lamp;
-    /* a medium of nine parameters between camera and Gaussians (docs/IMAGING.md) */
+    /* a medium of nine parameters between camera and Gaussians (docs/UNDERWATER.md) */
     oxl_switch medium;
     oxl_switch poses; /* each training view's camera is turned and moved a little, with the scene */
     int antialias;    /* 1: as oxl_model.antialias, and no Gaussian is smaller than a pixel of any view */

@@ -1,6 +1,6 @@
 #!/bin/sh
 # forecast.sh PROGRAM PRESET PX SURVEY... - what `check` predicts and what `train` takes, a line of a Markdown table for each survey:
-# Gaussians in thousands, peak memory in MB, seconds with one thread. The table is in docs/log/FORECAST.md. On a busy machine the
+# Gaussians in thousands, peak memory in MB, seconds with one thread. The table is in docs/log/SCALE.md. On a busy machine the
 # predicted seconds are the machine's, those taken the processor's.
 set -eu
 program=$1 preset=$2 px=$3

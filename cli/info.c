@@ -73,7 +73,7 @@ static void info_model(FILE *to, const oxl_model *m, float *sorted, int json)
         info_spread(to, json, planes[i].name, m->plane[planes[i].plane], m->count, sorted, planes[i].map);
 }
 
-/* ---------------- imaging.txt beside a model (docs/IMAGING.md) */
+/* ---------------- imaging.txt beside a model (docs/UNDERWATER.md) */
 
 /* Splits a path into folder, with its slash, and name. Returns the name. */
 static const char *info_folder(const char *path, char folder[4096])

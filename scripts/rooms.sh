@@ -213,7 +213,7 @@ for file in backends/vulkan/*.c; do
     [ "$(wc -l <"$file")" -le 450 ] || complain "$file has $(wc -l <"$file") lines; wanted at most 450"
 done
 # The map, the derivations and the paper's table name functions of today.
-for name in $(grep -oh '`[a-z][a-z0-9]*_[a-z0-9_]*`' docs/ARCHITECTURE.md docs/MATH.md docs/PAPER.md README.md | tr -d '`' | sort -u); do
+for name in $(grep -oh '`[a-z][a-z0-9]*_[a-z0-9_]*`' docs/ARCHITECTURE.md docs/METHOD.md README.md | tr -d '`' | sort -u); do
     grep -rqw "$name" src tests reference cli tools lab oceanxl.h oceanxl_job.h || complain "the documents name $name, which is nowhere in the code"
 done
 echo "rooms: most lines that a header brings with it: $most, $mostly"

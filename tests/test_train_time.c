@@ -20,7 +20,7 @@ TEST(schedule_densifies_three_times_in_short_runs)
 }
 
 /* Drafts of caliterra at 640 px, subvo_pool at 1028 px and brighton_beach at 964 px; caliterra at 960 px and
- * lego at 800 px with `standard`, lego with 30 000 iterations (docs/log/FORECAST.md). */
+ * lego at 800 px with `standard`, lego with 30 000 iterations (docs/log/SCALE.md). */
 TEST(forecast_expects_what_was_measured_within_a_factor_of_2)
 {
     static const struct {

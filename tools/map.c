@@ -6,7 +6,7 @@
  * place (surface.c). It has a colour but no height where no layer of the model is the surface, where fewer views
  * confirm it, or where as many views look through it.
  *
- * The standard deviation of a height is calibrated on `synth` (docs/log/HEIGHTS.md). Pinholes in the colours are
+ * The standard deviation of a height is calibrated on `synth` (docs/log/TRAINING.md). Pinholes in the colours are
  * filled from around; `views` is 0 there.
  *
  * Map coordinates are the world's x and y, or distances along the frame's axes from its centre, in metres with
@@ -174,7 +174,7 @@ static oxl_result map_draw(struct map *m, const oxl_model *model)
 
 /* The standard deviation of a confirmed height, units: of what the views' depths differ by, of what their parallax
  * leaves open, both along the mean ray, of half a pixel on the ground's slope, and of a share of the distance that
- * is always left. The factors are calibrated (docs/log/HEIGHTS.md). */
+ * is always left. The factors are calibrated (docs/log/TRAINING.md). */
 static double map_sigma(const struct map *m, const struct surface_vote *v, double distance, double step)
 {
     const double n = v->confirms, straight = frame_length(v->ray) / n,
@@ -548,7 +548,7 @@ static oxl_result map_check(const struct map *m, const struct arguments *a, cons
     return oxl_fail(m->ctx, OXL_ERR_USAGE,
                     "map: --epsg names the system of the world's coordinates, but the map is along the "
                     "survey's own axes\nfix: --frame world if the survey is georeferenced, else "
-                    "georeference it first (docs/TUTORIAL.md, 5)");
+                    "georeference it first (docs/GUIDE.md, 5)");
 }
 
 oxl_result map_write(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, const struct arguments *a,

@@ -7,7 +7,7 @@
  * place's to within SURFACE_AGREES, and passes it where its own clear depth is beyond. A pixel does neither where
  * its depth is a guess: where the view has no detail, as the depth of haze and of even ground is whatever fits its
  * colour, and where the survey's points around it lie elsewhere. Every second point is for that; the others
- * measure what is left. docs/log/HEIGHTS.md has what these rules change.
+ * measure what is left. docs/log/TRAINING.md has what these rules change.
  */
 #include "tools.h"
 

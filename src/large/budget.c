@@ -20,7 +20,7 @@
  * BUDGET_EXPECTED, if that is less. */
 #define BUDGET_GROWTH 1.25
 /* Predicts the Gaussians that a block ends with, as a factor of those at its start; if they fit, no limit is
- * reduced (docs/log/FORECAST.md). */
+ * reduced (docs/log/SCALE.md). */
 #define BUDGET_EXPECTED 1.5
 #define BUDGET_ADVICE 1.1  /* Multiplies the least budget for the one that an error names. */
 #define BUDGET_TRIED 1.04  /* Multiplies a budget for the next one that is tried, */

@@ -20,7 +20,7 @@
 #define COST_DEVICE_BYTES 2e6    /* and those that do not grow; */
 #define COST_DEVICE_ROOM 1.25    /* those that grow with the Gaussians are reserved by a quarter more */
 #define COST_STEPS_PER_IMAGE \
-    700                        /* most iterations of a preset for an image: more overfit (docs/TRADEOFF.md) */
+    700 /* most iterations of a preset for an image: more overfit (docs/log/TRAINING.md) */
 #define COST_TIMED_SECONDS 1.0 /* after which no more steps are timed */
 enum {
     COST_STEPS = 10,      /* timed, */

@@ -2,14 +2,14 @@
  * that they do not rely on each other (DropGaussian, Park et al. 2025).
  *
  * It helps surveys of few images and costs detail in others: `auto` takes it for few views, few images per
- * point, and long runs (docs/TRADEOFF.md).
+ * point, and long runs (docs/METHOD.md).
  */
 #include "dropout.h"
 #include "../core/option_rows.h"
 #include "../survey/scene.h"
 
 #define DROPOUT_STREAM (UINT64_C(0x44524f50) << 24) /* random numbers of dropout: "DROP" in ASCII */
-/* fraction of Gaussians left out in the last step (docs/TRADEOFF.md) */
+/* fraction of Gaussians left out in the last step (docs/METHOD.md) */
 #define DROPOUT_AUTO 0.4
 /* images that see a point, on average: with as many, no dropout, which would cost detail */
 #define DROPOUT_IMAGES 4.6

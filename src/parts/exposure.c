@@ -31,7 +31,7 @@
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 
-#define EXPOSURE_RATE 0.03 /* of the first step, in log units; docs/IMAGING.md has what others cost */
+#define EXPOSURE_RATE 0.03 /* of the first step, in log units; docs/UNDERWATER.md has what others cost */
 #define EXPOSURE_LAST 0.02 /* of that at the end of the run */
 #define EXPOSURE_BETA1 0.8 /* a mean over 5 visits: a short run has 30 */
 #define EXPOSURE_BETA2 0.95
@@ -40,12 +40,12 @@
 #define EXPOSURE_HOLD 0.1      /* of the run: the tracks' gains are kept */
 /* what neighbours explain over the noise: of whole surveys gains are worth -0.5 to 0.25 dB at 0.8 to 1.1, 0.3
  * to 0.8 at 1.7 to 2.6, but -0.1 at 3.1 in brighton_beach, 3.8 images of a point; pieces of 20 images
- * scatter more (docs/log/PARSIMONY.md) */
+ * scatter more (docs/log/IMAGING.md) */
 #define EXPOSURE_CLEAR 1.5
 /* the same in front of a trial: surveys below it gained 0.25 dB at most */
 #define EXPOSURE_PLAUSIBLE 1.0
 /* dB: trials of surveys that gain nothing have at most 0.26, those of others 0.36 or more; exceptions are in
- * docs/log/PARSIMONY.md */
+ * docs/log/IMAGING.md */
 #define EXPOSURE_MIN_GAIN 0.3
 #define EXPOSURE_SURE 0.8 /* dB: a half of the views that gains so much is enough */
 enum {

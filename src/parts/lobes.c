@@ -9,7 +9,7 @@
 /* mean gradient, in half images, above which --dog selective gives a lobe: density control's [Kerbl 2023] */
 #define LOBES_THRESHOLD 0.0002f
 #define LOBES_FROM 0.55f /* of the run at which lobes are assigned, during pruning [OceanXL sec. 3.2] */
-/* a new lobe relative to its Gaussian ("Prune Wisely" has half the opacity: docs/PAPER.md) */
+/* a new lobe relative to its Gaussian ("Prune Wisely" has half the opacity: docs/METHOD.md) */
 #define LOBES_OPACITY 0.1f
 #define LOBES_SCALE 1.6f
 

@@ -1,7 +1,7 @@
 /* medium.c - the nine parameters of the medium, from the tracks (render/medium.h has the model).
  *
  * They are fitted to the colours of tracks (survey/photometry.c) before the first step, and not trained: as
- * the Gaussians' colours are free, the images alone do not determine attenuation (docs/IMAGING.md). The
+ * the Gaussians' colours are free, the images alone do not determine attenuation (docs/UNDERWATER.md). The
  * medium is removed from the initial Gaussians' colours once.
  *
  * During training J is the colour as seen through the median range. Otherwise Adam's steps of colour, which

@@ -3,7 +3,7 @@
  *
  * While a medium is modelled, each step compares some depths of its view with the rendered ones
  * (render/depth_loss.c). Without a medium, Gaussians near the camera stand in for haze, which the images need
- * (docs/log/ROBUST.md).
+ * (docs/log/TRAINING.md).
  *
  * Invariant: a function of the scene and the step, so there is no state to archive.
  */

@@ -11,7 +11,7 @@
  * difference of the two costs over the distance of the two points estimates the slope. The cost of a point is
  *     change of the mean log loss  +  UCD_GROWTH x dN / N,
  * dN the number of added Gaussians: without it more would always be better. Costs are nearly flat and noisy
- * (docs/log/ABLATION.md), so a prior with precision P holds the weights where they begin: the estimate is the
+ * (docs/log/TRAINING.md), so a prior with precision P holds the weights where they begin: the estimate is the
  * mean of the prior's and of (prior - slope / P) of each pair, each at most UCD_OFFSET_MAX away. Every second
  * pair is perpendicular to the one before it (Bhatnagar 2003). The search moves in f_mid and f_far - f_mid,
  * so that neither is stuck where f_far = f_mid.

@@ -6,7 +6,7 @@
 #include "../train/part.h"
 
 /* Cost of a doubling of the Gaussians, in log loss: about what it gains in four densifications
- * (docs/log/ABLATION.md). */
+ * (docs/log/TRAINING.md). */
 #define UCD_GROWTH 0.02
 #define UCD_PRECISION 0.2  /* of the prior: half of it in log loss for a weight 1 away */
 #define UCD_OFFSET_MAX 1.0 /* limit of a single pair's distance from the prior */

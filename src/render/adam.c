@@ -7,7 +7,7 @@
  * The job's `rate` is divided by 1 - b1^n already, `inverse_correction` is 1 / sqrt(1 - b2^n).
  *
  * Invisible rows have no gradient and are not updated, as in Taming 3DGS (Mallick et al. 2024); classical
- * Adam would move them by their momentum. This saves memory traffic; PAPER.md lists it as a deviation.
+ * Adam would move them by their momentum. This saves memory traffic; METHOD.md lists it as a deviation.
  *
  * Invariants: a row with bit 0 in `visible` is not written; the bit of a row with a value or gradient that is
  * not finite is cleared.

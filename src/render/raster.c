@@ -8,7 +8,7 @@
  *
  * Backward runs in forward order, with the same branches and no division by (1 - alpha) to recover T. With dC
  * = dL/dC, the known total S = dC . C, and s the part of S up to and including splat i,
- *     dL/dalpha_i = T_i (dC . c_i) - (S - s) / (1 - alpha_i)      (docs/MATH.md 10).
+ *     dL/dalpha_i = T_i (dC . c_i) - (S - s) / (1 - alpha_i)      (docs/METHOD.md 10).
  * A splat's score is the sum over its pixels of (o_i dS/dalpha_i)^2 ["Prune Wisely, Reconstruct Sharply",
  * arXiv 2602.24136].
  *
@@ -571,7 +571,7 @@ SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const in
  *
  * A pixel's depth is that of its surface: of the layer with the most weight, a layer being the splats within
  * DEPTH_LAYER of the first one's depth. The mean over all splats goes through veils, and their median falls
- * behind a surface that is thin in places (docs/log/HEIGHTS.md). The first pass finds the layer, the second
+ * behind a surface that is thin in places (docs/log/TRAINING.md). The first pass finds the layer, the second
  * the mean of the splats within half a layer of its depth.
  */
 

@@ -56,11 +56,11 @@
 static const double photometry_prior[6] = {1.5, 0.2, 1.5, 0.2, 0.3, 0.1};
 /* Lists the least growth of the residuals without the medium, lamp, gains that is evidence for a part. In
  * surveys with a medium they grow to 2 to 4 times, in those without to 1.01 times (docs/log/IMAGING.md); a
- * lamp gains nothing at 1.09 times, 0.3 dB at 1.21 (docs/log/PARSIMONY.md). */
+ * lamp gains nothing at 1.09 times, 0.3 dB at 1.21 (docs/log/IMAGING.md). */
 static const double photometry_evidence[3] = {0.1, 0.15, 0.02};
 /* Sets the standard deviation of the prior of points' own colours, of their mean, where no medium is fitted:
  * along a strip a lamp's slope across it may as well be theirs, and gains of one survey were 0.45 to 4.4,
- * with the prior 0.7 to 1.7 (docs/log/PARSIMONY.md). */
+ * with the prior 0.7 to 1.7 (docs/log/IMAGING.md). */
 #define PHOTOMETRY_COLOUR 0.25
 /* Bounds from below the growth without a lamp's shape for each camera: if points cover only a part of the
  * images, these shapes are ill determined. */

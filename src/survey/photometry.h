@@ -5,7 +5,7 @@
 #include "imaging.h"
 
 /* Sets by how much larger residuals must be without the medium where the points' depths span too little to
- * identify it: images gain 1.3 to 1.5 dB by one from 0.6 on, nothing at 0.1 (docs/log/PARSIMONY.md). */
+ * identify it: images gain 1.3 to 1.5 dB by one from 0.6 on, nothing at 0.1 (docs/log/IMAGING.md). */
 #define PHOTOMETRY_EVIDENT 0.3
 enum { PHOTOMETRY_MEDIUM = 1, PHOTOMETRY_LAMP = 2, PHOTOMETRY_GAINS = 4, PHOTOMETRY_ALL = 7 };
 struct photometry {

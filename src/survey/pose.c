@@ -7,7 +7,7 @@
  *
  * Adam (Kingma & Ba 2015) with a memory of few steps, since an image is visited once an epoch. Its step, m /
  * sqrt(v), is multiplied by its own size, and m begins at 0 without correction: gradients that agree over
- * some visits move the camera, those that do not leave it, by a tenth of the rate (docs/log/POSES.md). A move
+ * some visits move the camera, those that do not leave it, by a tenth of the rate (docs/log). A move
  * of the centre by `depth` and a turn by 1 rad shift the image by as much, so one rate serves both.
  */
 #include "scene.h"

@@ -123,7 +123,7 @@ OXL_INTERNAL double scene_depth_quantile(const oxl_scene *scene, double quantile
 /* Returns the ratio of the 0.9 to the 0.1 quantile of the depths; 1 without points. */
 OXL_INTERNAL double scene_depth_span(const oxl_scene *scene);
 /* Bounds this ratio from below: with less a medium is not identifiable, and `auto`
- * is off (docs/IMAGING.md). */
+ * is off (docs/UNDERWATER.md). */
 #define SCENE_DEPTH_SPAN_MIN 2
 /* Keeps decoded training images in files of `folder`, which are then read instead of the
  * originals; NULL: keeps none. */

@@ -2,7 +2,7 @@
  *
  * The logarithm of the Gaussians rises with each densification, and less with each, up to their limit. A step
  * takes time in proportion to Gaussians and pixels, so steps that were timed give the time of all others
- * (docs/log/FORECAST.md).
+ * (docs/log/SCALE.md).
  *
  * Invariant: nothing here changes what is trained.
  */

@@ -12,11 +12,11 @@
 /* iterations without a reset before density control ends: the loss recovers in them */
 #define SCHEDULE_RESET_RECOVERY 1000
 #define SCHEDULE_RESET_RECOVERY_FRACTION 0.025 /* of the run: the same for long runs, where it is more */
-/* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel 3 (PAPER.md) */
+/* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel 3 (METHOD.md) */
 #define SCHEDULE_PIXELS_EACH 60
-/* px: half the sides of smaller images cost more than they save (docs/TRADEOFF.md) */
+/* px: half the sides of smaller images cost more than they save (docs/log/TRAINING.md) */
 #define SCHEDULE_COARSE_SIDE 640
-#define SCHEDULE_COARSE_AUTO 0.75 /* of the run, for larger ones (docs/log/GROWTH.md) */
+#define SCHEDULE_COARSE_AUTO 0.75 /* of the run, for larger ones (docs/log/TRAINING.md) */
 /* auto: three densifications in a run of 150 to 500 iterations, for its quarter before half of it */
 enum { SCHEDULE_DENSIFY_LEAST = 15, SCHEDULE_DENSIFY_MOST = 50 };
 /* iterations from which Kerbl's momentum is the better one; not tried from 2000 to this */
@@ -25,7 +25,7 @@ enum { SCHEDULE_DENSIFY_LEAST = 15, SCHEDULE_DENSIFY_MOST = 50 };
 /* of the mean of its square: 1 less it, as floats, keeps three digits */
 #define SCHEDULE_BETA_MAX 0.99999
 #define SCHEDULE_REFERENCE_ITERATIONS 30000 /* iterations that the rates were chosen for [Kerbl 2023] */
-/* iterations from which opacities and colours have 3DGS's rates (docs/log/GROWTH.md) */
+/* iterations from which opacities and colours have 3DGS's rates (docs/log/TRAINING.md) */
 #define SCHEDULE_BRISK_ITERATIONS 2000
 #define SCHEDULE_SHORTEST_RUN 700 /* iterations: shorter runs have the rates of this one */
 /* rates other than of positions begin larger by this power of a short run's factor */
@@ -60,7 +60,7 @@ OXL_INTERNAL double schedule_short_run_factor(const oxl_train_options *o)
     return schedule_factor_below(o, SCHEDULE_REFERENCE_ITERATIONS);
 }
 
-/* Returns the factor for Adam's moments, and the rate of scales again (docs/TRADEOFF.md). */
+/* Returns the factor for Adam's moments, and the rate of scales again (docs/METHOD.md). */
 static double schedule_momentum_factor(const oxl_train_options *o)
 {
     return schedule_factor_below(o, SCHEDULE_MOMENTUM_ITERATIONS);
@@ -97,7 +97,7 @@ static double schedule_position_rate(const oxl_train_options *o, double progress
 /* Returns the factor on the rates of geometry where views show few of the Gaussians. A row's moments grow
  * with the views that show it, but are corrected for bias as if each step had been one: its steps are
  * larger, by the root of (1 - b2^n) / (1 - b2^(n share)). That makes up for the steps that it misses, up to
- * SCHEDULE_RATES_MAX with the factor of short runs; beyond, it is noise (docs/log/GROWTH.md). A factor of
+ * SCHEDULE_RATES_MAX with the factor of short runs; beyond, it is noise (docs/log/TRAINING.md). A factor of
  * short runs beyond that limit is the one that was asked for, and is not reduced. */
 static double schedule_seldom_factor(const struct train *t, const oxl_adam *adam)
 {

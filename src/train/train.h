@@ -52,12 +52,12 @@ OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o
 /* ---------------- schedule.c, forecast.c: functions of options and step */
 
 /* The threshold of density control; lowered to SCHEDULE_GRADIENT_POINTLESS in scenes without points, whose
- * Gaussians all come from growth (docs/log/LEGO.md). */
+ * Gaussians all come from growth (docs/log/TRAINING.md). */
 #define SCHEDULE_GRADIENT_POINTLESS 0.0002f
 OXL_INTERNAL float schedule_densify_gradient(const oxl_scene *scene, const oxl_train_options *options);
 /* Returns the largest number of Gaussians for this scene. */
 OXL_INTERNAL size_t schedule_gaussian_cap(const oxl_scene *scene, const oxl_train_options *options);
-/* Returns the factor on the learning rates of geometry in short runs (docs/TRADEOFF.md). */
+/* Returns the factor on the learning rates of geometry in short runs (docs/METHOD.md). */
 OXL_INTERNAL double schedule_short_run_factor(const oxl_train_options *options);
 OXL_INTERNAL float schedule_scale_rate(const oxl_train_options *options);
 OXL_INTERNAL size_t schedule_gaussian_cap_of(size_t points, double pixels, const oxl_train_options *options);
