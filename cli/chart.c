@@ -85,10 +85,14 @@ int chart_begin(struct chart *c, struct output *t, const char *title)
                    "text-anchor=\"end\">%s</text>\n",
                    CHART_LEFT, chart_y(c, y), CHART_RIGHT, CHART_LEFT - 6, chart_y(c, y) + 4,
                    OUTPUT_FIXED(y, c->step >= 1 ? 0 : (int)ceil(-log10(c->step) - 1e-9)));
-    for (double x = c->first; x < c->last + 0.5; x += c->is_log ? 1 : c->last - c->first)
-        output_add(t, "<text x=\"%.1f\" y=\"202\" text-anchor=\"%s\">%s</text>\n",
-                   chart_x(c, c->is_log ? pow(10, x) : x), x > c->first ? "end" : "start",
-                   OUTPUT_COUNT(c->is_log ? pow(10, x) : x));
+    for (double x = c->first; x < c->last + 0.5; x += c->is_log ? 1 : c->last - c->first) {
+        const double value = c->is_log ? pow(10, x) : x;
+        output_add(t, "<text x=\"%.1f\" y=\"202\" text-anchor=\"%s\">%s</text>\n", chart_x(c, value),
+                   c->is_log      ? "middle"
+                   : x > c->first ? "end"
+                                  : "start",
+                   value < 1 && value > 0 ? OUTPUT_FIXED(value, 2) : OUTPUT_COUNT(value));
+    }
     return 1;
 }
 

@@ -70,15 +70,14 @@ static void plot_draw(struct output *t, struct plot *p)
 {
     static const char style[] =
         "<style>svg{background:#fff;--s0:#1f6fb4;--s1:#d1495b;--s2:#2e933c;--s3:#8d5a97;--s4:#b8860b;--s5:#444}"
-        "text{font:9px sans-serif}path{fill:none;stroke-width:1.5}.grid{stroke:#ddd}</style>\n";
+        "text{font:9px sans-serif}path{fill:none;stroke-width:1.5}.grid{stroke:#ddd;stroke-width:.7}</style>\n";
     struct chart *c = &p->chart;
     qsort(p->point, (size_t)p->count, sizeof *p->point, plot_compare);
     output_add(t, "<svg xmlns=\"http://www.w3.org/2000/svg\" ");
     if (!chart_begin(c, t, "Held-out PSNR in dB against CPU seconds, commit " LAB_COMMIT)) output_add(t, ">");
-    output_add(t,
-               "%s<text x=\"50\" y=\"10\">Held-out PSNR, dB, against CPU seconds (commit " LAB_COMMIT
-               ")</text>\n",
-               style);
+    output_add(
+        t, "%s<text x=\"50\" y=\"9\">Held-out PSNR, dB, against CPU seconds (commit " LAB_COMMIT ")</text>\n",
+        style);
     for (int i = 0; i < p->count; i++) {
         const struct plot_point *at = &p->point[i];
         const int ends = i + 1 == p->count || at[1].curve != at->curve, of = c->lines % 6;
@@ -88,9 +87,9 @@ static void plot_draw(struct output *t, struct plot *p)
         chart_end_line(c, t, at->name);
         output_add(
             t,
-            "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"3\" style=\"fill:var(--s%d)\"/><text x=\"%.1f\" y=\"%.1f\">%s"
+            "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"3\" style=\"fill:var(--s%d)\"/><text x=\"%.1f\" y=\"%.1f\" text-anchor=\"%s\">%s"
             "</text>\n",
-            x, y, of, x + 5, y + 3, at->name);
+            x, y, of, x > 250 ? x - 5 : x + 5, y + 3, x > 250 ? "end" : "start", at->name);
     }
     output_add(t, "</svg>\n");
 }
