@@ -175,7 +175,7 @@ oxl_result oxl_imaging_write(oxl_context *ctx, const char *path, const oxl_scene
     struct text t = {.ctx = ctx};
     oxl_result rc;
     text_add(&t, "# what lies between the colours of the model and the images: OceanXL " OXL_VERSION
-                 ", docs/IMAGING.md\n"
+                 ", docs/UNDERWATER.md\n"
                  "# gain RED GREEN BLUE NAME: the rendered image times these is the image; training views\n");
     imaging_write_medium(&t, &m->medium);
     imaging_write_lamps(&t, scene, m);
