@@ -138,7 +138,7 @@
 #include "src/parts/track_depth.c"   /* depths that the tracks give */
 #include "src/parts/ssim_contrast.c" /* the contrast of the images, for SSIM in the loss */
 #include "src/parts/antialias.c"     /* splats that keep their light at every size */
-#include "src/parts/gaps.c"          /* points to start from between those of the survey */
+#include "src/parts/stereo.c"        /* points to start from, by stereo */
 #include "src/parts/sh_degree.c"     /* degree of the spherical harmonics */
 #include "src/parts/poses.c"         /* the pose of each training view's camera, refined with the scene */
 #include "src/parts/table.c"         /* the table */

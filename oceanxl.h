@@ -499,8 +499,8 @@ typedef struct oxl_train_options {
      * to 0.4 at 60; else 0. */
     float dropout;
     float alpha_min; /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
-    /* Adam's learning rates [Kerbl 2023]; the position's is multiplied by the scene's extent and decays
-     * exponentially */
+    /* Adam's learning rates [Kerbl 2023]; that of positions is in standard deviations of the Gaussian, along
+     * the middle one of its axes, and decays exponentially */
     float lr_position, lr_position_final, lr_scale, lr_rotation, lr_sh0, lr_sh;
     /* They hold for 30 000 iterations. A run of n < 30 000 multiplies the rates of means, scales and
      * rotations by h = (30 000 / n)^e and those of SH degrees above 0 by sqrt(h), with e =
@@ -524,7 +524,7 @@ typedef struct oxl_train_options {
     oxl_switch medium;
     oxl_switch poses; /* each training view's camera is turned and moved a little, with the scene */
     int antialias;    /* 1: as oxl_model.antialias, and no Gaussian is smaller than a pixel of any view */
-    int gaps;         /* 1: Gaussians to start from also where a view has no point nearby */
+    int stereo;       /* 1: begins also with points from depth maps of the training views */
     /* difference-of-Gaussians lobes */
     oxl_dog dog;
     const oxl_terms *terms; /* NULL: none; not recorded in run.json */

@@ -66,7 +66,7 @@ globals().update((name, type(name, (Structure,), {})) for name in ('oxl_context_
     'oxl_terms', 'oxl_train_options', 'oxl_nonfinite', 'oxl_progress', 'oxl_callback', 'oxl_trained', 'oxl_adam'))
 oxl_context_options._fields_ = [("threads", c_int), ("seed", c_uint64), ("reallocate", CFUNCTYPE(c_void_p, c_void_p, c_void_p, c_size_t)),
     ("log", CFUNCTYPE(None, c_void_p, c_int, c_char_p)), ("stopped", CFUNCTYPE(c_int, c_void_p)), ("user", c_void_p), ("backend", c_int),
-    ("device", c_int), ("device_ram", c_size_t)]
+    ("device", c_int), ("device_ram", c_size_t), ("command_line", c_int)]
 oxl_image._fields_ = [("width", c_int), ("height", c_int), ("rgb", POINTER(c_float)), ("weight", POINTER(c_float))]
 oxl_camera._fields_ = [("width", c_int), ("height", c_int), ("fx", c_double), ("fy", c_double), ("cx", c_double), ("cy", c_double),
     ("rotation", c_double * 9), ("translation", c_double * 3)]
@@ -95,7 +95,7 @@ oxl_train_options._fields_ = [("iterations", c_int), ("sh_degree", c_int), ("max
     ("lr_position", c_float), ("lr_position_final", c_float), ("lr_scale", c_float), ("lr_rotation", c_float), ("lr_sh0", c_float),
     ("lr_sh", c_float), ("short_run_exponent", c_float), ("cooldown", c_float), ("densify_until", c_float), ("densify_every", c_int),
     ("densify_gradient", c_float), ("ucd", oxl_ucd), ("keep", oxl_keep), ("exposure", c_int), ("lamp", c_int), ("medium", c_int), ("poses",
-    c_int), ("antialias", c_int), ("gaps", c_int), ("dog", c_int), ("terms", POINTER(oxl_terms)), ("from", POINTER(oxl_model)),
+    c_int), ("antialias", c_int), ("stereo", c_int), ("dog", c_int), ("terms", POINTER(oxl_terms)), ("from", POINTER(oxl_model)),
     ("survey_iterations", c_int), ("experimental", c_float * 4)]
 oxl_nonfinite._fields_ = [("images", c_size_t), ("steps", c_size_t), ("rows", c_size_t), ("cleared", c_size_t), ("degenerate", c_size_t)]
 oxl_progress._fields_ = [("iteration", c_int), ("iterations", c_int), ("block", c_int), ("blocks", c_int), ("stage", c_int), ("gaussians",

@@ -74,14 +74,14 @@ static struct extreme_error extreme_run_adam(oxl_context *ctx, const struct extr
 {
     uint16_t all = 0xFFFF;
     const double rate = 1e-3;
-    float value[3][PACK] = {{0}}, gradient[PACK];
+    float value[3][PACK] = {{0}}, gradient[PACK], log_scale[PACK] = {0};
     double value_f64[3][PACK] = {{0}}, gradient_f64[PACK];
     struct adam_job job = {.end_pack = 1,
                            .visible = &all,
                            .planes = 1,
                            .beta1 = (float)0.9,
                            .beta2 = (float)0.999,
-                           .parameter = {value[0]},
+                           .parameter = {value[0], NULL, NULL, log_scale, log_scale, log_scale},
                            .mean = {value[1]},
                            .square = {value[2]},
                            .gradient = {gradient}};
@@ -236,6 +236,7 @@ static int extreme_train(oxl_context *ctx, const struct extreme_survey *e, const
     int finite = 1;
     train.iterations = EXTREME_STEPS;
     train.sh_degree = 1;
+    train.stereo = 0; /* A point that is rounded otherwise may fall into another place. */
     load.test_every = 0;
     extreme_write_survey(ctx, e, folder);
     if (oxl_scene_load(ctx, folder, &load, &scene) != OXL_OK ||

@@ -212,6 +212,7 @@ static oxl_job_options job_test_blocks(void)
     oxl_job_options options = job_test_options();
     options.partition.block_points = 40;
     options.renders = 0;
+    options.train.stereo = 0; /* The points are those of the survey. */
     return options;
 }
 

@@ -165,7 +165,7 @@ TEST(budget_thins_a_model_that_does_not_fit)
     const struct cost_load load = budget_test_load();
     oxl_job_options o = budget_test_options(0), none = o;
     CHECK(budget_limit_gaussians(&load, &none) && none.train.max_gaussians == o.train.max_gaussians);
-    o.ram = (size_t)2.3e8;
+    o.ram = (size_t)2.45e8;
     CHECK(!budget_fit(&load, &o));
     CHECK(budget_limit_gaussians(&load, &o) && o.train.max_gaussians > 0 &&
           (size_t)o.train.max_gaussians < load.points);

@@ -34,11 +34,11 @@ TEST(options_of_every_preset_are_in_range_and_their_texts_read_back)
     }
 }
 
-/* The values that the paper states (sec. 4: iterations) and Kerbl 2023's code (rates, alpha_min, gradient). */
+/* The values that the paper states (sec. 4: iterations) and Kerbl 2023's code (rates but that of positions, alpha_min, gradient). */
 TEST(options_of_preset_paper_are_those_of_the_paper_and_of_kerbl)
 {
     const oxl_train_options o = oxl_train_options_default(OXL_PRESET_PAPER);
-    CHECK(o.iterations == 40000 && o.lr_position == 1.6e-4f && o.lr_position_final == 1.6e-6f);
+    CHECK(o.iterations == 40000 && o.lr_position == 0.032f && o.lr_position_final == 0.00032f);
     CHECK(o.lr_sh == 0.0025f / 20 && o.alpha_min == 1.0f / 255 && o.densify_gradient == 2e-4f);
 }
 

@@ -535,8 +535,7 @@ static double synth_test_train(const char *path, oxl_scene **scene)
     oxl_trained trained;
     oxl_metrics metrics;
     double psnr;
-    options.iterations = 40,
-    options.gaps = 0; /* Gaps and the medium are found by tracks, which NeRF has not. */
+    options.iterations = 40, options.stereo = 0; /* The medium is found by tracks, which NeRF has not. */
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, scene));
     CHECK_OK(oxl_train(test_ctx, *scene, &options, NULL, &trained));
     CHECK_OK(oxl_evaluate(test_ctx, &trained.model, *scene, trained.imaging, OXL_SPLIT_TEST, &metrics));

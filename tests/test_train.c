@@ -369,6 +369,7 @@ oxl_train_options train_options(int iterations)
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
     o.iterations = iterations;
     o.sh_degree = 1;
+    o.stereo = 0; /* The points are those of the scene. */
     return o;
 }
 
@@ -528,7 +529,7 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
         CHECK(train_same(&model[i], &again));
         CHECK(i == 0 || !train_same(&model[i], &model[0]) || (i == 2 && !test_has_part("sh_degree")));
         /* without the larger rates of short runs it learns less */
-        CHECK(train_psnr(scene, &model[i]) > train_psnr(scene, &model[0]) - (i == 3 ? 4 : 2));
+        CHECK(train_psnr(scene, &model[i]) > train_psnr(scene, &model[0]) - (i == 3 ? 7 : 2));
         oxl_model_free(test_ctx, &again);
     }
     test_ctx->threads = threads;
@@ -762,6 +763,8 @@ TEST(train_grows_sooner_where_a_scene_has_no_points)
     OWNED_SCENE *some = train_scene(4);
     CHECK(oxl_scene_point_count(none.scene) == 0 && o.densify_gradient == 5.5e-4f);
     CHECK(schedule_densify_gradient(some, &o) == 5.5e-4f);
+    CHECK(schedule_densify_gradient(none.scene, &o) == 5.5e-4f); /* Stereo finds points. */
+    ((oxl_scene *)none.scene)->transparent = 1;
     CHECK(schedule_densify_gradient(none.scene, &o) == 2e-4f);
     o.densify_gradient = 1e-4f;
     CHECK(schedule_densify_gradient(none.scene, &o) == 1e-4f);
@@ -898,7 +901,7 @@ TEST(train_starts_from_a_model_in_its_own_origin)
         for (size_t k = 0; k < 9; k++)
             nearest =
                 OXL_MIN(nearest, fabs(oxl_scene_points(scene)[k].position[0] - t.model.plane[OXL_MEAN][i]));
-        CHECK_CLOSE(nearest, 0, 0.1);
+        CHECK_CLOSE(nearest, 0, 0.2);
     }
     oxl_trained_free(test_ctx, &t);
     oxl_model_free(test_ctx, &from);

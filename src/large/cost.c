@@ -10,7 +10,7 @@
 #include "../survey/scene.h"
 #include "../survey/survey.h"
 
-#define COST_GAPS 1.4            /* Gaussians at the start over points, where `gaps` adds some: 1.2 to 2.3 */
+#define COST_STEREO 1.4          /* Gaussians at the start over points, where stereo adds some */
 #define COST_PIXEL_BYTES 160.0   /* of working memory a pixel: images, SSIM's maps */
 #define COST_PROGRAM_BYTES 1.2e7 /* of the program itself; measured: 9 to 10 MB */
 #define COST_DEVICE_ROW 110.0    /* bytes a row on a device, as backends/vulkan reserves them, */
@@ -113,7 +113,7 @@ OXL_INTERNAL double cost_device_memory(const oxl_job_options *o, const struct co
 static double cost_start(const oxl_train_options *o, const struct cost_load *load, double cap)
 {
     const double points = (double)load->points;
-    return OXL_MIN(o->gaps && load->observations ? COST_GAPS * points : points, OXL_MAX(cap, 1));
+    return OXL_MIN(o->stereo && load->observations ? COST_STEREO * points : points, OXL_MAX(cap, 1));
 }
 
 OXL_INTERNAL double cost_gaussians(const oxl_job_options *o, const struct cost_load *load)

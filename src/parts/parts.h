@@ -16,7 +16,7 @@
     ROW(track_depth)    \
     ROW(ssim_contrast)  \
     ROW(antialias)      \
-    ROW(gaps)           \
+    ROW(stereo)         \
     ROW(sh_degree)
 
 #endif

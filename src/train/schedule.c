@@ -2,6 +2,7 @@
 #include "train_state.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
+#include "../survey/scene_alpha.h"
 
 /* iterations before the first densification, unless a quarter of the run is less */
 #define SCHEDULE_WARM_UP 500
@@ -115,8 +116,7 @@ OXL_INTERNAL oxl_adam schedule_adam_params(const struct train *t)
                  momentum_factor = schedule_momentum_factor(o),
                  brisk = schedule_factor_below(o, SCHEDULE_BRISK_ITERATIONS);
     const double progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
-    const float mean =
-        (float)(short_run_factor * schedule_position_rate(o, progress) * oxl_scene_extent(t->scene));
+    const float mean = (float)(short_run_factor * schedule_position_rate(o, progress));
     const double early = SCHEDULE_EARLY_EXPONENT * OXL_MAX(0, 1 - progress / SCHEDULE_EARLY_UNTIL) *
                          vecmath_log(short_run_factor);
     oxl_adam adam = {.beta = RENDERER_BETAS, .step = t->step - t->task.first};
@@ -202,11 +202,17 @@ OXL_INTERNAL double schedule_pixels(const oxl_scene *scene)
     return pixels;
 }
 
+OXL_INTERNAL double schedule_first_pixels(const oxl_scene *scene, const oxl_train_options *options)
+{
+    const oxl_camera *c = &oxl_scene_view(scene, 0)->camera;
+    return schedule_pixels(scene) / (schedule_coarse_fraction(options, c->width, c->height) > 0 ? 4 : 1);
+}
+
 /* Limits the number of Gaussians, since more than the images determine overfit; at least one per point. */
 OXL_INTERNAL float schedule_densify_gradient(const oxl_scene *scene, const oxl_train_options *options)
 {
-    const float most =
-        oxl_scene_point_count(scene) > 0 ? options->densify_gradient : SCHEDULE_GRADIENT_POINTLESS;
+    const int is_random = oxl_scene_point_count(scene) == 0 && scene_is_composited(scene);
+    const float most = is_random ? SCHEDULE_GRADIENT_POINTLESS : options->densify_gradient;
     return OXL_MIN(options->densify_gradient, most);
 }
 

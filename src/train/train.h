@@ -51,8 +51,8 @@ OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o
 
 /* ---------------- schedule.c, forecast.c: functions of options and step */
 
-/* The threshold of density control; lowered to SCHEDULE_GRADIENT_POINTLESS in scenes without points, whose
- * Gaussians all come from growth (docs/log/TRAINING.md). */
+/* The threshold of density control; lowered to SCHEDULE_GRADIENT_POINTLESS where the start is random, in
+ * scenes without points on a background: their Gaussians all come from growth (docs/log/TRAINING.md). */
 #define SCHEDULE_GRADIENT_POINTLESS 0.0002f
 OXL_INTERNAL float schedule_densify_gradient(const oxl_scene *scene, const oxl_train_options *options);
 /* Returns the largest number of Gaussians for this scene. */
@@ -62,6 +62,8 @@ OXL_INTERNAL double schedule_short_run_factor(const oxl_train_options *options);
 OXL_INTERNAL float schedule_scale_rate(const oxl_train_options *options);
 OXL_INTERNAL size_t schedule_gaussian_cap_of(size_t points, double pixels, const oxl_train_options *options);
 OXL_INTERNAL double schedule_pixels(const oxl_scene *scene); /* of all training views */
+/* The same at the resolution that the run begins with. */
+OXL_INTERNAL double schedule_first_pixels(const oxl_scene *scene, const oxl_train_options *options);
 /* Returns the fraction of the run in which images of this size are trained at half resolution. */
 OXL_INTERNAL double schedule_coarse_fraction(const oxl_train_options *options, int width, int height);
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *options, int step);

@@ -11,6 +11,7 @@
 #define TRAIN_SHORT_RUN_WIDTH 0.3   /* power of the short-run factor by which the first widths are divided */
 #define TRAIN_SHORT_RUN_OPACITY 0.7 /* power of it by which the first opacities are multiplied */
 #define TRAIN_OPACITY_MAX 0.3       /* the most that this makes of an opacity */
+enum { TRAIN_FIRST_LEAST = 100 };   /* points that are a start, where the survey has none */
 enum { TRAIN_SHARE_PAIRS = 1 << 17 }; /* of a Gaussian and a view, from which a share is taken */
 
 /* ---------------- the run */
@@ -71,7 +72,7 @@ static oxl_result train_first_from_views(struct train *t)
     return rc;
 }
 
-/* Starts from the survey's points and from those that a part adds. */
+/* Starts from the survey's points and from those that a part adds; without, from random ones. */
 static oxl_result train_first_from_all(struct train *t, const oxl_point *points, size_t count)
 {
     oxl_point *more = NULL, *all = NULL;
@@ -80,7 +81,8 @@ static oxl_result train_first_from_all(struct train *t, const oxl_point *points,
     if (rc == OXL_OK && added > 0 && !(all = oxl_alloc(t->ctx, count + added, sizeof *all)))
         rc = OXL_ERR_MEMORY;
     if (all) memcpy(all, points, count * sizeof *all), memcpy(all + count, more, added * sizeof *all);
-    if (rc == OXL_OK) rc = train_first_from_points(t, all ? all : points, count + added);
+    if (rc == OXL_OK && count + added < TRAIN_FIRST_LEAST && count == 0) rc = train_first_from_views(t);
+    else if (rc == OXL_OK) rc = train_first_from_points(t, all ? all : points, count + added);
     OXL_FREE(t->ctx, more, all);
     return rc;
 }
@@ -92,7 +94,7 @@ static oxl_result train_fresh_model(struct train *t)
     const size_t count = oxl_scene_point_count(t->scene);
     if (count > 0 && t->options->max_gaussians > 0 && count > (size_t)t->options->max_gaussians)
         return train_first_from_subset(t, points, count);
-    return count > 0 ? train_first_from_all(t, points, count) : train_first_from_views(t);
+    return train_first_from_all(t, points, count);
 }
 
 /* Copies the model to start from, without second lobes: density control cannot split rows that have them. */
