@@ -44,9 +44,9 @@ static int file_exists(const char *path)
 
 static int has_file(const char *folder, const char *name)
 {
-    char path[4096];
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    return file_exists(path);
+    char path[4352];
+    const int length = snprintf(path, sizeof path, "%s/%s", folder, name);
+    return length > 0 && (size_t)length < sizeof path && file_exists(path);
 }
 
 static void print_resume(const struct arguments *a)

@@ -232,6 +232,9 @@ TEST(study_rows_name_options_and_rows_of_their_study)
     NEEDS_PART(prune);
     NEEDS_PART(lobes);
     NEEDS_PART(sh_degree);
+    NEEDS_PART(medium);
+    NEEDS_PART(exposure);
+    NEEDS_PART(lamp);
     oxl_job_options job = oxl_job_options_default(OXL_PRESET_DRAFT);
     for (int k = 0; k < STUDY_ALL; k++) {
         const struct study_kind *kind = &STUDY_KINDS[k];

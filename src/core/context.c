@@ -56,7 +56,10 @@ OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_con
     if (!o.reallocate) o.reallocate = context_reallocate;
     ctx = o.reallocate(o.user, NULL, sizeof *ctx);
     if (!ctx) return OXL_ERR_MEMORY;
-    *ctx = (oxl_context){.options = o, .threads = OXL_MIN(requested, available), .isa = simd_detect()};
+    *ctx = (oxl_context){.options = o,
+                         .threads = OXL_MIN(requested, available),
+                         .isa = simd_detect(),
+                         .name_fields = option_name_fields};
     if (requested > available)
         oxl_log(ctx, OXL_LOG_INFO,
                 "%d threads requested, but only %d processor%s available; %d threads are used", requested,

@@ -76,6 +76,7 @@ struct oxl_context {
     char error[1024];
     struct text *notes; /* copies of log lines, as elements of a JSON array; NULL: none are kept */
     oxl_result failed;  /* code of `error`, for callers of functions that return a pointer */
+    void (*name_fields)(char *text); /* option_name_fields, or NULL */
 };
 
 /* Open and close a context without its backend, which backend.c opens. */

@@ -201,3 +201,10 @@ OXL_INTERNAL oxl_result os_write_text(oxl_context *ctx, const char *path, const 
 {
     return t->failed ? OXL_ERR_MEMORY : os_write_file(ctx, path, t->data, t->size);
 }
+
+OXL_INTERNAL const char *path_longest_tail(const char *folder, const char *name)
+{
+    for (const char *tail = name; tail; tail = strchr(tail, '/') ? strchr(tail, '/') + 1 : NULL)
+        if (os_is_file(PATH(folder, "%s", tail))) return tail;
+    return name;
+}

@@ -108,13 +108,6 @@ OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s)
 
 /* ---------------- paths */
 
-OXL_INTERNAL const char *path_longest_tail(const char *folder, const char *name)
-{
-    for (const char *tail = name; tail; tail = strchr(tail, '/') ? strchr(tail, '/') + 1 : NULL)
-        if (os_is_file(PATH(folder, "%s", tail))) return tail;
-    return name;
-}
-
 OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b)
 {
     const size_t na = strlen(a), nb = strlen(b);

@@ -112,12 +112,10 @@ static void job_log_metrics(struct job *job, const oxl_metrics *m, size_t gaussi
     if (m->count == 0)
         oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be evaluated, so there are no metrics");
     else
-        oxl_log(
-            job->ctx, OXL_LOG_INFO,
-            "result       PSNR %.2f dB, SSIM %.4f, structure %.3f (mean of %d %s views); %zu Gaussians, %.1f MB",
-            m->psnr, m->ssim, m->structure, m->count,
-            job_evaluated_split(job) == OXL_SPLIT_TEST ? "held-out" : "training", gaussians,
-            (double)bytes / 1e6);
+        oxl_log(job->ctx, OXL_LOG_INFO,
+                "%s views: PSNR %.2f dB, SSIM %.4f, structure %.3f, means over %d; %zu Gaussians, %.1f MB",
+                job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "training", m->psnr, m->ssim,
+                m->structure, m->count, gaussians, (double)bytes / 1e6);
     if (!isnan(m->aligned_psnr))
         oxl_log(job->ctx, OXL_LOG_INFO,
                 "refined      PSNR %.2f dB, SSIM %.4f with the poses of held-out views refined, too",

@@ -149,10 +149,12 @@ static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, 
     return OXL_OK;
 }
 
-/* Returns 1 if all camera centres coincide within a millionth of the points' extent. */
-static int survey_has_no_baseline(const oxl_scene *scene, const oxl_survey *s)
+#define SURVEY_BASELINE 0.003 /* of the median depth: the least distance of cameras that tells depths */
+
+/* Returns 1 if all camera centres are nearly in one place, so that images tell no depths. */
+static int survey_has_no_baseline(const oxl_scene *scene)
 {
-    double apart = 0, size = 0;
+    double apart = 0;
     for (int k = 0; k < 3; k++) {
         double low = HUGE_VAL, high = -HUGE_VAL;
         for (int i = 0; i < oxl_scene_view_count(scene); i++) {
@@ -161,9 +163,8 @@ static int survey_has_no_baseline(const oxl_scene *scene, const oxl_survey *s)
             low = OXL_MIN(low, at[k]), high = OXL_MAX(high, at[k]);
         }
         apart = OXL_MAX(apart, high - low);
-        size = OXL_MAX(size, s->bounds_max[k] - s->bounds_min[k]);
     }
-    return apart <= 1e-6 * size;
+    return apart <= SURVEY_BASELINE * scene_depth_quantile(scene, 0.5);
 }
 
 static void survey_write_warnings(oxl_survey *s, int one_place)
@@ -239,7 +240,7 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, cons
     survey_write_prediction(ctx, out);
     survey_write_iterations(options, whole.train.iterations, out);
     if (closely) rc = survey_write_blocks(ctx, scene, &whole, out);
-    survey_write_warnings(out, survey_has_no_baseline(scene, out));
+    survey_write_warnings(out, survey_has_no_baseline(scene));
     return rc;
 }
 
