@@ -491,7 +491,7 @@ static oxl_result compare_write(struct compare *c, const struct arguments *a, do
     static const char head[] =
         "change,x,y,area,significant_area,volume,volume_95,raised,lowered,largest_difference\n";
     const char *words = a->scale > 0 ? "metres" : "units";
-    struct compare_sum whole, *place = calloc(COMPARE_PLACES + 1, sizeof *place);
+    struct compare_sum whole = {0}, *place = calloc(COMPARE_PLACES + 1, sizeof *place);
     struct output csv = {0}, page = {0}, say = {0};
     int places = 0;
     oxl_result rc = place ? compare_list(c, &whole, place, &places)
