@@ -1,5 +1,6 @@
 #!/bin/sh
 # words.sh - the documents have a length, in words by `wc -w`, and their links lead somewhere. README's prose has few numbers.
+# docs/results is the output of `oceanxl results`, and is not counted.
 set -u
 cd "$(dirname "$0")/.." || exit 1
 export LC_ALL=C
