@@ -222,7 +222,7 @@ promise a_mask_of_another_shape_is_reported_by_train 0 "the mask is stretched" o
     "mkdir -p masked && cp -r survey/. masked && '$program' synth -o square --views 2 --size 50x50 --points 50 --quiet && mkdir masked/masks && cp square/images/IMG_00000.png masked/masks/\$(ls survey/images | head -n 1).png && '$program' train masked -o masked/out --iterations 20"
 promise the_report_repeats_it 0 "the mask is stretched" grep stretched masked/out/report.html
 promise a_block_that_no_view_shows_keeps_its_gaussians 0 "windows of 0 views" behind_the_cameras
-promise displaced_poses_are_flagged_and_no_others 0 "IMG_00013.png fits" displaced
+promise displaced_poses_are_flagged_and_no_others 0 "IMG_00013.png is rendered displaced" displaced
 promise a_single_image_is_warned_of_once 0 "a single training view" on_stderr single_image
 promise warnings_of_reading_the_survey_come_once 0 "" sh -c "cp survey/sparse/0/points3D.txt single/sparse/0 && '$program' train single -o single/more --iterations 10 2>once.txt; test \$(grep -c 'more like it' once.txt) = 1"
 promise fewer_gaussians_than_blocks_are_trained 0 "few2/scene.ply" "$program" train survey -o few2 --max-gaussians 1 --iterations 40 --block-points 300
@@ -231,7 +231,7 @@ promise a_glb_that_is_read_is_told_with_what_helps 3 "are written, not read" sh 
 promise cameras_at_one_place_are_warned_of 0 "all cameras are at the same place" one_place
 promise a_folder_in_the_place_of_a_model_is_bad_input 3 "name a file, not a folder" "$program" info survey
 promise memory_refused_by_ram_is_the_budget_where_a_survey_is_read 4 "--ram allows 0.102 MB: " on_stderr "$program" check survey --ram 100K
-promise small_memory_limits_are_printed_in_megabytes 4 "1 MB are too little" on_stderr "$program" train survey -o tiny --ram 1M
+promise small_memory_limits_are_printed_in_megabytes 4 "--ram allows 1.05 MB" on_stderr "$program" train survey -o tiny --ram 1M
 promise a_memory_limit_that_a_fix_names_suffices_at_once 0 "" sh -c "for more in '' '--sh-degree 3'; do '$program' train survey -o tiny3 --ram 3M --iterations 5 \$more 2>named.txt; test \$? = 4 || exit 9
     '$program' train survey -o tiny3 --iterations 5 --quiet \$more \$(grep -o -e '--ram [0-9]*M' named.txt | head -n 1) || exit 9; rm -r tiny3; done"
 promise lines_of_a_kind_are_few 0 "" sh -c "mkdir odd && cp -r survey/. odd && sed -i '/^[0-9]/s/\$/ 999999 0/' odd/sparse/0/points3D.txt && '$program' check odd 2>odd.txt; test \$(wc -l <odd.txt) -le 8 && grep 'more like it' odd.txt"

@@ -124,7 +124,7 @@ def test_gradients_agree_with_finite_differences():
             values[at] = kept + step
             loss.append(float((oxl.render_image(model, view, imaging=False).astype(float) * weight).sum()))
         values[at] = kept
-        assert abs((loss[0] - loss[1]) / 2e-3 / exact[at] - 1) < 0.03, (name, loss, exact[at])
+        assert abs((loss[0] - loss[1]) / 2e-3 / exact[at] - 1) < 0.06, (name, loss, exact[at])
 
 
 def test_a_loop_of_ones_own_reaches_the_librarys_psnr():

@@ -99,7 +99,9 @@ static int model_read_head(const char *path, char head[MODEL_HEAD + 1])
     size_t text = 0;
     if (file) fclose(file);
     head[size] = 0;
-    while (text < size && ((head[text] >= ' ' && head[text] <= '~') || strchr("\r\n\t", head[text]))) text++;
+    while (text < size && head[text] &&
+           ((head[text] >= ' ' && head[text] <= '~') || strchr("\r\n\t", head[text])))
+        text++;
     return size > 0 && text == size;
 }
 
