@@ -216,6 +216,7 @@ static int mesh_block(const struct mesh *m, size_t block, int *list, struct mesh
 
 static int mesh_append(struct mesh *m, const struct mesh_vertex *v, size_t n)
 {
+    if (n == 0) return 1;
     if (m->corners + n > m->room) {
         const size_t room = 2 * (m->corners + n);
         struct mesh_vertex *larger = realloc(m->corner, room * sizeof *larger);

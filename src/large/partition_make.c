@@ -25,11 +25,11 @@ OXL_INTERNAL int partition_starts_from(const struct partition *p, int block, siz
 {
     const struct partition_plan *plan = p->plan;
     const struct colmap *c = scene_colmap(plan->scene);
-    const struct colmap_track *t = c->track + c->point[point].first_track;
+    const struct colmap_point *from = &c->point[point];
     const uint8_t *role = plan->role + (size_t)block * (size_t)oxl_scene_view_count(plan->scene);
     int found = plan->owner[point] == block;
-    for (uint32_t k = 0; k < c->point[point].track_count && !found; k++) {
-        const int view = plan->view_of[t[k].image_row];
+    for (uint32_t k = 0; k < from->track_count && !found; k++) {
+        const int view = plan->view_of[c->track[from->first_track + k].image_row];
         found = view >= 0 && role[view] != PARTITION_OUT;
     }
     return found;

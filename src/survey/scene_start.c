@@ -112,6 +112,7 @@ static void start_draw_points(struct start_draw *d, size_t wanted)
     const uint64_t seed = d->ctx->options.seed, last = START_TRIED + START_ATTEMPTS * (uint64_t)wanted;
     uint64_t number = 0;
     d->most = 1;
+    if (d->trainings == 0) return;
     for (; number < START_TRIED; number++) {
         start_draw_point(d, number, &d->point[0]);
         d->most = OXL_MAX(d->most, d->point[0].seen);
