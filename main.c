@@ -53,7 +53,7 @@ static void print_resume(const struct arguments *a)
 {
     const char *out = a->out ? a->out : a->path[0];
     if (!has_file(out, "run.json")) {
-        console_error("", "interrupted before anything was trained\nresume: the same command again");
+        console_error("", "interrupted before anything was trained\nresume: run the same command again");
         return;
     }
     print_format(
@@ -291,7 +291,8 @@ static oxl_result run_compare(oxl_context *ctx, const struct arguments *a)
         if (survey) rc = load(ctx, &side, &model[i], &scene[i], &imaging);
         else
             rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                          "%s holds no run.json that names its survey\nfix: the folder that train wrote",
+                          "%s holds no run.json that names its survey\nfix: name the folder that train "
+                          "wrote",
                           a->path[i]);
         oxl_imaging_free(ctx, imaging);
         free(survey);
@@ -379,7 +380,8 @@ static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
     if (rc == OXL_OK) rc = info_convert_imaging(ctx, from, to, 0, stderr);
     if (rc == OXL_OK && file_exists(to) && !is_model(to))
         rc = oxl_fail(ctx, OXL_ERR_USAGE,
-                      "%s is there, and is no model that can be read\nfix: another name, or remove it first",
+                      "%s exists, and is not a model that can be read\nfix: choose another name, or "
+                      "remove the file first",
                       to);
     if (rc == OXL_OK && a->scale > 0) oxl_model_rescale(&model, a->scale);
     if (rc == OXL_OK) rc = oxl_model_write(ctx, to, &model);
@@ -437,7 +439,7 @@ static int execute_lab(char **argv, const struct arguments *a)
     char path[4096] = "oceanxl-lab";
     if (a->command < COMMAND_SYNTH) return -1;
 #ifdef _WIN32
-    console_error("", "this is a command of oceanxl-lab\nfix: oceanxl-lab and the same arguments");
+    console_error("", "this is a command of oceanxl-lab\nfix: run oceanxl-lab with the same arguments");
 #else
     {
         const ssize_t length = readlink("/proc/self/exe", path, sizeof path - 1);

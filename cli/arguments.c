@@ -58,7 +58,7 @@ static int fail_other(struct arguments *a, const char *word)
     for (size_t i = 0; i < sizeof OTHER_NAMES / sizeof *OTHER_NAMES; i++)
         for (const char *at = OTHER_NAMES[i][0]; (at = strstr(at, word)) != NULL; at += length)
             if ((at == OTHER_NAMES[i][0] || at[-1] == ' ') && (at[length] == ' ' || !at[length]))
-                return fail(a, "option '%s' is another program's\nfix: here it is %s", word,
+                return fail(a, "option '%s' belongs to another program\nfix: use %s", word,
                             OTHER_NAMES[i][1]);
     return 0;
 }
@@ -152,9 +152,11 @@ static int check_out(struct arguments *a)
     for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
         const size_t n = strlen(files[i]);
         if (length > n && !strcmp(a->out + length - n, files[i]))
-            return fail(
-                a, "-o %s: it is the name of a file, and a folder is written, which holds %s\nfix: -o %.*s",
-                a->out, a->command == COMMAND_TRAIN ? "scene.ply" : "the files", (int)(length - n), a->out);
+            return fail(a,
+                        "-o %s is the name of a file, but the command writes a folder, which holds %s\nfix: "
+                        "-o %.*s",
+                        a->out, a->command == COMMAND_TRAIN ? "scene.ply" : "the files", (int)(length - n),
+                        a->out);
     }
     return 0;
 }
@@ -163,9 +165,10 @@ static int check_complete(struct arguments *a)
 {
     const struct cli_command *c = &CLI_COMMANDS[a->command];
     if (a->ortho && a->flight)
-        return fail(a, "--ortho and --flight exclude each other\nfix: leave one of the two out");
+        return fail(a, "--ortho and --flight exclude each other\nfix: use one of the two");
     if (a->command == COMMAND_RENDER && !a->ortho && (a->epsg || a->frame))
-        return fail(a, "--%s is of --ortho\nfix: add --ortho, or leave it out", a->epsg ? "epsg" : "frame");
+        return fail(a, "--%s applies to --ortho only\nfix: add --ortho, or leave the option out",
+                    a->epsg ? "epsg" : "frame");
     if (a->devices || ((a->path_count == c->paths || (a->path_count > 0 && a->command == COMMAND_RESULTS)) &&
                        (!c->needs_out || a->out)))
         return a->command == COMMAND_TRAIN || a->command == COMMAND_RENDER ? check_out(a) : 0;

@@ -281,7 +281,7 @@ static oxl_result console_flush(struct console *console, oxl_result rc)
     if ((fflush(stdout) == 0 && !ferror(stdout)) || rc != OXL_OK) return rc;
     console_log(
         console, OXL_LOG_ERROR,
-        "standard output could not be written\nfix: look at the disk or the program that it leads to");
+        "standard output could not be written\nfix: check the disk, or the program that reads the output");
     return OXL_ERR_IO;
 }
 
@@ -336,7 +336,7 @@ int console_main(int argc, char **argv, const struct program *program)
     if (rc == OXL_OK) rc = program->run(ctx, &a, &console);
     if (rc == OXL_ERR_INTERRUPTED &&
         (a.command == COMMAND_PARTITION || a.command == COMMAND_RENDER || a.command == COMMAND_SYNTH))
-        console_error("", "interrupted\nfix: the same command again");
+        console_error("", "interrupted\nfix: run the same command again");
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) rc = console_fail(&console, rc, oxl_error_text(ctx));
     oxl_context_free(ctx);
     return exit_code_of(console_flush(&console, rc));

@@ -94,7 +94,9 @@ oxl_result control_check(oxl_context *ctx, const oxl_scene *scene, const char *p
     }
     free(text);
     if (rc == OXL_OK && sum.count == 0)
-        rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: no control point\nfix: lines of NAME,X,Y,Z,IMG,X,Y,IMG,X,Y",
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s holds no control point\nfix: write lines of "
+                      "NAME,X,Y,Z,IMG,X,Y,IMG,X,Y",
                       path);
     if (rc == OXL_OK) control_print_sum(&sum, to);
     return rc;

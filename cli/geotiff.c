@@ -133,7 +133,10 @@ oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotif
                                        (size_t)g->height};
     int written;
     if ((double)f.pixels > GEOTIFF_MOST)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "%s would have more than 4 GB\nfix: a larger --pixel", path);
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "%s would be larger than 4 GB, the limit of this "
+                        "format\nfix: use a larger --pixel",
+                        path);
     geotiff_describe(&f, g);
     output_open(&f.out, path);
     output_bytes(&f.out, "II*\0", 4);

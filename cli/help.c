@@ -20,10 +20,13 @@ static const struct {
     const char *name, *what;
 } HELP_OUTPUTS[] = {
     {"scene.ply",
-     "the model, for any viewer: the SH degrees in use, second lobes in an element of their own."},
-    {"scene_standard.ply", "the same in the 62 columns that every viewer reads, where scene.ply differs."},
+     "the model, which any viewer opens. It has the SH degrees in use, and second lobes in an element of "
+     "their own."},
+    {"scene_standard.ply", "the same model in the 62 columns that every viewer reads; written where "
+                           "scene.ply has other columns."},
     {"scene_clear.ply, imaging.txt",
-     "the scene without its medium, or at mean exposure where gains alone differ (scene.ply is then for viewers); parameters of exposure, lamp, medium, poses. eval and render use both."},
+     "the model without its medium, or the one that needs gains where images differ by gains alone; and "
+     "the parameters of exposure, lamp, medium and poses. eval and render use both files."},
     {"metrics.json",
      "psnr, cc_psnr, ssim, ms_ssim, structure, explained of held-out views, each and mean; psnr, cc_psnr, structure, explained of training views, flag (misfit, exposure, no structure); gaussians, bytes, seconds, iterations, peak_rss_bytes."},
     {"run.json",
@@ -134,7 +137,7 @@ static int help_options(FILE *to, enum command command, int all)
 static void help_first(FILE *to)
 {
     fputs("\nIn place of a command\n", to);
-    help_row(to, "--help [all], -h", "this overview; all: with every option of every command", "");
+    help_row(to, "--help [all], -h", "print this overview; all: with every option of every command", "");
     help_row(to, "--version, -V", "version", "");
     help_row(to, "--man", "the manual page, in roff: oceanxl --man | man -l -", "");
     help_row(to, "--options-page", "docs/OPTIONS.md", "");

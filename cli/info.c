@@ -127,22 +127,25 @@ oxl_result info_convert_imaging(oxl_context *ctx, const char *from, const char *
     if (!is_written && viewers && !named_so && there)
         rc = oxl_fail(
             ctx, OXL_ERR_USAGE,
-            "%s: not written: it would be rendered with the medium or gains that imaging.txt beside it "
-            "has, unlike %s\nfix: another folder",
+            "%s is not written: commands would render it with the medium or gains of the imaging.txt "
+            "beside it, unlike %s\nfix: choose another folder",
             to, from);
     if (!is_written && !viewers && named_so && imaging)
         rc = oxl_fail(ctx, OXL_ERR_USAGE,
-                      "%s: not written: models called scene.* are rendered without the medium or gains of "
-                      "imaging.txt, unlike %s\nfix: another name, such as clear.ply",
+                      "%s is not written: models called scene.* are rendered without the medium or gains "
+                      "of imaging.txt, unlike %s\nfix: choose another name, such as clear.ply",
                       to, from);
     if (is_written && there && imaging && strcmp(there, imaging) != 0)
-        print_format(say, "oxl: imaging.txt beside %s is another model's: it is kept, and applies\n", to);
+        print_format(say,
+                     "oxl: imaging.txt beside %s belongs to another model: it is kept, and applies "
+                     "to this one\n",
+                     to);
     if (is_written && !viewers && imaging && !there) {
         output_add(&t, "%s", imaging);
         if (!output_save(&t, path))
             rc = oxl_fail(ctx, OXL_ERR_IO,
-                          "%s: the gains of the images could not be copied beside the model, which is there\n"
-                          "fix: free space on the disk, and copy imaging.txt from beside %s",
+                          "%s is written, but the gains of its images could not be copied beside "
+                          "it\nfix: free space on the disk, and copy imaging.txt from beside %s",
                           path, from);
     }
     free(imaging);

@@ -208,11 +208,11 @@ oxl_result output_check_own(oxl_context *ctx, const char *folder, const char *na
     if (!file && (errno == ENOENT || errno == ENOTDIR)) return OXL_OK;
     is_own = file && mark && (!mark[0] || output_has(file, mark));
     if (file) fclose(file);
-    return is_own
-               ? OXL_OK
-               : oxl_fail(ctx, OXL_ERR_USAGE,
-                          "%s is there, and OceanXL did not write it\nfix: another folder, or move it away",
-                          path);
+    return is_own ? OXL_OK
+                  : oxl_fail(ctx, OXL_ERR_USAGE,
+                             "%s exists, and OceanXL did not write it\nfix: choose another folder, or move "
+                             "the file away",
+                             path);
 }
 
 void output_integer(struct output *t, uint64_t value, int size)

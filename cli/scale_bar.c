@@ -192,7 +192,10 @@ static void scale_print(const oxl_scene *scene, const struct scale_bar *b, doubl
                 b->end[i][0] + origin[0], b->end[i][1] + origin[1], b->end[i][2] + origin[2], b->miss[i]);
     fprintf(to, "distance  %.9g units\n", b->units);
     if (survey > 0 && b->units > survey)
-        fprintf(to, "warning   the survey is only %.3g units long: an end may be marked wrongly\n", survey);
+        fprintf(to,
+                "warning   the survey is only %.3g units long: an end may be marked in the wrong "
+                "place\n",
+                survey);
 }
 
 /* Fits the scale to all bars of known length by least squares, and prints it, and what it leaves of each

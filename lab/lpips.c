@@ -228,7 +228,7 @@ static oxl_result lpips_of_view(oxl_context *ctx, const struct lpips *net, const
     oxl_result rc;
     if (size <= ends || strcmp(path + size - ends, end) != 0)
         return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "found '%s', expected NAME.image.png\nfix: OUT/renders/*.image.png", path);
+                        "found '%s', expected NAME.image.png\nfix: give OUT/renders/*.image.png", path);
     snprintf(render, sizeof render, "%.*s.png", (int)(size - ends), path);
     rc = oxl_image_read(ctx, render, &a);
     if (rc == OXL_OK) rc = oxl_image_read(ctx, path, &b);

@@ -42,7 +42,8 @@ static oxl_result run_study(oxl_context *ctx, const struct arguments *a, struct 
     else rc = study_run(ctx, a->command == COMMAND_ABLATE ? STUDY_ABLATION : STUDY_TRADEOFF, &o, stdout);
     console_clear(console);
     if (rc == OXL_ERR_INTERRUPTED)
-        fputs("oxl: interrupted; finished trainings are kept\n     resume: the same command again\n", stderr);
+        fputs("oxl: interrupted; finished trainings are kept\n     resume: run the same command again\n",
+              stderr);
     return rc;
 }
 

@@ -133,7 +133,7 @@ promise no_command_is_a_usage_error 2 "a command is expected" on_stderr "$progra
 promise unknown_command_offers_the_nearest 2 "did you mean train?" on_stderr "$program" trian survey
 promise unknown_option_offers_the_nearest 2 "did you mean --iterations?" on_stderr "$program" train survey -o out --iteration 3
 promise option_of_another_command_is_refused 2 "option '--depth' is not known" "$program" train survey -o out --depth
-promise options_of_other_programs_are_named_as_they_are_here 2 "fix: here it is --iterations N" on_stderr "$program" train s -o o -n 300
+promise options_of_other_programs_are_named_as_they_are_here 2 "fix: use --iterations N" on_stderr "$program" train s -o o -n 300
 promise long_options_of_other_programs_are_named_as_they_are_here 2 "fix: here it is -o FOLDER" on_stderr "$program" train s --output o
 promise an_output_folder_with_the_name_of_a_model_is_refused 2 "fix: -o model" on_stderr "$program" train s -o model.ply
 promise missing_scene_is_a_usage_error 2 "needs SCENE -o OUT" "$program" train
@@ -252,11 +252,11 @@ promise render_writes_depth 0 "" files 16 all "*.depth.pfm"
 promise render_writes_depth_of_16_bits_too 0 "" files 16 all "*.depth16.png"
 promise render_writes_a_map 0 "in the world's x and y" on_stdout "$program" render out/scene.ply survey -o ortho --ortho --pixel 0.05
 promise map_has_its_heights 0 "" sh -c 'test -s ortho/ortho.tif && test -s ortho/height.tif'
-promise map_replaces_its_own_and_no_other_programs 2 "mine/height.tif is there, and OceanXL did not write it" sh -c \
+promise map_replaces_its_own_and_no_other_programs 2 "mine/height.tif exists, and OceanXL did not write it" sh -c \
     "'$program' render out/scene.ply survey -o ortho --ortho --pixel 0.05 && mkdir -p mine && echo dem >mine/height.tif &&
      '$program' render out/scene.ply survey -o mine --ortho; code=\$?; grep -qx dem mine/height.tif && exit \$code"
 promise convert_again_is_no_fault 0 "Gaussians in metric2.ply" sh -c "'$program' convert out/scene.ply metric2.ply && '$program' convert out/scene.ply metric2.ply --scale 2"
-promise convert_replaces_models_and_nothing_else 2 "points.ply is there, and is no model" sh -c \
+promise convert_replaces_models_and_nothing_else 2 "points.ply exists, and is not a model" sh -c \
     "echo cloud >points.ply; '$program' convert out/scene.ply points.ply; code=\$?; grep -qx cloud points.ply && ! ls points.ply.* 2>/dev/null && exit \$code"
 promise train_replaces_no_report_of_another_program 2 "mine3/report.html is there" sh -c "mkdir -p mine3 && echo mine >mine3/report.html && '$program' train survey -o mine3"
 promise report_replaces_no_page_of_another_program 2 "mine4/report.html is there" sh -c \
@@ -271,13 +271,13 @@ promise eval_takes_the_sides_of_training 0 "--max-side 48, as in training" on_st
 promise cloud_says_which_files_it_writes 2 "expected a file *.ply or *.las" on_stderr "$program" cloud out/scene.ply survey -o cloud.xyz
 promise map_says_its_axes 0 "1 0 0 0" cat ortho/frame.txt
 promise map_of_own_axes_refuses_an_epsg_code 2 "--frame world if the survey is georeferenced" on_stderr "$program" render out/scene.ply survey -o ortho --ortho --frame survey --epsg 32632
-promise options_of_a_map_want_a_map 2 "--epsg is of --ortho" "$program" render out/scene.ply survey -o ortho --epsg 32632
+promise options_of_a_map_want_a_map 2 "--epsg applies to --ortho only" "$program" render out/scene.ply survey -o ortho --epsg 32632
 promise render_follows_a_path 0 "3 images in flight" "$program" render out/scene.ply survey -o flight --flight survey --frames 3
 promise a_shorter_flight_removes_old_frames 0 "" sh -c "'$program' render out/scene.ply survey -o flight --flight survey --frames 5 && '$program' render out/scene.ply survey -o flight --flight survey --frames 3"
 promise a_flight_keeps_its_frames 0 "" files 3 flight "frame_*.png"
 promise render_refuses_another_path 2 "orbit|survey" "$program" render out/scene.ply survey -o flight --flight home
 promise a_closed_pipe_does_not_end_the_run 0 "" sh -c "'$program' train survey -o heard --iterations 30 2>&1 | head -n 1; test -s heard/scene.ply"
-promise render_refuses_two_kinds_of_images 2 "leave one of the two out" "$program" render out/scene.ply survey -o flight --flight orbit --ortho
+promise render_refuses_two_kinds_of_images 2 "use one of the two" "$program" render out/scene.ply survey -o flight --flight orbit --ortho
 promise measure_wants_pixels_of_the_image 3 "lies outside of its" "$program" measure survey --scale-bar IMG_00000.png,5000,9000,IMG_00001.png,5,9:0,0,0
 promise measure_refuses_rays_that_miss 3 "miss each other by" on_stderr "$program" measure survey --scale-bar $first,10,50,$last,90,5:0,0,0 --length 1
 promise measure_refuses_a_bar_without_length 3 "both ends are at the same place" on_stderr "$program" measure survey --scale-bar 1,2,3:1,2,3 --length 1
@@ -313,7 +313,7 @@ promise control_characters_of_names_are_shown_as_numbers 0 'x1b]0;owned\x07' esc
 promise resume_line_can_be_copied_whatever_the_names_are 130 "oceanxl train 'a b;touch x' -o 'o'\\''o'" \
     ctrl_c sh -c "ln -sfn survey 'a b;touch x'; exec '$program' train 'a b;touch x' -o \"o'o\" --iterations 300000"
 promise viewer_reads_and_sorts_what_a_page_must_not_hang_on 0 "" sh -c "! command -v node || node '$examples/../tests/viewer_parts.js'"
-promise convert_refuses_a_place_where_the_medium_is_applied_twice 2 "fix: another folder" on_stderr "$program" convert lit/scene.ply lit/other.ply
+promise convert_refuses_a_place_where_the_medium_is_applied_twice 2 "fix: choose another folder" on_stderr "$program" convert lit/scene.ply lit/other.ply
 promise convert_refuses_a_name_that_loses_the_medium 2 "fix: another name" on_stderr "$program" convert lit/scene_clear.ply lost/scene.ply
 promise convert_keeps_what_the_model_is_rendered_with 0 "" sh -c \
     "test ! -e lit/other.ply && mkdir -p fit && '$program' convert lit/scene.ply lit/scene.spz && '$program' convert lit/scene_clear.ply lit/more.ply && '$program' convert lit/scene_clear.ply fit/more.ply &&

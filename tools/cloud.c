@@ -125,12 +125,15 @@ oxl_result cloud_make(const struct surface *s, int enough, struct cloud *out)
         if (larger)
             memcpy(larger + out->count, point, n * sizeof *point), out->point = larger, out->count += n;
         free(point);
-        if (!larger) return oxl_fail(s->ctx, OXL_ERR_MEMORY, "cloud: no memory\nfix: a smaller --max-side");
+        if (!larger)
+            return oxl_fail(s->ctx, OXL_ERR_MEMORY,
+                            "cloud: no memory\nfix: use a smaller "
+                            "--max-side");
     }
     return out->count > 0 ? OXL_OK
                           : oxl_fail(s->ctx, OXL_ERR_INPUT,
-                                     "cloud: no place of the model is confirmed by %d training views\nfix: "
-                                     "--min-views 1, or a model trained for longer",
+                                     "cloud: no place of the model is confirmed by %d training "
+                                     "views\nfix: use --min-views 1, or train the model for longer",
                                      enough);
 }
 

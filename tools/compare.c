@@ -157,11 +157,10 @@ static oxl_result compare_register(struct compare *c)
     c->noise = left / sqrt(c->surface[0].views + c->surface[1].views);
     return c->overlap >= COMPARE_OVERLAP
                ? OXL_OK
-               : oxl_fail(
-                     c->ctx, OXL_ERR_INPUT,
-                     "compare: only %.0f %% of the second survey lies on the first, at least %.0f %% are wanted\n"
-                     "fix: georeference both surveys, so that their coordinates are of one system",
-                     100 * c->overlap, 100 * COMPARE_OVERLAP);
+               : oxl_fail(c->ctx, OXL_ERR_INPUT,
+                          "compare: only %.0f %% of the second survey lies on the first, expected at least "
+                          "%.0f %%\nfix: georeference both surveys, so that they share one coordinate system",
+                          100 * c->overlap, 100 * COMPARE_OVERLAP);
 }
 
 /* ---------------- both heights on one grid */

@@ -118,7 +118,7 @@ static oxl_result map_open(struct map *m, const struct surface *s, int side)
     if (side > 0) m->pixel = fmax(m->pixel, longest / side);
     if (longest / m->pixel > MAP_SIDE_MAX)
         return oxl_fail(m->ctx, OXL_ERR_USAGE,
-                        "map: it would have more than %d px a side\nfix: a larger --pixel", MAP_SIDE_MAX);
+                        "map: it would have more than %d px a side\nfix: use a larger --pixel", MAP_SIDE_MAX);
     map_lay_out(m, low, high);
     return OXL_OK;
 }
@@ -156,7 +156,7 @@ static oxl_result map_draw(struct map *m, const oxl_model *model)
     m->sigma = malloc(sizeof *m->sigma * pixels);
     m->views = calloc(pixels, sizeof *m->views);
     if (!depth || !m->rgba || !m->level || !m->sigma || !m->views)
-        rc = oxl_fail(m->ctx, OXL_ERR_MEMORY, "map: no memory for %d x %d px\nfix: a larger --pixel",
+        rc = oxl_fail(m->ctx, OXL_ERR_MEMORY, "map: no memory for %d x %d px\nfix: use a larger --pixel",
                       m->width, m->height);
     for (int y = 0; y < m->height && rc == OXL_OK; y += MAP_PATCH)
         for (int x = 0; x < m->width && rc == OXL_OK; x += MAP_PATCH) {
@@ -385,8 +385,8 @@ static oxl_result map_measure(struct map *m, const struct map_count *sum)
     if (sum->any == 0)
         return oxl_fail(
             m->ctx, OXL_ERR_INPUT,
-            "map: nothing that a training view sees lies below the cameras: the map's up may be down\n"
-            "fix: --frame survey");
+            "map: no surface that a training view sees lies below the cameras: the map's vertical axis "
+            "may point down\nfix: use --frame survey");
     m->area = (double)sum->covered * m->pixel * m->pixel;
     m->covered = (double)sum->covered / (double)sum->any, m->high /= (double)sum->any;
     return map_compare_points(m);
@@ -400,7 +400,7 @@ oxl_result map_make(struct map *m, oxl_model *model, enum frame_kind kind, int s
     if (oxl_scene_point_count(m->scene) < 3)
         return oxl_fail(
             m->ctx, OXL_ERR_INPUT,
-            "map: the survey has no points, so its vertical axis is unknown\nfix: export points3D, too");
+            "map: the survey has no points, so its vertical axis is unknown\nfix: export points3D as well");
     if (!m->is_placed) frame_choose(m->scene, kind, &m->frame);
     if (!m->surface) rc = surface_open(m->ctx, model, m->scene, MAP_VIEW_SIDE, &own);
     if (rc == OXL_OK) rc = map_open(m, s, side);
@@ -511,9 +511,8 @@ static void map_say(const struct map *m, const struct arguments *a, double unit,
                      m->filled, MAP_PINHOLE);
     if (m->down < MAP_DOWN)
         print_format(
-            to,
-            "warning   the cameras look along this map more than down on it, as on a wall or in a room, so that little "
-            "has a height; --frame survey maps the plane of the points\n");
+            to, "warning   the cameras look along this map more than down on it, as on a wall or in a room, "
+                "so few places have a height; --frame survey maps the plane of the points\n");
     if (isnan(m->error)) return;
     print_format(
         to,
@@ -548,7 +547,7 @@ static oxl_result map_check(const struct map *m, const struct arguments *a, cons
     return oxl_fail(m->ctx, OXL_ERR_USAGE,
                     "map: --epsg names the system of the world's coordinates, but the map is along the "
                     "survey's own axes\nfix: --frame world if the survey is georeferenced, else "
-                    "georeference it first (docs/GUIDE.md, 5)");
+                    "georeference it first (docs/GUIDE.md, 6)");
 }
 
 oxl_result map_write(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, const struct arguments *a,

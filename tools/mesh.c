@@ -391,9 +391,11 @@ oxl_result mesh_save(const struct surface *s, const struct cloud *c, const struc
     struct output t = {0};
     oxl_result rc = OXL_OK;
     if (!mesh_find_blocks(&m, c) || !mesh_trace_blocks(&m) || !mesh_join(&m))
-        rc = oxl_fail(s->ctx, OXL_ERR_MEMORY, "mesh: no memory\nfix: a larger --pixel");
+        rc = oxl_fail(s->ctx, OXL_ERR_MEMORY, "mesh: no memory\nfix: use a larger --pixel");
     else if (m.triangles == 0)
-        rc = oxl_fail(s->ctx, OXL_ERR_INPUT, "mesh: no surface is found at cells of %g\nfix: another --pixel",
+        rc = oxl_fail(s->ctx, OXL_ERR_INPUT,
+                      "mesh: no surface is found at cells of %g\nfix: use another "
+                      "--pixel",
                       m.cell * f->unit);
     if (rc == OXL_OK) rc = cloud_deviation(s, &m.vertex, d);
     if (rc == OXL_OK) {

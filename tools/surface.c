@@ -89,7 +89,7 @@ static oxl_result surface_render(struct surface *s, const oxl_model *model, stru
     v->guess = malloc(pixels);
     if (!v->depth || !v->rgb || !v->guess)
         rc = oxl_fail(s->ctx, OXL_ERR_MEMORY,
-                      "no memory for the depths of the views\nfix: a smaller --max-side");
+                      "no memory for the depths of the views\nfix: use a smaller --max-side");
     if (rc == OXL_OK) rc = oxl_render(s->ctx, model, &v->camera, &render, &image, v->depth);
     for (size_t i = 0; i < 3 * pixels && rc == OXL_OK; i++)
         v->rgb[i] = (unsigned char)(255 * fminf(fmaxf(image.rgb[i % 3 * pixels + i / 3], 0), 1) + 0.5f);
