@@ -63,7 +63,6 @@
 #include "src/formats/imaging_file.c"  /* imaging.txt beside a model */
 #include "src/formats/model_text.c"    /* comments and values that the formats of models share */
 #include "src/formats/spz.c"           /* models as SPZ */
-#include "src/formats/gltf.c"          /* models as binary glTF */
 #include "src/formats/splat_file.c"    /* models as .splat */
 #include "src/formats/model_file.c"    /* models from PLY */
 #include "src/formats/image_write.c"   /* writes PNG and JPEG, in memory by codec */

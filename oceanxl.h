@@ -319,10 +319,8 @@ OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *poin
  *   .splat  32 bytes per Gaussian, SH degree 0; read and written
  *   .spz    nianticlabs/spz, quantised, 20 to 65 bytes per Gaussian before compression; versions 2 and 3 are
  *   read, 3 is written
- *   .glb    glTF with KHR_gaussian_splatting; written only
- * .splat, .spz and .glb have no lobes. Origin and scale: comments of a .ply ("origin X Y Z", "scale S"), the
- * comment of an .spz's gzip header, the node of a .glb; a .splat has neither. The view is a comment of .ply
- * and .spz ("view" and its numbers). */
+ * .splat and .spz have no lobes. Origin, scale, background, first view and anti-aliasing are comments of a
+ * .ply ("origin X Y Z", "scale S", ...), and lines of the comment of an .spz's gzip header; a .splat has none. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
 

@@ -62,10 +62,9 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
     [COMMAND_INFO] = {"info", 1, 0, "FILE", "Prints what a model file holds.", "oceanxl info out/scene.ply",
                       "Reads .ply, .spz and .splat."},
     [COMMAND_CONVERT] =
-        {"convert", 2, 0, "IN OUT",
-         "Converts between .ply, .spz and .splat, and to .glb, by the files' extensions.",
+        {"convert", 2, 0, "IN OUT", "Converts between .ply, .spz and .splat by the files' extensions.",
          "oceanxl convert out/scene.ply scene.splat",
-         ".spz is the smallest; .splat holds 32 bytes a Gaussian and no colour that depends on the view; .glb is glTF with KHR_gaussian_splatting."},
+         ".spz is the smallest; .splat holds 32 bytes a Gaussian and no colour that depends on the view."},
     [COMMAND_REPORT] =
         {"report", 1, 0, "OUT", "Writes one page about a run: input, decisions, metrics.",
          "oceanxl report out",

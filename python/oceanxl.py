@@ -390,7 +390,7 @@ class Model:
         return model
 
     def save(self, path):
-        """Writes .ply, .splat, .spz or .glb."""
+        """Writes .ply, .splat or .spz."""
         self.context.call(lib.oxl_model_write, os.fsencode(path), byref(self.c))
 
     def _planes(self, first, number):

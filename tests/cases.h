@@ -144,6 +144,8 @@ oxl_result train_begin(struct train *t);
 oxl_result train_density(struct train *t);
 void train_end(struct train *t);
 oxl_result train_resume(struct train *t);
+/* src/formats/spz.c */
+extern const signed char spz_turn_sh[15];
 /* src/core/number.c */
 extern const double number_power10[];
 

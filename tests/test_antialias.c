@@ -38,23 +38,6 @@ TEST(antialias_keeps_a_splats_light_at_any_size)
     CHECK(antialias_test_light(32, 0) > 1.5 * large); /* it swells */
 }
 
-TEST(antialias_goes_through_files_and_copies)
-{
-    static const char *const names[] = {"m.ply", "m.spz", "m_standard.ply"};
-    for (size_t k = 0; k < OXL_COUNT(names); k++)
-        for (int on = 0; on < 2; on++) {
-            OWNED_MODEL m = {0}, back = {0}, copy = {0};
-            CHECK_OK(oxl_model_create(test_ctx, 3, 0, &m));
-            m.antialias = on;
-            CHECK_OK(oxl_model_write(test_ctx, test_path(names[k]), &m));
-            test_read_model(names[k], &back);
-            CHECK(back.antialias == on);
-            CHECK_OK(model_copy(test_ctx, &back, &copy));
-            CHECK_OK(model_set_degree(test_ctx, &copy, 1));
-            CHECK(copy.antialias == on);
-        }
-}
-
 /* Brush's and Postshot's words for it. */
 TEST(antialias_of_other_programs_is_read)
 {
@@ -72,16 +55,11 @@ TEST(antialias_of_other_programs_is_read)
     }
 }
 
-TEST(antialias_is_in_gltf_and_missed_in_splat)
+TEST(antialias_is_missed_in_splat)
 {
-    struct os_file_map file;
     OWNED_MODEL m = {0};
     CHECK_OK(oxl_model_create(test_ctx, 2, 0, &m));
     m.antialias = 1;
-    CHECK_OK(oxl_model_write(test_ctx, test_path("m.glb"), &m));
-    CHECK_OK(os_read_file(test_ctx, test_path("m.glb"), &file));
-    CHECK(strstr(file.data + 20, "\"extras\":{\"antialias\":true}") != NULL);
-    os_release_file(test_ctx, &file);
     test_listen();
     CHECK_OK(oxl_model_write(test_ctx, test_path("m.splat"), &m));
     CHECK_TEXT(test_said.warning, "cannot store that the model is anti-aliased");

@@ -875,8 +875,6 @@ TEST(models_keep_infinite_opacities_and_widths_of_zero)
     CHECK(m.count == 2 && m.not_finite == 0);
     CHECK(m.count == 2 && m.plane[OXL_OPACITY][0] == 20 && m.plane[OXL_OPACITY][1] == -20);
     CHECK(m.count == 2 && m.plane[OXL_LOG_SCALE + 2][0] == -87);
-    m.plane[OXL_OPACITY][0] = m.plane[OXL_OPACITY][1] = -INFINITY;
-    CHECK(model_file_settle_limits(&m) == 2); /* counts rows, whatever isinf returns */
     oxl_model_free(test_ctx, &m);
     CHECK_ERROR(oxl_model_read(
                     test_ctx,
@@ -904,9 +902,15 @@ TEST(models_of_alphas_and_sizes_in_the_place_of_logits_and_logarithms_are_said)
         test_ctx->options.log = foreign_listen;
         test_read_model("m.ply", &back);
         oxl_model_free(test_ctx, &back);
-        if (k == 0) CHECK(!strstr(foreign_heard, "all "));
-        if (k == 1) CHECK_TEXT(foreign_heard, "all opacities are from 0 to 0.995, as alphas are");
-        if (k == 2) CHECK_TEXT(foreign_heard, "all scales are from 0.001 to 0.2, as sizes are");
+        if (k == 0) CHECK(!strstr(foreign_heard, "all values"));
+        if (k == 1)
+            CHECK_TEXT(
+                foreign_heard,
+                "opacities look like alphas; logits, log(alpha / (1 - alpha)), are read, and all values are from 0 to 0.995");
+        if (k == 2)
+            CHECK_TEXT(
+                foreign_heard,
+                "scales look like sizes; their logarithms are read, and all values are from 0.001 to 0.2");
     }
 }
 
@@ -980,7 +984,7 @@ TEST(models_are_known_by_their_bytes_and_names_in_any_case)
     CHECK(oxl_model_write(test_ctx, test_path("a.compressed.ply"), &m) == OXL_ERR_USAGE);
     oxl_model_free(test_ctx, &m);
     CHECK_ERROR(oxl_model_read(test_ctx, test_write("a.sog", "PK\3\4 and so on"), &m), OXL_ERR_INPUT,
-                "SOG (a zip file), which is not read\nfix: splat-transform IN.sog OUT.ply");
+                "SOG (a zip file) is neither read nor written\nfix: splat-transform IN.sog OUT.ply");
     CHECK_ERROR(oxl_model_read(test_ctx, test_write("a.KSPLAT", "...."), &m), OXL_ERR_INPUT,
                 "splat-transform IN.ksplat OUT.ply");
 }
@@ -996,7 +1000,7 @@ TEST(spz_keeps_the_precision_of_the_scene_beside_a_far_gaussian)
     m.plane[OXL_MEAN][ROWS - 1] = 3e7f;
     m.plane[OXL_LOG_SCALE][ROWS - 1] = 10;
     CHECK_OK(oxl_model_write(test_ctx, test_path("far.spz"), &m));
-    CHECK_TEXT(foreign_heard, "1 of 200 Gaussians lie beyond the format's range");
+    CHECK_TEXT(foreign_heard, "1 of 200 Gaussians are beyond the format's range");
     test_read_model("far.spz", &again);
     for (int i = 0; i + 1 < ROWS && again.count == ROWS; i++)
         CHECK(fabs(again.plane[OXL_MEAN][i] - m.plane[OXL_MEAN][i]) < 1e-5);

@@ -9,28 +9,23 @@ struct ply_test_file {
 
 static void ply_test_text(struct ply_test_file *f, const char *text)
 {
-    memcpy(f->bytes + f->size, text, strlen(text));
-    f->size += strlen(text);
+    f->size += (size_t)sprintf((char *)f->bytes + f->size, "%s", text);
 }
 
-static void ply_test_put(struct ply_test_file *f, uint64_t bits, int size)
+static void ply_test_put(struct ply_test_file *f, const void *value, int size)
 {
     for (int i = 0; i < size; i++)
-        f->bytes[f->size++] = (unsigned char)(bits >> 8 * (f->big_endian ? size - 1 - i : i));
+        f->bytes[f->size++] = ((const unsigned char *)value)[f->big_endian ? size - 1 - i : i];
 }
+#define PLY_TEST_PUT(f, type, value) ply_test_put(f, &(type){value}, sizeof(type))
 
-static void ply_test_put_float(struct ply_test_file *f, float value)
+static struct ply_test_file ply_test_binary(int big_endian, const char *header)
 {
-    uint32_t bits;
-    memcpy(&bits, &value, sizeof bits);
-    ply_test_put(f, bits, 4);
-}
-
-static void ply_test_put_double(struct ply_test_file *f, double value)
-{
-    uint64_t bits;
-    memcpy(&bits, &value, sizeof bits);
-    ply_test_put(f, bits, 8);
+    struct ply_test_file f = {.big_endian = big_endian};
+    ply_test_text(&f, big_endian ? "ply\nformat binary_big_endian 1.0\n"
+                                 : "ply\nformat binary_little_endian 1.0\n");
+    ply_test_text(&f, header);
+    return f;
 }
 
 static const char *ply_test_save(const char *name, const struct ply_test_file *f)
@@ -70,33 +65,27 @@ static void ply_test_check_types(const char *path)
     struct ply ply;
     CHECK_OK(ply_open(test_ctx, path, &ply));
     CHECK(ply.elements == 1 && ply.element[0].properties == 8 && ply.element[0].rows == 2);
-    if (ply.elements == 1) {
-        for (int c = 0; c < 8; c++) target[c].as_double = got[c];
-        target[6].as_float = as_float;
-        CHECK_OK(ply_read(test_ctx, &ply, 0, target));
-        for (int c = 0; c < 8; c++)
-            for (int row = 0; row < 2; row++) CHECK_CLOSE(got[c][row], wanted[c][row], 0);
-        CHECK(as_float[0] == -1.5f && as_float[1] == tenth);
-    }
+    for (int c = 0; c < 8; c++) target[c].as_double = got[c];
+    target[6].as_float = as_float;
+    CHECK_OK(ply_read(test_ctx, &ply, 0, target));
+    CHECK(!memcmp(got, wanted, sizeof got));
+    CHECK(as_float[0] == -1.5f && as_float[1] == tenth);
     ply_close(test_ctx, &ply);
 }
 
 TEST(ply_binary_files_of_both_endians_give_each_type_exactly)
 {
     for (int big_endian = 0; big_endian < 2; big_endian++) {
-        struct ply_test_file f = {.big_endian = big_endian};
-        ply_test_text(&f, big_endian ? "ply\nformat binary_big_endian 1.0\n"
-                                     : "ply\nformat binary_little_endian 1.0\n");
-        ply_test_text(&f, PLY_TEST_TYPES);
+        struct ply_test_file f = ply_test_binary(big_endian, PLY_TEST_TYPES);
         for (int row = 0; row < 2; row++) {
-            ply_test_put(&f, row ? 127 : 0x80, 1);
-            ply_test_put(&f, row ? 0 : 255, 1);
-            ply_test_put(&f, row ? 32767 : 0x8000, 2);
-            ply_test_put(&f, row ? 1 : 65535, 2);
-            ply_test_put(&f, row ? 2147483647 : 0x80000000u, 4);
-            ply_test_put(&f, row ? 7 : 0xffffffffu, 4);
-            ply_test_put_float(&f, row ? 0.1f : -1.5f);
-            ply_test_put_double(&f, row ? -1e300 : 0.1);
+            PLY_TEST_PUT(&f, int8_t, row ? 127 : -128);
+            PLY_TEST_PUT(&f, uint8_t, row ? 0 : 255);
+            PLY_TEST_PUT(&f, int16_t, row ? 32767 : -32768);
+            PLY_TEST_PUT(&f, uint16_t, row ? 1 : 65535);
+            PLY_TEST_PUT(&f, int32_t, row ? 2147483647 : -2147483647 - 1);
+            PLY_TEST_PUT(&f, uint32_t, row ? 7 : 0xffffffffu);
+            PLY_TEST_PUT(&f, float, row ? 0.1f : -1.5f);
+            PLY_TEST_PUT(&f, double, row ? -1e300 : 0.1);
         }
         ply_test_check_types(ply_test_save("types.ply", &f));
     }
@@ -141,11 +130,8 @@ TEST(ply_comments_are_kept_and_nothing_of_them_is_parsed)
             "end_header\r\n"),
         &ply));
     CHECK(ply.comments == 3 && ply.elements == 0);
-    if (ply.comments == 3) {
-        CHECK(!strcmp(ply.comment[0], "before  the format"));
-        CHECK(!strcmp(ply.comment[1], ""));
-        CHECK(!strcmp(ply.comment[2], "element vertex 5"));
-    }
+    CHECK(!strcmp(ply.comment[0], "before  the format") && !strcmp(ply.comment[1], "") &&
+          !strcmp(ply.comment[2], "element vertex 5"));
     ply_close(test_ctx, &ply);
 }
 
@@ -158,13 +144,11 @@ static void ply_test_check_lists(const char *path)
     face[1].as_float = flag;
     CHECK_OK(ply_open(test_ctx, path, &ply));
     CHECK(ply_find_element(&ply, "vertex") == 1 && ply_find_element(&ply, "edge") == -1);
-    if (ply.elements == 2) {
-        CHECK(ply_find_property(&ply.element[0], "vertex_indices") == -1 &&
-              ply_find_property(&ply.element[0], "flag") == 1);
-        CHECK_OK(ply_read(test_ctx, &ply, 1, vertex));
-        CHECK_OK(ply_read(test_ctx, &ply, 0, face));
-        CHECK(flag[0] == 5 && flag[1] == -6 && x[0] == 0.25f && x[1] == -8);
-    }
+    CHECK(ply_find_property(&ply.element[0], "vertex_indices") == -1 &&
+          ply_find_property(&ply.element[0], "flag") == 1);
+    CHECK_OK(ply_read(test_ctx, &ply, 1, vertex));
+    CHECK_OK(ply_read(test_ctx, &ply, 0, face));
+    CHECK(flag[0] == 5 && flag[1] == -6 && x[0] == 0.25f && x[1] == -8);
     ply_close(test_ctx, &ply);
 }
 
@@ -174,17 +158,14 @@ static void ply_test_check_lists(const char *path)
 TEST(ply_lists_are_stepped_over_in_each_format)
 {
     for (int big_endian = 0; big_endian < 2; big_endian++) {
-        struct ply_test_file f = {.big_endian = big_endian};
-        ply_test_text(&f, big_endian ? "ply\nformat binary_big_endian 1.0\n"
-                                     : "ply\nformat binary_little_endian 1.0\n");
-        ply_test_text(&f, PLY_TEST_LISTS);
-        ply_test_put(&f, 3, 1);
-        for (int i = 0; i < 3; i++) ply_test_put(&f, 0x01020304, 4);
-        ply_test_put(&f, 5, 2);
-        ply_test_put(&f, 0, 1);
-        ply_test_put(&f, (uint64_t)-6, 2);
-        ply_test_put_float(&f, 0.25f);
-        ply_test_put_float(&f, -8);
+        struct ply_test_file f = ply_test_binary(big_endian, PLY_TEST_LISTS);
+        PLY_TEST_PUT(&f, uint8_t, 3);
+        for (int i = 0; i < 3; i++) PLY_TEST_PUT(&f, int32_t, 0x01020304);
+        PLY_TEST_PUT(&f, int16_t, 5);
+        PLY_TEST_PUT(&f, uint8_t, 0);
+        PLY_TEST_PUT(&f, int16_t, -6);
+        PLY_TEST_PUT(&f, float, 0.25f);
+        PLY_TEST_PUT(&f, float, -8);
         ply_test_check_lists(ply_test_save("lists.ply", &f));
     }
     ply_test_check_lists(
@@ -193,33 +174,34 @@ TEST(ply_lists_are_stepped_over_in_each_format)
 
 TEST(ply_headers_that_are_wrong_are_refused_with_file_line_and_what_was_seen)
 {
-    ply_test_refused("", "bad.ply:1: found '', expected a PLY file");
-    ply_test_refused("solid cube\n", "bad.ply:1: found 'solid cube', expected a PLY file");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n1\n",
-                     "bad.ply:5: found '1', expected format, comment");
-    ply_test_refused("ply\nformat ascii 1.0\ncomment no end",
-                     "bad.ply:3: found 'comment no end', expected more lines");
-    ply_test_refused("ply\nformat ascii 1.0\n", "no end_header");
-    ply_test_refused("ply\nend_header\n", "bad.ply:2: found 'end_header', expected a format line");
-    ply_test_refused("ply\nformat binary_middle_endian 1.0\nend_header\n", "binary_middle_endian");
-    ply_test_refused("ply\nformat ascii 2.0\nend_header\n",
-                     "bad.ply:2: found 'format ascii 2.0', expected version 1.0");
-    ply_test_refused("ply\nformat ascii 1.0\nproperty float x\nend_header\n",
-                     "expected an element before its properties");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 0\nproperty half x\nend_header\n",
-                     "bad.ply:4: found 'property half x', expected a type");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 0\nproperty float\nend_header\n",
-                     "expected a name");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 0\nproperty list float int x\nend_header\n",
-                     "expected a whole number");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex\nend_header\n", "expected element NAME COUNT");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex -1\nend_header\n", "expected a count of rows");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 1e6\nend_header\n", "expected a count of rows");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 99999999999999999999999\nend_header\n",
-                     "expected a count of rows");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 1\nproperty float "
-                     "a234567890b234567890c234567890d234567890e234567890f234567890g234\nend_header\n",
-                     "less than 64 letters");
+    static const char *const wrong[][2] = {
+        {"", "bad.ply:1: found '', expected a PLY file"},
+        {"solid cube\n", "bad.ply:1: found 'solid cube', expected a PLY file"},
+        {"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n1\n",
+         "bad.ply:5: found '1', expected format, comment"},
+        {"ply\nformat ascii 1.0\ncomment no end",
+         "bad.ply:3: found 'comment no end', expected more lines: the header has no end_header"},
+        {"ply\nend_header\n", "bad.ply:2: found 'end_header', expected a format line"},
+        {"ply\nformat binary_middle_endian 1.0\nend_header\n", "binary_middle_endian"},
+        {"ply\nformat ascii 2.0\nend_header\n", "bad.ply:2: found 'format ascii 2.0', expected format ascii"},
+        {"ply\nformat ascii 1.0\nproperty float x\nend_header\n",
+         "expected an element before its properties"},
+        {"ply\nformat ascii 1.0\nelement vertex 0\nproperty half x\nend_header\n",
+         "bad.ply:4: found 'property half x', expected property TYPE NAME"},
+        {"ply\nformat ascii 1.0\nelement vertex 0\nproperty float\nend_header\n",
+         "expected property TYPE NAME"},
+        {"ply\nformat ascii 1.0\nelement vertex 0\nproperty list float int x\nend_header\n",
+         "with a whole number to count"},
+        {"ply\nformat ascii 1.0\nelement vertex\nend_header\n", "expected element NAME COUNT"},
+        {"ply\nformat ascii 1.0\nelement vertex -1\nend_header\n", "expected element NAME COUNT"},
+        {"ply\nformat ascii 1.0\nelement vertex 1e6\nend_header\n", "expected element NAME COUNT"},
+        {"ply\nformat ascii 1.0\nelement vertex 99999999999999999999999\nend_header\n",
+         "the count 0 to 9223372036854775807"},
+        {"ply\nformat ascii 1.0\nelement vertex 1\nproperty float "
+         "a234567890b234567890c234567890d234567890e234567890f234567890g234\nend_header\n",
+         "less than 64 letters"},
+    };
+    for (size_t i = 0; i < OXL_COUNT(wrong); i++) ply_test_refused(wrong[i][0], wrong[i][1]);
 }
 
 TEST(ply_counts_are_compared_with_the_bytes_before_any_memory_is_taken)
@@ -268,34 +250,29 @@ TEST(ply_data_that_end_early_or_are_no_numbers_are_refused_with_their_place)
 {
     static const char ascii[] =
         "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nend_header\n";
-    struct ply_test_file f = {.size = 0};
+    static const char *const wrong[][2] = {
+        {"1 2\n3 abc\n", "d.ply:8: row 1 of 2 of element vertex: found 'abc', expected a number"},
+        {"1\n2 3 4\n", "d.ply:7: row 0 of 2 of element vertex"},
+        {"1 2 3\n4 5\n", "d.ply:7: row 0 of 2 of element vertex: found '3', expected the end of the line"},
+        {"1.00000 2\n", "d.ply:8: row 1 of 2 of element vertex: found '', expected a number"}};
+    struct ply_test_file f;
     char text[256];
-    snprintf(text, sizeof text, "%s1 2\n3 abc\n", ascii);
-    ply_test_data_refused(test_write("d.ply", text),
-                          "d.ply:8: row 1 of element vertex: found 'abc', expected a number");
-    snprintf(text, sizeof text, "%s1\n2 3 4\n", ascii);
-    ply_test_data_refused(test_write("d.ply", text), "d.ply:7: row 0 of element vertex");
-    snprintf(text, sizeof text, "%s1 2 3\n4 5\n", ascii);
-    ply_test_data_refused(test_write("d.ply", text),
-                          "d.ply:7: row 0 of element vertex: found '3', expected the end of the line");
-    snprintf(text, sizeof text, "%s1.00000 2\n", ascii);
-    ply_test_data_refused(test_write("d.ply", text),
-                          "d.ply:8: row 1 of element vertex: found '', expected a number");
-    ply_test_data_refused(
-        test_write("d.ply",
-                   "ply\nformat ascii 1.0\nelement f 1\nproperty list int int i\nend_header\n-1 2 3\n"),
-        "a list that fits");
-    ply_test_data_refused(
-        test_write("d.ply",
-                   "ply\nformat ascii 1.0\nelement f 1\nproperty list int int i\nend_header\n900000000 2\n"),
-        "a list that fits");
-    ply_test_text(&f, "ply\nformat binary_little_endian 1.0\n" PLY_TEST_LISTS);
-    ply_test_put(&f, 255, 1);
-    for (int i = 0; i < 30; i++) ply_test_put(&f, 0, 1);
-    ply_test_data_refused(ply_test_save("d.ply", &f), "the file ends in row 0 of 2 of element face");
+    for (size_t i = 0; i < OXL_COUNT(wrong); i++) {
+        snprintf(text, sizeof text, "%s%s", ascii, wrong[i][0]);
+        ply_test_data_refused(test_write("d.ply", text), wrong[i][1]);
+    }
+    for (int i = 0; i < 2; i++) {
+        snprintf(text, sizeof text,
+                 "ply\nformat ascii 1.0\nelement f 1\nproperty list int int i\nend_header\n%d 2 3\n",
+                 i ? 900000000 : -1);
+        ply_test_data_refused(test_write("d.ply", text), "a list that fits");
+    }
+    f = ply_test_binary(0, PLY_TEST_LISTS);
+    PLY_TEST_PUT(&f, uint8_t, 255);
+    for (int i = 0; i < 30; i++) PLY_TEST_PUT(&f, uint8_t, 0);
+    ply_test_data_refused(ply_test_save("d.ply", &f), "row 0 of 2 of element face: found 'the end");
     f.size -= 31;
-    ply_test_put(&f, 4, 1); /* the lists are whole, but leave too little for the vertices */
-    for (int i = 0; i < 16; i++) ply_test_put(&f, 0, 1);
-    for (int i = 0; i < 9; i++) ply_test_put(&f, 0, 1);
+    PLY_TEST_PUT(&f, uint8_t, 4); /* the lists are whole, but leave too little for the vertices */
+    for (int i = 0; i < 25; i++) PLY_TEST_PUT(&f, uint8_t, 0);
     ply_test_data_refused(ply_test_save("d.ply", &f), "of element vertex");
 }

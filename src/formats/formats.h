@@ -30,13 +30,12 @@ OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct
 OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folder, size_t buffer,
                                              struct colmap *out);
 
-/* ---------------- spz.c, gltf.c, splat_file.c: rows of the table in model_formats.c */
+/* ---------------- spz.c, splat_file.c: rows of the table in model_formats.c */
 
-/* Read and write models without second lobes. model_formats.c checks before writing that all values are
- * finite, and drops rows that are not after reading. */
+/* Read and write models without second lobes. model_formats.c drops rows that are not finite after
+ * reading. */
 OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *out);
 OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_model *model);
-OXL_INTERNAL oxl_result gltf_write(oxl_context *ctx, const char *path, const oxl_model *model);
 OXL_INTERNAL oxl_result splat_file_read(oxl_context *ctx, const char *path, oxl_model *out);
 OXL_INTERNAL oxl_result splat_file_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
@@ -44,21 +43,14 @@ OXL_INTERNAL oxl_result splat_file_write(oxl_context *ctx, const char *path, con
 
 OXL_INTERNAL void model_rotation(const oxl_model *model, size_t row, double q[4]); /* w x y z, length 1 */
 OXL_INTERNAL unsigned char model_byte(double x); /* nearest to x in 0..255 */
-/* Names the anti-aliasing in comments of PLY files, as Brush writes it; "mip" or "default" follows. */
-#define MODEL_RENDER_MODE "SplatRenderMode: "
-/* Writes the background as a file's comment, after the text `before`; writes nothing if it is not known. */
-OXL_INTERNAL void model_write_background(struct text *t, const char *before, const oxl_model *model);
-/* Writes the first view as a file's comment; writes nothing if there is none. */
-OXL_INTERNAL void model_write_view(struct text *t, const char *before, const oxl_model *model);
+/* Writes what a model has beside its Gaussians as lines, each after the text `before`. */
+OXL_INTERNAL void model_write_comments(struct text *t, const char *before, const oxl_model *model);
 /* Reads origin, scale, background, view or anti-aliasing from a comment of a file;
  * other comments are ignored. */
 OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
                                      oxl_model *model);
 
 /* ---------------- model_file.c: models as PLY */
-
-/* Replaces infinite logits and logarithms by finite limits; returns the number of rows changed. */
-OXL_INTERNAL size_t model_file_settle_limits(oxl_model *model);
 
 /* Reads a PLY file for oxl_model_read. */
 OXL_INTERNAL oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_model *out);
@@ -82,11 +74,5 @@ OXL_INTERNAL oxl_result imaging_read_beside(oxl_context *ctx, const char *model_
 /* Reads imaging.txt, and ignores images that are not in the scene. */
 OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene,
                                      struct oxl_imaging *out);
-
-/* ---------------- image_write.c: images, and bytes as PNG deflates them */
-
-/* Deflates data and leaves `before` and `after` bytes free around the result, *out by oxl_alloc. */
-OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before,
-                                      size_t after, unsigned char **out, size_t *deflated);
 
 #endif

@@ -84,19 +84,3 @@ oxl_result oxl_image_write_alpha(oxl_context *ctx, const char *path, const oxl_i
 {
     return image_write_png(ctx, path, image, 4);
 }
-
-OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before,
-                                      size_t after, unsigned char **out, size_t *deflated)
-{
-    /* bytes of zlib's header and checksum, which gzip and PNG have otherwise */
-    enum { ZLIB_HEAD = 2, ZLIB_TAIL = 4 };
-    int length = 0;
-    unsigned char *zlib = codec_deflate(ctx, data, size, &length);
-    *out = zlib ? oxl_alloc(ctx, before + (size_t)length + after, 1) : NULL;
-    if (*out) {
-        *deflated = (size_t)length - ZLIB_HEAD - ZLIB_TAIL;
-        memcpy(*out + before, zlib + ZLIB_HEAD, *deflated);
-    }
-    codec_free(ctx, zlib);
-    return *out ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compress %zu bytes", size);
-}

@@ -9,9 +9,8 @@ struct model_format {
     const char *begin[2]; /* first bytes of the file; NULL: any */
     oxl_result (*read)(oxl_context *ctx, const char *path, oxl_model *out);
     oxl_result (*write)(oxl_context *ctx, const char *path, const oxl_model *model);
-    int has_lobes; /* 1: it stores second lobes */
-    int degree; /* SH degree that the format stores; -1: `write` itself checks that all values are finite */
-    const char *unread, *refuse; /* reason and fix if `read`, or `write`, is NULL */
+    int has_lobes;   /* 1: it stores second lobes */
+    const char *why; /* reason and fix if `read` or `write` is NULL */
 };
 
 static oxl_result model_write_ply(oxl_context *ctx, const char *path, const oxl_model *model)
@@ -20,44 +19,38 @@ static oxl_result model_write_ply(oxl_context *ctx, const char *path, const oxl_
 }
 
 static const struct model_format MODEL_FORMATS[] = {
-    {"_standard.ply", {NULL}, model_file_read_ply, model_write_ply, 0, -1, NULL, NULL},
+    {"_standard.ply", {NULL}, model_file_read_ply, model_write_ply, 0, NULL},
     {".compressed.ply",
      {NULL},
      model_file_read_ply,
      NULL,
      0,
-     0,
-     NULL,
      "viewers take this name for PlayCanvas's compressed PLY\n"
      "fix: a name that ends in .ply alone, then splat-transform IN.ply OUT.compressed.ply"},
-    {".ply", {"ply"}, model_file_read_ply, model_write_ply, 1, -1, NULL, NULL},
-    {".splat", {NULL}, splat_file_read, splat_file_write, 0, 0, NULL, NULL},
-    {".spz", {"\x1f\x8b", "NGSP"}, spz_read, spz_write, 0, 3, NULL, NULL},
+    {".ply", {"ply"}, model_file_read_ply, model_write_ply, 1, NULL},
+    {".splat", {NULL}, splat_file_read, splat_file_write, 0, NULL},
+    {".spz", {"\x1f\x8b", "NGSP"}, spz_read, spz_write, 0, NULL},
     {".glb",
      {"glTF"},
      NULL,
-     gltf_write,
+     NULL,
      0,
-     3,
-     ".glb files are written, not read\nfix: use the .ply or .spz that it was made from",
-     NULL},
+     "a file in the format glTF is neither read nor written\n"
+     "fix: read the .ply or .spz that it was made from; write it by splat-transform IN.ply OUT.glb"},
     {".sog",
      {"PK\3\4"},
      NULL,
      NULL,
      0,
-     0,
-     "a model in the format SOG (a zip file), which is not read\nfix: splat-transform IN.sog OUT.ply",
-     NULL},
+     "a model in the format SOG (a zip file) is neither read nor written\n"
+     "fix: splat-transform IN.sog OUT.ply, or the other way"},
     {".ksplat",
      {NULL},
      NULL,
      NULL,
      0,
-     0,
-     "a model in the format of GaussianSplats3D, KSPLAT, which is not read\n"
-     "fix: splat-transform IN.ksplat OUT.ply",
-     NULL},
+     "a model in the format of GaussianSplats3D, KSPLAT, is neither read nor written\n"
+     "fix: splat-transform IN.ksplat OUT.ply"},
 };
 
 /* Compares extensions without regard to case. */
@@ -118,7 +111,7 @@ oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
                      "%s: it is text that begins '%.*s', and no model\nfix: download the model itself; a web "
                      "page or a pointer of git-lfs was saved under its name",
                      path, (int)OXL_MIN(strcspn(head, "\r\n"), (size_t)40), head);
-    else if (format && !format->read) rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: %s", path, format->unread);
+    else if (format && !format->read) rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: %s", path, format->why);
     else rc = (format ? format->read : model_file_read_ply)(ctx, path, out);
     if (rc == OXL_OK) rc = model_file_drop_rows(ctx, path, out);
     if (rc == OXL_OK && out->count == 0)
@@ -131,20 +124,14 @@ oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *
 {
     const struct model_format *format = model_format_by_name(path);
     oxl_model stored = *model; /* a copy that shares its planes, for model_drop_lobes */
-    oxl_result rc;
-    if (format && !format->write && format->refuse)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "%s: not written: %s", path, format->refuse);
     if (!format || !format->write)
-        return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "%s: the format is not known\nfix: a name that ends in .ply, .spz, .glb or .splat",
-                        path);
+        return oxl_fail(ctx, OXL_ERR_USAGE, "%s: not written: %s", path,
+                        format ? format->why
+                               : "the format is not known\nfix: a name that ends in .ply, .spz or .splat");
     if (model->lobes && !format->has_lobes) {
         oxl_log(ctx, OXL_LOG_WARNING, "%s: this format cannot store the second lobes of %zu of %zu Gaussians",
                 path, model->lobes, model->count);
         model_drop_lobes(&stored);
     }
-    rc = format->degree < 0
-             ? OXL_OK
-             : model_write_check_finite(ctx, path, &stored, OXL_MIN(format->degree, model->sh_degree));
-    return rc == OXL_OK ? format->write(ctx, path, &stored) : rc;
+    return format->write(ctx, path, &stored);
 }

@@ -6,49 +6,31 @@
  * a multiple of the file size.
  */
 #include "ply.h"
+#include "../core/bytes.h"
 
 static const struct ply_type_name {
-    const char *name;
-    enum ply_type type;
-} ply_type_names[] = {
-    {"char", PLY_INT8},     {"int8", PLY_INT8},       {"uchar", PLY_UINT8},    {"uint8", PLY_UINT8},
-    {"short", PLY_INT16},   {"int16", PLY_INT16},     {"ushort", PLY_UINT16},  {"uint16", PLY_UINT16},
-    {"int", PLY_INT32},     {"int32", PLY_INT32},     {"uint", PLY_UINT32},    {"uint32", PLY_UINT32},
-    {"float", PLY_FLOAT32}, {"float32", PLY_FLOAT32}, {"double", PLY_FLOAT64}, {"float64", PLY_FLOAT64},
-};
-
-static size_t ply_size(enum ply_type type)
-{
-    static const uint8_t size[] = {1, 1, 2, 2, 4, 4, 4, 8}; /* in the order of enum ply_type */
-    return size[type];
-}
+    const char *name, *other;
+    size_t size;
+} ply_types[] = {/* in the order of enum ply_type */
+                 {"char", "int8", 1},     {"uchar", "uint8", 1},   {"short", "int16", 2},
+                 {"ushort", "uint16", 2}, {"int", "int32", 4},     {"uint", "uint32", 4},
+                 {"float", "float32", 4}, {"double", "float64", 8}};
 
 /* ---------------- the header */
+
+enum { PLY_WORDS = 5 };
 
 struct ply_header {
     oxl_context *ctx;
     struct ply *ply;
     oxl_result rc;            /* the first error; nothing is read after it */
     const char *cursor, *end; /* the rest of the file */
-    const char *line_start, *line_end;
-    int line;
-    const char *word[6]; /* first words of the line */
-    size_t length[6];
-    int words;
+    const char *begin;        /* of the line */
+    int line, words;
+    char word[PLY_WORDS][PLY_NAME + 1]; /* first words of the line, cut */
 };
 
-static int ply_blank(char c)
-{
-    return c == ' ' || c == '\t' || c == '\r';
-}
-
-static int ply_is(const struct ply_header *h, int word, const char *text)
-{
-    return word < h->words && strlen(text) == h->length[word] &&
-           !memcmp(text, h->word[word], h->length[word]);
-}
-
-/* Copies bytes of a file, printable in a message. */
+/* Copies the rest of a line, printable in a message. */
 static const char *ply_printable(const char *from, const char *end, char out[48])
 {
     size_t n = 0;
@@ -61,131 +43,127 @@ static const char *ply_printable(const char *from, const char *end, char out[48]
 static void ply_header_fail(struct ply_header *h, const char *wanted)
 {
     char seen[48];
-    if (h->rc != OXL_OK) return;
-    h->rc = oxl_fail(h->ctx, OXL_ERR_INPUT,
-                     "%s:%d: found '%s', expected %s\nfix: correct the header or export the file again",
-                     h->ply->path, h->line, ply_printable(h->line_start, h->line_end, seen), wanted);
+    if (h->rc == OXL_OK)
+        h->rc = oxl_fail(h->ctx, OXL_ERR_INPUT,
+                         "%s:%d: found '%s', expected %s\nfix: correct the header or export the file again",
+                         h->ply->path, h->line, ply_printable(h->begin, h->end, seen), wanted);
+}
+
+static int ply_is(const struct ply_header *h, int word, const char *text)
+{
+    return word < h->words && !strcmp(h->word[word], text);
 }
 
 static void ply_next_line(struct ply_header *h)
 {
-    const char *newline = memchr(h->cursor, '\n', (size_t)(h->end - h->cursor)), *c = h->cursor;
+    const char *newline = memchr(h->cursor, '\n', (size_t)(h->end - h->cursor));
+    char line[PLY_WORDS * (PLY_NAME + 2)];
     h->line++;
-    h->line_start = h->cursor;
-    h->line_end = newline ? newline : h->end;
-    h->words = 0;
+    h->begin = h->cursor;
+    h->cursor = newline ? newline + 1 : h->end;
+    snprintf(line, sizeof line, "%.*s", (int)OXL_MIN((size_t)(h->cursor - h->begin), sizeof line - 1),
+             h->begin);
+    h->words =
+        sscanf(line, "%64s %64s %64s %64s %64s", h->word[0], h->word[1], h->word[2], h->word[3], h->word[4]);
     if (!newline) ply_header_fail(h, "more lines: the header has no end_header");
-    while (newline && h->words < 6) {
-        while (c < newline && ply_blank(*c)) c++;
-        if (c == newline) break;
-        h->word[h->words] = c;
-        while (c < newline && !ply_blank(*c)) c++;
-        h->length[h->words] = (size_t)(c - h->word[h->words]);
-        h->words++;
-    }
-    h->cursor = h->line_end + (newline != NULL);
 }
 
 static void ply_header_format(struct ply_header *h)
 {
     static const char *const names[] = {"ascii", "binary_little_endian", "binary_big_endian"};
     for (int i = 0; i < 3; i++)
-        if (ply_is(h, 1, names[i])) h->ply->format = (enum ply_format)(PLY_ASCII + i);
+        if (ply_is(h, 1, names[i]) && ply_is(h, 2, "1.0")) h->ply->format = (enum ply_format)(PLY_ASCII + i);
     if (h->ply->format == PLY_NO_FORMAT)
-        ply_header_fail(h, "format ascii, binary_little_endian or binary_big_endian");
-    if (!ply_is(h, 2, "1.0")) ply_header_fail(h, "version 1.0");
-}
-
-static void ply_header_name(struct ply_header *h, int word, char name[PLY_NAME])
-{
-    if (word >= h->words) ply_header_fail(h, "a name");
-    else if (h->length[word] >= PLY_NAME) ply_header_fail(h, "a name of less than 64 letters");
-    else snprintf(name, PLY_NAME, "%.*s", (int)h->length[word], h->word[word]);
+        ply_header_fail(h, "format ascii, binary_little_endian or binary_big_endian, version 1.0");
 }
 
 static void ply_header_element(struct ply_header *h)
 {
     struct ply *ply = h->ply;
     struct ply_element element = {.name = ""};
-    const char *digits = h->words > 2 ? h->word[2] : NULL, *end = digits ? digits + h->length[2] : NULL;
+    const char *digits = h->word[2], *end = digits + strlen(digits);
     int64_t rows = 0;
-    ply_header_name(h, 1, element.name);
-    if (!digits) ply_header_fail(h, "element NAME COUNT");
-    else if (!parse_int64(&digits, end, &rows) || digits != end || rows < 0)
-        ply_header_fail(h, "a count of rows, 0 to 9223372036854775807");
-    element.rows = (uint64_t)rows;
+    if (h->words < 3 || strlen(h->word[1]) >= PLY_NAME || !parse_int64(&digits, end, &rows) ||
+        digits != end || rows < 0)
+        ply_header_fail(
+            h, "element NAME COUNT, the name of less than 64 letters, the count 0 to 9223372036854775807");
     if (h->rc == OXL_OK)
         h->rc = oxl_reserve(h->ctx, &ply->element, &ply->element_capacity, (size_t)ply->elements + 1,
                             sizeof element);
-    if (h->rc == OXL_OK) ply->element[ply->elements++] = element;
+    if (h->rc != OXL_OK) return;
+    strcpy(element.name, h->word[1]);
+    element.rows = (uint64_t)rows;
+    ply->element[ply->elements++] = element;
 }
 
-static enum ply_type ply_header_type(struct ply_header *h, int word)
+/* Finds the type that a word names; -1: none. */
+static int ply_header_type(const struct ply_header *h, int word)
 {
-    for (size_t i = 0; i < OXL_COUNT(ply_type_names); i++)
-        if (ply_is(h, word, ply_type_names[i].name)) return ply_type_names[i].type;
-    ply_header_fail(h, "a type: char, uchar, short, ushort, int, uint, float or double");
-    return PLY_INT8;
+    int i = OXL_COUNT(ply_types) - 1;
+    while (i >= 0 && !ply_is(h, word, ply_types[i].name) && !ply_is(h, word, ply_types[i].other)) i--;
+    return i;
 }
 
 static void ply_header_property(struct ply_header *h)
 {
     struct ply_element *element = h->ply->elements ? &h->ply->element[h->ply->elements - 1] : NULL;
     struct ply_property property = {.is_list = ply_is(h, 1, "list")};
+    const int at = property.is_list ? 3 : 1, count = property.is_list ? ply_header_type(h, 2) : 0,
+              type = ply_header_type(h, at);
     if (!element) ply_header_fail(h, "an element before its properties");
-    if (property.is_list) property.count_type = ply_header_type(h, 2);
-    if (property.count_type >= PLY_FLOAT32) ply_header_fail(h, "a whole number to count the list");
-    property.type = ply_header_type(h, property.is_list ? 3 : 1);
-    ply_header_name(h, property.is_list ? 4 : 2, property.name);
+    if (type < 0 || count < 0 || count >= PLY_FLOAT32 || h->words < at + 2 ||
+        strlen(h->word[at + 1]) >= PLY_NAME)
+        ply_header_fail(h, "property TYPE NAME, or property list TYPE TYPE NAME with a whole number to "
+                           "count: the types are char, uchar, short, ushort, int, uint, float and double, "
+                           "the name has less than 64 letters");
     if (h->rc == OXL_OK)
         h->rc = oxl_reserve(h->ctx, &element->property, &element->capacity, (size_t)element->properties + 1,
                             sizeof property);
     if (h->rc != OXL_OK) return;
+    property.type = (enum ply_type)type, property.count_type = (enum ply_type)count;
+    strcpy(property.name, h->word[at + 1]);
     element->property[element->properties++] = property;
-    element->row_bytes += ply_size(property.is_list ? property.count_type : property.type);
+    element->row_bytes += ply_types[property.is_list ? count : type].size;
+}
+
+static int ply_blank(char c)
+{
+    return c == ' ' || c == '\t' || c == '\r';
 }
 
 static void ply_header_comment(struct ply_header *h)
 {
     struct ply *ply = h->ply;
-    const char *from = h->word[0] + h->length[0], *end = h->line_end;
+    const char *from = h->begin + strspn(h->begin, " \t") + strlen("comment"), *end = h->cursor - 1;
     char *copy;
     while (from < end && ply_blank(*from)) from++;
     while (end > from && ply_blank(end[-1])) end--;
     h->rc = oxl_reserve(h->ctx, &ply->comment, &ply->comment_capacity, (size_t)ply->comments + 1,
                         sizeof *ply->comment);
     copy = h->rc == OXL_OK ? oxl_calloc(h->ctx, (size_t)(end - from) + 1, 1) : NULL;
-    if (!copy) h->rc = OXL_ERR_MEMORY;
-    else ply->comment[ply->comments++] = memcpy(copy, from, (size_t)(end - from));
-}
-
-static void ply_header_line(struct ply_header *h)
-{
-    if (h->rc != OXL_OK || h->words == 0 || ply_is(h, 0, "obj_info")) return;
-    if (ply_is(h, 0, "comment")) ply_header_comment(h);
-    else if (ply_is(h, 0, "format")) ply_header_format(h);
-    else if (ply_is(h, 0, "element")) ply_header_element(h);
-    else if (ply_is(h, 0, "property")) ply_header_property(h);
-    else ply_header_fail(h, "format, comment, element, property or end_header");
+    if (copy) ply->comment[ply->comments++] = memcpy(copy, from, (size_t)(end - from));
+    else h->rc = OXL_ERR_MEMORY;
 }
 
 static oxl_result ply_read_header(oxl_context *ctx, struct ply *ply)
 {
+    static const struct {
+        const char *word;
+        void (*read)(struct ply_header *h);
+    } lines[] = {{"comment", ply_header_comment},
+                 {"format", ply_header_format},
+                 {"element", ply_header_element},
+                 {"property", ply_header_property}};
     struct ply_header h = {
         .ctx = ctx, .ply = ply, .cursor = ply->file.data, .end = ply->file.data + ply->file.size};
-    if (ply->file.size < 4 || memcmp(ply->file.data, "ply", 3) ||
-        (!ply_blank(ply->file.data[3]) && ply->file.data[3] != '\n')) {
-        h.line = 1;
-        h.line_start = h.cursor;
-        h.line_end = h.end;
-        ply_header_fail(&h, "a PLY file, whose first line is 'ply'");
-        return h.rc;
-    }
     ply_next_line(&h);
-    while (h.rc == OXL_OK) {
-        ply_next_line(&h);
-        if (ply_is(&h, 0, "end_header")) break;
-        ply_header_line(&h);
+    if (!ply_is(&h, 0, "ply")) h.rc = OXL_OK, ply_header_fail(&h, "a PLY file, whose first line is 'ply'");
+    for (ply_next_line(&h); h.rc == OXL_OK && !ply_is(&h, 0, "end_header"); ply_next_line(&h)) {
+        size_t i = 0;
+        while (i < OXL_COUNT(lines) && !ply_is(&h, 0, lines[i].word)) i++;
+        if (i < OXL_COUNT(lines)) lines[i].read(&h);
+        else if (h.words > 0 && !ply_is(&h, 0, "obj_info"))
+            ply_header_fail(&h, "format, comment, element, property or end_header");
     }
     if (ply->format == PLY_NO_FORMAT) ply_header_fail(&h, "a format line before it");
     ply->data_line = h.line + 1;
@@ -216,129 +194,95 @@ static oxl_result ply_check_size(oxl_context *ctx, const struct ply *ply)
 
 /* ---------------- the data */
 
-static inline uint64_t ply_bits(const unsigned char *p, size_t size, int big_endian)
+static double ply_value(const char *p, enum ply_type type, int big_endian)
 {
-    uint64_t bits = 0;
-    for (size_t i = 0; i < size; i++) bits |= (uint64_t)p[i] << 8 * (big_endian ? size - 1 - i : i);
-    return bits;
+    const size_t size = ply_types[type].size;
+    unsigned char turned[8];
+    uint64_t bits;
+    for (size_t i = 0; i < size; i++) turned[i] = (unsigned char)p[big_endian ? size - 1 - i : i];
+    if (type == PLY_FLOAT32) return bytes_float(turned);
+    if (type == PLY_FLOAT64) return bytes_double(turned);
+    bits = bytes_get(turned, (int)size);
+    return (double)bits - (type % 2 == 0 && turned[size - 1] >> 7 ? ldexp(1, 8 * (int)size) : 0);
 }
 
-static double ply_value(const unsigned char *p, enum ply_type type, int big_endian)
-{
-    const uint64_t bits = ply_bits(p, ply_size(type), big_endian);
-    const uint32_t word = (uint32_t)bits;
-    double d;
-    float f;
-    switch (type) {
-    case PLY_INT8: return (double)bits - (bits >> 7 ? 256 : 0);
-    case PLY_INT16: return (double)bits - (bits >> 15 ? 65536 : 0);
-    case PLY_INT32: return (double)bits - (bits >> 31 ? 4294967296.0 : 0);
-    case PLY_UINT8:
-    case PLY_UINT16:
-    case PLY_UINT32: return (double)bits;
-    case PLY_FLOAT32: memcpy(&f, &word, sizeof f); return f;
-    case PLY_FLOAT64: memcpy(&d, &bits, sizeof d); return d;
-    }
-    return 0;
-}
-
-static void ply_store(const struct ply_target *target, size_t row, double value)
-{
-    if (target->as_float) target->as_float[row] = (float)value;
-    if (target->as_double) target->as_double[row] = value;
-}
-
-/* Holds the state of the three readers. cursor: the element's bytes; target: (properties), or
- * NULL to skip the element. */
+/* Reads an element's rows. target: (properties), or NULL to skip the element. */
 struct ply_rows {
     oxl_context *ctx;
     const struct ply *ply;
     const struct ply_element *element;
     const struct ply_target *target;
     const char *cursor, *end;
+    uint64_t row;
+    oxl_result rc;
 };
 
-static oxl_result ply_cut_short(const struct ply_rows *r, uint64_t row)
+static void ply_fail(struct ply_rows *r, const char *wanted)
 {
-    return oxl_fail(
-        r->ctx, OXL_ERR_INPUT,
-        "%s: byte %zu: the file ends in row %llu of %llu of element %s\nfix: copy or export it again",
-        r->ply->path, (size_t)(r->cursor - r->ply->file.data), (unsigned long long)row,
-        (unsigned long long)r->element->rows, r->element->name);
-}
-
-static oxl_result ply_read_binary(struct ply_rows *r)
-{
-    const int big_endian = r->ply->format == PLY_BIG;
-    for (uint64_t row = 0; row < r->element->rows; row++) {
-        for (int c = 0; c < r->element->properties; c++) {
-            const struct ply_property *p = &r->element->property[c];
-            const enum ply_type type = p->is_list ? p->count_type : p->type;
-            const size_t size = ply_size(type);
-            double value;
-            if ((size_t)(r->end - r->cursor) < size) return ply_cut_short(r, row);
-            value = ply_value((const unsigned char *)r->cursor, type, big_endian);
-            r->cursor += size;
-            if (!p->is_list) {
-                if (r->target) ply_store(&r->target[c], (size_t)row, value);
-                continue;
-            }
-            if (value < 0 || value * (double)ply_size(p->type) > (double)(r->end - r->cursor))
-                return ply_cut_short(r, row);
-            r->cursor += (size_t)value * ply_size(p->type);
-        }
-    }
-    return OXL_OK;
-}
-
-static oxl_result ply_ascii_fail(const struct ply_rows *r, uint64_t row, const char *wanted)
-{
-    char seen[48];
+    char seen[48], place[64];
     int line = r->ply->data_line;
+    if (r->rc != OXL_OK) return;
     for (const char *c = r->ply->file.data + r->ply->data; c < r->cursor; c++) line += *c == '\n';
-    return oxl_fail(
+    if (r->ply->format == PLY_ASCII) snprintf(place, sizeof place, "%d", line);
+    else snprintf(place, sizeof place, " byte %zu", (size_t)(r->cursor - r->ply->file.data));
+    r->rc = oxl_fail(
         r->ctx, OXL_ERR_INPUT,
-        "%s:%d: row %llu of element %s: found '%s', expected %s\nfix: correct the line or export the file again",
-        r->ply->path, line, (unsigned long long)row, r->element->name, ply_printable(r->cursor, r->end, seen),
-        wanted);
+        "%s:%s: row %llu of %llu of element %s: found '%s', expected %s\n"
+        "fix: correct the line, or copy or export the file again",
+        r->ply->path, place, (unsigned long long)r->row, (unsigned long long)r->element->rows,
+        r->element->name,
+        r->ply->format == PLY_ASCII ? ply_printable(r->cursor, r->end, seen) : "the end of the file", wanted);
 }
 
-static int ply_ascii_number(struct ply_rows *r, double *out)
+static void ply_skip_blanks(struct ply_rows *r)
 {
     while (r->cursor < r->end && ply_blank(*r->cursor)) r->cursor++;
-    return parse_double(&r->cursor, r->end, out) &&
-           (r->cursor == r->end || ply_blank(*r->cursor) || *r->cursor == '\n');
 }
 
-/* Reads one row per line, as the format requires, so that an error names the row with a missing value. */
-static oxl_result ply_read_ascii(struct ply_rows *r)
+/* Reads the next number, in a text from the same line. */
+static double ply_number(struct ply_rows *r, enum ply_type type)
 {
-    for (uint64_t row = 0; row < r->element->rows; row++) {
-        double value;
-        while (r->cursor < r->end && (ply_blank(*r->cursor) || *r->cursor == '\n')) r->cursor++;
-        for (int c = 0; c < r->element->properties; c++) {
-            if (!ply_ascii_number(r, &value)) return ply_ascii_fail(r, row, "a number for each property");
-            if (!r->element->property[c].is_list) {
-                if (r->target) ply_store(&r->target[c], (size_t)row, value);
-                continue;
-            }
-            if (!(value >= 0 && value <= (double)(r->end - r->cursor)))
-                return ply_ascii_fail(r, row, "a list that fits the file");
-            for (size_t left = (size_t)value; left > 0; left--)
-                if (!ply_ascii_number(r, &value))
-                    return ply_ascii_fail(r, row, "as many numbers as the list announces");
-        }
-        while (r->cursor < r->end && ply_blank(*r->cursor)) r->cursor++;
-        if (r->cursor < r->end && *r->cursor != '\n') return ply_ascii_fail(r, row, "the end of the line");
+    double value = 0;
+    if (r->ply->format != PLY_ASCII) {
+        if ((size_t)(r->end - r->cursor) < ply_types[type].size) ply_fail(r, "more bytes");
+        if (r->rc != OXL_OK) return 0;
+        value = ply_value(r->cursor, type, r->ply->format == PLY_BIG);
+        r->cursor += ply_types[type].size;
+        return value;
     }
-    return OXL_OK;
+    ply_skip_blanks(r);
+    if (!parse_double(&r->cursor, r->end, &value) ||
+        !(r->cursor == r->end || ply_blank(*r->cursor) || *r->cursor == '\n'))
+        ply_fail(r, "a number for each property");
+    return value;
 }
 
-static oxl_result ply_rows(struct ply_rows *r)
+static void ply_skip_list(struct ply_rows *r, const struct ply_property *p)
 {
-    if (r->element->properties == 0) return OXL_OK; /* Skips rows without bytes. */
-    if (r->ply->format == PLY_ASCII) return ply_read_ascii(r);
-    return ply_read_binary(r);
+    const double count = ply_number(r, p->count_type);
+    if (!(count >= 0 && count <= (double)(r->end - r->cursor))) ply_fail(r, "a list that fits the file");
+    for (size_t left = r->rc == OXL_OK ? (size_t)count : 0; left > 0 && r->rc == OXL_OK; left--)
+        ply_number(r, p->type);
+}
+
+/* Reads a row. Texts have one a line, as the format requires, so an error names the row that lacks a
+ * value. */
+static void ply_row(struct ply_rows *r)
+{
+    const int is_text = r->ply->format == PLY_ASCII;
+    while (is_text && r->cursor < r->end && (ply_blank(*r->cursor) || *r->cursor == '\n')) r->cursor++;
+    for (int c = 0; c < r->element->properties && r->rc == OXL_OK; c++) {
+        const struct ply_property *p = &r->element->property[c];
+        if (p->is_list) ply_skip_list(r, p);
+        else {
+            const double value = ply_number(r, p->type);
+            if (r->target && r->target[c].as_float) r->target[c].as_float[r->row] = (float)value;
+            if (r->target && r->target[c].as_double) r->target[c].as_double[r->row] = value;
+        }
+    }
+    if (!is_text) return;
+    ply_skip_blanks(r);
+    if (r->cursor < r->end && *r->cursor != '\n') ply_fail(r, "the end of the line");
 }
 
 /* ---------------- public functions */
@@ -360,16 +304,16 @@ OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply 
 OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element,
                                  const struct ply_target *target)
 {
-    struct ply_rows w = {
+    struct ply_rows r = {
         .ctx = ctx, .ply = ply, .cursor = ply->file.data + ply->data, .end = ply->file.data + ply->file.size};
     for (int e = 0; e <= element; e++) {
-        oxl_result rc;
-        w.element = &ply->element[e];
-        w.target = e == element ? target : NULL;
-        rc = ply_rows(&w);
-        if (rc != OXL_OK) return rc;
+        r.element = &ply->element[e];
+        r.target = e == element ? target : NULL;
+        /* Skips rows without bytes. */
+        for (r.row = 0; r.row < r.element->rows && r.element->properties && r.rc == OXL_OK; r.row++)
+            ply_row(&r);
     }
-    return OXL_OK;
+    return r.rc;
 }
 
 OXL_INTERNAL double ply_white(enum ply_type type)

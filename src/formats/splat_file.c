@@ -59,11 +59,12 @@ static int splat_file_by_weight(const void *a, const void *b)
     return x->row < y->row ? -1 : x->row > y->row;
 }
 
-/* Warns of what a .splat does not store: origin, scale, anti-aliasing, background. */
+/* Warns of what a .splat does not store. */
 static void splat_file_warn(oxl_context *ctx, const char *path, const oxl_model *model)
 {
     const double *o = model->origin;
     struct text t = {.ctx = ctx};
+    if (model->sh_degree > 0) text_add(&t, ", spherical harmonics above degree 0");
     if (o[0] != 0 || o[1] != 0 || o[2] != 0)
         text_add(&t, ", the origin %s %s %s", NUMBER(o[0]), NUMBER(o[1]), NUMBER(o[2]));
     if (model->scale > 0) text_add(&t, ", the scale %g", model->scale);
@@ -82,20 +83,18 @@ OXL_INTERNAL oxl_result splat_file_write(oxl_context *ctx, const char *path, con
 {
     struct splat_file_rank *rank = oxl_alloc(ctx, model->count, sizeof *rank);
     struct os_writer w = {0};
-    oxl_result rc;
-    if (!rank) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the model of %s", path);
-    for (size_t i = 0; i < model->count; i++) {
-        const double sum = (double)model->plane[OXL_LOG_SCALE][i] + model->plane[OXL_LOG_SCALE + 1][i] +
-                           model->plane[OXL_LOG_SCALE + 2][i];
-        rank[i] =
-            (struct splat_file_rank){vecmath_exp(sum) * vecmath_sigmoid(model->plane[OXL_OPACITY][i]), i};
-    }
-    qsort(rank, model->count, sizeof *rank, splat_file_by_weight);
-    if (model->sh_degree > 0)
-        oxl_log(ctx, OXL_LOG_INFO, "%s: .splat files cannot store spherical harmonics above degree 0", path);
-    splat_file_warn(ctx, path, model);
-    rc = os_writer_open(ctx, path, &w);
+    oxl_result rc = rank ? model_write_check_finite(ctx, path, model, 0)
+                         : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the model of %s", path);
+    if (rc == OXL_OK) rc = os_writer_open(ctx, path, &w);
     if (rc == OXL_OK) {
+        splat_file_warn(ctx, path, model);
+        for (size_t i = 0; i < model->count; i++) {
+            double volume = 0; /* its logarithm */
+            for (int k = 0; k < 3; k++) volume += model->plane[OXL_LOG_SCALE + k][i];
+            rank[i].weight = vecmath_exp(volume) * vecmath_sigmoid(model->plane[OXL_OPACITY][i]);
+            rank[i].row = i;
+        }
+        qsort(rank, model->count, sizeof *rank, splat_file_by_weight);
         for (size_t i = 0; i < model->count; i++) {
             unsigned char splat[SPLAT_FILE_BYTES];
             splat_file_put(model, rank[i].row, splat);
@@ -112,21 +111,20 @@ OXL_INTERNAL oxl_result splat_file_read(oxl_context *ctx, const char *path, oxl_
     struct os_file_map file = {0};
     size_t negative = 0;
     oxl_result rc = os_read_file(ctx, path, &file);
-    if (rc != OXL_OK) return rc;
-    if (file.size % SPLAT_FILE_BYTES)
+    const unsigned char *p = (const unsigned char *)file.data;
+    if (rc == OXL_OK && file.size % SPLAT_FILE_BYTES)
         rc = oxl_fail(
             ctx, OXL_ERR_INPUT,
             "%s: %zu bytes, expected a multiple of 32\nfix: the file was cut short or is no .splat; copy it again",
             path, file.size);
     if (rc == OXL_OK) rc = oxl_model_create(ctx, file.size / SPLAT_FILE_BYTES, 0, out);
     for (size_t i = 0; rc == OXL_OK && i < out->count; i++)
-        negative += bytes_float((const unsigned char *)file.data + SPLAT_FILE_BYTES * i + 12) < 0;
+        negative += bytes_float(p + SPLAT_FILE_BYTES * i + 12) < 0;
     if (rc == OXL_OK && 2 * negative > out->count)
         oxl_log(ctx, OXL_LOG_WARNING,
                 "%s: most widths are below 0, so they are logarithms, and read as these", path);
     for (size_t i = 0; rc == OXL_OK && i < out->count; i++)
-        splat_file_get((const unsigned char *)file.data + SPLAT_FILE_BYTES * i, out, i,
-                       2 * negative > out->count);
+        splat_file_get(p + SPLAT_FILE_BYTES * i, out, i, 2 * negative > out->count);
     os_release_file(ctx, &file);
     return rc;
 }
