@@ -57,8 +57,8 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
         {"eval", 2, 0, "MODEL SCENE",
          "Compares a model with images: PSNR, cc-PSNR (without exposure), SSIM and MS-SSIM, for each view and in the mean.",
          "oceanxl eval out/scene.ply survey",
-         "The images are those that train held out, unless --split says otherwise. oceanxl-lab lpips WEIGHTS\n"
-         "OUT/renders/*.image.png compares a run's renders by LPIPS; examples/lpips_weights.py writes the weights."},
+         "The images are those that train held out, unless --split says otherwise.\n"
+         "examples/lpips.py compares the renders of a run with their images by LPIPS."},
     [COMMAND_INFO] = {"info", 1, 0, "FILE", "Prints what a model file holds.", "oceanxl info out/scene.ply",
                       "Reads .ply, .spz and .splat."},
     [COMMAND_CONVERT] =

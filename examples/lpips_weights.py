@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""lpips_weights.py FILE - writes the weights of LPIPS v0.1 with AlexNet, for `oceanxl-lab lpips FILE OUT/renders/*.image.png`.
+"""lpips_weights.py FILE - writes the weights of LPIPS v0.1 with AlexNet, for `lpips.py FILE OUT/renders/*.image.png`.
 
 pip install torch torchvision lpips; the convolutions are torchvision's (BSD-3-Clause), the linear heads those of the
-package lpips (BSD-2-Clause). The layout is at the top of src/job/lpips.c.
+package lpips (BSD-2-Clause). lpips.py states the layout.
 """
 import struct
 import sys

@@ -4,8 +4,6 @@
 
 #include "../cli/cli.h"
 
-#include <stdint.h>
-
 /* ---------------- synth.c: a procedural underwater survey with known truth */
 
 /* Writes to `out`: images/, sparse/0/ and truth/ (see truth/model.txt). */
@@ -31,24 +29,5 @@ oxl_result study_run(oxl_context *ctx, enum study_name name, const study_options
 /* All studies on all surveys: leaves results.md and speed.svg in `out`, and the runs. */
 oxl_result results_run(oxl_context *ctx, const char *const *survey, int surveys, const study_options *options,
                        FILE *to);
-
-/* ---------------- lpips.c: LPIPS, the distance of two images by a trained network */
-
-enum { LPIPS_LAYERS = 5, LPIPS_CHANNELS_MAX = 4096 };
-struct lpips {
-    uint32_t *word; /* (count) of the file of weights */
-    size_t count;
-    struct lpips_layer {
-        int out;
-        const float *weight, *bias, *head; /* (out, in, size, size), (out), (out), in `word` */
-    } layer[LPIPS_LAYERS];
-};
-oxl_result lpips_read(oxl_context *ctx, const char *path, struct lpips *net); /* net: also to be freed */
-void lpips_free(struct lpips *net);
-/* Pixels that b masks count as equal. *out NAN: a side is below 31 px, so that a layer has no rows. */
-oxl_result lpips_distance(oxl_context *ctx, const struct lpips *net, const oxl_image *a, const oxl_image *b,
-                          double *out);
-/* Prints the distance of each render to its image, NAME.image.png beside it in OUT/renders. */
-oxl_result lpips_run(oxl_context *ctx, const char *weights, char *const *image, int count);
 
 #endif

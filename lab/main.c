@@ -1,11 +1,9 @@
-/* main.c - the program oceanxl-lab: synthetic surveys, the studies, and LPIPS of renders. `oceanxl synth` executes it.
+/* main.c - the program oceanxl-lab: synthetic surveys and the studies. `oceanxl synth` executes it.
  *
  * Its commands, options and help are in the tables of cli/, together with those of oceanxl.
  */
 #include "lab.h"
 #include "../cli/console.h"
-
-#include <string.h>
 
 static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
@@ -67,20 +65,8 @@ static int refuse_others(char **argv, const struct arguments *a)
     return EXIT_USAGE;
 }
 
-/* oceanxl-lab lpips WEIGHTS OUT/renders/NAME.image.png... */
-static int run_lpips(int argc, char **argv)
-{
-    oxl_context *ctx = NULL;
-    oxl_result rc = oxl_context_create(NULL, &ctx);
-    if (rc == OXL_OK) rc = lpips_run(ctx, argv[2], argv + 3, argc - 3);
-    if (rc != OXL_OK) console_error("", ctx ? oxl_error_text(ctx) : "no memory");
-    oxl_context_free(ctx);
-    return rc == OXL_OK ? EXIT_DONE : EXIT_INPUT;
-}
-
 int main(int argc, char **argv)
 {
     const struct program program = {refuse_others, run};
-    if (argc > 3 && !strcmp(argv[1], "lpips")) return run_lpips(argc, argv);
     return console_main(argc, argv, &program);
 }
