@@ -77,21 +77,22 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
     [COMMAND_ABLATE] =
         {"ablate", 1, 1, "SCENE -o OUT", "Trains the paper's variants: gain and cost of each part.",
          "oceanxl ablate survey -o ablation --preset standard --seeds 3",
-         "OUT gets ablation.md (tables), ablation.csv, and for each row and seed a run of train, in NAME-seedS/. The same command resumes\n"
-         "a stopped study. All rows share the options below. Rows: 3dgs (midpoint cuts), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4 (+DoG on all),\n"
-         "oceanxl (DoG selective); the controls v1-count (V1 with as many Gaussians as V2) and v3-bytes (V3 with the bytes of OceanXL)."},
+         "OUT gets ablate.md (tables), ablate.csv, and for each row and seed a run of train, in SCENE/ROW-seedS/. The same command\n"
+         "resumes a stopped study. All rows share the options below. Rows: 3dgs (midpoint cuts), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4\n"
+         "(+DoG on all), oceanxl (DoG selective); controls: v1-count (V1 with as many Gaussians as V2), v3-bytes (V3 with the bytes of OceanXL)."},
     [COMMAND_TRADEOFF] =
         {"tradeoff", 1, 1, "SCENE -o OUT",
          "Measures speed against accuracy on a survey: options one at a time, and the presets.",
          "oceanxl tradeoff survey -o tradeoff --budget 20m",
-         "OUT gets tradeoff.md (tables), tradeoff.csv, and a run for each row and seed, in NAME-seedS/. Rows that do not fit the budget\n"
-         "are named; the same command with a larger one resumes."},
+         "OUT gets tradeoff.md (tables), tradeoff.csv, speed.svg (a plot), and a run for each row and seed, in SCENE/ROW-seedS/. Rows that do\n"
+         "not fit the budget are named; the same command with a larger one trains them, too."},
     [COMMAND_RESULTS] =
         {"results", 1, 1, "SURVEY... -o OUT",
-         "Measures what the documents publish: speed, light and water, blocks, the paper's parts.",
-         "oceanxl results survey1 survey2 -o results --max-side 240",
-         "OUT gets results.md (tables), speed.svg (a plot), both with the commit, and the runs. Ten minutes by default; a release takes\n"
-         "--budget 24h --seeds 3. The same command resumes. If OUT holds others.csv, lines of NAME,CPU_SECONDS,PSNR are plotted, too."},
+         "Measures what the documents publish: speed, the paper's parts, light and water, blocks, extremes, published scenes.",
+         "oceanxl results survey1 survey2 lego -o results --max-side 240",
+         "OUT gets results.md (tables), results.csv, speed.svg (a plot), all with the commit, and the runs. Scenes in the layout of NeRF\n"
+         "synthetic or LLFF are trained for 2000, 7000 and 30,000 iterations instead. Ten minutes by default; a release takes --budget 24h\n"
+         "--seeds 3. The same command resumes. If OUT holds others.csv, lines of NAME,CPU_SECONDS,PSNR are plotted, too."},
 };
 
 /* ---------------- options of the program */

@@ -9,11 +9,24 @@
 /* Writes to `out`: images/, sparse/0/ and truth/ (see truth/model.txt). */
 oxl_result synth_run(oxl_context *ctx, const synth_options *options);
 
-/* ---------------- study.c: many trainings of one survey, compared */
+/* ---------------- results.c: many trainings of surveys, compared */
+
+enum study_name {
+    STUDY_TRADEOFF,
+    STUDY_ABLATION,
+    STUDY_LIGHT,
+    STUDY_BLOCKS,
+    STUDY_EXTREMES,
+    STUDY_PUBLISHED,
+    STUDY_ALL
+};
 
 typedef struct study_options {
-    const char *scene, *out;   /* folders */
-    const char *rows;          /* names with commas between; NULL: the study's own */
+    const char *const *survey; /* (surveys) folders */
+    int surveys;
+    const char *out, *name;    /* folder; name of the page and the CSV in it */
+    unsigned studies;          /* a bit for each enum study_name */
+    const char *rows;          /* names with commas between; NULL: each study's own */
     int seeds;                 /* each row is trained with 1..seeds */
     double budget;             /* s: rows that do not fit any more are named, not trained; 0: no limit */
     oxl_job_options job;       /* common to the rows; options that differ are overwritten */
@@ -21,13 +34,9 @@ typedef struct study_options {
     oxl_callback callback;     /* progress of each training */
 } study_options;
 
-enum study_name { STUDY_TRADEOFF, STUDY_LIGHT, STUDY_BLOCKS, STUDY_ABLATION, STUDY_ALL };
-
-/* Trains all rows with all seeds. Leaves in `out`: NAME.md and .csv of the study, and ROW-seedS/ for each training; the
- * page goes to `to`, too. When the callback stops it, or with a larger budget, the next call resumes. */
-oxl_result study_run(oxl_context *ctx, enum study_name name, const study_options *options, FILE *to);
-/* All studies on all surveys: leaves results.md and speed.svg in `out`, and the runs. */
-oxl_result results_run(oxl_context *ctx, const char *const *survey, int surveys, const study_options *options,
-                       FILE *to);
+/* Trains all rows of the studies on the surveys with all seeds. Leaves in `out`: NAME.md, NAME.csv, speed.svg with
+ * the trade-off's rows, and SURVEY/ROW-seedS/ of each training. Prints the page to `to`. When the callback stops it,
+ * or with a larger budget, the next call resumes; what another build trained is trained anew. */
+oxl_result study_run(oxl_context *ctx, const study_options *options, FILE *to);
 
 #endif

@@ -21,23 +21,28 @@ static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct 
     return rc;
 }
 
-/* Runs a study: many trainings with the options of a job, a log and a progress line on this console. */
+/* Runs studies: many trainings with the options of a job, a log and a progress line on this console. */
 static oxl_result run_study(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
-    study_options o = {.scene = a->path[0],
-                       .out = a->out,
-                       .rows = a->rows,
-                       .seeds = a->seeds,
-                       .budget = a->budget,
-                       .job = a->job,
-                       .memory = &console->memory,
-                       .callback = {console_progress, console}};
+    static const struct {
+        unsigned studies;
+        double budget;
+    } kinds[] = {{1u << STUDY_ABLATION, 0}, {1u << STUDY_TRADEOFF, 1200}, {(1u << STUDY_ALL) - 1, 600}};
+    const int kind = (int)a->command - COMMAND_ABLATE;
+    const study_options o = {.survey = a->path,
+                             .surveys = a->path_count,
+                             .out = a->out,
+                             .name = CLI_COMMANDS[a->command].name,
+                             .studies = kinds[kind].studies,
+                             .rows = a->rows,
+                             .seeds = a->seeds,
+                             .budget = a->budget > 0 ? a->budget : kinds[kind].budget,
+                             .job = a->job,
+                             .memory = &console->memory,
+                             .callback = {console_progress, console}};
     oxl_result rc;
-    if (o.budget == 0)
-        o.budget = a->command == COMMAND_RESULTS ? 600 : a->command == COMMAND_TRADEOFF ? 1200 : 0;
     console_catch_signals();
-    if (a->command == COMMAND_RESULTS) rc = results_run(ctx, a->path, a->path_count, &o, stdout);
-    else rc = study_run(ctx, a->command == COMMAND_ABLATE ? STUDY_ABLATION : STUDY_TRADEOFF, &o, stdout);
+    rc = study_run(ctx, &o, stdout);
     console_clear(console);
     if (rc == OXL_ERR_INTERRUPTED)
         fputs("oxl: interrupted; finished trainings are kept\n     resume: run the same command again\n",

@@ -1,10 +1,10 @@
-/* study.c - rows of options x seeds, each a training in OUT/NAME-seedS: a study that was stopped, or given
+/* study.c - rows of options x seeds, each a training in OUT/SURVEY/ROW-seedS: a study that was stopped, or given
  * more time, resumes.
  *
- * All rows' first seeds come before all second ones: a slow hour of the machine affects every row. With a
- * time budget, rows that do not fit are named, not trained. Memory is what the library held at its peak: the
- * process's own peak never falls and is useless after a larger training. It and the CPU time are kept in the
- * training's study.json.
+ * All rows' first seeds come before all second ones: a slow hour of the machine affects every row. With a time
+ * budget, rows that do not fit are named, not trained; rows that are finished or have begun are kept. Memory is
+ * what the library held at its peak: the process's own peak never falls and is useless after a larger training.
+ * It and the CPU time are kept in the training's study.json, with the build that trained it.
  */
 #include "study.h"
 
@@ -88,7 +88,8 @@ static oxl_result study_job(const struct study *s, int row, int seed, oxl_job_op
     job->renders = 0;
     if (r->preset) job->train = oxl_train_options_default((oxl_preset)(r->preset - 1));
     job->train.max_gaussians = s->base.train.max_gaussians;
-    if (r->iterations > 0) job->train.iterations = (int)(r->iterations * s->base.train.iterations + 0.5);
+    if (r->iterations > 0)
+        job->train.iterations = (int)fmax(1, r->iterations * s->base.train.iterations + 0.5);
     rc = study_set_options(s->ctx, r, job);
     if (!r->preset) job->train.ucd.learn = s->base.train.ucd.learn; /* rows differ by the mode alone */
     if (like < 0) return rc;
@@ -101,48 +102,79 @@ static oxl_result study_job(const struct study *s, int row, int seed, oxl_job_op
 
 /* ---------------- one training */
 
+/* What the study.json of a training holds; NaN: not known. */
+struct study_record {
+    int is_there, is_ours, is_finished; /* is_ours: of this build */
+    double cpu, peak;
+};
+
 static double study_cpu(void)
 {
     return (double)clock() / CLOCKS_PER_SEC;
 }
 
+const char *study_scene(const struct study *s)
+{
+    const char *slash = strrchr(s->survey, '/');
+    return slash && slash[1] ? slash + 1 : s->survey;
+}
+
+static void study_folder(const struct study *s, int row, int seed, char out[4200])
+{
+    snprintf(out, 4200, "%s/%s/%s-seed%d", s->options->out, study_scene(s), s->row[row]->name, seed);
+}
+
+static struct study_record study_read_record(const char *folder)
+{
+    char *text = output_read(folder, "study.json", NULL),
+         *build = json_string(oxl_json_member(text, "build"));
+    const struct study_record r = {text != NULL, build && strcmp(build, STUDY_BUILD) == 0,
+                                   oxl_json_is_true(text, "finished"), oxl_json_number(text, "cpu_seconds"),
+                                   oxl_json_number(text, "library_peak_bytes")};
+    free(text);
+    free(build);
+    return r;
+}
+
+static oxl_result study_write_record(oxl_context *ctx, const char *folder, const struct study_record *r)
+{
+    struct output t = {0};
+    char path[4300];
+    oxl_result rc = oxl_make_folder(ctx, folder);
+    snprintf(path, sizeof path, "%s/study.json", folder);
+    output_add(&t, "{\n  \"build\": \"%s\",\n  \"finished\": %s", STUDY_BUILD,
+               r->is_finished ? "true" : "false");
+    if (!isnan(r->peak)) output_add(&t, ",\n  \"library_peak_bytes\": %.0f", r->peak);
+    if (!isnan(r->cpu)) output_add(&t, ",\n  \"cpu_seconds\": %.2f", r->cpu);
+    output_add(&t, "\n}\n");
+    if (rc != OXL_OK) free(t.data);
+    else if (!output_save(&t, path))
+        rc = oxl_fail(ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", path);
+    return rc;
+}
+
+/* While a training runs, its study.json states no cost: a killed process leaves none, not one that is too small. */
 static int study_progress(void *user, const oxl_progress *p)
 {
     struct study *s = user;
     const oxl_callback *c = &s->options->callback;
+    const struct study_record begun = {.cpu = NAN, .peak = NAN};
     if (s->is_fresh < 0) {
         s->is_fresh = p->iteration <= 1 && p->block == 0 &&
                       p->stage == (p->blocks > 1 ? OXL_STAGE_COARSE : OXL_STAGE_BLOCK);
         s->cpu = study_cpu();
+        if (study_write_record(s->ctx, s->folder, &begun) != OXL_OK) return 1;
     }
     return c->progress ? c->progress(c->user, p) : 0;
 }
 
-oxl_result study_write(oxl_context *ctx, const char *folder, const char *name, struct output *t)
+/* Adds the memory's peak and the CPU time of this part of a training to those of the parts before. */
+static void study_add_cost(const struct study *s, struct study_record *r)
 {
-    char path[1100];
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    return output_save(t, path)
-               ? OXL_OK
-               : oxl_fail(ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", path);
-}
-
-/* Records the cost: the memory's peak over all the parts in which it was trained, and their CPU time. */
-static oxl_result study_record_cost(const struct study *s, const char *folder)
-{
-    double cpu = study_cpu() - s->cpu, peak = (double)s->options->memory->peak;
-    char *before = output_read(folder, "study.json", NULL);
-    struct output t = {0};
-    if (!s->is_fresh) {
-        cpu += oxl_json_number(before, "cpu_seconds");
-        peak = fmax(peak, oxl_json_number(before, "library_peak_bytes"));
-    }
-    free(before);
-    if (s->is_fresh < 0) return OXL_OK;
-    output_add(&t, "{\n  \"library_peak_bytes\": %.0f", peak);
-    if (!isnan(cpu)) output_add(&t, ",\n  \"cpu_seconds\": %.2f", cpu);
-    output_add(&t, "\n}\n");
-    return study_write(s->ctx, folder, "study.json", &t);
+    const double cpu = study_cpu() - s->cpu, peak = (double)s->options->memory->peak;
+    if (s->is_fresh < 0) return;
+    r->cpu = s->is_fresh ? cpu : r->cpu + cpu;
+    r->peak = s->is_fresh ? peak : fmax(peak, r->peak);
 }
 
 static oxl_result study_read(const struct study *s, const char *folder, double value[STUDY_MEASURES])
@@ -164,89 +196,80 @@ static oxl_result study_train(struct study *s, int row, int seed)
 {
     const oxl_callback callback = {study_progress, s};
     oxl_job_options job;
-    char folder[1000];
-    oxl_result rc = study_job(s, row, seed, &job), noted;
-    snprintf(folder, sizeof folder, "%s/%s-seed%d", s->options->out, s->row[row]->name, seed);
+    struct study_record record;
+    oxl_result rc = study_job(s, row, seed, &job), trained;
+    if (rc != OXL_OK) return rc;
+    study_folder(s, row, seed, s->folder);
+    record = study_read_record(s->folder);
+    job.restart = record.is_there && !record.is_ours;
     s->options->memory->peak = s->options->memory->used;
     s->is_fresh = -1;
-    if (rc == OXL_OK) rc = oxl_job_run(s->ctx, s->options->scene, folder, &job, &callback);
-    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
-    noted = study_record_cost(s, folder);
-    if (rc == OXL_OK) rc = noted;
-    if (rc == OXL_OK) rc = study_read(s, folder, s->value[row][seed - 1]);
+    trained = oxl_job_run(s->ctx, s->survey, s->folder, &job, &callback);
+    record.is_finished = trained == OXL_OK;
+    study_add_cost(s, &record);
+    if (record.is_finished || (trained == OXL_ERR_INTERRUPTED && s->is_fresh >= 0))
+        rc = study_write_record(s->ctx, s->folder, &record);
+    if (trained != OXL_OK) return trained;
+    if (rc == OXL_OK) rc = study_read(s, s->folder, s->value[row][seed - 1]);
     if (rc == OXL_OK) s->done[row] = seed;
     return rc;
 }
 
 /* ---------------- all of it */
 
-/* Returns 1 where the row that this one is made equal to has that seed, and what the training would take, by
- * the first row's, is left of the budget. */
+/* Returns the seconds of a row, by those of the first and the iterations of both. */
+static double study_seconds(const struct study *s, int row)
+{
+    oxl_job_options first, job;
+    study_job(s, 0, 1, &first), study_job(s, row, 1, &job);
+    return (s->done[0] ? study_mean(s, 0, STUDY_SECONDS).mean : s->predicted) * job.train.iterations /
+           first.train.iterations;
+}
+
+/* Returns 1 where the row that this one is made equal to has that seed, and this build has trained it or begun to,
+ * or what it would take is left of the budget. */
 static int study_is_due(const struct study *s, int row, int seed, double left)
 {
     const int like = study_row_index(s, s->row[row]->like);
-    oxl_job_options job;
+    char folder[4200];
     if ((like >= 0 && s->done[like] < seed) || s->done[row] < seed - 1) return 0;
-    return row == 0 || !(s->options->budget > 0) || study_job(s, row, 1, &job) != OXL_OK ||
-           study_mean(s, 0, STUDY_SECONDS).mean * job.train.iterations / s->base.train.iterations <= left;
+    study_folder(s, row, seed, folder);
+    return study_read_record(folder).is_ours || study_seconds(s, row) <= left;
 }
 
-static oxl_result study_write_all(const struct study *s, FILE *to)
+/* Predicts how long the first row takes, if it is not there. */
+static oxl_result study_predict(struct study *s)
 {
-    struct output page = {0}, csv = {0};
-    char name[40];
-    oxl_result rc;
-    study_page(&page, s);
-    study_csv(&csv, s);
-    if (!page.failed) print_format(to, "%s\n", page.data);
-    snprintf(name, sizeof name, "%s.md", s->kind->file);
-    rc = study_write(s->ctx, s->options->out, name, &page);
-    snprintf(name, sizeof name, "%s.csv", s->kind->file);
-    if (rc == OXL_OK) rc = study_write(s->ctx, s->options->out, name, &csv);
-    else free(csv.data);
-    if (rc == OXL_OK)
-        print_format(to, "page      %s/%s.md\ntable     %s/%s.csv\n", s->options->out, s->kind->file,
-                     s->options->out, s->kind->file);
+    oxl_survey survey;
+    oxl_job_options job;
+    char folder[4200];
+    oxl_result rc = study_job(s, 0, 1, &job);
+    study_folder(s, 0, 1, folder);
+    if (rc != OXL_OK || study_read_record(folder).is_ours) return rc;
+    rc = oxl_check(s->ctx, s->survey, &job, &survey);
+    if (rc == OXL_OK) s->predicted = survey.seconds;
     return rc;
 }
 
-/* Refuses rows and options that cannot be trained, and to replace tables of another program. */
-static oxl_result study_begin(struct study *s)
+oxl_result study_begin(oxl_context *ctx, const struct study_kind *kind, const char *survey,
+                       const study_options *options, struct study *s)
 {
-    char name[40];
     oxl_job_options job;
-    oxl_result rc = study_choose_rows(s);
+    oxl_result rc;
+    *s = (struct study){.ctx = ctx, .kind = kind, .options = options, .survey = survey, .base = options->job};
+    if (kind->sh_degree && s->base.train.sh_degree < 0) s->base.train.sh_degree = kind->sh_degree;
+    rc = study_choose_rows(s);
     for (int r = 0; r < s->rows && rc == OXL_OK; r++) rc = study_job(s, r, 1, &job);
-    if (rc == OXL_OK && strlen(s->options->out) > 900)
-        rc = oxl_fail(s->ctx, OXL_ERR_USAGE,
-                      "the name of the folder is too long\nfix: a shorter one than -o %s", s->options->out);
-    if (rc == OXL_OK) rc = oxl_make_folder(s->ctx, s->options->out);
-    snprintf(name, sizeof name, "%s.md", s->kind->file);
-    if (rc == OXL_OK) rc = output_check_own(s->ctx, s->options->out, name, "## Effects");
-    snprintf(name, sizeof name, "%s.csv", s->kind->file);
-    return rc == OXL_OK ? output_check_own(s->ctx, s->options->out, name, "row,seed,psnr") : rc;
+    return rc;
 }
 
-oxl_result study_train_all(oxl_context *ctx, const struct study_kind *kind, const study_options *options,
-                           struct study *s)
+oxl_result study_train_all(struct study *s, double budget)
 {
     const time_t started = time(NULL);
-    oxl_result rc;
-    *s = (struct study){.ctx = ctx, .kind = kind, .options = options, .base = options->job};
-    if (kind->sh_degree && s->base.train.sh_degree < 0) s->base.train.sh_degree = kind->sh_degree;
-    rc = study_begin(s);
-    for (int seed = 1; seed <= options->seeds && rc == OXL_OK; seed++)
+    oxl_result rc = budget > 0 ? study_predict(s) : OXL_OK;
+    for (int seed = 1; seed <= s->options->seeds && rc == OXL_OK; seed++)
         for (int row = 0; row < s->rows && rc == OXL_OK; row++)
-            if (study_is_due(s, row, seed, options->budget - difftime(time(NULL), started)))
+            if (study_is_due(s, row, seed, budget > 0 ? budget - difftime(time(NULL), started) : HUGE_VAL))
                 rc = study_train(s, row, seed);
-    return rc;
-}
-
-oxl_result study_run(oxl_context *ctx, enum study_name name, const study_options *options, FILE *to)
-{
-    struct study *s = malloc(sizeof *s);
-    oxl_result rc = s ? study_train_all(ctx, &STUDY_KINDS[name], options, s) : OXL_ERR_MEMORY;
-    if (rc == OXL_OK) rc = study_write_all(s, to);
-    free(s);
     return rc;
 }

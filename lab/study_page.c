@@ -10,10 +10,15 @@
 #include <string.h>
 
 const struct study_column STUDY_COLUMNS[STUDY_MEASURES] = {
-    {"PSNR dB", "psnr", 1, 2, 1},        {"SSIM", "ssim", 1, 4, 1},
-    {"structure", "structure", 1, 3, 1}, {"Gaussians", "gaussians", 1, 0, 0},
-    {"MB", "bytes", 1e-6, 2, 0},         {"seconds", "seconds", 1, 1, 0},
-    {"CPU s", "cpu_seconds", 1, 1, 0},   {"memory MB", "library_peak_bytes", 1e-6, 1, 0},
+    {"iterations", "iterations", 1, 0, 0},
+    {"PSNR dB", "psnr", 1, 2, 1},
+    {"SSIM", "ssim", 1, 4, 1},
+    {"structure", "structure", 1, 3, 1},
+    {"Gaussians", "gaussians", 1, 0, 0},
+    {"MB", "bytes", 1e-6, 2, 0},
+    {NULL, "seconds", 1, 1, 0},
+    {"CPU min", "cpu_seconds", 1. / 60, 2, 0},
+    {"peak MB", "library_peak_bytes", 1e-6, 1, 0},
 };
 
 /* ---------------- figures */
@@ -70,12 +75,14 @@ static int page_is_compared(const struct study *s, int row, int base)
 
 /* ---------------- the page */
 
-static void page_header(struct output *t, const char *first)
+static void page_header(struct output *t, const char *row)
 {
-    output_add(t, "\n| %s |", first);
-    for (int m = 0; m < STUDY_MEASURES; m++) output_add(t, " %s |", STUDY_COLUMNS[m].title);
-    output_add(t, "\n|---|");
-    for (int m = 0; m < STUDY_MEASURES; m++) output_add(t, "---:|");
+    output_add(t, "\n| scene | %s |", row);
+    for (int m = 0; m < STUDY_MEASURES; m++)
+        if (STUDY_COLUMNS[m].title) output_add(t, " %s |", STUDY_COLUMNS[m].title);
+    output_add(t, "\n|---|---|");
+    for (int m = 0; m < STUDY_MEASURES; m++)
+        if (STUDY_COLUMNS[m].title) output_add(t, "---:|");
     output_add(t, "\n");
 }
 
@@ -87,72 +94,64 @@ static void page_cell(struct output *t, struct study_figure f, const char *sign,
                spread[0] ? " +-" : "", spread);
 }
 
-void study_table(struct output *t, const struct study *s)
+static void page_row(struct output *t, const struct study *s, int row)
 {
-    page_header(t, "row");
-    for (int r = 0; r < s->rows; r++) {
-        if (s->done[r] == 0) continue;
-        output_add(t, "| %s%s |", s->row[r]->label, study_is_pareto_optimal(s, r) ? " \\*" : "");
-        for (enum study_measure m = 0; m < STUDY_MEASURES; m++) {
-            const struct study_figure f = study_mean(s, r, m);
-            const double scale = STUDY_COLUMNS[m].scale;
-            page_cell(t, (struct study_figure){f.mean * scale, f.spread * scale}, "",
-                      STUDY_COLUMNS[m].decimals);
-        }
-        output_add(t, "\n");
+    output_add(t, "| %s | %s%s |", study_scene(s), s->row[row]->label,
+               study_is_pareto_optimal(s, row) ? " \\*" : "");
+    for (enum study_measure m = 0; m < STUDY_MEASURES; m++) {
+        const struct study_figure f = study_mean(s, row, m);
+        const struct study_column *c = &STUDY_COLUMNS[m];
+        if (c->title)
+            page_cell(t, (struct study_figure){f.mean * c->scale, f.spread * c->scale}, "", c->decimals);
     }
+    output_add(t, "\n");
 }
 
 static void page_effect(struct output *t, const struct study *s, int row, int base)
 {
-    output_add(t, "| %s against %s |", s->row[row]->label, s->row[base]->label);
+    output_add(t, "| %s | %s against %s |", study_scene(s), s->row[row]->label, s->row[base]->label);
     for (enum study_measure m = 0; m < STUDY_MEASURES; m++) {
         const struct study_column *c = &STUDY_COLUMNS[m];
         const struct study_figure f = study_compare(s, row, base, m);
+        if (!c->title) continue;
         if (fabs(f.mean - !c->difference) <= f.spread) output_add(t, " none |"); /* of one seed never */
         else page_cell(t, f, c->difference ? "+" : "x", c->difference ? c->decimals : 3);
     }
     output_add(t, "\n");
 }
 
-void study_page(struct output *t, const struct study *s)
+void study_section(struct output *t, const struct study *s, int count)
 {
-    output_add(t, "# %s\n\n%s: preset %s, %d iterations, images of at most %d px a side, seeds 1 to %d",
-               s->kind->title, s->options->scene, s->base.preset ? s->base.preset : "-",
-               s->base.train.iterations, s->base.scene.max_side, s->options->seeds);
-    output_add(t, " (mean +- standard deviation).\n\n## Rows\n");
-    study_table(t, s);
-    output_add(t,
-               "\n## Effects\n\nDifferences, or ratios (x), seed by seed. none: not larger than the standard "
-               "deviation over the seeds.\n");
+    output_add(t, "\n## %s\n", s->kind->title);
+    page_header(t, "row");
+    for (int i = 0; i < count; i++)
+        for (int r = 0; r < s[i].rows; r++)
+            if (s[i].done[r]) page_row(t, &s[i], r);
     page_header(t, "row against row");
-    for (int r = 0; r < s->rows; r++)
-        for (int base = 0; s->done[r] && base < s->rows; base++)
-            if (page_is_compared(s, r, base)) page_effect(t, s, r, base);
-    for (int r = 0; r < s->rows; r++)
-        if (s->done[r] < s->options->seeds)
-            output_add(t,
-                       "\nNot trained: %s, %d of %d seeds done; the rest does not fit the budget. The same "
-                       "command with a larger --budget resumes.\n",
-                       s->row[r]->name, s->done[r], s->options->seeds);
-    output_add(t,
-               "\n\\*: on the front, no other row has as good a PSNR in no more CPU time. structure: "
-               "correlation of detail, 0 is a veil.\nMB: the model's file. seconds: training. CPU s: all "
-               "threads together. memory: what the library held at its peak.\n%s",
-               s->kind->notes);
+    for (int i = 0; i < count; i++)
+        for (int r = 0; r < s[i].rows; r++)
+            for (int base = 0; s[i].done[r] && base < s[i].rows; base++)
+                if (page_is_compared(&s[i], r, base)) page_effect(t, &s[i], r, base);
+    for (int i = 0; i < count; i++)
+        for (int r = 0, missing = 0; r < s[i].rows; r++) {
+            if (s[i].done[r] == s[i].options->seeds) continue;
+            if (!missing++) output_add(t, "\nNot trained within the budget on %s:", study_scene(&s[i]));
+            output_add(t, "%s %s (%d of %d seeds)", missing > 1 ? "," : "", s[i].row[r]->name, s[i].done[r],
+                       s[i].options->seeds);
+        }
+    if (s->kind->notes) output_add(t, "\n\n%s", s->kind->notes);
+    output_add(t, "\n");
 }
 
 /* ---------------- CSV */
 
-void study_csv(struct output *t, const struct study *s)
+void study_csv(struct output *t, const struct study *s, int count)
 {
-    output_add(t, "row,seed");
-    for (int m = 0; m < STUDY_MEASURES; m++) output_add(t, ",%s", STUDY_COLUMNS[m].member);
-    output_add(t, "\n");
-    for (int r = 0; r < s->rows; r++)
-        for (int i = 0; i < s->done[r]; i++) {
-            output_add(t, "%s,%d", s->row[r]->name, i + 1);
-            for (int m = 0; m < STUDY_MEASURES; m++) output_add(t, ",%.6f", s->value[r][i][m]);
-            output_add(t, "\n");
-        }
+    for (int k = 0; k < count; k++)
+        for (int r = 0; r < s[k].rows; r++)
+            for (int i = 0; i < s[k].done[r]; i++) {
+                output_add(t, "%s,%s,%s,%d", s->kind->name, study_scene(&s[k]), s[k].row[r]->name, i + 1);
+                for (int m = 0; m < STUDY_MEASURES; m++) output_add(t, ",%.6f", s[k].value[r][i][m]);
+                output_add(t, "\n");
+            }
 }

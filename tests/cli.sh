@@ -261,8 +261,8 @@ promise convert_replaces_models_and_nothing_else 2 "points.ply exists, and is no
 promise train_replaces_no_report_of_another_program 2 "mine3/report.html is there" sh -c "mkdir -p mine3 && echo mine >mine3/report.html && '$program' train survey -o mine3"
 promise report_replaces_no_page_of_another_program 2 "mine4/report.html is there" sh -c \
     "mkdir -p mine4 && cp out/run.json mine4 && echo mine >mine4/report.html && '$program' report mine4"
-promise a_study_replaces_no_table_of_another_program 2 "mine3/ablation.csv is there" sh -c \
-    "echo mine >mine3/ablation.csv && '$program' ablate survey -o mine3 --rows v1 --iterations 10 --seeds 1"
+promise a_study_replaces_no_table_of_another_program 2 "mine3/ablate.csv is there" sh -c \
+    "echo mine >mine3/ablate.csv && '$program' ablate survey -o mine3 --rows v1 --iterations 10 --seeds 1"
 promise cloud_writes_points 0 "cloud.las, " "$program" cloud out/scene.ply survey -o cloud.las
 promise cloud_writes_triangles 0 "mesh.obj, " "$program" cloud out/scene.ply survey -o mesh.obj --mesh
 promise compare_finds_nothing_between_a_run_and_itself 0 "at 0 places" "$program" compare out out -o change
@@ -332,14 +332,16 @@ promise help_all_lists_what_stands_in_place_of_a_command 0 "--options-page" on_s
 promise help_breaks_the_line_after_a_long_option 0 "" sh -c "'$program' synth --help all | grep -qF -x '  --water none|I|IA|IB|II|III|1C|3C|5C|7C|9C'"
 promise partition_none_is_one_block 0 "blocks       1, of" "$program" partition survey -o whole --block-points 9 --partition none --verbose
 promise ablate_compares_rows 0 "V1 +BSP against 3DGS, midpoint" on_stdout "$program" ablate survey -o ablation --rows 3dgs,v1 --iterations 20 --block-points 250 --threads 1 --quiet
-promise ablate_keeps_each_run 0 "v1,1," sh -c 'test -s ablation/3dgs-seed1/scene.ply && test -s ablation/v1-seed1/scene.ply && test -s ablation/ablation.md && cat ablation/ablation.csv'
-promise ablate_counts_the_memory_of_each_training 0 "" awk -F, 'NR > 1 { n++; if (!($10 > 1e6 && $10 < 1e9)) exit 1 } END { exit n != 2 }' ablation/ablation.csv
+promise ablate_keeps_each_run 0 "ablation,survey,v1,1," sh -c 'test -s ablation/survey/3dgs-seed1/scene.ply && test -s ablation/survey/v1-seed1/scene.ply && test -s ablation/ablate.md && cat ablation/ablate.csv'
+promise ablate_counts_the_memory_of_each_training 0 "" awk -F, 'NR > 1 { n++; if (!($13 > 1e6 && $13 < 1e9)) exit 1 } END { exit n != 2 }' ablation/ablate.csv
 promise ablate_does_not_train_again 0 "V1 +BSP" without ETA "$program" ablate survey -o ablation --rows 3dgs,v1 --iterations 20 --block-points 250 --threads 1
 promise ablate_makes_controls_equal 0 "V3, bytes of OceanXL" on_stdout "$program" ablate survey -o controls --rows v2,v1-count,oceanxl,v3-bytes --iterations 20 --threads 1 --quiet
 promise ablate_sets_what_rows_differ_by 2 "each row of ablate sets it itself" "$program" ablate survey -o ablation --ucd on
 promise tradeoff_states_the_cost 0 "half the iterations against base" on_stdout "$program" tradeoff survey -o tradeoff --rows iterations-half,coarse-0.5,paper --iterations 20 --max-side 100 --budget 30s --threads 1 --quiet
-promise tradeoff_leaves_page_table_and_runs 0 "coarse-0.5,1," sh -c 'test -s tradeoff/tradeoff.md && test -s tradeoff/base-seed1/scene.ply && cat tradeoff/tradeoff.csv'
-promise results_of_two_surveys_leave_a_page_and_a_plot 0 "### cut survey" sh -c "ln -sfn survey 'cut survey' && '$program' results survey 'cut survey' -o results --iterations 8 --max-side 40 --budget 1s --threads 1 --quiet >/dev/null && test -s results/speed.svg && cat results/results.md"
+promise tradeoff_leaves_page_table_and_runs 0 "coarse-0.5,1," sh -c 'test -s tradeoff/tradeoff.md && test -s tradeoff/survey/base-seed1/scene.ply && cat tradeoff/tradeoff.csv'
+promise results_of_two_surveys_leave_a_page_and_a_plot 0 "| cut survey | base" sh -c "ln -sfn survey 'cut survey' && '$program' results survey 'cut survey' -o results --iterations 8 --max-side 40 --budget 40s --threads 1 --quiet >/dev/null && test -s results/speed.svg && cat results/results.md"
+promise results_of_a_smaller_budget_keep_what_is_trained_and_train_no_first_row 0 "" sh -c \
+    "cp results/results.csv rows.csv && mv results/survey/usual-seed1 gone && '$program' results survey 'cut survey' -o results --iterations 8 --max-side 40 --budget 0.1s --threads 1 >kept.txt 2>&1 && ! grep -q ETA kept.txt && grep -v ',survey,usual,' rows.csv | cmp - results/results.csv"
 promise tradeoff_resumes 0 "half the iterations against base" without ETA "$program" tradeoff survey -o tradeoff --rows iterations-half,coarse-0.5 --iterations 20 --max-side 100 --budget 30s --threads 1
 promise blocks_side_by_side_give_the_bytes_of_one_process 0 "" sh -c \
     "OCEANXL='$program' '$examples/cluster/local.sh' survey spread --block-points 250 --iterations 40 --seed 5 --keep 1 &&

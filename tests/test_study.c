@@ -6,8 +6,7 @@
 #include "../lab/study_page.c"
 #include "../lab/results.c"
 
-static const study_options study_test_two_seeds = {
-    .scene = "reef", .out = "nowhere", .seeds = 2, .budget = 600};
+static const study_options study_test_two_seeds = {.out = "nowhere", .name = "tradeoff", .seeds = 2};
 
 /* Rows of the kind by name, two seeds of each, with PSNR, SSIM, Gaussians, bytes, seconds, CPU s, memory;
  * free() it. */
@@ -21,6 +20,7 @@ static struct study *study_test_of(const struct study_kind *kind, int rows, cons
     s->ctx = test_ctx;
     s->kind = kind;
     s->options = &study_test_two_seeds;
+    s->survey = "dives/reef";
     s->base = oxl_job_options_default(OXL_PRESET_DRAFT);
     s->base.train.iterations = 700;
     s->rows = rows;
@@ -109,17 +109,19 @@ TEST(study_page_says_none_where_an_effect_is_within_the_spread_and_has_whole_tab
     for (int seeds = 2; seeds > 0; seeds--) {
         struct output t = {0};
         for (int r = 0; r < s->rows; r++) s->done[r] = seeds;
-        study_page(&t, s);
+        study_section(&t, s, 1);
         CHECK(!t.failed && !strstr(t.data, "nan") && !strstr(t.data, "inf"));
-        CHECK_TEXT(t.data, "700 iterations");
         CHECK(!strstr(t.data, "| 23.00 +-1.41 |") == (seeds == 1));
-        CHECK(!strstr(t.data, "| V1 +BSP against 3DGS, midpoint | +0.75 +-0.35 |") == (seeds == 1));
-        CHECK(!strstr(t.data, "| V2 +UCD against V1, count of V2 | none |") == (seeds == 1));
-        CHECK(!strstr(t.data, "Not trained: v1, 1 of 2 seeds") == (seeds == 2));
-        CHECK_TEXT(t.data, "| x0.800");
-        CHECK(study_test_count(t.data, "| row |", '|') == study_test_count(t.data, "| V1 +BSP \\*", '|'));
-        CHECK(study_test_count(t.data, "| row against", '|') ==
-              study_test_count(t.data, "| V2 +UCD against", '|'));
+        CHECK(!strstr(t.data, "| reef | V1 +BSP against 3DGS, midpoint | - | +0.75 +-0.35 |") ==
+              (seeds == 1));
+        CHECK(!strstr(t.data, "| V2 +UCD against V1, count of V2 | - | none |") == (seeds == 1));
+        CHECK(!strstr(t.data, "Not trained within the budget on reef: 3dgs (1 of 2 seeds), v1 (1 of 2") ==
+              (seeds == 2));
+        CHECK_TEXT(t.data, "| x0.7");
+        CHECK(study_test_count(t.data, "| scene | row |", '|') ==
+              study_test_count(t.data, "| reef | V1 +BSP \\*", '|'));
+        CHECK(study_test_count(t.data, "| scene | row against", '|') ==
+              study_test_count(t.data, "| reef | V2 +UCD against", '|'));
         free(t.data);
     }
     free(s);
@@ -129,13 +131,12 @@ TEST(study_page_of_a_sweep_says_the_front_and_what_was_not_trained)
 {
     struct study *s = study_test_sweep();
     struct output t = {0};
-    study_page(&t, s);
+    study_section(&t, s, 1);
     CHECK_TEXT(t.data, "| --coarse 0.5 \\* |");
     CHECK_TEXT(t.data, "| --coarse 0.5 against base |");
     CHECK_TEXT(t.data, " x0.400 +-0.000 |");
-    CHECK_TEXT(t.data, "Not trained: paper, 0 of 2 seeds done");
-    CHECK(study_is_due(s, 2, 2, 70) && !study_is_due(s, 2, 2, 60));  /* the base takes 65 s; 700 iterations */
-    CHECK(study_is_due(s, 0, 2, 20) && !study_is_due(s, 4, 2, 1e9)); /* seed 1 is missing */
+    CHECK_TEXT(t.data,
+               "Not trained within the budget on reef: keep-0.5 (1 of 2 seeds), paper (0 of 2 seeds)\n");
     free(t.data);
     free(s);
 }
@@ -143,20 +144,51 @@ TEST(study_page_of_a_sweep_says_the_front_and_what_was_not_trained)
 TEST(study_csv_holds_every_run_in_whole_lines)
 {
     struct study *s = study_test_ablation();
-    struct output t = {0};
+    struct output page = {0}, t = {0};
     int commas = 0, lines = 0;
-    study_csv(&t, s);
-    CHECK_TEXT(t.data, "row,seed,psnr,ssim,structure,gaussians,bytes,seconds,cpu_seconds,"
-                       "library_peak_bytes\n");
-    CHECK_TEXT(t.data, "\nv1,2,25.000000,0.830000,,2700.000000,2000000.000000,160.000000,150.000000,\n");
+    results_begin(&page, &t, &study_test_two_seeds);
+    study_csv(&t, s, 1);
+    CHECK_TEXT(t.data,
+               "study,scene,row,seed,iterations,psnr,ssim,structure,gaussians,bytes,seconds,cpu_seconds,"
+               "library_peak_bytes\n");
+    CHECK_TEXT(
+        t.data,
+        "\nablation,reef,v1,2,,25.000000,0.830000,,2700.000000,2000000.000000,160.000000,150.000000,\n");
     for (const char *p = t.data; *p; p++) {
         commas += *p == ',';
         if (*p != '\n') continue;
-        CHECK(commas == 1 + STUDY_MEASURES);
+        CHECK(commas == 3 + STUDY_MEASURES);
         commas = 0, lines++;
     }
     CHECK(lines == 1 + 8);
+    free(page.data);
     free(t.data);
+    free(s);
+}
+
+/* ---------------- the budget */
+
+/* The base takes 65 s for 700 iterations, and 20 of the second row before it is there; then a row that is finished,
+ * one that has begun, and one of another build. */
+TEST(study_trains_what_fits_the_budget_from_the_first_row_on_and_keeps_what_is_there)
+{
+    const char *const builds[] = {STUDY_BUILD, STUDY_BUILD, "another"};
+    struct study *s = study_test_sweep();
+    study_options o = study_test_two_seeds;
+    o.out = test_folder(), s->options = &o;
+    CHECK(study_is_due(s, 2, 2, 70) && !study_is_due(s, 2, 2, 60));
+    CHECK(study_is_due(s, 0, 2, 70) && !study_is_due(s, 0, 2, 60)); /* the first row, too */
+    CHECK(!study_is_due(s, 4, 2, 1e9));                             /* seed 1 is missing */
+    s->done[0] = 0, s->predicted = 40;
+    CHECK(study_is_due(s, 0, 1, 41) && !study_is_due(s, 0, 1, 39));
+    CHECK(study_is_due(s, 1, 1, 21) && !study_is_due(s, 1, 1, 19)); /* half the iterations */
+    for (int k = 0; k < 3; k++) {
+        char record[200];
+        snprintf(record, sizeof record, "{\"build\": \"%s\", \"finished\": %s}", builds[k],
+                 k ? "false" : "true");
+        test_write("reef/iterations-half-seed2/study.json", record);
+        CHECK(study_is_due(s, 1, 2, 0) == (k < 2));
+    }
     free(s);
 }
 
@@ -218,13 +250,6 @@ TEST(tradeoff_rows_differ_by_one_option_or_are_a_preset)
     free(s);
 }
 
-/* Nothing of what the paper does not have. */
-TEST(tradeoff_options_are_off_in_the_papers_preset)
-{
-    const oxl_train_options o = oxl_train_options_default(OXL_PRESET_PAPER);
-    CHECK(o.coarse == 0 && o.alpha_min == 1.0f / 255 && o.iterations == 40000 && o.short_run_exponent == 0);
-}
-
 /* Rows that others are compared with, or made equal to, exist and precede the controls. */
 TEST(study_rows_name_options_and_rows_of_their_study)
 {
@@ -241,7 +266,9 @@ TEST(study_rows_name_options_and_rows_of_their_study)
         CHECK(kind->rows <= STUDY_ROWS);
         for (int r = 0; r < kind->rows; r++) {
             const struct study_row *row = &kind->row[r];
-            CHECK(study_find_row(kind, row->name, strlen(row->name)) == row);
+            for (int other = 0; other < STUDY_ALL; other++) /* the studies share a folder */
+                CHECK(study_find_row(&STUDY_KINDS[other], row->name, strlen(row->name)) ==
+                      (other == k ? row : NULL));
             for (int i = 0; i < STUDY_AGAINST && row->against[i]; i++)
                 CHECK(study_find_row(kind, row->against[i], strlen(row->against[i])) != NULL);
             CHECK_OK(study_set_options(test_ctx, row, &job));
@@ -251,26 +278,46 @@ TEST(study_rows_name_options_and_rows_of_their_study)
     }
 }
 
-static const char *study_test_refused(enum study_name name, const char *rows)
-{
-    study_options o = {.scene = "nowhere", .out = test_path("out"), .rows = rows, .seeds = 1};
-    o.job = oxl_job_options_default(OXL_PRESET_DRAFT);
-    CHECK(study_run(test_ctx, name, &o, stdout) == OXL_ERR_USAGE);
-    return oxl_error_text(test_ctx);
-}
-
 TEST(study_refuses_rows_that_are_not_there_are_twice_or_lack_an_option)
 {
+    static const struct {
+        int study;
+        const char *rows, *said;
+    } wrong[] = {
+        {STUDY_ABLATION, "v1,v9", "found 'v9'"},
+        {STUDY_ABLATION, "v1,v9", "3dgs v1 v2 v1-count v3 v4 oceanxl v3-bytes"},
+        {STUDY_ABLATION, "v1,v1", "at most once"},
+        {STUDY_ABLATION, "v1,v1-count", "controls after their rows"},
+        {STUDY_TRADEOFF, "fast", ": iterations-half iterations-sixteenth iterations-quarter coarse-0 "},
+        {STUDY_TRADEOFF, "coarse-0.5,coarse-0.5", "at most once"}};
     static const struct study_row odd = {.name = "odd", .options = "cooldown=0 no-such=1"};
     oxl_job_options job = oxl_job_options_default(OXL_PRESET_DRAFT);
-    CHECK_TEXT(study_test_refused(STUDY_ABLATION, "v1,v9"), "found 'v9'");
-    CHECK_SAYS("3dgs v1 v2 v1-count v3 v4 oceanxl v3-bytes");
-    CHECK_TEXT(study_test_refused(STUDY_ABLATION, "v1,v1"), "at most once");
-    CHECK_TEXT(study_test_refused(STUDY_ABLATION, "v1,v1-count"), "controls after their rows");
-    CHECK_TEXT(study_test_refused(STUDY_TRADEOFF, "coarse-0.5,fast"),
-               ": iterations-half iterations-sixteenth iterations-quarter coarse-0 ");
-    CHECK_TEXT(study_test_refused(STUDY_TRADEOFF, "coarse-0.5,coarse-0.5"), "at most once");
+    const char *const survey = "nowhere";
+    for (size_t i = 0; i < OXL_COUNT(wrong); i++) {
+        study_options o = {.survey = &survey, .surveys = 1, .out = test_path("out"), .name = "x", .seeds = 1};
+        o.job = job, o.rows = wrong[i].rows, o.studies = 1u << wrong[i].study;
+        CHECK_ERROR(study_run(test_ctx, &o, stdout), OXL_ERR_USAGE, wrong[i].said);
+    }
     CHECK_ERROR(study_set_options(test_ctx, &odd, &job), OXL_ERR_USAGE, "row odd sets --no-such");
+}
+
+TEST(results_of_published_scenes_are_those_of_their_own_study_alone)
+{
+    const char *surveys[2];
+    char scene[300];
+    study_options o = {.survey = surveys, .surveys = 2, .out = "out", .name = "results", .seeds = 1};
+    struct study *s = calloc(2 * STUDY_ALL, sizeof *s);
+    oxl_result rc = OXL_OK;
+    o.job = oxl_job_options_default(OXL_PRESET_DRAFT);
+    test_write("llff/poses_bounds.npy", "");
+    snprintf(scene, sizeof scene, "%s", test_path("llff"));
+    surveys[0] = test_path("dive"), surveys[1] = scene;
+    o.studies = (1u << STUDY_ALL) - 1;
+    CHECK(results_plan(test_ctx, &o, s, &rc) == STUDY_ALL && rc == OXL_OK);
+    for (int i = 0; i < STUDY_ALL; i++) CHECK(s[i].kind->is_published == (s[i].survey == scene));
+    o.studies = 1u << STUDY_ABLATION; /* of a command of its own, on any survey */
+    CHECK(results_plan(test_ctx, &o, s, &rc) == 2);
+    free(s);
 }
 
 /* ---------------- the plot of results */
@@ -281,7 +328,6 @@ TEST(results_plot_joins_the_points_of_a_survey_and_no_others)
     struct plot *p = calloc(1, sizeof *p);
     struct output t = {0};
     CHECK(p != NULL);
-    p->chart.is_log = 1;
     plot_add(p, "reef", 100, 30), plot_add(p, "reef", 10, 20), plot_add(p, "reef", NAN, 25);
     p->curves++;
     test_write("others.csv", "# name,seconds,dB\nOther 1.0,1000,25\n");
@@ -308,38 +354,45 @@ TEST(study_reads_what_a_training_left_and_says_when_it_is_not_whole)
     snprintf(folder, sizeof folder, "%s", test_folder());
     test_write("metrics.json",
                "{\n  \"split\": \"test\",\n  \"psnr\": 25.5, \"ssim\": 0.75, \"structure\": 0.875, "
-               "\"gaussians\": 1000, \"bytes\": 5e4, \"seconds\": 12\n}\n");
+               "\"gaussians\": 1000, \"bytes\": 5e4, \"seconds\": 12, \"iterations\": 9\n}\n");
     test_write("study.json", "{\"cpu_seconds\": 20}\n");
     CHECK_OK(study_read(&s, folder, value));
     CHECK(value[STUDY_PSNR] == 25.5 && value[STUDY_BYTES] == 5e4 && value[STUDY_CPU] == 20);
-    CHECK(value[STUDY_STRUCTURE] == 0.875 && isnan(value[STUDY_MEMORY]));
+    CHECK(value[STUDY_STRUCTURE] == 0.875 && value[STUDY_ITERATIONS] == 9 && isnan(value[STUDY_MEMORY]));
     test_write("metrics.json", "{\"psnr\": 25.5}\n");
     CHECK_ERROR(study_read(&s, folder, value), OXL_ERR_INPUT, "metrics.json");
 }
 
-/* Trained from its start; in parts; finished before; from its start again. */
+/* Trained from its start; in parts; finished before; from its start again; after the process was killed, which leaves
+ * the record of the first step. */
 TEST(study_remembers_peak_and_processor_time_over_the_parts_of_a_training)
 {
     static const struct {
         int fresh, peak;
         double cpu, wanted_peak, wanted_cpu;
-    } parts[] = {
-        {1, 5000, 7, 5000, 7}, {0, 3000, 2.5, 5000, 9.5}, {-1, 9000, 1, 5000, 9.5}, {1, 4000, 1, 4000, 1}};
-    char folder[300];
-    snprintf(folder, sizeof folder, "%s", test_folder());
-    for (int i = 0; i < 4; i++) {
-        struct cli_memory memory = {.peak = (size_t)parts[i].peak};
-        const study_options options = {.memory = &memory};
-        const struct study s = {.ctx = test_ctx,
-                                .options = &options,
-                                .is_fresh = parts[i].fresh,
-                                .cpu = study_cpu() - parts[i].cpu};
-        char *text;
-        CHECK_OK(study_record_cost(&s, folder));
-        text = output_read(folder, "study.json", NULL);
-        CHECK_CLOSE(oxl_json_number(text, "library_peak_bytes"), parts[i].wanted_peak, 0);
-        CHECK_CLOSE(oxl_json_number(text, "cpu_seconds"), parts[i].wanted_cpu, 0.05);
-        free(text);
+    } parts[] = {{1, 5000, 7, 5000, 7},
+                 {0, 3000, 2.5, 5000, 9.5},
+                 {-1, 9000, 1, 5000, 9.5},
+                 {1, 4000, 1, 4000, 1},
+                 {0, 4000, 1, NAN, NAN}};
+    struct cli_memory memory = {0};
+    const study_options options = {.memory = &memory};
+    struct study s = {.ctx = test_ctx, .options = &options};
+    snprintf(s.folder, sizeof s.folder, "%s", test_folder());
+    for (int i = 0; i < 5; i++) {
+        const oxl_progress first = {.iteration = 9, .blocks = 1};
+        struct study_record r;
+        s.is_fresh = -1;
+        if (i == 4) CHECK(study_progress(&s, &first) == 0);
+        r = study_read_record(s.folder);
+        CHECK(r.is_there == (i > 0) && r.is_ours == (i > 0) && r.is_finished == (i == 3));
+        memory.peak = (size_t)parts[i].peak, s.is_fresh = parts[i].fresh, s.cpu = study_cpu() - parts[i].cpu;
+        study_add_cost(&s, &r);
+        r.is_finished = i == 2;
+        CHECK_OK(study_write_record(test_ctx, s.folder, &r));
+        r = study_read_record(s.folder);
+        CHECK(isnan(parts[i].wanted_cpu) ? isnan(r.cpu) : fabs(r.cpu - parts[i].wanted_cpu) < 0.05);
+        CHECK(r.peak == parts[i].wanted_peak || isnan(parts[i].wanted_cpu));
     }
 }
 
@@ -352,12 +405,12 @@ TEST(study_counts_processor_time_from_the_first_step_of_one_block_or_of_the_coar
                  {9, 0, 1, 0, OXL_STAGE_BLOCK}, {9, 0, 3, 0, OXL_STAGE_COARSE},
                  {1, 0, 3, 0, OXL_STAGE_BLOCK}, {400, 0, 3, 0, OXL_STAGE_MERGED}};
     for (size_t i = 0; i < OXL_COUNT(first); i++) {
-        const study_options none = {0};
         const oxl_progress p = {.iteration = first[i].iteration,
                                 .block = first[i].block,
                                 .blocks = first[i].blocks,
                                 .stage = first[i].stage};
-        struct study s = {.options = &none, .is_fresh = -1};
+        struct study s = {.ctx = test_ctx, .options = &study_test_two_seeds, .is_fresh = -1};
+        snprintf(s.folder, sizeof s.folder, "%s", test_folder());
         CHECK(study_progress(&s, &p) == 0 && s.is_fresh == first[i].fresh);
     }
 }
