@@ -224,7 +224,7 @@ promise the_report_repeats_it 0 "the mask is stretched" grep stretched masked/ou
 promise a_block_that_no_view_shows_keeps_its_gaussians 0 "windows of 0 views" behind_the_cameras
 promise displaced_poses_are_flagged_and_no_others 0 "IMG_00013.png is rendered displaced" displaced
 promise a_single_image_is_warned_of_once 0 "a single training view" on_stderr single_image
-promise warnings_of_reading_the_survey_come_once 0 "" sh -c "cp survey/sparse/0/points3D.txt single/sparse/0 && '$program' train single -o single/more --iterations 10 2>once.txt; test \$(grep -c 'more like it' once.txt) = 1"
+promise warnings_of_reading_the_survey_come_once 0 "" sh -c "cp survey/sparse/0/points3D.txt single/sparse/0 && '$program' train single -o single/more --iterations 10 2>once.txt; test \$(grep -c 'more cases' once.txt) = 1"
 promise fewer_gaussians_than_blocks_are_trained 0 "few2/scene.ply" "$program" train survey -o few2 --max-gaussians 1 --iterations 40 --block-points 300
 promise json_is_utf8_whatever_the_survey_is_called 0 "" sh -c "n=\$(printf 'a\377b'); ln -s survey \$n && '$program' train \$n -o utf8 --iterations 5 --quiet && { ! command -v python3 || python3 -m json.tool utf8/run.json; } && ! grep 'No map' utf8/report.html"
 promise a_glb_that_is_read_is_told_with_what_helps 3 "neither read nor written" sh -c "printf 'glTF____' >scene.glb && '$program' info scene.glb"

@@ -125,7 +125,7 @@ TEST(an_image_of_another_shape_is_refused_by_its_header)
     CHECK_OK(os_write_file(test_ctx, test_path("cut.png"), map.data, map.size / 2));
     os_release_file(test_ctx, &map);
     CHECK_ERROR(image_load_training(test_ctx, test_path("cut.png"), NULL, NULL, &camera, &to, &out),
-                OXL_ERR_INPUT, "another shape");
+                OXL_ERR_INPUT, "another aspect ratio");
     CHECK(image_load_training(test_ctx, test_path("nowhere.png"), NULL, NULL, &camera, &to, &out) ==
           OXL_ERR_IO);
 }

@@ -410,7 +410,7 @@ TEST(colmap_warnings_name_file_and_line_and_are_cut_after_three_of_a_kind)
     test_listen();
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, points.data, &c));
     CHECK(test_said.warnings == 4 && c.warnings == 25);
-    CHECK_TEXT(test_said.warning, "points3D.txt: 22 more like it");
+    CHECK_TEXT(test_said.warning, "points3D.txt: 22 more cases");
 }
 
 /* ---------------- what is refused */
@@ -463,11 +463,11 @@ TEST(colmap_each_id_comes_once)
 {
     CHECK_TEXT(
         colmap_refused_cameras("1 PINHOLE 640 480 500 500 320 240\n1 PINHOLE 640 480 500 500 320 240\n"),
-        "cameras.txt:2: CAMERA_ID 1 was there before");
+        "cameras.txt:2: CAMERA_ID 1 appears twice");
     CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 0 0 1 a\n\n8 1 0 0 0 0 0 0 1 b\n\n7 1 0 0 0 0 0 0 1 c\n"),
-               "images.txt:5: IMAGE_ID 7 was there before");
+               "images.txt:5: IMAGE_ID 7 appears twice");
     CHECK_TEXT(colmap_refused_points("9 1 2 3 4 5 6 0.5\n8 1 2 3 4 5 6 0.5\n9 1 2 3 4 5 6 0.5\n"),
-               "points3D.txt:3: POINT3D_ID 9 was there before");
+               "points3D.txt:3: POINT3D_ID 9 appears twice");
 }
 
 TEST(colmap_an_image_without_its_camera_is_refused_with_the_ids_that_are_there)
@@ -685,9 +685,9 @@ TEST(colmap_a_point_id_that_comes_again_names_its_line_whatever_the_window)
     text_add(
         &points,
         "7 1 2 nan 4 5 6 0.5 7 0\n7 1 2 3 4 5 6 0.5\n\n7 1 2 3 4 5 6 0.5\n"); /* the first of them is left out */
-    colmap_check_refused_in_windows(points.data, "points3D.txt:1003: POINT3D_ID 7 was there before");
+    colmap_check_refused_in_windows(points.data, "points3D.txt:1003: POINT3D_ID 7 appears twice");
     text_add(&points, "9000000000000000000 1 2 3 4 5 6 0.5\n"); /* too far off for a bit each */
-    colmap_check_refused_in_windows(points.data, "points3D.txt:1003: POINT3D_ID 7 was there before");
+    colmap_check_refused_in_windows(points.data, "points3D.txt:1003: POINT3D_ID 7 appears twice");
 }
 
 TEST(colmap_point_ids_may_lie_far_apart)

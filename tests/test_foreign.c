@@ -149,7 +149,7 @@ TEST(images_that_do_not_belong_to_the_model_are_named_with_their_reading)
         {1, -1, 4, foreign_upright, 10, "the images are not those of the model"},
         {1, -1, 4, foreign_upright, 10, "00.png (fits the place of 04.png)"},
         {1, 2, 5, foreign_upright, 1,
-         "1 of 10 images do not show what the model has at their points: 02.png (fits the place of 07.png)"},
+         "1 of 10 images do not show the colours that the model's points have: 02.png (fits the place of 07.png)"},
         {1, -1, 0, foreign_turned, 10, "better turned by 180 degrees"},
         {1, 3, 0, foreign_turned, 1, "03.png (fits turned by 180 degrees)"},
         {1, -1, 0, foreign_cropped, 10, "better with another focal length, 1."},
@@ -221,7 +221,7 @@ TEST(poses_without_tracks_in_another_convention_are_named)
 {
     foreign_survey(0, "0 1 0 0", 1); /* y up, z back */
     foreign_check();
-    CHECK_TEXT(foreign_heard, "poses and points do not fit; they would as: camera axes as in OpenGL");
+    CHECK_TEXT(foreign_heard, "poses and points do not fit; they would fit as: camera axes as in OpenGL");
     CHECK_TEXT(foreign_heard, "fix: write the poses world to camera");
 }
 
@@ -365,7 +365,7 @@ TEST(points_of_a_ply_stand_for_a_dummy_point_and_for_no_others)
     test_write("survey/sparse/0/points3D.txt", "1 0 0 0 0 0 0 0\n");
     CHECK_OK(colmap_read(test_ctx, folder, &c));
     CHECK(c.point_count == 3 && c.point[0].position[0] == 1 && c.point[2].id == 2);
-    CHECK_TEXT(foreign_heard, "points3D.txt holds 1 points, points3D.ply beside it 3: these are read");
+    CHECK_TEXT(foreign_heard, "points3D.txt holds 1 points; points3D.ply beside it holds 3, which are read");
 }
 
 TEST(wide_images_of_twelve_bits_are_said_to_be_dark)
@@ -592,8 +592,9 @@ TEST(images_of_a_camera_have_the_size_of_most_and_others_are_named)
     oxl_image_free(test_ctx, &small);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
     for (int i = 0; i < FOREIGN_VIEWS; i++) CHECK(oxl_scene_view(scene, i)->camera.width == FOREIGN_WIDTH);
-    CHECK_TEXT(foreign_heard, "1 images are of another size than most of their camera, and are scaled to it: "
-                              "00.png (40 x 28 px, most have 160 x 112)");
+    CHECK_TEXT(foreign_heard,
+               "1 images differ in size from most images of their camera, and are scaled to that size: "
+               "00.png (40 x 28 px, most have 160 x 112)");
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -616,7 +617,7 @@ TEST(copies_of_images_are_named_and_stay_on_one_side_of_the_split)
     foreign_copy("01.png", "other.png"); /* of the same pose as 04.png, and not the same image */
     foreign_heard[0] = 0;
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
-    CHECK_TEXT(foreign_heard, "2 images are copies of others, such as 00.png of 00 copy.jpg");
+    CHECK_TEXT(foreign_heard, "2 images are copies of other images, such as 00.png of 00 copy.jpg");
     CHECK(!strcmp(oxl_scene_view(scene, 1)->name, "00.png"));
     for (int i = 0; i < oxl_scene_view_count(scene); i++) {
         const char *name = oxl_scene_view(scene, i)->name;
@@ -768,7 +769,7 @@ TEST(transforms_members_that_are_not_read_are_named_once)
     OWNED_COLMAP c = {0};
     foreign_transforms("\"fisheye_crop_radius\": 5, \"aabb_scale\": 16");
     CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
-    CHECK_TEXT(foreign_heard, "not used, though it is there: fisheye_crop_radius\n");
+    CHECK_TEXT(foreign_heard, "this content of the file is not used: fisheye_crop_radius\n");
 }
 
 TEST(transforms_with_two_focal_lengths_take_the_one_that_a_camera_has)
@@ -792,7 +793,7 @@ TEST(transforms_with_two_focal_lengths_take_the_one_that_a_camera_has)
         CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
         CHECK(fabs(c.camera->parameter[0] - cases[i].focal) < 0.1 &&
               fabs(c.camera->parameter[1] - cases[i].focal) < 0.1);
-        CHECK(cases[i].warns == (strstr(foreign_heard, "degrees, camera_angle_x one of") != NULL));
+        CHECK(cases[i].warns == (strstr(foreign_heard, "degrees, but camera_angle_x one of") != NULL));
         colmap_free(test_ctx, &c);
     }
 }
@@ -955,7 +956,7 @@ TEST(models_that_are_text_or_have_logarithms_of_widths_are_said)
     CHECK_ERROR(oxl_model_read(
                     test_ctx,
                     test_write("a.splat", "<!DOCTYPE html>\n<html><head><title>Sign in</title></head>"), &m),
-                OXL_ERR_INPUT, "a.splat: it is text that begins '<!DOCTYPE html>', and no model");
+                OXL_ERR_INPUT, "a.splat: the file is text that begins '<!DOCTYPE html>', not a model");
     foreign_heard[0] = 0;
     test_ctx->options.log = foreign_listen;
     for (int i = 0; i < 3; i++) memcpy(splat + 12 + 4 * i, &log_width, 4);

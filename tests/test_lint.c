@@ -50,8 +50,9 @@ TEST(lint_counts_images_and_masks_that_cannot_be_used)
     CHECK_CLOSE(s.masked, 0.5, 1e-12);
     CHECK_TEXT(s.text, "3 masks (50 % of their pixels are black and ignored)");
     CHECK_TEXT(s.warnings, "3 of 9 images cannot be used");
-    CHECK_TEXT(test_said.warning,
-               "2.png: 32 x 48 px, but camera 1 (cameras.txt:1) has 48 x 32, another shape\nfix: turn it");
+    CHECK_TEXT(
+        test_said.warning,
+        "2.png has 32 x 48 px, but camera 1 (cameras.txt:1) has 48 x 32 px, another aspect ratio\nfix: turn it");
     CHECK_TEXT(test_said.warning, "8.png: neither a JPEG nor a PNG");
     CHECK_TEXT(test_said.warning, "masks/5.png: the mask is all black");
     CHECK_TEXT(test_said.warning, "masks/7.png: 16 x 16 px, but its image has another aspect ratio");
@@ -121,9 +122,9 @@ TEST(lint_says_how_poses_and_cameras_would_fit_what_the_images_saw)
         {{.focal = 1, .factor = 8}, 0, ""}, /* 2D points of images before reduction */
         {{.focal = 2, .factor = 1},
          4,
-         "4 of 9 images do not show what the model has at their points: "
+         "4 of 9 images do not show the colours that the model's points have: "
          "1.png (fits with another focal length), 3.png"},
-        {{.focal = 1, .factor = 1, .order = 1}, 9, "they would as: quaternions as x y z w"},
+        {{.focal = 1, .factor = 1, .order = 1}, 9, "they would fit as: quaternions as x y z w"},
         {{.focal = 1, .factor = 1, .inverse = 1}, 9, "they would as: camera to world"},
         {{.focal = 1, .factor = 1, .inverse = 2},
          9,

@@ -241,7 +241,7 @@ TEST(scene_refuses_two_poses_for_one_image)
                                         "3 1 0 0 0 2 0 0 1 img00.png\n\n");
     test_write("s/sparse/0/points3D.txt", "1 0 0 10 1 2 3 0.5 1 0 2 0\n");
     CHECK_ERROR(oxl_scene_load(test_ctx, path, NULL, &scene), OXL_ERR_INPUT,
-                "s/sparse/0/images.txt:5: img00.png was there before, in line 1");
+                "s/sparse/0/images.txt:5: img00.png appears twice, first in line 1");
 }
 
 /* Black is where the colour's clamp holds and stops the gradient: the model would stay black for good. */

@@ -450,19 +450,20 @@ static int hypotheses_check_values(struct hypotheses *w)
     for (int k = 0; k < w->count; k++) masked += w->look[k].masked, points += w->look[k].count;
     if (2 * masked > points)
         oxl_log(w->ctx, OXL_LOG_WARNING,
-                "%.0f %% of the points that images show lie where their masks are black, which is ignored\n"
-                "fix: exchange black and white if the masks mark what is to be ignored in white",
+                "%.0f %% of the points that images show lie where their masks are black, and black "
+                "pixels are ignored\nfix: exchange black and white if the masks mark ignored pixels in "
+                "white",
                 100.0 * masked / points);
     while (factor * OXL_MAX(w->brightest, 1) < 128) factor *= 2;
     if (w->brightest <= HYPOTHESIS_DARK &&
         image_read_header(w->ctx, PATH(w->scene->images, "%s", oxl_scene_view(w->scene, 0)->name), &header) ==
             OXL_OK &&
         header.bits == 16)
-        oxl_log(
-            w->ctx, OXL_LOG_WARNING,
-            "the brightest value of the 16-bit images is %d of 255, so few grey levels are used: their values have fewer bits\n"
-            "fix: stretch all of them alike: mogrify -evaluate multiply %d IMAGES",
-            w->brightest, factor);
+        oxl_log(w->ctx, OXL_LOG_WARNING,
+                "the brightest value of the 16-bit images is %d of 255, so they use few grey levels: their "
+                "values have fewer bits\nfix: brighten all of them alike: mogrify -evaluate multiply %d "
+                "IMAGES",
+                w->brightest, factor);
     return 10 * masked > 9 * points;
 }
 
@@ -574,7 +575,7 @@ static int hypotheses_report_all(struct hypotheses *w)
     if (fabs(h->m[0]) != 1 && h->m[0] != 0) snprintf(zoom, sizeof zoom, ", %.2f times as long", h->m[0]);
     if (h > w->row)
         oxl_log(w->ctx, OXL_LOG_WARNING, "%s %s%s\nfix: %s",
-                h->pose ? "poses and points do not fit; they would as:"
+                h->pose ? "poses and points do not fit; they would fit as:"
                         : "the images fit the model's points better",
                 h->json, zoom, h->fix);
     else if (4 * w->explained >= w->judged) return 0;
@@ -592,13 +593,11 @@ static int hypotheses_report_all(struct hypotheses *w)
             "fix: take cameras, images and points3D of one model; one wrong focal length or distortion of all "
             "images looks the same");
     else
-        oxl_log(
-            w->ctx, OXL_LOG_WARNING,
-            "the images are not those of the model: at its points their brightness has nothing to do with the "
-            "points' colours (correlation %.2f, by chance %.2f)%s%s\n"
-            "fix: use the images that the model was made from, under the same names, and points and poses of one "
-            "frame and scale",
-            w->median, w->by_chance, w->named ? "; " : "", w->named ? w->names.data : "");
+        oxl_log(w->ctx, OXL_LOG_WARNING,
+                "the images are not those of the model: their brightness at its points does not follow the "
+                "points' colours (correlation %.2f, by chance %.2f)%s%s\nfix: use the images that the model "
+                "was made from, under the same names, and points and poses of one frame and scale",
+                w->median, w->by_chance, w->named ? "; " : "", w->named ? w->names.data : "");
     return 1;
 }
 
@@ -622,8 +621,8 @@ static oxl_result hypotheses_judge(struct hypotheses *w, int *foreign)
     else if (hypotheses_report_all(w)) w->named = w->judged;
     else if (w->named && (w->by_seen || w->coloured))
         oxl_log(w->ctx, OXL_LOG_WARNING,
-                "%d of %d images do not show what the model has at their points: %s%s\nfix: %s", w->named,
-                w->judged, w->names.data, w->named > HYPOTHESIS_NAMED ? ", ..." : "", w->fix);
+                "%d of %d images do not show the colours that the model's points have: %s%s\nfix: %s",
+                w->named, w->judged, w->names.data, w->named > HYPOTHESIS_NAMED ? ", ..." : "", w->fix);
     *foreign = w->named;
     text_free(&w->names);
     return rc;

@@ -65,8 +65,8 @@ OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, in
     s->masked = s->masks > 0 ? masked / s->masks : 0;
     if (closely && s->masks > 0 && masked <= 0)
         oxl_log(ctx, OXL_LOG_WARNING,
-                "the masks have no black pixel, so nothing is ignored\n"
-                "fix: black (0) marks what is ignored; write masks as PNG, which does not change values");
+                "the masks have no black pixel, so nothing is ignored\nfix: mark ignored pixels in black "
+                "(0), and write masks as PNG, which keeps values");
     if (usable > 0 || s->train_views == 0) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT,
                     "none of the %d training views can be used; the warnings above give the reasons\n"

@@ -173,8 +173,7 @@ static int quality_report(const struct quality_check *q, const oxl_scene *scene,
 /* Compares each view with its neighbours. Dark or bright images are not reported as blurred, too. */
 static void quality_compare(const struct quality_check *q, const oxl_scene *scene, oxl_survey *s)
 {
-    static const char exposure[] =
-        "correct the exposure, or remove what cannot be corrected from the COLMAP model";
+    static const char exposure[] = "correct the exposure, or remove these images from the COLMAP model";
     double sharp_middle, light_middle, sharp_limit, light_limit;
     double *dark = q->work, *bright = q->light, *blurred = q->sharp;
     for (int i = 0; i < q->count; i++) {
@@ -203,7 +202,7 @@ static void quality_compare(const struct quality_check *q, const oxl_scene *scen
                 : 0;
     }
     s->blurred = quality_report(q, scene, blurred, "less sharp",
-                                "remove what is blurred from the COLMAP model, or take it again");
+                                "remove the blurred images from the COLMAP model, or take them again");
     s->badly_exposed = quality_report(q, scene, dark, "much darker", exposure) +
                        quality_report(q, scene, bright, "much brighter", exposure);
 }

@@ -19,7 +19,7 @@ OXL_INTERNAL oxl_result os_fail(oxl_context *ctx, oxl_result rc, const char *pat
                       : error == ENXIO                     ? "name a file, not a pipe, a socket or a device"
                       : error == ENAMETOOLONG              ? "use a shorter name"
                       : error == ELOOP || error == EMLINK || error == EEXIST
-                          ? "remove it: files of a run do not replace others, nor go through links"
+                          ? "remove it: a run replaces no other program's files and follows no links"
                           : "check the disk or the network drive";
     if (error == ENOENT && os_is_compressed(path))
         return oxl_fail(ctx, OXL_ERR_INPUT, "%s: it is compressed\nfix: gunzip %s.gz", path,

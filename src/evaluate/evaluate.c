@@ -61,7 +61,8 @@ oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_s
     oxl_result rc;
     *out = (oxl_image){0};
     if (view < 0 || view >= scene->view_count)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "view %d of a scene that has %d", view, scene->view_count);
+        return oxl_fail(ctx, OXL_ERR_USAGE, "view %d does not exist: the scene has %d views", view,
+                        scene->view_count);
     rc = renderer_create(ctx, &r);
     if (rc == OXL_OK) rc = evaluate_draw(ctx, &(struct drawn){r, model, scene, imaging}, view, out, depth);
     renderer_free(ctx, r);

@@ -79,7 +79,7 @@ static int64_t colmap_row_id(struct colmap_reader *r, const char *what, size_t s
 {
     const int64_t id = colmap_id(r, what, size);
     if (r->repeated && id == *r->repeated && r->met++)
-        colmap_fail(r, COLMAP_FIX_EXPORT, "%s %" PRId64 " was there before, expected each id once", what, id);
+        colmap_fail(r, COLMAP_FIX_EXPORT, "%s %" PRId64 " appears twice, expected each id once", what, id);
     return id;
 }
 
@@ -328,7 +328,9 @@ static void colmap_read_file(struct colmap_reader *r, const char *folder, int i)
     r->repeated = &id;
     colmap_open(r, folder, file->name[out->format]);
     while (colmap_next_record(r)) file->read(r);
-    colmap_fail(r, "run again, if another program is writing it", "an id was there twice, and is not now");
+    colmap_fail(r, "run again, if another program is writing it",
+                "an id that appeared twice is no "
+                "longer there");
     colmap_close(r, file->rows);
 }
 
@@ -355,7 +357,7 @@ static void colmap_read_other_points(struct colmap_reader *r, const char *folder
     memmove(out->point, out->point + own, out->point_count * sizeof *out->point);
     for (size_t i = 0; i < out->point_count; i++) out->point[i].id = (int64_t)i;
     if (has_points)
-        oxl_log(r->ctx, OXL_LOG_WARNING, "%s holds %zu points, %s beside it %zu: these are read",
+        oxl_log(r->ctx, OXL_LOG_WARNING, "%s holds %zu points; %s beside it holds %zu, which are read",
                 PATH(folder, "%s", colmap_files[2].name[out->format]), own, path_base_name(ply),
                 out->point_count);
     else

@@ -82,9 +82,9 @@ OXL_INTERNAL void colmap_open(struct colmap_reader *r, const char *folder, const
 
 static const char *const colmap_warning_text[WARN_COUNT] = {
     "the image before has no line of 2D points; it is taken as empty",
-    "a quaternion whose length is not 1; it is normalised",
-    "a point without a finite position; it is left out",
-    "a reprojection error that is no finite number; it is taken as unknown",
+    "the length of a quaternion is not 1; it is normalised",
+    "a point has no finite position; it is left out",
+    "a reprojection error is not a finite number; it is taken as unknown",
     "a track names an image that is not there; that entry is left out",
 };
 
@@ -99,7 +99,7 @@ OXL_INTERNAL void colmap_close(struct colmap_reader *r, const char *rows)
 {
     for (int i = 0; i < WARN_COUNT; i++) {
         if (r->warned[i] > COLMAP_LOGGED_MAX)
-            oxl_log(r->ctx, OXL_LOG_WARNING, "%s: %zu more like it: %s", r->path,
+            oxl_log(r->ctx, OXL_LOG_WARNING, "%s: %zu more cases: %s", r->path,
                     r->warned[i] - COLMAP_LOGGED_MAX, colmap_warning_text[i]);
         r->out->warnings += r->warned[i];
         r->warned[i] = 0;

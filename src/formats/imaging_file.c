@@ -208,8 +208,8 @@ static oxl_result imaging_check_bytes(oxl_context *ctx, const char *path, const 
             line);
     if (checksum_of_text(map->data, map->size) != CHECKSUM_WRONG) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%s: its checksum is not that of its lines: it was damaged, or edited\n"
-                    "fix: write the file again by training, or remove its last line if you have edited it",
+                    "%s: the checksum does not match the lines: the file was damaged or edited\nfix: "
+                    "write the file again by training, or remove its last line if you have edited it",
                     path);
 }
 
@@ -259,7 +259,8 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
                  !imaging_read_lamp(at, stop, scene, out) && !imaging_read_pose(at, stop, scene, out))
             rc = oxl_fail(
                 ctx, OXL_ERR_INPUT,
-                "%s:%d: not a complete line of gain, bD, bB, Binf, lamp, pose or #\nfix: write the file again by training",
+                "%s:%d: this is not a complete line of gain, bD, bB, Binf, lamp, pose or #\nfix: write "
+                "the file again by training",
                 path, line);
         at = stop + 1;
     }

@@ -19,7 +19,7 @@ static void json_file_check(struct colmap_reader *r, const struct os_file_map *m
     fault = memchr(map->data, 0, map->size) ? map->data + strlen(map->data) : oxl_json_error(map->data);
     if (fault)
         colmap_fail(r, "export the survey again",
-                    "byte %zu: the JSON text ends too early, or something follows it",
+                    "byte %zu: the JSON text ends too early, or more text follows its end",
                     (size_t)(fault - map->data));
 }
 

@@ -110,12 +110,12 @@ static void nerfstudio_focals(struct colmap_reader *r, struct nerfstudio_file *f
     if (isnan(v[FL_Y])) v[FL_Y] = v[FL_X];
     if (isnan(ratio) || (ratio < NERFSTUDIO_CONTRADICTION && ratio > 1 / NERFSTUDIO_CONTRADICTION)) return;
     if (!file->contradicts++)
-        oxl_log(
-            r->ctx, OXL_LOG_WARNING,
-            "%s: fl_x of %g px is a field of view of %.1f degrees, camera_angle_x one of %.1f; %s is taken\n"
-            "fix: correct fl_x (%.1f px by the angle, for images %.0f px wide), or leave camera_angle_x out",
-            r->path, v[FL_X], nerfstudio_degrees(v[FL_X], w), nerfstudio_degrees(by_x, w),
-            is_odd ? "camera_angle_x" : "fl_x", by_x, w);
+        oxl_log(r->ctx, OXL_LOG_WARNING,
+                "%s: fl_x of %g px gives a field of view of %.1f degrees, but camera_angle_x one of %.1f; %s "
+                "is used\nfix: correct fl_x (%.1f px by the angle, for images %.0f px wide), or leave "
+                "camera_angle_x out",
+                r->path, v[FL_X], nerfstudio_degrees(v[FL_X], w), nerfstudio_degrees(by_x, w),
+                is_odd ? "camera_angle_x" : "fl_x", by_x, w);
     if (is_odd) v[FL_X] /= ratio, v[FL_Y] /= ratio;
 }
 
@@ -290,7 +290,7 @@ static void nerfstudio_name_ignored(struct colmap_reader *r, const char *json,
         if (has) text_add(&names, "%s%s", names.size ? ", " : "", ignored[i]);
     }
     if (names.data)
-        oxl_log(r->ctx, OXL_LOG_WARNING, "%s: not used, though it is there: %s", r->path, names.data);
+        oxl_log(r->ctx, OXL_LOG_WARNING, "%s: this content of the file is not used: %s", r->path, names.data);
     text_free(&names);
 }
 

@@ -72,8 +72,8 @@ static void scene_default_colours(oxl_context *ctx, oxl_scene *scene)
     for (size_t i = 0; i < scene->point_count && grey == 0; i++)
         memset(scene->point[i].rgb, SCENE_GREY, sizeof scene->point[i].rgb);
     oxl_log(ctx, OXL_LOG_WARNING,
-            "the points have no colours (all are %d %d %d), so they start %s\n"
-            "fix: colmap color_extractor gives them theirs; a PLY has them as uchar red, green, blue",
+            "the points have no colours (all are %d %d %d), so they start %s\nfix: run colmap "
+            "color_extractor; in a PLY, colours are uchar red, green, blue",
             grey, grey, grey, grey ? "so" : "grey");
 }
 

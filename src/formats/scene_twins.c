@@ -126,8 +126,8 @@ OXL_INTERNAL oxl_result scene_find_twins(oxl_context *ctx, oxl_scene *scene, int
     }
     if (copies)
         oxl_log(ctx, OXL_LOG_WARNING,
-                "%d images are copies of others, such as %s of %s: they are held out or trained on together\n"
-                "fix: take the copies out of the model and of the folder",
+                "%d images are copies of other images, such as %s of %s: all copies of one image are on "
+                "the same side of the split\nfix: take the copies out of the model and of the folder",
                 copies, scene->view[first].name, scene->view[of[first]].name);
     OXL_FREE(ctx, depth, t.place);
     return depth && t.place ? OXL_OK : OXL_ERR_MEMORY;

@@ -35,8 +35,8 @@ static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, c
         scene->stats.images_missing, scene->colmap.image_count, scene->colmap.images_file, scene->images,
         first, 100 * fraction,
         scene->view_count == 0
-            ? "name by --images the folder that the names in the model start from"
-            : "put them there; or train without them: a larger --missing-images; or take them out: ",
+            ? "use --images to name the folder where the image names of the model start"
+            : "put them there; or train without them by a larger --missing-images; or take them out: ",
         scene->view_count == 0 ? "" : scene_removal(&scene->colmap));
 }
 
@@ -138,11 +138,11 @@ static void scene_measure_images(oxl_context *ctx, oxl_scene *scene, struct scen
             scene_use_most(scene, b, from, to), from = to;
     if (turned)
         oxl_log(ctx, OXL_LOG_INFO,
-                "%zu images are turned as their EXIF orientation says: their cameras are upright", turned);
+                "%zu images are turned by their EXIF orientation, since their cameras are upright", turned);
     if (b->others)
         oxl_log(ctx, OXL_LOG_WARNING,
-                "%zu images are of another size than most of their camera, and are scaled to it: %s%s\n"
-                "fix: use images of one size; enlarged ones teach blur",
+                "%zu images differ in size from most images of their camera, and are scaled to that "
+                "size: %s%s\nfix: use images of one size; enlarged images make the model blurred",
                 b->others, b->names.data ? b->names.data : "", b->others > SCENE_NAMED_SIZES ? ", ..." : "");
     text_free(&b->names);
 }
@@ -253,8 +253,8 @@ static oxl_result scene_check_names(oxl_context *ctx, const oxl_scene *scene, co
     for (size_t i = 1; i < c->image_count; i++)
         if (strcmp(order[i - 1].name, order[i].name) == 0)
             return oxl_fail(ctx, OXL_ERR_INPUT,
-                            "%s/%s:%d: %s was there before, in line %d, expected each image once\n"
-                            "fix: export the model again, or take one of the two out: %s",
+                            "%s/%s:%d: %s appears twice, first in line %d; expected each image "
+                            "once\nfix: export the model again, or take one of the two out: %s",
                             c->folder, c->images_file, c->image[order[i].image].line, order[i].name,
                             c->image[order[i - 1].image].line, scene_removal(c));
     return OXL_OK;

@@ -121,8 +121,7 @@ OXL_INTERNAL oxl_result splat_file_read(oxl_context *ctx, const char *path, oxl_
     for (size_t i = 0; rc == OXL_OK && i < out->count; i++)
         negative += bytes_float(p + SPLAT_FILE_BYTES * i + 12) < 0;
     if (rc == OXL_OK && 2 * negative > out->count)
-        oxl_log(ctx, OXL_LOG_WARNING,
-                "%s: most widths are below 0, so they are logarithms, and read as these", path);
+        oxl_log(ctx, OXL_LOG_WARNING, "%s: most widths are below 0, so they are read as logarithms", path);
     for (size_t i = 0; rc == OXL_OK && i < out->count; i++)
         splat_file_get(p + SPLAT_FILE_BYTES * i, out, i, 2 * negative > out->count);
     os_release_file(ctx, &file);

@@ -288,8 +288,8 @@ static oxl_result survey_rename(oxl_context *ctx, oxl_scene *scene, struct surve
         claim[i]->used = 1;
     }
     oxl_log(ctx, OXL_LOG_INFO,
-            "%zu of %zu images have other names in the model than in %s; the files whose paths end alike are "
-            "taken: %s for %s",
+            "%zu of %zu images have other names in the model than in %s; files whose paths end in the "
+            "same way are used: %s for %s",
             count, c->image_count, scene->images, to, from);
     return OXL_OK;
 }

@@ -102,8 +102,8 @@ static oxl_result survey_use_llff(oxl_context *ctx, const char *path, const char
         }
         OXL_SWAP(char *, model->names, llff.names);
         OXL_SWAP(char *, model->images, llff.images);
-        oxl_log(ctx, OXL_LOG_INFO, "%s: poses and points are those of %s, images those of %s", path,
-                model->folder, model->images);
+        oxl_log(ctx, OXL_LOG_INFO, "%s: poses and points come from %s, images from %s", path, model->folder,
+                model->images);
     } else if (rc == OXL_OK || rc == OXL_ERR_INPUT) {
         oxl_log(ctx, OXL_LOG_WARNING, "%s/" SURVEY_LLFF " is not used beside %s: %s", path, model->folder,
                 rc == OXL_OK ? "it has other poses" : oxl_error_text(ctx));

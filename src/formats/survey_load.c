@@ -41,8 +41,9 @@ static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene
     if (rc == OXL_OK && scene->colmap.is_truncated && !o->allow_truncated)
         rc = oxl_fail(
             ctx, OXL_ERR_INPUT,
-            "%s: a file there holds fewer rows than its header announces (see the warning), expected all of them\n"
-            "fix: export the model again: colmap model_converter --output_type TXT; or train what is there: --force",
+            "%s: a file in this folder holds fewer rows than its header announces (see the warning), "
+            "expected all of them\nfix: export the model again: colmap model_converter --output_type "
+            "TXT; or train on the rows that exist: --force",
             scene->colmap.folder);
     scene->from_files = 1;
     scene->may_miss = o->missing_images;

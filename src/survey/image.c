@@ -51,7 +51,7 @@ static const char *image_png_error(const struct os_file_map *file, int sums)
         const size_t size = image_be32(p);
         if (size > (size_t)(end - p) - 12) return "it ends too early";
         if (sums && !(p[4] & 0x20) && codec_png_checksum(p + 4, (int)size + 4) != image_be32(p + 8 + size))
-            return "its checksum is another";
+            return "its checksum does not match";
         if (!memcmp(p + 4, "IEND", 4)) return NULL;
         p += 12 + size;
     }
@@ -249,7 +249,8 @@ static oxl_result image_read_file(oxl_context *ctx, const char *path, struct os_
     char text[sizeof ctx->error];
     oxl_result rc;
     if (os_is_special(path))
-        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: is a pipe or a device\nfix: give an image file", path);
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s is a pipe or a device, not a file\nfix: give an image file",
+                        path);
     rc = os_read_file(ctx, path, file);
     if (rc != OXL_ERR_INPUT) return rc;
     memcpy(text, ctx->error, sizeof text);
@@ -521,12 +522,13 @@ OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, in
     struct image_header header = {0};
     if (image_has_shape(width, height, from->width, from->height)) return OXL_OK;
     if (turned && image_read_header(ctx, path, &header) == OXL_OK && header.orientation >= 5) return OXL_OK;
-    return oxl_fail(
-        ctx, OXL_ERR_INPUT, "%s: %d x %d px, but camera %lld (%s:%d) has %d x %d, another shape\nfix: %s",
-        path, width, height, (long long)from->id, from->file, from->line, from->width, from->height,
-        turned
-            ? "turn it: the model was made from the image upright, or from the pixels before they were turned"
-            : "use the images that COLMAP was given");
+    return oxl_fail(ctx, OXL_ERR_INPUT,
+                    "%s has %d x %d px, but camera %lld (%s:%d) has %d x %d px, another aspect "
+                    "ratio\nfix: %s",
+                    path, width, height, (long long)from->id, from->file, from->line, from->width,
+                    from->height,
+                    turned ? "turn it: COLMAP saw the image upright, or before its pixels were turned"
+                           : "use the images that COLMAP was given");
 }
 
 /* Turns an image by its EXIF orientation if the camera's shape shows that the model was made from it upright;

@@ -120,7 +120,8 @@ oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, dou
     double k[4] = {c->fx, c->fy, c->cx, c->cy}, d[2], pixel[2], length;
     const double width = camera ? camera->width : c->width, height = camera ? camera->height : c->height;
     if (!is_view)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "view %d of a scene that has %d", view, scene->view_count);
+        return oxl_fail(ctx, OXL_ERR_USAGE, "view %d does not exist: the scene has %d views", view,
+                        scene->view_count);
     if (!(x >= 0 && x <= width && y >= 0 && y <= height))
         return oxl_fail(
             ctx, OXL_ERR_INPUT,

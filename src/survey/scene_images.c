@@ -117,7 +117,8 @@ OXL_INTERNAL oxl_result scene_copy_image(oxl_context *ctx, const oxl_scene *scen
     oxl_result rc;
     *out = (oxl_image){0};
     if (view < 0 || view >= scene->view_count)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "view %d of a scene that has %d", view, scene->view_count);
+        return oxl_fail(ctx, OXL_ERR_USAGE, "view %d does not exist: the scene has %d views", view,
+                        scene->view_count);
     image = scene_image(ctx, scene, view);
     if (!image) return ctx->failed;
     rc = oxl_image_create(ctx, image->width, image->height, out);
