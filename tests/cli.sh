@@ -75,7 +75,7 @@ displaced() { # two cameras of thirty are moved
     "$program" synth -o displaced --views 30 --size 128x96 --points 3000 --seed 3 --quiet
     awk 'NF == 10 && /IMG_000(05|13)/ { $6 += 0.25; $7 -= 0.15 } { print }' displaced/sparse/0/images.txt >moved.txt &&
         mv moved.txt displaced/sparse/0/images.txt
-    "$program" train displaced -o displaced/out --iterations 500 --sh-degree 1 --quiet 2>flags.txt && cat flags.txt && test "$(grep -c 'look at its' flags.txt)" = 2
+    "$program" train displaced -o displaced/out --iterations 500 --sh-degree 1 --quiet 2>flags.txt && cat flags.txt && test "$(grep -c 'check its' flags.txt)" = 2
 }
 single_image() {
     mkdir -p single/sparse/0 && cp survey/sparse/0/cameras.txt single/sparse/0 && ln -sfn ../survey/images single/images

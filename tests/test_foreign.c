@@ -260,13 +260,13 @@ TEST(rotations_and_places_in_another_convention_are_named)
     foreign_check_rotated("0.5 -0.5 -0.5 -0.5", 0);
     CHECK(!foreign_heard[0]);
     foreign_check_rotated("0.5 0.5 0.5 0.5", 0);
-    CHECK_TEXT(foreign_heard, "they would as: rotations transposed (of camera to world)");
+    CHECK_TEXT(foreign_heard, "they would fit as: rotations transposed (of camera to world)");
     foreign_check_rotated("-0.5 -0.5 -0.5 0.5", 0);
-    CHECK_TEXT(foreign_heard, "they would as: quaternions as x y z w");
+    CHECK_TEXT(foreign_heard, "they would fit as: quaternions as x y z w");
     foreign_check_rotated("0.5 -0.5 -0.5 -0.5", 1);
-    CHECK_TEXT(foreign_heard, "they would as: the cameras' places as translations");
+    CHECK_TEXT(foreign_heard, "they would fit as: the cameras' places as translations");
     foreign_check_rotated("0.5 0.5 0.5 0.5", 1);
-    CHECK_TEXT(foreign_heard, "they would as: camera to world");
+    CHECK_TEXT(foreign_heard, "they would fit as: camera to world");
 }
 
 /* As transforms.json; the first `wrong` frames have the rotation `other`. */
@@ -306,9 +306,10 @@ TEST(rotations_of_transforms_that_are_transposed_are_named)
     CHECK(!foreign_heard[0]);
     foreign_check_json(FOREIGN_VIEWS, transposed);
     CHECK_TEXT(foreign_heard,
-               "they would as: rotations transposed (of world to camera) beside the cameras' places");
+               "they would fit as: rotations transposed (of world to camera) beside the cameras' places");
     foreign_check_json(FOREIGN_VIEWS, opencv);
-    CHECK_TEXT(foreign_heard, "they would as: rotations transposed (of world to camera, axes as in OpenCV)");
+    CHECK_TEXT(foreign_heard,
+               "they would fit as: rotations transposed (of world to camera, axes as in OpenCV)");
     foreign_check_json(3, transposed);
     CHECK_TEXT(
         foreign_heard,
@@ -964,7 +965,7 @@ TEST(models_that_are_text_or_have_logarithms_of_widths_are_said)
     CHECK_OK(os_write_file(test_ctx, test_path("log.splat"), splat, sizeof splat));
     CHECK_OK(oxl_model_read(test_ctx, test_path("log.splat"), &m));
     CHECK(m.count == 1 && m.plane[OXL_LOG_SCALE][0] == -4);
-    CHECK_TEXT(foreign_heard, "so they are logarithms");
+    CHECK_TEXT(foreign_heard, "are read as logarithms");
 }
 
 TEST(models_are_known_by_their_bytes_and_names_in_any_case)

@@ -423,8 +423,7 @@ TEST(survey_of_held_out_images_is_evaluated_and_not_trained_on)
     CHECK(metrics.count == 2);
     options.iterations = 2;
     CHECK(oxl_train(test_ctx, scene, &options, NULL, &trained) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx),
-               "there is no training view: all 2 images that are there are held out");
+    CHECK_TEXT(oxl_error_text(test_ctx), "there is no training view: all 2 images that exist are held out");
     oxl_metrics_free(test_ctx, &metrics);
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);

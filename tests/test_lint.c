@@ -117,29 +117,30 @@ TEST(lint_says_how_poses_and_cameras_would_fit_what_the_images_saw)
         struct lint_sight sight;
         int foreign;
         const char *said;
-    } cases[] = {
-        {{.focal = 1, .factor = 1}, 0, ""},
-        {{.focal = 1, .factor = 8}, 0, ""}, /* 2D points of images before reduction */
-        {{.focal = 2, .factor = 1},
-         4,
-         "4 of 9 images do not show the colours that the model's points have: "
-         "1.png (fits with another focal length), 3.png"},
-        {{.focal = 1, .factor = 1, .order = 1}, 9, "they would fit as: quaternions as x y z w"},
-        {{.focal = 1, .factor = 1, .inverse = 1}, 9, "they would as: camera to world"},
-        {{.focal = 1, .factor = 1, .inverse = 2},
-         9,
-         "they would as: rotations transposed (of camera to world)"},
-        {{.focal = 1, .factor = 1, .inverse = 3}, 9, "they would as: the cameras' places as translations"},
-        {{.focal = 1, .factor = 1, .opengl = 1}, 9, "they would as: camera axes as in OpenGL"},
-        {{.focal = 1, .factor = 1, .order = 1, .some = 1},
-         2,
-         "2 of 9 images do not show what the model has at "
-         "their points: 0.png (fits quaternions as x y z w)"},
-        {{.focal = 1, .factor = 1, .inverse = 2, .some = 1}, 2, "0.png (fits rotations transposed"},
-        {{.focal = 1, .factor = 1, .lost = 1},
-         1,
-         "1 of 9 images do not show what the model has at their points: "
-         "3.png\nfix: take them out of the model"}};
+    } cases[] = {{{.focal = 1, .factor = 1}, 0, ""},
+                 {{.focal = 1, .factor = 8}, 0, ""}, /* 2D points of images before reduction */
+                 {{.focal = 2, .factor = 1},
+                  4,
+                  "4 of 9 images do not show the colours that the model's points have: "
+                  "1.png (fits with another focal length), 3.png"},
+                 {{.focal = 1, .factor = 1, .order = 1}, 9, "they would fit as: quaternions as x y z w"},
+                 {{.focal = 1, .factor = 1, .inverse = 1}, 9, "they would fit as: camera to world"},
+                 {{.focal = 1, .factor = 1, .inverse = 2},
+                  9,
+                  "they would fit as: rotations transposed (of camera to world)"},
+                 {{.focal = 1, .factor = 1, .inverse = 3},
+                  9,
+                  "they would fit as: the cameras' places as translations"},
+                 {{.focal = 1, .factor = 1, .opengl = 1}, 9, "they would fit as: camera axes as in OpenGL"},
+                 {{.focal = 1, .factor = 1, .order = 1, .some = 1},
+                  2,
+                  "2 of 9 images do not show what the model has at "
+                  "their points: 0.png (fits quaternions as x y z w)"},
+                 {{.focal = 1, .factor = 1, .inverse = 2, .some = 1}, 2, "0.png (fits rotations transposed"},
+                 {{.focal = 1, .factor = 1, .lost = 1},
+                  1,
+                  "1 of 9 images do not show what the model has at their points: "
+                  "3.png\nfix: take them out of the model"}};
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
         const char *survey = lint_survey();
         oxl_survey s;

@@ -157,7 +157,7 @@ TEST(partition_links_images_and_refuses_to_leave_blocks_of_an_earlier_one)
 #endif
     options.partition.blocks = 2;
     CHECK_ERROR(oxl_partition(test_ctx, test_path("reef"), test_path("out"), &options, NULL), OXL_ERR_INPUT,
-                "blocks/002/sparse is of an earlier partition");
+                "blocks/002/sparse belongs to an earlier partition");
 }
 
 TEST(partition_drawing_shows_both_sides_of_a_3d_survey_and_holds_numbers_alone)

@@ -384,8 +384,8 @@ OXL_INTERNAL oxl_result model_write_check_finite(oxl_context *ctx, const char *p
         if (!(fabs(model->origin[i]) <= DBL_MAX))
             return oxl_fail(
                 ctx, OXL_ERR_FAILED,
-                "%s is not written: the model's origin is not finite\nfix: correct the line " comment "
-                "origin" of the model that it was made from ",
+                "%s is not written: the model's origin is not finite\nfix: correct the line 'comment origin' of the "
+                "model that it was made from",
                 path);
     for (int c = 0; rc == OXL_OK && c < columns; c++)
         if (column[c].plane >= 0)

@@ -33,7 +33,8 @@ static oxl_result job_read_result(struct job *job, oxl_trained *out)
     out->imaging = &job->imaging; /* borrowed */
     if (rc == OXL_OK && out->model.count == 0)
         rc = oxl_fail(job->ctx, OXL_ERR_FAILED,
-                      "no Gaussian is left in %s\nfix: oceanxl check looks at cameras, points and images",
+                      "no Gaussian is left in %s\nfix: run oceanxl check, which examines cameras, points "
+                      "and images",
                       job->out);
     return rc;
 }
@@ -121,10 +122,10 @@ static void job_log_metrics(struct job *job, const oxl_metrics *m, size_t gaussi
                 "refined      PSNR %.2f dB, SSIM %.4f with the poses of held-out views refined, too",
                 m->aligned_psnr, m->aligned_ssim);
     if (m->cc_psnr > m->psnr + JOB_EXPOSURE)
-        oxl_log(
-            job->ctx, OXL_LOG_DEBUG,
-            "PSNR is %.2f dB after one factor per channel and view (cc_psnr): exposure may differ between views",
-            m->cc_psnr);
+        oxl_log(job->ctx, OXL_LOG_DEBUG,
+                "cc_psnr, which allows one factor per channel and view, is %.2f dB: exposure may differ "
+                "between views",
+                m->cc_psnr);
 }
 
 static oxl_result job_write_metrics(struct job *job, const oxl_trained *trained)

@@ -199,7 +199,8 @@ static oxl_result job_partition(struct job *job)
     if (rc == OXL_OK && job->options.block >= job->partition.block_count)
         rc = oxl_fail(
             job->ctx, OXL_ERR_USAGE,
-            "there is no block %d: the survey has %d blocks (0 to %d)\nfix: --block with one of these",
+            "there is no block %d: the survey has %d blocks (0 to %d)\nfix: give --block one of these "
+            "numbers",
             job->options.block, job->partition.block_count, job->partition.block_count - 1);
     return rc;
 }
@@ -211,7 +212,7 @@ static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_
     *o = job->options;
     if (!budget_fit(&load, o)) return budget_refuse(job->ctx, &load, o, 0);
     if (o->train.sh_degree != job->options.train.sh_degree)
-        oxl_log(job->ctx, OXL_LOG_INFO, "SH degree    %d, which is what --ram %.0f MB has room for",
+        oxl_log(job->ctx, OXL_LOG_INFO, "SH degree    %d, since --ram %.0f MB has no room for more",
                 o->train.sh_degree, (double)o->ram / 1e6);
     task->train = o->train;
     task->predicted_peak = cost_memory(o, &load, cost_gaussians(o, &load));
@@ -261,7 +262,7 @@ static oxl_result job_finish_if_complete(struct job *job, oxl_result rc)
     if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !job->total.exists)) return rc;
     if (job->options.block >= 0 && !one) return rc;
     if (one || (rc == OXL_OK && !job->unfinished)) joined = job_finish(job, rc == OXL_OK);
-    else oxl_log(job->ctx, OXL_LOG_INFO, "%s is not finished: the same command resumes", job->out);
+    else oxl_log(job->ctx, OXL_LOG_INFO, "%s is not finished: the same command resumes it", job->out);
     return joined == OXL_OK ? rc : joined;
 }
 
@@ -397,7 +398,7 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *call
         rc = job_run(&job, blocks_collect);
     } else if (rc == OXL_OK)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s holds no run.json of a run\nfix: oceanxl train SCENE -o %s --block K comes first",
+                      "%s holds no run.json of a run\nfix: run oceanxl train SCENE -o %s --block K first",
                       out, SHELL_WORD(out));
     manifest_free(ctx, &run);
     return rc;

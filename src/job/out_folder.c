@@ -23,12 +23,14 @@ OXL_INTERNAL oxl_result out_check_inputs(oxl_context *ctx, const char *out, cons
         if (os_is_same(out, inputs[i].path))
             return oxl_fail(
                 ctx, OXL_ERR_USAGE,
-                "%s holds the %s, which the output could replace\nfix: -o %s, a folder of its own", out,
-                inputs[i].holds, SHELL_WORD(PATH(scene, "out")));
+                "%s holds the %s, which the output could replace\nfix: use a folder of its own, such as "
+                "-o %s",
+                out, inputs[i].holds, SHELL_WORD(PATH(scene, "out")));
     if (os_is_same(PATH(scene, ".."), PATH(out, "blocks")))
         return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "%s is a block of %s, which would be replaced\nfix: another folder by -o", scene,
-                        out);
+                        "%s is a block of %s, which the output would replace\nfix: name another folder "
+                        "by -o",
+                        scene, out);
     return OXL_OK;
 }
 
@@ -39,8 +41,8 @@ OXL_INTERNAL oxl_result out_check_files(oxl_context *ctx, const char *out)
     for (size_t i = 0; i < OXL_COUNT(files); i++)
         if (os_is_file(PATH(out, "%s", files[i])))
             return oxl_fail(ctx, OXL_ERR_USAGE,
-                            "%s/%s is there, and no run.json of a run that wrote it\n"
-                            "fix: another folder by -o; --restart replaces it",
+                            "%s/%s exists, without the run.json of a run that wrote it\nfix: name "
+                            "another folder by -o; --restart replaces it",
                             out, files[i]);
     return OXL_OK;
 }

@@ -42,7 +42,7 @@ oxl_result oxl_partition(oxl_context *ctx, const char *scene_path, const char *o
     oxl_result rc = out_check_inputs(ctx, out, scene_path, &o.scene);
     if (report) *report = (oxl_partition_report){0};
     if (rc == OXL_OK && o.scene.read_images && !os_is_folder(images)) {
-        oxl_log(ctx, OXL_LOG_INFO, "%s is not there: the blocks are made of the model alone", images);
+        oxl_log(ctx, OXL_LOG_INFO, "%s does not exist: blocks are cut from the model alone", images);
         o.scene.read_images = 0;
     }
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, scene_path, &o.scene, &scene);

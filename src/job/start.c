@@ -98,7 +98,8 @@ OXL_INTERNAL oxl_result start_check(oxl_context *ctx, const struct start *start,
 {
     if (start->model.count == 0 || blocks == 1) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_USAGE,
-                    "--from starts a single block, and the survey is cut into %d\nfix: --partition none",
+                    "--from can start one block only, but the survey is cut into %d\nfix: add "
+                    "--partition none",
                     blocks);
 }
 
@@ -109,7 +110,8 @@ OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char
     if (task->train.max_gaussians > 0 && start->model.count > (size_t)task->train.max_gaussians)
         return oxl_fail(
             ctx, OXL_ERR_USAGE,
-            "the model to start from has %zu Gaussians, and %d are allowed\nfix: a larger --max-gaussians or --ram",
+            "the model to start from has %zu Gaussians, but only %d are allowed\nfix: use a larger "
+            "--max-gaussians or --ram",
             start->model.count, task->train.max_gaussians);
     if (start->after == 0) {
         task->run.from = &start->model;

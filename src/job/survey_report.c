@@ -174,18 +174,20 @@ static void survey_write_warnings(oxl_survey *s, int one_place)
     if (s->images_unregistered > 0)
         survey_warn(
             s,
-            "%d of the %d images in the folder are not in the model (COLMAP did not register them), so what "
-            "only they show is missing; match again with more overlap or another matcher, or name another sub-model "
-            "by --sparse",
+            "%d of the %d images in the folder are not in the model (COLMAP did not register them), so "
+            "places that only they show are missing; match again with more overlap or another matcher, "
+            "or name another sub-model by --sparse",
             s->images_unregistered, s->images_unregistered + s->images - s->images_missing);
     if (s->unusable > 0)
         survey_warn(s, "%d of %d images cannot be used and are left out", s->unusable, s->images);
     if (s->points == 0)
         survey_warn(s, s->outlined
-                           ? "no points: training starts from random ones within the images' outlines"
-                           : "no points: training starts from random ones and may fail; export them too");
+                           ? "the survey has no points: training starts from random ones within the "
+                             "images' outlines"
+                           : "the survey has no points: training starts from random ones and may fail; "
+                             "export points3D as well");
     else if (s->points < 500)
-        survey_warn(s, "only %zu points; check that this is the right sub-model", s->points);
+        survey_warn(s, "the survey has only %zu points; check that this is the right sub-model", s->points);
     if (s->mean_error > 2)
         survey_warn(
             s,
@@ -194,7 +196,8 @@ static void survey_write_warnings(oxl_survey *s, int one_place)
     if (s->train_views == 1) survey_warn(s, "a single training view: depth cannot be learned from it");
     else if (one_place)
         survey_warn(s, "all cameras are at the same place: depth cannot be learned from them");
-    else if (s->train_views < 10) survey_warn(s, "only %d training views; expect holes", s->train_views);
+    else if (s->train_views < 10)
+        survey_warn(s, "the survey has only %d training views; expect holes", s->train_views);
     if (s->test_views == 0) survey_warn(s, "no view is held out, so the metrics are of training views");
     if (s->memory_free > 0 && s->memory > 0.9 * s->memory_free)
         survey_warn(

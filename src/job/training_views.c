@@ -171,20 +171,19 @@ static oxl_result training_report_view(const struct training_views *t, const oxl
     struct misfit misfit = {0};
     oxl_result rc = OXL_OK;
     if (row->flag == TRAINING_EXPOSURE)
-        oxl_log(
-            t->ctx, OXL_LOG_WARNING,
-            "training image %s fits %.1f dB worse than its neighbours: look at its exposure and white balance",
-            name, OXL_MAX(row->lacks, row->exposure));
+        oxl_log(t->ctx, OXL_LOG_WARNING,
+                "training image %s fits %.1f dB worse than its neighbours: check its exposure and white "
+                "balance",
+                name, OXL_MAX(row->lacks, row->exposure));
     if ((row->flag == TRAINING_MISFIT && !training_suffers(t, row)) ||
         (row->flag != TRAINING_EXPOSURE && row->lacks_structure > TRAINING_STRUCTURE))
         rc = training_shift(t, model, view, &misfit);
     if (rc != OXL_OK || misfit.explained <= TRAINING_SHIFTED) return rc;
     row->flag = TRAINING_MISFIT;
-    oxl_log(
-        t->ctx, OXL_LOG_WARNING,
-        "training image %s is rendered displaced by %.1f to %.1f px, which explains %.0f %% of the error of its detail: "
-        "look at its pose, or refine poses (--poses auto)",
-        name, misfit.least, misfit.most, 100 * misfit.explained);
+    oxl_log(t->ctx, OXL_LOG_WARNING,
+            "training image %s is rendered displaced by %.1f to %.1f px, which explains %.0f %% of the error "
+            "of its detail: check its pose, or refine poses (--poses auto)",
+            name, misfit.least, misfit.most, 100 * misfit.explained);
     return OXL_OK;
 }
 
@@ -207,12 +206,11 @@ static void training_report_structure(const struct training_views *t)
         fog++;
     }
     if (least)
-        oxl_log(
-            t->ctx, OXL_LOG_WARNING,
-            "%d of %d training views judged are rendered without the structure of their images (correlation of detail below "
-            "%.1f; the least %.2f, %s): train longer, or look at their renders",
-            fog, t->m->count, OXL_STRUCTURE_NONE, least->structure,
-            oxl_scene_view(t->scene, t->m->views[least->at].view)->name);
+        oxl_log(t->ctx, OXL_LOG_WARNING,
+                "%d of %d training views that were rendered lack the structure of their images (correlation "
+                "of detail below %.1f; the least is %.2f, %s): train longer, or look at their renders",
+                fog, t->m->count, OXL_STRUCTURE_NONE, least->structure,
+                oxl_scene_view(t->scene, t->m->views[least->at].view)->name);
 }
 
 static int training_flagged(const struct training_views *t)

@@ -224,7 +224,8 @@ OXL_INTERNAL oxl_result block_plan_make(struct job *job, int block, const oxl_mo
     if (rc == OXL_OK) {
         plan_divide(job, coarse, plan);
         oxl_log(job->ctx, OXL_LOG_DEBUG,
-                "block %d: %d steps on windows of %d views, %.0f %% of their pixels; at most %.0f Gaussians",
+                "block %d trains %d steps on windows of %d views, %.0f %% of their pixels, with at most "
+                "%.0f Gaussians",
                 block, plan->last - plan->first, plan->views,
                 100 * plan->area * schedule_training_views(job->scene) /
                     OXL_MAX(1, plan->views * schedule_pixels(job->scene)),

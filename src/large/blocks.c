@@ -63,7 +63,7 @@ static oxl_result blocks_train_coarse(struct blocks *b, int block, const char *f
     task.train.keep.kind = OXL_KEEP_ALL;
     task.run.until = (int)OXL_MAX(1, JOB_COARSE * o.train.iterations);
     task.predicted_peak = cost_memory(&o, &load, cost_gaussians(&o, &load));
-    oxl_log(job->ctx, OXL_LOG_DEBUG, "coarse model of the survey: %d steps", task.run.until);
+    oxl_log(job->ctx, OXL_LOG_DEBUG, "the coarse model of the survey trains %d steps", task.run.until);
     return blocks_train(job, &task);
 }
 
@@ -177,7 +177,7 @@ static oxl_result blocks_train_merged(struct blocks *b, int block, const char *f
     if (rc == OXL_OK && imaging_hides(&job->imaging))
         job->stage_viewers = viewer_hiding_steps(task.extra.viewer_steps);
     if (rc == OXL_OK) blocks_set_merged(job, merged.sh_degree, steps, &task.train);
-    if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_DEBUG, "merged model: %d steps", steps);
+    if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_DEBUG, "the merged model trains %d steps", steps);
     if (rc == OXL_OK) rc = blocks_train(job, &task);
     oxl_model_free(job->ctx, &merged);
     return rc;

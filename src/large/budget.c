@@ -167,7 +167,7 @@ static oxl_result budget_divide(oxl_context *ctx, const oxl_scene *scene, const 
             return budget_refuse(ctx, &worst, o, 0);
         rc = partition_make(ctx, scene, &tried, out);
         if (rc == OXL_OK)
-            oxl_log(ctx, OXL_LOG_DEBUG, "%.0f MB of memory: trying %d blocks",
+            oxl_log(ctx, OXL_LOG_DEBUG, "%.0f MB of memory are available: a cut into %d blocks is tried",
                     (double)(limited->ram ? limited->ram : limited->device_ram) / 1e6, out->block_count);
     }
     return rc;
@@ -184,7 +184,7 @@ OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scen
     if (rc == OXL_OK && budget_is_limited(&limited)) rc = budget_divide(ctx, scene, o, &limited, out);
     if (rc == OXL_OK && o->ram && limited.ram > o->ram)
         rc = oxl_fail(ctx, OXL_ERR_BUDGET,
-                      "reading the survey alone takes %.0f MB, --ram allows %.0f MB\nfix: --ram %.0fM",
+                      "reading the survey alone takes %.0f MB, but --ram allows %.0f MB\nfix: --ram %.0fM",
                       BUDGET_MARGIN * (double)limited.ram / 1e6, (double)o->ram / 1e6, reading);
     /* Continues without a limit that nobody set: the run may swap. */
     if (rc == OXL_ERR_BUDGET && !budget_is_limited(o)) {

@@ -37,10 +37,10 @@ static oxl_result lock_open(oxl_context *ctx, const char *folder, int shared, ox
     if (got == OS_LOCK_FAILED || got == OS_LOCK_REMOVED)
         rc = os_fail(ctx, OXL_ERR_IO, lock->path, "cannot write", errno);
     if (got == OS_LOCK_NONE)
-        oxl_log(
-            ctx, OXL_LOG_WARNING,
-            "%s: this file system has no locks; two processes that write there destroy each other's files",
-            folder);
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: this file system has no locks; two processes that write there would destroy each "
+                "other's files",
+                folder);
     if (rc == OXL_OK) os_lock_write_owner(&lock->file);
     return rc;
 }

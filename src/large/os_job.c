@@ -33,8 +33,8 @@ static oxl_result os_walk_in(oxl_context *ctx, const char *folder, const char *i
         path[i] = 0;
         if (does & OS_WALK_REFUSES_LINKS && os_is_link(path))
             rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                          "%s is a link: what is written or removed there would lie elsewhere\n"
-                          "fix: remove the link, or choose another folder",
+                          "%s is a link, so files would be written or removed elsewhere\nfix: remove the "
+                          "link, or choose another folder",
                           path);
         /* Looks for the folder itself: mkdir of an existing one may fail with other errors than
          * EEXIST (read-only disk, "C:"). */

@@ -138,7 +138,10 @@ static oxl_result exporter_block(struct exporter *e)
     for (size_t k = 0; k < OXL_COUNT(linked) && rc == OXL_OK; k += 2) {
         const char *path = PATH(e->out, "blocks/%03d/%s", e->block, linked[k]);
         if (linked[k + 1] && os_is_folder(linked[k + 1]) && !os_link(linked[k + 1], path))
-            oxl_log(e->ctx, OXL_LOG_DEBUG, "%s: no link could be made; name the images by --images", path);
+            oxl_log(e->ctx, OXL_LOG_DEBUG,
+                    "%s: no link to the images could be made; name their folder "
+                    "by --images",
+                    path);
     }
     return rc;
 }
@@ -174,7 +177,8 @@ OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partitio
     oxl_result rc = oxl_make_folder(ctx, out);
     if (rc == OXL_OK && os_is_folder(more))
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s is of an earlier partition into more blocks\nfix: another folder by -o", more);
+                      "%s belongs to an earlier partition into more blocks\nfix: name another folder by -o",
+                      more);
     if (rc != OXL_OK) return rc;
     os_remove(PATH(out, "partition.txt"));
     rc = exporter_blocks(&e);

@@ -22,8 +22,9 @@ static oxl_result lobes_check(oxl_context *ctx, const oxl_train_options *o)
     if (o->dog != OXL_DOG_OFF && !(LOBES_FROM > o->densify_until))
         return oxl_fail(
             ctx, OXL_ERR_USAGE,
-            "--densify-until %g: found the end of density control, expected less than %g, where second lobes begin\n"
-            "fix: rows with a second lobe cannot be split; end density control earlier, or --dog off",
+            "--densify-until %g: density control would end after second lobes begin, expected less than "
+            "%g\nfix: end it earlier, since Gaussians with a second lobe cannot be split, or use --dog "
+            "off",
             o->densify_until, LOBES_FROM);
     return OXL_OK;
 }

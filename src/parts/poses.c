@@ -62,7 +62,7 @@ static oxl_result poses_begin(struct train *t, void *state)
     p->on = p->asked && !renderer_has_device(t->renderer);
     if (p->on || !p->asked) return OXL_OK;
     selection_record_auto(t, "poses", t->options->poses, 0, "a device has no gradient of them");
-    oxl_log(t->ctx, OXL_LOG_WARNING, "poses are not refined: a device has no gradient of them, the CPU has");
+    oxl_log(t->ctx, OXL_LOG_WARNING, "poses are not refined: only the CPU computes their gradient");
     return OXL_OK;
 }
 

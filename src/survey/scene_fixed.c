@@ -342,12 +342,11 @@ OXL_INTERNAL oxl_result scene_find_fixed(oxl_context *ctx, oxl_scene *scene)
     }
     scene->stats.fixed = masked / OXL_MAX(scene->view_count, 1);
     if (rc == OXL_OK && affected)
-        oxl_log(
-            ctx, OXL_LOG_WARNING,
-            "%d images show the same at %.1f %% of their pixels, wherever the camera is (a lens port, borders, "
-            "text, a mount): these pixels are masked, in metrics, too\n"
-            "fix: none is needed; --auto-mask off if they are a part of the scene",
-            affected, 100 * masked / affected);
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%d images show the same at %.1f %% of their pixels, wherever the camera is (a lens port, "
+                "borders, text, a mount): training and metrics ignore these pixels\nfix: none is needed; "
+                "--auto-mask off if they are a part of the scene",
+                affected, 100 * masked / affected);
     OXL_FREE(ctx, views, view);
     return rc;
 }

@@ -59,8 +59,8 @@ OXL_INTERNAL oxl_result selection_begin(struct train *t)
     if (t->views == 0)
         return oxl_fail(
             t->ctx, OXL_ERR_INPUT,
-            "there is no training view: all %zu images that are there are held out\n"
-            "fix: put the training images there; or --test-every 0, unless the survey states the split",
+            "there is no training view: all %zu images that exist are held out\nfix: add the training "
+            "images; or use --test-every 0, unless the survey states the split",
             views);
     return OXL_OK;
 }

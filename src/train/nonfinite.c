@@ -108,7 +108,7 @@ OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_mo
     model_keep_rows(model, keep);
     oxl_free(ctx, keep);
     if (n->images > 0)
-        oxl_log(ctx, OXL_LOG_WARNING, "images that could not be read and were left out: %zu", n->images);
+        oxl_log(ctx, OXL_LOG_WARNING, "%zu images could not be read and were left out", n->images);
     if (n->steps + n->rows + n->cleared > 0)
         oxl_log(
             ctx, OXL_LOG_WARNING,

@@ -102,7 +102,8 @@ static oxl_result step_next_image(struct train *t, int *view)
     }
     return oxl_fail(
         t->ctx, OXL_ERR_INPUT,
-        "none of the training images can be read\nfix: oceanxl check looks at each and says what is wrong");
+        "none of the training images can be read\nfix: run oceanxl check, which reads each and says what "
+        "is wrong");
 }
 
 OXL_INTERNAL struct oxl_imaging step_imaging(const struct train *t)
@@ -358,7 +359,8 @@ OXL_INTERNAL oxl_result step_densify(struct train *t)
     if (rc != OXL_OK) return rc;
     if (t->trained.model.count == 0)
         return oxl_fail(t->ctx, OXL_ERR_FAILED,
-                        "step %d: no Gaussian is left\nfix: oceanxl check looks at cameras and points",
+                        "step %d: no Gaussian is left\nfix: run oceanxl check, which examines cameras "
+                        "and points",
                         t->step);
     oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu split, %zu removed, %zu left", t->step, change.split,
             change.removed, t->trained.model.count);

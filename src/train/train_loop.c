@@ -163,7 +163,7 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
     if (rc == OXL_OK && t->options->terms && renderer_has_device(t->renderer))
         rc = oxl_fail(ctx, OXL_ERR_USAGE,
-                      "terms of one's own are computed on the CPU alone\nfix: backend OXL_BACKEND_CPU");
+                      "oxl_terms are computed on the CPU alone\nfix: set backend to OXL_BACKEND_CPU");
     if (rc == OXL_OK) renderer_set_terms(t->renderer, t->options->terms);
     if (rc == OXL_OK) renderer_expect_steps(t->renderer);
     if (rc == OXL_OK) renderer_set_context(t->renderer, t->task.context);

@@ -160,7 +160,8 @@ static oxl_result trained_trim(oxl_context *ctx, const oxl_scene *scene, const o
         oxl_log(ctx, OXL_LOG_DEBUG, "%zu Gaussians that no training view shows are removed", dropped);
     if (rc == OXL_OK && t->model.count == 0)
         rc = oxl_fail(ctx, OXL_ERR_FAILED,
-                      "no Gaussian is left\nfix: oceanxl check looks at cameras, points and images");
+                      "no Gaussian is left\nfix: run oceanxl check, which examines cameras, points and "
+                      "images");
     return rc;
 }
 
