@@ -313,7 +313,7 @@ TEST(rotations_of_transforms_that_are_transposed_are_named)
     foreign_check_json(3, transposed);
     CHECK_TEXT(
         foreign_heard,
-        "3 of 10 images do not show what the model has at their points: 00.png (fits rotations transposed");
+        "3 of 10 images do not show the colours that the model's points have: 00.png (fits rotations transposed");
     foreign_check_json(6, "[0, 0, 1, -4], [1, 0, 0, %.3f], [0, 1, 0, 0]"); /* axes of OpenCV */
     CHECK_TEXT(foreign_heard, "6 of 10 images do not show");
     CHECK_TEXT(foreign_heard,

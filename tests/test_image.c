@@ -410,7 +410,7 @@ TEST(image_resized_after_colmap_is_taken_but_no_other_shape)
     image_training_free(test_ctx, &image);
     CHECK_ERROR(image_load_training(test_ctx, image_test_file("crop.png", 60, 48), NULL, NULL, &image_pinhole,
                                     &to, &image),
-                OXL_ERR_INPUT, "crop.png: 60 x 48 px, but camera 1 (cameras.txt:4) has 64 x 48");
+                OXL_ERR_INPUT, "crop.png has 60 x 48 px, but camera 1 (cameras.txt:4) has 64 x 48");
     CHECK(!image.rgb);
     CHECK_ERROR(image_load_training(test_ctx, image_test_file("turned.png", 48, 64), NULL, NULL,
                                     &image_pinhole, &to, &image),

@@ -134,12 +134,12 @@ TEST(lint_says_how_poses_and_cameras_would_fit_what_the_images_saw)
                  {{.focal = 1, .factor = 1, .opengl = 1}, 9, "they would fit as: camera axes as in OpenGL"},
                  {{.focal = 1, .factor = 1, .order = 1, .some = 1},
                   2,
-                  "2 of 9 images do not show what the model has at "
-                  "their points: 0.png (fits quaternions as x y z w)"},
+                  "2 of 9 images do not show the colours that the model's "
+                  "points have: 0.png (fits quaternions as x y z w)"},
                  {{.focal = 1, .factor = 1, .inverse = 2, .some = 1}, 2, "0.png (fits rotations transposed"},
                  {{.focal = 1, .factor = 1, .lost = 1},
                   1,
-                  "1 of 9 images do not show what the model has at their points: "
+                  "1 of 9 images do not show the colours that the model's points have: "
                   "3.png\nfix: take them out of the model"}};
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
         const char *survey = lint_survey();

@@ -92,7 +92,6 @@ static void model_file_settle_limits(oxl_model *model, int plane, size_t rows)
 static void model_file_check_units(oxl_context *ctx, const char *path, const oxl_model *m, int plane,
                                    int planes, const char *words)
 {
-<<<<<<< HEAD
     float low = INFINITY, high = -INFINITY;
     for (int k = plane; k < plane + planes; k++)
         for (size_t i = 0; i < m->count; i++) {
@@ -104,22 +103,6 @@ static void model_file_check_units(oxl_context *ctx, const char *path, const oxl
                 "%s: %s are read, and all values are from %.3g to %.3g\n"
                 "fix: export raw values, as 3DGS writes them",
                 path, words, (double)low, (double)high);
-=======
-    float low, high;
-    if (m->count < MODEL_FILE_JUDGED) return;
-    model_file_find_range(m, OXL_OPACITY, 1, &low, &high);
-    if (low >= 0 && low < high && high <= 1)
-        oxl_log(ctx, OXL_LOG_WARNING,
-                "%s: all opacities are from %.3g to %.3g, as alphas are, but they are read as logits, "
-                "log(alpha / (1 - alpha))\nfix: export raw values, as 3DGS writes them",
-                path, (double)low, (double)high);
-    model_file_find_range(m, OXL_LOG_SCALE, 3, &low, &high);
-    if (low >= 0 && low < high && high - low < 1)
-        oxl_log(ctx, OXL_LOG_WARNING,
-                "%s: all scales are from %.3g to %.3g, as sizes are, but they are read as "
-                "logarithms\nfix: export raw values, as 3DGS writes them",
-                path, (double)low, (double)high);
->>>>>>> 6c192226 (Texts about input are sentences: what was found, what it means, one action)
 }
 
 /* Keeps the rows with finite values and sizes, in their order. */
@@ -148,16 +131,9 @@ OXL_INTERNAL oxl_result model_file_drop_rows(oxl_context *ctx, const char *path,
         oxl_log(ctx, OXL_LOG_WARNING,
                 "%s: %zu of %zu Gaussians hold values that are not finite, and are left out", path,
                 model->not_finite, count);
-<<<<<<< HEAD
     model_file_check_units(ctx, path, model, OXL_OPACITY, 1,
                            "opacities look like alphas; logits, log(alpha / (1 - alpha)),");
     model_file_check_units(ctx, path, model, OXL_LOG_SCALE, 3, "scales look like sizes; their logarithms");
-=======
-    model_file_check_units(ctx, path, model);
-    if (limits)
-        oxl_log(ctx, OXL_LOG_INFO, "%s: %zu Gaussians have an infinite opacity or width, and are kept", path,
-                limits);
->>>>>>> 6c192226 (Texts about input are sentences: what was found, what it means, one action)
     return OXL_OK;
 }
 
@@ -339,63 +315,34 @@ OXL_INTERNAL oxl_result model_file_read_ply(oxl_context *ctx, const char *path, 
 static oxl_result model_write_check_columns(oxl_context *ctx, const char *path, const oxl_model *model,
                                             const struct model_file_column *column, int columns, size_t rows)
 {
-<<<<<<< HEAD
     for (int c = 0; c < columns; c++) {
         const float *plane = column[c].plane < 0 ? NULL : model->plane[column[c].plane];
         for (size_t i = 0; plane && i < rows; i++)
             if (!(fabsf(plane[i]) <= FLT_MAX))
                 return oxl_fail(ctx, OXL_ERR_FAILED,
-                                "%s: not written: column %s of row %zu is %f, expected a finite number\n"
-                                "fix: remove such rows before writing",
+                                "%s is not written: column %s of row %zu is %f, expected a finite "
+                                "number\nfix: remove such rows before writing",
                                 path, column[c].name, i, (double)plane[i]);
     }
-=======
-    for (size_t i = 0; i < rows; i++)
-        if (!(fabsf(plane[i]) <= FLT_MAX))
-            return oxl_fail(ctx, OXL_ERR_FAILED,
-                            "%s is not written: column %s of row %zu is %f, expected a finite "
-                            "number\nfix: remove such rows before writing",
-                            path, name, i, (double)plane[i]);
->>>>>>> 6c192226 (Texts about input are sentences: what was found, what it means, one action)
     return OXL_OK;
 }
 
 OXL_INTERNAL oxl_result model_write_check_finite(oxl_context *ctx, const char *path, const oxl_model *model,
                                                  int file_degree)
 {
-<<<<<<< HEAD
     struct model_file_column column[MODEL_FILE_COLUMNS], lobe[MODEL_LOBE_PLANES];
     oxl_result rc;
     if (!(fabs(model->origin[0]) + fabs(model->origin[1]) + fabs(model->origin[2]) <= DBL_MAX))
         return oxl_fail(
             ctx, OXL_ERR_FAILED,
-            "%s: not written: the model's origin is not finite\nfix: correct the line comment origin of the model it was made from",
+            "%s is not written: the model's origin is not finite\nfix: correct the line 'comment origin' "
+            "of the model that it was made from",
             path);
     rc = model_write_check_columns(ctx, path, model, column,
                                    model_file_columns(file_degree, model->sh_degree, column), model->count);
     model_file_lobe_columns(lobe);
     return rc == OXL_OK ? model_write_check_columns(ctx, path, model, lobe, MODEL_LOBE_PLANES, model->lobes)
                         : rc;
-=======
-    struct model_file_column column[MODEL_FILE_COLUMNS];
-    const int columns = model_file_columns(file_degree, model->sh_degree, column);
-    oxl_result rc = OXL_OK;
-    for (int i = 0; i < 3; i++)
-        if (!(fabs(model->origin[i]) <= DBL_MAX))
-            return oxl_fail(
-                ctx, OXL_ERR_FAILED,
-                "%s is not written: the model's origin is not finite\nfix: correct the line 'comment origin' of the "
-                "model that it was made from",
-                path);
-    for (int c = 0; rc == OXL_OK && c < columns; c++)
-        if (column[c].plane >= 0)
-            rc = model_write_check_column(ctx, path, column[c].name, model->plane[column[c].plane],
-                                          model->count);
-    for (int k = 0; rc == OXL_OK && k < MODEL_LOBE_PLANES; k++)
-        rc =
-            model_write_check_column(ctx, path, MODEL_FILE_LOBE[k], model->plane[OXL_LOBE + k], model->lobes);
-    return rc;
->>>>>>> 6c192226 (Texts about input are sentences: what was found, what it means, one action)
 }
 
 static void model_write_element(struct text *t, const char *name, size_t rows,

@@ -106,20 +106,11 @@ oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
     oxl_result rc;
     *out = (oxl_model){0};
     if (format && is_text && format->read == splat_file_read)
-<<<<<<< HEAD
-        rc =
-            oxl_fail(ctx, OXL_ERR_INPUT,
-                     "%s: it is text that begins '%.*s', and no model\nfix: download the model itself; a web "
-                     "page or a pointer of git-lfs was saved under its name",
-                     path, (int)OXL_MIN(strcspn(head, "\r\n"), (size_t)40), head);
-    else if (format && !format->read) rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: %s", path, format->why);
-=======
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s: the file is text that begins '%.*s', not a model\nfix: download the model "
                       "itself; a web page or a pointer of git-lfs was saved under its name",
                       path, (int)OXL_MIN(strcspn(head, "\r\n"), (size_t)40), head);
-    else if (format && !format->read) rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: %s", path, format->unread);
->>>>>>> 6c192226 (Texts about input are sentences: what was found, what it means, one action)
+    else if (format && !format->read) rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: %s", path, format->why);
     else rc = (format ? format->read : model_file_read_ply)(ctx, path, out);
     if (rc == OXL_OK) rc = model_file_drop_rows(ctx, path, out);
     if (rc == OXL_OK && out->count == 0)
@@ -133,16 +124,9 @@ oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *
     const struct model_format *format = model_format_by_name(path);
     oxl_model stored = *model; /* a copy that shares its planes, for model_drop_lobes */
     if (!format || !format->write)
-<<<<<<< HEAD
         return oxl_fail(ctx, OXL_ERR_USAGE, "%s: not written: %s", path,
                         format ? format->why
                                : "the format is not known\nfix: a name that ends in .ply, .spz or .splat");
-=======
-        return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "%s: the format is not known\nfix: use a name that ends in .ply, .spz, .glb or "
-                        ".splat",
-                        path);
->>>>>>> 6c192226 (Texts about input are sentences: what was found, what it means, one action)
     if (model->lobes && !format->has_lobes) {
         oxl_log(ctx, OXL_LOG_WARNING, "%s: this format cannot store the second lobes of %zu of %zu Gaussians",
                 path, model->lobes, model->count);

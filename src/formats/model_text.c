@@ -71,7 +71,6 @@ static int model_read_numbers(const char *text, double value[MODEL_NUMBERS])
 OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
                                      oxl_model *model)
 {
-<<<<<<< HEAD
     char word[20] = "";
     double v[MODEL_NUMBERS] = {0};
     const int length = (int)strcspn(comment, " "), count = model_read_numbers(comment + length, v);
@@ -90,26 +89,4 @@ OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const c
                 "%s: comment '%s' ignored: expected origin X Y Z, each within %g, or "
                 "scale S, above 0 and up to that",
                 path, comment, MODEL_ORIGIN_MAX);
-=======
-    enum { ORIGIN, SCALE, BACKGROUND, VIEW, KINDS };
-    static const char *const words[KINDS] = {"origin ", "scale ", "background ", "view "};
-    const int counts[KINDS] = {3, 1, 3, (int)OXL_COUNT(model->view)};
-    double v[OXL_COUNT(model->view)];
-    int kind = 0, good;
-    while (kind < KINDS && strncmp(comment, words[kind], strlen(words[kind])) != 0) kind++;
-    if (model_read_antialias(comment, model) || kind == KINDS) return;
-    good = model_read_numbers(comment + strlen(words[kind]), v, counts[kind]);
-    if (good && kind == ORIGIN) memcpy(model->origin, v, sizeof model->origin);
-    else if (good && kind == SCALE && v[0] >= 1 / MODEL_ORIGIN_MAX) model->scale = v[0] == 1 ? 0 : v[0];
-    else if (good && kind == VIEW && v[0] > 0) memcpy(model->view, v, sizeof model->view);
-    else if (good && kind == BACKGROUND)
-        for (int c = 0; c < 3; c++) {
-            model->background[c] = (float)OXL_CLAMP(v[c], 0, 1);
-            model->has_background = 1;
-        }
-    else if (kind <= SCALE)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s: comment '%s' is ignored: expected %s, %s%g", path, comment,
-                kind == ORIGIN ? "origin X Y Z" : "scale S",
-                kind == ORIGIN ? "each within " : "above 0 and up to ", MODEL_ORIGIN_MAX);
->>>>>>> 6c192226 (Texts about input are sentences: what was found, what it means, one action)
 }
