@@ -223,7 +223,8 @@ OXL_API double oxl_scene_near_plane(const oxl_scene *scene);
 /* (2) latitude and longitude (WGS 84, degrees) of the world's origin, if its axes are metres east, north, up
  * there, as OpenSfM's reference_lla says; NULL: not known. */
 OXL_API const double *oxl_scene_reference(const oxl_scene *scene);
-/* 1.1 x robust radius of the training cameras [Kerbl 2023] */
+/* The length that steps and sizes of training are relative to: 1.3 x the median depth of the points in the
+ * training views; without points 1.1 x the robust radius of the training cameras [Kerbl 2023]. */
 OXL_API double oxl_scene_extent(const oxl_scene *scene);
 
 /* The ray of pixel (x, y) of the original image (size as in cameras.txt, before undistortion): origin `start`

@@ -346,17 +346,11 @@ double loss(const double *x, const double *y, int w, int h, double weight, doubl
 /* ---------------------------------------------------------------- training [K Alg. 1] */
 
 enum { LOG_SCALE = 3, ROTATION = 6, LOGIT = 10, SH_0 = 11, SH_REST = 14, LOBE = 59, PARAMETERS = 64 }; /* in a struct gaussian */
-/* The rate of number k of a Gaussian [K*]; the mean's is in units of its own size [O] and falls to a hundredth over the run. */
-double learning_rate(int k, double size, double progress) {
-    if (k < LOG_SCALE) return 0.032 * size * pow(0.01, progress);
+/* The rate of number k of a Gaussian [K*]; the mean's is in extents of the scene and falls to a hundredth over the run. */
+double learning_rate(int k, double extent, double progress) {
+    if (k < LOG_SCALE) return 1.6e-4 * extent * pow(0.01, progress);
     if (k < SH_0) return k < ROTATION ? 0.005 : k < LOGIT ? 0.001 : 0.025;
     return k < SH_REST ? 0.0025 : k < LOBE ? 0.0025 / 20 : k == LOBE ? 0.025 : 0.005; /* the last two: of o', of s' */
-}
-
-/* The standard deviation of a Gaussian along the middle one of its axes. */
-double middle_size(const struct gaussian *g) {
-    const double *s = g->log_scale, least = fmin(s[0], s[1]), most = fmax(s[0], s[1]);
-    return exp(fmax(least, fmin(most, s[2])));
 }
 
 /* [A, Alg. 1]: m and v are means of the gradient and of its square, divided by what they lack from having begun at 0. */
@@ -407,8 +401,7 @@ double train_step(struct trainer *t, const struct camera *cam, const double *tru
     for (int i = 0; i < count; i++) {
         const int row = t->s[i].row;
         double *x = (double *)&t->x[row], *m = (double *)&t->m[row], *v = (double *)&t->v[row], *d = (double *)&t->d[row];
-        const double size = middle_size(&t->x[row]);
-        for (int k = 0; k < PARAMETERS; k++) adam(x + k, d[k], learning_rate(k, size, progress), step, m + k, v + k);
+        for (int k = 0; k < PARAMETERS; k++) adam(x + k, d[k], learning_rate(k, t->extent, progress), step, m + k, v + k);
         t->views[row]++;
         t->gradient_sum[row] += hypot(t->ds[i].centre[0] * w / 2, t->ds[i].centre[1] * h / 2);
     }

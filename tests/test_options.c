@@ -38,7 +38,7 @@ TEST(options_of_every_preset_are_in_range_and_their_texts_read_back)
 TEST(options_of_preset_paper_are_those_of_the_paper_and_of_kerbl)
 {
     const oxl_train_options o = oxl_train_options_default(OXL_PRESET_PAPER);
-    CHECK(o.iterations == 40000 && o.lr_position == 0.032f && o.lr_position_final == 0.00032f);
+    CHECK(o.iterations == 40000 && o.lr_position == 1.6e-4f && o.lr_position_final == 1.6e-6f);
     CHECK(o.lr_sh == 0.0025f / 20 && o.alpha_min == 1.0f / 255 && o.densify_gradient == 2e-4f);
     CHECK(o.coarse == 0 && o.short_run_exponent == 0);
 }

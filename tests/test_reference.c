@@ -549,12 +549,8 @@ TEST(reference_steps_of_adam_agree)
                 const double g = 0.3 + reference_random(i, (size_t)(k + 100 * adam.step));
                 gradient.plane[k][i] = (float)(i % 2 ? g : g * exp(-(double)(i % 37)));
                 if (renderer_row_visible(r, i))
-                    splat_adam(&x[k][i], gradient.plane[k][i],
-                               adam.rate[k] * (k < OXL_LOG_SCALE ? splat_middle_size(x[OXL_LOG_SCALE][i],
-                                                                                     x[OXL_LOG_SCALE + 1][i],
-                                                                                     x[OXL_LOG_SCALE + 2][i])
-                                                                 : 1),
-                               adam.step, &mean[k][i], &square[k][i]);
+                    splat_adam(&x[k][i], gradient.plane[k][i], adam.rate[k], adam.step, &mean[k][i],
+                               &square[k][i]);
             }
         CHECK_OK(renderer_step(test_ctx, r, &t, &gradient, &adam, &aside));
     }

@@ -157,11 +157,28 @@ TEST(scene_depths_are_of_points_that_were_seen)
     CHECK_CLOSE(oxl_scene_near_plane(scene), 2, 1e-9);
 }
 
+/* Two sites far apart, each seen by its own cameras from 10 away. */
+TEST(scene_extent_follows_the_depths_however_far_apart_two_sites_are)
+{
+    const char *path = scene_survey("s", 9, 0, 1);
+    struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    for (int i = 0; i < 9; i++)
+        text_add(&images, "%d 1 0 0 0 %d 0 0 1 img%02d.png\n1 2 1\n", 10 + i, i < 5 ? -i : -i - 5000, i);
+    for (int i = 0; i < 8; i++)
+        text_add(&points, "%d %d 0 10 1 2 3 0.5 %s\n", 1 + i, i % 4 + (i < 4 ? 0 : 5005),
+                 i < 4 ? "11 0 12 0" : "15 0 16 0");
+    test_write("s/sparse/0/images.txt", images.data);
+    test_write("s/sparse/0/points3D.txt", points.data);
+    text_free(&images), text_free(&points);
+    OWNED_SCENE *scene = test_load(path, NULL);
+    CHECK_CLOSE(oxl_scene_extent(scene), 13, 1e-9);
+}
+
 TEST(scene_of_one_image_trains_on_it_and_has_an_extent)
 {
     OWNED_SCENE *scene = test_load(scene_survey("one", 1, 0, 1), NULL);
     CHECK(oxl_scene_view_count(scene) == 1 && !oxl_scene_view(scene, 0)->is_test);
-    CHECK_CLOSE(oxl_scene_extent(scene), 10, 1e-9); /* the median depth */
+    CHECK_CLOSE(oxl_scene_extent(scene), 13, 1e-9); /* 1.3 median depths */
 }
 
 TEST(scene_without_points_is_reported_and_gets_random_ones_in_view)

@@ -65,9 +65,7 @@ void splat_adam(double *x, double gradient, double rate, int step, double *mean,
 void kernels_adam(double x[16], const double gradient[16], double rate, int step, double mean[16],
                   double square[16]);
 
-double splat_learning_rate(int plane, double size, double progress);
-/* Of log standard deviations along the axes. */
-double splat_middle_size(double a, double b, double c);
+double splat_learning_rate(int plane, double extent, double progress);
 
 enum splat_verdict { SPLAT_REMOVE, SPLAT_KEEP, SPLAT_SPLIT };
 enum splat_verdict splat_classify(const double log_scale[3], double logit, double gradient, double extent,

@@ -227,11 +227,10 @@ void kernels_adam(double x[16], const double gradient[16], double rate, int step
                   double square[16])
 {
     uint16_t all = 0xFFFF;
-    double log_scale[16] = {0};
     struct adam_job job = {.end_pack = 1,
                            .visible = &all,
                            .planes = 1,
-                           .parameter = {x, NULL, NULL, log_scale, log_scale, log_scale},
+                           .parameter = {x},
                            .mean = {mean},
                            .square = {square},
                            .gradient = {gradient},

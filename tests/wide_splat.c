@@ -263,15 +263,9 @@ void splat_adam(double *x, double gradient, double rate, int step, double *mean,
     adam(x, gradient, rate, step, mean, square);
 }
 
-double splat_learning_rate(int plane, double size, double progress)
+double splat_learning_rate(int plane, double extent, double progress)
 {
-    return learning_rate(plane, size, progress);
-}
-
-double splat_middle_size(double a, double b, double c)
-{
-    const struct gaussian g = {.log_scale = {a, b, c}};
-    return middle_size(&g);
+    return learning_rate(plane, extent, progress);
 }
 
 enum splat_verdict splat_classify(const double log_scale[3], double logit, double gradient, double extent,

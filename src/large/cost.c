@@ -10,7 +10,7 @@
 #include "../survey/scene.h"
 #include "../survey/survey.h"
 
-#define COST_STEREO 1.4          /* Gaussians at the start over points, where stereo adds some */
+#define COST_STEREO_PIXELS 100.0 /* training pixels, as the run begins, for each point of parts/stereo.c */
 #define COST_PIXEL_BYTES 160.0   /* of working memory a pixel: images, SSIM's maps */
 #define COST_PROGRAM_BYTES 1.2e7 /* of the program itself; measured: 9 to 10 MB */
 #define COST_DEVICE_ROW 110.0    /* bytes a row on a device, as backends/vulkan reserves them, */
@@ -109,11 +109,13 @@ OXL_INTERNAL double cost_device_memory(const oxl_job_options *o, const struct co
            COST_DEVICE_ROOM * gaussians * (3 * 4 * planes + a_row + load->context * (4 * planes + a_row));
 }
 
-/* Returns the Gaussians that a run starts with. */
+/* Returns the Gaussians that a run starts with: stereo takes up to half of what may be added. */
 static double cost_start(const oxl_train_options *o, const struct cost_load *load, double cap)
 {
-    const double points = (double)load->points;
-    return OXL_MIN(o->stereo && load->observations ? COST_STEREO * points : points, OXL_MAX(cap, 1));
+    const int side = (int)sqrt(load->largest);
+    const double points = (double)load->points, halved = schedule_coarse_fraction(o, side, side) > 0 ? 4 : 1,
+                 dense = load->schedule_pixels / halved / COST_STEREO_PIXELS;
+    return OXL_MIN(o->stereo ? OXL_MAX(points, OXL_MIN(dense, (points + cap) / 2)) : points, OXL_MAX(cap, 1));
 }
 
 OXL_INTERNAL double cost_gaussians(const oxl_job_options *o, const struct cost_load *load)

@@ -2,14 +2,14 @@
  *
  * Structure from motion finds a point for a hundred pixels or more, and none on faint or repetitive ground;
  * a survey with poses alone has no points at all. A run that begins on the surface needs a fraction of the
- * steps (docs/RESULTS.md). So each training view gets a depth for every second pixel of a reduced image. At
- * the coarsest level a plane sweep [Collins 1996] tries inverse depths over the range of the survey's points,
- * or, without points, over the disparities that neighbours can have. Finer levels begin with the coarser
- * result and try the planes of adjacent cells, and small changes [PatchMatch: Bleyer et al. 2011]. Patches
- * are compared by normalized cross correlation, which does not depend on gains and lamp; of several
- * neighbours the best two count, so that an occlusion in one view does no harm. A depth is used if another
- * view's map agrees with it. Points are thinned to one for a square of pixels, and none is made where the
- * survey has one.
+ * steps (docs/log/TRAINING.md). So each training view gets a depth for each cell of a reduced image. At the
+ * coarsest level a plane sweep [Collins 1996] tries inverse depths over the range of the survey's points, or
+ * over that of the survey's file, or, without both, over the disparities that neighbours can have. Finer
+ * levels begin with the coarser result and try the planes of adjacent cells, and small changes [PatchMatch:
+ * Bleyer et al. 2011]. Patches are compared by normalized cross correlation, which does not depend on gains
+ * and lamp; of several neighbours the best two count, so that an occlusion in one view does no harm. A depth
+ * is used if another view's map agrees with it. Points are thinned to one for a square of pixels, and none is
+ * made where the survey has one.
  *
  * Invariant: a function of the scene alone, on any number of threads: a cell reads the previous pass.
  */
@@ -37,21 +37,23 @@ enum {
     STEREO_HELD = 4,       /* points that are held for each that is wanted, at most */
     STEREO_POINTS = 4096   /* points of the survey that a view's range of depths is taken from */
 };
-#define STEREO_PIXELS_EACH 80.0 /* training pixels, as the run begins, for each point that is wanted, */
-#define STEREO_FRACTION 0.5     /* up to this fraction of the Gaussians that may be added */
-#define STEREO_DETAIL 0.14      /* levels: standard deviation of a patch that shows something */
-#define STEREO_AGREES 0.7       /* correlation of patches that show one place */
-#define STEREO_TOLERANCE 0.4    /* px of the finest level: between two maps that agree */
-#define STEREO_HOPE 0.3         /* correlation of a plane that is worth a change */
-#define STEREO_STEP 0.5         /* px of a level: the change of disparity that is tried */
-#define STEREO_PLAIN 60.0       /* levels: norm of a patch where points are as dense as asked for; they are */
-#define STEREO_DENSEST 0.5      /* closer by this factor where there is more detail, at most, */
-#define STEREO_SPARSEST 8.0     /* and farther apart where there is less */
-#define STEREO_COARSER 1.1      /* by which places grow until there are few enough */
-#define STEREO_MARGIN 0.15      /* of an inverse depth: beyond the range of the points */
-#define STEREO_DISPARITY 0.6    /* of a side: the largest disparity where no depth is known */
-#define STEREO_ALONG 0.8        /* cosine between the axes of neighbours, at least */
-#define STEREO_ANGLE 0.15       /* rad: the best angle between neighbours, as seen from the scene, */
+#define STEREO_PIXELS_EACH \
+    100.0                    /* training pixels, as the run begins, for each point, the survey's with them, */
+#define STEREO_FRACTION 0.5  /* up to this fraction of the Gaussians that may be added */
+#define STEREO_DETAIL 0.14   /* levels: standard deviation of a patch that shows something */
+#define STEREO_AGREES 0.7    /* correlation of patches that show one place */
+#define STEREO_ALONE 0.1f    /* by which a correlation counts less that no second neighbour confirms */
+#define STEREO_TOLERANCE 0.4 /* px of the finest level: between two maps that agree */
+#define STEREO_HOPE 0.3      /* correlation of a plane that is worth a change */
+#define STEREO_STEP 0.5      /* px of a level: the change of disparity that is tried */
+#define STEREO_PLAIN 60.0    /* levels: norm of a patch where points are as dense as asked for; they are */
+#define STEREO_DENSEST 0.5   /* closer by this factor where there is more detail, at most, */
+#define STEREO_SPARSEST 8.0  /* and farther apart where there is less */
+#define STEREO_COARSER 1.1   /* by which places grow until there are few enough */
+#define STEREO_MARGIN 0.15   /* of an inverse depth: beyond the range of the points */
+#define STEREO_DISPARITY 0.6 /* of a side: the largest disparity where no depth is known */
+#define STEREO_ALONG 0.8     /* cosine between the axes of neighbours, at least */
+#define STEREO_ANGLE 0.15    /* rad: the best angle between neighbours, as seen from the scene, */
 #define STEREO_ANGLE_LEAST 0.02 /* the smallest, */
 #define STEREO_ANGLE_MOST 0.6   /* and the largest */
 
@@ -188,10 +190,13 @@ static int stereo_is_inside(const oxl_camera *c, const double pixel[2])
     return pixel[0] >= 0 && pixel[1] >= 0 && pixel[0] < c->width && pixel[1] < c->height;
 }
 
-/* Finds a view's inverse depths (low, median, high) from the survey's points; returns 0 with too few. */
-static int stereo_depths(const struct stereo *s, const oxl_camera *c, double w[3])
+/* Finds a view's inverse depths (low, middle, high) from the survey's points, or, with too few, from its range
+ * of depths; returns 0 without. */
+static int stereo_depths(const struct stereo *s, int view, double w[3])
 {
     enum { LEAST = 16 };
+    const oxl_camera *c = &oxl_scene_view(s->scene, view)->camera;
+    const double *range = scene_depth_range(s->scene, view);
     const oxl_point *point = oxl_scene_points(s->scene);
     const size_t count = oxl_scene_point_count(s->scene), step = count / STEREO_POINTS + 1;
     double z[STEREO_POINTS + 1];
@@ -200,24 +205,30 @@ static int stereo_depths(const struct stereo *s, const oxl_camera *c, double w[3
         double x[3], pixel[2];
         if (camera_project(c, point[i].position, NULL, x, pixel) && stereo_is_inside(c, pixel)) z[n++] = x[2];
     }
-    if (n < LEAST) return 0;
-    w[1] = 1 / stats_select(z, n, 0.5);
-    w[0] = (1 - STEREO_MARGIN) / stats_select(z, n, 0.995);
-    w[2] = (1 + STEREO_MARGIN) / stats_select(z, n, 0.005);
+    if (n < LEAST && !range) return 0;
+    w[0] = (1 - STEREO_MARGIN) / (n < LEAST ? range[1] : stats_select(z, n, 0.995));
+    w[2] = (1 + STEREO_MARGIN) / (n < LEAST ? range[0] : stats_select(z, n, 0.005));
+    w[1] = n < LEAST ? 0.5 * (w[0] + w[2]) : 1 / stats_select(z, n, 0.5);
     return 1;
+}
+
+static double stereo_baseline(const oxl_camera *a, const oxl_camera *b)
+{
+    double p[3], q[3];
+    camera_position(a, p);
+    camera_position(b, q);
+    return sqrt((p[0] - q[0]) * (p[0] - q[0]) + (p[1] - q[1]) * (p[1] - q[1]) +
+                (p[2] - q[2]) * (p[2] - q[2]));
 }
 
 /* Rates a view as a neighbour: larger is better, 0: none. w: inverse depth of the scene; 0: not known. */
 static double stereo_rate(const oxl_camera *a, const oxl_camera *b, double w)
 {
-    double p[3], q[3], square = 0, along = 0, angle, inside = 0;
-    camera_position(a, p);
-    camera_position(b, q);
-    for (int k = 0; k < 3; k++) square += (p[k] - q[k]) * (p[k] - q[k]);
+    const double baseline = stereo_baseline(a, b), angle = w * baseline;
+    double along = 0, inside = 0;
     for (int k = 0; k < 3; k++) along += a->rotation[6 + k] * b->rotation[6 + k];
-    if (!(square > 0) || along < STEREO_ALONG) return 0;
-    if (!(w > 0)) return 1 / square;
-    angle = w * sqrt(square);
+    if (!(baseline > 0) || along < STEREO_ALONG) return 0;
+    if (!(w > 0)) return 1 / baseline;
     if (angle < STEREO_ANGLE_LEAST || angle > STEREO_ANGLE_MOST) return 0;
     for (int k = 0; k < 5; k++) { /* the middle, and four places around it */
         const double at[2] = {a->width * (0.5 + 0.3 * ((k & 1) - (k >> 1 & 1))),
@@ -354,7 +365,7 @@ static int stereo_take_patch(const struct stereo *s, int level, double x, double
     return patch->norm > (float)(STEREO_DETAIL * sqrt(STEREO_SAMPLES));
 }
 
-/* Returns the correlation with what neighbour k shows of a patch on a plane; -1: it does not show all of it.
+/* Returns the correlation with what neighbour k shows of a patch on a plane; -2: it does not show all of it.
  * *moves: px of the level by which a change of the inverse depth moves it. */
 static float stereo_correlate(const struct stereo *s, int level, int k, const double at[2],
                               const struct stereo_patch *patch, const struct stereo_cell *plane,
@@ -374,7 +385,7 @@ static float stereo_correlate(const struct stereo *s, int level, int k, const do
         px[i] = pair->a[3 * i] * f / c->fx + plane->dx * (1 << level) * pair->b[i];
         py[i] = pair->a[3 * i + 1] * f / c->fy + plane->dy * (1 << level) * pair->b[i];
     }
-    if (!(p[2] > 0)) return -1;
+    if (!(p[2] > 0)) return -2;
     u = p[0] / p[2], v = p[1] / p[2];
     *moves = scale *
              sqrt((pair->b[0] - u * pair->b[2]) * (pair->b[0] - u * pair->b[2]) +
@@ -385,19 +396,20 @@ static float stereo_correlate(const struct stereo *s, int level, int k, const do
     job.uy = (float)(scale * (py[0] - u * py[2]) / p[2]);
     job.vx = (float)(scale * (px[1] - v * px[2]) / p[2]),
     job.vy = (float)(scale * (py[1] - v * py[2]) / p[2]);
-    if (!stereo_fits(&job)) return -1;
+    if (!stereo_fits(&job)) return -2;
     stereo_sample(s->ctx->isa, &job);
     variance = sums[1] - sums[0] * sums[0] / STEREO_SAMPLES;
-    if (!(variance > STEREO_DETAIL * STEREO_DETAIL * STEREO_SAMPLES)) return -1;
+    if (!(variance > STEREO_DETAIL * STEREO_DETAIL * STEREO_SAMPLES)) return isnan(variance) ? -2 : 0;
     return sums[2] / (patch->norm * (float)sqrt(variance));
 }
 
-/* Returns the mean of the two best correlations; below `least` it may be less. *moves: the largest. */
+/* Returns the mean of the two best correlations, or, where one neighbour shows the patch, a little less than it;
+ * -1: none does. Below `least` it may be less. *moves: the largest. */
 static float stereo_score(const struct stereo *s, int level, const double at[2],
                           const struct stereo_patch *patch, const struct stereo_cell *plane, float least,
                           double *moves)
 {
-    float best = -1, second = -1;
+    float best = -2, second = -2;
     *moves = 0;
     if (!(plane->w >= s->low && plane->w <= s->high)) return -1;
     for (int k = 0; k < s->pairs; k++) {
@@ -406,9 +418,9 @@ static float stereo_score(const struct stereo *s, int level, const double at[2],
         *moves = OXL_MAX(*moves, by);
         if (c > best) OXL_SWAP(float, c, best);
         second = OXL_MAX(second, c);
-        if (s->pairs > 1 && k == s->pairs - 2 && best + 1 < 2 * least) break;
+        if (k == s->pairs - 2 && second > -2 && best + 1 < 2 * least) break;
     }
-    return s->pairs > 1 ? 0.5f * (best + second) : best;
+    return second > -2 ? 0.5f * (best + second) : OXL_MAX(best - STEREO_ALONE, -1);
 }
 
 /* ---------------- passes over the cells */
@@ -420,7 +432,7 @@ static void stereo_centre(const struct stereo_grid *g, int i, int level, double 
     at[0] = (i % g->across + 0.5) * side, at[1] = (i / g->across + 0.5) * side;
 }
 
-/* Sweeps inverse depths over a cell. */
+/* Sweeps inverse depths over a cell, if its row and column are even: others take the planes of these. */
 static void stereo_sweep(const struct stereo *s, struct stereo_grid *g, int i, int planes)
 {
     const int level = STEREO_LEVELS - 1;
@@ -429,7 +441,7 @@ static void stereo_sweep(const struct stereo *s, struct stereo_grid *g, int i, i
     struct stereo_cell *best = &g->cell[i];
     *best = (struct stereo_cell){.score = -1};
     stereo_centre(g, i, level, at);
-    if (!stereo_take_patch(s, level, at[0], at[1], &patch)) return;
+    if (i % g->across % 2 || i / g->across % 2 || !stereo_take_patch(s, level, at[0], at[1], &patch)) return;
     for (int k = 0; k < planes; k++) {
         struct stereo_cell tried = {.w = (float)(s->low + (s->high - s->low) * (k + 0.5) / planes)};
         tried.score = stereo_score(s, level, at, &patch, &tried, best->score, &moves);
@@ -550,19 +562,16 @@ static oxl_result stereo_of_view(struct stereo *s, int view)
     struct stereo_map *map = &s->map[view];
     struct stereo_grid grid = {0};
     double w[3] = {0}, baseline = 0;
-    const int known = stereo_depths(s, c, w);
+    const int known = stereo_depths(s, view, w);
     oxl_result rc = stereo_image(s, view, &s->of);
     stereo_find_neighbours(s, view, w[1], map);
     s->pairs = 0;
     for (int k = 0; k < map->neighbours && rc == OXL_OK && s->of; k++) {
         const oxl_camera *to = &oxl_scene_view(s->scene, map->neighbour[k])->camera;
-        double p[3], q[3];
         rc = stereo_image(s, map->neighbour[k], &s->to[s->pairs]);
         if (rc != OXL_OK || !s->to[s->pairs]) continue;
         stereo_pair_cameras(c, to, &s->pair[s->pairs++]);
-        camera_position(c, p), camera_position(to, q);
-        baseline += sqrt((p[0] - q[0]) * (p[0] - q[0]) + (p[1] - q[1]) * (p[1] - q[1]) +
-                         (p[2] - q[2]) * (p[2] - q[2]));
+        baseline += stereo_baseline(c, to);
     }
     if (rc != OXL_OK || !s->of || s->pairs == 0 ||
         s->of->level[STEREO_LEVELS - 1].height < 2 * STEREO_REACH + 2 ||
@@ -750,15 +759,17 @@ static oxl_result stereo_first_points(struct train *t, oxl_point **out, size_t *
 {
     const size_t points = oxl_scene_point_count(t->scene), cap = schedule_gaussian_cap(t->scene, t->options),
                  room = cap > points ? (size_t)(STEREO_FRACTION * (double)(cap - points)) : 0,
-                 wanted = (size_t)(schedule_first_pixels(t->scene, t->options) / STEREO_PIXELS_EACH),
-                 most = t->options->stereo && !scene_is_composited(t->scene) ? OXL_MIN(room, wanted) : 0;
+                 all = (size_t)(schedule_first_pixels(t->scene, t->options) / STEREO_PIXELS_EACH),
+                 wanted = all > points ? OXL_MIN(room, all - points) : 0,
+                 most = t->options->stereo && !scene_is_composited(t->scene) ? wanted : 0;
     const oxl_result rc = stereo_points(t->ctx, t->scene, most, out, count);
     if (rc == OXL_OK && most > 0)
         oxl_log(t->ctx, OXL_LOG_DEBUG, "stereo adds %zu points to the %zu of the survey", *count, points);
     return rc;
 }
 
-/* Bounds the memory of the maps from above, and of the points before they are thinned. */
+/* Bounds the memory of the maps from above. The points before they are thinned, STEREO_HELD for each that is
+ * wanted, take less than the Gaussians that training makes of these. */
 static double stereo_bytes(const oxl_train_options *options, double observations, int views)
 {
     const double cells = (double)STEREO_SIDE * STEREO_SIDE / (STEREO_CELL * STEREO_CELL);

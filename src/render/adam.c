@@ -6,10 +6,6 @@
  *     p <- p - rate / (1 - b1^n) m / (sqrt(v / (1 - b2^n)) + 1e-15).
  * The job's `rate` is divided by 1 - b1^n already, `inverse_correction` is 1 / sqrt(1 - b2^n).
  *
- * The rate of a position is in units of the row's own size, the standard deviation along the middle one of
- * its axes. Kerbl's unit is the radius of all cameras, which is wrong where a survey has two sites, a camera
- * far away, or cameras in one place; a Gaussian's size follows what its views can tell (docs/METHOD.md).
- *
  * Invisible rows have no gradient and are not updated, as in Taming 3DGS (Mallick et al. 2024); classical
  * Adam would move them by their momentum. This saves memory traffic; METHOD.md lists it as a deviation.
  *
@@ -28,8 +24,8 @@ struct adam_rows { /* a pack of one plane; without restrict the loop is not vect
 
 /* (MATH 17). The square is clamped against float overflow: a gradient of 1e20 gives a step of `rate`, not a
  * NaN. */
-SIMD_INLINE void adam_pack(const int fused, const struct adam_job *job, unsigned seen,
-                           const real *restrict rate, const struct adam_rows rows)
+SIMD_INLINE void adam_pack(const int fused, const struct adam_job *job, unsigned seen, real rate,
+                           const struct adam_rows rows)
 {
     real *restrict parameter = rows.parameter, *restrict mean = rows.mean, *restrict square = rows.square;
     const real *restrict gradient = rows.gradient;
@@ -40,7 +36,7 @@ SIMD_INLINE void adam_pack(const int fused, const struct adam_job *job, unsigned
         const real m = muladd(fused, job->beta1, mean[l], (1 - job->beta1) * limited);
         const real v = muladd(fused, job->beta2, square[l], (1 - job->beta2) * limited * limited);
         const real p =
-            parameter[l] - rate[l] * (m / muladd(fused, real_sqrt(v), job->inverse_correction, ADAM_EPSILON));
+            parameter[l] - rate * (m / muladd(fused, real_sqrt(v), job->inverse_correction, ADAM_EPSILON));
         mean[l] = on ? m : mean[l];
         square[l] = on ? v : square[l];
         parameter[l] = on ? p : parameter[l];
@@ -62,26 +58,6 @@ SIMD_INLINE unsigned adam_finite(const struct adam_job *job, int planes, size_t 
     return finite;
 }
 
-/* Makes the rates of a plane's rows. */
-SIMD_INLINE void adam_rates(const struct adam_job *job, int plane, const real *size, real *rate)
-{
-#pragma omp simd
-    for (int l = 0; l < PACK; l++)
-        rate[l] = plane < OXL_LOG_SCALE ? job->rate[plane] * size[l] : job->rate[plane];
-}
-
-/* Makes the standard deviations along the middle axes. */
-SIMD_INLINE void adam_sizes(const int fused, const struct adam_job *job, size_t at, real *size)
-{
-    const real *a = job->parameter[OXL_LOG_SCALE] + at, *b = job->parameter[OXL_LOG_SCALE + 1] + at,
-               *c = job->parameter[OXL_LOG_SCALE + 2] + at;
-#pragma omp simd
-    for (int l = 0; l < PACK; l++) {
-        const real least = OXL_MIN(a[l], b[l]), most = OXL_MAX(a[l], b[l]);
-        size[l] = real_exp(fused, OXL_MAX(least, OXL_MIN(most, c[l])));
-    }
-}
-
 /* At degree 3 a pack has 236 cache lines, each in its own page: more streams than the hardware prefetcher
  * tracks. */
 SIMD_INLINE void adam_prefetch(const struct adam_job *job, int planes, size_t at)
@@ -99,19 +75,15 @@ SIMD_BODY void adam_step_body(const int fused, const struct adam_job *job)
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++) {
         const size_t at = pack * PACK;
         const int planes = job->planes + (pack < job->lobe_packs ? job->lobe_planes : 0);
-        real size[PACK], rate[PACK];
         unsigned seen = job->visible[pack];
         if (!seen) continue;
         if (pack + 1 < job->end_pack && job->visible[pack + 1]) adam_prefetch(job, job->planes, at + PACK);
         seen &= adam_finite(job, planes, at);
         job->visible[pack] = (uint16_t)seen;
-        adam_sizes(fused, job, at, size);
-        for (int k = 0; k < planes; k++) {
-            adam_rates(job, k, size, rate);
-            adam_pack(fused, job, seen, rate,
+        for (int k = 0; k < planes; k++)
+            adam_pack(fused, job, seen, job->rate[k],
                       (struct adam_rows){job->parameter[k] + at, job->mean[k] + at, job->square[k] + at,
                                          job->gradient[k] + (at - job->gradient_row)});
-        }
     }
 }
 

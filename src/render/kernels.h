@@ -257,7 +257,7 @@ struct adam_job {
     real *parameter[OXL_PLANES], *mean[OXL_PLANES], *square[OXL_PLANES]; /* the planes of a trained_model */
     const real *gradient[OXL_PLANES];
     size_t gradient_row;     /* of the model that is the first of `gradient` */
-    real rate[OXL_PLANES];   /* including the bias correction of the first moment; of positions: see adam.c */
+    real rate[OXL_PLANES];   /* including the bias correction of the first moment */
     real beta1, beta2;       /* decay of the two moments per step */
     real inverse_correction; /* 1 / sqrt(1 - beta2^t) */
 };

@@ -1,7 +1,9 @@
 /* scene_make.c - makes a scene from arrays, and derives extent, depths and statistics of every scene from its
  * views and points.
  *
- * The extent is that of 3DGS (Kerbl 2023, reference code), made robust against an outlier camera.
+ * Steps and sizes are relative to the extent. It is in depths of the points that the views see: the radius of
+ * the cameras, as in 3DGS, says nothing of these where a survey has two sites, a camera far away, or cameras
+ * in one place. Only without points it is that radius, made robust against an outlier camera.
  */
 #include "sparse.h"
 #include "image.h"
@@ -10,9 +12,8 @@
 #include "scene.h"
 #include "survey.h"
 
-#define SCENE_EXTENT 1.1 /* Sets the extent, in radii of the training cameras [Kerbl 2023]. */
-/* Bounds the radius from below, in median depths; a smaller one counts as one position. */
-#define SCENE_EXTENT_MIN 1e-3
+#define SCENE_EXTENT 1.3        /* Sets the extent, in median depths (docs/log/TRAINING.md), or, */
+#define SCENE_EXTENT_RADIUS 1.1 /* without points, in radii of the training cameras [Kerbl 2023]. */
 
 /* ---------------- memory */
 
@@ -82,9 +83,8 @@ OXL_INTERNAL oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene)
     if (rc == OXL_OK && scene->point_count)
         rc = stats_bounds(ctx, scene->point->position, scene->point_count, sizeof *scene->point,
                           scene->stats.bounds_min, middle, scene->stats.bounds_max);
-    scene->extent = SCENE_EXTENT * radius;
-    if (!(scene->extent > SCENE_EXTENT_MIN * scene_depth_quantile(scene, 0.5)))
-        scene->extent = scene_depth_quantile(scene, 0.5);
+    scene->extent =
+        scene->depth_count ? SCENE_EXTENT * scene_depth_quantile(scene, 0.5) : SCENE_EXTENT_RADIUS * radius;
     if (!(scene->extent > 0)) scene->extent = 1;
     scene_fill_stats(scene);
 done:

@@ -57,23 +57,15 @@ struct Pull { /* dL/d(parameter), through the Gaussian on the image plane */
 };
 
 #if STEP
-/* Positions move in units of the standard deviation along the middle axis, as in adam.c. */
-float rate_of(uint plane, uint i)
-{
-    if (plane >= LOG_SCALE) return rates[plane];
-    float a = at(LOG_SCALE, i), b = at(LOG_SCALE + 1u, i), c = at(LOG_SCALE + 2u, i);
-    return rates[plane] * own_exp(max(min(a, b), min(max(a, b), c)));
-}
-
 void give(uint plane, uint i, float value)
 {
-    uint  index   = plane * push.stride + i;
+    uint  at      = plane * push.stride + i;
     float g       = clamp(value, -1e18, 1e18);
-    float m       = fma(push.beta1, mean[index], (1.0 - push.beta1) * g);
-    float v       = fma(push.beta2, square[index], (1.0 - push.beta2) * g * g);
-    mean[index]      = m;
-    square[index]    = v;
-    parameter[index] = parameter[index] - rate_of(plane, i) * (m / fma(sqrt(v), push.inverse_correction, 1e-15));
+    float m       = fma(push.beta1, mean[at], (1.0 - push.beta1) * g);
+    float v       = fma(push.beta2, square[at], (1.0 - push.beta2) * g * g);
+    mean[at]      = m;
+    square[at]    = v;
+    parameter[at] = parameter[at] - rates[plane] * (m / fma(sqrt(v), push.inverse_correction, 1e-15));
 }
 #else
 void give(uint plane, uint i, float value) { gradient[plane * push.stride + i] = value; }
