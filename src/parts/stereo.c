@@ -190,8 +190,8 @@ static int stereo_is_inside(const oxl_camera *c, const double pixel[2])
     return pixel[0] >= 0 && pixel[1] >= 0 && pixel[0] < c->width && pixel[1] < c->height;
 }
 
-/* Finds a view's inverse depths (low, middle, high) from the survey's points, or, with too few, from its range
- * of depths; returns 0 without. */
+/* Finds a view's inverse depths (low, middle, high) from the survey's points, or, with too few, from its
+ * range of depths; returns 0 without. */
 static int stereo_depths(const struct stereo *s, int view, double w[3])
 {
     enum { LEAST = 16 };
@@ -403,8 +403,8 @@ static float stereo_correlate(const struct stereo *s, int level, int k, const do
     return sums[2] / (patch->norm * (float)sqrt(variance));
 }
 
-/* Returns the mean of the two best correlations, or, where one neighbour shows the patch, a little less than it;
- * -1: none does. Below `least` it may be less. *moves: the largest. */
+/* Returns the mean of the two best correlations, or, where one neighbour shows the patch, a little less than
+ * it; -1: none does. Below `least` it may be less. *moves: the largest. */
 static float stereo_score(const struct stereo *s, int level, const double at[2],
                           const struct stereo_patch *patch, const struct stereo_cell *plane, float least,
                           double *moves)
