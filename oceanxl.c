@@ -119,7 +119,6 @@
 #include "src/train/parts.c"           /* calls the hooks of all parts */
 #include "src/train/forecast.c"        /* how many Gaussians and how much time a run will take */
 #include "src/train/step.c"            /* one step: forward, loss, backward, Adam; density control */
-#include "src/train/branch.c"          /* copies of the training state */
 #include "src/train/model_selection.c" /* validation views and trials */
 #include "src/train/train_imaging.c"   /* light and water of a run, before and after its steps */
 #include "src/train/trained.c"         /* trains a scene and returns all that comes of it */

@@ -565,7 +565,6 @@ typedef struct oxl_progress {
     /* current state; on a device, the last download, rows as they are now; valid during the call */
     const oxl_model *model;
     oxl_nonfinite nonfinite; /* so far */
-    int trial;               /* 1: a step of a model selection trial, which may be discarded */
 } oxl_progress;
 
 /* Called after every iteration. A nonzero result stops the run; it returns OXL_ERR_INTERRUPTED and a usable

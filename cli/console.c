@@ -151,24 +151,23 @@ static void print_progress(struct console *c, const oxl_progress *p)
     static const char *const stages[] = {"block", "coarse", "merged"}; /* enum oxl_stage */
     const double rate =
         (p->iteration - c->iteration) / (p->seconds > c->seconds ? p->seconds - c->seconds : 1e-9);
-    /* Leaves the rate as it is where the iteration fell: a trial starts at an earlier step. */
     if (rate > 0) c->rate = c->rate > 0 ? 0.7 * c->rate + 0.3 * rate : rate;
     c->iteration = p->iteration;
     c->seconds = p->seconds;
     if (c->json) {
         fprintf(
             stderr,
-            "{\"event\": \"progress\", \"stage\": \"%s\", \"block\": %d, \"blocks\": %d, \"trial\": %s, \"iteration\": %d, \"iterations\": %d, "
+            "{\"event\": \"progress\", \"stage\": \"%s\", \"block\": %d, \"blocks\": %d, \"iteration\": %d, \"iterations\": %d, "
             "\"loss\": %.6g, \"psnr\": %.4g, \"gaussians\": %zu, \"seconds\": %.1f, \"seconds_left\": %.1f, \"memory\": %.0f}\n",
-            stages[p->stage], p->block, p->blocks, p->trial ? "true" : "false", p->iteration, p->iterations,
-            p->loss, p->psnr, p->gaussians, p->seconds, p->seconds_left, (double)p->memory);
+            stages[p->stage], p->block, p->blocks, p->iteration, p->iterations, p->loss, p->psnr,
+            p->gaussians, p->seconds, p->seconds_left, (double)p->memory);
         fflush(stderr);
         return;
     }
     console_clear(c);
     if (p->stage != OXL_STAGE_BLOCK) fprintf(stderr, "%s model ", stages[p->stage]);
     else if (p->blocks > 1) fprintf(stderr, "block %d/%d ", p->block, p->blocks);
-    fprintf(stderr, "%s%6d/%d", p->trial ? "trial " : "", p->iteration, p->iterations);
+    fprintf(stderr, "%6d/%d", p->iteration, p->iterations);
     if (p->loss > 0) /* else no step has told it: a stage begins, or a device has the first step still */
         fprintf(stderr, "  loss %.4f  PSNR %.2f dB", p->loss, p->psnr);
     fprintf(stderr, "  %zu Gaussians", p->gaussians);

@@ -1039,7 +1039,7 @@ TEST(job_with_more_iterations_continues_a_finished_run_to_the_same_bytes_in_any_
     watch = (struct job_test_watch){0, -1};
     options.restart = 1;
     CHECK_OK(job_test_watched("whole", &options, &watch));
-    CHECK(watch.calls >= 22); /* from the points; with a trial */
+    CHECK(watch.calls >= 22); /* from the points */
 }
 
 TEST(job_in_blocks_is_not_continued)

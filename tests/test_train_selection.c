@@ -1,4 +1,4 @@
-/* test_train_selection.c - decisions within a run: depth weights, and the views of exposure's trial. */
+/* test_train_selection.c - decisions within a run: depth weights. */
 #include "test.h"
 
 /* A run stopped at each of these steps and resumed ends in the bytes of an uninterrupted one. Its decisions
@@ -30,19 +30,4 @@ TEST(selection_corrects_depth_weights_within_the_run_and_a_stopped_run_ends_in_t
     CHECK(strstr(c.decisions.data, ", corrected by 2 pairs of costs\"") != NULL);
     CHECK(!strstr(c.decisions.data, "f_mid 1.50") || !strstr(c.decisions.data, "f_far 2.00"));
     checkpoint_case_free(&c);
-}
-
-/* The test view is in neither half. */
-TEST(selection_holds_every_second_view_of_a_half)
-{
-    oxl_train_options o = train_options(100);
-    OWNED_SCENE *scene = train_scene(14);
-    struct train t = {.ctx = test_ctx, .survey = scene, .scene = scene, .options = &o};
-    CHECK_OK(selection_begin(&t));
-    selection_hold(&t, 1);
-    CHECK(t.views == 7 && t.validation_views == 6);
-    CHECK(t.view[0] == 0 && t.view[1] == 2 && t.validation[0] == 1 && t.validation[1] == 4);
-    selection_hold(&t, 0); /* of those that are left */
-    CHECK(t.views == 3 && t.validation_views == 4 && t.validation[0] == 0 && t.view[0] == 2);
-    train_end(&t);
 }

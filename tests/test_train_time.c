@@ -84,24 +84,9 @@ TEST(cost_of_time_follows_the_steps_up_to_the_time_limit)
     CHECK(many == 1e-9);
 }
 
-/* Between the steps of two trials views are validated, which takes far longer than a step. */
-TEST(time_left_does_not_count_what_lies_between_trials_as_a_step)
-{
-    const oxl_train_options o = train_options(1000);
-    OWNED_SCENE *scene = train_scene(5);
-    struct train t = {.ctx = test_ctx, .scene = scene, .options = &o, .trained.model.count = 100};
-    for (int step = 0; step < 6; step++) {
-        const double before = t.forecast.seconds;
-        t.is_trial = step == 2 || step == 3;
-        if (t.forecast.at > 0) t.forecast.at = os_seconds() - 1;
-        forecast_note_step(&t);
-        CHECK((t.forecast.seconds > 0.9 * before + 0.9) == (step == 1 || step == 2 || step == 5));
-    }
-}
-
 struct time_left {
     double first, last;
-    int calls, trials;
+    int calls;
 };
 
 static int time_left_note(void *user, const oxl_progress *p)
@@ -110,7 +95,6 @@ static int time_left_note(void *user, const oxl_progress *p)
     if (p->iteration == p->iterations / 5) l->first = p->seconds_left;
     l->last = p->seconds_left;
     l->calls++;
-    l->trials += p->trial;
     return 0;
 }
 

@@ -2621,20 +2621,6 @@ DEVICE_TEST(vulkan_run_of_a_lost_device_continues_from_an_intact_checkpoint)
     vulkan_same_model(&straight.model, &t.model);
 }
 
-/* A device is lost in a trial: the error says so. */
-DEVICE_TEST(vulkan_trial_of_a_lost_device_says_that_it_is_lost)
-{
-    oxl_train_options options;
-    struct train t;
-    vulkan_begin_train(&t, &options, vulkan_survey(device, 0));
-    options.exposure = OXL_ON;
-    vulkan_train_steps(&t, 2);
-    t.trial = 1;
-    VULKAN_FAIL(QueueSubmit, 8, -1, VK_ERROR_DEVICE_LOST);
-    REFUSED(selection_trial(&t), OXL_ERR_FAILED, "the device is lost");
-    vulkan_end_train(&t);
-}
-
 /* A job in its own folder, on a device that allocates so often: what run.json says of it. */
 static void vulkan_check_run_json_of(const char *folder, int allocations, const char *rendered)
 {

@@ -216,8 +216,8 @@ static int block_progress(void *user, const oxl_progress *progress)
     const int every = OXL_MAX(1, p.iterations / BLOCK_LOG_ROWS);
     /* Marks steps whose row a resumed log.csv has already. */
     const int again = (b->last.iteration == 0 && p.iteration > 1) || p.iteration <= b->last.iteration;
-    /* Keeps trials, which are taken back, and steps of the model for viewers out of the log. */
-    if (p.trial || p.iteration > b->task->train.iterations) return context_report(b->task->callback, &p);
+    /* Keeps steps of the model for viewers out of the log. */
+    if (p.iteration > b->task->train.iterations) return context_report(b->task->callback, &p);
     if (!again && (p.iteration / every > b->last.iteration / every || p.iteration == p.iterations))
         block_log_row(b, &p);
     if (p.seconds - b->log_written > BLOCK_LOG_SECONDS) {

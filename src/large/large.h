@@ -124,11 +124,11 @@ OXL_INTERNAL oxl_result cost_seconds(oxl_context *ctx, const oxl_scene *scene, c
 
 /* ---------------- budget.c: --ram */
 
-/* Sets image cache, trials, SH degree and the limit of Gaussians so that the load fits options->ram and
+/* Sets image cache, SH degree and the limit of Gaussians so that the load fits options->ram and
  * options->device_ram (0: no limit); returns 0 if it cannot. */
 OXL_INTERNAL int budget_fit(const struct cost_load *load, oxl_job_options *o);
 OXL_INTERNAL size_t budget_cache(const oxl_job_options *o); /* bytes of decoded images */
-/* Returns the most Gaussians of a run without trials that fit both limits. */
+/* Returns the most Gaussians of a run that fit both limits. */
 OXL_INTERNAL double budget_max_gaussians(const struct cost_load *load, const oxl_job_options *o);
 /* Fits, as budget_fit, a model that may have fewer Gaussians than the survey has points. */
 OXL_INTERNAL int budget_limit_gaussians(const struct cost_load *load, oxl_job_options *o);

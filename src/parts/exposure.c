@@ -10,14 +10,11 @@
  * They start from the fit to the tracks (survey/photometry.c) and do not change for EXPOSURE_HOLD of the run,
  * while Gaussians are coarse.
  *
- * auto: a model without gains shows a place with the mean gain of the views that see it; a held-out view has
- * about the gain of its neighbours. Gains are of use if the neighbours leave less of the tracks' gains than
- * those views do: the root of the difference of squares is compared with the tracks' noise. From
- * EXPOSURE_PLAUSIBLE times on, a trial before the first step decides: half of the training views is trained
- * with gains and without, and predicts the other half; then the other way round, unless EXPOSURE_SURE is
- * reached. Without a trial (exposure_may_try) they are on from EXPOSURE_CLEAR times on. Where
- * gains are refused, lamp and medium have the values of a fit without them, if it shows the same parts
- * (train_imaging.c).
+ * auto: a model without gains shows a place with the mean gain of the views that see it; a held-out view, and
+ * a viewer, have about the gain that neighbours tell. So gains are on where neighbours explain more of the
+ * tracks' gains than EXPOSURE_CLEAR times the tracks' noise, and EXPOSURE_TOLD times what they leave: the
+ * root of the difference of squares is compared with both. Where gains are refused, lamp and medium have the
+ * values of a fit without them, if it shows the same parts (train_imaging.c).
  *
  * Rendering on a device, a step's gains do not depend on the gradient of the step before: that is read while
  * the device works on the step
@@ -38,21 +35,12 @@
 #define EXPOSURE_EPSILON 1e-12 /* against division by 0 */
 #define EXPOSURE_SMOOTH 0.1    /* of the prior: gradient for a log unit off the neighbours' line */
 #define EXPOSURE_HOLD 0.1      /* of the run: the tracks' gains are kept */
-/* what neighbours explain over the noise: of whole surveys gains are worth -0.5 to 0.25 dB at 0.8 to 1.1, 0.3
- * to 0.8 at 1.7 to 2.6, but -0.1 at 3.1 in brighton_beach, 3.8 images of a point; pieces of 20 images
- * scatter more (docs/log/IMAGING.md) */
+/* what neighbours explain over the noise: gains are worth -0.5 to 0.25 dB at 0.8 to 1.1, 0.3 to 0.8 at 1.7 to
+ * 2.6 (docs/log/IMAGING.md) */
 #define EXPOSURE_CLEAR 1.5
-/* the same in front of a trial: surveys below it gained 0.25 dB at most */
-#define EXPOSURE_PLAUSIBLE 1.0
-/* dB: trials of surveys that gain nothing have at most 0.26, those of others 0.36 or more; exceptions are in
- * docs/log/IMAGING.md */
-#define EXPOSURE_MIN_GAIN 0.3
-#define EXPOSURE_SURE 0.8 /* dB: a half of the views that gains so much is enough */
-enum {
-    EXPOSURE_VIEWS = 8,    /* training views: with fewer there is no trial */
-    EXPOSURE_TRIED = 1000, /* iterations: in shorter runs the trial takes too large a part */
-    EXPOSURE_STEPS = 200   /* of each of the four runs of a trial; with 100 the right ones do not stand out */
-};
+/* and over what they leave: 2.9 to 3.3 where gains are worth something, 1.6 in brighton_beach, where they
+ * cost 0.6 dB in a viewer */
+#define EXPOSURE_TOLD 2.0
 
 static oxl_result exposure_begin(struct train *t, void *state)
 {
@@ -134,7 +122,6 @@ OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct phot
                                            size_t size)
 {
     const int fits = (p->parts & PHOTOMETRY_GAINS) != 0;
-    const double least = e->is_tried ? EXPOSURE_PLAUSIBLE : EXPOSURE_CLEAR;
     double left = 0, explained = 0, noise = 0;
     snprintf(why, size, p->points ? "images do not differ" : "too few points are seen in several images");
     if (fits) {
@@ -148,12 +135,12 @@ OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct phot
         snprintf(
             why, size,
             "images differ by %.1f %%; rms of the gain against other images of the same points, %zu points in %zu observations; "
-            "neighbouring images explain %.1f %% of it and leave %.1f %%; %s from %.2g times the noise of %.1f %%",
-            100 * p->unexplained, p->points, p->observations, 100 * explained, 100 * left,
-            e->is_tried ? "tried" : "on", least, 100 * noise);
+            "neighbouring images explain %.1f %% of it and leave %.1f %%; on from %.2g times the noise of %.1f %% and %.2g times what is left",
+            100 * p->unexplained, p->points, p->observations, 100 * explained, 100 * left, EXPOSURE_CLEAR,
+            100 * noise, EXPOSURE_TOLD);
     }
-    e->clear = explained / OXL_MAX(noise, DBL_MIN);
-    if (e->mode == OXL_AUTO) e->of.on = fits && explained >= least * noise;
+    if (e->mode == OXL_AUTO)
+        e->of.on = fits && explained >= OXL_MAX(EXPOSURE_CLEAR * noise, EXPOSURE_TOLD * left);
     if (!e->of.on) imaging_clear(&e->of);
 }
 
@@ -194,89 +181,14 @@ static int exposure_tracks(const struct train *t, const void *state)
     return t->options->exposure != OXL_OFF && (!e->is_decided || e->of.on) ? PHOTOMETRY_GAINS : 0;
 }
 
-/* Returns 1 if the run has time and views for a trial. A given model has seen all views; with degree 0 the
- * copy of the first Gaussians may take more memory than the run does later. */
-static int exposure_may_try(const struct train *t)
-{
-    const oxl_train_options *o = t->options;
-    const int views = schedule_training_views(t->scene);
-    return o->iterations >= EXPOSURE_TRIED && o->max_seconds == 0 && o->sh_degree != 0 && !t->task.window &&
-           !t->task.from && views >= EXPOSURE_VIEWS && views <= PHOTOMETRY_VIEWS;
-}
-
 static void exposure_use_tracks(struct train *t, void *state, const struct photometry *p)
 {
     struct exposure *e = state;
     char why[400];
     if (t->options->exposure == OXL_OFF || e->is_decided) return;
-    e->is_tried = e->mode == OXL_AUTO && exposure_may_try(t);
     exposure_set_from_tracks(e, p, why, sizeof why);
-    t->trial = e->is_tried && e->of.on;
     selection_record_auto(t, "exposure", t->options->exposure, e->of.on, why);
-    e->is_decided = !t->trial && (p->parts & PHOTOMETRY_GAINS);
-}
-
-OXL_INTERNAL int exposure_is_worth(double off, double on)
-{
-    return on >= off + EXPOSURE_MIN_GAIN;
-}
-
-/* Trains on half of the training views, with gains or without, and evaluates the other half. */
-static oxl_result exposure_train_half(struct train *t, struct exposure *e, struct train_branch *start,
-                                      int half, int on, double *psnr)
-{
-    const oxl_nonfinite unread = t->nonfinite;
-    oxl_result rc = branch_load(t, start);
-    const struct oxl_imaging m = step_imaging(t);
-    if (rc != OXL_OK) return rc;
-    medium_bake(t->scene, &m, 1, &t->trained.model);
-    e->of.on = on;
-    selection_hold(t, half);
-    for (int k = 0; k < t->validation_views; k++) e->of.known[t->validation[k]] = 0;
-    rc = selection_train_trial(t, EXPOSURE_STEPS, psnr);
-    t->nonfinite = unread; /* what cannot be read is counted by the run */
-    return rc;
-}
-
-/* Decides whether gains help to predict images: one half of the training views by the other, or each, from
- * the first Gaussians, on images at half the sides. */
-static oxl_result exposure_trial(struct train *t, void *state, struct train_branch *start)
-{
-    struct exposure *e = state;
-    const oxl_train_options *run = t->options;
-    const oxl_train_options draft = oxl_train_options_default(OXL_PRESET_DRAFT);
-    oxl_train_options brief = *run;
-    double psnr[2] = {0}, off = 0, on = 0;
-    char why[400];
-    int halves = 0;
-    oxl_result rc = OXL_OK;
-    oxl_log(t->ctx, OXL_LOG_DEBUG, "exposure: a trial of at most %d steps at half size decides",
-            4 * EXPOSURE_STEPS);
-    /* It learns as a draft does, so that all presets and run lengths decide at about the same point; but with
-     * all contributions: without the smallest the right surveys do not stand out. */
-    brief.coarse = 1, brief.iterations = draft.iterations, brief.ssim_weight = draft.ssim_weight;
-    brief.short_run_exponent = draft.short_run_exponent, brief.alpha_min = 0;
-    t->options = &brief;
-    while (rc == OXL_OK && halves < 2 && !(on - off >= EXPOSURE_SURE)) {
-        rc = exposure_train_half(t, e, start, halves, 0, &psnr[0]);
-        if (rc == OXL_OK) rc = exposure_train_half(t, e, start, halves, 1, &psnr[1]);
-        halves++;
-        off += (psnr[0] - off) / halves, on += (psnr[1] - on) / halves;
-    }
-    if (rc == OXL_OK) rc = branch_load(t, start);
-    t->options = run, t->forecast = (struct forecast){0};
-    if (rc != OXL_OK) return rc;
-    if (!exposure_is_worth(off, on)) e->of.on = 0, imaging_clear(&e->of);
-    snprintf(
-        why, sizeof why,
-        "gains change the PSNR of unseen images by %+.1f dB; a trial of %d steps at half size predicts %d of %d training views "
-        "from the other half: %.2f dB with gains, %.2f without; on from %.2g dB more; neighbouring images explain %.1f times the noise",
-        on - off, EXPOSURE_STEPS, halves > 1 ? t->views : (t->views + 1) / 2, t->views, on, off,
-        EXPOSURE_MIN_GAIN, e->clear);
-    e->is_decided = 1;
-    rc = train_imaging_use_tracks(t); /* may be interrupted: then there is no decision yet */
-    if (rc == OXL_OK) selection_record_auto(t, "exposure", OXL_AUTO, e->of.on, why);
-    return rc;
+    e->is_decided = (p->parts & PHOTOMETRY_GAINS) != 0;
 }
 
 static void exposure_set_gain(struct train *t, void *state, struct train_deferred *step, int learns)
@@ -308,14 +220,13 @@ static void exposure_store(struct train *t, void *state, oxl_model *model)
 
 /* clang-format off */
 static const oxl_option exposure_options[] = {
-{"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit each image's brightness and white balance; auto: by trial on training views", NULL},
+{"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit each image's brightness and white balance; auto: where neighbouring images predict them", NULL},
 {0}};
 /* clang-format on */
 
 OXL_INTERNAL const struct part part_exposure = {.name = "exposure",
                                                 .size = sizeof(struct exposure),
                                                 .option = exposure_options,
-                                                .is_branched = 1,
                                                 .begin = exposure_begin,
                                                 .free = exposure_free,
                                                 .archive = exposure_archive,
@@ -323,5 +234,4 @@ OXL_INTERNAL const struct part part_exposure = {.name = "exposure",
                                                 .use_tracks = exposure_use_tracks,
                                                 .set_gain = exposure_set_gain,
                                                 .after_loss = exposure_after_loss,
-                                                .trial = exposure_trial,
                                                 .store = exposure_store};

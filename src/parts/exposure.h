@@ -18,13 +18,9 @@ struct exposure {
     /* mean that the log gains are given after each step: 0, or the mean of the continued run */
     double level[3];
     struct exposure_gradient pending; /* gradient of the last step, not yet applied */
-    int is_tried, is_decided; /* 1: a trial decides where the tracks do not refuse gains; this is decided */
-    double clear;             /* what neighbours explain of the tracks' gains, over the noise */
+    int is_decided;                   /* 1: the tracks have told whether gains are on */
 };
 OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct photometry *p, char *why,
                                            size_t size);
-
-/* Returns 1 if a trial that predicts views to so many dB without gains and with them keeps these. */
-OXL_INTERNAL int exposure_is_worth(double off, double on);
 
 #endif

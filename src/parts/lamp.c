@@ -152,7 +152,6 @@ static const oxl_option lamp_options[] = {
 OXL_INTERNAL const struct part part_lamp = {.name = "lamp",
                                             .size = sizeof(struct lamp_fit),
                                             .option = lamp_options,
-                                            .is_branched = 1,
                                             .begin = lamp_begin,
                                             .archive = lamp_archive,
                                             .tracks = lamp_tracks,

@@ -199,7 +199,6 @@ static const oxl_option poses_options[] = {
 OXL_INTERNAL const struct part part_poses = {.name = "poses",
                                              .size = sizeof(struct poses),
                                              .option = poses_options,
-                                             .is_branched = 1,
                                              .before_points = poses_before_points,
                                              .begin = poses_begin,
                                              .free = poses_free,

@@ -68,7 +68,6 @@ OXL_INTERNAL int prune_is_check_step(const struct prune *p, int step)
 {
     if (p->keep.kind == OXL_KEEP_ALL || step < p->start) return 0;
     if (step < p->end) return (step - p->start) % p->every == 0;
-    /* late, where a trial went past the end */
     return p->drops < (int)OXL_COUNT(prune_drops);
 }
 
@@ -244,7 +243,7 @@ static void prune_after_loss(struct train *t, void *state, const struct train_de
                              const struct renderer_loss *loss)
 {
     (void)t;
-    if (!step->is_trial) prune_observe(state, step->step, loss->l1);
+    prune_observe(state, step->step, loss->l1);
 }
 
 /* Removes Gaussians with their moments and statistics. */

@@ -238,7 +238,6 @@ static const oxl_option ucd_options[] = {
 OXL_INTERNAL const struct part part_ucd = {.name = "ucd",
                                            .size = sizeof(struct ucd),
                                            .option = ucd_options,
-                                           .is_branched = 1,
                                            .begin = ucd_part_begin,
                                            .archive = ucd_archive,
                                            .before_observe = ucd_before_observe,

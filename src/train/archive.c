@@ -1,7 +1,7 @@
-/* archive.c - the state of a run, as bytes in a file or in memory.
+/* archive.c - the state of a run, as bytes in a file.
  *
- * A module describes its state once, in one function that goes both ways (struct archive). In a file
- * everything is little endian; in memory, for trials, it is in this machine's order.
+ * A module describes its state once, in one function that goes both ways (struct archive). Numbers are
+ * little endian.
  */
 #include "train_tools.h"
 
@@ -36,15 +36,6 @@ static void archive_write(struct archive *a, const unsigned char *data, size_t c
     }
 }
 
-static void archive_write_memory(struct archive *a, const unsigned char *data, size_t bytes)
-{
-    struct archive_memory *m = a->memory;
-    a->rc = oxl_reserve(a->ctx, &m->data, &m->capacity, m->size + bytes, 1);
-    if (a->rc != OXL_OK || bytes == 0) return;
-    memcpy(m->data + m->size, data, bytes);
-    m->size += bytes;
-}
-
 OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size)
 {
     if (a->reading && a->rc == OXL_OK && count > a->left / size)
@@ -55,11 +46,6 @@ OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size)
 static void archive_read(struct archive *a, unsigned char *data, size_t count, size_t size)
 {
     if (!archive_fits(a, count, size)) return;
-    if (a->memory) {
-        if (count > 0) memcpy(data, a->memory->data + a->memory->size - a->left, count * size);
-        a->left -= count * size;
-        return;
-    }
     if (fread(data, size, count, a->file) != count) archive_fail(a, OXL_ERR_IO, "cannot be read");
     for (size_t i = 0; i < count; i++) archive_swap(data + i * size, size);
     a->left -= count * size;
@@ -69,7 +55,6 @@ OXL_INTERNAL void archive_numbers(struct archive *a, void *data, size_t count, s
 {
     if (a->rc != OXL_OK) return;
     if (a->reading) archive_read(a, data, count, size);
-    else if (a->memory) archive_write_memory(a, data, count * size);
     else archive_write(a, data, count, size);
 }
 
@@ -113,7 +98,7 @@ OXL_INTERNAL void archive_ints(struct archive *a, int *values, size_t count)
 
 OXL_INTERNAL void archive_expect(struct archive *a, int is_so)
 {
-    if (a->reading && !is_so && !a->memory)
+    if (a->reading && !is_so)
         archive_fail(a, OXL_ERR_INPUT,
                      "holds invalid numbers\nfix: remove this file and run again; the run starts again");
 }
@@ -156,23 +141,6 @@ OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model)
         archive_floats(a, model->plane[k], count);
     for (int k = OXL_LOBE; lobes && k < OXL_PLANES && a->rc == OXL_OK; k++)
         archive_floats(a, model->plane[k], lobes);
-    for (size_t i = 0; a->reading && !a->memory && a->rc == OXL_OK && i < count; i++)
+    for (size_t i = 0; a->reading && a->rc == OXL_OK && i < count; i++)
         archive_expect(a, model_row_is_finite(model, i));
-}
-
-OXL_INTERNAL oxl_result archive_to_memory(oxl_context *ctx, struct archive_memory *memory,
-                                          archive_state *state, void *user)
-{
-    struct archive a = {.ctx = ctx, .path = "memory", .memory = memory};
-    memory->size = 0;
-    state(&a, user);
-    return a.rc;
-}
-
-OXL_INTERNAL oxl_result archive_from_memory(oxl_context *ctx, struct archive_memory *memory,
-                                            archive_state *state, void *user)
-{
-    struct archive a = {.ctx = ctx, .path = "memory", .memory = memory, .reading = 1, .left = memory->size};
-    state(&a, user);
-    return a.rc;
 }

@@ -49,7 +49,7 @@ OXL_INTERNAL void forecast_note_step(struct train *t)
         f->seconds = FORECAST_MEMORY * f->seconds + now - f->at;
         f->work = FORECAST_MEMORY * f->work + forecast_step(c, (double)t->trained.model.count, t->halved);
     }
-    f->at = t->is_trial ? 0 : now; /* between the steps of trials views are validated */
+    f->at = now;
 }
 
 OXL_INTERNAL double forecast_left(struct train *t)

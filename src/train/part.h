@@ -2,7 +2,7 @@
  * in a run.
  *
  * A part is one file of src/parts and one row of the table there (src/parts/parts.h). The loop, a step,
- * checkpoints, trials, the options and their help know parts as rows alone: with its file and its row
+ * checkpoints, the options and their help know parts as rows alone: with its file and its row
  * removed, everything else builds and passes its tests (make without PART=lamp).
  *
  * Hooks are called row by row, in the order of the table; one that is NULL does nothing. `state` points to
@@ -29,7 +29,6 @@ struct part {
     const char *name;                /* lower case, as the file's */
     size_t size;                     /* bytes of its state */
     const struct oxl_option *option; /* its rows of the table of options, up to one without a name; or NULL */
-    int is_branched;                 /* 1: a trial's steps change the state, so trials save and restore it */
 
     /* Refuses options that do not fit together. */
     oxl_result (*check)(oxl_context *ctx, const oxl_train_options *options);
@@ -68,8 +67,6 @@ struct part {
 
     /* Is called after a step and its density control. */
     oxl_result (*after_step)(struct train *t, void *state);
-    /* Makes the trial that t->trial asks for. `start` is the state before it (model_selection.c). */
-    oxl_result (*trial)(struct train *t, void *state, struct train_branch *start);
     /* Bounds from above the memory for so many observations of tracks in so many views. */
     double (*bytes)(const oxl_train_options *options, double observations, int views);
 

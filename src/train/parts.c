@@ -59,9 +59,9 @@ OXL_INTERNAL void parts_free(struct train *t)
     t->part[0] = NULL;
 }
 
-OXL_INTERNAL void parts_archive(struct archive *a, struct train *t, int branch)
+OXL_INTERNAL void parts_archive(struct archive *a, struct train *t)
 {
-    PARTS_FOR(k, archive) if (parts_at(k)->is_branched == branch) parts_at(k)->archive(a, t, t->part[k]);
+    PARTS_FOR(k, archive) parts_at(k)->archive(a, t, t->part[k]);
 }
 
 OXL_INTERNAL int parts_tracks(const struct train *t)
@@ -141,11 +141,6 @@ OXL_INTERNAL void parts_after_reset(struct train *t)
 OXL_INTERNAL oxl_result parts_after_step(struct train *t)
 {
     PARTS_CALL(after_step, t, t->part[k]);
-}
-
-OXL_INTERNAL oxl_result parts_trial(struct train *t, struct train_branch *start)
-{
-    PARTS_CALL(trial, t, t->part[k], start);
 }
 
 OXL_INTERNAL double parts_bytes(const oxl_train_options *options, double observations, int views)

@@ -1,4 +1,4 @@
-/* parts_calls.h - calls a hook of all parts, in the order of the table: for the loop, steps and trials. */
+/* parts_calls.h - calls a hook of all parts, in the order of the table: for the loop and steps. */
 #ifndef OXL_PARTS_CALLS_H
 #define OXL_PARTS_CALLS_H
 
@@ -10,8 +10,8 @@ OXL_INTERNAL oxl_result parts_first_points(struct train *t, oxl_point **out, siz
 OXL_INTERNAL oxl_result parts_before_points(struct train *t);
 OXL_INTERNAL oxl_result parts_begin(struct train *t);
 OXL_INTERNAL void parts_free(struct train *t);
-/* Writes or reads the states of all parts. branch: only what the steps of a trial change. */
-OXL_INTERNAL void parts_archive(struct archive *a, struct train *t, int branch);
+/* Writes or reads the states of all parts. */
+OXL_INTERNAL void parts_archive(struct archive *a, struct train *t);
 OXL_INTERNAL int parts_tracks(const struct train *t);
 OXL_INTERNAL void parts_use_tracks(struct train *t, const struct photometry *p);
 OXL_INTERNAL oxl_result parts_before_step(struct train *t);
@@ -28,7 +28,6 @@ OXL_INTERNAL oxl_result parts_before_observe(struct train *t);
 OXL_INTERNAL oxl_result parts_before_density(struct train *t, struct density_rules *rules);
 OXL_INTERNAL void parts_after_reset(struct train *t);
 OXL_INTERNAL oxl_result parts_after_step(struct train *t);
-OXL_INTERNAL oxl_result parts_trial(struct train *t, struct train_branch *start);
 OXL_INTERNAL void parts_report(const struct train *t, oxl_progress *progress);
 OXL_INTERNAL void parts_record(struct train *t);
 OXL_INTERNAL void parts_store(struct train *t, oxl_model *model);

@@ -116,7 +116,7 @@ OXL_INTERNAL struct oxl_imaging step_imaging(const struct train *t)
 /* Begins a step on a view. */
 static struct train_deferred step_begin(struct train *t, int view, int learns)
 {
-    struct train_deferred step = {.step = t->step, .view = view, .is_trial = t->is_trial};
+    struct train_deferred step = {.step = t->step, .view = view};
     parts_set_gain(t, &step, learns);
     step.imaging = step_imaging(t);
     return step;
@@ -231,16 +231,14 @@ OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferre
 /* Repeats a deferred step that halted, or that came behind one. */
 static oxl_result step_repeat(struct train *t, const struct train_deferred *which)
 {
-    const int step = t->step, is_trial = t->is_trial;
+    const int step = t->step;
     oxl_result rc;
     t->step = which->step;
-    t->is_trial = which->is_trial;
     rc = step_load_image(t, which->view);
     if (rc == OXL_OK) rc = step_on_view(t, which, 0);
     if (rc == OXL_OK && which->observed)
         rc = density_observe(t->ctx, t->density, t->renderer, t->trained.model.count);
     t->step = step;
-    t->is_trial = is_trial;
     return rc;
 }
 
@@ -372,7 +370,7 @@ OXL_INTERNAL double step_seconds(const struct train *t)
     return t->seconds + os_seconds() - t->started;
 }
 
-OXL_INTERNAL int step_report(struct train *t, int trial)
+OXL_INTERNAL int step_report(struct train *t)
 {
     const oxl_callback *callback = t->callback;
     const double seconds = step_seconds(t);
@@ -388,8 +386,7 @@ OXL_INTERNAL int step_report(struct train *t, int trial)
                               .seconds = seconds,
                               .seconds_left = forecast_left(t),
                               .model = &t->trained.model,
-                              .nonfinite = t->nonfinite,
-                              .trial = trial};
+                              .nonfinite = t->nonfinite};
     parts_report(t, &progress);
     return context_report(callback, &progress);
 }

@@ -1,4 +1,4 @@
-/* train.h - training: schedule, density control, trials, the loop. */
+/* train.h - training: schedule, density control, the loop. */
 #ifndef OXL_TRAIN_H
 #define OXL_TRAIN_H
 

@@ -1,5 +1,5 @@
 /* train_imaging.c - exposure, lamp and medium of a run: decides from the tracks (survey/photometry.c), before
- * the first step, whether each is fitted (exposure may have a trial, too), and sets its initial values;
+ * the first step, whether each is fitted, and sets its initial values;
  * stores them in t->imaging after the last step.
  *
  * The fits are parts (src/parts). Invariant: what is off changes no byte of the result.
@@ -46,21 +46,14 @@ static oxl_result train_imaging_measure(struct train *t)
     return rc;
 }
 
-OXL_INTERNAL int train_imaging_is_open(const struct train *t)
-{
-    return t->trial && !t->is_trial && t->step == t->task.first;
-}
-
-/* Measures again where gains are refused, so that lamp and medium have the values of a fit without them.
- * Before a trial the first colours stay as they are. */
-OXL_INTERNAL oxl_result train_imaging_use_tracks(struct train *t)
+/* Measures again where gains are refused, so that lamp and medium have the values of a fit without them. */
+static oxl_result train_imaging_use_tracks(struct train *t)
 {
     const oxl_result rc = train_imaging_measure(t);
     struct oxl_imaging m;
     if (rc == OXL_OK) parts_use_tracks(t, &t->tracks);
     if (rc == OXL_OK && parts_tracks(t) != t->tracks.requested) return train_imaging_use_tracks(t);
-    if (rc == OXL_OK && !train_imaging_is_open(t))
-        m = step_imaging(t), medium_bake(t->scene, &m, 1, &t->trained.model);
+    if (rc == OXL_OK) m = step_imaging(t), medium_bake(t->scene, &m, 1, &t->trained.model);
     return rc;
 }
 
@@ -87,10 +80,9 @@ OXL_INTERNAL void train_imaging_describe(struct train *t)
 
 OXL_INTERNAL void train_imaging_store(struct train *t, oxl_model *model)
 {
-    struct oxl_imaging m, *to = t->imaging;
+    struct oxl_imaging *to = t->imaging;
     imaging_free(t->ctx, to);
     if (!t->part[0]) return; /* there was no memory for the parts */
-    if (model && train_imaging_is_open(t)) m = step_imaging(t), medium_bake(t->scene, &m, 1, model);
     parts_store(t, model);
     parts_form_image(t, to);
     to->medium.training_range = 0;

@@ -185,7 +185,7 @@ OXL_INTERNAL void train_end(struct train *t)
     renderer_free(ctx, t->renderer);
     oxl_model_free(ctx, &t->gradient);
     density_free(ctx, t->density);
-    OXL_FREE(ctx, t->view, t->validation);
+    oxl_free(ctx, t->view);
     text_free(&t->decisions);
     imaging_free(ctx, &t->own_imaging);
     scene_posed_free(ctx, t->posed);
@@ -212,17 +212,28 @@ OXL_INTERNAL void train_archive(struct archive *a, void *user)
 {
     struct train *t = user;
     double spent = step_seconds(t);
-    branch_archive(a, t);
+    size_t views = (size_t)t->views;
+    archive_int(a, &t->step);
+    archive_doubles(a, &t->loss, 1);
+    archive_doubles(a, &t->psnr, 1);
+    archive_size(a, &views);
+    archive_expect(a, t->step >= 0 && t->step <= t->options->iterations);
+    archive_expect(a, views <= (size_t)schedule_training_views(t->scene));
+    if (a->rc == OXL_OK) archive_ints(a, t->view, views);
+    for (size_t i = 0; i < views && a->rc == OXL_OK; i++)
+        archive_expect(a, t->view[i] >= 0 && t->view[i] < oxl_scene_view_count(t->scene));
+    for (int k = 0; k < TRAINED_PARTS; k++) archive_model(a, model_trained_part(&t->trained, k));
+    density_archive(a, t->density, t->trained.model.count);
+    parts_archive(a, t);
     archive_expect(a, t->trained.model.count > 0 && train_same_shape(&t->trained.model, &t->trained.mean) &&
                           train_same_shape(&t->trained.model, &t->trained.square));
     if (a->reading && a->rc == OXL_OK) archive_expect(a, train_are_nonnegative(&t->trained.square));
     archive_doubles(a, &spent, 1);
     nonfinite_archive(a, &t->nonfinite);
-    parts_archive(a, t, 0);
-    selection_archive(a, t);
+    archive_text(a, &t->decisions);
     archive_text(a, t->task.log);
     archive_text(a, t->task.notes);
-    if (a->reading && a->rc == OXL_OK) t->seconds = spent;
+    if (a->reading && a->rc == OXL_OK) t->views = (int)views, t->seconds = spent;
 }
 
 static oxl_result train_save(struct train *t)
@@ -303,17 +314,12 @@ static oxl_result train_loop(struct train *t)
     const int end = t->task.until > 0 ? OXL_MIN(t->task.until, o->iterations) : o->iterations;
     oxl_result rc = OXL_OK;
     t->first_step = t->step;
-    if (t->step > 0 && step_report(t, 0)) return OXL_ERR_INTERRUPTED;
+    if (t->step > 0 && step_report(t)) return OXL_ERR_INTERRUPTED;
     while (rc == OXL_OK && t->step < end) {
-        if (t->trial) {
-            rc = selection_trial(t);
-            if (rc == OXL_ERR_INTERRUPTED || (rc == OXL_OK && step_report(t, 0))) return train_stop(t);
-            continue;
-        }
         t->step++;
         rc = train_step(t);
         if (rc != OXL_OK) break;
-        if (step_report(t, 0)) return train_stop(t);
+        if (step_report(t)) return train_stop(t);
         if (o->max_seconds > 0 && os_seconds() - t->started > o->max_seconds && t->step < o->iterations) {
             oxl_log(t->ctx, OXL_LOG_INFO, "stopped by --max-time after %d of %d iterations", t->step,
                     o->iterations);

@@ -13,11 +13,10 @@
 enum { TRAIN_PARTS_MAX = 32 };
 
 struct part;
-struct train_branch;
 struct part_view;
 
 struct train_deferred { /* a step that the device has not reported yet */
-    int step, view, is_trial, observed, has_gain;
+    int step, view, observed, has_gain;
     float gain[3]; /* by which the image was multiplied, at the start of the step */
     /* medium and lamp then: a step that is repeated has the same, though they have changed since */
     struct oxl_imaging imaging;
@@ -48,12 +47,8 @@ struct train {
     struct density *density;
     int continues;               /* 1: from a trained model, with the scene's imaging */
     void *part[TRAIN_PARTS_MAX]; /* state of each row of the table of parts */
-    int trial;                   /* 1: exposure's trial is made before the next step */
-    int is_trial;                /* 1: steps are those of a trial */
     int *view;                   /* (views) training views in this epoch's order */
     int views, step;
-    int *validation; /* (validation_views) views for decisions */
-    int validation_views;
     struct photometry tracks; /* what the tracks say of exposure, lamp and medium */
     double shown;             /* mean share of the first Gaussians that a training view shows; 0: unknown */
     int halved;               /* whether the image of this step is reduced to half the sides */
@@ -76,12 +71,12 @@ OXL_INTERNAL oxl_adam schedule_adam_params(const struct train *t);
 OXL_INTERNAL float schedule_alpha_min(const struct train *t);
 OXL_INTERNAL int schedule_reset_interval(const oxl_train_options *options);
 OXL_INTERNAL int schedule_resets_opacity_at(const oxl_train_options *options, int step);
-OXL_INTERNAL void forecast_note_step(struct train *t); /* after each step, also of a trial */
+OXL_INTERNAL void forecast_note_step(struct train *t); /* after each step */
 OXL_INTERNAL double forecast_left(struct train *t);    /* s, with what t->task names; 0: not known yet */
 
 /* ---------------- step.c: the parts of one step */
 
-/* Makes what trials make of a step: forward, loss, backward and Adam on the next training view. */
+/* Makes forward, loss, backward and Adam on the next training view. */
 OXL_INTERNAL oxl_result step_on_next_view(struct train *t);
 /* Completes deferred steps and downloads. Call it before the host uses a step's loss, renders, or reads or
  * changes the model. */
@@ -100,32 +95,13 @@ OXL_INTERNAL oxl_result step_load_image(struct train *t, int view);
 OXL_INTERNAL const struct image_window *step_window(const struct train *t, int view);
 /* Renders a view and compares it with its image. */
 OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct renderer_loss *loss);
-OXL_INTERNAL double step_seconds(const struct train *t);  /* of the whole run, over all processes */
-OXL_INTERNAL int step_report(struct train *t, int trial); /* nonzero: the caller stops the run */
+OXL_INTERNAL double step_seconds(const struct train *t); /* of the whole run, over all processes */
+OXL_INTERNAL int step_report(struct train *t);           /* nonzero: the caller stops the run */
 OXL_INTERNAL struct oxl_imaging step_imaging(const struct train *t); /* the present medium and lamp */
-
-/* ---------------- branch.c: copies of the training state */
-
-struct train_branch { /* the state that a step changes, as the archive writes it */
-    struct archive_memory memory;
-};
-
-OXL_INTERNAL void branch_free(struct train *t, struct train_branch *b);
-OXL_INTERNAL oxl_result branch_save(struct train *t, struct train_branch *out);
-OXL_INTERNAL oxl_result branch_load(struct train *t, struct train_branch *b); /* which stays */
-OXL_INTERNAL void branch_archive(struct archive *a, void *train);
 
 /* ---------------- model_selection.c: model only what the scene requires */
 
 OXL_INTERNAL oxl_result selection_begin(struct train *t); /* lists the training views, in name order */
-/* Makes every second training view, from the first (0) or second (1) on, a validation view; before the first
- * step, which shuffles them. */
-OXL_INTERNAL void selection_hold(struct train *t, int half);
-/* Trains for so many steps of a trial and evaluates the result on the validation views. */
-OXL_INTERNAL oxl_result selection_train_trial(struct train *t, int steps, double *psnr);
-/* Makes the trial t->trial, before a step; OXL_ERR_INTERRUPTED: it is to be repeated. */
-OXL_INTERNAL oxl_result selection_trial(struct train *t);
-OXL_INTERNAL void selection_archive(struct archive *a, struct train *t);
 /* Records the choice and its evidence for run.json. */
 OXL_INTERNAL void selection_record(struct train *t, const char *what, const char *chosen, const char *why);
 /* Logs a choice: `why` up to its first semicolon, and with --verbose the evidence behind it. */
@@ -137,15 +113,13 @@ OXL_INTERNAL void selection_record_auto(struct train *t, const char *what, oxl_s
 /* ---------------- train_imaging.c: exposure, lamp and medium of a run */
 
 OXL_INTERNAL oxl_result train_imaging_begin(struct train *t); /* from the tracks, before the first step */
-OXL_INTERNAL oxl_result train_imaging_use_tracks(struct train *t); /* the same after exposure's trial */
-OXL_INTERNAL int train_imaging_is_open(const struct train *t); /* 1: exposure's trial is still to decide */
-OXL_INTERNAL void train_imaging_describe(struct train *t);     /* warns where values are not identifiable */
+OXL_INTERNAL void train_imaging_describe(struct train *t);    /* warns where values are not identifiable */
 OXL_INTERNAL void train_imaging_store(struct train *t, oxl_model *model); /* in t->imaging and the model */
 
 /* ---------------- train_loop.c */
 
 OXL_INTERNAL oxl_result train_begin(struct train *t);
-/* Makes one step, and what is due after it: density control, pruning, trials. */
+/* Makes one step, and what is due after it: density control, pruning. */
 OXL_INTERNAL oxl_result train_step(struct train *t);
 OXL_INTERNAL void train_end(struct train *t);
 

@@ -15,17 +15,12 @@
 
 /* A module lists its state once; the archive writes or reads it. After a failure, calls do nothing. A count
  * is stored before its elements and is checked against the rest of the file. */
-struct archive_memory { /* a state kept in memory, for trials */
-    unsigned char *data;
-    size_t size, capacity;
-};
 struct archive {
     oxl_context *ctx;
     int reading;
     const char *path;
-    FILE *file;                    /* NULL: in memory */
-    struct archive_memory *memory; /* of this machine's byte order; what is read there is not checked */
-    uint64_t left;                 /* bytes still to read */
+    FILE *file;
+    uint64_t left; /* bytes still to read */
     oxl_result rc;
 };
 OXL_INTERNAL void archive_int(struct archive *a, int *value);
@@ -45,11 +40,6 @@ OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size);
 /* For what surrounds a state in a file (large/checkpoint.c). */
 OXL_INTERNAL void archive_numbers(struct archive *a, void *data, size_t count, size_t size);
 OXL_INTERNAL void archive_fail(struct archive *a, oxl_result rc, const char *what);
-/* Writes the state to memory, or reads it from there. Free memory->data with oxl_free. */
-OXL_INTERNAL oxl_result archive_to_memory(oxl_context *ctx, struct archive_memory *memory,
-                                          archive_state *state, void *user);
-OXL_INTERNAL oxl_result archive_from_memory(oxl_context *ctx, struct archive_memory *memory,
-                                            archive_state *state, void *user);
 
 /* ---------------- nonfinite.c: numbers that are not finite */
 
