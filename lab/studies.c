@@ -55,9 +55,9 @@ static const struct study_row BLOCK_ROWS[] = {
 static const struct study_row EXTREME_ROWS[] = {
     {ROW("usual", "as usual", "")},
     {ROW("rates-10", "position and scale rates x 10",
-         "lr-position=0.32 lr-position-final=0.0032 lr-scale=0.05")},
+         "lr-position=1.6e-3 lr-position-final=1.6e-5 lr-scale=0.05")},
     {ROW("rates-0.1", "position and scale rates / 10",
-         "lr-position=0.0032 lr-position-final=0.000032 lr-scale=0.0005")},
+         "lr-position=1.6e-5 lr-position-final=1.6e-7 lr-scale=0.0005")},
     {ROW("gaussians-100", "100 Gaussians at most", "max-gaussians=100")},
     {ROW("side-32", "images of 32 px", "max-side=32")},
     {ROW("alpha-min-0.05", "--alpha-min 0.05", "alpha-min=0.05")},
@@ -65,7 +65,7 @@ static const struct study_row EXTREME_ROWS[] = {
 };
 
 static const struct study_row PUBLISHED_ROWS[] = {
-    {ROW("published-2000", "draft", ""), .preset = 1 + OXL_PRESET_DRAFT},
+    {ROW("published-2000", "draft, 2000", "iterations=2000"), .preset = 1 + OXL_PRESET_DRAFT},
     {ROW("published-7000", "standard", ""), .preset = 1 + OXL_PRESET_STANDARD},
     {ROW("published-30000", "standard, 30,000", "iterations=30000"), .preset = 1 + OXL_PRESET_STANDARD},
 };

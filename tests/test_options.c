@@ -139,7 +139,7 @@ static void options_test_refusal_of(const char *part, const char *name, const ch
 
 TEST(options_that_cannot_be_are_refused_with_value_found_value_expected_and_a_fix)
 {
-    options_test_refusal("iterations", "0", "a whole number from 1 to 2147483647\nfix: --iterations 2000");
+    options_test_refusal("iterations", "0", "a whole number from 1 to 2147483647\nfix: --iterations 1200");
     options_test_refusal("iterations", "-3", "from 1");
     options_test_refusal("iterations", "2e3", "whole");
     options_test_refusal_of("sh_degree", "sh-degree", "4", "expected auto or a whole number from 0 to 3");
