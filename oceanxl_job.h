@@ -71,8 +71,7 @@ OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);
 typedef enum oxl_option_kind {                    /* what the field holds, and its text */
                                OXL_OPTION_FLAG,   /* int, 0 or 1: no text, or true | false */
                                OXL_OPTION_INT,    /* int */
-                               OXL_OPTION_LONG,   /* long */
-                               OXL_OPTION_SEED,   /* uint64_t */
+                               OXL_OPTION_SEED,   /* uint64_t below 2^53 */
                                OXL_OPTION_FLOAT,  /* float: 0.05 or 1/255 */
                                OXL_OPTION_DOUBLE, /* double */
                                OXL_OPTION_CHOICE, /* an enum from 0: a word of `value` */

@@ -193,7 +193,7 @@ typedef struct synth_options {
     double sand_contrast;
     int change;    /* enum synth_change: a second dive to the same place (none) */
     double stereo; /* metres; distance between the two cameras of a rig; 0: one camera (0) */
-    long points;   /* sparse points; 0: 400 a view (0) */
+    int points;    /* sparse points; 0: 400 a view (0) */
     double noise;  /* 8-bit levels; sigma of the sensor's noise (1.5) */
     /* degrees, and % of the distance; root of the mean square of the exported poses' turns and moves (0) */
     double pose_noise;

@@ -133,7 +133,7 @@ static const oxl_option CLI_OPTIONS[] = {
 {"pose-noise", "X", OXL_OPTION_DOUBLE, FIELD(synth.pose_noise), 0, 10, NO_TEXT, OXL_TIER_ADVANCED, IN(SYNTH), "Synthetic survey", "turn exported poses by X degrees, move them by X % of the distance (rms); truth/poses.txt has the true ones", NULL},
 {"noise", "SIGMA", OXL_OPTION_DOUBLE, FIELD(synth.noise), 0, 100, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "sensor noise, standard deviation in 8-bit levels", NULL},
 {"alpha", "METRES", OXL_OPTION_DOUBLE, FIELD(synth.alpha), 0, 2000, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "cut out what lies within so many metres of the centre; images are transparent elsewhere; 0: all", NULL},
-{"points", "N", OXL_OPTION_LONG, FIELD(synth.points), 0, 100000000, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "number of sparse points; 0: 400 per view", NULL},
+{"points", "N", OXL_OPTION_INT, FIELD(synth.points), 0, 100000000, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "number of sparse points; 0: 400 per view", NULL},
 {"origin", "X,Y,Z", OXL_OPTION_POINT, FIELD(synth.origin), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "world coordinates of the centre, metres", NULL},
 {"seed", "S", OXL_OPTION_SEED, FIELD(synth.seed), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "seed of all random choices", NULL},
 {"no-images", NULL, OXL_OPTION_FLAG, FIELD(no_images), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "write only the COLMAP model, for load tests", NULL},

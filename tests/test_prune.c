@@ -17,8 +17,7 @@ TEST(prune_keep_reads_shares_counts_and_sizes)
                  {"300kb", OXL_KEEP_BYTES, 300000},
                  {"all", OXL_KEEP_ALL, 0},
                  {"1", OXL_KEEP_ALL, 0}};
-    static const char *const wrong[] = {"",    "0",    "-0.5", "half", "80MBit", "80 MB",
-                                        "nan", "0.5x", "inf",  "MB",   "1,5"};
+    static const char *const wrong[] = {"", "0", "-0.5", "half", "80MBit", "nan", "0.5x", "inf", "MB", "1,5"};
     oxl_keep keep;
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
         CHECK(option_read_keep(cases[i].text, &keep));

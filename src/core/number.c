@@ -1,11 +1,8 @@
 /* number.c - converts decimal text to numbers and back, independent of the locale and correctly rounded.
  *
- * A decimal number is w x 10^e with an integer w. Of three methods the fastest exact one is used:
- *
- *     w <= 2^53, |e| <= 22    both are doubles without error, so one division or product rounds once
- *                             (Clinger 1990)
- *     w < 2^64, |e| <= 27     5^|e| has 63 bits: 128-bit integers hold all digits that rounding needs
- *     otherwise               strtod on text without a decimal point, which is the same in every locale
+ * A decimal number is w x 10^e with an integer w. If w <= 2^53 and |e| <= 22, both are doubles without
+ * error, so one division or product rounds once (Clinger 1990). Otherwise strtod reads text without a
+ * decimal point, which is the same in every locale.
  *
  * Invariant: equal to strtod in the "C" locale; hexadecimal numbers and leading blanks are not accepted.
  */
@@ -51,8 +48,7 @@ enum {
     /* digits that are kept: a midpoint between two doubles has at most 767, and
      * further digits only break ties */
     NUMBER_DIGITS_KEPT = 800,
-    NUMBER_POWER10_MAX = 22, /* exponent of the last power of 10 that is a double */
-    NUMBER_POWER5_MAX = 27   /* exponent of the last power of 5 below 2^63 */
+    NUMBER_POWER10_MAX = 22 /* exponent of the last power of 10 that is a double */
 };
 
 OXL_INTERNAL const double number_power10[NUMBER_POWER10_MAX + 1] = {
@@ -86,53 +82,11 @@ static double number_by_strtod(const char *digits, const char *end, int64_t expo
     return strtod(text, NULL);
 }
 
-#ifdef __SIZEOF_INT128__
-__extension__ typedef unsigned __int128 number_wide;
-
-/* clang-format off */
-static const uint64_t number_power5[NUMBER_POWER5_MAX + 1] = {
-    1U, 5U, 25U, 125U, 625U, 3125U, 15625U, 78125U, 390625U, 1953125U, 9765625U, 48828125U, 244140625U, 1220703125U,
-    UINT64_C(6103515625), UINT64_C(30517578125), UINT64_C(152587890625), UINT64_C(762939453125), UINT64_C(3814697265625),
-    UINT64_C(19073486328125), UINT64_C(95367431640625), UINT64_C(476837158203125), UINT64_C(2384185791015625),
-    UINT64_C(11920928955078125), UINT64_C(59604644775390625), UINT64_C(298023223876953125), UINT64_C(1490116119384765625),
-    UINT64_C(7450580596923828125)
-};
-/* clang-format on */
-
-static double number_power2(int exponent) /* exponent: -1022 .. 1023 */
-{
-    const uint64_t bits = (uint64_t)(exponent + 1023) << 52;
-    double value;
-    memcpy(&value, &bits, sizeof value);
-    return value;
-}
-
-/* Returns w x 10^e, rounded once. With w and 5^|e| shifted to their top bits, the product or quotient fills
- * 63 or 64 bits; lower bits become one sticky bit, and the conversion to double rounds. The remaining power
- * of 2 is exact, since results stay away from 2^-1022 and 2^1023. */
-static double number_scale_wide(uint64_t w, int e)
-{
-    const uint64_t power = number_power5[e < 0 ? -e : e];
-    const int ws = __builtin_clzll(w), ps = __builtin_clzll(power);
-    const uint64_t a = w << ws, b = power << ps;
-    if (e < 0) {
-        const number_wide n = (number_wide)a << 63;
-        const uint64_t q = (uint64_t)(n / b), sticky = n - (number_wide)q * b != 0;
-        return (double)(q | sticky) * number_power2(ps - ws - 63 + e);
-    } else {
-        const number_wide n = (number_wide)a * b;
-        const uint64_t q = (uint64_t)(n >> 64), sticky = (uint64_t)n != 0;
-        return (double)(q | sticky) * number_power2(64 - ps - ws + e);
-    }
-}
-#endif
-
 #ifndef FLT_EVAL_METHOD
 #define FLT_EVAL_METHOD -1 /* Stands in where a compiler does not define it. */
 #endif
 
-/* Chooses the fastest exact method. w: value of the digits, modulo 2^64 if there are
- * more than NUMBER_DIGITS_MAX. */
+/* w: value of the digits, modulo 2^64 if there are more than NUMBER_DIGITS_MAX. */
 static double number_scale(uint64_t w, const char *digits, const char *end, int count, int64_t exponent)
 {
     const int64_t size = exponent < 0 ? -exponent : exponent;
@@ -140,9 +94,6 @@ static double number_scale(uint64_t w, const char *digits, const char *end, int 
     if (w == 0) return 0;
     if (FLT_EVAL_METHOD == 0 && w <= UINT64_C(1) << 53 && size <= NUMBER_POWER10_MAX)
         return exponent < 0 ? (double)w / number_power10[size] : (double)w * number_power10[size];
-#ifdef __SIZEOF_INT128__
-    if (size <= NUMBER_POWER5_MAX) return number_scale_wide(w, (int)exponent);
-#endif
     return number_by_strtod(digits, end, exponent);
 }
 

@@ -16,12 +16,11 @@
  */
 #include "option_rows.h"
 
-#include <errno.h>
-
 /* ---------------- the table */
 
 enum { OPTIONS_ITERATIONS = 1 }; /* the row that sets iterations_for, too */
 #define OPTION_BYTES_MAX 1e15
+#define OPTION_SEED_MAX 9007199254740992.0 /* 2^53: a double holds all below it */
 
 /* clang-format off */
 static const oxl_option OPTIONS[] = {
@@ -183,6 +182,12 @@ static const struct option_unit OPTION_COUNTS[] = {{" k ", 1e3}, {" m ", 1e6}, {
                                                   {" g gb gib ", 1073741824.},
                                                   {" t tb tib ", 1099511627776.},
                                                   {NULL, 0}},
+                                OPTION_FILE[] = {{" b ", 1}, /* decimal, as file sizes are printed */
+                                                 {" k kb ", 1e3},  {" ki kib ", 1024.},
+                                                 {" m mb ", 1e6},  {" mi mib ", 1048576.},
+                                                 {" g gb ", 1e9},  {" gi gib ", 1073741824.},
+                                                 {" t tb ", 1e12}, {" ti tib ", 1099511627776.},
+                                                 {NULL, 0}},
                                 OPTION_SECONDS[] = {{" s sec secs second seconds ", 1},
                                                     {" m min mins minute minutes ", 60},
                                                     {" h hr hrs hour hours ", 3600},
@@ -229,32 +234,26 @@ static int option_fraction(const char *text, float *out)
 /* Parses "X,Y,Z". */
 static int option_three(const char *text, double out[3])
 {
+    double v[3];
     for (int k = 0; k < 3; k++) {
         const int minus = *text == '-';
         text += minus;
-        if (!option_unsigned(&text, &out[k]) || *text != (k < 2 ? ',' : 0) || !(out[k] <= 1e15)) return 0;
-        if (minus) out[k] = -out[k];
+        if (!option_unsigned(&text, &v[k]) || *text != (k < 2 ? ',' : 0) || !(v[k] <= 1e15)) return 0;
+        if (minus) v[k] = -v[k];
         text++;
     }
+    memcpy(out, v, sizeof v);
     return 1;
 }
 
 static int option_read_rgb(const oxl_option *o, const char *text, float *out)
 {
-    double v[3];
-    if (option_word(o) && !strcmp(text, "auto")) return out[0] = out[1] = out[2] = -1, 1;
-    if (!option_three(text, v)) return 0;
+    double v[3] = {-1, -1, -1};
+    const int is_word = option_word(o) && !strcmp(text, "auto");
+    if (!is_word && !option_three(text, v)) return 0;
     for (int k = 0; k < 3; k++)
-        if (!(v[k] >= o->low && v[k] <= o->high)) return 0;
+        if (!is_word && !(v[k] >= o->low && v[k] <= o->high)) return 0;
     for (int k = 0; k < 3; k++) out[k] = (float)v[k];
-    return 1;
-}
-
-static int option_read_point(const char *text, double *out)
-{
-    double v[3];
-    if (!option_three(text, v)) return 0;
-    memcpy(out, v, sizeof v);
     return 1;
 }
 
@@ -269,33 +268,15 @@ static int option_read_size(const oxl_option *o, const char *text, int *out)
     return 1;
 }
 
-static int option_read_seed(const char *text, uint64_t *out)
-{
-    unsigned long long value;
-    if (!text[0] || text[strspn(text, "0123456789")]) return 0;
-    errno = 0;
-    value = strtoull(text, NULL, 10);
-    if (errno == ERANGE) return 0;
-    *out = value;
-    return 1;
-}
-
-/* Returns the index of the word in "one|two|three"; -1: not in it. */
-static int option_choice(const char *words, const char *text)
+/* Finds the word among "one|two|three": its index. */
+static int option_choice(const char *words, const char *text, int *out)
 {
     for (int i = 0; *words; i++) {
         const size_t length = strcspn(words, "|");
-        if (strlen(text) == length && strncmp(words, text, length) == 0) return i;
+        if (strlen(text) == length && strncmp(words, text, length) == 0) return *out = i, 1;
         words += length + (words[length] != 0);
     }
-    return -1;
-}
-
-static int option_read_choice(const oxl_option *o, const char *text, int *out)
-{
-    const int choice = option_choice(o->value, text);
-    if (choice >= 0) *out = choice;
-    return choice >= 0;
+    return 0;
 }
 
 OXL_INTERNAL oxl_ucd option_default_ucd(void)
@@ -323,54 +304,36 @@ OXL_INTERNAL int option_read_ucd(const char *text, oxl_ucd *out)
     return is_ok;
 }
 
-/* Returns a unit's size: decimal, as file sizes are printed, or with an i binary. 0: not a unit. */
-static double option_unit(const char *s)
-{
-    static const char letters[] = "kmgt";
-    const char *letter = *s ? strchr(letters, *s | 0x20) : NULL;
-    double unit = 1;
-    int binary;
-    if ((*s | 0x20) == 'b') return s[1] == 0;
-    if (!letter) return 0;
-    binary = s[1] == 'i';
-    for (const char *c = letters; c <= letter; c++) unit *= binary ? 1024 : 1000;
-    s += 1 + binary;
-    return *s == 0 || ((*s | 0x20) == 'b' && s[1] == 0) ? unit : 0;
-}
-
 OXL_INTERNAL int option_read_keep(const char *text, oxl_keep *out)
 {
-    const char *at = text, *end = text + strlen(text);
     double value;
+    oxl_keep_kind kind = OXL_KEEP_BYTES;
     if (strcmp(text, "all") == 0) return *out = (oxl_keep){OXL_KEEP_ALL, 0}, 1;
-    if (!parse_double(&at, end, &value) || (*at && !(option_unit(at) > 0))) return 0;
-    if (*at) value *= option_unit(at);
-    if (!(value > 0 && value <= OPTION_BYTES_MAX)) return 0;
-    if (*at) *out = (oxl_keep){OXL_KEEP_BYTES, value};
-    else if (value < 1) *out = (oxl_keep){OXL_KEEP_FRACTION, value};
-    else if (value == 1) *out = (oxl_keep){OXL_KEEP_ALL, 0};
-    else *out = (oxl_keep){OXL_KEEP_COUNT, floor(value)};
+    if (!option_quantity(text, OPTION_FILE, &value) || !(value > 0 && value <= OPTION_BYTES_MAX)) return 0;
+    if (text[strspn(text, "0123456789.eE+-")] == 0)
+        kind = value < 1 ? OXL_KEEP_FRACTION : value > 1 ? OXL_KEEP_COUNT : OXL_KEEP_ALL;
+    *out = (oxl_keep){kind, kind == OXL_KEEP_COUNT ? floor(value) : kind == OXL_KEEP_ALL ? 0 : value};
     return 1;
 }
 
 static int option_read_preset(const oxl_option *o, const char *text, void *options)
 {
-    const int preset = option_choice(o->value, text);
-    if (preset >= 0) *(oxl_job_options *)options = oxl_job_options_default((oxl_preset)preset);
-    return preset >= 0;
+    int preset;
+    if (!option_choice(o->value, text, &preset)) return 0;
+    *(oxl_job_options *)options = oxl_job_options_default((oxl_preset)preset);
+    return 1;
 }
 
 /* Numbers that have a range, as a double; -1 for the word. */
 static int option_read_number(const oxl_option *o, const char *text, double *out)
 {
-    static const struct option_unit none = {NULL, 0};
     const size_t word = option_word(o);
     float single = 0;
     int is_one = 0;
     if (word > 0 && strlen(text) == word && strncmp(text, o->value, word) == 0) return *out = -1, 1;
     switch (o->kind) {
+    case OXL_OPTION_SEED: return option_whole(text, out) && *out < OPTION_SEED_MAX;
     case OXL_OPTION_INT:
-    case OXL_OPTION_LONG:
         is_one = option_whole(text, out) ||
                  (option_quantity(text, OPTION_COUNTS, out) && *out == floor(*out) && strpbrk(text, "kKmM"));
         break;
@@ -380,7 +343,7 @@ static int option_read_number(const oxl_option *o, const char *text, double *out
         is_one = option_fraction(text, &single);
         *out = single;
         return is_one && single >= (float)o->low && single <= (float)o->high;
-    default: is_one = option_quantity(text, &none, out);
+    default: is_one = option_quantity(text, &OPTION_COUNTS[2], out); /* no unit */
     }
     return is_one && *out >= o->low && *out <= o->high;
 }
@@ -393,10 +356,9 @@ static int option_read(const oxl_option *o, const char *text, void *options)
     case OXL_OPTION_FLAG:
         return strcmp(text, "true") && strcmp(text, "false") ? 0 : (*(int *)field = text[0] == 't', 1);
     case OXL_OPTION_TEXT: return text[0] ? (*(const char **)field = text, 1) : 0;
-    case OXL_OPTION_SEED: return option_read_seed(text, field);
-    case OXL_OPTION_CHOICE: return option_read_choice(o, text, field);
+    case OXL_OPTION_CHOICE: return option_choice(o->value, text, field);
     case OXL_OPTION_RGB: return option_read_rgb(o, text, field);
-    case OXL_OPTION_POINT: return option_read_point(text, field);
+    case OXL_OPTION_POINT: return option_three(text, field);
     case OXL_OPTION_SIZE: return option_read_size(o, text, field);
     case OXL_OPTION_PRESET: return option_read_preset(o, text, options);
     case OXL_OPTION_UCD: return option_read_ucd(text, field);
@@ -409,7 +371,7 @@ static int option_read(const oxl_option *o, const char *text, void *options)
         *(int *)field = (int)v;
         if (o == &OPTIONS[OPTIONS_ITERATIONS]) ((oxl_job_options *)options)->iterations_for = 0;
         break;
-    case OXL_OPTION_LONG: *(long *)field = (long)v; break;
+    case OXL_OPTION_SEED: *(uint64_t *)field = (uint64_t)v; break;
     case OXL_OPTION_FLOAT: *(float *)field = (float)v; break;
     case OXL_OPTION_BYTES: *(size_t *)field = (size_t)OXL_MIN(v, (double)(SIZE_MAX / 2)); break;
     default: *(double *)field = v;
@@ -427,12 +389,11 @@ static void option_describe_range(const oxl_option *o, char out[160])
     format_shortest(high, o->high);
     if (option_word(o)) snprintf(word, sizeof word, "%.*s or ", (int)option_word(o), o->value);
     switch (o->kind) {
-    case OXL_OPTION_INT:
-    case OXL_OPTION_LONG: snprintf(out, 160, "%sa whole number from %s to %s", word, low, high); break;
+    case OXL_OPTION_INT: snprintf(out, 160, "%sa whole number from %s to %s", word, low, high); break;
     case OXL_OPTION_FLOAT:
     case OXL_OPTION_DOUBLE: snprintf(out, 160, "%sa number from %s to %s", word, low, high); break;
     case OXL_OPTION_SIZE: snprintf(out, 160, "WxH, each from %s to %s", low, high); break;
-    case OXL_OPTION_SEED: snprintf(out, 160, "a whole number below 2^64"); break;
+    case OXL_OPTION_SEED: snprintf(out, 160, "a whole number below 2^53"); break;
     case OXL_OPTION_BYTES: snprintf(out, 160, "a size, e.g. 512M or 4G"); break;
     case OXL_OPTION_SECONDS: snprintf(out, 160, "a time, e.g. 90s, 20m or 8h"); break;
     default: snprintf(out, 160, "%s", o->value ? o->value : "no value");
@@ -525,7 +486,7 @@ static void option_get_three(const double v[3], int single, char *out, size_t si
 static void option_get_number(const oxl_option *o, const void *field, char *out, size_t size)
 {
     const double v = o->kind == OXL_OPTION_INT     ? *(const int *)field
-                     : o->kind == OXL_OPTION_LONG  ? (double)*(const long *)field
+                     : o->kind == OXL_OPTION_SEED  ? (double)*(const uint64_t *)field
                      : o->kind == OXL_OPTION_FLOAT ? (double)*(const float *)field
                                                    : *(const double *)field;
     char digits[NUMBER_TEXT_MAX];
@@ -553,7 +514,6 @@ const char *oxl_option_get(const oxl_option *o, const void *options, char *out, 
                  ((const oxl_job_options *)options)->preset ? ((const oxl_job_options *)options)->preset
                                                             : "");
         break;
-    case OXL_OPTION_SEED: snprintf(out, size, "%llu", (unsigned long long)*(const uint64_t *)field); break;
     case OXL_OPTION_CHOICE: option_get_choice(o->value, *(const int *)field, out, size); break;
     case OXL_OPTION_BYTES: option_get_bytes(*(const size_t *)field, out, size); break;
     case OXL_OPTION_RGB:

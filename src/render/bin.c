@@ -56,14 +56,6 @@ static uint32_t bin_depth_bits(real depth)
     return bits;
 }
 
-static int bin_popcount16(unsigned x)
-{
-    x = x - (x >> 1 & 0x5555);
-    x = (x & 0x3333) + (x >> 2 & 0x3333);
-    x = (x + (x >> 4)) & 0x0F0F;
-    return (int)((x + (x >> 8)) & 0x1F);
-}
-
 static oxl_result bin_collect_visible(oxl_context *ctx, struct bins *b)
 {
     struct bin_scratch *s = b->scratch;
@@ -72,7 +64,7 @@ static oxl_result bin_collect_visible(oxl_context *ctx, struct bins *b)
     if (rc != OXL_OK) return rc;
     for (size_t p = 0; p < b->packs; p++) {
         s->pack_start[p] = (uint32_t)total;
-        total += (size_t)bin_popcount16(b->visible[p]);
+        for (unsigned bits = b->visible[p]; bits; bits &= bits - 1) total++;
     }
     b->visible_count = total;
     rc = OXL_RESERVE(ctx, s->key, total + 1);

@@ -44,27 +44,27 @@ SIMD_BODY void exposure_forward_body(const int fused, const struct exposure_job 
 SIMD_INLINE void exposure_lanes(const struct exposure_job *job, int y, int first, const int count,
                                 const int has_lamp, float sum[EXPOSURE_SUMS][PACK])
 {
-    const float *y0 = job->y + exposure_row(job, 0, y) + first,
-                *y1 = job->y + exposure_row(job, 1, y) + first;
-    const float *y2 = job->y + exposure_row(job, 2, y) + first,
-                *lamp = job->lamp_map + exposure_row(job, 0, y) + first;
-    const float *dy0 = job->dy + exposure_row(job, 0, y) + first,
-                *dy1 = job->dy + exposure_row(job, 1, y) + first;
-    const float *dy2 = job->dy + exposure_row(job, 2, y) + first, red = job->gain[0], green = job->gain[1],
-                blue = job->gain[2];
-    float *dx0 = job->dx + exposure_row(job, 0, y) + first, *dx1 = job->dx + exposure_row(job, 1, y) + first;
-    float *dx2 = job->dx + exposure_row(job, 2, y) + first;
+    const float *lamp = job->lamp_map + exposure_row(job, 0, y) + first;
     const float left = lamp_coordinate(job->area.x, job->area.full_width),
                 step = 2 / (float)job->area.full_width;
+    float all[PACK] = {0};
+    for (int c = 0; c < 3; c++) {
+        const size_t at = exposure_row(job, c, y) + (size_t)first;
+        const float *dy = job->dy + at, *exposed = job->y + at, gain = job->gain[c];
+        float *dx = job->dx + at;
 #pragma omp simd
-    for (int l = 0; l < count; l++) {
-        const float x = left + step * (float)(first + l);
-        const float d0 = dy0[l] * y0[l], d1 = dy1[l] * y1[l], d2 = dy2[l] * y2[l];
-        float d = d0 + d1 + d2;
-        sum[0][l] += d0, sum[1][l] += d1, sum[2][l] += d2;
-        for (int k = 0; k < EXPOSURE_POWERS && has_lamp; k++, d *= x) sum[3 + k][l] += d;
-        dx0[l] = red * dy0[l] * lamp[l], dx1[l] = green * dy1[l] * lamp[l], dx2[l] = blue * dy2[l] * lamp[l];
+        for (int l = 0; l < count; l++) {
+            const float d = dy[l] * exposed[l];
+            sum[c][l] += d, all[l] += d;
+            dx[l] = gain * dy[l] * lamp[l];
+        }
     }
+    for (int k = 0; k < EXPOSURE_POWERS && has_lamp; k++)
+#pragma omp simd
+        for (int l = 0; l < count; l++) {
+            sum[3 + k][l] += all[l];
+            all[l] *= left + step * (float)(first + l);
+        }
 }
 
 SIMD_INLINE void exposure_row_backward(const struct exposure_job *job, int y, const int has_lamp,

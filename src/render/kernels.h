@@ -222,7 +222,7 @@ OXL_INTERNAL void exposure_backward(int isa, const struct exposure_job *job);
 
 struct loss_job {
     int width, height;
-    real ssim_weight;   /* loss = (1 - w) L1 + w (1 - SSIM); 0: SSIM is not computed */
+    real ssim_weight;   /* loss = (1 - w) L1 + w (1 - SSIM) */
     const real *x, *y;  /* (3,H,W) rendered, image */
     const real *weight; /* (H,W) 1 or 0, or NULL */
     real *dx;           /* (3,H,W) dL/dx, overwritten */
@@ -234,10 +234,9 @@ struct loss_value {
 /* of a row: |x - y|, S, (x - y)^2 */
 enum loss_sum { LOSS_SUM_L1, LOSS_SUM_SSIM, LOSS_SUM_SQUARE, LOSS_SUMS };
 struct loss_scratch { /* kept between steps, to avoid allocations */
-    struct loss_strip *strip;
     real *rows, *valid;
     double (*sums)[LOSS_SUMS];
-    size_t strip_capacity, rows_capacity, sums_capacity, valid_capacity;
+    size_t rows_capacity, sums_capacity, valid_capacity;
     size_t cleared; /* number of values cleared */
     int width;      /* the width that they were cleared for */
 };

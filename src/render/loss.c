@@ -113,7 +113,7 @@ SIMD_INLINE real *loss_ring(const struct loss_rows *r, real *ring, int row)
 }
 
 /* The rows of a ring in reach of the batch's windows. */
-SIMD_INLINE void loss_window(const struct loss_rows *r, real *ring, int batch, const real *rows[LOSS_REACH])
+SIMD_INLINE void loss_reach(const struct loss_rows *r, real *ring, int batch, const real *rows[LOSS_REACH])
 {
     for (int k = 0; k < LOSS_REACH; k++) rows[k] = loss_ring(r, ring, batch - LOSS_HALF + k);
 }
@@ -165,50 +165,48 @@ SIMD_INLINE void loss_begin_counts(const struct loss_strip *s, const struct loss
 
 /* ---------------- blurs */
 
-/* A window is symmetric: values at equal distances are added before they are weighted. s5: sum of the two at
- * distance 5, and so on. */
-SIMD_INLINE real loss_symmetric_sum(const int fused, real s5, real s4, real s3, real s2, real s1, real centre)
-{
-    real sum = LOSS_WINDOW[0] * s5;
-    sum = muladd(fused, LOSS_WINDOW[1], s4, sum);
-    sum = muladd(fused, LOSS_WINDOW[2], s3, sum);
-    sum = muladd(fused, LOSS_WINDOW[3], s2, sum);
-    sum = muladd(fused, LOSS_WINDOW[4], s1, sum);
-    return muladd(fused, LOSS_WINDOW[5], centre, sum);
-}
-
-/* Columns of all phases. Letters a to d are phases 0 to 3; at number n the pointer is n - 2 columns ahead. So
- * p0..p13 are the pixels
- * 4 j - 5 to 4 j + 8, and the four windows of column j take 11 neighbours each. `one` is 1 but not a
- * constant: otherwise clang reuses loads between columns and does not vectorise. */
-SIMD_INLINE void loss_blur_horizontal(const int fused, const size_t one, const struct loss_rows *r,
-                                      const real *row, real *restrict out)
-{
-    const real *restrict a1 = row - 1, *restrict a2 = a1 + one, *restrict a3 = a2 + one,
-                         *restrict a4 = a3 + one;
-    const real *restrict b1 = row + r->phase - 1, *restrict b2 = b1 + one, *restrict b3 = b2 + one;
-    const real *restrict c1 = row + 2 * r->phase - 1, *restrict c2 = c1 + one, *restrict c3 = c2 + one;
-    const real *restrict d0 = row + 3 * r->phase - 2, *restrict d1 = d0 + one, *restrict d2 = d1 + one,
-                         *restrict d3 = d2 + one;
-    for (size_t j0 = 0; j0 < r->columns; j0 += PACK) {
-#pragma omp simd
-        for (size_t l = 0; l < PACK; l++) {
-            const size_t j = j0 + l;
-            const real p0 = d0[j], p1 = a1[j], p2 = b1[j], p3 = c1[j], p4 = d1[j], p5 = a2[j], p6 = b2[j],
-                       p7 = c2[j], p8 = d2[j], p9 = a3[j], p10 = b3[j], p11 = c3[j], p12 = d3[j], p13 = a4[j];
-            out[j] = loss_symmetric_sum(fused, p0 + p10, p1 + p9, p2 + p8, p3 + p7, p4 + p6, p5);
-            out[r->phase + j] = loss_symmetric_sum(fused, p1 + p11, p2 + p10, p3 + p9, p4 + p8, p5 + p7, p6);
-            out[2 * r->phase + j] =
-                loss_symmetric_sum(fused, p2 + p12, p3 + p11, p4 + p10, p5 + p9, p6 + p8, p7);
-            out[3 * r->phase + j] =
-                loss_symmetric_sum(fused, p3 + p13, p4 + p12, p5 + p11, p6 + p10, p7 + p9, p8);
-        }
-    }
-}
-
 SIMD_INLINE real loss_map(const int fused, const int map, real x, real y)
 {
     return map == LOSS_X ? x : map == LOSS_Y ? y : map == LOSS_SQUARES ? muladd(fused, x, x, y * y) : x * y;
+}
+
+/* Two values of a map at equal distances from the centre of a window, which is symmetric. */
+SIMD_INLINE real loss_two(const int fused, const int map, const real *const *x, const real *const *y,
+                          const int k, size_t j)
+{
+    return loss_map(fused, map, x[k][j], y[k][j]) +
+           loss_map(fused, map, x[2 * LOSS_HALF - k][j], y[2 * LOSS_HALF - k][j]);
+}
+
+/* A window of a map: x[k][j], y[k][j] are its k-th values. */
+SIMD_INLINE real loss_window(const int fused, const int map, const real *const *x, const real *const *y,
+                             size_t j)
+{
+    real sum = LOSS_WINDOW[0] * loss_two(fused, map, x, y, 0, j);
+    sum = muladd(fused, LOSS_WINDOW[1], loss_two(fused, map, x, y, 1, j), sum);
+    sum = muladd(fused, LOSS_WINDOW[2], loss_two(fused, map, x, y, 2, j), sum);
+    sum = muladd(fused, LOSS_WINDOW[3], loss_two(fused, map, x, y, 3, j), sum);
+    sum = muladd(fused, LOSS_WINDOW[4], loss_two(fused, map, x, y, 4, j), sum);
+    return muladd(fused, LOSS_WINDOW[5], loss_map(fused, map, x[5][j], y[5][j]), sum);
+}
+
+/* Columns of all phases: a column's pixels are 4 j to 4 j + 3, so its windows reach from 4 j - 5 to 4 j + 8.
+ * `one` is 1 but not a constant: otherwise clang reuses loads between columns and does not vectorise. */
+SIMD_INLINE void loss_blur_horizontal(const int fused, const size_t one, const struct loss_rows *r,
+                                      const real *row, real *restrict out)
+{
+    const real *p[LOSS_PHASES + 2 * LOSS_HALF];
+    for (size_t k = 0; k < LOSS_PHASES + 2 * LOSS_HALF; k++)
+        p[k] = row + (k + 3) % LOSS_PHASES * r->phase + (k + 3) / LOSS_PHASES * one - 2;
+    for (size_t j0 = 0; j0 < r->columns; j0 += PACK) {
+#pragma omp simd
+        for (size_t j = j0; j < j0 + PACK; j++) {
+            out[j] = loss_window(fused, LOSS_X, p, p, j);
+            out[r->phase + j] = loss_window(fused, LOSS_X, p + 1, p + 1, j);
+            out[2 * r->phase + j] = loss_window(fused, LOSS_X, p + 2, p + 2, j);
+            out[3 * r->phase + j] = loss_window(fused, LOSS_X, p + 3, p + 3, j);
+        }
+    }
 }
 
 /* A pack of columns of a map, blurred vertically for the rows of a batch; x[k], y[k]: the k-th row in
@@ -219,31 +217,14 @@ SIMD_INLINE void loss_blur_vertical(const int fused, const int map, const real *
 {
 #pragma omp simd
     for (size_t l = 0; l < PACK; l++) {
-        const size_t j = j0 + l;
-        const real m0 = loss_map(fused, map, x[0][j], y[0][j]), m1 = loss_map(fused, map, x[1][j], y[1][j]);
-        const real m2 = loss_map(fused, map, x[2][j], y[2][j]), m3 = loss_map(fused, map, x[3][j], y[3][j]);
-        const real m4 = loss_map(fused, map, x[4][j], y[4][j]), m5 = loss_map(fused, map, x[5][j], y[5][j]);
-        const real m6 = loss_map(fused, map, x[6][j], y[6][j]), m7 = loss_map(fused, map, x[7][j], y[7][j]);
-        const real m8 = loss_map(fused, map, x[8][j], y[8][j]), m9 = loss_map(fused, map, x[9][j], y[9][j]);
-        const real m10 = loss_map(fused, map, x[10][j], y[10][j]),
-                   m11 = loss_map(fused, map, x[11][j], y[11][j]);
-        const real m12 = loss_map(fused, map, x[12][j], y[12][j]),
-                   m13 = loss_map(fused, map, x[13][j], y[13][j]);
-        const real m14 = loss_map(fused, map, x[14][j], y[14][j]),
-                   m15 = loss_map(fused, map, x[15][j], y[15][j]);
-        const real m16 = loss_map(fused, map, x[16][j], y[16][j]),
-                   m17 = loss_map(fused, map, x[17][j], y[17][j]);
-        out[l] = loss_symmetric_sum(fused, m0 + m10, m1 + m9, m2 + m8, m3 + m7, m4 + m6, m5);
-        out[stride + l] = loss_symmetric_sum(fused, m1 + m11, m2 + m10, m3 + m9, m4 + m8, m5 + m7, m6);
-        out[2 * stride + l] = loss_symmetric_sum(fused, m2 + m12, m3 + m11, m4 + m10, m5 + m9, m6 + m8, m7);
-        out[3 * stride + l] = loss_symmetric_sum(fused, m3 + m13, m4 + m12, m5 + m11, m6 + m10, m7 + m9, m8);
-        out[4 * stride + l] = loss_symmetric_sum(fused, m4 + m14, m5 + m13, m6 + m12, m7 + m11, m8 + m10, m9);
-        out[5 * stride + l] =
-            loss_symmetric_sum(fused, m5 + m15, m6 + m14, m7 + m13, m8 + m12, m9 + m11, m10);
-        out[6 * stride + l] =
-            loss_symmetric_sum(fused, m6 + m16, m7 + m15, m8 + m14, m9 + m13, m10 + m12, m11);
-        out[7 * stride + l] =
-            loss_symmetric_sum(fused, m7 + m17, m8 + m16, m9 + m15, m10 + m14, m11 + m13, m12);
+        out[l] = loss_window(fused, map, x, y, j0 + l);
+        out[stride + l] = loss_window(fused, map, x + 1, y + 1, j0 + l);
+        out[2 * stride + l] = loss_window(fused, map, x + 2, y + 2, j0 + l);
+        out[3 * stride + l] = loss_window(fused, map, x + 3, y + 3, j0 + l);
+        out[4 * stride + l] = loss_window(fused, map, x + 4, y + 4, j0 + l);
+        out[5 * stride + l] = loss_window(fused, map, x + 5, y + 5, j0 + l);
+        out[6 * stride + l] = loss_window(fused, map, x + 6, y + 6, j0 + l);
+        out[7 * stride + l] = loss_window(fused, map, x + 7, y + 7, j0 + l);
     }
 }
 
@@ -276,8 +257,8 @@ SIMD_INLINE void loss_blur_maps(const int fused, const struct loss_rows *r, int 
 {
     const real *x[LOSS_REACH], *y[LOSS_REACH];
     const size_t map = LOSS_BATCH * r->stride;
-    loss_window(r, r->x, batch, x);
-    loss_window(r, r->y, batch, y);
+    loss_reach(r, r->x, batch, x);
+    loss_reach(r, r->y, batch, y);
     for (size_t p = 0; p < LOSS_PHASES * r->phase; p += r->phase)
         for (size_t j = p; j < p + r->columns; j += PACK) {
             loss_blur_vertical(fused, LOSS_X, x, y, j, r->stride, r->vertical + j);
@@ -351,7 +332,7 @@ SIMD_INLINE void loss_blur_derivatives(const int fused, const struct loss_rows *
 {
     for (size_t k = 0; k < LOSS_DERIVATIVES; k++) {
         const real *rows[LOSS_REACH];
-        loss_window(r, r->derivative_rings + k * LOSS_REACH * r->stride, batch, rows);
+        loss_reach(r, r->derivative_rings + k * LOSS_REACH * r->stride, batch, rows);
         for (size_t p = 0; p < LOSS_PHASES * r->phase; p += r->phase)
             for (size_t j = p; j < p + r->columns; j += PACK)
                 loss_blur_vertical(fused, LOSS_X, rows, rows, j, r->stride,
@@ -412,55 +393,25 @@ SIMD_BODY void loss_strip_body(const int fused, const struct loss_strip *s)
 
 SIMD_DISPATCH(static, loss_strip, struct loss_strip)
 
-/* Computes the loss without SSIM (weight 0). */
-static void loss_l1_strip(const struct loss_strip *s)
-{
-    const size_t width = (size_t)s->job->width;
-    for (int row = s->first; row < s->end; row++) {
-        const real *restrict x = s->job->x + loss_row_offset(s, row), *restrict y =
-                                                                          s->job->y + loss_row_offset(s, row);
-        const real *restrict weight = s->job->weight ? s->job->weight + (size_t)row * width : NULL;
-        real *restrict dx = s->job->dx + loss_row_offset(s, row);
-        double l1 = 0, square = 0;
-        for (size_t j = 0; j < width; j++) {
-            const real d = x[j] - y[j], w = weight ? weight[j] : 1;
-            dx[j] = s->l1_scale * w * (d > 0 ? (real)1 : d < 0 ? (real)-1 : 0);
-            l1 += w * (d < 0 ? -d : d);
-            square += w * d * d;
-        }
-        s->sums[row][LOSS_SUM_L1] = l1;
-        s->sums[row][LOSS_SUM_SSIM] = 0;
-        s->sums[row][LOSS_SUM_SQUARE] = square;
-    }
-}
-
 /* ---------------- the whole image */
 
-/* Marks pixels whose horizontal window is unmasked with 1. Returns their number in the row. */
-static int64_t loss_valid_horizontal(const real *restrict weight, int width, real *restrict out)
+/* Marks pixels where `in` is not 0, too. */
+static void loss_and(const real *restrict in, int count, real *restrict out)
 {
-    int64_t count = 0;
-    for (int x = 0; x < width; x++) {
-        out[x] = 1;
-        count += weight[x] > 0;
-    }
-    for (int k = -LOSS_HALF; k <= LOSS_HALF; k++)
-        for (int x = OXL_MAX(-k, 0); x < OXL_MIN(width, width - k); x++) out[x] *= (real)(weight[x + k] > 0);
-    return count;
+    for (int x = 0; x < count; x++) out[x] *= (real)(in[x] > 0);
 }
 
-/* Marks pixels whose window is unmasked in all its rows with 1. Returns their number. */
-static int64_t loss_valid_vertical(const real *horizontal, const struct loss_job *job, int row,
-                                   real *restrict out)
+static void loss_fill(real *out, int count)
 {
-    int64_t count = 0;
-    for (int x = 0; x < job->width; x++) out[x] = 1;
-    for (int v = OXL_MAX(row - LOSS_HALF, 0); v <= OXL_MIN(row + LOSS_HALF, job->height - 1); v++) {
-        const real *restrict in = horizontal + (size_t)v * (size_t)job->width;
-        for (int x = 0; x < job->width; x++) out[x] *= in[x];
-    }
-    for (int x = 0; x < job->width; x++) count += out[x] > 0;
-    return count;
+    for (int x = 0; x < count; x++) out[x] = 1;
+}
+
+/* Returns how many numbers are not 0. */
+static int64_t loss_count(const real *in, int64_t count)
+{
+    int64_t found = 0;
+    for (int64_t i = 0; i < count; i++) found += in[i] > 0;
+    return found;
 }
 
 /* Fills scratch->valid (2,H,W): 1 where the 11 x 11 window inside the image is unmasked; then the same for
@@ -468,21 +419,27 @@ static int64_t loss_valid_vertical(const real *horizontal, const struct loss_job
 static oxl_result loss_valid_windows(oxl_context *ctx, const struct loss_job *job,
                                      struct loss_scratch *scratch, double *values, double *windows)
 {
-    const size_t w = (size_t)job->width, image = w * (size_t)job->height;
-    int64_t pixels = 0, count = 0;
-    real *valid, *horizontal;
-    oxl_result rc = OXL_RESERVE(ctx, scratch->valid, 2 * image);
+    const int width = job->width, height = job->height;
+    const size_t w = (size_t)width, image = w * (size_t)height;
+    const oxl_result rc = OXL_RESERVE(ctx, scratch->valid, 2 * image);
+    real *valid = scratch->valid, *horizontal = valid + image;
     if (rc != OXL_OK) return rc;
-    valid = scratch->valid;
-    horizontal = valid + image;
-#pragma omp parallel for schedule(static) num_threads(ctx->threads) reduction(+ : pixels)
-    for (int y = 0; y < job->height; y++)
-        pixels += loss_valid_horizontal(job->weight + (size_t)y * w, job->width, horizontal + (size_t)y * w);
-#pragma omp parallel for schedule(static) num_threads(ctx->threads) reduction(+ : count)
-    for (int y = 0; y < job->height; y++)
-        count += loss_valid_vertical(horizontal, job, y, valid + (size_t)y * w);
-    *values = 3 * (double)pixels;
-    *windows = 3 * (double)count;
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int y = 0; y < height; y++) {
+        const real *in = job->weight + (size_t)y * w;
+        real *out = horizontal + (size_t)y * w;
+        loss_fill(out, width);
+        for (int k = -OXL_MIN(LOSS_HALF, width); k <= OXL_MIN(LOSS_HALF, width); k++)
+            loss_and(in + OXL_MAX(k, 0), width - abs(k), out + OXL_MAX(-k, 0));
+    }
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int y = 0; y < height; y++) {
+        loss_fill(valid + (size_t)y * w, width);
+        for (int v = OXL_MAX(y - LOSS_HALF, 0); v <= OXL_MIN(y + LOSS_HALF, height - 1); v++)
+            loss_and(horizontal + (size_t)v * w, width, valid + (size_t)y * w);
+    }
+    *values = 3 * (double)loss_count(job->weight, (int64_t)image);
+    *windows = 3 * (double)loss_count(valid, (int64_t)image);
     return OXL_OK;
 }
 
@@ -514,31 +471,25 @@ OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct los
     /* pieces of the image, each a span of rows, in all three channels */
     const int pieces = ctx->threads, strips = 3 * pieces;
     double values = 3.0 * (double)pixels, windows = values;
-    struct loss_strip *strip;
-    oxl_result rc = OXL_RESERVE(ctx, scratch->strip, (size_t)strips);
-    if (rc == OXL_OK) rc = OXL_RESERVE(ctx, scratch->rows, room * (size_t)strips);
+    oxl_result rc = OXL_RESERVE(ctx, scratch->rows, room * (size_t)strips);
     if (rc == OXL_OK) rc = OXL_RESERVE(ctx, scratch->sums, 3 * (size_t)job->height);
     if (rc == OXL_OK && job->weight) rc = loss_valid_windows(ctx, job, scratch, &values, &windows);
     if (rc != OXL_OK) return rc;
     loss_clear(scratch, job->width, room * (size_t)strips);
-    strip = scratch->strip;
-    for (int i = 0; i < strips; i++) { /* close to the thread's tiles (renderer.c), for cache locality */
-        strip[i].channel = i % 3;
-        strip[i].first = (int)((int64_t)job->height * (i / 3) / pieces);
-        strip[i].end = (int)((int64_t)job->height * (i / 3 + 1) / pieces);
-        strip[i].job = job;
-        strip[i].window_ok = job->weight ? scratch->valid : NULL;
-        strip[i].l1_scale = values > 0 ? (1 - job->ssim_weight) / (real)values : 0;
-        strip[i].ssim_scale = windows > 0 ? job->ssim_weight / (real)windows : 0;
-        strip[i].c2 = job->c2 > 0 ? job->c2 : LOSS_C2;
-        strip[i].one = 1;
-        strip[i].scratch = scratch->rows + room * (size_t)i;
-        strip[i].sums = scratch->sums + (size_t)strip[i].channel * (size_t)job->height;
-    }
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int i = 0; i < strips; i++) {
-        if (job->ssim_weight > 0) loss_strip(ctx->isa, &strip[i]);
-        else loss_l1_strip(&strip[i]);
+    for (int i = 0; i < strips; i++) { /* close to the thread's tiles (renderer.c), for cache locality */
+        const struct loss_strip strip = {.job = job,
+                                         .window_ok = job->weight ? scratch->valid : NULL,
+                                         .l1_scale = values > 0 ? (1 - job->ssim_weight) / (real)values : 0,
+                                         .ssim_scale = windows > 0 ? job->ssim_weight / (real)windows : 0,
+                                         .c2 = job->c2 > 0 ? job->c2 : LOSS_C2,
+                                         .channel = i % 3,
+                                         .first = (int)((int64_t)job->height * (i / 3) / pieces),
+                                         .end = (int)((int64_t)job->height * (i / 3 + 1) / pieces),
+                                         .one = 1,
+                                         .scratch = scratch->rows + room * (size_t)i,
+                                         .sums = scratch->sums + (size_t)(i % 3) * (size_t)job->height};
+        loss_strip(ctx->isa, &strip);
     }
     loss_add_up(job, scratch->sums, values, windows, out);
     return OXL_OK;
@@ -546,6 +497,6 @@ OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct los
 
 OXL_INTERNAL void loss_free(oxl_context *ctx, struct loss_scratch *scratch)
 {
-    OXL_FREE(ctx, scratch->strip, scratch->rows, scratch->sums, scratch->valid);
+    OXL_FREE(ctx, scratch->rows, scratch->sums, scratch->valid);
     *scratch = (struct loss_scratch){0};
 }
