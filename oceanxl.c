@@ -161,7 +161,6 @@
 #include "src/large/os_job_windows.c"   /* the same on Windows */
 #include "src/large/os_job.c"           /* on top of them: links refused, locks */
 #include "src/large/lock.c"             /* one process at a time writes to a folder */
-#include "src/large/nonfinite_record.c" /* counts of values that are not finite, as JSON */
 #include "src/large/checkpoint.c"       /* a run's state in a file, for resuming */
 #include "src/large/block.c"            /* training of one block in its folder */
 #include "src/large/job_state.h"        /* shared by the files of a job */
@@ -176,8 +175,7 @@
 #include "src/job/manifest.c"        /* run.json: all inputs of a result */
 #include "src/job/out_folder.c"      /* folders that a run may not write to */
 #include "src/job/overlap.c"         /* does a model belong to a survey? */
-#include "src/job/start.c"           /* a model in the place of the points, --from and continuing */
-#include "src/job/render_names.c"    /* their names */
+#include                             /* their names */
 #include "src/job/render_files.c"    /* renders as files */
 #include "src/job/misfit.c"          /* how much of an error a displaced camera explains */
 #include "src/job/training_views.c"  /* training views with much larger error than their neighbours */

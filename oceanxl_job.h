@@ -191,10 +191,8 @@ OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *mo
  * again and ends in the same bytes as an uninterrupted one; a finished run is not changed. If the callback
  * stops the run (OXL_ERR_INTERRUPTED) or train.max_seconds has passed (OXL_OK), model.ply is the current
  * model, and scene.ply too if there is one block.
- * A finished run of one block is continued when it is called with more iterations and otherwise the same
- * options: the missing steps refine the model in blocks/000 without density control. With `from`, training
- * starts from that model in the place of the points.
- * An unfinished run with other options is not overwritten (OXL_ERR_USAGE) unless options->restart is set.
+ * With `from`, training starts from that model in the place of the points.
+ * A run with other options is not overwritten (OXL_ERR_USAGE) unless options->restart is set.
  * options may be NULL: the draft preset. */
 OXL_API oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out,
                                const oxl_job_options *options, const oxl_callback *callback);
@@ -233,9 +231,8 @@ OXL_API void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run);
 
 /* Writes renders of a split to a folder: NAME.png per view; with `images` also NAME.image.png, the image,
  * and, where a medium is fitted, NAME.clear.png, the render without lamp and medium; with `depth` also
- * NAME.depth.png (near is bright), NAME.depth.pfm
- * (float camera z, 0: no surface) and NAME.depth16.png (16-bit grey, camera z in thousandths of a unit, or
- * of a metre with `unit`; 0: no surface, 65535: that or more); depth is that of oxl_render. */
+ * NAME.depth.png (near is bright) and NAME.depth.pfm (float camera z, 0: no surface); depth is that of
+ * oxl_render. */
 typedef struct oxl_render_output {
     oxl_split split;
     int images, depth;

@@ -115,12 +115,7 @@ int option_read_ucd(const char *text, oxl_ucd *out);
 /* src/large/block_plan.c */
 double plan_best_rectangle(const double *value, int width, int height, struct image_window *best);
 /* src/job/render_files.c */
-oxl_result render_file_path(oxl_context *ctx, const char *folder, const char *name, const char *suffix,
-                            char **out);
-oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, const char *name, const float *depth,
-                                   int width, int height);
-/* src/job/survey_report.c */
-void survey_write_duration(oxl_survey *s, double seconds, const double range[2]);
+void render_depth_grey(float *depth, size_t pixels, double unit, float *grey);
 /* src/render/renderer_step.c */
 float *render_depth_sums(const struct renderer_sums *s, float depth);
 /* src/survey/camera.c */

@@ -249,7 +249,6 @@ promise a_model_is_placed_by_its_origin 0 "" sh -c \
     "LC_ALL=C sed '1,/^end_header/s/^comment origin.*/comment origin 1e6 0 0/' out/scene.ply >moved.ply; for m in out/scene moved; do '$program' eval \$m.ply survey >\$(basename \$m).txt || exit 1; done; ! cmp -s scene.txt moved.txt"
 promise render_draws_every_view 0 "16 images in all" "$program" render out/scene.ply survey -o all --split all --depth
 promise render_writes_depth 0 "" files 16 all "*.depth.pfm"
-promise render_writes_depth_of_16_bits_too 0 "" files 16 all "*.depth16.png"
 promise render_writes_a_map 0 "in the world's x and y" on_stdout "$program" render out/scene.ply survey -o ortho --ortho --pixel 0.05
 promise map_has_its_heights 0 "" sh -c 'test -s ortho/ortho.tif && test -s ortho/height.tif'
 promise map_replaces_its_own_and_no_other_programs 2 "mine/height.tif exists, and OceanXL did not write it" sh -c \

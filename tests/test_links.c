@@ -17,49 +17,6 @@ static int links_holds(const char *path, const char *text)
     return same;
 }
 
-/* A link in OUT to the folder `victim`, which holds the file photo. */
-static void links_lead_out(const char *name)
-{
-    char path[1024];
-    test_write("victim/photo", "keep");
-    snprintf(path, sizeof path, "out/%s/.", name);
-    CHECK_OK(oxl_make_folder(test_ctx, test_path(path)));
-    path[strlen(path) - 2] = 0;
-    rmdir(test_path(path));
-    CHECK(symlink(test_path("victim"), test_path(path)) == 0);
-}
-
-static int links_victim_is_alone_count;
-static void links_count(void *user, const char *name)
-{
-    (void)user, (void)name;
-    links_victim_is_alone_count++;
-}
-
-/* The victim is as it was: nothing in it but the photo. */
-static int links_victim_is_unchanged(void)
-{
-    links_victim_is_alone_count = 0;
-    CHECK_OK(os_list_folder(test_ctx, test_path("victim"), links_count, NULL));
-    return links_victim_is_alone_count == 1 && links_holds(test_path("victim/photo"), "keep");
-}
-
-TEST(folders_of_a_run_that_are_links_are_refused_by_name)
-{
-    static const char *const folders[] = {"blocks",        "renders",      "training_views", "blocks/000",
-                                          "blocks/coarse", "blocks/whole", "blocks/decoded", "blocks/start"};
-    oxl_job_options options = job_test_options();
-    for (size_t k = 0; k < OXL_COUNT(folders); k++) {
-        char path[128];
-        snprintf(path, sizeof path, "out/%s", folders[k]);
-        links_lead_out(folders[k]);
-        CHECK_ERROR(job_test_run("out", &options), OXL_ERR_INPUT, folders[k]);
-        CHECK_SAYS("is a link");
-        CHECK(links_victim_is_unchanged());
-        CHECK(unlink(test_path(path)) == 0);
-    }
-}
-
 TEST(a_folder_given_by_the_user_may_be_a_link)
 {
     const oxl_job_options options = job_test_options();
@@ -156,28 +113,6 @@ TEST(a_model_that_no_run_wrote_is_replaced_with_restart_alone)
     CHECK(!links_holds(test_path("out/scene.ply"), "of another program"));
 }
 
-TEST(a_render_is_not_written_through_a_link)
-{
-    char *path;
-    test_write("victim/photo.png", "keep");
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("renders")));
-    CHECK(symlink(test_path("victim"), test_path("renders/l")) == 0);
-    CHECK(render_file_path(test_ctx, test_path("renders"), "l/photo", ".png", &path) == OXL_ERR_INPUT &&
-          !path);
-    CHECK_SAYS("renders/l is a link");
-}
-
-TEST(blocks_are_not_exported_through_a_link)
-{
-    const oxl_job_options options = job_test_options();
-    const char *survey = job_test_survey();
-    test_write("victim/0/cameras.txt", "keep");
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("out/blocks/000")));
-    CHECK(symlink(test_path("victim"), test_path("out/blocks/000/sparse")) == 0);
-    CHECK_ERROR(oxl_partition(test_ctx, survey, test_path("out"), &options, NULL), OXL_ERR_INPUT,
-                "sparse is a link");
-    CHECK(links_holds(test_path("victim/0/cameras.txt"), "keep"));
-}
 #endif
 
 TEST(only_files_that_a_run_writes_are_swept)
@@ -206,22 +141,6 @@ TEST(decoded_images_are_removed_by_the_names_that_a_run_gives_them)
 
 /* ---------------- names of renders */
 
-static oxl_scene *links_scene(const char *const *name, int views)
-{
-    struct text images = {.ctx = test_ctx};
-    oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene *scene = NULL;
-    test_write("s/cameras.txt", "1 PINHOLE 48 32 40 40 24 16\n");
-    for (int i = 0; i < views; i++)
-        text_add(&images, "%d 1 0 0 0 %.1f 0 0 1 %s\n24 16 1\n", i + 1, 0.1 * i, name[i]);
-    test_write("s/images.txt", images.data);
-    test_write("s/points3D.txt", "1 0 0 4 9 9 9 0.5 1 0 2 0\n");
-    text_free(&images);
-    options.read_images = 0;
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("s"), &options, &scene));
-    return scene;
-}
-
 TEST(renders_of_long_names_are_cut_and_stay_different)
 {
     char a[300], b[300], *path[2] = {NULL}, *again = NULL;
@@ -236,17 +155,4 @@ TEST(renders_of_long_names_are_cut_and_stay_different)
     CHECK_OK(oxl_render_path(test_ctx, "f", "../a/b", ".png", &path[0]));
     CHECK(!strcmp(path[0], "f/.._a_b.png"));
     oxl_free(test_ctx, path[0]);
-}
-
-TEST(views_whose_renders_would_share_a_name_are_refused)
-{
-    static const char *const pairs[][2] = {{"a.png", "b.png"}, {"x", "x.image"}, {"x", "x.png/y"},
-                                           {"x.png", "x"},     {"d/x", "x"},     {"c.depth", "c"}};
-    static const int collides[] = {0, 1, 1, 0, 0, 1};
-    for (size_t k = 0; k < OXL_COUNT(pairs); k++) {
-        OWNED_SCENE *scene = links_scene(pairs[k], 2);
-        const oxl_result rc = scene ? render_names_check(test_ctx, scene) : OXL_ERR_FAILED;
-        CHECK(rc == (collides[k] ? OXL_ERR_INPUT : OXL_OK));
-        if (collides[k]) CHECK_SAYS("\nfix: rename");
-    }
 }

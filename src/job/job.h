@@ -11,12 +11,6 @@
  * values by depth, and "views". */
 OXL_INTERNAL oxl_result metrics_json_add(struct text *t, const oxl_scene *scene, const oxl_metrics *m);
 
-/* ---------------- render_files.c */
-
-/* Writes a PNG of 16-bit grey. */
-OXL_INTERNAL oxl_result render_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey,
-                                           int width, int height);
-
 /* ---------------- manifest.c: run.json, what a result depends on */
 
 struct oxl_manifest {
@@ -32,10 +26,7 @@ OXL_INTERNAL oxl_result manifest_read(oxl_context *ctx, const char *folder, stru
 OXL_INTERNAL void manifest_free(oxl_context *ctx, struct oxl_manifest *run);
 /* Sets the options of the run, once; o borrows its strings. Returns the path of its survey, or NULL. */
 OXL_INTERNAL const char *manifest_options(struct oxl_manifest *run, oxl_job_options *o);
-/* Returns 1 if the run has the member "NAME": {...} with these contents. */
-OXL_INTERNAL int manifest_has(const struct oxl_manifest *run, const struct text *member);
-/* Counts the values inside of "NAME": {...} that the run does not have, and adds a line for each to t, or
- * NULL. */
+/* Counts the values inside of "NAME": {...} that the run does not have, and adds a line for each to t. */
 OXL_INTERNAL int manifest_differences(const struct oxl_manifest *run, const char *member, struct text *t);
 
 /* ---------------- out_folder.c */
@@ -46,23 +37,9 @@ OXL_INTERNAL oxl_result out_check_inputs(oxl_context *ctx, const char *out, cons
 /* Refuses an OUT without a run that holds a file which a run would replace. */
 OXL_INTERNAL oxl_result out_check_files(oxl_context *ctx, const char *out);
 
-/* ---------------- start.c: a model to start from instead of the points */
+/* ---------------- render_files.c */
 
-/* Finds the model to start from, and adds its checksum to job->found. */
-OXL_INTERNAL oxl_result start_find(struct job *job, const struct oxl_manifest *run);
-/* Sets the task's start; the scene gets the imaging of a continued run. */
-OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char *out, struct start *start,
-                                  struct block_task *task);
-/* Fails with OXL_ERR_USAGE for several blocks, which only start from the survey. */
-OXL_INTERNAL oxl_result start_check(oxl_context *ctx, const struct start *start, int blocks);
-
-/* ---------------- render_names.c, render_files.c */
-
-/* Lists the suffixes of a view's files, and the temporary names of these. */
-#define RENDER_SUFFIXES ".png", ".image.png", ".clear.png", ".depth.png", ".depth.pfm", ".depth16.png"
-#define RENDER_FILES "*.png *.pfm"
-/* Refuses views whose files would have the same name. */
-OXL_INTERNAL oxl_result render_names_check(oxl_context *ctx, const oxl_scene *scene);
+#define RENDER_FILES "*.png *.pfm" /* Lists the files of views, for their temporary names. */
 
 struct render_files {
     const oxl_model *source;

@@ -95,17 +95,16 @@ static oxl_result job_add_viewer(struct job *job, struct text *t, const oxl_trai
 
 static void job_add_figures(struct job *job, struct text *t, const oxl_model *model, size_t bytes)
 {
+    double *number = job->total.number;
     text_add(t, "{\n  \"split\": \"%s\",\n", job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "train");
     text_add_member(t, "gaussians", (double)model->count);
     text_add_member(t, "lobes", (double)model->lobes);
     text_add_member(t, "sh_degree", model->sh_degree);
     text_add_member(t, "bytes", (double)bytes);
     text_add_member(t, "blocks", job->partition.block_count);
-    text_add_member(t, "iterations", job->total.iterations);
-    text_add_member(t, "seconds", job->total.seconds);
-    text_add_member(t, "peak_rss_bytes", OXL_MAX(job->total.peak, (double)os_peak_rss()));
-    text_add_member(t, "predicted_memory_bytes", job->total.predicted_peak);
-    nonfinite_add_json(t, &job->total.nonfinite);
+    text_add_member(t, "iterations", number[BLOCK_ITERATIONS]);
+    number[BLOCK_PEAK] = OXL_MAX(number[BLOCK_PEAK], (double)os_peak_rss());
+    block_add_numbers(t, &job->total, BLOCK_SECONDS);
 }
 
 static void job_log_metrics(struct job *job, const oxl_metrics *m, size_t gaussians, size_t bytes)
@@ -140,7 +139,8 @@ static oxl_result job_write_metrics(struct job *job, const oxl_trained *trained)
     job_add_figures(job, &t, model, bytes);
     if (rc == OXL_OK) rc = job_add_viewer(job, &t, trained, &m);
     if (rc == OXL_OK)
-        rc = training_views_check(job->ctx, model, job->scene, &job->imaging, job->total.iterations,
+        rc = training_views_check(job->ctx, model, job->scene, &job->imaging,
+                                  (int)job->total.number[BLOCK_ITERATIONS],
                                   split == OXL_SPLIT_TRAIN ? &m : NULL, &t,
                                   job->options.renders ? PATH(job->out, "training_views") : NULL);
     if (rc == OXL_OK) rc = metrics_json_add(&t, job->scene, &m);
@@ -203,10 +203,9 @@ OXL_INTERNAL oxl_result job_write_run(struct job *job, int finished)
     text_add(&t, ",\n  \"preset\": ");
     text_add_json_string(&t, job->options.preset ? job->options.preset : "");
     text_add(
-        &t,
-        ",\n  \"iterations_done\": %d,\n  \"blocks\": %d,\n  \"origin\": [%s, %s, %s],\n  %s,\n  %s,\n  %s,\n",
-        job->total.iterations, job->partition.block_count, NUMBER(job->origin[0]), NUMBER(job->origin[1]),
-        NUMBER(job->origin[2]), job->inputs.data, job->line.data, job->found.data);
+        &t, ",\n  \"iterations_done\": %.0f,\n  \"blocks\": %d,\n  \"origin\": [%s, %s, %s],\n  %s,\n  %s,\n",
+        job->total.number[BLOCK_ITERATIONS], job->partition.block_count, NUMBER(job->origin[0]),
+        NUMBER(job->origin[1]), NUMBER(job->origin[2]), job->inputs.data, job->key.data);
     if (finished) rc = job_add_decisions(job, &t);
     text_add(&t, "  \"survey\": ");
     survey_add_json(&t, &job->survey, "  ");

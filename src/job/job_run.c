@@ -14,32 +14,23 @@
 
 /* ---------------- run.json */
 
-/* Writes the line "found", the properties of a survey that identify a job: another export in the
- * same place is another job. */
-static oxl_result job_describe_found(struct job *job, int images)
+/* Makes the key of the run: all options that the result depends on, and the properties of a survey that
+ * identify it, since another export in the same place is another job. */
+static oxl_result job_make_key(struct job *job, int images)
 {
+    struct text *key = &job->key;
     uint64_t sum = 0;
-    const oxl_result rc = survey_checksum(job->ctx, job->scene, &sum);
-    text_add(
-        &job->found,
-        "\"found\": {\"images\": %d, \"points\": %zu, \"extent\": %s, \"checksum_of_files\": \"%016llx\"}",
-        images, oxl_scene_point_count(job->scene), NUMBER(oxl_scene_extent(job->scene)),
-        (unsigned long long)sum);
-    return rc;
-}
-
-static oxl_result job_make_key(struct job *job)
-{
-    text_free(&job->key);
-    text_add(&job->key, "%s, %s", job->line.data, job->found.data);
-    return job->found.failed || job->key.failed ? OXL_ERR_MEMORY : OXL_OK;
-}
-
-static void job_describe(struct job *job)
-{
-    text_free(&job->line);
-    text_free(&job->inputs);
-    manifest_describe(&job->line, &job->inputs, job->scene_path, &job->options);
+    oxl_result rc = survey_checksum(job->ctx, job->scene, &sum);
+    manifest_describe(key, &job->inputs, job->scene_path, &job->options);
+    text_add(key, ", \"found\": {\"images\": %d, \"points\": %zu, \"extent\": %s, \"checksum\": \"%016llx\"",
+             images, oxl_scene_point_count(job->scene), NUMBER(oxl_scene_extent(job->scene)),
+             (unsigned long long)sum);
+    if (rc == OXL_OK && job->options.from) {
+        rc = checksum_of_file(job->ctx, job->options.from, &sum);
+        text_add(key, ", \"start\": \"%016llx\"", (unsigned long long)sum);
+    }
+    text_add(key, "}");
+    return rc == OXL_OK && (key->failed || job->inputs.failed) ? OXL_ERR_MEMORY : rc;
 }
 
 /* ---------------- what is there already */
@@ -49,7 +40,7 @@ static oxl_result job_lock(struct job *job)
 {
     const oxl_result rc = lock_folder(job->ctx, job->out, job->options.block >= 0, &job->lock);
     if (rc == OXL_ERR_IO && os_is_file(PATH(job->out, "scene.ply"))) return OXL_OK;
-    return rc == OXL_OK ? job_refuse_links(job) : rc;
+    return rc;
 }
 
 /* Makes the lock exclusive, so that a run of --block K replaces results in OUT, or trains a survey of one
@@ -78,14 +69,15 @@ static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
 {
     struct text t = {.ctx = job->ctx};
     oxl_result rc;
-    manifest_differences(run, job->line.data, &t);
-    if (manifest_differences(run, job->found.data, &t) > 0) manifest_differences(run, job->inputs.data, &t);
+    manifest_differences(run, job->key.data, &t);
+    if (manifest_differences(run, strstr(job->key.data, "\"found\": {"), &t) > 0)
+        manifest_differences(run, job->inputs.data, &t);
     rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
                   "%s holds the %s of a run with other options or of another survey:\n%s"
-                  "fix: use the same options%s, --restart to %s it, or another -o",
-                  job->out, run->finished ? "finished result" : "unfinished work",
-                  t.data ? t.data : "  the model to start from\n", run->finished ? "" : " to resume it",
-                  run->finished ? "replace" : "discard");
+                  "fix: use the same options%s, --restart to %s it, or another -o%s",
+                  job->out, run->finished ? "finished result" : "unfinished work", t.data ? t.data : "",
+                  run->finished ? "" : " to resume it", run->finished ? "replace" : "discard",
+                  run->finished ? ", there with --from to begin with its scene.ply" : "");
     text_free(&t);
     return rc;
 }
@@ -101,36 +93,32 @@ static oxl_result job_replace_run(struct job *job)
     return OXL_OK;
 }
 
-/* Finds the model that training starts from, if it does not start from the points. */
-static oxl_result job_find_start(struct job *job, const struct oxl_manifest *run)
+/* Reads the model of --from. */
+static oxl_result job_read_start(struct job *job)
 {
-    oxl_result rc = start_find(job, run);
-    if (rc != OXL_OK || job->start.model.count == 0) return rc;
-    oxl_model_move_origin(&job->start.model, job->origin);
-    if (job->start.after == 0)
-        rc = oxl_model_check_overlap(job->ctx, &job->start.model, job->scene, job->options.from);
-    job->total.iterations = job->start.after;
-    return rc == OXL_OK ? job_make_key(job) : rc;
+    oxl_model *start = &job->start;
+    oxl_result rc = oxl_model_read(job->ctx, job->options.from, start);
+    if (rc != OXL_OK) return rc;
+    if (start->scale > 0) oxl_model_rescale(start, 1 / start->scale);
+    oxl_model_move_origin(start, job->origin);
+    return oxl_model_check_overlap(job->ctx, start, job->scene, job->options.from);
 }
 
-/* Compares the run with the run in OUT: resumes it, continues it if it is finished, or replaces it; without
- * --restart only if there is no work of it. *done: nothing is left to do. */
+/* Compares the run with the run in OUT: resumes it, or replaces it; without --restart only if it has no work
+ * done. *done: nothing is left to do. */
 static oxl_result job_find_earlier(struct job *job, int *done)
 {
     struct oxl_manifest run = {0};
     const int restart = job->options.restart;
-    int same = 0;
     oxl_result rc = manifest_read(job->ctx, job->out, &run);
+    const int same = run.text && strstr(run.text, job->key.data) != NULL;
     if (rc == OXL_OK && !run.text && !restart && !job_has_blocks(job))
         rc = out_check_files(job->ctx, job->out);
-    if (rc == OXL_OK) rc = job_find_start(job, &run);
-    if (rc == OXL_OK) same = manifest_has(&run, &job->line) && manifest_has(&run, &job->found);
-    *done = same && !restart && run.finished && os_is_file(PATH(job->out, "scene.ply"));
-    if (rc != OXL_OK) *done = 0;
-    else if (run.text && !same && !restart && (run.finished ? job->start.after == 0 : job_has_blocks(job)))
+    *done = rc == OXL_OK && same && !restart && run.finished && os_is_file(PATH(job->out, "scene.ply"));
+    if (rc == OXL_OK && run.text && !same && !restart && (run.finished || job_has_blocks(job)))
         rc = job_refuse(job, &run);
-    else if (restart || (run.text && !same)) rc = job_replace_run(job);
-    else if (!*done && !job->lock) rc = job_lock_alone(job);
+    else if (rc == OXL_OK && (restart || (run.text && !same))) rc = job_replace_run(job);
+    else if (rc == OXL_OK && !*done && !job->lock) rc = job_lock_alone(job);
     manifest_free(job->ctx, &run);
     return rc;
 }
@@ -153,9 +141,7 @@ static oxl_result job_open(struct job *job)
     images = job->scene->stats.images_listed - job->scene->stats.images_missing;
     job->options.train.iterations = cost_iterations(&job->options, images);
     job->options.iterations_for = 0;
-    job_describe(job);
-    rc = job_describe_found(job, images);
-    return rc == OXL_OK ? job_make_key(job) : rc;
+    return job_make_key(job, images);
 }
 
 static oxl_result job_describe_survey(struct job *job)
@@ -175,18 +161,20 @@ static oxl_result job_make_partition(struct job *job)
 {
     const char *path = PATH(job->out, "partition.txt");
     oxl_lock *lock = NULL;
-    oxl_result rc = OXL_OK;
-    while (rc == OXL_OK && job->options.block >= 0 && !lock && !os_is_file(path)) {
-        rc = lock_folder_if_free(job->ctx, PATH(job->out, "blocks"), &lock);
-        if (rc == OXL_OK && !lock) rc = os_wait(job->ctx, JOB_WAIT);
-    }
-    if (rc == OXL_OK && !os_is_file(path)) {
+    oxl_result rc =
+        job->options.block < 0 ? OXL_OK : lock_wait(job->ctx, PATH(job->out, "blocks"), path, &lock);
+    if (rc == OXL_OK && os_is_file(path)) rc = partition_read(job->ctx, path, &job->partition);
+    else if (rc == OXL_OK) {
         rc = budget_partition(job->ctx, job->scene, &job->options, &job->partition);
-        if (rc == OXL_OK) rc = start_check(job->ctx, &job->start, job->partition.block_count);
+        if (rc == OXL_OK && job->options.from && job->partition.block_count > 1)
+            rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
+                          "--from can start one block only, but the survey is cut into %d\nfix: add "
+                          "--partition none",
+                          job->partition.block_count);
         if (rc == OXL_OK &&
             (job->partition.block_count > 1 || job->partition.memory > (double)job->options.ram || lock))
             rc = partition_save(job->ctx, &job->partition, job->out);
-    } else if (rc == OXL_OK) rc = partition_read(job->ctx, path, &job->partition);
+    }
     oxl_unlock_folder(job->ctx, &lock);
     return rc;
 }
@@ -205,36 +193,26 @@ static oxl_result job_partition(struct job *job)
     return rc;
 }
 
-/* Fits the one block into the budget and predicts its memory. */
-static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_job_options *o)
-{
-    const struct cost_load load = cost_load_of_scene(job->scene);
-    *o = job->options;
-    if (!budget_fit(&load, o)) return budget_refuse(job->ctx, &load, o, 0);
-    if (o->train.sh_degree != job->options.train.sh_degree)
-        oxl_log(job->ctx, OXL_LOG_INFO, "SH degree    %d, since --ram %.0f MB has no room for more",
-                o->train.sh_degree, (double)o->ram / 1e6);
-    task->train = o->train;
-    task->predicted_peak = cost_memory(o, &load, cost_gaussians(o, &load));
-    job_limit_time(job, &task->train);
-    return OXL_OK;
-}
-
 static oxl_result job_train_single(struct job *job, const char *folder)
 {
-    struct block_task task = {
-        .folder = folder,
-        .key = job->key.data,
-        .run = {.imaging = &job->imaging,
-                .viewed = cost_evaluation_steps(job->scene, job->options.train.iterations)},
-        .extra = {.viewer_steps = viewer_steps(&job->options.train), .trims = 1}};
-    oxl_job_options options;
-    const oxl_callback callback = {job_progress, job};
-    oxl_result rc = job_plan_single(job, &task, &options);
-    task.callback = &callback;
-    if (rc == OXL_OK) rc = start_use(job->ctx, job->scene, job->out, &job->start, &task);
-    if (rc == OXL_OK) job_set_cache(job, options.scene.image_cache_bytes);
-    return rc == OXL_OK ? block_train(job->ctx, job->scene, &task) : rc;
+    const struct cost_load load = cost_load_of_scene(job->scene);
+    struct block_task task = job_task(job, folder);
+    oxl_job_options o = job->options;
+    if (!budget_fit(&load, &o)) return budget_refuse(job->ctx, &load, &o);
+    if (o.train.sh_degree != job->options.train.sh_degree)
+        oxl_log(job->ctx, OXL_LOG_INFO, "SH degree    %d, since --ram %.0f MB has no room for more",
+                o.train.sh_degree, (double)o.ram / 1e6);
+    job_use_budget(job, &load, &o, &task);
+    task.run.viewed = cost_evaluation_steps(job->scene, job->options.train.iterations);
+    task.extra = (struct train_extra){.viewer_steps = viewer_steps(&job->options.train), .trims = 1};
+    if (job->start.count > 0) task.run.from = &job->start;
+    if (o.train.max_gaussians > 0 && job->start.count > (size_t)o.train.max_gaussians)
+        return oxl_fail(
+            job->ctx, OXL_ERR_USAGE,
+            "the model to start from has %zu Gaussians, but only %d are allowed\nfix: use a larger "
+            "--max-gaussians or --ram",
+            job->start.count, o.train.max_gaussians);
+    return job_train_task(job, &task);
 }
 
 /* Trains a survey in one block. */
@@ -276,9 +254,8 @@ static void job_begin(struct job *job, oxl_context *ctx, const char *scene, cons
                         .out = out,
                         .options = options ? *options : oxl_job_options_default(OXL_PRESET_DRAFT),
                         .callback = callback,
-                        .line = {.ctx = ctx},
+                        .progress = {job_progress, job},
                         .inputs = {.ctx = ctx},
-                        .found = {.ctx = ctx},
                         .key = {.ctx = ctx},
                         .notes = {.ctx = ctx},
                         .started = os_seconds(),
@@ -287,13 +264,11 @@ static void job_begin(struct job *job, oxl_context *ctx, const char *scene, cons
     if (job->options.seed) ctx->options.seed = job->options.seed;
     ctx->notes = &job->notes;
     backend_begin_run(ctx);
-    job_describe(job);
 }
 
 static oxl_result job_check(struct job *job)
 {
-    oxl_result rc = job->line.failed || job->inputs.failed ? OXL_ERR_MEMORY
-                                                           : oxl_job_options_check(job->ctx, &job->options);
+    oxl_result rc = oxl_job_options_check(job->ctx, &job->options);
     if (rc == OXL_OK) rc = train_check(job->ctx, &job->options.train);
     return rc == OXL_OK ? out_check_inputs(job->ctx, job->out, job->scene_path, &job->options.scene) : rc;
 }
@@ -304,13 +279,11 @@ static void job_end(struct job *job)
     job->ctx->notes = NULL;
     oxl_unlock_folder(job->ctx, &job->lock);
     partition_free(job->ctx, &job->partition);
-    oxl_model_free(job->ctx, &job->start.model);
+    oxl_model_free(job->ctx, &job->start);
     imaging_free(job->ctx, &job->imaging);
     oxl_scene_free(job->ctx, job->scene);
     oxl_free(job->ctx, job->decoded);
-    text_free(&job->line);
     text_free(&job->inputs);
-    text_free(&job->found);
     text_free(&job->key);
     text_free(&job->notes);
 }
@@ -343,31 +316,31 @@ static oxl_result job_plan(struct job *job)
 static oxl_result job_prepare(struct job *job, int *done)
 {
     oxl_result rc = job_open(job);
-    if (rc == OXL_OK && job->options.renders) rc = render_names_check(job->ctx, job->scene);
     if (rc == OXL_OK) rc = job_remove_temporaries(job);
     if (rc == OXL_OK) rc = job_find_earlier(job, done);
     if (rc == OXL_OK && *done)
         oxl_log(job->ctx, OXL_LOG_INFO, "%s already holds the finished result of this command", job->out);
     if (rc != OXL_OK || *done) return rc;
-    rc = job_plan(job);
+    if (job->options.from) rc = job_read_start(job);
+    if (rc == OXL_OK) rc = job_plan(job);
     return rc == OXL_OK ? job_plan_decoded(job) : rc;
 }
 
 static oxl_result job_train(struct job *job)
 {
-    oxl_result rc = hypotheses_check(job->ctx, job->scene, 0, &job->survey.foreign);
+    oxl_result rc = job->merges ? OXL_OK : hypotheses_check(job->ctx, job->scene, 0, &job->survey.foreign);
     if (rc == OXL_OK) rc = job->partition.block_count > 1 ? blocks_run(job) : job_run_single(job);
     return rc;
 }
 
 /* Trains, or only merges, what OUT does not hold yet. */
-static oxl_result job_run(struct job *job, oxl_result (*train)(struct job *job))
+static oxl_result job_run(struct job *job)
 {
     int done = 0;
     oxl_result rc = job_check(job);
     if (rc == OXL_OK) rc = job_lock(job);
     if (rc == OXL_OK) rc = job_prepare(job, &done);
-    if (rc == OXL_OK && !done) rc = job_finish_if_complete(job, train(job));
+    if (rc == OXL_OK && !done) rc = job_finish_if_complete(job, job_train(job));
     job_end(job);
     return rc;
 }
@@ -380,7 +353,7 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
         oxl_backend_begin(ctx); /* Opens the device first, since the result depends on it. */
     if (rc != OXL_OK) return rc;
     job_begin(&job, ctx, scene, out, options, callback);
-    return job_run(&job, job_train);
+    return job_run(&job);
 }
 
 oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *callback)
@@ -395,7 +368,8 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *call
     if (scene) {
         options.scene.allow_truncated = 1; /* Allows what the training was allowed. */
         job_begin(&job, ctx, scene, out, &options, callback);
-        rc = job_run(&job, blocks_collect);
+        job.merges = 1;
+        rc = job_run(&job);
     } else if (rc == OXL_OK)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s holds no run.json of a run\nfix: run oceanxl train SCENE -o %s --block K first",

@@ -137,11 +137,6 @@ void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run)
 
 /* ---------------- two runs */
 
-OXL_INTERNAL int manifest_has(const struct oxl_manifest *run, const struct text *member)
-{
-    return run->text && member->data && strstr(run->text, member->data);
-}
-
 OXL_INTERNAL int manifest_differences(const struct oxl_manifest *run, const char *member, struct text *t)
 {
     const char *current = oxl_json_value(member), *old;
@@ -155,11 +150,11 @@ OXL_INTERNAL int manifest_differences(const struct oxl_manifest *run, const char
         snprintf(name, sizeof name, "%.*s", (int)strcspn(key + 1, "\""), key + 1);
         was = oxl_json_member(old, name);
         if (was && oxl_json_end(was) - was == size && !memcmp(was, now, (size_t)size)) continue;
-        if (count++ < MANIFEST_DIFFERENCES && t)
+        if (count++ < MANIFEST_DIFFERENCES)
             text_add(t, "  %s: %.*s there, %.*s here\n", name,
                      was ? OXL_MIN((int)(oxl_json_end(was) - was), 60) : 4, was ? was : "none",
                      OXL_MIN(size, 60), now);
     }
-    if (count > MANIFEST_DIFFERENCES && t) text_add(t, "  and %d more\n", count - MANIFEST_DIFFERENCES);
+    if (count > MANIFEST_DIFFERENCES) text_add(t, "  and %d more\n", count - MANIFEST_DIFFERENCES);
     return count;
 }

@@ -8,35 +8,34 @@
  */
 #include "job.h"
 #include "../survey/scene.h"
-#include "../large/os_job.h"
 
 enum { CHECKSUM_END = 256 }; /* bytes at the end of an image that are read */
-
-static uint64_t checksum_add_number(uint64_t sum, double number)
-{
-    return checksum_add(sum, &number, sizeof number);
-}
 
 static uint64_t checksum_add_numbers(uint64_t sum, const double *number, int count)
 {
     return checksum_add(sum, number, (size_t)count * sizeof *number);
 }
 
-static uint64_t checksum_add_file(uint64_t sum, const char *path)
+/* Adds the size and the last bytes of a file; a missing one counts as empty. */
+static uint64_t checksum_add_file(oxl_context *ctx, uint64_t sum, const char *path)
 {
+    struct os_reader file = {0};
     char end[CHECKSUM_END];
     size_t got = 0;
-    const uint64_t size = path ? os_read_end(path, end, sizeof end, &got) : 0;
-    return checksum_add(checksum_add(sum, &size, sizeof size), end, got);
+    if (path && os_reader_open(ctx, path, &file) == OXL_OK) {
+        const uint64_t from = file.size > sizeof end ? file.size - sizeof end : 0;
+        if (os_reader_seek(ctx, &file, from) == OXL_OK) os_reader_read(ctx, &file, end, sizeof end, &got);
+    }
+    sum = checksum_add(checksum_add(sum, &file.size, sizeof file.size), end, got);
+    os_reader_close(&file);
+    return sum;
 }
 
 static uint64_t checksum_add_cameras(uint64_t sum, const struct colmap *c)
 {
     for (size_t i = 0; i < c->camera_count; i++) {
         const struct colmap_camera *camera = &c->camera[i];
-        sum = checksum_add_number(sum, camera->model);
-        sum = checksum_add_number(sum, camera->width);
-        sum = checksum_add_number(sum, camera->height);
+        sum = checksum_add_numbers(sum, (double[]){camera->model, camera->width, camera->height}, 3);
         sum = checksum_add_numbers(sum, camera->parameter, camera->parameter_count);
     }
     return sum;
@@ -64,8 +63,8 @@ OXL_INTERNAL oxl_result survey_checksum(oxl_context *ctx, const oxl_scene *scene
         *sum = checksum_add_numbers(*sum, image->rotation, 4);
         *sum = checksum_add_numbers(*sum, image->translation, 3);
         if (scene_depth_range(scene, v)) *sum = checksum_add_numbers(*sum, image->range, 2);
-        *sum = checksum_add_file(*sum, PATH(scene->images, "%s", name));
-        *sum = checksum_add_file(*sum, mask);
+        *sum = checksum_add_file(ctx, *sum, PATH(scene->images, "%s", name));
+        *sum = checksum_add_file(ctx, *sum, mask);
         oxl_free(ctx, mask);
     }
     return OXL_OK;

@@ -21,94 +21,38 @@ struct block {
     const struct block_task *task;
     oxl_progress last;
     struct text log, notes;
-    const char *decisions; /* members of a JSON object */
-    double log_written;    /* seconds of the run at the last writing of log.csv */
+    double log_written; /* seconds of the run at the last writing of log.csv */
 };
-
-/* Writes a file of the block's folder, which is made again if it was deleted meanwhile. */
-static oxl_result block_write(struct block *b, const char *name, const struct text *t)
-{
-    const oxl_result rc = oxl_make_folder(b->ctx, b->task->folder);
-    return rc == OXL_OK ? os_write_text(b->ctx, PATH(b->task->folder, "%s", name), t) : rc;
-}
-
-static oxl_result block_write_model(struct block *b, const char *name, const oxl_model *model)
-{
-    const oxl_result rc = oxl_make_folder(b->ctx, b->task->folder);
-    return rc == OXL_OK
-               ? model_file_write_ply(b->ctx, PATH(b->task->folder, "%s", name), model, model->sh_degree)
-               : rc;
-}
-
-/* Writes gains, lamp and medium; removes the file if there are none. */
-static oxl_result block_write_imaging(struct block *b, const oxl_scene *scene, const oxl_imaging *imaging)
-{
-    const char *path = PATH(b->task->folder, "imaging.txt");
-    const oxl_result rc = oxl_make_folder(b->ctx, b->task->folder);
-    if (rc != OXL_OK) return rc;
-    if (imaging_is_needed(imaging)) return oxl_imaging_write(b->ctx, path, scene, imaging);
-    os_remove(path);
-    return OXL_OK;
-}
 
 /* ---------------- block.json */
 
 static const char BLOCK_CHECKSUM[] = "  \"checksum\": \"";
 
-/* Returns 1 if the last member, "checksum", is the checksum of all text before it. */
-static int block_has_checksum(const char *json)
+static const char *const BLOCK_NUMBER[BLOCK_NUMBERS] = {
+    "iterations_done",        "gaussians",           "seconds",       "peak_rss_bytes",
+    "predicted_memory_bytes", "images_left_out",     "steps_skipped", "gaussian_steps_skipped",
+    "gaussians_cleared",      "gaussians_degenerate"};
+
+OXL_INTERNAL void block_add_numbers(struct text *t, const struct block_record *r, int first)
 {
-    const char *at = NULL;
-    char line[48];
-    for (const char *next = json; (next = strstr(next, BLOCK_CHECKSUM)) != NULL; next++) at = next;
-    if (!at) return 0;
-    snprintf(line, sizeof line, "%s%016llx\"\n}", BLOCK_CHECKSUM,
-             (unsigned long long)checksum_add(CHECKSUM_SEED, json, (size_t)(at - json)));
-    return !strncmp(at, line, strlen(line));
+    for (int k = first; k < BLOCK_NUMBERS; k++) text_add_member(t, BLOCK_NUMBER[k], r->number[k]);
 }
 
-static uint64_t block_read_sum(const char *json, const char *name)
+/* Adds the checksum, of the text before it and of the files in the folder, which ends block.json. */
+static oxl_result block_add_checksum(oxl_context *ctx, const char *folder, const char *text, size_t size,
+                                     struct text *out)
 {
-    char text[24];
-    unsigned long long sum = 0;
-    oxl_json_text(oxl_json_member(json, name), text, sizeof text);
-    return sscanf(text, "%llx", &sum) == 1 ? sum : 0;
-}
-
-static const struct {
-    const char *file, *member;
-} BLOCK_SUMMED[BLOCK_SUMS] = {{"model.ply", "model_checksum"},
-                              {"imaging.txt", "imaging_checksum"},
-                              {"model_standard.ply", "standard_checksum"}};
-
-/* Computes the checksums of the files in the folder; 0: the file does not exist. */
-static oxl_result block_sums(oxl_context *ctx, const char *folder, uint64_t sum[BLOCK_SUMS])
-{
+    static const char *const files[] = {"model.ply", "imaging.txt", "model_standard.ply"};
+    uint64_t sum = checksum_add(CHECKSUM_SEED, text, size);
     oxl_result rc = OXL_OK;
-    for (int i = 0; i < BLOCK_SUMS && rc == OXL_OK; i++) {
-        const char *path = PATH(folder, "%s", BLOCK_SUMMED[i].file);
-        sum[i] = 0;
-        if (os_is_file(path)) rc = checksum_of_file(ctx, path, &sum[i]);
+    for (size_t i = 0; i < OXL_COUNT(files) && rc == OXL_OK; i++) {
+        const char *path = PATH(folder, "%s", files[i]);
+        uint64_t of_file = 0;
+        if (os_is_file(path)) rc = checksum_of_file(ctx, path, &of_file);
+        sum = checksum_add(sum, &of_file, sizeof of_file);
     }
+    text_add(out, "%s%016llx\"\n}\n", BLOCK_CHECKSUM, (unsigned long long)sum);
     return rc;
-}
-
-/* Compares the files with the record. */
-OXL_INTERNAL oxl_result block_check(oxl_context *ctx, const char *folder, const struct block_record *r,
-                                    int *whole)
-{
-    uint64_t sum[BLOCK_SUMS];
-    const oxl_result rc = block_sums(ctx, folder, sum);
-    *whole = rc == OXL_OK;
-    for (int i = 0; *whole && i < BLOCK_SUMS; i++) *whole = sum[i] == r->sum[i];
-    return rc;
-}
-
-/* Returns a member's value; 0 if it is absent or not finite. */
-static double block_number(const char *object, const char *name)
-{
-    const double value = oxl_json_number(object, name);
-    return fabs(value) <= DBL_MAX ? value : 0;
 }
 
 /* Returns 1 if the members "job" and "found" are those of the key, their text in block.json. */
@@ -120,28 +64,42 @@ static int block_has_key(const char *json, const char *key)
            !strncmp(job, key + sizeof begin - 1, strlen(key) - (sizeof begin - 1));
 }
 
+/* Compares text and files with the checksum. */
+static oxl_result block_check(oxl_context *ctx, const char *folder, const char *json, int *whole)
+{
+    const char *end = strstr(json, BLOCK_CHECKSUM);
+    struct text t = {.ctx = ctx};
+    oxl_result rc = OXL_OK;
+    if (end) rc = block_add_checksum(ctx, folder, json, (size_t)(end - json), &t);
+    *whole = end && t.data && !strcmp(end, t.data);
+    text_free(&t);
+    return rc;
+}
+
 OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const char *key,
                                    struct block_record *out)
 {
     struct os_file_map map = {0};
     const char *path = PATH(folder, "block.json");
+    int whole = 1;
     oxl_result rc = OXL_OK;
     *out = (struct block_record){0};
     if (os_is_file(path) && os_is_file(PATH(folder, "model.ply"))) rc = os_read_file(ctx, path, &map);
-    if (rc == OXL_OK && map.data && !block_has_checksum(map.data)) out->damaged = 1;
-    else if (rc == OXL_OK && map.data && block_has_key(map.data, key)) {
+    if (rc == OXL_OK && map.data && block_has_key(map.data, key)) {
         out->exists = 1;
-        for (int i = 0; i < BLOCK_SUMS; i++) out->sum[i] = block_read_sum(map.data, BLOCK_SUMMED[i].member);
         out->finished = oxl_json_is_true(map.data, "finished");
-        out->iterations = (int)OXL_CLAMP(block_number(map.data, "iterations_done"), 0, INT_MAX);
-        out->gaussians = (size_t)OXL_CLAMP(block_number(map.data, "gaussians"), 0, JOB_GAUSSIANS_MAX);
-        out->seconds = block_number(map.data, "seconds");
-        out->peak = block_number(map.data, "peak_rss_bytes");
-        out->predicted_peak = block_number(map.data, "predicted_memory_bytes");
-        nonfinite_read_json(map.data, &out->nonfinite);
+        for (int k = 0; k < BLOCK_NUMBERS; k++) {
+            const double value = oxl_json_number(map.data, BLOCK_NUMBER[k]);
+            out->number[k] = value >= 0 && value < BLOCK_NUMBER_MAX ? value : 0;
+        }
+        if (out->finished) rc = block_check(ctx, folder, map.data, &whole);
     }
     os_release_file(ctx, &map);
-    return rc;
+    if (rc != OXL_OK || whole) return rc;
+    oxl_log(ctx, OXL_LOG_WARNING,
+            "%s: block.json, a model or imaging.txt is damaged; what it belongs to is trained again", folder);
+    *out = (struct block_record){0};
+    return OXL_OK;
 }
 
 /* Appends the text inside the brackets of an object or array of a folder's block.json. */
@@ -160,47 +118,55 @@ OXL_INTERNAL oxl_result block_read_member(oxl_context *ctx, const char *folder, 
     return rc;
 }
 
-static oxl_result block_write_record(struct block *b, const struct block_record *r)
-{
-    struct text t = {.ctx = b->ctx};
-    uint64_t sum[BLOCK_SUMS];
-    oxl_result rc = block_sums(b->ctx, b->task->folder, sum);
-    if (rc != OXL_OK) return rc;
-    text_add(&t, "{\n  \"finished\": %s,\n", r->finished ? "true" : "false");
-    text_add_member(&t, "iterations_done", r->iterations);
-    text_add_member(&t, "gaussians", (double)r->gaussians);
-    text_add_member(&t, "seconds", r->seconds);
-    text_add_member(&t, "peak_rss_bytes", r->peak);
-    text_add_member(&t, "predicted_memory_bytes", r->predicted_peak);
-    nonfinite_add_json(&t, &r->nonfinite);
-    text_add(&t, "  \"decisions\": {%s},\n", b->decisions ? b->decisions : "");
-    for (int i = 0; i < BLOCK_SUMS; i++)
-        text_add(&t, "  \"%s\": \"%016llx\",\n", BLOCK_SUMMED[i].member, (unsigned long long)sum[i]);
-    text_add(&t, "  %s,\n  \"notes\": [%s],\n", b->task->key, b->notes.size ? b->notes.data : "");
-    text_add(&t, "%s%016llx\"\n}\n", BLOCK_CHECKSUM,
-             (unsigned long long)checksum_add(CHECKSUM_SEED, t.data ? t.data : "", t.size));
-    t.failed |= b->notes.failed;
-    rc = block_write(b, "block.json", &t);
-    text_free(&t);
-    return rc;
-}
-
-OXL_INTERNAL oxl_result block_write_finished(oxl_context *ctx, const oxl_scene *scene,
-                                             struct oxl_imaging *imaging, const char *folder, const char *key,
-                                             const struct block_record *record)
-{
-    const struct block_task task = {.folder = folder, .key = key};
-    struct block b = {.ctx = ctx, .task = &task};
-    const oxl_result rc = block_write_imaging(&b, scene, imaging);
-    return rc == OXL_OK ? block_write_record(&b, record) : rc;
-}
-
-/* ---------------- while it runs */
-
 static double block_round(double value, double parts)
 {
     return floor(value * parts + 0.5) / parts;
 }
+
+static oxl_result block_write_record(struct block *b, const oxl_trained *trained)
+{
+    const oxl_nonfinite *n = &trained->nonfinite;
+    const struct block_record record = {
+        .number = {trained->iterations, (double)trained->model.count, block_round(trained->seconds, 1e3),
+                   (double)os_peak_rss(), b->task->predicted_peak, (double)n->images, (double)n->steps,
+                   (double)n->rows, (double)n->cleared, (double)n->degenerate}};
+    struct text t = {.ctx = b->ctx};
+    oxl_result rc;
+    text_add(&t, "{\n  \"finished\": %s,\n", trained->finished ? "true" : "false");
+    block_add_numbers(&t, &record, 0);
+    text_add(&t, "  \"decisions\": {%s},\n", trained->decisions ? trained->decisions : "");
+    text_add(&t, "  %s,\n  \"notes\": [%s],\n", b->task->key, b->notes.size ? b->notes.data : "");
+    rc = block_add_checksum(b->ctx, b->task->folder, t.data ? t.data : "", t.size, &t);
+    t.failed |= b->notes.failed;
+    if (rc == OXL_OK) rc = os_write_text(b->ctx, PATH(b->task->folder, "block.json"), &t);
+    text_free(&t);
+    return rc;
+}
+
+/* Writes the block's files; the record comes last. The folder is made again if it was deleted meanwhile. */
+static oxl_result block_write(struct block *b, const oxl_scene *scene, const oxl_trained *t)
+{
+    const char *folder = b->task->folder, *imaging = PATH(folder, "imaging.txt"),
+               *viewer = PATH(folder, "model_standard.ply");
+    oxl_result rc = oxl_make_folder(b->ctx, folder);
+    os_remove(viewer); /* of an earlier model.ply */
+    if (!imaging_is_needed(t->imaging)) os_remove(imaging);
+    else if (rc == OXL_OK) rc = oxl_imaging_write(b->ctx, imaging, scene, t->imaging);
+    if (rc == OXL_OK && b->log.size) rc = os_write_text(b->ctx, PATH(folder, "log.csv"), &b->log);
+    if (rc == OXL_OK)
+        rc = model_file_write_ply(b->ctx, PATH(folder, "model.ply"), &t->model, t->model.sh_degree);
+    if (rc == OXL_OK && t->viewer.count)
+        rc = model_file_write_ply(b->ctx, viewer, &t->viewer, t->viewer.sh_degree);
+    return rc == OXL_OK ? block_write_record(b, t) : rc;
+}
+
+OXL_INTERNAL oxl_result block_keep(oxl_context *ctx, const oxl_scene *scene, const struct block_task *task,
+                                   const oxl_trained *trained)
+{
+    return block_write(&(struct block){.ctx = ctx, .task = task}, scene, trained);
+}
+
+/* ---------------- while it runs */
 
 static void block_log_row(struct block *b, const oxl_progress *p)
 {
@@ -221,7 +187,8 @@ static int block_progress(void *user, const oxl_progress *progress)
     if (!again && (p.iteration / every > b->last.iteration / every || p.iteration == p.iterations))
         block_log_row(b, &p);
     if (p.seconds - b->log_written > BLOCK_LOG_SECONDS) {
-        block_write(b, "log.csv", &b->log); /* Ignores a full disk, which the end of the run reports. */
+        /* Ignores a full disk, which the end of the run reports. */
+        os_write_text(b->ctx, PATH(b->task->folder, "log.csv"), &b->log);
         b->log_written = p.seconds;
     }
     b->last = p;
@@ -230,30 +197,6 @@ static int block_progress(void *user, const oxl_progress *progress)
 }
 
 /* ---------------- the block */
-
-static struct block_record block_record_of(const struct block *b, const oxl_trained *t)
-{
-    return (struct block_record){.finished = t->finished,
-                                 .iterations = t->iterations,
-                                 .gaussians = t->model.count,
-                                 .seconds = block_round(t->seconds, 1e3),
-                                 .peak = (double)os_peak_rss(),
-                                 .predicted_peak = b->task->predicted_peak,
-                                 .nonfinite = t->nonfinite};
-}
-
-/* Writes the block's files; the record comes last. */
-static oxl_result block_write_result(struct block *b, const oxl_scene *scene, const oxl_trained *t)
-{
-    const struct block_record record = block_record_of(b, t);
-    oxl_result rc = block_write(b, "log.csv", &b->log);
-    os_remove(PATH(b->task->folder, "model_standard.ply")); /* of an earlier model.ply */
-    if (rc == OXL_OK) rc = block_write_model(b, "model.ply", &t->model);
-    if (rc == OXL_OK && t->viewer.count) rc = block_write_model(b, "model_standard.ply", &t->viewer);
-    if (rc == OXL_OK) rc = block_write_imaging(b, scene, t->imaging);
-    b->decisions = t->decisions;
-    return rc == OXL_OK ? block_write_record(b, &record) : rc;
-}
 
 /* Trains the block, or resumes its training; writes its files even if the callback stopped it. */
 static oxl_result block_run(struct block *b, const oxl_scene *scene, oxl_trained *t)
@@ -270,7 +213,7 @@ static oxl_result block_run(struct block *b, const oxl_scene *scene, oxl_trained
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
     if (t->model.count == 0) return rc;
     t->finished |= run.until > 0 && t->iterations >= run.until;
-    written = block_write_result(b, scene, t);
+    written = block_write(b, scene, t);
     /* The models are complete. */
     if (written == OXL_OK && t->finished) {
         checkpoint_remove(task->folder);

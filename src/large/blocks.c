@@ -16,34 +16,20 @@
 #include "../render/render.h"
 #include "../survey/scene.h"
 #include "../model/model.h"
-#include "os_job.h"
 
 /* Splits Gaussians of the merged model once more after this fraction of its steps (docs/log/SCALE.md). */
 #define BLOCKS_GROWTH 0.25
 
 struct blocks {
     struct job *job;
-    int merges;       /* 1: other processes have trained the blocks */
     oxl_model coarse; /* around the survey's origin; count 0: not read yet */
 };
 
-static struct block_task blocks_task(struct job *job, const char *folder, const oxl_callback *callback)
+static struct block_task blocks_task(struct job *job, const char *folder)
 {
-    struct block_task task = {.folder = folder,
-                              .key = job->key.data,
-                              .callback = callback,
-                              .run = {.imaging = &job->imaging},
-                              .train = job->options.train};
+    struct block_task task = job_task(job, folder);
     if (task.train.dropout < 0) task.train.dropout = 0; /* In blocks `auto` is off. */
     return task;
-}
-
-static oxl_result blocks_train(struct job *job, struct block_task *task)
-{
-    job->stage_first = task->run.first;
-    job->stage_until = task->run.until ? task->run.until : task->train.iterations;
-    job_limit_time(job, &task->train);
-    return block_train(job->ctx, job->scene, task);
 }
 
 /* ---------------- the coarse model */
@@ -51,20 +37,17 @@ static oxl_result blocks_train(struct job *job, struct block_task *task)
 static oxl_result blocks_train_coarse(struct blocks *b, int block, const char *folder)
 {
     struct job *job = b->job;
-    const oxl_callback callback = {job_progress, job};
     const struct cost_load load = cost_load_of_scene(job->scene);
-    struct block_task task = blocks_task(job, folder, &callback);
+    struct block_task task = blocks_task(job, folder);
     oxl_job_options o = job->options;
     (void)block;
-    if (!budget_limit_gaussians(&load, &o)) return budget_refuse(job->ctx, &load, &o, 0);
-    job_set_cache(job, o.scene.image_cache_bytes);
-    o.train.dropout = task.train.dropout;
-    task.train = o.train;
+    o.train = task.train;
+    if (!budget_limit_gaussians(&load, &o)) return budget_refuse(job->ctx, &load, &o);
+    job_use_budget(job, &load, &o, &task);
     task.train.keep.kind = OXL_KEEP_ALL;
     task.run.until = (int)OXL_MAX(1, JOB_COARSE * o.train.iterations);
-    task.predicted_peak = cost_memory(&o, &load, cost_gaussians(&o, &load));
     oxl_log(job->ctx, OXL_LOG_DEBUG, "the coarse model of the survey trains %d steps", task.run.until);
-    return blocks_train(job, &task);
+    return job_train_task(job, &task);
 }
 
 /* ---------------- a block */
@@ -96,32 +79,16 @@ static void blocks_limit(const struct job *job, const struct block_plan *plan, s
     if (o.ram) o.ram = (double)o.ram > beside ? o.ram - (size_t)beside : 1;
     if (o.device_ram) load.context = (double)others / (double)OXL_MAX(own, (size_t)1);
     budget_limit_gaussians(&load, &o);
-    job_set_cache(job, o.scene.image_cache_bytes);
     o.train.max_gaussians = OXL_MAX(o.train.max_gaussians, (int)own);
     o.train.max_gaussians = OXL_MIN(o.train.max_gaussians, task->train.max_gaussians);
-    task->train = o.train;
-    task->predicted_peak = cost_memory(&o, &load, cost_gaussians(&o, &load)) + beside;
-}
-
-/* Writes the files of a block without Gaussians, or without a window in any view, as in a survey that is
- * wholly black: it keeps the coarse model's Gaussians. */
-static oxl_result blocks_keep(struct job *job, const struct block_plan *plan, const char *folder)
-{
-    const struct block_record record = {
-        .iterations = plan->last, .gaussians = plan->own.count, .finished = 1};
-    oxl_result rc = oxl_make_folder(job->ctx, folder);
-    if (rc == OXL_OK)
-        rc = model_file_write_ply(job->ctx, PATH(folder, "model.ply"), &plan->own, plan->own.sh_degree);
-    return rc == OXL_OK
-               ? block_write_finished(job->ctx, job->scene, &job->imaging, folder, job->key.data, &record)
-               : rc;
+    job_use_budget(job, &load, &o, task);
+    task->predicted_peak += beside;
 }
 
 static oxl_result blocks_train_block(struct blocks *b, int block, const char *folder)
 {
     struct job *job = b->job;
-    const oxl_callback callback = {job_progress, job};
-    struct block_task task = blocks_task(job, folder, &callback);
+    struct block_task task = blocks_task(job, folder);
     struct block_plan plan = {0};
     oxl_result rc = OXL_OK;
     if (b->coarse.count == 0) rc = job_read_model(job, JOB_COARSE_MODEL, &b->coarse);
@@ -131,13 +98,19 @@ static oxl_result blocks_train_block(struct blocks *b, int block, const char *fo
     if (rc == OXL_OK)
         rc = imaging_read_beside(job->ctx, PATH(JOB_BLOCK(job, JOB_COARSE_MODEL), "model.ply"), job->scene,
                                  &job->imaging);
-    if (rc == OXL_OK && (plan.own.count == 0 || plan.views == 0)) rc = blocks_keep(job, &plan, folder);
+    /* A block without Gaussians, or without a window in any view, as in a survey that is wholly black, keeps
+     * the coarse model's Gaussians. */
+    if (rc == OXL_OK && (plan.own.count == 0 || plan.views == 0))
+        rc = block_keep(
+            job->ctx, job->scene, &task,
+            &(oxl_trained){
+                .model = plan.own, .imaging = &job->imaging, .iterations = plan.last, .finished = 1});
     else if (rc == OXL_OK) {
         blocks_set_options(&plan, &task.train);
         blocks_limit(job, &plan, &task);
         task.run.start = &plan.own, task.run.context = &plan.context, task.run.window = plan.window;
         task.run.first = plan.first, task.run.until = plan.last;
-        rc = blocks_train(job, &task);
+        rc = job_train_task(job, &task);
     }
     block_plan_free(job->ctx, &plan);
     return rc;
@@ -166,9 +139,8 @@ static void blocks_set_merged(const struct job *job, int sh_degree, int steps, o
 static oxl_result blocks_train_merged(struct blocks *b, int block, const char *folder)
 {
     struct job *job = b->job;
-    const oxl_callback callback = {job_progress, job};
     const int steps = (int)OXL_MAX(1, job->stage * job->options.train.iterations);
-    struct block_task task = blocks_task(job, folder, &callback);
+    struct block_task task = blocks_task(job, folder);
     oxl_model merged = {0};
     oxl_result rc = job_merge(job, &merged);
     (void)block;
@@ -178,7 +150,7 @@ static oxl_result blocks_train_merged(struct blocks *b, int block, const char *f
         job->stage_viewers = viewer_hiding_steps(task.extra.viewer_steps);
     if (rc == OXL_OK) blocks_set_merged(job, merged.sh_degree, steps, &task.train);
     if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_DEBUG, "the merged model trains %d steps", steps);
-    if (rc == OXL_OK) rc = blocks_train(job, &task);
+    if (rc == OXL_OK) rc = job_train_task(job, &task);
     oxl_model_free(job->ctx, &merged);
     return rc;
 }
@@ -200,19 +172,14 @@ static oxl_result blocks_make(struct blocks *b, int block, double stage,
     struct job *job = b->job;
     const char *folder = JOB_BLOCK(job, block);
     struct block_record record = {0};
-    oxl_lock *lock = NULL;
-    oxl_result rc = OXL_OK;
+    oxl_lock *lock;
+    oxl_result rc = lock_wait(job->ctx, folder, NULL, &lock);
     job->block = block, job->stage = stage;
-    while (rc == OXL_OK && !lock) {
-        rc = lock_folder_if_free(job->ctx, folder, &lock);
-        if (rc == OXL_OK && !lock) rc = os_wait(job->ctx, JOB_WAIT);
-    }
     if (rc == OXL_OK) rc = job_read_record(job, folder, &record);
     if (rc == OXL_OK && record.finished) job->done_before += stage;
-    else if (rc == OXL_OK && b->merges && block >= 0) rc = blocks_refuse_missing(job, block);
+    else if (rc == OXL_OK && job->merges && block >= 0) rc = blocks_refuse_missing(job, block);
     else if (rc == OXL_OK) {
-        if (!job->scene) rc = job_load(job);
-        if (rc == OXL_OK) rc = train(b, block, folder);
+        rc = train(b, block, folder);
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
     }
     oxl_unlock_folder(job->ctx, &lock);
@@ -221,9 +188,9 @@ static oxl_result blocks_make(struct blocks *b, int block, double stage,
     return rc;
 }
 
-static oxl_result blocks_make_all(struct job *job, int merges)
+OXL_INTERNAL oxl_result blocks_run(struct job *job)
 {
-    struct blocks b = {.job = job, .merges = merges};
+    struct blocks b = {.job = job};
     const int blocks = job->partition.block_count, only = job->options.block;
     const double merged = block_plan_merged_fraction(job), part = 1 - JOB_COARSE - merged;
     oxl_result rc = blocks_make(&b, JOB_COARSE_MODEL, JOB_COARSE, blocks_train_coarse);
@@ -233,16 +200,6 @@ static oxl_result blocks_make_all(struct job *job, int merges)
     if (rc == OXL_OK && !job->unfinished && only < 0)
         rc = blocks_make(&b, JOB_MERGED_MODEL, merged, blocks_train_merged);
     /* Counts a step on a window as its fraction of the image. */
-    job->total.iterations = job->options.train.iterations;
+    job->total.number[BLOCK_ITERATIONS] = job->options.train.iterations;
     return rc;
-}
-
-OXL_INTERNAL oxl_result blocks_run(struct job *job)
-{
-    return blocks_make_all(job, 0);
-}
-
-OXL_INTERNAL oxl_result blocks_collect(struct job *job)
-{
-    return blocks_make_all(job, 1);
 }

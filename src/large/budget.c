@@ -109,15 +109,14 @@ static double budget_needed(const struct cost_load *load, const oxl_job_options 
 }
 
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load,
-                                      const oxl_job_options *o, double beside)
+                                      const oxl_job_options *o)
 {
     oxl_job_options host = *o;
     int device;
     double needed;
     host.device_ram = 0;
-    if (o->ram) host.ram = (double)o->ram > beside ? o->ram - (size_t)beside : 1;
     device = o->device_ram > 0 && budget_fit(load, &host);
-    needed = budget_needed(load, o, device) + (device ? 0 : ceil(beside / 1048576));
+    needed = budget_needed(load, o, device);
     return oxl_fail(
         ctx, OXL_ERR_BUDGET,
         "%.0f MB%s are too little for %zu points and images of %.1f megapixels, which need %.0f MB\n"
@@ -164,7 +163,7 @@ static oxl_result budget_divide(oxl_context *ctx, const oxl_scene *scene, const 
         tried.block_points = 0;
         partition_free(ctx, out);
         if (tried.kind == OXL_PARTITION_NONE || scene->stats.points / (size_t)tried.blocks < BUDGET_POINTS)
-            return budget_refuse(ctx, &worst, o, 0);
+            return budget_refuse(ctx, &worst, o);
         rc = partition_make(ctx, scene, &tried, out);
         if (rc == OXL_OK)
             oxl_log(ctx, OXL_LOG_DEBUG, "%.0f MB of memory are available: a cut into %d blocks is tried",

@@ -32,31 +32,6 @@ static int job_is_block(const char *name)
            !strcmp(name, "whole") || !strcmp(name, "start");
 }
 
-struct job_entries {
-    struct job *job;
-    oxl_result rc;
-};
-
-static void job_refuse_link(void *user, const char *name)
-{
-    struct job_entries *e = user;
-    if (e->rc == OXL_OK && (job_is_block(name) || !strcmp(name, "decoded")))
-        e->rc = os_refuse_links(e->job->ctx, PATH(e->job->out, "blocks"), name);
-}
-
-OXL_INTERNAL oxl_result job_refuse_links(struct job *job)
-{
-    static const char *const folders[] = {"blocks", "renders", "training_views"};
-    struct job_entries e = {job, OXL_OK};
-    for (size_t k = 0; k < OXL_COUNT(folders) && e.rc == OXL_OK; k++)
-        e.rc = os_refuse_links(job->ctx, job->out, folders[k]);
-    if (e.rc == OXL_OK && os_is_folder(PATH(job->out, "blocks"))) {
-        const oxl_result rc = os_list_folder(job->ctx, PATH(job->out, "blocks"), job_refuse_link, &e);
-        if (rc != OXL_OK) return rc;
-    }
-    return e.rc;
-}
-
 /* ---------------- the survey, and its decoded images in files */
 
 OXL_INTERNAL void job_set_cache(const struct job *job, size_t most)
@@ -143,41 +118,53 @@ OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
 
 OXL_INTERNAL oxl_result job_read_record(struct job *job, const char *folder, struct block_record *out)
 {
-    int whole = 1;
-    oxl_result rc = block_read(job->ctx, folder, job->key.data, out);
-    if (rc == OXL_OK && out->exists && checkpoint_step(job->ctx, folder, job->key.data) <= out->iterations)
-        rc = block_check(job->ctx, folder, out, &whole);
-    if (rc == OXL_OK && out->finished &&
-        out->nonfinite.images > 0) /* Repeats the warning of an earlier process. */
+    const oxl_result rc = block_read(job->ctx, folder, job->key.data, out);
+    if (rc == OXL_OK && out->finished && out->number[BLOCK_NONFINITE] > 0) /* of an earlier process */
         oxl_log(job->ctx, OXL_LOG_WARNING,
-                "%s was trained without %zu images that could not be read\n"
+                "%s was trained without %.0f images that could not be read\n"
                 "fix: if they are back, --restart trains with them",
-                folder, out->nonfinite.images);
-    if (rc != OXL_OK || (whole && !out->damaged)) return rc;
-    oxl_log(job->ctx, OXL_LOG_WARNING, "%s: %s is damaged; what it belongs to is trained again", folder,
-            out->damaged ? "block.json" : "a model or imaging.txt");
-    os_remove(PATH(folder, "block.json"));
-    *out = (struct block_record){0};
-    return OXL_OK;
+                folder, out->number[BLOCK_NONFINITE]);
+    return rc;
 }
 
 OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
 {
     struct block_record *total = &job->total;
     total->exists |= r->exists;
-    total->iterations += r->iterations;
-    total->seconds += r->seconds;
-    total->peak = OXL_MAX(total->peak, r->peak);
-    total->predicted_peak = OXL_MAX(total->predicted_peak, r->predicted_peak);
-    nonfinite_add(&total->nonfinite, &r->nonfinite);
+    for (int k = 0; k < BLOCK_NUMBERS; k++) {
+        const double was = total->number[k], more = r->number[k];
+        total->number[k] = k == BLOCK_PEAK || k == BLOCK_PREDICTED ? OXL_MAX(was, more) : was + more;
+    }
     job->unfinished += !r->finished;
 }
 
-/* Limits a part of the run to the time that the whole run has left. */
-OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *o)
+/* ---------------- training */
+
+OXL_INTERNAL struct block_task job_task(struct job *job, const char *folder)
 {
+    return (struct block_task){.folder = folder,
+                               .key = job->key.data,
+                               .callback = &job->progress,
+                               .run = {.imaging = &job->imaging},
+                               .train = job->options.train};
+}
+
+OXL_INTERNAL void job_use_budget(const struct job *job, const struct cost_load *load,
+                                 const oxl_job_options *fitted, struct block_task *task)
+{
+    job_set_cache(job, fitted->scene.image_cache_bytes);
+    task->train = fitted->train;
+    task->predicted_peak = cost_memory(fitted, load, cost_gaussians(fitted, load));
+}
+
+OXL_INTERNAL oxl_result job_train_task(struct job *job, struct block_task *task)
+{
+    oxl_train_options *o = &task->train;
+    job->stage_first = task->run.first;
+    job->stage_until = task->run.until ? task->run.until : o->iterations;
     if (o->max_seconds > 0)
         o->max_seconds = OXL_MAX(JOB_SECONDS_MIN, o->max_seconds - (os_seconds() - job->started));
+    return block_train(job->ctx, job->scene, task);
 }
 
 static void job_drop_block(void *user, const char *name)

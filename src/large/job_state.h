@@ -12,17 +12,11 @@
 #define JOB_MERGED 0.35 /* Gives the merged model this fraction of a run in blocks. */
 /* Gives the merged model this fraction of a run with pruning or second lobes, which must end before it. */
 #define JOB_MERGED_LATER 0.2
-#define JOB_WAIT 0.5 /* Waits so many s between checks of the work of other processes. */
 
 /* Lists the files of OUT that are written under a temporary name; those of renders/ are RENDER_FILES. */
 #define JOB_FILES                                                                              \
     "run.json metrics.json partition.txt partition.svg imaging.txt scene.ply scene_clear.ply " \
     "scene_standard.ply report.html"
-
-struct start {
-    oxl_model model; /* count 0: the run starts from the points */
-    int after;       /* iterations of the finished run that is continued; 0: the model is --from's */
-};
 
 struct job {
     oxl_context *ctx;
@@ -30,13 +24,14 @@ struct job {
     oxl_job_options options;
     oxl_job_options asked;        /* options before the iterations were counted for the survey */
     const oxl_callback *callback; /* the caller's, or NULL */
+    oxl_callback progress;        /* job_progress of this job */
+    int merges;                   /* 1: other processes have trained the blocks */
     oxl_scene *scene;             /* the survey; NULL: not loaded */
     struct oxl_imaging imaging;   /* of the last model that was read or trained */
     oxl_survey survey;
     struct partition partition;
     double origin[3];
-    struct text line, found;   /* "job": {...} and "found": {...} of run.json */
-    struct text key;           /* both lines: all that a block depends on */
+    struct text key;           /* "job": {...}, "found": {...} of run.json: all that a block depends on */
     struct text inputs;        /* "inputs": {...} of run.json */
     struct text notes;         /* log lines outside of the blocks' training */
     struct block_record total; /* sum of the records of blocks, coarse and merged model */
@@ -49,7 +44,7 @@ struct job {
     int stage_first, stage_until; /* first and last step of this stage */
     int stage_viewers;            /* steps of a model for viewers behind those of the merged model */
     uint64_t seed;                /* seed of the context, restored at the end */
-    struct start start;
+    oxl_model start;              /* --from's; count 0: the run starts from the points */
     /* lock of OUT: shared by processes that train single blocks, otherwise exclusive; NULL: OUT cannot be
      * written to */
     oxl_lock *lock;
@@ -57,21 +52,24 @@ struct job {
 
 /* ---------------- job_state.c */
 
-/* Refuses folders of the run that are links: only OUT itself may be one, as its user has chosen it. */
-OXL_INTERNAL oxl_result job_refuse_links(struct job *job);
 /* Stands in the place of a block's number for the two models that are not blocks. */
 enum { JOB_COARSE_MODEL = -2, JOB_MERGED_MODEL = -3 };
 /* Returns the path OUT/blocks/KKK, OUT/blocks/coarse or OUT/blocks/whole, in a temporary like PATH. */
 OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block);
 #define JOB_BLOCK(job, block) job_block_folder((char[PATH_LENGTH]){0}, job, block)
 OXL_INTERNAL oxl_result job_load(struct job *job); /* Loads the survey. */
-/* Reads the record of the one block, the coarse or the merged model. If the record or its files are damaged,
- * it warns and returns no record: the training is repeated and gives the same bytes. */
+/* Reads the record of the one block, the coarse or the merged model; see block_read. */
 OXL_INTERNAL oxl_result job_read_record(struct job *job, const char *folder, struct block_record *out);
 /* Adds a record to job->total. */
 OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *record);
 OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress);
-OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *options);
+/* Returns the training of the whole run in a folder, which each stage changes to its own. */
+OXL_INTERNAL struct block_task job_task(struct job *job, const char *folder);
+/* Sets what the budget has left of the options, and the predicted memory. */
+OXL_INTERNAL void job_use_budget(const struct job *job, const struct cost_load *load,
+                                 const oxl_job_options *fitted, struct block_task *task);
+/* Trains a block in the time that the whole run has left. */
+OXL_INTERNAL oxl_result job_train_task(struct job *job, struct block_task *task);
 /* Decides whether decoded images are kept in files. */
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job);
 /* Limits decoded images in memory to `most` bytes; if they have files, in blocks also to the average
@@ -113,9 +111,7 @@ OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan);
 
 /* ---------------- blocks.c: several blocks, trained as one model */
 
+/* Trains all stages of the run; job->merges: the last one alone, and fails if a block is not finished. */
 OXL_INTERNAL oxl_result blocks_run(struct job *job);
-/* Trains the merged model after processes with --block have trained all blocks; fails if
- * a block is not finished. */
-OXL_INTERNAL oxl_result blocks_collect(struct job *job);
 
 #endif

@@ -132,9 +132,9 @@ OXL_INTERNAL size_t budget_cache(const oxl_job_options *o); /* bytes of decoded 
 OXL_INTERNAL double budget_max_gaussians(const struct cost_load *load, const oxl_job_options *o);
 /* Fits, as budget_fit, a model that may have fewer Gaussians than the survey has points. */
 OXL_INTERNAL int budget_limit_gaussians(const struct cost_load *load, oxl_job_options *o);
-/* Fails with the budget that would suffice. beside: bytes of o->ram that something else takes. */
+/* Fails with the budget that would suffice. */
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load,
-                                      const oxl_job_options *o, double beside);
+                                      const oxl_job_options *o);
 /* Returns --ram, or, if neither it nor a number of blocks is set and the run may exceed the free memory, the
  * free memory; 0: no limit. */
 OXL_INTERNAL size_t budget_limit(const oxl_scene *scene, const oxl_job_options *o);
@@ -142,26 +142,29 @@ OXL_INTERNAL size_t budget_limit(const oxl_scene *scene, const oxl_job_options *
 OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
                                          struct partition *out);
 
-/* ---------------- nonfinite_record.c: counts of values that are not finite, in records */
-
-/* Adds the counts as members of a JSON object, each followed by a comma. */
-OXL_INTERNAL void nonfinite_add_json(struct text *t, const oxl_nonfinite *n);
-OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *n);
-
 /* ---------------- block.c: the training of one block in its folder */
 
 /* Lists the files of a block's folder that are written under a temporary name. */
 #define BLOCK_FILES "checkpoint.oxl block.json log.csv imaging.txt model.ply model_standard.ply"
 
-enum { BLOCK_SUMS = 3 };
-struct block_record { /* Holds the members of block.json. */
-    int exists, finished, iterations;
-    int damaged;              /* 1: block.json exists and was changed after it was written; `exists` is 0 */
-    uint64_t sum[BLOCK_SUMS]; /* checksums of model.ply, imaging.txt, model_standard.ply; 0: no file */
-    size_t gaussians;
-    double seconds, peak, predicted_peak; /* s; peaks in bytes */
-    oxl_nonfinite nonfinite;
+/* Lists the numbers of block.json: s; peaks in bytes; counts of values that are not finite. */
+enum {
+    BLOCK_ITERATIONS,
+    BLOCK_GAUSSIANS,
+    BLOCK_SECONDS,
+    BLOCK_PEAK,
+    BLOCK_PREDICTED,
+    BLOCK_NONFINITE,
+    BLOCK_NUMBERS = BLOCK_NONFINITE + 5
 };
+#define BLOCK_NUMBER_MAX 1e18 /* Limits numbers that are read from files. */
+struct block_record {         /* Holds members of block.json. */
+    int exists, finished;
+    double number[BLOCK_NUMBERS];
+};
+/* Adds the numbers from `first` on as members of a JSON object. */
+OXL_INTERNAL void block_add_numbers(struct text *t, const struct block_record *r, int first);
+
 struct block_task {
     const char *folder, *key; /* key: all that the result depends on */
     oxl_train_options train;
@@ -170,20 +173,17 @@ struct block_task {
     struct train_extra extra; /* without viewer_store */
     double predicted_peak;
 };
-/* Reads block.json; exists 0: there is none, or it has another key. */
+/* Reads block.json; exists 0: there is none, it has another key, or it or files of a finished block are
+ * damaged, which is logged: the training is repeated and gives the same bytes. */
 OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const char *key,
                                    struct block_record *out);
-/* Compares the folder's files with the record. *whole: they are those that it was written with. */
-OXL_INTERNAL oxl_result block_check(oxl_context *ctx, const char *folder, const struct block_record *record,
-                                    int *whole);
 /* Appends the text inside the brackets of a member of block.json, an object or array;
  * nothing if there is no file. */
 OXL_INTERNAL oxl_result block_read_member(oxl_context *ctx, const char *folder, const char *name,
                                           struct text *out);
-/* Writes imaging.txt and block.json of a folder that holds model.ply already. */
-OXL_INTERNAL oxl_result block_write_finished(oxl_context *ctx, const oxl_scene *scene,
-                                             struct oxl_imaging *imaging, const char *folder, const char *key,
-                                             const struct block_record *record);
+/* Writes the files of a block that is not trained. */
+OXL_INTERNAL oxl_result block_keep(oxl_context *ctx, const oxl_scene *scene, const struct block_task *task,
+                                   const oxl_trained *trained);
 /* Trains the block, from its checkpoint if there is one. OXL_ERR_INTERRUPTED if the callback stopped it:
  * model.ply has the steps done. */
 OXL_INTERNAL oxl_result block_train(oxl_context *ctx, const oxl_scene *scene, const struct block_task *task);
@@ -192,8 +192,8 @@ OXL_INTERNAL oxl_result block_train(oxl_context *ctx, const oxl_scene *scene, co
 
 /* Locks a folder like oxl_lock_folder; shared: other processes may share the lock. */
 OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int shared, oxl_lock **out);
-/* Locks the folder; OXL_OK and *out NULL: another process holds it. */
-OXL_INTERNAL oxl_result lock_folder_if_free(oxl_context *ctx, const char *folder, oxl_lock **out);
+/* Waits as long as another process holds the lock, or until `file` exists; NULL: of no file. */
+OXL_INTERNAL oxl_result lock_wait(oxl_context *ctx, const char *folder, const char *file, oxl_lock **out);
 /* Makes a lock shared or exclusive; fails if other processes do not allow that. */
 OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char *folder, int shared);
 

@@ -13,6 +13,7 @@
 #include <errno.h>
 
 enum { LOCK_TRIES = 1000 /* tries; in each a process removed the file meanwhile */ };
+#define LOCK_WAIT 0.5 /* s between tries of lock_wait */
 
 struct oxl_lock {
     struct os_lock file;
@@ -61,10 +62,15 @@ oxl_result oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out)
     return lock_folder(ctx, folder, 0, out);
 }
 
-OXL_INTERNAL oxl_result lock_folder_if_free(oxl_context *ctx, const char *folder, oxl_lock **out)
+OXL_INTERNAL oxl_result lock_wait(oxl_context *ctx, const char *folder, const char *file, oxl_lock **out)
 {
-    const oxl_result rc = lock_folder(ctx, folder, 0, out);
-    return rc == OXL_ERR_FAILED ? OXL_OK : rc; /* Only lock_refuse fails so. */
+    oxl_result rc = OXL_ERR_FAILED; /* Only lock_refuse fails so. */
+    for (*out = NULL; rc == OXL_ERR_FAILED;) {
+        if (file && os_is_file(file)) return OXL_OK;
+        rc = lock_folder(ctx, folder, 0, out);
+        if (rc == OXL_ERR_FAILED && os_wait(ctx, LOCK_WAIT) != OXL_OK) return OXL_ERR_INTERRUPTED;
+    }
+    return rc;
 }
 
 OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char *folder, int shared)

@@ -1,5 +1,5 @@
-/* os_job.c - handles files and folders of a job, in C99 on top of the system: refuses links, removes files of
- * killed processes, locks.
+/* os_job.c - handles files and folders of a job, in C99 on top of the system: removes files of killed
+ * processes, locks.
  */
 #include "os_job.h"
 #include "../../oceanxl_job.h"
@@ -10,66 +10,31 @@ OXL_INTERNAL oxl_result os_wait(oxl_context *ctx, double seconds)
     return context_stopped(ctx);
 }
 
-/* ---------------- folders and links */
+/* ---------------- folders */
 
 int oxl_is_folder(const char *path)
 {
     return os_is_folder(path);
 }
 
-/* Names what a walk does at each folder of a path; the values may be added. */
-enum { OS_WALK_MAKES = 1, OS_WALK_REFUSES_LINKS = 2 };
-
-/* Walks from `folder` into `inside`, folder by folder. */
-static oxl_result os_walk_in(oxl_context *ctx, const char *folder, const char *inside, int does)
-{
-    char *path = oxl_path_join(ctx, folder, inside);
-    const size_t size = path ? strlen(path) : 0;
-    oxl_result rc = OXL_OK;
-    if (!path) return OXL_ERR_MEMORY;
-    for (size_t i = size - strlen(inside) + 1; i <= size && rc == OXL_OK; i++) {
-        const char had = path[i];
-        if (i < size && !os_is_separator(had)) continue;
-        path[i] = 0;
-        if (does & OS_WALK_REFUSES_LINKS && os_is_link(path))
-            rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                          "%s is a link, so files would be written or removed elsewhere\nfix: remove the "
-                          "link, or choose another folder",
-                          path);
-        /* Looks for the folder itself: mkdir of an existing one may fail with other errors than
-         * EEXIST (read-only disk, "C:"). */
-        else if (does & OS_WALK_MAKES && os_make_one_folder(path) != 0) {
-            const int error = errno;
-            if (!os_is_folder(path)) rc = os_fail(ctx, OXL_ERR_IO, path, "cannot make the folder", error);
-        }
-        path[i] = had;
-    }
-    oxl_free(ctx, path);
-    return rc;
-}
-
 oxl_result oxl_make_folder(oxl_context *ctx, const char *path)
 {
-    return os_walk_in(ctx, "", path, OS_WALK_MAKES);
-}
-
-OXL_INTERNAL oxl_result os_make_folder_in(oxl_context *ctx, const char *folder, const char *inside)
-{
-    const oxl_result rc = oxl_make_folder(ctx, folder);
-    return rc == OXL_OK && inside[0] ? os_walk_in(ctx, folder, inside, OS_WALK_MAKES | OS_WALK_REFUSES_LINKS)
-                                     : rc;
-}
-
-OXL_INTERNAL oxl_result os_refuse_links(oxl_context *ctx, const char *folder, const char *inside)
-{
-    return inside[0] ? os_walk_in(ctx, folder, inside, OS_WALK_REFUSES_LINKS) : OXL_OK;
-}
-
-OXL_INTERNAL int os_link(const char *target, const char *path)
-{
-    char here[PATH_LENGTH] = "";
-    if (!os_is_absolute(target) && os_working_folder(here, sizeof here) != 0) return 0;
-    return os_make_link(PATH(here, "%s", target), path) == 0;
+    char *part = oxl_strdup(ctx, path);
+    const size_t size = strlen(path);
+    oxl_result rc = part ? OXL_OK : OXL_ERR_MEMORY;
+    for (size_t i = 1; i <= size && rc == OXL_OK; i++) {
+        if (i < size && !os_is_separator(path[i])) continue;
+        part[i] = 0;
+        /* Looks for the folder itself: mkdir of an existing one may fail with other errors than
+         * EEXIST (read-only disk, "C:"). */
+        if (os_make_one_folder(part) != 0) {
+            const int error = errno;
+            if (!os_is_folder(part)) rc = os_fail(ctx, OXL_ERR_IO, part, "cannot make the folder", error);
+        }
+        part[i] = path[i];
+    }
+    oxl_free(ctx, part);
+    return rc;
 }
 
 /* ---------------- locks */
@@ -103,18 +68,6 @@ OXL_INTERNAL void os_lock_write_owner(const struct os_lock *lock)
 }
 
 /* ---------------- files */
-
-OXL_INTERNAL uint64_t os_read_end(const char *path, void *data, size_t size, size_t *got)
-{
-    uint64_t bytes = 0;
-    FILE *file = os_kind_of(path, &bytes) == OS_FILE ? os_open(path) : NULL;
-    *got = 0;
-    if (!file) return 0;
-    setvbuf(file, NULL, _IONBF, 0);
-    if (os_seek(file, bytes > size ? bytes - size : 0) == 0) *got = fread(data, 1, size, file);
-    fclose(file);
-    return bytes;
-}
 
 FILE *oxl_open(const char *path)
 {

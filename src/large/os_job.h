@@ -8,19 +8,10 @@
 /* Sleeps, then returns context_stopped. */
 OXL_INTERNAL oxl_result os_wait(oxl_context *ctx, double seconds);
 
-/* Reads the last bytes of a file; returns its size, or 0 if it is missing or unreadable. */
-OXL_INTERNAL uint64_t os_read_end(const char *path, void *data, size_t size, size_t *got);
-
 /* Removes the temporary files of `names` that a killed process left in a folder: "run.json *.png" means
  * run.json.PID.tmp and all names that end in .png.PID.tmp. No other process may be writing there. */
 OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder, const char *names);
 
-/* Makes the folder `inside`, a path without "..", in `folder`, with its parents. A link among them is an
- * error: what a run writes or removes there would lie elsewhere. */
-OXL_INTERNAL oxl_result os_make_folder_in(oxl_context *ctx, const char *folder, const char *inside);
-/* Refuses links among the folders of `inside` that exist, and makes none. */
-OXL_INTERNAL oxl_result os_refuse_links(oxl_context *ctx, const char *folder, const char *inside);
-OXL_INTERNAL int os_is_link(const char *path); /* 1: a symbolic link, wherever it leads */
 /* Creates a symbolic link at `path` to the folder `target`, and replaces only a
  * link; returns 0 if it failed. */
 OXL_INTERNAL int os_link(const char *target, const char *path);
@@ -52,12 +43,9 @@ OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove);
 
 /* ---------------- os_job_posix.c or os_job_windows.c: what a port provides; os_job.c alone uses these */
 
-OXL_INTERNAL int os_make_one_folder(const char *path); /* 0: success */
-OXL_INTERNAL int os_is_absolute(const char *path);
-OXL_INTERNAL int os_working_folder(char *out, size_t size);          /* 0: success, here and below */
-OXL_INTERNAL int os_make_link(const char *target, const char *path); /* replaces only a link */
-OXL_INTERNAL void os_host_name(char *out, size_t size);              /* name of this machine */
-OXL_INTERNAL void os_sleep(double seconds);                          /* returns early after a signal */
+OXL_INTERNAL int os_make_one_folder(const char *path);  /* 0: success */
+OXL_INTERNAL void os_host_name(char *out, size_t size); /* name of this machine */
+OXL_INTERNAL void os_sleep(double seconds);             /* returns early after a signal */
 /* Opens or creates the file. Refuses a link, a pipe and a file of several names, since
  * writing to them would change what lies elsewhere. */
 OXL_INTERNAL int os_lock_file(const char *path, struct os_lock *lock);

@@ -17,32 +17,18 @@ OXL_INTERNAL int os_is_same(const char *a, const char *b)
     return stat(a, &x) == 0 && stat(b, &y) == 0 && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
 }
 
-OXL_INTERNAL int os_is_link(const char *path)
+OXL_INTERNAL int os_link(const char *target, const char *path)
 {
+    char here[PATH_LENGTH] = "";
     struct stat s;
-    return lstat(path, &s) == 0 && S_ISLNK(s.st_mode);
-}
-
-OXL_INTERNAL int os_make_link(const char *target, const char *path)
-{
-    struct stat s;
+    if (target[0] != '/' && !getcwd(here, sizeof here)) return 0;
     if (lstat(path, &s) == 0 && S_ISLNK(s.st_mode)) unlink(path);
-    return symlink(target, path);
+    return symlink(PATH(here, "%s", target), path) == 0;
 }
 
 OXL_INTERNAL int os_make_one_folder(const char *path)
 {
     return mkdir(path, 0777);
-}
-
-OXL_INTERNAL int os_is_absolute(const char *path)
-{
-    return path[0] == '/';
-}
-
-OXL_INTERNAL int os_working_folder(char *out, size_t size)
-{
-    return getcwd(out, size) ? 0 : -1;
 }
 
 int oxl_is_terminal(int stream)

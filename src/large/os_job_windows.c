@@ -26,35 +26,16 @@ OXL_INTERNAL int os_is_same(const char *a, const char *b)
            x.nFileIndexHigh == y.nFileIndexHigh && x.nFileIndexLow == y.nFileIndexLow;
 }
 
-OXL_INTERNAL int os_is_link(const char *path)
-{
-    wchar_t wide[OS_PATH_MAX];
-    const DWORD attributes = GetFileAttributesW(os_wide(path, wide));
-    return attributes != INVALID_FILE_ATTRIBUTES && attributes & FILE_ATTRIBUTE_REPARSE_POINT;
-}
-
-OXL_INTERNAL int os_make_link(const char *target, const char *path)
+OXL_INTERNAL int os_link(const char *target, const char *path)
 {
     (void)target, (void)path; /* Makes no links, which need rights that programs rarely have. */
-    return -1;
+    return 0;
 }
 
 OXL_INTERNAL int os_make_one_folder(const char *path)
 {
     wchar_t wide[OS_PATH_MAX];
     return os_done(CreateDirectoryW(os_wide(path, wide), NULL));
-}
-
-OXL_INTERNAL int os_is_absolute(const char *path)
-{
-    return os_is_separator(path[0]) || (path[0] && path[1] == ':');
-}
-
-OXL_INTERNAL int os_working_folder(char *out, size_t size)
-{
-    wchar_t wide[OS_PATH_MAX];
-    if (GetCurrentDirectoryW(OS_PATH_MAX, wide) == 0) return -1;
-    return WideCharToMultiByte(CP_UTF8, 0, wide, -1, out, (int)size, NULL, NULL) ? 0 : -1;
 }
 
 int oxl_is_terminal(int stream)

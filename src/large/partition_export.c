@@ -126,7 +126,7 @@ static oxl_result exporter_block(struct exporter *e)
     const oxl_scene *scene = e->p->plan->scene;
     const char *linked[] = {"images", scene->images, "masks", scene->masks};
     oxl_result rc = context_stopped(e->ctx);
-    if (rc == OXL_OK) rc = os_make_folder_in(e->ctx, e->out, PATH("", "blocks/%03d/sparse/0", e->block));
+    if (rc == OXL_OK) rc = oxl_make_folder(e->ctx, PATH(e->out, "blocks/%03d/sparse/0", e->block));
     for (size_t k = 0; k < OXL_COUNT(files) && rc == OXL_OK; k++) {
         struct os_writer writer;
         rc =
