@@ -80,16 +80,23 @@ static void print_results(const char *out, int json)
     free(metrics);
 }
 
-static oxl_result run_control(oxl_context *ctx, const struct arguments *a, const oxl_job_options *options)
+/* Compares control points, and says whether the photos have GPS; without a log, as the check has told all. */
+static oxl_result check_places(oxl_context *ctx, const struct arguments *a, const oxl_job_options *options)
 {
     oxl_scene_options read = options->scene;
+    oxl_context *quiet = NULL;
     oxl_scene *scene = NULL;
     oxl_result rc;
-    if (a->json) return oxl_fail(ctx, OXL_ERR_USAGE, "--control prints a table\nfix: without --json");
+    if (a->json && a->control)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "--control prints a table\nfix: leave --json out");
+    if (a->json) return OXL_OK;
     read.read_images = 0;
-    rc = oxl_scene_load(ctx, a->path[0], &read, &scene);
-    if (rc == OXL_OK) rc = control_check(ctx, scene, a->control, stdout);
-    oxl_scene_free(ctx, scene);
+    rc = oxl_context_create(NULL, &quiet);
+    if (rc == OXL_OK) rc = oxl_scene_load(quiet, a->path[0], &read, &scene);
+    if (rc == OXL_OK) gps_say(scene, read.images, a->path[0], stdout);
+    if (rc == OXL_OK && a->control) rc = control_check(ctx, scene, a->control, stdout);
+    oxl_scene_free(quiet, scene);
+    oxl_context_free(quiet);
     return rc;
 }
 
@@ -103,7 +110,7 @@ static oxl_result run_check(oxl_context *ctx, const struct arguments *a, const o
     for (const char *s = survey.warnings; rc == OXL_OK && !json && *s; s += strcspn(s, "\n") + 1)
         printf("warning: %.*s\n", (int)strcspn(s, "\n"), s);
     oxl_text_free(ctx, json);
-    if (rc == OXL_OK && a->control) rc = run_control(ctx, a, options);
+    if (rc == OXL_OK) rc = check_places(ctx, a, options);
     return rc;
 }
 
@@ -249,10 +256,12 @@ static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct
     oxl_model model = {0};
     oxl_scene *scene = NULL;
     oxl_imaging *imaging = NULL;
+    struct product product;
     int count = a->frames;
     oxl_result rc = load(ctx, a, &model, &scene, &imaging);
     console_catch_signals();
-    if (rc == OXL_OK && a->ortho) rc = map_write(ctx, &model, scene, a, stdout);
+    if (rc == OXL_OK && a->ortho) rc = product_open(ctx, scene, a->path[1], a, stdout, &product);
+    if (rc == OXL_OK && a->ortho) rc = map_write(&product, &model);
     else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &model, scene, a, console_count, console);
     else if (rc == OXL_OK) rc = oxl_render_views(ctx, &model, scene, imaging, &what, a->out, &count);
     console_clear(console);
@@ -268,8 +277,10 @@ static oxl_result run_cloud(oxl_context *ctx, const struct arguments *a)
     oxl_model model = {0};
     oxl_scene *scene = NULL;
     oxl_imaging *imaging = NULL;
+    struct product product;
     oxl_result rc = load(ctx, a, &model, &scene, &imaging);
-    if (rc == OXL_OK) rc = cloud_write(ctx, &model, scene, a, stdout);
+    if (rc == OXL_OK) rc = product_open(ctx, scene, a->path[1], a, stdout, &product);
+    if (rc == OXL_OK) rc = cloud_write(&product, &model);
     oxl_imaging_free(ctx, imaging);
     oxl_scene_free(ctx, scene);
     oxl_model_free(ctx, &model);
@@ -281,6 +292,7 @@ static oxl_result run_compare(oxl_context *ctx, const struct arguments *a)
 {
     oxl_model model[2] = {{0}, {0}}, *models[2] = {&model[0], &model[1]};
     oxl_scene *scene[2] = {NULL, NULL};
+    struct product product;
     oxl_result rc = OXL_OK;
     for (int i = 0; i < 2 && rc == OXL_OK; i++) {
         char *run = output_read(a->path[i], "run.json", NULL),
@@ -294,12 +306,12 @@ static oxl_result run_compare(oxl_context *ctx, const struct arguments *a)
                           "%s holds no run.json that names its survey\nfix: name the folder that train "
                           "wrote",
                           a->path[i]);
+        if (rc == OXL_OK && i == 0) rc = product_open(ctx, scene[0], survey, a, stdout, &product);
         oxl_imaging_free(ctx, imaging);
         free(survey);
         free(run);
     }
-    if (rc == OXL_OK)
-        rc = compare_run(ctx, models, (const oxl_scene *const[2]){scene[0], scene[1]}, a, stdout);
+    if (rc == OXL_OK) rc = compare_run(&product, models, scene[1]);
     for (int i = 0; i < 2; i++) oxl_scene_free(ctx, scene[i]), oxl_model_free(ctx, &model[i]);
     return rc;
 }

@@ -166,9 +166,11 @@ static int check_complete(struct arguments *a)
     const struct cli_command *c = &CLI_COMMANDS[a->command];
     if (a->ortho && a->flight)
         return fail(a, "--ortho and --flight exclude each other\nfix: use one of the two");
-    if (a->command == COMMAND_RENDER && !a->ortho && (a->epsg || a->frame))
+    if (a->command == COMMAND_RENDER && !a->ortho && (a->epsg || a->frame || a->gps))
         return fail(a, "--%s applies to --ortho only\nfix: add --ortho, or leave the option out",
-                    a->epsg ? "epsg" : "frame");
+                    a->epsg  ? "epsg"
+                    : a->gps ? "gps"
+                             : "frame");
     if (a->devices || ((a->path_count == c->paths || (a->path_count > 0 && a->command == COMMAND_RESULTS)) &&
                        (!c->needs_out || a->out)))
         return a->command == COMMAND_TRAIN || a->command == COMMAND_RENDER ? check_out(a) : 0;

@@ -98,6 +98,10 @@ void frame_place(oxl_camera *c, const double eye[3]);
 void frame_to_camera(const double rotation[9], const double p[3], double out[3]); /* rotation times p */
 void frame_cross(const double a[3], const double b[3], double out[3]);
 double frame_length(const double a[3]);
+/* Sets `out` to the unit eigenvector of the largest eigenvalue of a symmetric matrix (n,n), n at most 4, without
+ * negative eigenvalues: a column of a high power of it, which repeated squaring gives. Its largest element is
+ * positive. */
+void frame_widest(int n, const double *matrix, double *out);
 int frame_compare(const void *a, const void *b); /* of doubles, for qsort */
 /* Bounds, along right and up, all points but the outermost 1/200 on each side. Returns 0 without memory. */
 int frame_bounds(const struct frame *f, const oxl_scene *scene, double low[2], double high[2]);
@@ -273,7 +277,7 @@ struct arguments {
     int path_count;
     const char *help; /* "", or "all" */
     int version, manual, page, quiet, verbose, json, depth, no_images, devices, clear;
-    int dry_run, quality, progress_json, mesh;
+    int dry_run, quality, progress_json, mesh, gps;
     int split, backend;                                 /* enum oxl_split, enum oxl_backend */
     int device, threads, seeds;                         /* -1: the best, all */
     double budget;                                      /* s; time for all rows of a study */

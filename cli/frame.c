@@ -77,26 +77,27 @@ double frame_camera_height(const struct frame *f, const oxl_scene *scene)
     return views > 0 ? sum / views : 0;
 }
 
-/* Sets `out` to the unit eigenvector of the matrix's largest eigenvalue: a column of a high power of it, which
- * repeated squaring gives. Its largest element is positive. */
-static void frame_widest(double matrix[3][3], double out[3])
+void frame_widest(int n, const double *matrix, double *out)
 {
-    double m[3][3], most = 0;
+    double m[16], square[16], most = 0, length = 0;
     int column = 0, largest = 0;
-    memcpy(m, matrix, sizeof m);
-    for (int n = 0; n < FRAME_SQUARINGS; n++) {
-        double square[3][3] = {{0}}, trace = m[0][0] + m[1][1] + m[2][2];
-        for (int k = 0; k < 27; k++)
-            square[k / 9][k % 3] += m[k / 9][k / 3 % 3] / trace * (m[k / 3 % 3][k % 3] / trace);
+    memcpy(m, matrix, (size_t)(n * n) * sizeof *m);
+    for (int pass = 0; pass < FRAME_SQUARINGS; pass++) {
+        double trace = 0;
+        for (int k = 0; k < n; k++) trace += m[(n + 1) * k];
+        memset(square, 0, sizeof square);
+        for (int k = 0; k < n * n * n; k++)
+            square[k / (n * n) * n + k % n] += m[k / n] / trace * (m[k / n % n * n + k % n] / trace);
         memcpy(m, square, sizeof m);
     }
-    for (int k = 0; k < 3; k++)
-        if (m[k][k] > most) most = m[k][k], column = k;
-    for (int k = 0; k < 3; k++) {
-        out[k] = m[k][column] / frame_length(m[column]);
+    for (int k = 0; k < n; k++)
+        if (m[(n + 1) * k] > most) most = m[(n + 1) * k], column = k;
+    for (int k = 0; k < n; k++) length += m[n * column + k] * m[n * column + k];
+    for (int k = 0; k < n; k++) {
+        out[k] = m[n * column + k] / sqrt(length);
         if (fabs(out[k]) > fabs(out[largest])) largest = k;
     }
-    for (int k = 0, backward = out[largest] < 0; k < 3 && backward; k++) out[k] = -out[k];
+    for (int k = 0, backward = out[largest] < 0; k < n && backward; k++) out[k] = -out[k];
 }
 
 /* Sets the centre, and the principal axes of a sample of the points: right the widest, above the narrowest. */
@@ -104,19 +105,19 @@ static void frame_axes(struct frame *f, const oxl_scene *scene)
 {
     const oxl_point *point = oxl_scene_points(scene);
     const size_t count = oxl_scene_point_count(scene), stride = 1 + count / FRAME_SAMPLE;
-    double a[3][3] = {{0}}, rest[3][3], n = (double)((count + stride - 1) / stride), trace;
+    double a[9] = {0}, rest[9], n = (double)((count + stride - 1) / stride), trace;
     for (size_t i = 0; i < count; i += stride)
         for (int k = 0; k < 3; k++) f->centre[k] += point[i].position[k] / n;
     for (size_t i = 0; i < count; i += stride)
         for (int k = 0; k < 9; k++)
-            a[k / 3][k % 3] += (point[i].position[k / 3] - f->centre[k / 3]) *
-                               (point[i].position[k % 3] - f->centre[k % 3]) / n;
-    trace = a[0][0] + a[1][1] + a[2][2];
-    for (int k = 0; k < 9; k++) rest[k / 3][k % 3] = (k % 4 == 0) * trace - a[k / 3][k % 3];
+            a[k] += (point[i].position[k / 3] - f->centre[k / 3]) *
+                    (point[i].position[k % 3] - f->centre[k % 3]) / n;
+    trace = a[0] + a[4] + a[8];
+    for (int k = 0; k < 9; k++) rest[k] = (k % 4 == 0) * trace - a[k];
     for (int k = 0; k < 9; k += 4) f->axis[k / 3][k % 3] = 1; /* all points may lie in one place */
-    if (trace > 0) frame_widest(a, f->axis[0]), frame_widest(rest, f->axis[2]);
+    if (trace > 0) frame_widest(3, a, f->axis[0]), frame_widest(3, rest, f->axis[2]);
     f->spread = 0;
-    for (int k = 0; k < 9; k++) f->spread += f->axis[0][k / 3] * a[k / 3][k % 3] * f->axis[0][k % 3];
+    for (int k = 0; k < 9; k++) f->spread += f->axis[0][k / 3] * a[k] * f->axis[0][k % 3];
     f->spread = sqrt(fmax(f->spread, 0));
 }
 

@@ -213,10 +213,8 @@ static void report_map(struct report *r, const struct map *m)
     const size_t plane = (size_t)m->width * (size_t)m->height;
     oxl_image image;
     if (oxl_image_create(r->ctx, m->width, m->height, &image) != OXL_OK) return;
-    for (size_t i = 0; i < 3 * plane; i++) {
-        const unsigned char *p = m->rgba + 4 * (i % plane);
-        image.rgb[i] = p[3] ? (float)p[i / plane] / 255 : empty[i / plane];
-    }
+    for (size_t i = 0; i < 3 * plane; i++)
+        image.rgb[i] = isnan(m->colour[i]) ? empty[i / plane] : m->colour[i];
     report_draw_map(r, m, &image);
     oxl_image_free(r->ctx, &image);
     output_add(
@@ -227,11 +225,11 @@ static void report_map(struct report *r, const struct map *m)
         "ground that any image shows is in %d or more; %.0f %% has a surface clear enough for a height. ",
         REPORT_VIEWS, REPORT_LENGTH(m->sampling * r->unit), r->words,
         REPORT_LENGTH(m->area * r->unit * r->unit), r->words, 100 * m->covered, REPORT_VIEWS, 100 * m->high);
-    if (m->error > 0 && m->distance > 0)
+    if (m->off.median > 0 && m->distance > 0)
         output_add(t,
                    "Heights differ from the survey's points by %s %s in the median, %.2f %% of the cameras' "
                    "distance. ",
-                   REPORT_LENGTH(m->error * r->unit), r->words, 100 * m->error / m->distance);
+                   REPORT_LENGTH(m->off.median * r->unit), r->words, 100 * m->off.median / m->distance);
     if (m->down < MAP_DOWN)
         output_add(
             t,

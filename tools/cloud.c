@@ -16,184 +16,142 @@
 #include <string.h>
 
 enum {
-    CLOUD_TILE = 32,        /* px; side of a tile of a view, whose places are asked of the same views */
     CLOUD_CHECKED = 100000, /* most points of the survey that the cloud is compared with */
     LAS_HEADER = 375,
-    LAS_RECORD = 26 + 12,
-    LAS_VLR = 54,
-    LAS_EXTRA = 192
+    LAS_RECORD = 26 + 12
 };
-#define CLOUD_REACH 0.05 /* of the cameras' distance: farther from a point of the survey there is none */
-#define CLOUD_EDGE 0.05  /* fraction of the depth by which neighbours on one surface differ at most */
+#define CLOUD_EDGE 0.05 /* fraction of the depth by which neighbours on one surface differ at most */
 
 /* ---------------- points of a view */
 
-/* The difference of two places along x or y, of neighbours on the surface; 0 where there are none. */
-static void cloud_along(const struct surface_view *v, int x, int y, int dx, int dy, double out[3])
-{
-    const float own = v->depth[(size_t)y * (size_t)v->camera.width + (size_t)x];
-    double end[2][3];
-    surface_place(v, x + 0.5, y + 0.5, (double)own, end[0]);
-    memcpy(end[1], end[0], sizeof end[0]);
-    for (int side = 0; side < 2; side++) {
-        const int u = side ? x + dx : x - dx, w = side ? y + dy : y - dy;
-        float z;
-        if (u < 0 || w < 0 || u >= v->camera.width || w >= v->camera.height) continue;
-        z = fabsf(v->depth[(size_t)w * (size_t)v->camera.width + (size_t)u]);
-        if (fabsf(z - own) <= (float)CLOUD_EDGE * own)
-            surface_place(v, u + 0.5, w + 0.5, (double)z, end[side]);
-    }
-    for (int k = 0; k < 3; k++) out[k] = end[1][k] - end[0][k];
-}
+struct cloud_view {
+    const struct surface *s;
+    int view, enough;
+    struct cloud_point *point; /* (height,width) views 0: there is none */
+};
 
-/* Sets the unit normal on the camera's side; towards the camera where the depths around are no surface. */
-static void cloud_normal(const struct surface_view *v, int x, int y, struct cloud_point *p)
+/* Sets the unit normal on the camera's side from the depths around; towards the camera where they are no surface. */
+static void cloud_normal(const struct sheet *t, size_t at, const double p[3], float normal[3])
 {
-    double right[3], down[3], n[3], length;
-    cloud_along(v, x, y, 2, 0, right);
-    cloud_along(v, x, y, 0, 2, down);
-    frame_cross(down, right, n); /* right, down and ahead are right-handed: this is towards the camera */
+    const int width = t->width, x = (int)(at % (size_t)width), y = (int)(at / (size_t)width);
+    double end[4][3], n[3], length;
+    for (int k = 0; k < 4; k++) { /* left, right, above, below */
+        const int u = x + (k == 1) * 2 - (k == 0) * 2, w = y + (k == 3) * 2 - (k == 2) * 2;
+        const int is_inside = u >= 0 && w >= 0 && u < width && w < t->height;
+        const float z = is_inside ? fabsf(t->depth[w * width + u]) : 0;
+        if (fabsf(z - t->depth[at]) <= (float)CLOUD_EDGE * t->depth[at])
+            sheet_place(t, u + 0.5, w + 0.5, (double)z, end[k]);
+        else memcpy(end[k], p, sizeof end[k]);
+    }
+    vector_add(end[1], -1, end[0], end[0]);
+    vector_add(end[3], -1, end[2], end[2]);
+    frame_cross(end[2], end[0], n); /* right, down and ahead are right-handed: this is towards the camera */
+    if (!(frame_length(n) > 0)) vector_add(t->from, -1, p, n);
     length = frame_length(n);
-    if (!(length > 0)) {
-        for (int k = 0; k < 3; k++) n[k] = v->eye[k] - p->place[k];
-        length = frame_length(n);
-    }
-    for (int k = 0; k < 3; k++) p->normal[k] = (float)(n[k] / length);
+    for (int k = 0; k < 3; k++) normal[k] = (float)(n[k] / length);
 }
 
-/* Sets the points of a tile; views 0: the pixel has none. */
-static void cloud_tile(const struct surface *s, int view, int enough, int tile, int *list,
-                       struct cloud_point *point)
+static void cloud_take(void *user, size_t at, const double p[3], const struct surface_vote *v)
 {
-    const struct surface_view *v = &s->view[view];
-    const int width = v->camera.width, across = (width + CLOUD_TILE - 1) / CLOUD_TILE,
-              left = tile % across * CLOUD_TILE, top = tile / across * CLOUD_TILE;
-    double low[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, high[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, centre[3],
-           half[3];
-    int count = -1;
-    for (int i = 0; i < 2 * CLOUD_TILE * CLOUD_TILE; i++) {
-        const int x = left + i % CLOUD_TILE, y = top + i / CLOUD_TILE % CLOUD_TILE;
-        const size_t at = (size_t)y * (size_t)width + (size_t)x;
-        double p[3];
-        struct surface_vote vote;
-        if (x >= width || y >= v->camera.height || !(v->depth[at] > 0) || v->guess[at]) continue;
-        surface_place(v, x + 0.5, y + 0.5, (double)v->depth[at], p);
-        if (i < CLOUD_TILE * CLOUD_TILE) { /* first the box of the places, then the places */
-            for (int k = 0; k < 3; k++) low[k] = fmin(low[k], p[k]), high[k] = fmax(high[k], p[k]);
-            continue;
-        }
-        for (int k = 0; k < 3; k++) centre[k] = 0.5 * (low[k] + high[k]), half[k] = 0.5 * (high[k] - low[k]);
-        if (count < 0) count = surface_list(s, centre, frame_length(half), list);
-        vote = surface_ask(s, list, count, p);
-        if (vote.nearest != view || !surface_holds(&vote, enough)) continue;
-        memcpy(point[at].place, p, sizeof p);
-        memcpy(point[at].rgb, v->rgb + 3 * at, 3);
-        point[at].views = (unsigned char)(vote.confirms < 255 ? vote.confirms : 255);
-        cloud_normal(v, x, y, &point[at]);
-    }
-}
-
-static int cloud_view(const struct surface *s, int view, int enough, struct cloud_point *point)
-{
-    const oxl_camera *c = &s->view[view].camera;
-    const int tiles =
-        ((c->width + CLOUD_TILE - 1) / CLOUD_TILE) * ((c->height + CLOUD_TILE - 1) / CLOUD_TILE);
-    int failed = 0;
-#pragma omp parallel reduction(+ : failed)
-    {
-        int *list = malloc(((size_t)s->views + 1) * sizeof *list);
-        failed += list == NULL;
-#pragma omp for schedule(dynamic)
-        for (int i = 0; i < tiles; i++)
-            if (list) cloud_tile(s, view, enough, i, list, point);
-        free(list);
-    }
-    return failed == 0;
+    const struct cloud_view *c = user;
+    const struct surface_view *view = &c->s->view[c->view];
+    struct cloud_point *out = &c->point[at];
+    if (v->nearest != c->view || !surface_holds(v, c->enough)) return;
+    memcpy(out->place, p, sizeof out->place);
+    memcpy(out->rgb, view->rgb + 3 * at, 3);
+    out->views = (unsigned char)(v->confirms < 255 ? v->confirms : 255);
+    cloud_normal(&view->sheet, at, p, out->normal);
 }
 
 oxl_result cloud_make(const struct surface *s, int enough, struct cloud *out)
 {
     *out = (struct cloud){0};
     for (int v = 0; v < s->views; v++) {
-        const size_t pixels = (size_t)s->view[v].camera.width * (size_t)s->view[v].camera.height;
-        struct cloud_point *point = calloc(pixels, sizeof *point), *larger;
-        size_t n = 0;
-        int done = point && cloud_view(s, v, enough, point);
-        for (size_t i = 0; i < pixels && done; i++)
-            if (point[i].views) point[n++] = point[i];
-        larger = done ? realloc(out->point, (out->count + n + 1) * sizeof *larger) : NULL;
-        if (larger)
-            memcpy(larger + out->count, point, n * sizeof *point), out->point = larger, out->count += n;
-        free(point);
-        if (!larger)
-            return oxl_fail(s->ctx, OXL_ERR_MEMORY,
-                            "cloud: no memory\nfix: use a smaller "
-                            "--max-side");
+        const struct sheet *t = &s->view[v].sheet;
+        const size_t pixels = (size_t)t->width * (size_t)t->height, before = out->count;
+        struct cloud_view c = {s, v, enough, product_room(pixels, sizeof *c.point)};
+        unsigned char *skip = product_room(pixels, 1);
+        struct cloud_point *all;
+        for (size_t i = 0; i < pixels; i++) skip[i] = !(t->depth[i] > 0) || s->view[v].guess[i];
+        surface_ask_sheet(s, t, skip, cloud_take, &c);
+        for (size_t i = 0; i < pixels; i++)
+            if (c.point[i].views) c.point[out->count++ - before] = c.point[i];
+        all = product_room(out->count, sizeof *all);
+        if (before) memcpy(all, out->point, before * sizeof *all);
+        memcpy(all + before, c.point, (out->count - before) * sizeof *all);
+        free(out->point), free(c.point), free(skip);
+        out->point = all;
     }
     return out->count > 0 ? OXL_OK
                           : oxl_fail(s->ctx, OXL_ERR_INPUT,
-                                     "cloud: no place of the model is confirmed by %d training "
-                                     "views\nfix: use --min-views 1, or train the model for longer",
+                                     "cloud: no place of the model is confirmed by %d training views\nfix: "
+                                     "set --min-views 1, or train a model for longer",
                                      enough);
 }
 
 void cloud_free(struct cloud *c)
 {
     free(c->point);
+    free(c->index);
     *c = (struct cloud){0};
 }
 
-/* ---------------- deviation from the survey's points */
-
-oxl_result cloud_deviation(const struct surface *s, const struct cloud *c, struct deviation *d)
+/* Measures how far every second point of the survey is from the surface through its nearest point of the cloud. */
+static struct deviation cloud_compare(const struct surface *s, const struct cloud *c)
 {
     const size_t count = oxl_scene_point_count(s->scene), stride = 2 * (1 + count / 2 / CLOUD_CHECKED);
-    double *error = malloc((count / stride + 1) * sizeof *error);
+    double *off = product_room(count, sizeof *off);
+    struct deviation d;
     struct near near;
     size_t n = 0, all = 0;
-    const int is_open = near_open(&near, c->point, c->count, CLOUD_REACH * s->distance);
-    *d = (struct deviation){NAN, NAN, NAN};
-    for (size_t i = 1; i < count && error && is_open; i += stride, all++) {
-        const double *p = oxl_scene_points(s->scene)[i].position;
-        double distance, along = 0;
-        const struct cloud_point *q = near_find(&near, p, &distance);
-        if (!q) continue;
-        for (int k = 0; k < 3; k++) along += (p[k] - q->place[k]) * (double)q->normal[k];
-        error[n++] = fabs(along);
-    }
-    if (error) qsort(error, n, sizeof *error, frame_compare);
-    if (n > 0) *d = (struct deviation){error[n / 2], error[n * 9 / 10], (double)(all - n) / (double)all};
-    free(error);
-    near_close(&near);
-    return error && is_open ? OXL_OK : oxl_fail(s->ctx, OXL_ERR_MEMORY, "cloud: no memory");
+    near_open(&near, c, PRODUCT_GROSS * s->distance);
+    for (size_t i = 1; i < count; i += stride, all++)
+        if (near_find(&near, oxl_scene_points(s->scene)[i].position, &off[n])) off[n] = fabs(off[n]), n++;
+    d = product_deviation(off, n, all, s->distance);
+    free(off);
+    free(near.key);
+    return d;
 }
 
 /* ---------------- files */
 
-/* World coordinates of a place. */
-static double cloud_world(const struct cloud_file *f, const double p[3], int k)
+static void cloud_put_ply(const struct product *p, const struct cloud *c, struct output *t)
 {
-    return (p[k] + f->origin[k]) * f->unit;
+    (void)p;
+    output_add(
+        t,
+        "ply\nformat binary_little_endian 1.0\ncomment oceanxl cloud, in the survey's world\nelement vertex %zu\n"
+        "property double x\nproperty double y\nproperty double z\n"
+        "property float nx\nproperty float ny\nproperty float nz\n"
+        "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty uchar views\n",
+        c->count);
+    if (c->index) output_add(t, "element face %zu\nproperty list uchar int vertex_indices\n", c->triangles);
+    output_add(t, "end_header\n");
+    for (size_t i = 0; i < c->count; i++) {
+        const struct cloud_point *q = &c->point[i];
+        for (int k = 0; k < 3; k++) output_real(t, q->place[k], 8);
+        for (int k = 0; k < 3; k++) output_real(t, (double)q->normal[k], 4);
+        output_bytes(t, q->rgb, 3);
+        output_bytes(t, &q->views, 1);
+    }
+    for (size_t i = 0; i < 3 * c->triangles; i++) {
+        if (i % 3 == 0) output_integer(t, 3, 1);
+        output_integer(t, c->index[i], 4);
+    }
 }
 
-static void cloud_put_ply(const struct cloud_file *f, const struct cloud *c, struct output *t)
+static void cloud_put_obj(const struct product *p, const struct cloud *c, struct output *t)
 {
-    output_add(
-        t,
-        "ply\nformat binary_little_endian 1.0\ncomment oceanxl cloud, in the survey's world\nelement vertex %zu\n",
-        c->count);
-    for (int k = 0; k < 3; k++) output_add(t, "property double %s\n", &"x\0y\0z"[2 * k]);
-    for (int k = 0; k < 3; k++) output_add(t, "property float %s\n", &"nx\0ny\0nz"[3 * k]);
-    output_add(
-        t,
-        "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty uchar views\nend_header\n");
+    (void)p;
+    output_add(t, "# oceanxl mesh, in the survey's world");
     for (size_t i = 0; i < c->count; i++) {
-        const struct cloud_point *p = &c->point[i];
-        for (int k = 0; k < 3; k++) output_real(t, cloud_world(f, p->place, k), 8);
-        for (int k = 0; k < 3; k++) output_real(t, (double)p->normal[k], 4);
-        output_bytes(t, p->rgb, 3);
-        output_bytes(t, &p->views, 1);
+        output_add(t, "\nv");
+        for (int k = 0; k < 3; k++) output_add(t, " %s", OUTPUT_FIXED(c->point[i].place[k], 6));
+        for (int k = 0; k < 3; k++) output_add(t, " %s", OUTPUT_FIXED(c->point[i].rgb[k] / 255.0, 3));
     }
+    for (size_t i = 0; i < 3 * c->triangles; i++)
+        output_add(t, i % 3 ? " %zu" : "\nf %zu", (size_t)c->index[i] + 1);
+    output_add(t, "\n");
 }
 
 static void las_text(struct output *t, const char *text, size_t size)
@@ -212,39 +170,27 @@ static void las_record(struct output *t, const char *user, int id, size_t size)
     las_text(t, "", 32);
 }
 
-/* Adds the variable length records: the keys of the CRS as in a GeoTIFF, and what the extra bytes are. */
-static int las_records(const struct cloud_file *f, struct output *t)
+/* Adds the four variable length records: the keys of the CRS as in a GeoTIFF, and what the extra bytes are. */
+static void las_records(const struct geotiff *place, struct output *t)
 {
+    enum { EXTRA = 192 };
     struct geotiff_crs crs;
-    geotiff_crs(&f->place, &crs);
+    geotiff_crs(place, &crs);
     las_record(t, "LASF_Projection", 34735, 2 * crs.keys);
     for (size_t i = 0; i < crs.keys; i++) output_integer(t, (uint64_t)crs.key[i], 2);
     las_record(t, "LASF_Projection", 34736, 8 * crs.numbers);
     for (size_t i = 0; i < crs.numbers; i++) output_real(t, crs.number[i], 8);
     las_record(t, "LASF_Projection", 34737, strlen(crs.words) + 1);
     output_bytes(t, crs.words, strlen(crs.words) + 1);
-    las_record(t, "LASF_Spec", 4, 3 * LAS_EXTRA);
+    las_record(t, "LASF_Spec", 4, 3 * EXTRA);
     for (int k = 0; k < 3; k++) {
         output_integer(t, 9 << 16, 4); /* reserved, type 9: float, no options */
         las_text(t, &"NormalX\0NormalY\0NormalZ"[8 * k], 32);
-        for (int i = 0; i < LAS_EXTRA - 36; i += 4) output_integer(t, 0, 4);
-    }
-    return 4;
-}
-
-/* Bounds of the cloud in the world: low, high. */
-static void las_bounds(const struct cloud_file *f, const struct cloud *c, double bound[2][3])
-{
-    for (int k = 0; k < 3; k++) {
-        bound[0][k] = HUGE_VAL, bound[1][k] = -HUGE_VAL;
-        for (size_t i = 0; i < c->count; i++) {
-            const double x = cloud_world(f, c->point[i].place, k);
-            bound[0][k] = fmin(bound[0][k], x), bound[1][k] = fmax(bound[1][k], x);
-        }
+        for (int i = 0; i < EXTRA - 36; i++) output_integer(t, 0, 1);
     }
 }
 
-static void las_header(const struct cloud *c, size_t records_size, int records, const double bound[2][3],
+static void las_header(const struct cloud *c, size_t records, const double low[3], const double high[3],
                        double scale, struct output *t)
 {
     output_bytes(t, "LASF", 4);
@@ -254,115 +200,95 @@ static void las_header(const struct cloud *c, size_t records_size, int records, 
     las_text(t, "oceanxl " OXL_VERSION, 32);
     output_integer(t, 0, 4); /* no date: the same bytes on any day */
     output_integer(t, LAS_HEADER, 2);
-    output_integer(t, LAS_HEADER + records_size, 4);
-    output_integer(t, (uint64_t)records, 4);
-    output_integer(t, 2, 1);
+    output_integer(t, LAS_HEADER + records, 4);
+    output_integer(t, 4, 4);
+    output_integer(t, 2, 1); /* format of the points */
     output_integer(t, LAS_RECORD, 2);
     for (int i = 0; i < 6; i++) output_integer(t, i < 2 && c->count <= UINT32_MAX ? c->count : 0, 4);
     for (int k = 0; k < 3; k++) output_real(t, scale, 8);
-    for (int k = 0; k < 3; k++) output_real(t, floor(bound[0][k]), 8);
-    for (int k = 0; k < 6; k++) output_real(t, bound[1 - k % 2][k / 2], 8);
-    output_integer(t, 0, 8); /* no waveforms, no extended records */
-    output_integer(t, 0, 8);
-    output_integer(t, 0, 4);
+    for (int k = 0; k < 3; k++) output_real(t, floor(low[k]), 8);
+    for (int k = 0; k < 6; k++) output_real(t, (k % 2 ? low : high)[k / 2], 8);
+    for (int i = 0; i < 5; i++) output_integer(t, 0, 4); /* no waveforms, no extended records */
     for (int i = 0; i < 16; i++) output_integer(t, i < 2 ? c->count : 0, 8);
 }
 
-static void cloud_put_las(const struct cloud_file *f, const struct cloud *c, struct output *t)
+static void cloud_put_las(const struct product *p, const struct cloud *c, struct output *t)
 {
     struct output records = {0};
-    const int count = las_records(f, &records);
-    double bound[2][3], scale = pow(10, floor(log10(f->step)) - 1), widest = 0;
-    las_bounds(f, c, bound);
-    for (int k = 0; k < 3; k++) widest = fmax(widest, bound[1][k] - floor(bound[0][k]));
-    while (widest / scale > INT32_MAX) scale *= 10;
-    las_header(c, records.used, count, (const double(*)[3])bound, scale, t);
+    double low[3], high[3], scale = 1e-6;
+    for (size_t i = 0; i < 3 * c->count; i++) {
+        const double x = c->point[i / 3].place[i % 3];
+        low[i % 3] = i < 3 ? x : fmin(low[i % 3], x), high[i % 3] = i < 3 ? x : fmax(high[i % 3], x);
+    }
+    for (int k = 0; k < 3; k++)
+        while ((high[k] - floor(low[k])) / scale > INT32_MAX) scale *= 10;
+    las_records(&p->place, &records);
+    las_header(c, records.used, low, high, scale, t);
     output_bytes(t, records.data, records.used);
     for (size_t i = 0; i < c->count; i++) {
-        const struct cloud_point *p = &c->point[i];
+        const struct cloud_point *q = &c->point[i];
         for (int k = 0; k < 3; k++)
-            output_integer(
-                t, (uint64_t)floor((cloud_world(f, p->place, k) - floor(bound[0][k])) / scale + 0.5), 4);
+            output_integer(t, (uint64_t)floor((q->place[k] - floor(low[k])) / scale + 0.5), 4);
         output_integer(t, 0, 2);
         output_integer(t, 1 | 1 << 3, 3); /* the one return of one, no class, no angle */
-        output_integer(t, p->views, 1);
+        output_integer(t, q->views, 1);
         output_integer(t, 0, 2);
-        for (int k = 0; k < 3; k++) output_integer(t, 257u * p->rgb[k], 2);
-        for (int k = 0; k < 3; k++) output_real(t, (double)p->normal[k], 4);
+        for (int k = 0; k < 3; k++) output_integer(t, 257u * q->rgb[k], 2);
+        for (int k = 0; k < 3; k++) output_real(t, (double)q->normal[k], 4);
     }
     t->failed |= records.failed;
     free(records.data);
 }
 
-static int cloud_ends(const char *path, const char *with)
+/* Moves the points into the world of files. */
+static void cloud_move(struct cloud *c, const struct similarity *world)
 {
-    const size_t size = strlen(path), tail = strlen(with);
-    return size > tail && strcmp(path + size - tail, with) == 0;
+    for (size_t i = 0; i < c->count; i++) {
+        struct cloud_point *q = &c->point[i];
+        const double n[3] = {q->normal[0], q->normal[1], q->normal[2]};
+        double turned[3];
+        similarity_apply(world, q->place, q->place);
+        frame_to_camera(world->rotation, n, turned);
+        for (int k = 0; k < 3; k++) q->normal[k] = (float)turned[k];
+    }
 }
 
-static oxl_result cloud_check(oxl_context *ctx, const oxl_scene *scene, const struct arguments *a)
+oxl_result cloud_write(const struct product *p, const oxl_model *model)
 {
-    const int known = cloud_ends(a->out, ".ply") || cloud_ends(a->out, a->mesh ? ".obj" : ".las");
-    if (!known)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "cloud: -o is %s, expected a file %s\nfix: -o %s.ply", a->out,
-                        a->mesh ? "*.ply or *.obj" : "*.ply or *.las", a->mesh ? "mesh" : "cloud");
-    if (a->epsg && oxl_scene_reference(scene))
-        return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "cloud: the survey's coordinates are metres around a reference, not of EPSG:%d\n"
-                        "fix: leave --epsg out",
-                        a->epsg);
-    return OXL_OK;
-}
-
-static oxl_result cloud_save(const struct surface *s, const struct cloud_file *f, const struct cloud *c,
-                             const struct arguments *a, struct deviation *d, FILE *to)
-{
-    struct output t = {0};
-    output_open(&t, a->out);
-    (cloud_ends(a->out, ".las") ? cloud_put_las : cloud_put_ply)(f, c, &t);
-    if (!output_close(&t))
-        return oxl_fail(f->ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", a->out);
-    print_format(to, "cloud     %s, %zu points about %.3g %s apart\n", a->out, c->count, f->step, f->words);
-    return cloud_deviation(s, c, d);
-}
-
-static void cloud_say(const struct surface *s, const struct deviation *d, const struct cloud_file *f,
-                      FILE *to)
-{
-    if (isnan(d->median)) return;
-    print_format(
-        to,
-        "deviation every second point of the survey is %.3g %s from the surface in the median, 90 %% less than "
-        "%.3g: %.2f and %.2f %% of the cameras' distance; %.1f %% have none within %.0f %%\n",
-        d->median * f->unit, f->words, d->most * f->unit, 100 * d->median / s->distance,
-        100 * d->most / s->distance, 100 * d->none, 100 * CLOUD_REACH);
-}
-
-oxl_result cloud_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
-                       const struct arguments *a, FILE *to)
-{
-    struct cloud_file f = {.ctx = ctx,
-                           .origin = oxl_scene_origin(scene),
-                           .unit = a->scale > 0 ? a->scale : 1,
-                           .words = a->scale > 0 ? "metres" : "units"};
+    static const struct {
+        const char *end;
+        void (*put)(const struct product *p, const struct cloud *c, struct output *t);
+        int of; /* 1: clouds; 2: meshes */
+    } form[] = {{".ply", cloud_put_ply, 3}, {".las", cloud_put_las, 1}, {".obj", cloud_put_obj, 2}};
+    const struct arguments *a = p->a;
+    const char *end = a->out + strlen(a->out) - (strlen(a->out) > 4 ? 4 : 0);
     struct surface s = {0};
     struct cloud c = {0};
-    struct deviation d;
-    oxl_result rc = cloud_check(ctx, scene, a);
-    if (rc == OXL_OK)
-        rc = output_check_own(ctx, ".", a->out,
-                              a->mesh                      ? "oceanxl mesh"
-                              : cloud_ends(a->out, ".las") ? "oceanxl "
-                                                           : "oceanxl cloud");
-    if (rc == OXL_OK) rc = surface_open(ctx, model, scene, 1 << 20, &s);
-    f.step = s.sampling * f.unit;
-    f.place = (struct geotiff){.epsg = a->epsg,
-                               .reference = oxl_scene_reference(scene),
-                               .is_metric = a->scale > 0,
-                               .citation = "oceanxl: coordinates of the survey's world"};
+    struct output t = {0};
+    oxl_result rc;
+    double step;
+    int kind = 0;
+    while (kind < 3 && !(strcmp(end, form[kind].end) == 0 && form[kind].of & (a->mesh ? 2 : 1))) kind++;
+    if (kind == 3)
+        return oxl_fail(p->ctx, OXL_ERR_USAGE, "cloud: -o is %s, expected a file %s\nfix: use -o %s.ply",
+                        a->out, a->mesh ? "*.ply or *.obj" : "*.ply or *.las", a->mesh ? "mesh" : "cloud");
+    rc = output_check_own(p->ctx, ".", a->out, "oceanxl");
+    if (rc == OXL_OK) rc = surface_open(p->ctx, model, p->scene, 1 << 20, &s);
     if (rc == OXL_OK) rc = cloud_make(&s, a->min_views, &c);
-    if (rc == OXL_OK) rc = a->mesh ? mesh_save(&s, &c, &f, a, &d, to) : cloud_save(&s, &f, &c, a, &d, to);
-    if (rc == OXL_OK) cloud_say(&s, &d, &f, to);
+    step = a->mesh ? a->pixel > 0 ? a->pixel / p->world.scale : 2 * s.sampling : s.sampling;
+    if (rc == OXL_OK && a->mesh) rc = mesh_make(&s, a->min_views, step, &c);
+    if (rc == OXL_OK) {
+        const struct deviation d = cloud_compare(&s, &c);
+        cloud_move(&c, &p->world);
+        output_open(&t, a->out);
+        form[kind].put(p, &c, &t);
+        if (!output_close(&t))
+            rc = oxl_fail(p->ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", a->out);
+        else
+            print_format(p->to, "cloud     %s, %zu points about %.3g %s apart, %zu triangles\n", a->out,
+                         c.count, step * p->world.scale, p->words, c.triangles);
+        if (rc == OXL_OK) product_say(p, &d, s.distance);
+    }
     cloud_free(&c);
     surface_close(&s);
     return rc;

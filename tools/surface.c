@@ -22,47 +22,41 @@
 #define SURFACE_AGREES 0.04
 /* largest distance of a place that is seen, in usual distances: the horizon of oblique views is left out */
 #define SURFACE_FAR 2.0
-/* least rms of detail, as a fraction of the mean grey; 0.0025 and 0.01 give the same heights */
-#define SURFACE_CONTRAST 0.005
+/* least rms of detail, as a fraction of the mean grey */
+#define SURFACE_CONTRAST 0.0035
 /* difference from a point's depth, as a fraction of it, that does not contradict */
 #define SURFACE_NEAR 0.03
 #define SURFACE_SHARE 0.05 /* least share of the points around a pixel that are near its depth */
 enum {
     SURFACE_CONTRADICTED = 2, /* a guess that the survey's points contradict */
-    SURFACE_BIN_POINTS = 12,  /* points in a bin of a view, in the mean */
+    SURFACE_AROUND = 108,     /* points around a pixel, in the mean */
     SURFACE_NEIGHBOURS = 5,   /* least points around a pixel that may contradict its depth */
-    SURFACE_REACH = 4,        /* px; detail is what differs from the mean within this reach */
+    SURFACE_REACH = 4,        /* px; detail is seen within this reach */
     SURFACE_PIXELS = 1 << 26  /* most pixels of all views: 8 bytes each */
 };
 
 /* ---------------- detail */
 
-/* Sets `out` (width,height) to the means over SURFACE_REACH on both sides along the rows of `from`, transposed,
- * so that a second call averages the columns. */
-static void surface_mean_rows(const float *from, int width, int height, float *out)
-{
-    for (int y = 0; y < height; y++)
-        for (int x = 0; x < width; x++) {
-            const int first = x > SURFACE_REACH ? x - SURFACE_REACH : 0,
-                      last = x + SURFACE_REACH < width ? x + SURFACE_REACH : width - 1;
-            float sum = 0;
-            for (int i = first; i <= last; i++) sum += from[y * width + i];
-            out[x * height + y] = sum / (float)(last - first + 1);
-        }
-}
-
-/* Marks pixels without detail as guesses. Destroys the image, whose planes hold what is on the way. */
+/* Marks pixels without detail as guesses. Detail is what is the same on both sides of a pixel and differs from the mean
+ * around it, so that an even slope of brightness is none. */
 static void surface_find_plain(const oxl_image *image, unsigned char *guess)
 {
     const int width = image->width, height = image->height, pixels = width * height;
-    float *grey = image->rgb, *turned = image->rgb + pixels, *mean = image->rgb + 2 * pixels;
-    for (int i = 0; i < pixels; i++) grey[i] = (grey[i] + turned[i] + mean[i]) / 3;
-    surface_mean_rows(grey, width, height, turned);
-    surface_mean_rows(turned, height, width, mean);
-    for (int i = 0; i < pixels; i++) grey[i] = (grey[i] - mean[i]) * (grey[i] - mean[i]);
-    surface_mean_rows(grey, width, height, turned);
-    surface_mean_rows(turned, height, width, grey);
-    for (int i = 0; i < pixels; i++) guess[i] = !(sqrtf(grey[i]) > (float)SURFACE_CONTRAST * mean[i]);
+    float *grey = image->rgb;
+    for (int i = 0; i < pixels; i++) grey[i] = (grey[i] + grey[pixels + i] + grey[2 * pixels + i]) / 6;
+#pragma omp parallel for schedule(static)
+    for (int i = 0; i < pixels; i++) {
+        float sum = 0, square = 0, n = 0;
+        for (int v = -SURFACE_REACH; v <= SURFACE_REACH; v += 2)
+            for (int u = -SURFACE_REACH; u <= SURFACE_REACH; u += 2) {
+                const int x = i % width, y = i / width;
+                float both;
+                if (x < abs(u) || y < abs(v) || x + abs(u) >= width || y + abs(v) >= height) continue;
+                both = grey[i + v * width + u] + grey[i - v * width - u];
+                n++, sum += both, square += both * both;
+            }
+        guess[i] = !(square / n - sum / n * (sum / n) > (float)pow(SURFACE_CONTRAST * (double)(sum / n), 2));
+    }
 }
 
 /* ---------------- views */
@@ -78,19 +72,20 @@ static oxl_camera surface_camera(const oxl_camera *full, int side)
 
 static oxl_result surface_render(struct surface *s, const oxl_model *model, struct surface_view *v)
 {
-    const size_t pixels = (size_t)v->camera.width * (size_t)v->camera.height;
-    oxl_render_options render = oxl_render_options_default();
+    const oxl_camera *c = &v->camera;
+    const size_t pixels = (size_t)c->width * (size_t)c->height;
     oxl_image image = {0};
-    oxl_result rc = OXL_OK;
-    render.near_plane = (float)oxl_scene_near_plane(s->scene);
-    memcpy(render.background, model->background, sizeof render.background);
-    v->depth = malloc(pixels * sizeof *v->depth);
-    v->rgb = malloc(3 * pixels);
-    v->guess = malloc(pixels);
-    if (!v->depth || !v->rgb || !v->guess)
-        rc = oxl_fail(s->ctx, OXL_ERR_MEMORY,
-                      "no memory for the depths of the views\nfix: use a smaller --max-side");
-    if (rc == OXL_OK) rc = oxl_render(s->ctx, model, &v->camera, &render, &image, v->depth);
+    oxl_result rc;
+    v->sheet = (struct sheet){.width = c->width, .height = c->height};
+    frame_eye(c, v->sheet.from);
+    for (int k = 0; k < 3; k++) {
+        v->sheet.step[0][k] = c->rotation[k] / c->fx, v->sheet.step[1][k] = c->rotation[3 + k] / c->fy;
+        v->sheet.step[2][k] = c->rotation[6 + k] - c->cx * v->sheet.step[0][k] - c->cy * v->sheet.step[1][k];
+    }
+    v->sheet.depth = product_room(pixels, sizeof *v->sheet.depth);
+    v->rgb = product_room(pixels, 3);
+    v->guess = product_room(pixels, 1);
+    rc = product_render(s->ctx, model, c, oxl_scene_near_plane(s->scene), 0, &image, v->sheet.depth);
     for (size_t i = 0; i < 3 * pixels && rc == OXL_OK; i++)
         v->rgb[i] = (unsigned char)(255 * fminf(fmaxf(image.rgb[i % 3 * pixels + i / 3], 0), 1) + 0.5f);
     if (rc == OXL_OK) surface_find_plain(&image, v->guess);
@@ -98,118 +93,61 @@ static oxl_result surface_render(struct surface *s, const oxl_model *model, stru
     return rc;
 }
 
-/* Returns the median of |depth| where there is one; 0: nowhere. */
-static double surface_median(const struct surface_view *v, double *scratch)
+/* Returns the median of |depth| where there is one; NaN: nowhere. */
+static double surface_median(const struct sheet *t)
 {
-    const size_t pixels = (size_t)v->camera.width * (size_t)v->camera.height;
+    const size_t pixels = (size_t)t->width * (size_t)t->height;
+    double *z = product_room(pixels / 7 + 1, sizeof *z), median;
     size_t n = 0;
     for (size_t i = 0; i < pixels; i += 7)
-        if (fabsf(v->depth[i]) > 0) scratch[n++] = fabs((double)v->depth[i]);
-    qsort(scratch, n, sizeof *scratch, frame_compare);
-    return n > 0 ? scratch[n / 2] : 0;
+        if (fabsf(t->depth[i]) > 0) z[n++] = fabs((double)t->depth[i]);
+    median = product_quantile(z, n, 0.5);
+    free(z);
+    return median;
 }
 
 /* Sets the usual distance and the sampling: medians over the views. */
-static oxl_result surface_measure(struct surface *s)
+static void surface_measure(struct surface *s)
 {
-    size_t most = 2 * (size_t)s->views + 1, n = 0;
-    double *scratch, *of_view;
-    for (int i = 0; i < s->views; i++)
-        most = (size_t)fmax((double)most, (double)s->view[i].camera.width * s->view[i].camera.height);
-    scratch = malloc((most + 2 * (size_t)s->views + 1) * sizeof *scratch);
-    if (!scratch) return oxl_fail(s->ctx, OXL_ERR_MEMORY, "no memory for the depths of the views");
-    of_view = scratch + most;
+    double *z = product_room(2 * (size_t)s->views, sizeof *z), *side = z + s->views;
+    size_t n = 0;
     for (int i = 0; i < s->views; i++) {
-        const double z = surface_median(&s->view[i], scratch);
-        if (z > 0) of_view[n] = z, of_view[(size_t)s->views + n] = z / s->view[i].camera.fx, n++;
+        z[n] = surface_median(&s->view[i].sheet), side[n] = z[n] / s->view[i].camera.fx;
+        n += z[n] > 0;
     }
-    qsort(of_view, n, sizeof *of_view, frame_compare);
-    qsort(of_view + s->views, n, sizeof *of_view, frame_compare);
-    if (n > 0) s->distance = of_view[n / 2], s->sampling = of_view[(size_t)s->views + n / 2];
-    free(scratch);
-    return OXL_OK;
+    if (n > 0) s->distance = product_quantile(z, n, 0.5), s->sampling = product_quantile(side, n, 0.5);
+    free(z);
 }
 
 /* ---------------- the survey's points */
 
-/* Depths of points by bins of a view's image. */
-struct surface_bins {
-    double side; /* px */
-    int width, height;
-    size_t *first; /* (width height + 2) */
-    float *depth;
-};
-
-/* Returns the bin of a point and its depth; -1: outside of the image. */
-static int surface_bin(const struct surface_bins *b, const oxl_camera *c, const oxl_point *p, double *z)
+/* Marks the depths of a view as guesses that have points of the survey around them, but hardly one at that depth. Half
+ * of the points, every second, do this. */
+static void surface_doubt(const oxl_scene *scene, struct surface_view *v)
 {
-    double at[2];
-    *z = surface_project(c, p->position, at);
-    if (!(*z > 0 && at[0] >= 0 && at[1] >= 0 && at[0] < c->width && at[1] < c->height)) return -1;
-    return (int)(at[1] / b->side) * b->width + (int)(at[0] / b->side);
-}
-
-/* Sorts every second point of the survey into bins. b->first and b->depth have room for any view. */
-static void surface_sort_points(const struct surface *s, const oxl_camera *c, struct surface_bins *b)
-{
-    const size_t count = oxl_scene_point_count(s->scene);
-    const oxl_point *point = oxl_scene_points(s->scene);
-    size_t inside = 0;
-    double z;
-    b->side = 1, b->width = c->width;
-    for (size_t i = 0; i < count; i += 2) inside += surface_bin(b, c, &point[i], &z) >= 0;
-    b->side = fmax(1, sqrt(SURFACE_BIN_POINTS * (double)c->width * c->height / ((double)inside + 1)));
-    b->width = (int)(c->width / b->side) + 1, b->height = (int)(c->height / b->side) + 1;
-    memset(b->first, 0, ((size_t)b->width * (size_t)b->height + 2) * sizeof *b->first);
-    for (size_t i = 0; i < count; i += 2) {
-        const int bin = surface_bin(b, c, &point[i], &z);
-        if (bin >= 0) b->first[bin + 2]++;
-    }
-    for (int i = 2; i < b->width * b->height + 2; i++) b->first[i] += b->first[i - 1];
-    for (size_t i = 0; i < count; i += 2) {
-        const int bin = surface_bin(b, c, &point[i], &z);
-        if (bin >= 0) b->depth[b->first[bin + 1]++] = (float)z;
-    }
-}
-
-/* Returns 1 where there are points around, and hardly one at that depth. */
-static int surface_contradicts(const struct surface_bins *b, int bin, double z)
-{
-    size_t all = 0, agree = 0;
-    for (int k = 0; k < 9; k++) {
-        const int x = bin % b->width + k % 3 - 1, y = bin / b->width + k / 3 - 1;
-        if (x < 0 || y < 0 || x >= b->width || y >= b->height) continue;
-        for (size_t i = b->first[y * b->width + x]; i < b->first[y * b->width + x + 1]; i++)
-            all++, agree += fabs((double)b->depth[i] - z) <= SURFACE_NEAR * z;
-    }
-    return all >= SURFACE_NEIGHBOURS && (double)agree < SURFACE_SHARE * (double)all;
-}
-
-/* Marks the depths that the points around contradict as guesses. */
-static oxl_result surface_doubt(struct surface *s)
-{
-    struct surface_bins b = {0};
-    size_t most = 0;
-    for (int i = 0; i < s->views; i++)
-        most = (size_t)fmax((double)most, (s->view[i].camera.width + 1.0) * (s->view[i].camera.height + 1));
-    b.first = malloc((most + 2) * sizeof *b.first);
-    b.depth = malloc((oxl_scene_point_count(s->scene) / 2 + 1) * sizeof *b.depth);
-    for (int i = 0; i < s->views && b.first && b.depth; i++) {
-        struct surface_view *v = &s->view[i];
-        surface_sort_points(s, &v->camera, &b);
-#pragma omp parallel for schedule(static)
-        for (int y = 0; y < v->camera.height; y++)
-            for (int x = 0; x < v->camera.width; x++) {
-                const size_t at = (size_t)y * (size_t)v->camera.width + (size_t)x;
-                const int bin = (int)((y + 0.5) / b.side) * b.width + (int)((x + 0.5) / b.side);
-                if (surface_contradicts(&b, bin, fabs((double)v->depth[at])))
-                    v->guess[at] = SURFACE_CONTRADICTED;
+    const oxl_point *point = oxl_scene_points(scene);
+    const size_t points = oxl_scene_point_count(scene), width = (size_t)v->camera.width,
+                 height = (size_t)v->camera.height, pixels = width * height;
+    unsigned *all = product_room(2 * pixels, sizeof *all), *agree = all + pixels;
+    size_t n = 0, pixel;
+    double reach, at[2];
+    for (size_t i = 0; i < points; i += 2) n += surface_pixel(v, point[i].position, at, &pixel) > 0;
+    reach = 0.5 * sqrt(SURFACE_AROUND * (double)pixels / ((double)n + 1));
+    for (size_t i = 0; i < points; i += 2) {
+        const double z = surface_pixel(v, point[i].position, at, &pixel);
+        const size_t left = (size_t)fmax(0, at[0] - reach),
+                     right = (size_t)fmin((double)width, at[0] + reach),
+                     bottom = (size_t)fmin((double)height, at[1] + reach);
+        for (size_t y = (size_t)fmax(0, at[1] - reach); z > 0 && y < bottom; y++)
+            for (size_t k = y * width + left; k < y * width + right; k++) {
+                const double own = fabs((double)v->sheet.depth[k]);
+                all[k]++, agree[k] += fabs(z - own) <= SURFACE_NEAR * own;
             }
     }
-    most = b.first && b.depth;
-    free(b.first);
-    free(b.depth);
-    return most ? OXL_OK : oxl_fail(s->ctx, OXL_ERR_MEMORY, "no memory for the survey's points");
+    for (size_t k = 0; k < pixels; k++)
+        if (all[k] >= SURFACE_NEIGHBOURS && agree[k] < SURFACE_SHARE * all[k])
+            v->guess[k] = SURFACE_CONTRADICTED;
+    free(all);
 }
 
 /* ---------------- the whole */
@@ -221,30 +159,31 @@ oxl_result surface_open(oxl_context *ctx, const oxl_model *model, const oxl_scen
     double full = 1;
     oxl_result rc = OXL_OK;
     *s = (struct surface){.ctx = ctx, .scene = scene};
-    s->view = calloc((size_t)count + 1, sizeof *s->view);
-    if (!s->view) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %d views", count);
-    for (int i = 0; i < count; i++)
-        full =
-            fmax(full, fmax(oxl_scene_view(scene, i)->camera.width, oxl_scene_view(scene, i)->camera.height));
+    s->view = product_room((size_t)count, sizeof *s->view);
+    for (int i = 0; i < count; i++) {
+        const oxl_camera *c = &oxl_scene_view(scene, i)->camera;
+        full = fmax(full, fmax(c->width, c->height));
+    }
     side = (int)fmin(fmin(side, full), sqrt((double)SURFACE_PIXELS / fmax(count, 1)));
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         struct surface_view *v = &s->view[s->views];
         if (oxl_scene_view(scene, i)->is_test) continue;
         s->views++;
         v->camera = surface_camera(&oxl_scene_view(scene, i)->camera, side);
-        frame_eye(&v->camera, v->eye);
         rc = surface_render(s, model, v);
     }
-    if (rc == OXL_OK) rc = surface_measure(s);
-    if (rc == OXL_OK) rc = surface_doubt(s);
+    if (rc != OXL_OK) return rc;
+    surface_measure(s);
+#pragma omp parallel for schedule(dynamic)
+    for (int i = 0; i < s->views; i++) surface_doubt(scene, &s->view[i]);
     s->sampling *= side / full;
-    return rc;
+    return OXL_OK;
 }
 
 void surface_close(struct surface *s)
 {
     for (int i = 0; i < s->views; i++) {
-        free(s->view[i].depth);
+        free(s->view[i].sheet.depth);
         free(s->view[i].rgb);
         free(s->view[i].guess);
     }
@@ -258,49 +197,50 @@ double surface_project(const oxl_camera *c, const double p[3], double at[2])
 {
     double x[3];
     frame_to_camera(c->rotation, p, x);
-    for (int i = 0; i < 3; i++) x[i] += c->translation[i];
+    vector_add(x, 1, c->translation, x);
     at[0] = c->fx * x[0] / x[2] + c->cx;
     at[1] = c->fy * x[1] / x[2] + c->cy;
     return x[2];
 }
 
-void surface_place(const struct surface_view *v, double x, double y, double depth, double out[3])
+double surface_pixel(const struct surface_view *v, const double p[3], double at[2], size_t *pixel)
 {
-    const oxl_camera *c = &v->camera;
-    const double along[3] = {(x - c->cx) / c->fx * depth, (y - c->cy) / c->fy * depth, depth};
-    for (int k = 0; k < 3; k++)
-        out[k] = v->eye[k] + c->rotation[k] * along[0] + c->rotation[3 + k] * along[1] +
-                 c->rotation[6 + k] * along[2];
+    const double z = surface_project(&v->camera, p, at);
+    if (!(z > 0 && at[0] >= 0 && at[0] < v->camera.width && at[1] >= 0 && at[1] < v->camera.height)) return 0;
+    *pixel = (size_t)at[1] * (size_t)v->camera.width + (size_t)at[0];
+    return z;
 }
 
-int surface_list(const struct surface *s, const double centre[3], double radius, int *list)
+void sheet_place(const struct sheet *t, double x, double y, double depth, double out[3])
 {
-    int n = 0;
-    for (int i = 0; i < s->views; i++) {
+    const double by = t->is_parallel ? 1 : depth;
+    for (int k = 0; k < 3; k++)
+        out[k] = t->from[k] + by * (x * t->step[0][k] + y * t->step[1][k]) + depth * t->step[2][k];
+}
+
+void surface_find(const struct surface *s, const double centre[3], double radius, struct surface_list *list)
+{
+    list->count = 0;
+    for (int i = 0; i < s->views && list->count < SURFACE_LISTED; i++) {
         const oxl_camera *c = &s->view[i].camera;
-        const double half[2] = {fmax(c->cx, c->width - c->cx) / c->fx,
-                                fmax(c->cy, c->height - c->cy) / c->fy};
-        double x[3];
-        frame_to_camera(c->rotation, centre, x);
-        for (int k = 0; k < 3; k++) x[k] += c->translation[k];
-        /* outside of a plane through the eye: its normal is (1, -half) over its length */
-        if (x[2] > -radius && (fabs(x[0]) - half[0] * x[2]) / sqrt(1 + half[0] * half[0]) < radius &&
-            (fabs(x[1]) - half[1] * x[2]) / sqrt(1 + half[1] * half[1]) < radius)
-            list[n++] = i;
+        double at[2];
+        const double z = surface_project(c, centre, at), by = radius / (z - radius);
+        const double u = by * (c->fx + fabs(at[0] - c->cx)), v = by * (c->fy + fabs(at[1] - c->cy)); /* px */
+        if (z > radius ? at[0] > -u && at[1] > -v && at[0] < c->width + u && at[1] < c->height + v
+                       : z > -radius)
+            list->view[list->count++] = i;
     }
-    return n;
 }
 
 /* The view's |depth| at a place of its image: between pixels where the four around agree, else the nearest. */
-static double surface_depth(const struct surface_view *v, const double at[2], size_t nearest)
+static double surface_depth(const struct sheet *t, const double at[2], size_t nearest)
 {
-    const int width = v->camera.width, height = v->camera.height;
     const int x = (int)floor(at[0] - 0.5), y = (int)floor(at[1] - 0.5);
-    const double own = fabs((double)v->depth[nearest]), u = at[0] - 0.5 - x, w = at[1] - 0.5 - y;
+    const double own = fabs((double)t->depth[nearest]), u = at[0] - 0.5 - x, w = at[1] - 0.5 - y;
     double sum = 0;
-    if (x < 0 || y < 0 || x + 1 >= width || y + 1 >= height) return own;
+    if (x < 0 || y < 0 || x + 1 >= t->width || y + 1 >= t->height) return own;
     for (int k = 0; k < 4; k++) {
-        const double z = fabs((double)v->depth[(size_t)(y + k / 2) * (size_t)width + (size_t)(x + k % 2)]);
+        const double z = fabs((double)t->depth[(size_t)(y + k / 2) * (size_t)t->width + (size_t)(x + k % 2)]);
         if (fabs(z - own) > SURFACE_AGREES * own) return own;
         sum += z * (k % 2 ? u : 1 - u) * (k / 2 ? w : 1 - w);
     }
@@ -310,11 +250,12 @@ static double surface_depth(const struct surface_view *v, const double at[2], si
 static void surface_confirm(const struct surface_view *v, int view, const double p[3], double z, double own,
                             struct surface_vote *out)
 {
-    const double away[3] = {v->eye[0] - p[0], v->eye[1] - p[1], v->eye[2] - p[2]},
-                 length = frame_length(away), off = (own - z) / z, footprint = z / v->camera.fx;
+    const double off = (own - z) / z, footprint = z / v->camera.fx;
+    double away[3];
+    vector_add(v->sheet.from, -1, p, away);
     out->confirms++;
-    out->off += off, out->off2 += off * off;
-    for (int k = 0; k < 3; k++) out->ray[k] += away[k] / length;
+    out->off2 += off * off;
+    vector_add(out->ray, 1 / frame_length(away), away, out->ray);
     if (out->nearest < 0 || footprint < out->footprint) out->footprint = footprint, out->nearest = view;
 }
 
@@ -323,28 +264,56 @@ int surface_holds(const struct surface_vote *v, int enough)
     return v->confirms >= enough && v->confirms > v->passes;
 }
 
-struct surface_vote surface_ask(const struct surface *s, const int *list, int count, const double p[3])
+struct surface_vote surface_ask(const struct surface *s, const struct surface_list *list, const double p[3])
 {
     const double usual = s->distance > 0 ? s->distance : HUGE_VAL;
     struct surface_vote out = {.nearest = -1};
-    for (int i = 0; i < count; i++) {
-        const struct surface_view *v = &s->view[list[i]];
-        double at[2];
-        const double z = surface_project(&v->camera, p, at);
+    for (int i = 0; i < list->count; i++) {
+        const struct surface_view *v = &s->view[list->view[i]];
+        double at[2], own;
         size_t pixel;
-        double own;
-        if (!(z > 0 && z <= SURFACE_FAR * usual && at[0] >= 0 && at[0] < v->camera.width && at[1] >= 0 &&
-              at[1] < v->camera.height))
-            continue;
-        pixel = (size_t)at[1] * (size_t)v->camera.width + (size_t)at[0];
-        own = v->depth[pixel];
+        const double z = surface_pixel(v, p, at, &pixel);
+        if (!(z > 0 && z <= SURFACE_FAR * usual)) continue;
+        own = v->sheet.depth[pixel];
         if (own > 0 && own < (1 - SURFACE_TOLERANCE) * z) continue;
         out.sees++;
         out.passes += v->guess[pixel] == SURFACE_CONTRADICTED;
         if (v->guess[pixel]) continue;
         if (own > z + SURFACE_TOLERANCE * fmin(z, usual)) out.passes++;
-        own = surface_depth(v, at, pixel);
-        if (fabs(own - z) <= SURFACE_AGREES * fmin(z, usual)) surface_confirm(v, list[i], p, z, own, &out);
+        own = surface_depth(&v->sheet, at, pixel);
+        if (fabs(own - z) <= SURFACE_AGREES * fmin(z, usual))
+            surface_confirm(v, list->view[i], p, z, own, &out);
     }
     return out;
+}
+
+void surface_ask_sheet(const struct surface *s, const struct sheet *t, const unsigned char *skip,
+                       void (*take)(void *user, size_t at, const double p[3], const struct surface_vote *v),
+                       void *user)
+{
+    enum { SIDE = 32 }; /* px; of a tile, whose places are asked of the same views */
+    const int across = (t->width + SIDE - 1) / SIDE, tiles = across * ((t->height + SIDE - 1) / SIDE);
+#pragma omp parallel for schedule(dynamic)
+    for (int tile = 0; tile < tiles; tile++) {
+        double low[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, high[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, half[3];
+        struct surface_list list = {.count = -1};
+        for (int i = 0; i < 2 * SIDE * SIDE; i++) { /* first the box of the places, then the places */
+            const int x = tile % across * SIDE + i % SIDE, y = tile / across * SIDE + i / SIDE % SIDE;
+            const size_t at = (size_t)y * (size_t)t->width + (size_t)x;
+            struct surface_vote vote;
+            double p[3];
+            if (x >= t->width || y >= t->height || isnan(t->depth[at]) || (skip && skip[at])) continue;
+            sheet_place(t, x + 0.5, y + 0.5, (double)t->depth[at], p);
+            for (int k = 0; k < 3 && i < SIDE * SIDE; k++)
+                low[k] = fmin(low[k], p[k]), high[k] = fmax(high[k], p[k]);
+            if (i < SIDE * SIDE) continue;
+            if (list.count < 0) {
+                vector_add(high, -1, low, half);
+                vector_add(low, 0.5, half, low);
+                surface_find(s, low, 0.5 * frame_length(half), &list);
+            }
+            vote = surface_ask(s, &list, p);
+            take(user, at, p, &vote);
+        }
+    }
 }

@@ -1,8 +1,10 @@
 /* tools.h - products of a trained model: maps, clouds, meshes, comparisons. They use the public headers and cli.h.
  *
+ *     product.c     what all products share: options, memory, the world of their files
+ *     gps.c         the world that the photos' GPS says
  *     surface.c     the surface that the training views agree on: one function and one resolution for all products
  *     map.c         orthomosaic, heights, certainty
- *     cloud.c       points on the surface; PLY, LAS
+ *     cloud.c       points on the surface; PLY, LAS, OBJ
  *     mesh.c        a triangle mesh around it
  *     similarity.c  nearest neighbours, and the similarity between two clouds
  *     compare.c     what changed between two surveys of one place
@@ -12,15 +14,84 @@
 
 #include "../cli/cli.h"
 
+/* ---------------- similarity.c: similarities */
+
+struct similarity {
+    double scale, rotation[9], move[3]; /* to = scale rotation from + move */
+};
+void similarity_apply(const struct similarity *s, const double p[3], double out[3]);
+struct similarity similarity_inverse(const struct similarity *s);
+struct match {
+    double from[3], to[3], off, weight; /* off: what is left of it */
+};
+/* Fits it to weighted pairs by least squares. Returns 0 where it is not defined. */
+int similarity_fit(const struct match *match, size_t count, struct similarity *out);
+/* Sets Tukey's weights by what is left. Returns its standard deviation, 1.4826 times the median of its sizes. */
+double similarity_weigh(struct match *match, size_t count);
+
+/* ---------------- product.c: what all products share */
+
+/* Returns memory of zeros; without any, ends the program with an error. */
+void *product_room(size_t count, size_t size);
+double product_quantile(double *value, size_t count, double share); /* sorts them; NaN: none */
+double vector_dot(const double a[3], const double b[3]);
+void vector_add(const double a[3], double by, const double b[3], double out[3]); /* out = a + by b */
+
+/* How far every second point of the survey, which did not help to find it, is from a surface. */
+struct deviation {
+    double median, most, gross,
+        none; /* most: of 90 %; shares: beyond PRODUCT_GROSS; of points without a surface */
+};
+#define PRODUCT_GROSS 0.05 /* of the cameras' distance */
+/* Sorts the distances of `count` points, of `all`; NaN: nothing to compare. */
+struct deviation product_deviation(double *off, size_t count, size_t all, double distance);
+
+struct product {
+    oxl_context *ctx;
+    const oxl_scene *scene;
+    const struct arguments *a;
+    FILE *to;
+    struct similarity world; /* from local coordinates to those of files */
+    int has_gps;             /* 1: the world is that of the photos' GPS */
+    const char *words;       /* "metres" or "units" */
+    struct geotiff place;    /* the CRS */
+};
+/* Reads --scale, --epsg and --gps. survey: the folder. */
+oxl_result product_open(oxl_context *ctx, const oxl_scene *scene, const char *survey,
+                        const struct arguments *a, FILE *to, struct product *out);
+/* Makes the folder -o, and refuses to replace files there that are not ours. */
+oxl_result product_folder(const struct product *p, const char *const *names, int count);
+oxl_result product_save(const struct product *p, struct output *t, const char *name); /* to -o */
+void product_say(const struct product *p, const struct deviation *d, double distance);
+/* Renders the model on its own background. parallel: as in oxl_render_options. */
+oxl_result product_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
+                          double near_plane, double parallel, oxl_image *out, float *depth);
+
+/* ---------------- gps.c: the world that the photos' GPS says */
+
+/* Prints how many photos of the survey's first views have GPS, if any. */
+void gps_say(const oxl_scene *scene, const char *images, const char *survey, FILE *to);
+/* Fits the similarity from local coordinates to UTM, metres, by the places where the photos say that they were taken,
+ * and prints the residuals. epsg: the zone's code. */
+oxl_result gps_fit(const struct product *p, const char *survey, struct similarity *out, int *epsg);
+
 /* ---------------- surface.c: the surface that the training views agree on */
+
+/* Pixels with depths. The place of x, y px and a depth is from + t (x step[0] + y step[1]) + depth step[2]; t is 1 where
+ * rays are parallel, else the depth. */
+struct sheet {
+    int width, height, is_parallel;
+    double from[3], step[3][3];
+    float *depth; /* (height,width) as of oxl_render: negative where it is not clear; 0, NaN: none */
+};
+void sheet_place(const struct sheet *t, double x, double y, double depth, double out[3]);
 
 /* A training view as the model shows it, at the surface's resolution. */
 struct surface_view {
     oxl_camera camera;
-    double eye[3];
-    float *depth; /* (height,width) camera z as of oxl_render: negative where it is not clear; 0: none */
+    struct sheet sheet;
     unsigned char *rgb;   /* (height,width,3) */
-    unsigned char *guess; /* (height,width) 1: the depth is a guess */
+    unsigned char *guess; /* (height,width) not 0: the depth is a guess */
 };
 struct surface {
     oxl_context *ctx;
@@ -41,30 +112,40 @@ struct surface_vote {
     int sees;         /* views that have it in their image with nothing before it */
     int confirms;     /* of these, views whose own depth, with detail, is that of the place */
     int passes;       /* of these, views that clearly see something behind it */
-    double off, off2; /* sums over `confirms` of (own depth - place's depth) / place's depth; of its square */
+    double off2;      /* sum over `confirms` of ((own depth - place's depth) / place's depth)^2 */
     double ray[3];    /* sum over `confirms` of the unit vectors towards the cameras */
     double footprint; /* least depth by focal length over `confirms`: units that a pixel sees */
     int nearest;      /* view that has it; -1: none */
 };
+enum { SURFACE_LISTED = 1024 }; /* most views that are asked of a place */
+struct surface_list {
+    int count, view[SURFACE_LISTED];
+};
 /* Projects p into the camera, at: px; returns camera z, which is 0 or less behind the camera. */
 double surface_project(const oxl_camera *c, const double p[3], double at[2]);
-/* Lists the views that may have places of a sphere in their image. Returns their number. */
-int surface_list(const struct surface *s, const double centre[3], double radius, int *list);
-struct surface_vote surface_ask(const struct surface *s, const int *list, int count, const double p[3]);
+/* As surface_project, with the index of the pixel; returns 0 for a place that is not in the image. */
+double surface_pixel(const struct surface_view *v, const double p[3], double at[2], size_t *pixel);
+/* Lists the views that may have places of a sphere in their image. */
+void surface_find(const struct surface *s, const double centre[3], double radius, struct surface_list *list);
+struct surface_vote surface_ask(const struct surface *s, const struct surface_list *list, const double p[3]);
 /* Returns 1 where `enough` views or more confirm the place, and fewer pass it. */
 int surface_holds(const struct surface_vote *v, int enough);
-/* The place of a view's pixel at that depth. */
-void surface_place(const struct surface_view *v, double x, double y, double depth, double out[3]);
+/* Asks the views of the places of all pixels that have a depth and are not in `skip`, which may be NULL, and hands
+ * their votes to `take`, in any order and on several threads. */
+void surface_ask_sheet(const struct surface *s, const struct sheet *t, const unsigned char *skip,
+                       void (*take)(void *user, size_t at, const double p[3], const struct surface_vote *v),
+                       void *user);
 
 /* ---------------- map.c: an orthomosaic, heights and their certainty */
 
 struct map {
     oxl_context *ctx;
     const oxl_scene *scene;
-    struct surface *surface; /* NULL: map_make opens one */
-    double pixel;            /* units; side of a pixel; 0: the median ground sampling distance */
-    int enough;              /* training views that must see a place */
-    int smooth;              /* passes that smooth heights and keep edges */
+    struct surface *surface;        /* NULL: map_make opens one */
+    const struct similarity *world; /* to the world of the photos' GPS; NULL: the survey's world */
+    double pixel;                   /* units; side of a pixel; 0: the median ground sampling distance */
+    int enough;                     /* training views that must see a place */
+    int smooth;                     /* passes that smooth heights and keep edges */
     int is_placed; /* 1: frame, corner, width and height are given: another survey's map, turned into this one */
     struct frame frame;
     double corner[2]; /* units; outer corner of the top-left pixel, along right and up from the centre */
@@ -73,31 +154,30 @@ struct map {
     double distance, sampling; /* of the surface */
     double down;               /* mean over the views of the cosine between their axis and straight down */
     int width, height;
-    unsigned char *rgba;   /* (height,width,4) */
+    float *colour;         /* (3,height,width) 0..1; NaN: none */
     float *level;          /* (height,width) units; height above the centre; NaN: none */
     float *sigma;          /* (height,width) units; standard deviation of level; NaN: none */
     unsigned short *views; /* (height,width) views that confirm the height */
-    size_t hidden,
-        filled; /* Gaussians that no training view shows; pixels whose colour is their neighbours' */
+    unsigned char *seen;   /* (height,width) 1: any view sees the place; 2: enough do */
+    size_t filled;         /* pixels whose colour is their neighbours' */
     /* square units; shares of the ground that any training view sees: seen by enough; with a height */
     double area, covered, high;
-    /* units; differences of heights from the points that did not help to find them: median, 90 %; shares: beyond
-     * MAP_GROSS of the distance, of points without a height */
-    double error, error_90, gross, none;
+    struct deviation off; /* units; of the heights */
 };
-#define MAP_GROSS 0.05
 #define MAP_DOWN 0.5 /* cosine of 60 degrees: below it, the views do not show the ground from above */
-/* Makes the map, and Gaussians that no training view shows invisible in the model. side: px, at most; 0: as many
- * as the pixel size requires. map_free frees it, also on error. */
-oxl_result map_make(struct map *m, oxl_model *model, enum frame_kind kind, int side);
+/* Makes the map. side: px, at most; 0: as many as the pixel size requires. map_free frees it, also on error. */
+oxl_result map_make(struct map *m, const oxl_model *model, enum frame_kind kind, int side);
 void map_free(struct map *m);
-/* The georeference of rasters on the map's grid, in units of `unit` units. */
-struct geotiff map_georeference(const struct map *m, const struct arguments *a, double unit);
-/* Sets `out` to the place at x, y px of the map, in the scene's coordinates. */
-void map_place(const struct map *m, double x, double y, double height, double out[3]);
-/* Writes ortho.tif, height.tif, certainty.tif and frame.txt to -o, by --pixel, --scale and --min-views. */
-oxl_result map_write(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, const struct arguments *a,
-                     FILE *to);
+/* The map's neighbour k of a pixel, row by row, of 0 to 8; the pixel itself where there is none. */
+size_t map_next(const struct map *m, size_t at, int k);
+/* Fills NaN of planes (bands,height,width) that have 5 known neighbours with their mean. Returns their number. */
+size_t map_fill(const struct map *m, float *plane, int bands, int passes);
+/* Writes planes, or where there are three colours, to the file `name` in -o. Units are multiplied. */
+oxl_result map_raster(const struct map *m, const struct product *p, const char *name, const float *plane,
+                      int bands);
+/* Writes ortho.tif, height.tif, certainty.tif and frame.txt to -o. */
+oxl_result map_write(const struct product *p, const oxl_model *model);
+
 /* ---------------- cloud.c: points on the surface */
 
 struct cloud_point {
@@ -108,37 +188,21 @@ struct cloud_point {
 struct cloud {
     struct cloud_point *point;
     size_t count;
+    uint32_t *index; /* (3 triangles); NULL: there are none */
+    size_t triangles;
 };
 /* Makes the points that `enough` views confirm. cloud_free frees them, also on error. */
 oxl_result cloud_make(const struct surface *s, int enough, struct cloud *out);
 void cloud_free(struct cloud *c);
-
-/* How far every second point of the survey is from the surface through its nearest point of the cloud, units. */
-struct deviation {
-    double median, most,
-        none; /* most: of 90 %; none: share without a point near them; NaN: nothing to compare */
-};
-oxl_result cloud_deviation(const struct surface *s, const struct cloud *c, struct deviation *out);
-
-/* How places are written. */
-struct cloud_file {
-    oxl_context *ctx;
-    const double *origin; /* (3) world = (local + origin) unit */
-    double unit, step;    /* step: about the distance of points, in the file's unit */
-    const char *words;    /* "metres" or "units" */
-    struct geotiff place; /* its CRS */
-};
 /* Writes the cloud, or with --mesh the mesh, to the file -o. */
-oxl_result cloud_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
-                       const struct arguments *a, FILE *to);
+oxl_result cloud_write(const struct product *p, const oxl_model *model);
 
 /* ---------------- mesh.c: triangles */
 
-/* Makes a mesh around the cloud, writes it to the file -o and says so; d: its vertices' deviation. */
-oxl_result mesh_save(const struct surface *s, const struct cloud *c, const struct cloud_file *f,
-                     const struct arguments *a, struct deviation *d, FILE *to);
+/* Replaces the points by the vertices of a mesh around them, of cells of that side. */
+oxl_result mesh_make(const struct surface *s, int enough, double cell, struct cloud *c);
 
-/* ---------------- similarity.c: nearest points, similarities */
+/* ---------------- similarity.c: nearest points */
 
 struct near {
     const struct cloud_point *point;
@@ -146,25 +210,16 @@ struct near {
     double reach, low[3];
     struct near_key *key; /* (count) */
 };
-/* Sorts the points, which must outlive it, for near_find. Returns 0 without memory. */
-int near_open(struct near *n, const struct cloud_point *point, size_t count, double reach);
-void near_close(struct near *n);
-/* Returns the nearest point that is nearer than `reach`, and its distance; NULL: there is none. */
-const struct cloud_point *near_find(const struct near *n, const double p[3], double *distance);
-
-struct similarity {
-    double scale, rotation[9], move[3]; /* to = scale rotation from + move */
-};
-void similarity_apply(const struct similarity *s, const double p[3], double out[3]);
-/* Fits it to weighted pairs by least squares; scale 1 unless with_scale. Returns 0 where it is not defined. */
-int similarity_fit(const double (*from)[3], const double (*to)[3], const double *weight, size_t count,
-                   int with_scale, struct similarity *out);
+/* Sorts the points, which must outlive it, for near_find. */
+void near_open(struct near *n, const struct cloud *c, double reach);
+/* Returns the nearest point that is nearer than `reach`, and sets how far p is before the surface through it; NULL:
+ * there is none. */
+const struct cloud_point *near_find(const struct near *n, const double p[3], double *off);
 
 /* ---------------- compare.c: what changed between two surveys of one place */
 
-/* Registers the second survey to the first and writes difference.tif, significant.tif, change.png, compare.csv and
- * compare.html to -o. Gaussians that no training view shows become invisible in the models. */
-oxl_result compare_run(oxl_context *ctx, oxl_model *model[2], const oxl_scene *const scene[2],
-                       const struct arguments *a, FILE *to);
+/* Registers the second survey to the first, p's, and writes difference.tif, significant.tif, change.png, compare.csv
+ * and compare.html to -o. */
+oxl_result compare_run(const struct product *p, oxl_model *model[2], const oxl_scene *second);
 
 #endif

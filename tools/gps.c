@@ -1,0 +1,175 @@
+/* gps.c - finds the world that the photos' GPS says: UTM, metres, up.
+ *
+ * Places are read from the EXIF data of JPEG files (CIPA DC-008, 4.6.6), turned into UTM on WGS 84 by Krueger's series
+ * (Karney 2011, Transverse Mercator with an accuracy of a few nanometers, J. Geodesy 85, eq. 7 to 11, 35; a tenth of a
+ * millimetre with three terms), and a similarity from the cameras' places to them is fitted with Tukey's weights. The
+ * heights are those of the photos: above the ellipsoid or the sea, as the camera has them.
+ */
+#include "tools.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { GPS_HEAD = 1 << 16, GPS_LEAST = 4, GPS_PASSES = 20, GPS_ASKED = 1000 };
+#define GPS_TILT 10.0 /* degrees; largest uncertainty of up */
+
+/* ---------------- EXIF */
+
+struct gps_exif {
+    unsigned char data[GPS_HEAD]; /* of a file, from its TIFF header on */
+    size_t size;
+    int is_big; /* big endian */
+};
+
+/* Returns 0 beyond the end. */
+static double gps_number(const struct gps_exif *e, size_t at, int bytes)
+{
+    double value = 0;
+    for (int i = 0; i < bytes && at + (size_t)bytes <= e->size; i++)
+        value = 256 * value + e->data[e->is_big ? at + (size_t)i : at + (size_t)(bytes - 1 - i)];
+    return value;
+}
+
+/* Returns where the entry of a tag has its value in the directory at `at`; 0: there is none. */
+static size_t gps_entry(const struct gps_exif *e, size_t at, int tag)
+{
+    for (int left = (int)gps_number(e, at, 2); at > 0 && left > 0; left--, at += 12)
+        if ((int)gps_number(e, at + 2, 2) == tag) return at + 10;
+    return 0;
+}
+
+/* The value of a tag: degrees, minutes and seconds, or one number; negative for south, west, or below the sea, as the
+ * tag before it says. NaN: there is none. */
+static double gps_value(const struct gps_exif *e, size_t directory, int tag)
+{
+    const size_t at = gps_entry(e, directory, tag), sign = gps_entry(e, directory, tag - 1);
+    const size_t from = (size_t)gps_number(e, at, 4);
+    double value = 0;
+    for (size_t i = 0; i < (size_t)gps_number(e, at - 4, 4) && i < 3; i++)
+        value += gps_number(e, from + 8 * i, 4) / gps_number(e, from + 8 * i + 4, 4) / pow(60, (double)i);
+    if (!at) return NAN;
+    return sign && strchr("SW\1", e->data[sign]) && e->data[sign] ? -value : value;
+}
+
+/* Reads latitude and longitude, degrees, and height, metres. Returns 0 where the photo has none. */
+static int gps_read(const char *path, struct gps_exif *e, double out[3])
+{
+    FILE *file = oxl_open(path);
+    size_t tiff = 0, directory;
+    e->size = file ? fread(e->data, 1, GPS_HEAD, file) : 0;
+    if (file) fclose(file);
+    while (tiff + 8 < e->size && memcmp(e->data + tiff, "Exif\0\0", 6)) tiff++;
+    if (tiff + 8 >= e->size) return 0;
+    e->size -= tiff + 6;
+    memmove(e->data, e->data + tiff + 6, e->size);
+    e->is_big = e->data[0] == 'M';
+    directory = (size_t)gps_number(e, gps_entry(e, (size_t)gps_number(e, 4, 4), 0x8825), 4);
+    for (int k = 0; k < 3; k++) out[k] = gps_value(e, directory, 2 * k + 2);
+    return out[0] > -80 && out[0] < 84 && fabs(out[1]) <= 180 && !isnan(out[2]);
+}
+
+static int gps_of_view(const char *images, const char *survey, const char *name, double out[3])
+{
+    struct gps_exif *e = product_room(1, sizeof *e);
+    char path[8400];
+    int found;
+    snprintf(path, sizeof path, "%s%s/%s", images ? images : survey, images ? "" : "/images", name);
+    found = gps_read(path, e, out);
+    free(e);
+    return found;
+}
+
+void gps_say(const oxl_scene *scene, const char *images, const char *survey, FILE *to)
+{
+    int views = oxl_scene_view_count(scene), found = 0;
+    double place[3];
+    if (views > GPS_ASKED) views = GPS_ASKED;
+    for (int i = 0; i < views; i++)
+        found += gps_of_view(images, survey, oxl_scene_view(scene, i)->name, place);
+    if (found)
+        print_format(
+            to,
+            "gps       %d of %d photos say where they were taken: --gps of render --ortho, cloud and "
+            "compare writes UTM\n",
+            found, views);
+}
+
+/* ---------------- UTM */
+
+static void gps_utm(const double place[3], int zone, double out[3])
+{
+    static const double a = 6378137, f = 1 / 298.257223563, k0 = 0.9996, degree = 0.017453292519943295;
+    const double n = f / (2 - f), e = 2 * sqrt(n) / (1 + n), s = sin(place[0] * degree),
+                 length = k0 * a / (1 + n) * (1 + n * n / 4 + n * n * n * n / 64),
+                 t = sinh(atanh(s) - e * atanh(e * s)), east = (place[1] - 6 * zone + 183) * degree,
+                 alpha[] = {n / 2 - 2 * n * n / 3 + 5 * n * n * n / 16, 13 * n * n / 48 - 3 * n * n * n / 5,
+                            61 * n * n * n / 240},
+                 xi = atan2(t, cos(east)), eta = atanh(sin(east) / sqrt(1 + t * t));
+    double x = eta, y = xi;
+    for (int j = 1; j <= 3; j++) {
+        x += alpha[j - 1] * cos(2 * j * xi) * sinh(2 * j * eta);
+        y += alpha[j - 1] * sin(2 * j * xi) * cosh(2 * j * eta);
+    }
+    out[0] = 500000 + length * x, out[1] = (place[0] < 0 ? 1e7 : 0) + length * y, out[2] = place[2];
+}
+
+/* ---------------- the world */
+
+/* How far the cameras' places reach beside the line from the first to the farthest, units. */
+static double gps_width(const struct match *match, int count)
+{
+    double line[3] = {0}, away[3], across[3], width = 0;
+    for (int i = 0; i < 2 * count; i++) { /* the farthest, then the others */
+        vector_add(match[i % count].from, -1, match[0].from, away);
+        frame_cross(line, away, across);
+        if (i >= count) width = fmax(width, frame_length(across) / frame_length(line));
+        else if (frame_length(away) > frame_length(line)) memcpy(line, away, sizeof line);
+    }
+    return width;
+}
+
+oxl_result gps_fit(const struct product *p, const char *survey, struct similarity *out, int *epsg)
+{
+    const int views = oxl_scene_view_count(p->scene);
+    struct match *match = product_room((size_t)views, sizeof *match);
+    double left = 0, rms[3] = {0, 0, 0}, tilt = 90;
+    int n = 0, zone = 0, used = 0;
+    for (int i = 0; i < views; i++) {
+        const oxl_view *v = oxl_scene_view(p->scene, i);
+        double place[3];
+        if (!gps_of_view(p->a->job.scene.images, survey, v->name, place)) continue;
+        if (n == 0)
+            zone = (int)floor((place[1] + 180) / 6) % 60 + 1, *epsg = (place[0] < 0 ? 32700 : 32600) + zone;
+        gps_utm(place, zone, match[n].to);
+        frame_eye(&v->camera, match[n].from);
+        match[n++].weight = 1;
+    }
+    for (int pass = 0; pass < GPS_PASSES && n >= GPS_LEAST; pass++) {
+        if (!similarity_fit(match, (size_t)n, out)) break;
+        used = 0, rms[0] = rms[1] = rms[2] = 0;
+        for (int i = 0; i < n; i++) {
+            double at[3];
+            similarity_apply(out, match[i].from, at);
+            vector_add(match[i].to, -1, at, at);
+            match[i].off = frame_length(at), used += match[i].weight > 0;
+            for (int k = 0; k < 3 && match[i].weight > 0; k++) rms[k] += at[k] * at[k];
+        }
+        left = similarity_weigh(match, (size_t)n);
+        tilt = 57.3 * left / (out->scale * gps_width(match, n));
+    }
+    free(match);
+    if (!(tilt < GPS_TILT))
+        return oxl_fail(
+            p->ctx, OXL_ERR_INPUT,
+            "--gps: %d photos say where they were taken, and up is uncertain by %.0f degrees, as %d or "
+            "more in several lines are wanted\nfix: give control points to COLMAP's model_aligner instead",
+            n, fmin(tilt, 90), GPS_LEAST);
+    print_format(
+        p->to,
+        "gps       %d of %d photos, UTM zone %d (EPSG:%d): %.6g metres a unit; %d left out, the others off by "
+        "%.3g east, %.3g north, %.3g up (rms, metres); up uncertain by %.2f degrees\n",
+        n, views, zone, *epsg, out->scale, n - used, sqrt(rms[0] / used), sqrt(rms[1] / used),
+        sqrt(rms[2] / used), tilt);
+    return OXL_OK;
+}

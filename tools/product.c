@@ -1,0 +1,111 @@
+/* product.c - what all products share: memory, options, the world of their files, their distance from the survey's
+ * points.
+ *
+ * Invariant: product.world is the one place where coordinates of the model become those of a file.
+ */
+#include "tools.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+void *product_room(size_t count, size_t size)
+{
+    void *room = calloc(count + 1, size);
+    if (room) return room;
+    fputs("oxl: no memory\n     fix: use a larger --pixel, or a smaller --max-side\n", stderr);
+    exit(EXIT_FAILED);
+}
+
+double product_quantile(double *value, size_t count, double share)
+{
+    qsort(value, count, sizeof *value, frame_compare);
+    return count > 0 ? value[(size_t)(share * (double)count)] : NAN;
+}
+
+double vector_dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+void vector_add(const double a[3], double by, const double b[3], double out[3])
+{
+    for (int k = 0; k < 3; k++) out[k] = a[k] + by * b[k];
+}
+
+struct deviation product_deviation(double *off, size_t count, size_t all, double distance)
+{
+    struct deviation d = {product_quantile(off, count, 0.5), product_quantile(off, count, 0.9), 0,
+                          (double)(all - count) / (double)all};
+    for (size_t i = 0; i < count; i++) d.gross += (off[i] > PRODUCT_GROSS * distance) / (double)count;
+    return d;
+}
+
+void product_say(const struct product *p, const struct deviation *d, double distance)
+{
+    const double unit = p->world.scale;
+    if (isnan(d->median)) return;
+    print_format(
+        p->to,
+        "deviation from every second point of the survey: %.3g %s in the median, 90 %% less than %.3g: %.2f and %.2f %% "
+        "of the cameras' distance, %.2f %% more than %.0f %%; nothing at %.1f %% of them\n",
+        d->median * unit, p->words, d->most * unit, 100 * d->median / distance, 100 * d->most / distance,
+        100 * d->gross, 100 * PRODUCT_GROSS, 100 * d->none);
+}
+
+oxl_result product_open(oxl_context *ctx, const oxl_scene *scene, const char *survey,
+                        const struct arguments *a, FILE *to, struct product *p)
+{
+    const double unit = a->scale > 0 ? a->scale : 1, *reference = oxl_scene_reference(scene);
+    *p = (struct product){
+        .ctx = ctx,
+        .scene = scene,
+        .a = a,
+        .to = to,
+        .world = {unit, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0}},
+        .has_gps = a->gps,
+        .words = a->scale > 0 || a->gps ? "metres" : "units",
+        .place = {.epsg = a->epsg,
+                  .reference = a->scale > 0 ? NULL : reference,
+                  .citation = "oceanxl: coordinates of the survey's world, height along its z",
+                  .is_metric = a->scale > 0}};
+    vector_add(p->world.move, unit, oxl_scene_origin(scene), p->world.move);
+    if (a->gps && (a->epsg || a->scale > 0))
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "--gps finds the CRS and the scale itself\nfix: leave --epsg and --scale out");
+    if (a->epsg && reference)
+        return oxl_fail(
+            ctx, OXL_ERR_USAGE,
+            "the survey's coordinates are metres around a reference (%.6f, %.6f), not of EPSG:%d\n"
+            "fix: leave --epsg out, then run gdalwarp -t_srs EPSG:%d map/ortho.tif warped.tif",
+            reference[0], reference[1], a->epsg, a->epsg);
+    if (!a->gps) return OXL_OK;
+    p->place.reference = NULL, p->place.citation = "oceanxl: UTM by the photos' GPS, height above its datum";
+    return gps_fit(p, survey, &p->world, &p->place.epsg);
+}
+
+oxl_result product_folder(const struct product *p, const char *const *names, int count)
+{
+    oxl_result rc = oxl_make_folder(p->ctx, p->a->out);
+    for (int i = 0; i < count && rc == OXL_OK; i++)
+        rc = output_check_own(p->ctx, p->a->out, names[i], "oceanxl");
+    return rc;
+}
+
+oxl_result product_save(const struct product *p, struct output *t, const char *name)
+{
+    char path[4200];
+    snprintf(path, sizeof path, "%s/%s", p->a->out, name);
+    return output_save(t, path)
+               ? OXL_OK
+               : oxl_fail(p->ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", path);
+}
+
+oxl_result product_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
+                          double near_plane, double parallel, oxl_image *out, float *depth)
+{
+    oxl_render_options o = oxl_render_options_default();
+    o.near_plane = (float)near_plane, o.parallel = (float)parallel;
+    memcpy(o.background, model->background, sizeof o.background);
+    return oxl_render(ctx, model, camera, &o, out, depth);
+}
