@@ -5,8 +5,8 @@
 # COLMAP's database and log, and sparse/0/; OUT (SURVEY/out) what `oceanxl train` leaves. What is there already is not done again.
 #   CAMERA=OPENCV       the lens model; SIMPLE_RADIAL for few photos, OPENCV_FISHEYE for very wide lenses
 #   SINGLE_CAMERA=1     0: photos of several cameras or zoom settings
-#   MATCHER=exhaustive  all pairs: up to 80 photos; sequential: a video, or photos in the order of their names: beyond 80; spatial: by their
-#                       GPS tags; vocab_tree: any order, with VOCAB=FILE, a vocabulary tree from COLMAP's page
+#   MATCHER=exhaustive  all pairs: up to 80 photos; sequential: a video, or photos in the order of their names, each with the next 10, and
+#                       every tenth with every other tenth, where a path comes back: beyond 80; spatial: by their GPS tags; vocab_tree: any order, with VOCAB=FILE, a vocabulary tree from COLMAP's page
 #   MASKS=FOLDER        NAME.png beside each photo's NAME, black is ignored, by COLMAP and in training; SURVEY/masks if it is there
 #   FPS=2               frames a second that are taken of a video: of each two candidates the one with more detail
 #   PRESET=standard     draft, standard or paper
@@ -27,12 +27,13 @@ vocab_tree) [ -f "${VOCAB:-}" ] || { say "MATCHER=vocab_tree wants a vocabulary 
 *) say "MATCHER=$MATCHER is not known"; fix 'MATCHER=exhaustive, sequential, spatial or vocab_tree'; exit 2 ;;
 esac
 mkdir -p "$survey/sparse"
+EVERY=${EVERY:-30} # s; between two lines where there is no terminal
 log=$survey/colmap.log cores=$(getconf _NPROCESSORS_ONLN)
 : >>"$log"
 
-# run STAGE PATTERN COMMAND...: into the log; meanwhile the last line of it that has the pattern is shown.
+# run STAGE PATTERN COMMAND...: into the log; meanwhile the last line of it that has the pattern is shown, without a terminal each half minute.
 run() {
-    stage=$1 pattern=$2 begin=$(date +%s)
+    stage=$1 pattern=$2 begin=$(date +%s) before=0
     shift 2
     from=$(wc -l <"$log")
     echo "== $*" >>"$log"
@@ -41,7 +42,10 @@ run() {
     while kill -0 $process 2>/dev/null; do
         sleep 1
         line=$(tail -n "+$((from + 1))" "$log" | grep -aEo "$pattern" | tail -n 1 || true)
-        [ ! -t 2 ] || printf '\r\033[K%s: %s, %s s' "$stage" "${line:-...}" $(($(date +%s) - begin)) >&2
+        passed=$(($(date +%s) - begin))
+        if [ -t 2 ]; then printf '\r\033[K%s: %s, %s s' "$stage" "${line:-...}" $passed >&2
+        elif [ $((passed / EVERY)) -gt $((before / EVERY)) ]; then echo "$stage: ${line:-...}, $passed s" >&2; fi
+        before=$passed
     done
     [ ! -t 2 ] || printf '\r\033[K' >&2
     if wait $process; then echo "$stage: $(($(date +%s) - begin)) s${line:+, $line}" >&2; else return 1; fi
@@ -86,10 +90,10 @@ if ! ls "$survey"/sparse/*/points3D.bin >/dev/null 2>&1; then
     case $matcher in
     exhaustive) pairs=$((count * count)) ;;
     vocab_tree) pairs=$((count * 100)) ;;
-    *) pairs=$((count * 10)) ;;
+    *) pairs=$((count * 10 + count * count / 200)) ;;
     esac
     [ "$pairs" -le $((count * (count - 1) / 2)) ] || pairs=$((count * (count - 1) / 2))
-    say "$count photos, lens model ${CAMERA:-OPENCV}, $matcher matching: $pairs pairs, at about 1 s a pair and core up to $((pairs / cores / 60 + 1)) min"
+    say "$count photos, lens model ${CAMERA:-OPENCV}, $matcher matching: $pairs pairs"
     [ "$matcher" != sequential ] || [ "${MATCHER:-}" ] || say 'sequential matching takes photos in the order of their names; MATCHER=exhaustive compares all'
     extraction=SiftExtraction matching=SiftMatching
     ! has feature_extractor FeatureExtraction.use_gpu || extraction=FeatureExtraction
@@ -98,9 +102,24 @@ if ! ls "$survey"/sparse/*/points3D.bin >/dev/null 2>&1; then
         --ImageReader.camera_model "${CAMERA:-OPENCV}" "--$extraction.use_gpu" 0
     [ ! -d "$masks" ] || set -- "$@" --ImageReader.mask_path "$masks"
     run '1/4 features' 'Processed file \[[0-9]+/[0-9]+\]' colmap feature_extractor "$@" || failed features
+    # COLMAP's lists of pairs have no names with spaces; its matchers do not match a pair again
+    names() { (cd "$photos/" && find . -type f \( -iname '*.jpg' -o -iname '*.jpeg' -o -iname '*.png' \)) | sed 's,^\./,,' | grep -v ' ' | sort; }
+    match_list() { colmap matches_importer --database_path "$survey/database.db" "--$matching.use_gpu" 0 --match_list_path "$1"; }
+    names | awk -v most=$((2 * cores)) 'NR > 1 && NR <= most + 1 { print last, $0 } { last = $0 }' >"$survey/pairs.txt"
+    timed=$(wc -l <"$survey/pairs.txt")
+    if [ "$timed" -gt 0 ] && [ "$pairs" -gt $((4 * timed)) ]; then
+        begin=$(date +%s%N)
+        match_list "$survey/pairs.txt" >>"$log" 2>&1 || true
+        awk -v t=$((($(date +%s%N) - begin) / 1000000)) -v n="$timed" -v all="$pairs" \
+            'BEGIN { printf "from_images.sh: the first %d pairs took %.1f s: all take about %d min\n", n, t / 1000, t / 60000 / n * all + 1 }' >&2
+    fi
     set -- --database_path "$survey/database.db" "--$matching.use_gpu" 0
     [ "$matcher" != vocab_tree ] || set -- "$@" --VocabTreeMatching.vocab_tree_path "$VOCAB"
     run '2/4 matches' 'Matching (block|image) \[[0-9/, ]+\]' colmap "${matcher}_matcher" "$@" || failed matches
+    if [ "$matcher" = sequential ]; then
+        names | awk 'NR % 10 == 1 { for (i = 1; i <= n; i++) print tenth[i], $0; tenth[++n] = $0 }' >"$survey/pairs.txt"
+        [ ! -s "$survey/pairs.txt" ] || run '2/4 loops' 'Matching (block|image) \[[0-9/, ]+\]' match_list "$survey/pairs.txt" || failed matches
+    fi
     run '3/4 cameras' 'Registering image #[0-9]+ \([0-9]+\)' colmap mapper --database_path "$survey/database.db" --image_path "$photos" \
         --output_path "$survey/sparse" || [ -f "$survey/sparse/0/points3D.bin" ] || failed 'no two photos fit together'
 fi

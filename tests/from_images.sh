@@ -52,7 +52,10 @@ model() { # FOLDER NAME...
 }
 case "$1 $2" in
 *" -h") [ "${WORLD:-}" = new ] && printf '  --FeatureExtraction.use_gpu\n  --FeatureMatching.use_gpu\n' ;;
-feature_extractor*) [ "${WORLD:-}" != broken ] ;;
+feature_extractor*)
+    [ "${WORLD:-}" != slow ] || for i in 1 2 3 4 5 6 7 8 9; do for k in 1 2 3 4 5; do sleep 1; done; done
+    [ "${WORLD:-}" != broken ]
+    ;;
 mapper*)
     [ "${WORLD:-}" != nothing ] || { echo "ERROR: failed to create sparse model"; exit 1; }
     [ "${WORLD:-}" != two ] || { model "$out/0" a.jpg && model "$out/1" a.jpg b.jpg 'd e.jpg'; exit 1; }
@@ -102,6 +105,11 @@ promise knows_the_options_since_colmap_3_13 0 'feature_extractor' sh -c 'rm -f c
     env WORLD=new PATH="$folder/bin:$folder/bare" "$script" photos recent
 promise gives_masks_to_colmap 0 '--ImageReader.mask_path masks' sh -c 'mkdir -p masks && MASKS=masks "$@" && test -e masked/masks && cat calls.txt' sh \
     env PATH="$folder/bin:$folder/bare" "$script" photos masked
+mkdir many
+for i in 0 1 2 3 4 5 6 7 8; do for k in 0 1 2 3 4 5 6 7 8 9; do cp photos/a.jpg many/p$i$k.jpg; done; done
+promise times_the_first_pairs 0 'pairs took' run many large
+promise closes_loops_of_a_sequence 0 'loops' sh -c 'test "$(wc -l <large/pairs.txt)" = 36 && grep -qx "p00.jpg p80.jpg" large/pairs.txt && cat before.txt'
+promise says_progress_without_a_terminal 0 '1/4 features: ..., ' setting WORLD=slow EVERY=1
 promise refuses_an_unknown_matcher 2 'MATCHER=all is not known' setting MATCHER=all
 promise wants_a_vocabulary_tree 2 'fix: VOCAB=FILE' setting MATCHER=vocab_tree
 promise of_a_video_wants_ffmpeg 1 'fix: apt-get install ffmpeg' run dive.mp4 filmed
