@@ -26,8 +26,9 @@ $(BUILD)/course/numbers $(BUILD)/course/numbers_libm: $(COURSE)/numbers.c $(COUR
 	@mkdir -p $(@D)
 	$(CC) -std=c99 -O2 $(FLOATS) $(WARN) $(if $(findstring libm,$@),-DCOURSE_LIBM,-isystem $(COURSE)/math) $< -o $@ -lm
 
-# exercise-N compiles the student's copy of splat.c with its check.
+# exercise-N compiles the student's copy of splat.c with its check, then trains with it: build/exercises/N/splat.ppm is its picture.
 EXERCISES_AT ?= $(BUILD)/exercises
+PICTURE ?= 1
 EXERCISE := $(addprefix exercise-,1 2 3 4 5 6 7 8 9 10)
 .PHONY: $(EXERCISE)
 exercises: ## the checks of the course's ten exercises (make exercise-1 .. exercise-10): each refuses splat.c and accepts its solution
@@ -35,8 +36,11 @@ exercises: ## the checks of the course's ten exercises (make exercise-1 .. exerc
 $(EXERCISE): exercise-%:
 	@mkdir -p $(EXERCISES_AT)
 	@[ -e $(EXERCISES_AT)/$*.c ] || cp reference/splat.c $(EXERCISES_AT)/$*.c
-	@$(CC) -std=c99 -O1 -DEXERCISE=$* -DSTUDENT='"$(EXERCISES_AT)/$*.c"' -I. $(COURSE)/exercises.c -o $(EXERCISES_AT)/$* -lm
-	@$(EXERCISES_AT)/$* $(COURSE)/exercises.txt
+	@$(CC) -std=c99 -O1 -DEXERCISE=$* -DSTUDENT='"$(EXERCISES_AT)/$*.c"' -I. $(COURSE)/exercises.c -o $(EXERCISES_AT)/$*.check -lm
+	@$(EXERCISES_AT)/$*.check $(COURSE)/exercises.txt
+	@[ "$(PICTURE)" = 0 ] || { mkdir -p $(EXERCISES_AT)/$* && $(CC) -O2 -Ireference $(EXERCISES_AT)/$*.c -o $(EXERCISES_AT)/$*/splat -lm && \
+	  cd $(EXERCISES_AT)/$* && echo "  picture   $(EXERCISES_AT)/$*/splat.ppm: the truth above, training's result below; unchanged: make reference" && \
+	  ./splat | sed -n 's/^view.*: /  trained   held-out view: /p'; }
 
 ladder: $(BUILD)/liboceanxl.a ## seven renderers of one scene, from plain loops to the library: times and differences (half a minute)
 	@$(COURSE)/ladder.sh $(BUILD)/ladder $(CC) -std=c99 -O3 $(FLOATS) $(THREADS)

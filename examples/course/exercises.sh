@@ -1,12 +1,13 @@
 #!/usr/bin/env bash
-# exercises.sh FOLDER - every exercise's check refuses the unchanged splat.c and accepts the solution in exercises.txt.
+# exercises.sh FOLDER - the check of every step's exercise refuses the unchanged splat.c and accepts the solution in exercises.txt.
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 folder=$1 passed=0 failed=0
 mkdir -p "$folder"
 for n in 1 2 3 4 5 6 7 8 9 10; do
+    picture=0
     rm -f "$folder/$n.c"
-    if make -s "exercise-$n" EXERCISES_AT="$folder" >"$folder/$n.log" 2>&1; then
+    if make -s "exercise-$n" EXERCISES_AT="$folder" PICTURE=$picture >"$folder/$n.log" 2>&1; then
         echo "FAIL exercise $n accepts the unchanged file"
         failed=$((failed + 1))
         continue
@@ -22,7 +23,8 @@ for n in 1 2 3 4 5 6 7 8 9 10; do
         { print }
         END { exit changed != 1 }' examples/course/exercises.txt reference/splat.c >"$folder/$n.c" ||
         { echo "FAIL exercise $n: not one line of splat.c matches at and from"; failed=$((failed + 1)); continue; }
-    if make -s "exercise-$n" EXERCISES_AT="$folder" >"$folder/$n.log" 2>&1; then
+    [ "$n" = 3 ] && picture=1 # this one trains, too: half a minute for all ten is too long
+    if make -s "exercise-$n" EXERCISES_AT="$folder" PICTURE=$picture >"$folder/$n.log" 2>&1 && [ $picture = 0 -o -s "$folder/3/splat.ppm" ]; then
         passed=$((passed + 1))
     else
         cat "$folder/$n.log"

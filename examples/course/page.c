@@ -4,7 +4,7 @@
  *     code FILE FUNCTION      the function's source and the comment before it, highlighted, with line numbers
  *     function FILE FUNCTION  a link to the file; fails when the function is not defined there
  *     text FILE               the file as it is (style sheet, script)
- *     exercises FILE          the exercises, see exercises.txt
+ *     exercises FILE          the ten steps with their exercises, see exercises.txt
  *     wasm, compiler          the module in base64; the compiler's version
  */
 #include <ctype.h>
@@ -111,13 +111,38 @@ static void put_link(const char *file, const char *name) {
 
 /* ---------------------------------------------------------------- exercises */
 
+/* The link to a test, "FILE NAME"; fails when the file has no such test. */
+static void put_test(char *file) {
+    char *name = strchr(file, ' '), macro[200];
+    if (!name) fail(file, "names no test", "test: FILE NAME");
+    *name++ = 0;
+    snprintf(macro, sizeof macro, "TEST(%s)", name);
+    if (!strstr(read_file(file, NULL), macro)) fail(file, no_function(name), "correct examples/course/exercises.txt");
+    printf("<br>Both are held together by <a href=\"../../%s\"><code>%s</code></a>.</p>", file, name);
+}
+
+/* The fast twin of a step, "FILE FUNCTION". */
+static void put_kernel(char *file) {
+    char *name = strchr(file, ' ');
+    if (!name) fail(file, "names no function", "kernel: FILE FUNCTION");
+    *name++ = 0;
+    printf("<p class=where>Fast: ");
+    put_link(file, name);
+}
+
+static void put_step_code(const char *name) {
+    printf("<details><summary><code>%s</code></summary>", name);
+    put_function("reference/splat.c", name);
+    printf("</details>");
+}
+
 /* Blocks of lines "key: text"; "exercise: N" opens one. The keys at, from and to are for exercises.c and exercises.sh. */
 static void put_exercises(const char *file) {
     char *text = read_file(file, NULL);
     int open = 0;
     for (char *line = strtok(text, "\n"); line; line = strtok(NULL, "\n")) {
         static const char *const keys[][3] = {{"title", "<h3>", "</h3>"},
-                                              {"in", "<p class=where>In <code>", "</code></p>"},
+                                              {"about", "<p>", "</p>"},
                                               {"change", "<p><b>Change.</b> ", "</p>"},
                                               {"predict", "<p><b>Predict.</b> ", "</p>"},
                                               {"observe", "<details><summary>Result</summary><p>", "</p></details>"}};
@@ -129,6 +154,9 @@ static void put_exercises(const char *file) {
             printf("%s<li id=exercise-%d>", open ? "</li>\n" : "", number);
             open = 1;
         }
+        if (!strcmp(line, "in")) put_step_code(value);
+        if (!strcmp(line, "kernel")) put_kernel(value);
+        if (!strcmp(line, "test")) put_test(value);
         for (size_t k = 0; k < sizeof keys / sizeof *keys; k++)
             if (!strcmp(line, keys[k][0])) {
                 int in_code = 0;
