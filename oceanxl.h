@@ -139,11 +139,13 @@ typedef struct oxl_image {
 
 OXL_API oxl_result oxl_image_create(oxl_context *ctx, int width, int height, oxl_image *out);
 OXL_API void oxl_image_free(oxl_context *ctx, oxl_image *image);
-/* Reads JPG or PNG, writes 8-bit PNG (atomically). Values are clamped to 0..1; NaN is written as 0.
- * OXL_ERR_INPUT: the file is missing or no such image; OXL_ERR_IO: it cannot be read or written. */
+/* Reads a JPG or PNG file. OXL_ERR_INPUT: the file is missing, or not such an image; OXL_ERR_IO: it cannot be
+ * read. */
 OXL_API oxl_result oxl_image_read(oxl_context *ctx, const char *path, oxl_image *out);
+/* Writes an 8-bit PNG file, whole or not at all. Values are clamped to 0..1; NaN is written as 0.
+ * OXL_ERR_IO: it cannot be written. */
 OXL_API oxl_result oxl_image_write(oxl_context *ctx, const char *path, const oxl_image *image);
-/* The same with `weight` as the alpha channel of the PNG. */
+/* Writes a PNG as oxl_image_write does, with image->weight as its alpha channel. */
 OXL_API oxl_result oxl_image_write_alpha(oxl_context *ctx, const char *path, const oxl_image *image);
 
 /* Encodes a JPEG in memory, quality 1..100; free with oxl_text_free. */
@@ -186,15 +188,15 @@ typedef struct oxl_scene_options {
     const char *images; /* image folder; NULL: SCENE/images */
     const char *sparse; /* folder of the COLMAP model; NULL: SCENE/sparse/0, SCENE/sparse or SCENE */
     const char *masks;  /* mask folder; NULL: SCENE/masks if it exists */
-    int auto_mask;      /* 1: pixels that show the same in all images of a camera are masked */
-    oxl_alpha alpha;    /* of images with an alpha channel */
-    int max_side;       /* larger images are reduced to this longer side, px; 0: full size */
+    int auto_mask;      /* 1: pixels that show the same in all images of a camera are masked (1) */
+    oxl_alpha alpha;    /* what transparent pixels are, of images with an alpha channel (AUTO) */
+    int max_side;       /* larger images are reduced to this longer side, px; 0: full size (1600) */
     /* every n-th view by name is held out; 0: none; -1: 8, or those that the survey names (-1) */
     int test_every;
-    size_t image_cache_bytes; /* memory for decoded images; others are decoded again when needed */
-    double missing_images;    /* fail if more than this fraction of the images is missing on disk */
-    int read_images;          /* 0: read the COLMAP model only, for check and partition */
-    /* 1: a text file with fewer rows than its header states is read; 0: OXL_ERR_INPUT */
+    size_t image_cache_bytes; /* memory for decoded images; others are decoded when needed (1 GiB) */
+    double missing_images;    /* fail if more than this fraction of the images is missing on disk (0.25) */
+    int read_images;          /* 0: read the COLMAP model only, for check and partition (1) */
+    /* 1: a text file with fewer rows than its header states is read; 0: OXL_ERR_INPUT (0) */
     int allow_truncated;
 } oxl_scene_options;
 
@@ -205,9 +207,9 @@ OXL_API oxl_scene_options oxl_scene_options_default(void);
 OXL_API oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_options *options,
                                   oxl_scene **out);
 
-/* A scene from arrays: views (name, camera, is_test), their images in the same order, and initial points; all
- * are copied.
- * With point_count 0, training starts from random points in front of the cameras. */
+/* A scene from arrays: views (view_count) with name, camera and is_test; images (view_count), in the same
+ * order; points (point_count), from which training starts. All are copied. With point_count 0, training
+ * starts from random points in front of the cameras. */
 OXL_API oxl_result oxl_scene_from_arrays(oxl_context *ctx, const oxl_view *views, const oxl_image *images,
                                          int view_count, const oxl_point *points, size_t point_count,
                                          oxl_scene **out);
@@ -310,19 +312,20 @@ OXL_API void oxl_model_rescale(oxl_model *model, double factor);
 OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count,
                                          int sh_degree, oxl_model *out);
 
-/* The file extension selects the format.
- *   .ply    reads any property order and type, ascii and both byte orders; writes the standard 62 float
- *   columns, little endian.
- *           Second lobes are in the element `dog`: float opacity_factor, scale_factor_0..2, raw; row i
- *           belongs to vertex i, or to the vertex of its property vertex_index. Reading moves rows with a
- *           lobe to the front; both parts keep their order.
- *           A file NAME_standard.ply is written without lobes.
- *   .splat  32 bytes per Gaussian, SH degree 0; read and written
- *   .spz    nianticlabs/spz, quantised, 20 to 65 bytes per Gaussian before compression; versions 2 and 3 are
- *   read, 3 is written
- * .splat and .spz have no lobes. Origin, scale, background, first view and anti-aliasing are comments of a
- * .ply ("origin X Y Z", "scale S", ...), and lines of the comment of an .spz's gzip header; a .splat has none. */
+/* Formats of models; the file extension selects one.
+ *   .ply    3DGS's columns. Second lobes are in the element `dog`: float opacity_factor, scale_factor_0..2,
+ *           raw; row i belongs to vertex i, or to the vertex of its property vertex_index.
+ *   .splat  32 bytes per Gaussian, SH degree 0, no lobes
+ *   .spz    nianticlabs/spz: quantised, 20 to 65 bytes per Gaussian before compression, no lobes
+ *   .glb    KHR_gaussian_splatting, no lobes; written only
+ * Origin, scale, background, first view and anti-aliasing are comments of a .ply ("origin X Y Z", ...) and
+ * lines of the comment in an .spz's gzip header; a .splat has none of them. */
+
+/* Reads a .ply with properties of any order and type, ascii or binary, a .splat, or an .spz of version 2 or
+ * 3. Rows with a second lobe are moved to the front; both parts keep their order. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
+/* Writes a little-endian .ply of 62 float columns, a .splat, an .spz of version 3, or a .glb. A file called
+ * NAME_standard.ply is written without lobes. */
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
 /* ---------------- rendering */
@@ -339,13 +342,12 @@ typedef struct oxl_render_options {
 
 OXL_API oxl_render_options oxl_render_options_default(void);
 
-/* Renders the model; out is created. depth may be NULL; otherwise it holds H x W floats and receives the
- * camera z of the surface in the scene's unit: the mean of the Gaussians in the layer, 4 % of the depth
- * thick, that has the most of the pixel's weight, sum(alpha T). It is negative, -z, where that layer has less
- * than a third of the full weight, so that it may be another, and 0 where all Gaussians have less than half
- * of it:
- * the model is see-through there.
- * options may be NULL: the defaults, on the model's background. OXL_ERR_USAGE: the camera has no pixels. */
+/* Renders the model; out is created. options may be NULL: the defaults, on the model's background.
+ * depth (H,W), or NULL, receives the camera z of the surface, in the scene's unit. It is the mean of the
+ * layer, 4 % of the depth thick, whose Gaussians have the most of the pixel's weight, sum(alpha T). Where
+ * that layer has less than a third of the full weight, another layer may be the surface: depth is -z. Where
+ * all Gaussians have less than half of the full weight, the model is see-through: depth is 0.
+ * OXL_ERR_USAGE: the camera has no pixels. */
 OXL_API oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                               const oxl_render_options *options, oxl_image *out, float *depth);
 
@@ -362,26 +364,26 @@ OXL_API oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model,
 
 /* ---------------- metrics */
 
-/* Computed over unmasked pixels (weight of b) after clamping to 0..1. OXL_ERR_USAGE: a and b differ in size;
- * OXL_ERR_INPUT: no pixel counts.
- * PSNR: dB, peak 1; identical images give 100.
- * cc_psnr (colour-corrected): PSNR after each channel of a is multiplied by its least-squares factor to b, so
- * that exposure and white balance of the image do not count as error.
- * SSIM: 11 x 11 Gaussian window, sigma 1.5, zero padding, C1 = 0.01^2, C2 = 0.03^2, mean over the channels
- * (Wang 2004).
- * MS-SSIM: 5 scales with the exponents of Wang 2003, per channel, windows inside the image only. Images with
- * a shorter side below
- * 176 px use the scales that hold a window, with exponents normalised to sum 1; below 11 px the result is
- * SSIM. */
+/* All metrics compare a rendering a with an image b over the pixels that b does not mask, clamped to 0..1.
+ * OXL_ERR_USAGE: a and b differ in size; OXL_ERR_INPUT: all pixels are masked. */
+
+/* PSNR: dB, peak 1; identical images give 100. */
 OXL_API oxl_result oxl_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
+/* Colour-corrected PSNR, dB: each channel of a is first multiplied by its least-squares factor to b, so that
+ * exposure and white balance of the image do not count as error. */
 OXL_API oxl_result oxl_cc_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
+/* SSIM [Wang 2004]: 11 x 11 Gaussian window, sigma 1.5 px, zero padding, C1 = 0.01^2, C2 = 0.03^2, mean over
+ * the channels. */
 OXL_API oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
+/* MS-SSIM [Wang 2003]: 5 scales, per channel, windows inside the image only. An image with a shorter side
+ * below 176 px has the scales that hold a window, with exponents normalised to sum 1; below 11 px the result
+ * is SSIM. */
 OXL_API oxl_result oxl_ms_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
 
-/* Normalised correlation of the detail of a and b, whatever their brightness and contrast: their grey values,
- * less what a Gaussian of 1 px removes and one of 6 px keeps. 1: the same structure; 0: none, such as a veil.
- * NaN: b has no more detail than the rounding to 8 bits.
- * map: (H,W), or NULL: the same around each pixel, under a Gaussian of 6 px. */
+/* Normalised correlation of the detail of a and b, whatever their brightness and contrast. Detail is the grey
+ * image blurred by a Gaussian of 1 px, less the one blurred by 6 px. 1: the same structure; 0: none, such as
+ * a veil; NaN: b has no more detail than the rounding to 8 bits. map (H,W), or NULL, receives the correlation
+ * around each pixel, under a Gaussian of 6 px. */
 OXL_API oxl_result oxl_structure(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out,
                                  float *map);
 /* below it a view has no structure, in reports and messages */
@@ -482,50 +484,58 @@ typedef struct oxl_terms {
     void *user;
 } oxl_terms;
 
+/* Defaults are in parentheses: of all presets, or of draft, standard and paper. */
 typedef struct oxl_train_options {
-    int iterations; /* one image each */
-    int sh_degree;  /* 0..3: final SH degree; -1 (auto): chosen by validation views */
-    /* limit of their number; 0: one per 60 training pixels, at least one per point (METHOD.md) */
+    int iterations; /* one image each (2000, 7000, 40 000) */
+    int sh_degree;  /* 0..3: final SH degree; -1: 3, in a job 1 where --ram is short (-1, -1, 3) */
+    /* most Gaussians; 0: one per 60 training pixels, at least one per point (0) */
     int max_gaussians;
-    double max_seconds; /* stop after this time and write the model; 0: no limit */
-    /* red, green, blue, 0..1; -1,-1,-1: white where transparent images are composited over it, else black */
+    double max_seconds; /* stop after this time and write the model; 0: no limit (0) */
+    /* red, green, blue, 0..1; -1,-1,-1: white where transparent images are composited over it, else black
+     * (-1,-1,-1) */
     float background[3];
-    float ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
-    /* less work per step; docs/RESULTS.md has time and accuracy of each */
-    float coarse; /* first fraction of the run, at half resolution; -1: 0.75 for images of at least 640 px */
+    float ssim_weight; /* w in the loss (1 - w) L1 + w (1 - SSIM) [Kerbl 2023] (0.3, 0.2, 0.2) */
+    /* first fraction of the run, at half resolution; -1: 0.75 for images of at least 640 px (-1, 0, 0) */
+    float coarse;
     /* Fraction of the Gaussians that a step leaves out [Park 2025], rising from 0 to this during the run. -1:
      * with fewer than 30 training views and fewer than 4.6 images per point 0 at 30 steps per view, growing
-     * to 0.4 at 60; else 0. */
+     * to 0.4 at 60; else 0 (-1). */
     float dropout;
-    float alpha_min; /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
-    /* Adam's learning rates [Kerbl 2023]; that of positions is in standard deviations of the Gaussian, along
-     * the middle one of its axes, and decays exponentially */
-    float lr_position, lr_position_final, lr_scale, lr_rotation, lr_sh0, lr_sh;
-    /* They hold for 30 000 iterations. A run of n < 30 000 multiplies the rates of means, scales and
-     * rotations by h = (30 000 / n)^e and those of SH degrees above 0 by sqrt(h), with e =
-     * short_run_exponent; initial Gaussians are narrower and more opaque than Kerbl's.
-     * A run of n < 7000, with r = (7000 / n)^e, also multiplies the rate of scales by sqrt(r), 1 - beta1 by
-     * r^2 (at most 0.5) and 1 - beta2 by r^-1.5 (docs/METHOD.md). */
+    /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 (1/128, 1/255, 1/255) */
+    float alpha_min;
+    /* learning rate of positions at the first step, in standard deviations of the Gaussian along the middle
+     * one of its axes; it decays exponentially (0.032) */
+    float lr_position;
+    float lr_position_final; /* the same at the last step (0.00032) */
+    float lr_scale;          /* learning rate of log scales [Kerbl 2023] (0.005) */
+    float lr_rotation;       /* of quaternions [Kerbl 2023] (0.001) */
+    float lr_sh0;            /* of SH degree 0 [Kerbl 2023] (0.0025) */
+    float lr_sh;             /* of higher SH degrees [Kerbl 2023] (0.0025 / 20) */
+    /* The exponent e by which shorter runs raise these rates. A run of n < 30 000 iterations multiplies the
+     * rates of means, scales and rotations by h = (30 000 / n)^e and those of SH degrees above 0 by sqrt(h);
+     * its initial Gaussians are narrower and more opaque than Kerbl's. A run of n < 7000, with r = (7000 /
+     * n)^e, also multiplies the rate of scales by sqrt(r), 1 - beta1 by r^2 (at most 0.5) and 1 - beta2 by
+     * r^-1.5. 0: none of this (0.45, 0.45, 0) */
     float short_run_exponent;
-    /* last fraction of the run, in which all learning rates fall to a tenth; 0: none (docs/METHOD.md) */
+    /* last fraction of the run, in which all learning rates fall to a tenth; 0: none (0.2) */
     float cooldown;
-    /* density control */
-    float densify_until; /* fraction of the run */
-    int densify_every;   /* steps; -1: auto */
-    /* threshold of |dL/d(u, v)|, of the splat's centre, in units of half an image */
+    float densify_until; /* fraction of the run at which density control ends (0.5) */
+    int densify_every;   /* steps between densifications; -1: a tenth of the run, 15 to 50 (-1, 100, 100) */
+    /* Gaussians are split above this mean |dL/d(u, v)|, of the splat's centre, in units of half an image
+     * (0.00055, 0.0002, 0.0002) */
     float densify_gradient;
-    oxl_ucd ucd;
-    oxl_keep keep;
-    oxl_switch exposure; /* a log gain per channel and training image */
-    /* a light that moves with the camera: a smooth gain over the image, falloff with distance */
+    oxl_ucd ucd;         /* depth weights of this gradient (AUTO, AUTO, ON with learn) */
+    oxl_keep keep;       /* Gaussians that pruning keeps (ALL, ALL, FRACTION 0.5) */
+    oxl_switch exposure; /* a log gain per channel and training image (AUTO) */
+    /* a light that moves with the camera: a smooth gain over the image, falloff with distance (AUTO) */
     oxl_switch lamp;
-    /* a medium of nine parameters between camera and Gaussians (docs/UNDERWATER.md) */
+    /* a medium of nine parameters between camera and Gaussians, docs/UNDERWATER.md (AUTO) */
     oxl_switch medium;
-    oxl_switch poses; /* each training view's camera is turned and moved a little, with the scene */
-    int antialias;    /* 1: as oxl_model.antialias, and no Gaussian is smaller than a pixel of any view */
-    int stereo;       /* 1: begins also with points from depth maps of the training views */
-    /* difference-of-Gaussians lobes */
-    oxl_dog dog;
+    oxl_switch poses; /* each training view's camera is turned and moved a little, with the scene (OFF) */
+    /* 1: as oxl_model.antialias, and no Gaussian is smaller than a pixel of any view (1, 1, 0) */
+    int antialias;
+    int stereo;             /* 1: starts also from points of the training views' depth maps (1, 1, 0) */
+    oxl_dog dog;            /* second lobes (OFF, OFF, SELECTIVE) */
     const oxl_terms *terms; /* NULL: none; not recorded in run.json */
     /* of oxl_train: Gaussians to start from, copied without second lobes; NULL: the scene's points */
     const oxl_model *from;
@@ -567,11 +577,11 @@ typedef struct oxl_progress {
     oxl_nonfinite nonfinite; /* so far */
 } oxl_progress;
 
-/* Called after every iteration. A nonzero result stops the run; it returns OXL_ERR_INTERRUPTED and a usable
- * model. */
 typedef struct oxl_callback {
+    /* Called after every iteration. A nonzero result stops the run; it returns OXL_ERR_INTERRUPTED and a
+     * usable model. */
     int (*progress)(void *user, const oxl_progress *progress);
-    void *user;
+    void *user; /* passed to it */
 } oxl_callback;
 
 /* What training gives. */
@@ -594,10 +604,12 @@ typedef struct oxl_trained {
 OXL_API oxl_result oxl_train(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
                              const oxl_callback *callback, oxl_trained *out);
 OXL_API void oxl_trained_free(oxl_context *ctx, oxl_trained *trained);
-/* Writes the files that `oceanxl train` writes of them to a folder: scene.ply, which any viewer shows;
- * scene_clear.ply, where that has a medium or gains in its colours: the model without them;
- * scene_standard.ply, where it has not the columns that all viewers read; imaging.txt, where images need it.
- * Of these files, those that the result has not are removed. */
+/* Writes the result to a folder, as `oceanxl train` does. Of these files, those that the result does not need
+ * are removed:
+ *   scene.ply           the model for any viewer
+ *   scene_clear.ply     the model without the medium or gains that scene.ply has in its colours
+ *   scene_standard.ply  the columns that all viewers read, where scene.ply has others
+ *   imaging.txt         exposure, lamp, medium and poses */
 OXL_API oxl_result oxl_trained_write(oxl_context *ctx, const char *folder, const oxl_scene *scene,
                                      const oxl_trained *trained);
 
