@@ -317,14 +317,13 @@ OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *poin
  *           raw; row i belongs to vertex i, or to the vertex of its property vertex_index.
  *   .splat  32 bytes per Gaussian, SH degree 0, no lobes
  *   .spz    nianticlabs/spz: quantised, 20 to 65 bytes per Gaussian before compression, no lobes
- *   .glb    KHR_gaussian_splatting, no lobes; written only
  * Origin, scale, background, first view and anti-aliasing are comments of a .ply ("origin X Y Z", ...) and
  * lines of the comment in an .spz's gzip header; a .splat has none of them. */
 
 /* Reads a .ply with properties of any order and type, ascii or binary, a .splat, or an .spz of version 2 or
  * 3. Rows with a second lobe are moved to the front; both parts keep their order. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
-/* Writes a little-endian .ply of 62 float columns, a .splat, an .spz of version 3, or a .glb. A file called
+/* Writes a little-endian .ply of 62 float columns, a .splat, or an .spz of version 3. A file called
  * NAME_standard.ply is written without lobes. */
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
@@ -486,7 +485,7 @@ typedef struct oxl_terms {
 
 /* Defaults are in parentheses: of all presets, or of draft, standard and paper. */
 typedef struct oxl_train_options {
-    int iterations; /* one image each (2000, 7000, 40 000) */
+    int iterations; /* one image each (1200, 7000, 40 000) */
     int sh_degree;  /* 0..3: final SH degree; -1: 3, in a job 1 where --ram is short (-1, -1, 3) */
     /* most Gaussians; 0: one per 60 training pixels, at least one per point (0) */
     int max_gaussians;
@@ -503,10 +502,10 @@ typedef struct oxl_train_options {
     float dropout;
     /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 (1/128, 1/255, 1/255) */
     float alpha_min;
-    /* learning rate of positions at the first step, in standard deviations of the Gaussian along the middle
-     * one of its axes; it decays exponentially (0.032) */
+    /* learning rate of positions at the first step, in extents (oxl_scene_extent); it decays exponentially
+     * [Kerbl 2023] (0.00016) */
     float lr_position;
-    float lr_position_final; /* the same at the last step (0.00032) */
+    float lr_position_final; /* the same at the last step (0.0000016) */
     float lr_scale;          /* learning rate of log scales [Kerbl 2023] (0.005) */
     float lr_rotation;       /* of quaternions [Kerbl 2023] (0.001) */
     float lr_sh0;            /* of SH degree 0 [Kerbl 2023] (0.0025) */
