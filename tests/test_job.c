@@ -277,15 +277,6 @@ TEST(job_trains_its_blocks_again_when_the_survey_has_changed)
     CHECK(watch.calls > 1);
 }
 
-TEST(job_in_blocks_trains_the_merged_model_last)
-{
-    oxl_job_options options = job_test_blocks();
-    options.train.iterations = 40;
-    CHECK_OK(job_test_run("ample", &options));
-    CHECK(test_has("ample/blocks/whole/model.ply"));
-    CHECK(!job_test_same("ample/blocks/whole/model.ply", "ample/blocks/000/model.ply"));
-}
-
 TEST(job_in_blocks_lets_the_merged_model_grow_to_what_its_blocks_have_left_of_the_number_allowed)
 {
     oxl_job_options options = job_test_blocks();
@@ -305,46 +296,9 @@ TEST(job_in_blocks_lets_the_merged_model_grow_to_what_its_blocks_have_left_of_th
     CHECK(blocks <= 60 && model.count > blocks && model.count <= 67);
 }
 
-TEST(job_in_blocks_with_second_lobes_writes_a_standard_model_of_all)
-{
-    NEEDS_PART(lobes);
-    oxl_job_options options = job_test_blocks();
-    OWNED_MODEL model = {0}, standard = {0};
-    options.train.iterations = 60;
-    options.train.dog = OXL_DOG_ALL;
-    CHECK_OK(job_test_run("out", &options));
-    CHECK(test_has("out/blocks/whole/model_standard.ply"));
-    test_read_model("out/scene.ply", &model);
-    test_read_model("out/scene_standard.ply", &standard);
-    CHECK(model.lobes == model.count && standard.lobes == 0 && standard.count == model.count);
-}
-
-TEST(job_is_split_into_as_many_blocks_as_are_asked_for)
-{
-    oxl_job_options options = job_test_options();
-    options.partition.blocks = 3;
-    options.renders = 0;
-    CHECK_OK(job_test_run("out", &options));
-    CHECK(job_test_has("out/metrics.json", "\"blocks\": 3"));
-}
-
 TEST(job_reads_decoded_images_from_files_and_ends_in_the_same_bytes)
 {
     oxl_job_options options = job_test_options();
-    const char *survey = job_test_survey();
-    oxl_scene *a = NULL, *b = NULL;
-    const struct training_image *x, *y;
-    CHECK_OK(oxl_scene_load(test_ctx, survey, &options.scene, &a));
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("decoded")));
-    CHECK_OK(scene_set_decoded(test_ctx, a, test_path("decoded")));
-    x = scene_image(test_ctx, a, 1);
-    CHECK(x != NULL);
-    CHECK_OK(oxl_scene_load(test_ctx, survey, &options.scene, &b));
-    CHECK_OK(scene_set_decoded(test_ctx, b, test_path("decoded")));
-    y = scene_image(test_ctx, b, 1);
-    CHECK(x && y && !memcmp(x->rgb, y->rgb, 3 * (size_t)x->width * (size_t)x->height));
-    oxl_scene_free(test_ctx, a);
-    oxl_scene_free(test_ctx, b);
     options.scene.image_cache_bytes = 1; /* memory holds one: files hold the rest */
     CHECK_OK(job_test_run("small", &options));
     options.scene.image_cache_bytes = 1 << 30;
@@ -478,28 +432,6 @@ static int job_test_note_left(void *user, const oxl_progress *p)
     return 0;
 }
 
-struct job_test_border {
-    double begun, ratio; /* s left over those taken, at the first step of a block */
-};
-
-static int job_test_note_border(void *user, const oxl_progress *p)
-{
-    struct job_test_border *b = user;
-    if (p->stage == OXL_STAGE_BLOCK && b->ratio < 0) b->ratio = p->seconds_left / (os_seconds() - b->begun);
-    return 0;
-}
-
-/* The coarse model has done 0.15 of the run in the time so far: 5.7 times as much is left, not what a single
- * step would tell. */
-TEST(job_in_blocks_counts_the_coarse_model_as_done_by_this_process)
-{
-    oxl_job_options options = job_test_gains_in_blocks();
-    struct job_test_border border = {.begun = os_seconds(), .ratio = -1};
-    const oxl_callback callback = {job_test_note_border, &border};
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback));
-    CHECK(border.ratio > 0 && border.ratio < 6);
-}
-
 TEST(job_with_a_model_for_viewers_says_the_time_left_until_it_and_the_evaluation_end)
 {
     NEEDS_PART(exposure);
@@ -512,22 +444,6 @@ TEST(job_with_a_model_for_viewers_says_the_time_left_until_it_and_the_evaluation
                              &callback));
         CHECK(l.end > 1e-4 && (blocks == 1 ? l.least > 0 && l.falls == 0 : l.last < 1e-6));
     }
-}
-
-static int job_test_note_end(void *user, const oxl_progress *p)
-{
-    if (p->iteration == p->iterations) *(double *)user = p->seconds_left;
-    return 0;
-}
-
-/* After the last step its views are still rendered, and metrics made, in the time of some steps each. */
-TEST(job_counts_the_views_of_its_evaluation_as_time_left)
-{
-    oxl_job_options options = job_test_options();
-    double left = 0;
-    const oxl_callback callback = {job_test_note_end, &left};
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback));
-    CHECK(left > 0 && left < 5);
 }
 
 TEST(job_in_blocks_with_gains_alone_writes_a_model_for_viewers_and_resumes_it)
@@ -544,15 +460,6 @@ TEST(job_in_blocks_with_gains_alone_writes_a_model_for_viewers_and_resumes_it)
     CHECK_OK(job_test_run("stopped", &options));
     CHECK(job_test_same("whole/scene.ply", "stopped/scene.ply"));
     CHECK(job_test_same("whole/scene_clear.ply", "stopped/scene_clear.ply"));
-}
-
-TEST(job_trains_a_block_again_whose_folder_was_emptied)
-{
-    oxl_job_options options = job_test_blocks();
-    CHECK_OK(job_test_run("out", &options));
-    CHECK(remove(test_path("out/blocks/001/block.json")) == 0 && remove(test_path("out/run.json")) == 0);
-    CHECK_OK(job_test_run("out", &options));
-    CHECK(test_has("out/blocks/001/model.ply") && job_test_has("out/run.json", "\"finished\": true"));
 }
 
 /* Leaves in `out` a run with these options that was stopped after five steps. */
@@ -573,19 +480,6 @@ TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
     options.restart = 1;
     CHECK_OK(job_test_run("out", &options));
     CHECK(job_test_has("out/run.json", "\"iterations_done\": 13"));
-}
-
-/* Its own is spent when the model is trained: the standard model that follows does not take it for another
- * run's. */
-TEST(job_with_lobes_leaves_no_checkpoint_behind)
-{
-    NEEDS_PART(lobes);
-    oxl_job_options options = job_test_options();
-    options.train.dog = OXL_DOG_ALL;
-    job_test_stopped(&options);
-    CHECK_OK(job_test_run("out", &options));
-    CHECK(test_has("out/scene_standard.ply"));
-    CHECK(!test_has("out/blocks/000/checkpoint.oxl"));
 }
 
 TEST(job_does_not_overwrite_the_finished_model_of_another_survey)
@@ -855,7 +749,7 @@ TEST(job_writes_a_standard_model_beside_one_with_lobes)
     CHECK(model.lobes == model.count && model.sh_degree == 1);
     CHECK(standard.lobes == 0 && standard.count == model.count && standard.sh_degree == 3); /* 62 columns */
     CHECK(standard.plane[OXL_OPACITY][0] != model.plane[OXL_OPACITY][0]);
-    CHECK(job_test_has("out/metrics.json", "\"psnr_lost\": "));
+    CHECK(job_test_has("out/metrics.json", "\"psnr_lost\": ") && !test_has("out/blocks/000/checkpoint.oxl"));
     oxl_model_free(test_ctx, &model);
     oxl_model_free(test_ctx, &standard);
     CHECK_OK(os_read_file(test_ctx, test_path("out/scene_standard.ply"), &first));
@@ -934,24 +828,16 @@ TEST(job_with_gains_alone_writes_a_model_for_viewers_that_needs_none)
 {
     NEEDS_PART(exposure);
     oxl_job_options options = job_test_options();
-    struct os_file_map json = {0};
-    oxl_metrics full, plain, named;
+    double plain;
     options.train.exposure = OXL_ON;
     options.train.lamp = options.train.medium = OXL_OFF;
     options.train.iterations = 60;
     CHECK_OK(job_test_run("out", &options));
     CHECK(test_has("out/blocks/000/model_standard.ply"));
-    full = job_test_evaluate("out/scene_clear.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
-    named = job_test_evaluate("out/scene.ply", 1);
-    CHECK_OK(os_read_file(test_ctx, test_path("out/metrics.json"), &json));
-    CHECK(fabs(full.psnr - plain.psnr) > 1e-6 && named.psnr == plain.psnr);
-    CHECK_CLOSE(oxl_json_number(json.data, "psnr"), full.psnr, 1e-9);
-    CHECK_CLOSE(oxl_json_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
-    CHECK_CLOSE(oxl_json_number(oxl_json_member(json.data, "standard"), "psnr"), plain.psnr, 1e-9);
-    CHECK_CLOSE(oxl_json_number(oxl_json_member(json.data, "standard"), "ssim"), plain.ssim, 1e-9);
-    os_release_file(test_ctx, &json);
+    job_test_shows_viewers("out");
+    plain = job_test_evaluate("out/scene.ply", 0).psnr;
     CHECK(os_remove(test_path("out/scene_clear.ply")) == 0); /* a model of before: it has none of the gains */
-    CHECK(fabs(job_test_evaluate("out/scene.ply", 1).psnr - plain.psnr) > 1e-6);
+    CHECK(fabs(job_test_evaluate("out/scene.ply", 1).psnr - plain) > 1e-6);
 }
 
 /* A gain over the image is not in the model's colours: scene.ply is the model itself, by even light and at
@@ -1035,65 +921,6 @@ TEST(job_starts_from_a_model_of_any_format_and_notices_when_it_changes)
               ((oxl_option_at(i)->use & OXL_OPTION_ONE_BLOCK) != 0));
     }
     oxl_model_free(test_ctx, &model);
-}
-
-/* In the layout of Inria's code: normals, f_rest by channel, rotations of any length, world coordinates, no
- * comment. */
-static void job_test_write_inria(const oxl_model *model, const char *path)
-{
-    const int per = (model->sh_degree + 1) * (model->sh_degree + 1) - 1;
-    FILE *file = fopen(path, "wb");
-    CHECK(file != NULL);
-    fprintf(file, "ply\nformat binary_little_endian 1.0\nelement vertex %zu\n", model->count);
-    for (const char *name = "xyz"; *name; name++) fprintf(file, "property float %c\n", *name);
-    for (const char *name = "xyz"; *name; name++) fprintf(file, "property float n%c\n", *name);
-    for (int k = 0; k < 3; k++) fprintf(file, "property float f_dc_%d\n", k);
-    for (int k = 0; k < 3 * per; k++) fprintf(file, "property float f_rest_%d\n", k);
-    fputs("property float opacity\n", file);
-    for (int k = 0; k < 3; k++) fprintf(file, "property float scale_%d\n", k);
-    for (int k = 0; k < 4; k++) fprintf(file, "property float rot_%d\n", k);
-    fputs("end_header\n", file);
-    for (size_t i = 0; i < model->count; i++) {
-        float row[64] = {0};
-        int n = 6;
-        for (int k = 0; k < 3; k++) row[k] = model->plane[OXL_MEAN + k][i];
-        for (int k = 0; k < 3; k++) row[n++] = model->plane[OXL_SH + k][i];
-        for (int c = 0; c < 3; c++)
-            for (int k = 1; k <= per; k++) row[n++] = model->plane[OXL_SH + 3 * k + c][i];
-        row[n++] = model->plane[OXL_OPACITY][i];
-        for (int k = 0; k < 3; k++) row[n++] = model->plane[OXL_LOG_SCALE + k][i];
-        for (int k = 0; k < 4; k++) row[n++] = (float)(1 + i % 3) * model->plane[OXL_ROTATION + k][i];
-        CHECK(fwrite(row, sizeof *row, (size_t)n, file) == (size_t)n);
-    }
-    CHECK(fclose(file) == 0);
-}
-
-TEST(job_from_the_ply_of_another_trainer_begins_with_its_images_and_does_not_fall_below)
-{
-    oxl_job_options options = job_test_options();
-    oxl_model model;
-    double begin, read, end;
-    char from[512];
-    job_test_survey();
-    options.train.iterations = 30;
-    options.train.sh_degree = 2;
-    CHECK_OK(job_test_run("out", &options));
-    test_read_model("out/scene.ply", &model);
-    CHECK_OK(model_set_degree(test_ctx, &model, 2));
-    for (size_t i = 0; i < model.count; i++) /* harmonics that a wrong order would show */
-        for (int k = 3; k < 27; k++) model.plane[OXL_SH + k][i] += 0.02f * (float)(k % 5 - 2);
-    CHECK_OK(oxl_model_write(test_ctx, test_path("ours.ply"), &model));
-    oxl_model_move_origin(&model, (double[3]){0, 0, 0});
-    snprintf(from, sizeof from, "%s", test_path("inria.ply"));
-    job_test_write_inria(&model, from);
-    oxl_model_free(test_ctx, &model);
-    begin = job_test_psnr("ours.ply");
-    read = job_test_psnr(from);
-    options.from = from;
-    CHECK_OK(job_test_run("other", &options));
-    end = job_test_psnr("other/scene.ply");
-    CHECK(fabs(begin - read) < 1e-3);
-    CHECK(end >= read);
 }
 
 /* ---------------- the library and the command */

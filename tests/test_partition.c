@@ -319,23 +319,9 @@ TEST(partition_file_reads_back_to_the_same_bits_and_does_not_depend_on_threads)
 
 TEST(partition_file_that_is_damaged_is_refused_with_a_reason)
 {
-    static const char frame[] = "# x\nFRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n";
-    static const struct {
-        const char *text, *words;
-    } broken[] = {{"", "partition.txt: it lists no block"},
-                  {"1 0 0 0\n", "partition.txt:3: found '1 0 0 0"},
-                  {"0 0 0 0 1 1 nan 0 0 0 1 1 1 5 5 1 0\n", "expected the next BLOCK_ID and 16 numbers"},
-                  {"0 0 0 0 1 1 1 0 0 0 1 1 1 -5 5 1 0\n", "partition.txt:3"},
-                  {"0 0 0 0 1 1 1 0 0 0 1 1 1 5 5 1 0 9\n", "partition.txt:3"}};
     struct partition p;
-    for (size_t i = 0; i < OXL_COUNT(broken); i++) {
-        OWNED_TEXT t = {.ctx = test_ctx};
-        text_add(&t, "%s%s", frame, broken[i].text);
-        checksum_end_text(&t);
-        CHECK_ERROR(partition_read(test_ctx, test_write("partition.txt", t.data), &p), OXL_ERR_INPUT,
-                    broken[i].words);
-        CHECK_SAYS("\nfix: ");
-        CHECK(p.block == NULL && p.block_count == 0);
-    }
-    CHECK_ERROR(partition_read(test_ctx, test_write("partition.txt", frame), &p), OXL_ERR_INPUT, "checksum");
+    CHECK_ERROR(partition_read(test_ctx, test_write("partition.txt", "# x\nFRAME 2 1 0 0 0 1\n"), &p),
+                OXL_ERR_INPUT, "checksum");
+    CHECK_SAYS("\nfix: ");
+    CHECK(p.block == NULL && p.block_count == 0);
 }

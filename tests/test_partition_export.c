@@ -118,27 +118,6 @@ TEST(partition_export_of_a_binary_survey_says_the_same)
     partition_free(test_ctx, &q);
 }
 
-/* CR LF, tabs, doubled blanks. */
-TEST(partition_export_copies_2d_points_byte_by_byte)
-{
-    oxl_scene_options options = oxl_scene_options_default();
-    struct os_file_map file;
-    OWNED_PARTITION p = {0};
-    options.test_every = options.read_images = 0;
-    test_write("odd/sparse/0/cameras.txt", "1 PINHOLE 32 24 40 40 16 12\r\n");
-    test_write(
-        "odd/sparse/0/images.txt",
-        "8 1 0 0 0 0 0 0 1 a.png\r\n1.50  2.250\t7 3 4e0 -1   5 6 12\r\n9 1 0 0 0 1 0 0 1 b.png\r\n\r\n");
-    test_write("odd/sparse/0/points3D.txt", "7 0 0 9 1 2 3 0.5 8 0\n12 1 0 9 1 2 3 0.5 8 2\n");
-    OWNED_SCENE *scene = test_load("odd", &options);
-    p = partition_test_cut(scene, 0, OXL_CUT_BALANCED);
-    CHECK_OK(partition_export(test_ctx, &p, test_path("out")));
-    CHECK_OK(os_read_file(test_ctx, test_path("out/blocks/000/sparse/0/images.txt"), &file));
-    CHECK_TEXT(file.data, "\n8 1 0 0 0 0 0 0 1 a.png\n1.50  2.250\t7 3 4e0 -1   5 6 12");
-    CHECK_TEXT(file.data, "\n9 1 0 0 0 1 0 0 1 b.png\n\n");
-    os_release_file(test_ctx, &file);
-}
-
 TEST(partition_links_images_and_refuses_to_leave_blocks_of_an_earlier_one)
 {
     oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);

@@ -143,28 +143,6 @@ TEST(training_views_displaced_by_an_amount_that_changes_over_the_image_are_named
     CHECK(least < 0.5 && most > 5 && most < 6.5); /* 0.1 rad of the half diagonal of 58 px */
 }
 
-/* Checks that a figure of all training views is the mean of theirs. */
-static void tviews_check_mean(const char *json, const char *figure)
-{
-    const char *of = strstr(json, "\"training\": ");
-    const double whole = of ? oxl_json_number(of + strlen("\"training\": "), figure) : NAN;
-    double sum = 0;
-    for (const char *row = strstr(json, "{\"name\""); row; row = strstr(row + 1, "{\"name\""))
-        sum += oxl_json_number(row, figure) / TVIEWS;
-    CHECK(whole > 0);
-    CHECK_CLOSE(whole, sum, 1e-9 * sum);
-}
-
-TEST(training_views_have_the_mean_of_their_figures)
-{
-    OWNED_MODEL m = tviews_model();
-    OWNED_SCENE *scene = tviews_scene(&m, 1, 0);
-    OWNED_TEXT t = {.ctx = test_ctx};
-    CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 20 * TVIEWS, NULL, &t, NULL));
-    tviews_check_mean(t.data, "psnr");
-    tviews_check_mean(t.data, "structure");
-}
-
 TEST(training_views_of_a_valid_survey_are_not_flagged)
 {
     OWNED_MODEL m = tviews_model();
@@ -190,22 +168,6 @@ TEST(training_views_of_a_run_too_short_for_all_views_are_not_flagged)
         CHECK(strstr(t.data, "\"count\": 6, \"of\": 24, "));
         CHECK((strstr(t.data, "\"flagged\": 0, ") == NULL) == i);
     }
-}
-
-/* A short run, as one without held-out views. */
-TEST(training_views_that_are_measured_are_all_judged)
-{
-    OWNED_MODEL m = tviews_model();
-    OWNED_SCENE *scene = tviews_scene(&m, 1, 0);
-    OWNED_TEXT t = {.ctx = test_ctx};
-    oxl_metrics all = {0};
-    CHECK_OK(oxl_evaluate(test_ctx, &m, scene, &test_imaging, OXL_SPLIT_TRAIN, &all));
-    test_listen();
-    CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 5 * TVIEWS, &all, &t, NULL));
-    CHECK_TEXT(t.data, "\"training\": {\"count\": 24, \"of\": 24, \"flagged\": 4, ");
-    CHECK(!strstr(test_said.all, "are evaluated"));
-    CHECK(all.count == TVIEWS);
-    oxl_metrics_free(test_ctx, &all);
 }
 
 /* Half as many iterations as all 24 views ask for. */

@@ -22,9 +22,11 @@ static oxl_result job_make_key(struct job *job, int images)
     uint64_t sum = 0;
     oxl_result rc = survey_checksum(job->ctx, job->scene, &sum);
     manifest_describe(key, &job->inputs, job->scene_path, &job->options);
-    text_add(key, ", \"found\": {\"images\": %d, \"points\": %zu, \"extent\": %s, \"checksum\": \"%016llx\"",
-             images, oxl_scene_point_count(job->scene), NUMBER(oxl_scene_extent(job->scene)),
-             (unsigned long long)sum);
+    text_add(
+        key,
+        ", \"found\": {\"images\": %d, \"points\": %zu, \"extent\": %s, \"checksum_of_files\": \"%016llx\"",
+        images, oxl_scene_point_count(job->scene), NUMBER(oxl_scene_extent(job->scene)),
+        (unsigned long long)sum);
     if (rc == OXL_OK && job->options.from) {
         rc = checksum_of_file(job->ctx, job->options.from, &sum);
         text_add(key, ", \"start\": \"%016llx\"", (unsigned long long)sum);
@@ -51,17 +53,9 @@ static oxl_result job_lock_alone(struct job *job)
     return job->options.block >= 0 ? lock_change(job->ctx, job->lock, job->out, 0) : OXL_OK;
 }
 
-static void job_count_block(void *user, const char *name)
+static int job_has_blocks(const struct job *job)
 {
-    *(int *)user += name[0] >= '0' && name[0] <= '9';
-}
-
-static int job_has_blocks(struct job *job)
-{
-    int blocks = 0;
-    if (os_is_folder(PATH(job->out, "blocks")))
-        os_list_folder(job->ctx, PATH(job->out, "blocks"), job_count_block, &blocks);
-    return blocks > 0;
+    return os_is_folder(JOB_BLOCK(job, 0)) || os_is_folder(JOB_BLOCK(job, JOB_COARSE_MODEL));
 }
 
 /* Refuses OUT; the error names the options, or properties of the survey, that differ. */

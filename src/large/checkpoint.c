@@ -96,19 +96,6 @@ OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, co
     return a.rc;
 }
 
-/* Reads the step alone, the first number of train_archive, without the state behind it. */
-static void checkpoint_read_step(struct archive *a, void *user)
-{
-    archive_int(a, user);
-}
-
-OXL_INTERNAL int checkpoint_step(oxl_context *ctx, const char *folder, const char *key)
-{
-    int step = 0, found;
-    checkpoint_read(ctx, folder, key, checkpoint_read_step, &step, &found);
-    return step;
-}
-
 OXL_INTERNAL void checkpoint_remove(const char *folder)
 {
     os_remove(PATH(folder, "%s", CHECKPOINT_NAME));

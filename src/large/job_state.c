@@ -26,12 +26,6 @@ OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct jo
     return path_in(out, job->out, "blocks/%s", block == JOB_COARSE_MODEL ? "coarse" : "whole");
 }
 
-static int job_is_block(const char *name)
-{
-    return (name[0] && !name[strspn(name, "0123456789")]) || !strcmp(name, "coarse") ||
-           !strcmp(name, "whole") || !strcmp(name, "start");
-}
-
 /* ---------------- the survey, and its decoded images in files */
 
 OXL_INTERNAL void job_set_cache(const struct job *job, size_t most)
@@ -167,18 +161,12 @@ OXL_INTERNAL oxl_result job_train_task(struct job *job, struct block_task *task)
     return block_train(job->ctx, job->scene, task);
 }
 
-static void job_drop_block(void *user, const char *name)
+OXL_INTERNAL void job_drop_blocks(const struct job *job)
 {
-    struct job *job = user;
-    if (!job_is_block(name)) return;
-    os_remove(PATH(job->out, "blocks/%s/block.json", name));
-    checkpoint_remove(PATH(job->out, "blocks/%s", name));
-}
-
-OXL_INTERNAL void job_drop_blocks(struct job *job)
-{
-    const char *blocks = PATH(job->out, "blocks");
-    if (os_is_folder(blocks)) os_list_folder(job->ctx, blocks, job_drop_block, job);
+    for (int k = JOB_MERGED_MODEL; k < 0 || os_is_folder(JOB_BLOCK(job, k)); k++) {
+        os_remove(PATH(JOB_BLOCK(job, k), "block.json"));
+        checkpoint_remove(JOB_BLOCK(job, k));
+    }
 }
 
 /* ---------------- models of the blocks */

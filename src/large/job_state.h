@@ -87,7 +87,7 @@ OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, oxl_model *ou
 OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struct text *t);
 OXL_INTERNAL void job_remove_decoded(struct job *job);
 /* Removes records and checkpoints of all blocks. */
-OXL_INTERNAL void job_drop_blocks(struct job *job);
+OXL_INTERNAL void job_drop_blocks(const struct job *job);
 
 /* ---------------- block_plan.c: windows, steps and budget of a block */
 

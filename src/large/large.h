@@ -68,8 +68,6 @@ OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, co
                                         archive_state *state, void *user, int *found);
 /* Returns a store that keeps a run's state in checkpoints of a folder. */
 OXL_INTERNAL struct train_store checkpoint_in(const char *folder, const char *key);
-/* Returns the step of the complete checkpoint with key `key`; 0: there is none. */
-OXL_INTERNAL int checkpoint_step(oxl_context *ctx, const char *folder, const char *key);
 OXL_INTERNAL void checkpoint_remove(const char *folder);
 
 /* ---------------- merge.c: rows of models */
