@@ -12,7 +12,9 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
-#ifndef _WIN32
+#ifdef _WIN32
+#include <windows.h>
+#else
 #include <unistd.h>
 #endif
 
@@ -123,7 +125,7 @@ static oxl_result write_report(oxl_context *ctx, const char *out)
     snprintf(path, sizeof path, "%s/report.html", out);
     file = oxl_create_beside(path, temporary, sizeof temporary);
     if (!file && (errno == EACCES || errno == EROFS) && file_exists(path)) return OXL_OK;
-    if (file) fclose(file), remove(temporary);
+    if (file) fclose(file), oxl_remove(temporary);
     return report_write(ctx, out, 0);
 }
 
@@ -445,30 +447,48 @@ static oxl_result run(oxl_context *ctx, const struct arguments *a, struct consol
 
 /* ---------------- commands of the other program */
 
+#ifdef _WIN32
+/* Runs oceanxl-lab with this command line, waits for it and ends as it does; returns only on failure. */
+static void execute_beside(char path[4096], char **argv)
+{
+    wchar_t wide[4096];
+    STARTUPINFOW start = {.cb = sizeof start};
+    PROCESS_INFORMATION lab;
+    DWORD code = EXIT_FAILED;
+    const DWORD length = GetModuleFileNameW(NULL, wide, 4000);
+    (void)path, (void)argv;
+    wcscpy(length > 0 && wcsrchr(wide, L'\\') ? wcsrchr(wide, L'\\') + 1 : wide, L"oceanxl-lab.exe");
+    if (!CreateProcessW(wide, GetCommandLineW(), NULL, NULL, TRUE, 0, NULL, NULL, &start, &lab)) return;
+    SetConsoleCtrlHandler(NULL, TRUE); /* Ctrl-C is the lab's */
+    WaitForSingleObject(lab.hProcess, INFINITE);
+    GetExitCodeProcess(lab.hProcess, &code);
+    exit((int)code);
+}
+#else
+static void execute_beside(char path[4096], char **argv)
+{
+    const ssize_t length = readlink("/proc/self/exe", path, 4095);
+    char *slash;
+    if (length > 0) path[length] = 0;
+    else snprintf(path, 4096, "%s", argv[0]);
+    slash = strrchr(path, '/');
+    slash = slash ? slash + 1 : path;
+    snprintf(slash, (size_t)(path + 4096 - slash), "oceanxl-lab");
+    execvp(path, argv);
+}
+#endif
+
 /* Becomes oceanxl-lab, from the folder of this program. */
 static int execute_lab(char **argv, const struct arguments *a)
 {
-    char path[4096] = "oceanxl-lab";
+    char path[4096] = "oceanxl-lab", text[4400];
     if (a->command < COMMAND_SYNTH) return -1;
-#ifdef _WIN32
-    console_error("", "this is a command of oceanxl-lab\nfix: run oceanxl-lab with the same arguments");
-#else
-    {
-        const ssize_t length = readlink("/proc/self/exe", path, sizeof path - 1);
-        char text[4400], *slash;
-        if (length > 0) path[length] = 0;
-        else snprintf(path, sizeof path, "%s", argv[0]);
-        slash = strrchr(path, '/');
-        snprintf(slash ? slash + 1 : path, sizeof path - (slash ? (size_t)(slash + 1 - path) : 0),
-                 "oceanxl-lab");
-        execvp(path, argv); /* returns only on failure */
-        snprintf(
-            text, sizeof text,
-            "%s cannot be run: %s\nfix: this command is part of oceanxl-lab, which make builds beside oceanxl",
-            path, strerror(errno));
-        console_error("", text);
-    }
-#endif
+    execute_beside(path, argv); /* returns only on failure */
+    snprintf(
+        text, sizeof text,
+        "%s cannot be run: %s\nfix: this command is part of oceanxl-lab, which make builds beside oceanxl",
+        path, strerror(errno));
+    console_error("", text);
     return EXIT_FAILED;
 }
 

@@ -314,6 +314,10 @@ OXL_API FILE *oxl_open(const char *path);
 /* Creates NAME.PID.tmp beside `path` for writing; the caller renames it, `temporary`, to `path`. Neither a
  * link of that name is followed nor a file of another process written. NULL: errno says why. */
 OXL_API FILE *oxl_create_beside(const char *path, char *temporary, size_t size);
+/* Renames a file, in the place of another that is there; removes a file. Paths are UTF-8 on Windows, too.
+ * Not 0: errno says why. */
+OXL_API int oxl_rename(const char *from, const char *to);
+OXL_API int oxl_remove(const char *path);
 
 /* 1: standard output (stream 1) or standard error (2) is a terminal, where a progress line can be
  * rewritten. */

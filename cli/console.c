@@ -16,7 +16,10 @@
 #include <malloc.h>
 #include <sys/mman.h>
 #endif
-#ifndef _WIN32
+#ifdef _WIN32
+#include <windows.h>
+#include <shellapi.h>
+#else
 #include <unistd.h>
 #endif
 
@@ -57,6 +60,9 @@ void console_catch_signals(void)
 {
     signal(SIGINT, on_signal);
     signal(SIGTERM, on_signal);
+#ifdef SIGBREAK
+    signal(SIGBREAK, on_signal); /* Ctrl-Break, and a window that is closed */
+#endif
 #ifdef SIGHUP
     /* Stops the run when the terminal closes, but not under nohup, which ignores the signal. */
     if (signal(SIGHUP, SIG_IGN) != SIG_IGN) signal(SIGHUP, on_signal);
@@ -274,6 +280,26 @@ static void wait_passively(char **argv)
 #endif
 }
 
+#ifdef _WIN32
+/* Returns the arguments in UTF-8, with / for \\, as paths are everywhere here: main() gets those of the code page. */
+static char **utf8_arguments(int *argc)
+{
+    wchar_t **wide = CommandLineToArgvW(GetCommandLineW(), argc);
+    char **argv = calloc((size_t)*argc + 1, sizeof *argv);
+    SetConsoleOutputCP(CP_UTF8);
+    if (!wide || !argv) exit(EXIT_FAILED);
+    for (int i = 0; i < *argc; i++) {
+        const int size = WideCharToMultiByte(CP_UTF8, 0, wide[i], -1, NULL, 0, NULL, NULL);
+        if (!(argv[i] = malloc((size_t)size))) exit(EXIT_FAILED);
+        WideCharToMultiByte(CP_UTF8, 0, wide[i], -1, argv[i], size, NULL, NULL);
+        for (char *c = argv[i]; *c; c++)
+            if (*c == '\\') *c = '/';
+    }
+    LocalFree(wide);
+    return argv;
+}
+#endif
+
 /* Turns success into a failure if standard output could not be written. */
 static oxl_result console_flush(struct console *console, oxl_result rc)
 {
@@ -292,6 +318,9 @@ int console_main(int argc, char **argv, const struct program *program)
     oxl_context_options options = oxl_context_options_default();
     oxl_context *ctx = NULL;
     oxl_result rc;
+#ifdef _WIN32
+    argv = utf8_arguments(&argc);
+#endif
     if (arguments_parse(argc, argv, &a)) {
         console_error("", a.error);
         return EXIT_USAGE;

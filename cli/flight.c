@@ -97,7 +97,7 @@ static void flight_remove_frames(const char *folder, int count)
 {
     char path[4200];
     do snprintf(path, sizeof path, "%s/frame_%05d.png", folder, count++);
-    while (remove(path) == 0);
+    while (oxl_remove(path) == 0);
 }
 
 oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,

@@ -245,9 +245,8 @@ int output_close(struct output *t)
     if (t->file) {
         output_flush(t);
         written = fclose(t->file) == 0 && !t->failed;
-        if (written && rename(t->temporary, t->path) != 0) /* Windows does not replace a file */
-            written = remove(t->path) == 0 && rename(t->temporary, t->path) == 0;
-        if (!written) remove(t->temporary);
+        if (written) written = oxl_rename(t->temporary, t->path) == 0;
+        if (!written) oxl_remove(t->temporary);
     }
     free(t->data);
     *t = (struct output){0};

@@ -305,7 +305,7 @@ static oxl_result synth_make_folders(struct synth_run *s)
         there = 0;
         for (int k = 0; k < 3; k++) {
             snprintf(path, sizeof path, "%s/%s/%s", o->out, images[k], name);
-            there |= remove(path) == 0;
+            there |= oxl_remove(path) == 0;
         }
     }
     return OXL_OK;

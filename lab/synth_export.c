@@ -404,7 +404,7 @@ void synth_remove_files(const synth_options *o)
     char path[1024];
     for (size_t i = 0; i < sizeof export_files / sizeof *export_files; i++) {
         snprintf(path, sizeof path, "%s/%s", o->out, export_files[i].name);
-        remove(path);
+        oxl_remove(path);
     }
 }
 

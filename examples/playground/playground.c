@@ -63,6 +63,16 @@ FILE *oxl_create_beside(const char *path, char *temporary, size_t size)
     return os_create(temporary);
 }
 
+int oxl_rename(const char *from, const char *to)
+{
+    return os_rename(from, to);
+}
+
+int oxl_remove(const char *path)
+{
+    return os_remove(path);
+}
+
 /* ---------------- the page's calls */
 
 static void write_log(void *user, oxl_log_level level, const char *text)

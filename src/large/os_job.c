@@ -82,6 +82,16 @@ FILE *oxl_create_beside(const char *path, char *temporary, size_t size)
     return NULL;
 }
 
+int oxl_rename(const char *from, const char *to)
+{
+    return os_rename(from, to);
+}
+
+int oxl_remove(const char *path)
+{
+    return os_remove(path);
+}
+
 struct os_sweeping {
     oxl_context *ctx;
     const char *folder, *names;

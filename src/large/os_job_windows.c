@@ -46,16 +46,14 @@ int oxl_is_terminal(int stream)
 OXL_INTERNAL double os_disk_free(const char *folder)
 {
     wchar_t wide[OS_PATH_MAX];
-    const wchar_t *name = os_wide(folder, wide);
     ULARGE_INTEGER bytes;
-    return name && GetDiskFreeSpaceExW(name, &bytes, NULL, NULL) ? (double)bytes.QuadPart : 0;
+    return GetDiskFreeSpaceExW(os_wide(folder, wide), &bytes, NULL, NULL) ? (double)bytes.QuadPart : 0;
 }
 
 OXL_INTERNAL int os_remove_folder(const char *path)
 {
     wchar_t wide[OS_PATH_MAX];
-    const wchar_t *name = os_wide(path, wide);
-    return name && RemoveDirectoryW(name) ? 0 : -1;
+    return os_done(RemoveDirectoryW(os_wide(path, wide)));
 }
 
 OXL_INTERNAL void os_sleep(double seconds)
