@@ -7,7 +7,8 @@ CFLAGS ?= $(if $(DEV),-O1 -g,-O3)
 WERROR ?=
 BUILD  ?= $(if $(DEV),build/dev,build)
 PREFIX ?= /usr/local
-STB    ?=
+# stb/: what the source archive of a release has.
+STB    ?= $(if $(wildcard stb/stb_image.h),stb)
 
 # Part of the result: a fused or reordered operation changes bytes, and a lying isnan() hides divergence. So neither
 # -ffast-math nor -march=native, ever; the kernels choose AVX2 or AVX-512 at run time by themselves (src/core/simd.h).
@@ -51,7 +52,7 @@ TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
 OURS    := $(wildcard *.c *.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] tools/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c examples/course/*.c examples/course/*/*.[ch] examples/playground/*.c examples/playground/wasm/*.h reference/*.[ch])
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
-.PHONY: all help unity without shared python rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters borders heights reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
+.PHONY: all help unity without shared python rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters borders heights reference shaders shaders-check modules dist release sanitize examples format format-check install clean FORCE
 .DELETE_ON_ERROR:
 
 all: $(BUILD)/oceanxl $(BUILD)/oceanxl-lab ## build/oceanxl, the program, and build/oceanxl-lab, which it executes for synthetic surveys and studies (the default)
@@ -94,7 +95,9 @@ $(BUILD)/flags: FORCE
 	@echo '#include <stb/stb_image.h>' | $(CC) $(BASE) -E -x c - >/dev/null 2>&1 || { \
 	  echo 'oceanxl: $(CC) found no stb/stb_image.h. fix: make setup (as root), apt-get install libstb-dev, or make STB=folder' >&2; \
 	  exit 1; }
-	@echo '$(CC) $(FLAGS)' | cmp -s - $@ || echo '$(CC) $(FLAGS)' > $@
+	@echo '$(CC) $(FLAGS)' | cmp -s - $@ || { echo '$(CC) $(FLAGS)' > $@; \
+	  $(CC) $(FLAGS) -dM -E -x c /dev/null | awk '/ __i386__ / { x87 = 1 } / __SSE2_MATH__ / { x87 = 0; exit } END { exit !x87 }' && \
+	  echo "oceanxl: warning: 32 bits without SSE2 are 8 times as slow. fix: make CC='$(CC) -msse2 -mfpmath=sse'" >&2 || :; }
 
 # ------------------------------------------------------------------------------------------------ tests
 
@@ -217,6 +220,9 @@ $(BUILD)/dist/job: main.c $(CLI) dist/oceanxl_job.c
 dist/oceanxl_job.c dist/single/oceanxl.h &: scripts/dist.sh $(SOURCES) $(BUILD)/flags
 	@mkdir -p $(BUILD)/dist
 	scripts/dist.sh dist
+
+release: ## build/release: zips with programs for Linux (x86-64, aarch64) and Windows, viewer, course, playground, documents; a source archive; sums
+	scripts/release.sh
 
 format: ## clang-format on our sources
 	@clang-format -i $(OURS)

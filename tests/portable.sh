@@ -2,8 +2,8 @@
 # tests/portable.sh - other machines, C libraries and compilers: builds, and where something can run it, tests. Tools that are not
 # installed are said and skipped; nothing that was skipped counts as passed.
 #
-# Debian: qemu-user, gcc-aarch64-linux-gnu, gcc-arm-linux-gnueabihf, gcc-s390x-linux-gnu (with their libc6-dev-*-cross), musl-tools, tcc,
-# gcc-mingw-w64-x86-64. WORDS="..." names the tests that run under the emulator.
+# Debian: qemu-user-static, gcc-aarch64-linux-gnu, gcc-arm-linux-gnueabihf, gcc-s390x-linux-gnu (with their libc6-dev-*-cross), musl-tools,
+# tcc, gcc-mingw-w64-x86-64, wine, wine64. WORDS="..." names the tests that run under the emulator.
 set -u
 cd "$(dirname "$0")/.." || exit 1
 words=${WORDS:-number_ ply_ model_read model_write vecmath_ merge_ adam_ loss_is gradient_is float_ checkpoint_keeps colmap_points colmap_images os_}
@@ -19,17 +19,33 @@ verdict() { # NAME CODE [TEXT]
 
 has() { command -v "$1" >/dev/null; }
 
-# NAME COMPILER EMULATOR [make arguments]: the library's tests, serial, on another machine.
+# NAME MACHINE EMULATOR: the library's tests, serial, on another machine.
 emulated() {
-    local name=$1 cc=$2 emulator=$3 build=build/portable/$2 code
-    has "$cc" && has "${emulator%% *}" || { verdict "$name" skip "no $cc or ${emulator%% *}"; return; }
-    mkdir -p "$build"
-    make -j1 CC="$cc" OPENMP=0 STB=$stb BUILD="$build" CFLAGS='-O0 -static' WERROR= "$build/test" >"$build.log" 2>&1 ||
-        { verdict "$name" 1 "does not build, $build.log"; return; }
+    local name=$1 machine=$2 emulator=$3 build=build/portable/$2 code
+    has "$emulator" || { verdict "$name" skip "no $emulator"; return; }
+    OPENMP=0 CFLAGS=-O0 scripts/cross.sh "$machine" "$build" test >"$build.log" 2>&1
+    case $? in
+    0) ;;
+    77) verdict "$name" skip "$(tail -n 1 "$build.log")"; return ;;
+    *) verdict "$name" 1 "does not build, $build.log"; return ;;
+    esac
     # shellcheck disable=SC2086
-    $emulator "$build/test" $words >"$build.test" 2>&1
+    "$emulator" "$build/test" $words >"$build.test" 2>&1
     code=$?
     verdict "$name" $code "$(tail -n 1 "$build.test") ($words)"
+}
+
+# MACHINE EMULATOR: as it is released: a survey trained there gives the bytes of this machine, which has fused multiply-add.
+released() {
+    local name="$1, same bytes" machine=$1 build=build/portable/released-$1 at=build/portable/bytes
+    has "$2" || { verdict "$name" skip "no $2"; return; }
+    scripts/cross.sh "$machine" "$build" oceanxl >"$build.log" 2>&1 || { verdict "$name" 1 "does not build, $build.log"; return; }
+    make all >"$build.log" 2>&1
+    rm -rf $at
+    build/oceanxl synth -o $at/survey --views 10 --size 96x64 --points 800 --quiet >/dev/null &&
+        build/oceanxl train $at/survey -o $at/here --iterations 300 --quiet >/dev/null 2>&1 &&
+        "$2" "$build/oceanxl" train $at/survey -o $at/there --iterations 300 --quiet >/dev/null 2>&1 && cmp $at/here/scene.ply $at/there/scene.ply
+    verdict "$name" $? 'scene.ply of 300 iterations'
 }
 
 # NAME COMMAND...: builds, no more.
@@ -45,21 +61,19 @@ mkdir -p build/portable/include
 ln -sfn $stb build/portable/include/stb
 echo '| target | verdict | what was done |'
 echo '|---|---|---|'
-emulated 'aarch64 Linux' aarch64-linux-gnu-gcc 'qemu-aarch64'
-emulated '32-bit ARM Linux' arm-linux-gnueabihf-gcc 'qemu-arm'
-emulated 's390x Linux, big endian' s390x-linux-gnu-gcc 'qemu-s390x'
-emulated 'x86-64 Linux with musl' musl-gcc env
-windows() { # the program, linked, and run where wine is
-    local name='Windows, mingw-w64' build=build/portable/mingw run
+emulated 'aarch64 Linux' linux-aarch64 qemu-aarch64-static
+emulated '32-bit ARM Linux' linux-arm qemu-arm-static
+emulated 's390x Linux, big endian' linux-s390x qemu-s390x-static
+emulated 'x86-64 Linux with musl' linux-x86-64 env
+released linux-x86-64 env
+released linux-aarch64 qemu-aarch64-static
+windows() { # both programs, linked, and their promises where wine is
+    local name='Windows, mingw-w64' build=build/portable/windows
     has x86_64-w64-mingw32-gcc || { verdict "$name" skip 'no x86_64-w64-mingw32-gcc'; return; }
-    make -j1 CC=x86_64-w64-mingw32-gcc OPENMP=0 STB=$stb BUILD=$build WERROR= CFLAGS='-O1 -static -DOXL_NO_SIMD' $build/oceanxl $build/oceanxl-lab >$build.log 2>&1 ||
-        { verdict "$name" 1 "does not build, $build.log"; return; }
+    scripts/cross.sh windows-x86-64 $build oceanxl oceanxl-lab >$build.log 2>&1 || { verdict "$name" 1 "does not build, $build.log"; return; }
     has wine || { verdict "$name" 0 'linked; no wine to run it'; return; }
-    rm -rf $build/survey $build/out
-    run="env WINEDEBUG=-all wine $build/oceanxl.exe"
-    env WINEDEBUG=-all wine $build/oceanxl-lab.exe synth -o $build/survey --views 10 --size 96x64 --points 800 --quiet >>$build.log 2>&1 &&
-        $run train $build/survey -o $build/out --iterations 20 --quiet >>$build.log 2>&1 && $run eval $build/out $build/survey >>$build.log 2>&1
-    verdict "$name" $? 'linked; synth, train and eval under wine'
+    tests/windows.sh $build build/oceanxl >$build.test 2>&1
+    verdict "$name" $? "$(tail -n 1 $build.test), $build.test"
 }
 windows
 compiles 'tcc' tcc -std=c99 -Ibuild/portable/include -c oceanxl.c -o build/portable/tcc.o
