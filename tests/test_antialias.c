@@ -50,7 +50,7 @@ TEST(antialias_of_other_programs_is_read)
                  {"antialiased 0", 0}};
     for (size_t k = 0; k < OXL_COUNT(cases); k++) {
         oxl_model m = {.antialias = !cases[k].antialias};
-        model_read_comment(test_ctx, "m.ply", cases[k].comment, &m);
+        model_read_comments(test_ctx, "m.ply", cases[k].comment, strlen(cases[k].comment), "", &m);
         CHECK(m.antialias == cases[k].antialias);
     }
 }

@@ -9,15 +9,6 @@
 
 enum { FOREIGN_VIEWS = 10, FOREIGN_WIDTH = 160, FOREIGN_HEIGHT = 112, FOREIGN_POINTS = 360 };
 
-static char foreign_heard[8192];
-
-static void foreign_listen(void *user, oxl_log_level level, const char *text)
-{
-    const size_t used = strlen(foreign_heard);
-    (void)user;
-    if (level == OXL_LOG_WARNING) snprintf(foreign_heard + used, sizeof foreign_heard - used, "%s\n", text);
-}
-
 /* Brightness of a plane, in patches of half a unit, without a pattern that repeats. */
 static double foreign_brightness(double x, double y)
 {
@@ -39,39 +30,41 @@ static double foreign_camera(int view)
     return 1.3 * view;
 }
 
-typedef void foreign_place(double u, double v, double out[2]);
+enum foreign_place { FOREIGN_UPRIGHT, FOREIGN_TURNED, FOREIGN_CROPPED, FOREIGN_DISTORTED };
 
-static void foreign_upright(double u, double v, double out[2])
+/* The place in an image, sides 0 to 1, whose colour lies at u v. */
+static void foreign_move(enum foreign_place place, double *u, double *v)
 {
-    out[0] = u, out[1] = v;
-}
-static void foreign_turned(double u, double v, double out[2])
-{
-    out[0] = 1 - u, out[1] = 1 - v;
-}
-static void foreign_cropped(double u, double v, double out[2])
-{
-    out[0] = 0.05 + 0.9 * u, out[1] = 0.05 + 0.9 * v;
-}
-static void foreign_distorted(double u, double v, double out[2])
-{
-    const double x = (u - 0.5) * FOREIGN_WIDTH / 120.0, y = (v - 0.5) * FOREIGN_HEIGHT / 120.0,
-                 r = x * x + y * y;
-    out[0] = 0.5 + (u - 0.5) * (1 + 0.2 * r), out[1] = 0.5 + (v - 0.5) * (1 + 0.2 * r);
+    const double x = (*u - 0.5) * FOREIGN_WIDTH / 120.0, y = (*v - 0.5) * FOREIGN_HEIGHT / 120.0;
+    const double factor[] = {1, -1, 0.9, 1 + 0.2 * (x * x + y * y)};
+    *u = 0.5 + (*u - 0.5) * factor[place];
+    *v = 0.5 + (*v - 0.5) * factor[place];
 }
 
-static void foreign_image(int view, int shows, foreign_place *place)
+static float foreign_pixel(int i, int shows, enum foreign_place place)
+{
+    double u = (i % FOREIGN_WIDTH + 0.5) / FOREIGN_WIDTH, v = (i / FOREIGN_WIDTH + 0.5) / FOREIGN_HEIGHT;
+    foreign_move(place, &u, &v);
+    return (float)foreign_seen(foreign_camera(shows), u, v);
+}
+
+/* An image of any values, from 0 to 1. */
+static void foreign_write(const char *path, int width, int height,
+                          float (*value)(int i, int a, enum foreign_place place), int a,
+                          enum foreign_place place)
 {
     OWNED_IMAGE image = {0};
-    CHECK_OK(oxl_image_create(test_ctx, FOREIGN_WIDTH, FOREIGN_HEIGHT, &image));
-    for (int i = 0; i < FOREIGN_WIDTH * FOREIGN_HEIGHT && image.rgb; i++) {
-        double p[2];
-        place((i % FOREIGN_WIDTH + 0.5) / FOREIGN_WIDTH, (i / FOREIGN_WIDTH + 0.5) / FOREIGN_HEIGHT, p);
-        for (int c = 0; c < 3; c++)
-            image.rgb[c * FOREIGN_WIDTH * FOREIGN_HEIGHT + i] =
-                (float)foreign_seen(foreign_camera(shows), p[0], p[1]);
-    }
-    CHECK_OK(oxl_image_write(test_ctx, test_path("survey/images/%02d.png", view), &image));
+    CHECK_OK(oxl_image_create(test_ctx, width, height, &image));
+    for (int i = 0; i < 3 * width * height; i++) image.rgb[i] = value(i % (width * height), a, place);
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("%.*s", (int)(path_base_name(path) - path), path)));
+    CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
+}
+
+static void foreign_image(int view, int shows, enum foreign_place place)
+{
+    char path[40];
+    snprintf(path, sizeof path, "survey/images/%02d.png", view);
+    foreign_write(path, FOREIGN_WIDTH, FOREIGN_HEIGHT, foreign_pixel, shows, place);
 }
 
 static void foreign_point(int i, double p[3])
@@ -95,7 +88,7 @@ static const char *foreign_survey(int tracks, const char *rotation, int flip)
     test_write("survey/images/.keep", "");
     test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 160 112 120 120 80 56\n");
     for (int i = 0; i < FOREIGN_VIEWS; i++) {
-        foreign_image(i, i, foreign_upright);
+        foreign_image(i, i, FOREIGN_UPRIGHT);
         text_add(&images, "%d %s %.3f 0 %d 1 %02d.png\n\n", i + 1, rotation, -foreign_camera(i),
                  flip ? -4 : 4, i);
     }
@@ -113,8 +106,7 @@ static const char *foreign_survey(int tracks, const char *rotation, int flip)
     test_write("survey/sparse/0/points3D.txt", points.data);
     text_free(&images);
     text_free(&points);
-    foreign_heard[0] = 0;
-    test_ctx->options.log = foreign_listen;
+    test_listen();
     return test_path("survey");
 }
 
@@ -128,7 +120,7 @@ static int foreign_check(void)
 /* ---------------- images */
 
 /* A survey whose images show what the images `shows` do, at other places; one: that image alone. */
-static int foreign_check_images(int tracks, int one, int shows, foreign_place *place)
+static int foreign_check_images(int tracks, int one, int shows, enum foreign_place place)
 {
     foreign_survey(tracks, "1 0 0 0", 0);
     for (int i = 0; i < FOREIGN_VIEWS; i++)
@@ -140,25 +132,25 @@ TEST(images_that_do_not_belong_to_the_model_are_named_with_their_reading)
 {
     static const struct {
         int tracks, one, shows;
-        foreign_place *place;
+        enum foreign_place place;
         int foreign;
         const char *said;
     } cases[] = {
-        {1, -1, 0, foreign_upright, 0, ""},
-        {0, -1, 0, foreign_upright, 0, ""},
-        {1, -1, 4, foreign_upright, 10, "the images are not those of the model"},
-        {1, -1, 4, foreign_upright, 10, "00.png (fits the place of 04.png)"},
-        {1, 2, 5, foreign_upright, 1,
+        {1, -1, 0, FOREIGN_UPRIGHT, 0, ""},
+        {0, -1, 0, FOREIGN_UPRIGHT, 0, ""},
+        {1, -1, 4, FOREIGN_UPRIGHT, 10, "the images are not those of the model"},
+        {1, -1, 4, FOREIGN_UPRIGHT, 10, "00.png (fits the place of 04.png)"},
+        {1, 2, 5, FOREIGN_UPRIGHT, 1,
          "1 of 10 images do not show the colours that the model's points have: 02.png (fits the place of 07.png)"},
-        {1, -1, 0, foreign_turned, 10, "better turned by 180 degrees"},
-        {1, 3, 0, foreign_turned, 1, "03.png (fits turned by 180 degrees)"},
-        {1, -1, 0, foreign_cropped, 10, "better with another focal length, 1."},
-        {1, -1, 0, foreign_distorted, 10, "better through a lens with distortion"}};
+        {1, -1, 0, FOREIGN_TURNED, 10, "better turned by 180 degrees"},
+        {1, 3, 0, FOREIGN_TURNED, 1, "03.png (fits turned by 180 degrees)"},
+        {1, -1, 0, FOREIGN_CROPPED, 10, "better with another focal length, 1."},
+        {1, -1, 0, FOREIGN_DISTORTED, 10, "better through a lens with distortion"}};
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
         CHECK(foreign_check_images(cases[i].tracks, cases[i].one, cases[i].shows, cases[i].place) ==
               cases[i].foreign);
-        CHECK_TEXT(foreign_heard, cases[i].said);
-        CHECK((foreign_heard[0] == 0) == (cases[i].foreign == 0));
+        CHECK_TEXT(test_said.warning, cases[i].said);
+        CHECK((test_said.warning[0] == 0) == (cases[i].foreign == 0));
     }
 }
 
@@ -169,12 +161,12 @@ TEST(images_whose_pixel_data_are_damaged_are_named_by_a_check)
     file = fopen(test_path("survey/images/03.png"), "r+b");
     CHECK(file && fseek(file, 300, SEEK_SET) == 0 && fputs("another", file) >= 0 && fclose(file) == 0);
     CHECK(foreign_check() == 0);
-    CHECK_TEXT(foreign_heard, "03.png: the PNG");
-    CHECK_TEXT(foreign_heard, "training would go on without it");
+    CHECK_TEXT(test_said.warning, "03.png: the PNG");
+    CHECK_TEXT(test_said.warning, "training would go on without it");
     test_write("survey/images/03.png", "no image");
-    foreign_heard[0] = 0;
+    test_listen();
     CHECK(foreign_check() == 0);
-    CHECK(!strstr(foreign_heard, "training would go on")); /* its header has been warned of */
+    CHECK(!strstr(test_said.warning, "training would go on")); /* its header has been warned of */
 }
 
 TEST(images_are_compared_before_training_too)
@@ -182,9 +174,9 @@ TEST(images_are_compared_before_training_too)
     oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
     options.train.iterations = 2;
     foreign_survey(1, "1 0 0 0", 0);
-    for (int i = 0; i < FOREIGN_VIEWS; i++) foreign_image(i, i, foreign_turned);
+    for (int i = 0; i < FOREIGN_VIEWS; i++) foreign_image(i, i, FOREIGN_TURNED);
     CHECK_OK(job_test_run("out", &options));
-    CHECK_TEXT(foreign_heard, "better turned by 180 degrees");
+    CHECK_TEXT(test_said.warning, "better turned by 180 degrees");
     CHECK(job_test_has("out/run.json", "turned by 180 degrees"));
 }
 
@@ -199,7 +191,7 @@ TEST(images_are_compared_without_memory_with_an_error_and_no_leak)
 {
     long left;
     foreign_survey(1, "1 0 0 0", 0);
-    foreign_image(3, 3, foreign_turned);
+    foreign_image(3, 3, FOREIGN_TURNED);
     for (long allowed = 0; allowed < 400; allowed += 29) {
         oxl_context_options options = oxl_context_options_default();
         oxl_survey s;
@@ -221,8 +213,8 @@ TEST(poses_without_tracks_in_another_convention_are_named)
 {
     foreign_survey(0, "0 1 0 0", 1); /* y up, z back */
     foreign_check();
-    CHECK_TEXT(foreign_heard, "poses and points do not fit; they would fit as: camera axes as in OpenGL");
-    CHECK_TEXT(foreign_heard, "fix: write the poses world to camera");
+    CHECK_TEXT(test_said.warning, "poses and points do not fit; they would fit as: camera axes as in OpenGL");
+    CHECK_TEXT(test_said.warning, "fix: write the poses world to camera");
 }
 
 /* The survey in a world whose x, y, z are z, x, y of the other: no rotation is its own inverse. */
@@ -258,15 +250,15 @@ static void foreign_check_rotated(const char *rotation, int by_place)
 TEST(rotations_and_places_in_another_convention_are_named)
 {
     foreign_check_rotated("0.5 -0.5 -0.5 -0.5", 0);
-    CHECK(!foreign_heard[0]);
+    CHECK(!test_said.warning[0]);
     foreign_check_rotated("0.5 0.5 0.5 0.5", 0);
-    CHECK_TEXT(foreign_heard, "they would fit as: rotations transposed (of camera to world)");
+    CHECK_TEXT(test_said.warning, "they would fit as: rotations transposed (of camera to world)");
     foreign_check_rotated("-0.5 -0.5 -0.5 0.5", 0);
-    CHECK_TEXT(foreign_heard, "they would fit as: quaternions as x y z w");
+    CHECK_TEXT(test_said.warning, "they would fit as: quaternions as x y z w");
     foreign_check_rotated("0.5 -0.5 -0.5 -0.5", 1);
-    CHECK_TEXT(foreign_heard, "they would fit as: the cameras' places as translations");
+    CHECK_TEXT(test_said.warning, "they would fit as: the cameras' places as translations");
     foreign_check_rotated("0.5 0.5 0.5 0.5", 1);
-    CHECK_TEXT(foreign_heard, "they would fit as: camera to world");
+    CHECK_TEXT(test_said.warning, "they would fit as: camera to world");
 }
 
 /* As transforms.json; the first `wrong` frames have the rotation `other`. */
@@ -303,20 +295,20 @@ TEST(rotations_of_transforms_that_are_transposed_are_named)
     static const char transposed[] = "[0, 1, 0, -4], [0, 0, -1, %.3f], [-1, 0, 0, 0]",
                       opencv[] = "[0, 1, 0, -4], [0, 0, 1, %.3f], [1, 0, 0, 0]";
     foreign_check_json(0, "");
-    CHECK(!foreign_heard[0]);
+    CHECK(!test_said.warning[0]);
     foreign_check_json(FOREIGN_VIEWS, transposed);
-    CHECK_TEXT(foreign_heard,
+    CHECK_TEXT(test_said.warning,
                "they would fit as: rotations transposed (of world to camera) beside the cameras' places");
     foreign_check_json(FOREIGN_VIEWS, opencv);
-    CHECK_TEXT(foreign_heard,
+    CHECK_TEXT(test_said.warning,
                "they would fit as: rotations transposed (of world to camera, axes as in OpenCV)");
     foreign_check_json(3, transposed);
     CHECK_TEXT(
-        foreign_heard,
+        test_said.warning,
         "3 of 10 images do not show the colours that the model's points have: 00.png (fits rotations transposed");
     foreign_check_json(6, "[0, 0, 1, -4], [1, 0, 0, %.3f], [0, 1, 0, 0]"); /* axes of OpenCV */
-    CHECK_TEXT(foreign_heard, "6 of 10 images do not show");
-    CHECK_TEXT(foreign_heard,
+    CHECK_TEXT(test_said.warning, "6 of 10 images do not show");
+    CHECK_TEXT(test_said.warning,
                "02.png (fits camera axes as in OpenCV (y down, z ahead)), ...\nfix: write the poses ");
 }
 
@@ -328,8 +320,8 @@ TEST(points_far_from_all_cameras_are_said_not_to_fit)
     test_write("survey/sparse/0/points3D.txt", points.data);
     text_free(&points);
     foreign_check();
-    CHECK_TEXT(foreign_heard, "poses and points do not fit: 10 of 10 images have fewer than 8 points");
-    CHECK_TEXT(foreign_heard, "take points and poses of one model and one frame");
+    CHECK_TEXT(test_said.warning, "poses and points do not fit: 10 of 10 images have fewer than 8 points");
+    CHECK_TEXT(test_said.warning, "take points and poses of one model and one frame");
 }
 
 TEST(poses_without_points_start_from_points3D_ply_or_from_random_points)
@@ -339,8 +331,8 @@ TEST(poses_without_points_start_from_points3D_ply_or_from_random_points)
     CHECK(remove(test_path("survey/sparse/0/points3D.txt")) == 0);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
     CHECK(oxl_scene_point_count(scene) == 0);
-    CHECK_TEXT(foreign_heard, "there is no points3D.txt or .bin");
-    CHECK_TEXT(foreign_heard, "colmap point_triangulator");
+    CHECK_TEXT(test_said.warning, "there is no points3D.txt or .bin");
+    CHECK_TEXT(test_said.warning, "colmap point_triangulator");
     oxl_scene_free(test_ctx, scene);
     test_write("survey/sparse/0/points3D.ply",
                "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
@@ -361,12 +353,13 @@ TEST(points_of_a_ply_stand_for_a_dummy_point_and_for_no_others)
     test_write("survey/sparse/0/points3D.ply", ply);
     folder = test_path("survey/sparse/0");
     CHECK_OK(colmap_read(test_ctx, folder, &c));
-    CHECK(c.point_count == FOREIGN_POINTS && c.track_count > 0 && !foreign_heard[0]);
+    CHECK(c.point_count == FOREIGN_POINTS && c.track_count > 0 && !test_said.warning[0]);
     colmap_free(test_ctx, &c);
     test_write("survey/sparse/0/points3D.txt", "1 0 0 0 0 0 0 0\n");
     CHECK_OK(colmap_read(test_ctx, folder, &c));
     CHECK(c.point_count == 3 && c.point[0].position[0] == 1 && c.point[2].id == 2);
-    CHECK_TEXT(foreign_heard, "points3D.txt holds 1 points; points3D.ply beside it holds 3, which are read");
+    CHECK_TEXT(test_said.warning,
+               "the 3 points of points3D.ply are read; points3D.txt or .bin there holds 1");
 }
 
 /* Writes a PNG of 16-bit grey: one of 8-bit grey with alpha, which has as many bytes per pixel, with another
@@ -392,30 +385,48 @@ TEST(wide_images_of_twelve_bits_are_said_to_be_dark)
     for (int i = 0; i < FOREIGN_VIEWS; i++) {
         uint16_t grey[FOREIGN_WIDTH * FOREIGN_HEIGHT];
         for (int k = 0; k < FOREIGN_WIDTH * FOREIGN_HEIGHT; k++)
-            grey[k] =
-                (uint16_t)(4095 * foreign_seen(foreign_camera(i), (k % FOREIGN_WIDTH + 0.5) / FOREIGN_WIDTH,
-                                               (k / FOREIGN_WIDTH + 0.5) / FOREIGN_HEIGHT));
+            grey[k] = (uint16_t)(4095 * foreign_pixel(k, i, FOREIGN_UPRIGHT));
         foreign_write_png16(test_path("survey/images/%02d.png", i), grey, FOREIGN_WIDTH, FOREIGN_HEIGHT);
     }
     foreign_check();
-    CHECK_TEXT(foreign_heard, "the brightest value of the 16-bit images is");
-    CHECK_TEXT(foreign_heard, "mogrify -evaluate multiply 16");
+    CHECK_TEXT(test_said.warning, "the brightest value of the 16-bit images is");
+    CHECK_TEXT(test_said.warning, "mogrify -evaluate multiply 16");
 }
 
-TEST(masks_that_ignore_most_points_are_said_to)
+static float foreign_mask(int i, int kind, enum foreign_place place)
 {
-    oxl_image mask;
-    foreign_survey(1, "1 0 0 0", 0);
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/masks")));
-    CHECK_OK(oxl_image_create(test_ctx, FOREIGN_WIDTH, FOREIGN_HEIGHT, &mask));
-    for (int i = 0; i < 3 * FOREIGN_WIDTH * FOREIGN_HEIGHT; i++) mask.rgb[i] = i % FOREIGN_WIDTH < 20;
-    for (int i = 0; i < FOREIGN_VIEWS; i++) {
-        CHECK_OK(oxl_image_write(test_ctx, test_path("survey/masks/%02d.png", i), &mask));
+    (void)place;
+    return kind == 0            ? i % FOREIGN_WIDTH < 20
+           : kind == 1          ? i / FOREIGN_WIDTH < 50
+           : i % 2 || i == kind ? 1
+                                : 3 / 255.0f;
+}
+
+/* kind: 0: most is black; 1: the lower part is; 2: nothing is. */
+static void foreign_masks(const char *folder, int kind, int count)
+{
+    for (int i = 0; i < count; i++) {
+        char path[40];
+        snprintf(path, sizeof path, "survey/%s/%02d.png", folder, i);
+        foreign_write(path, FOREIGN_WIDTH, FOREIGN_HEIGHT, foreign_mask, kind, 0);
     }
-    oxl_image_free(test_ctx, &mask);
+}
+
+TEST(masks_that_ignore_most_points_or_nothing_are_said_to)
+{
+    foreign_survey(1, "1 0 0 0", 0);
+    foreign_masks("masks", 0, FOREIGN_VIEWS);
     foreign_check();
-    CHECK_TEXT(foreign_heard, "% of the points that images show lie where their masks are black");
-    CHECK_TEXT(foreign_heard, "exchange black and white");
+    CHECK_TEXT(test_said.warning, "% of the points that images show lie where their masks are black");
+    CHECK_TEXT(test_said.warning, "exchange black and white");
+    CHECK(!strstr(test_said.warning, "black pixel"));
+    foreign_masks("masks", 2, FOREIGN_VIEWS);
+    foreign_check();
+    CHECK_TEXT(test_said.warning, "the masks have no black pixel");
+    foreign_masks("masks", 1, 1);
+    test_listen();
+    foreign_check();
+    CHECK(!strstr(test_said.warning, "black pixel"));
 }
 
 TEST(principal_points_of_another_size_are_said_to_be)
@@ -423,8 +434,8 @@ TEST(principal_points_of_another_size_are_said_to_be)
     foreign_survey(1, "1 0 0 0", 0);
     test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 160 112 120 120 20 14\n");
     CHECK(foreign_check() == FOREIGN_VIEWS);
-    CHECK_TEXT(foreign_heard, "better with the principal point in the middle");
-    CHECK_TEXT(foreign_heard, "width and height of one size");
+    CHECK_TEXT(test_said.warning, "better with the principal point in the middle");
+    CHECK_TEXT(test_said.warning, "width and height of one size");
 }
 
 TEST(files_of_other_programs_in_the_place_of_a_model_are_named)
@@ -458,26 +469,6 @@ TEST(files_that_a_cloud_or_git_has_not_fetched_are_said)
     test_write("survey/sparse/0/points3D.txt", pointer);
     CHECK_ERROR(oxl_check(test_ctx, test_path("survey"), NULL, &s), OXL_ERR_INPUT,
                 "points3D.txt: it is a pointer of Git LFS");
-}
-
-TEST(masks_without_a_black_pixel_ignore_nothing_and_that_is_said)
-{
-    oxl_image mask;
-    foreign_survey(1, "1 0 0 0", 0);
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/masks")));
-    CHECK_OK(oxl_image_create(test_ctx, FOREIGN_WIDTH, FOREIGN_HEIGHT, &mask));
-    for (int i = 0; i < 3 * FOREIGN_WIDTH * FOREIGN_HEIGHT; i++) mask.rgb[i] = i % 2 ? 1 : 3 / 255.0f;
-    for (int i = 0; i < FOREIGN_VIEWS; i++) {
-        CHECK_OK(oxl_image_write(test_ctx, test_path("survey/masks/%02d.png", i), &mask));
-    }
-    foreign_check();
-    CHECK_TEXT(foreign_heard, "the masks have no black pixel");
-    mask.rgb[0] = mask.rgb[FOREIGN_WIDTH * FOREIGN_HEIGHT] = mask.rgb[2 * FOREIGN_WIDTH * FOREIGN_HEIGHT] = 0;
-    CHECK_OK(oxl_image_write(test_ctx, test_path("survey/masks/00.png"), &mask));
-    oxl_image_free(test_ctx, &mask);
-    foreign_heard[0] = 0;
-    foreign_check();
-    CHECK(!strstr(foreign_heard, "black pixel"));
 }
 
 TEST(pixels_are_turned_as_each_exif_orientation_says)
@@ -562,23 +553,18 @@ TEST(images_are_turned_by_their_exif_orientation_where_the_camera_is_upright)
 TEST(images_of_many_cameras_all_have_their_size_on_disk)
 {
     struct text cameras = {.ctx = test_ctx}, images = {.ctx = test_ctx};
-    oxl_image half;
-    enum { MANY = 24 };
-    test_write("survey/images/.keep", "");
-    CHECK_OK(oxl_image_create(test_ctx, 32, 24, &half));
-    for (int i = 0; i < MANY; i++) {
-        CHECK_OK(oxl_image_write(test_ctx, test_path("survey/images/%02d.png", i), &half));
-        text_add(&cameras, "%d PINHOLE 64 48 50 50 32 24\n", i + 1);
-        text_add(&images, "%d 1 0 0 0 %d 0 0 %d %02d.png\n\n", i + 1, i, i + 1, i);
+    OWNED_SCENE *scene = NULL;
+    foreign_survey(1, "1 0 0 0", 0);
+    for (int i = 0; i < FOREIGN_VIEWS; i++) {
+        text_add(&cameras, "%d PINHOLE 320 224 240 240 160 112\n", i + 1);
+        text_add(&images, "%d 1 0 0 0 %d 0 4 %d %02d.png\n\n", i + 1, i, i + 1, i);
     }
-    oxl_image_free(test_ctx, &half);
     test_write("survey/sparse/0/cameras.txt", cameras.data);
     test_write("survey/sparse/0/images.txt", images.data);
-    test_write("survey/sparse/0/points3D.txt", "1 0 0 5 9 9 9 0 1 0 2 0\n");
     text_free(&cameras);
     text_free(&images);
-    OWNED_SCENE *scene = test_load("survey", NULL);
-    for (int i = 0; i < MANY; i++) CHECK(oxl_scene_view(scene, i)->camera.width == 32);
+    scene = test_load("survey", NULL);
+    for (int i = 0; i < FOREIGN_VIEWS; i++) CHECK(oxl_scene_view(scene, i)->camera.width == FOREIGN_WIDTH);
 }
 
 /* Copies an image of the survey, encoded again as the name of the copy says. */
@@ -601,18 +587,14 @@ static void foreign_copy(const char *from, const char *to)
 
 TEST(images_of_a_camera_have_the_size_of_most_and_others_are_named)
 {
-    oxl_scene *scene = NULL;
-    oxl_image small;
+    OWNED_SCENE *scene = NULL;
     foreign_survey(1, "1 0 0 0", 0);
-    CHECK_OK(oxl_image_create(test_ctx, FOREIGN_WIDTH / 4, FOREIGN_HEIGHT / 4, &small));
-    CHECK_OK(oxl_image_write(test_ctx, test_path("survey/images/00.png"), &small));
-    oxl_image_free(test_ctx, &small);
+    foreign_write("survey/images/00.png", FOREIGN_WIDTH / 4, FOREIGN_HEIGHT / 4, foreign_pixel, 0, 0);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
     for (int i = 0; i < FOREIGN_VIEWS; i++) CHECK(oxl_scene_view(scene, i)->camera.width == FOREIGN_WIDTH);
-    CHECK_TEXT(foreign_heard,
+    CHECK_TEXT(test_said.warning,
                "1 images differ in size from most images of their camera, and are scaled to that size: "
                "00.png (40 x 28 px, most have 160 x 112)");
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(copies_of_images_are_named_and_stay_on_one_side_of_the_split)
@@ -632,9 +614,9 @@ TEST(copies_of_images_are_named_and_stay_on_one_side_of_the_split)
     foreign_copy("00.png", "00 copy.jpg");
     foreign_copy("07.png", "07 copy.png");
     foreign_copy("01.png", "other.png"); /* of the same pose as 04.png, and not the same image */
-    foreign_heard[0] = 0;
+    test_listen();
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
-    CHECK_TEXT(foreign_heard, "2 images are copies of other images, such as 00.png of 00 copy.jpg");
+    CHECK_TEXT(test_said.warning, "2 images are copies of other images, such as 00.png of 00 copy.jpg");
     CHECK(!strcmp(oxl_scene_view(scene, 1)->name, "00.png"));
     for (int i = 0; i < oxl_scene_view_count(scene); i++) {
         const char *name = oxl_scene_view(scene, i)->name;
@@ -655,8 +637,8 @@ TEST(images_without_a_pose_of_their_own_are_left_out_and_named)
                          "8 1 0 0 0 0 0 0 1");
         CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
         CHECK(oxl_scene_view_count(scene) == FOREIGN_VIEWS - 2);
-        CHECK_TEXT(foreign_heard, "2 of 10 images have the pose 1 0 0 0 0 0 0 and see no point");
-        CHECK_TEXT(foreign_heard, "left out: 02.png, 07.png");
+        CHECK_TEXT(test_said.warning, "2 of 10 images have the pose 1 0 0 0 0 0 0 and see no point");
+        CHECK_TEXT(test_said.warning, "left out: 02.png, 07.png");
         oxl_scene_free(test_ctx, scene);
     }
 }
@@ -667,8 +649,8 @@ TEST(images_that_the_model_does_not_have_are_counted)
 {
     oxl_survey s;
     foreign_survey(1, "1 0 0 0", 0);
-    foreign_image(80, 1, foreign_upright);
-    foreign_image(81, 2, foreign_upright);
+    foreign_image(80, 1, FOREIGN_UPRIGHT);
+    foreign_image(81, 2, FOREIGN_UPRIGHT);
     test_write("survey/images/cam1/x.JPG", "");
     test_write("survey/images/notes.txt", "");
     test_write("survey/images/masks/00.png", "");
@@ -703,29 +685,6 @@ TEST(folders_named_from_here_or_from_the_survey_are_used)
     CHECK_TEXT(oxl_error_text(test_ctx), "nowhere: there is no such folder\nfix: --images ");
 }
 
-TEST(names_with_backslashes_are_those_with_slashes_where_these_are_there)
-{
-    foreign_survey(1, "1 0 0 0", 0);
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/images/cam")));
-    CHECK(os_rename(test_path("survey/images/04.png"), test_path("survey/images/cam/04.png")) == 0);
-    job_test_replace("survey/sparse/0/images.txt", "04.png", "cam\\04.png");
-    OWNED_SCENE *scene = test_load("survey", NULL);
-    CHECK(oxl_scene_view_count(scene) == FOREIGN_VIEWS &&
-          !strcmp(oxl_scene_view(scene, 9)->name, "cam/04.png"));
-}
-
-TEST(images_that_are_missing_name_the_option_that_allows_it)
-{
-    oxl_scene *scene = NULL;
-    foreign_survey(1, "1 0 0 0", 0);
-    for (int i = 0; i < 4; i++) {
-        CHECK(remove(test_path("survey/images/%02d.png", i)) == 0);
-    }
-    CHECK_ERROR(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene), OXL_ERR_INPUT,
-                "--missing-images");
-    CHECK_SAYS("colmap image_deleter");
-}
-
 /* ---------------- transforms.json */
 
 #define FOREIGN_FRAMES                                                                                                                                    \
@@ -736,14 +695,13 @@ static const char *foreign_transforms(const char *members)
 {
     struct text t = {.ctx = test_ctx};
     test_write("survey/images/.keep", "");
-    for (int i = 0; i < 2; i++) foreign_image(i, i, foreign_upright);
+    for (int i = 0; i < 2; i++) foreign_image(i, i, FOREIGN_UPRIGHT);
     text_add(&t,
              "{\"w\": 160, \"h\": 112, \"fl_x\": 120, \"fl_y\": 120, \"k1\": 0.1, %s, " FOREIGN_FRAMES "}",
              members);
     test_write("survey/transforms.json", t.data);
     text_free(&t);
-    foreign_heard[0] = 0;
-    test_ctx->options.log = foreign_listen;
+    test_listen();
     return test_path("survey");
 }
 
@@ -761,24 +719,17 @@ TEST(transforms_say_fisheye_in_the_words_of_instant_ngp)
 
 TEST(transforms_masks_are_used_and_missing_ones_counted)
 {
-    oxl_image mask;
     OWNED_SCENE *scene = NULL;
     const struct training_image *image;
     foreign_transforms("\"a\": 1");
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/own")));
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
-    CHECK_TEXT(foreign_heard, "1 of the 1 masks that transforms.json names by mask_path are not there");
+    CHECK_TEXT(test_said.warning, "1 of the 1 masks that transforms.json names by mask_path are not there");
     oxl_scene_free(test_ctx, scene);
-    CHECK_OK(oxl_image_create(test_ctx, FOREIGN_WIDTH, FOREIGN_HEIGHT, &mask));
-    for (int i = 0; i < 3 * FOREIGN_WIDTH * FOREIGN_HEIGHT; i++)
-        mask.rgb[i] = i / FOREIGN_WIDTH % FOREIGN_HEIGHT < 50;
-    CHECK_OK(oxl_image_write(test_ctx, test_path("survey/own/00.png"), &mask));
-    oxl_image_free(test_ctx, &mask);
+    foreign_masks("own", 1, 1);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
     image = scene_image(test_ctx, scene, 0);
     CHECK(image && image->mask && image->mask[image->width * (image->height - 3)] == 0);
-    image = scene_image(test_ctx, scene, 1);
-    CHECK(image != NULL);
+    CHECK(scene_image(test_ctx, scene, 1) != NULL);
 }
 
 TEST(transforms_members_that_are_not_read_are_named_once)
@@ -786,7 +737,7 @@ TEST(transforms_members_that_are_not_read_are_named_once)
     OWNED_COLMAP c = {0};
     foreign_transforms("\"fisheye_crop_radius\": 5, \"aabb_scale\": 16");
     CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
-    CHECK_TEXT(foreign_heard, "this content of the file is not used: fisheye_crop_radius\n");
+    CHECK_TEXT(test_said.warning, "this content of the file is not used: fisheye_crop_radius\n");
 }
 
 TEST(transforms_with_two_focal_lengths_take_the_one_that_a_camera_has)
@@ -810,7 +761,7 @@ TEST(transforms_with_two_focal_lengths_take_the_one_that_a_camera_has)
         CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
         CHECK(fabs(c.camera->parameter[0] - cases[i].focal) < 0.1 &&
               fabs(c.camera->parameter[1] - cases[i].focal) < 0.1);
-        CHECK(cases[i].warns == (strstr(foreign_heard, "degrees, but camera_angle_x one of") != NULL));
+        CHECK(cases[i].warns == (strstr(test_said.warning, "follow from camera_angle_x") != NULL));
         colmap_free(test_ctx, &c);
     }
 }
@@ -821,7 +772,7 @@ TEST(focal_lengths_that_cannot_be_are_named)
     foreign_survey(1, "1 0 0 0", 0);
     test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 160 112 24 24 80 56\n");
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
-    CHECK_TEXT(foreign_heard,
+    CHECK_TEXT(test_said.warning,
                "cameras.txt:1: the focal length of camera 1 is 24, 24 px, for images of 160 x 112");
     oxl_scene_free(test_ctx, scene);
 }
@@ -832,7 +783,7 @@ TEST(transforms_are_read_without_the_points_that_they_name)
     foreign_transforms("\"ply_file_path\": \"C:\\\\old\\\\p.ply\"");
     CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
     CHECK(c.image_count == 2 && c.point_count == 0);
-    CHECK_TEXT(foreign_heard, "ply_file_path names C/old/p.ply, which is not there");
+    CHECK_TEXT(test_said.warning, "ply_file_path names C/old/p.ply, which is not there");
     colmap_free(test_ctx, &c);
     test_write("survey/p.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
                                "property float z\nend_header\n1 2 3\n");
@@ -882,8 +833,7 @@ TEST(points_have_their_colours_whatever_the_type)
 TEST(models_keep_infinite_opacities_and_widths_of_zero)
 {
     oxl_model m;
-    foreign_heard[0] = 0;
-    test_ctx->options.log = foreign_listen;
+    test_listen();
     CHECK_OK(oxl_model_read(
         test_ctx,
         test_write(
@@ -916,18 +866,17 @@ TEST(models_of_alphas_and_sizes_in_the_place_of_logits_and_logarithms_are_said)
                 m.plane[OXL_LOG_SCALE + a][i] = k == 2 ? 0.001f * (float)(i + 1) : -3 - 0.01f * (float)i;
         }
         CHECK_OK(oxl_model_write(test_ctx, test_path("m.ply"), &m));
-        foreign_heard[0] = 0;
-        test_ctx->options.log = foreign_listen;
+        test_listen();
         test_read_model("m.ply", &back);
         oxl_model_free(test_ctx, &back);
-        if (k == 0) CHECK(!strstr(foreign_heard, "all values"));
+        if (k == 0) CHECK(!strstr(test_said.warning, "all values"));
         if (k == 1)
             CHECK_TEXT(
-                foreign_heard,
+                test_said.warning,
                 "opacities look like alphas; logits, log(alpha / (1 - alpha)), are read, and all values are from 0 to 0.995");
         if (k == 2)
             CHECK_TEXT(
-                foreign_heard,
+                test_said.warning,
                 "scales look like sizes; their logarithms are read, and all values are from 0.001 to 0.2");
     }
 }
@@ -957,12 +906,11 @@ TEST(models_of_mip_splatting_get_their_filter_and_other_columns_are_named)
         "property float confidence\nend_header\n"
         "1 2 3 0 0 0 0 0 0 0 1 0 0 0 1 5\n"; /* alpha 0.5, widths and filter 1 */
     OWNED_MODEL m = {0};
-    foreign_heard[0] = 0;
-    test_ctx->options.log = foreign_listen;
+    test_listen();
     CHECK_OK(oxl_model_read(test_ctx, test_write("mip.ply", head), &m));
     for (int i = 0; i < 3; i++) CHECK_CLOSE(m.plane[OXL_LOG_SCALE + i][0], 0.5 * log(2.0), 1e-6);
     CHECK_CLOSE(1 / (1 + exp(-m.plane[OXL_OPACITY][0])), 0.5 / sqrt(8.0), 1e-6);
-    CHECK_TEXT(foreign_heard, "not used, though it is there: confidence\n");
+    CHECK_TEXT(test_said.warning, "this content of the file is not used: confidence\n");
 }
 
 TEST(models_that_are_text_or_have_logarithms_of_widths_are_said)
@@ -974,14 +922,13 @@ TEST(models_that_are_text_or_have_logarithms_of_widths_are_said)
                     test_ctx,
                     test_write("a.splat", "<!DOCTYPE html>\n<html><head><title>Sign in</title></head>"), &m),
                 OXL_ERR_INPUT, "a.splat: the file is text that begins '<!DOCTYPE html>', not a model");
-    foreign_heard[0] = 0;
-    test_ctx->options.log = foreign_listen;
+    test_listen();
     for (int i = 0; i < 3; i++) memcpy(splat + 12 + 4 * i, &log_width, 4);
     memset(splat + 24, 200, 8);
     CHECK_OK(os_write_file(test_ctx, test_path("log.splat"), splat, sizeof splat));
     CHECK_OK(oxl_model_read(test_ctx, test_path("log.splat"), &m));
     CHECK(m.count == 1 && m.plane[OXL_LOG_SCALE][0] == -4);
-    CHECK_TEXT(foreign_heard, "are read as logarithms");
+    CHECK_TEXT(test_said.warning, "are read as logarithms");
 }
 
 TEST(models_are_known_by_their_bytes_and_names_in_any_case)
@@ -1011,14 +958,13 @@ TEST(spz_keeps_the_precision_of_the_scene_beside_a_far_gaussian)
 {
     enum { ROWS = 200 };
     OWNED_MODEL m = {0}, again = {0};
-    foreign_heard[0] = 0;
-    test_ctx->options.log = foreign_listen;
+    test_listen();
     CHECK_OK(oxl_model_create(test_ctx, ROWS, 0, &m));
     for (int i = 0; i < ROWS; i++) m.plane[OXL_MEAN][i] = (float)(i / 97.0), m.plane[OXL_ROTATION][i] = 1;
     m.plane[OXL_MEAN][ROWS - 1] = 3e7f;
     m.plane[OXL_LOG_SCALE][ROWS - 1] = 10;
     CHECK_OK(oxl_model_write(test_ctx, test_path("far.spz"), &m));
-    CHECK_TEXT(foreign_heard, "1 of 200 Gaussians are beyond the format's range");
+    CHECK_TEXT(test_said.warning, "1 of 200 Gaussians are beyond the format's range");
     test_read_model("far.spz", &again);
     for (int i = 0; i + 1 < ROWS && again.count == ROWS; i++)
         CHECK(fabs(again.plane[OXL_MEAN][i] - m.plane[OXL_MEAN][i]) < 1e-5);
@@ -1044,7 +990,7 @@ TEST(training_from_a_model_of_another_frame_is_said)
     oxl_model_free(test_ctx, &m);
     o.from = test_path("from.ply"), o.train.iterations = 1;
     job_test_run("out", &o);
-    CHECK_TEXT(foreign_heard, "from.ply does not seem to cover the survey");
+    CHECK_TEXT(test_said.warning, "from.ply does not seem to cover the survey");
 }
 
 TEST(a_folder_of_masks_under_another_name_is_said_not_to_be_used)
@@ -1052,8 +998,8 @@ TEST(a_folder_of_masks_under_another_name_is_said_not_to_be_used)
     foreign_survey(1, "1 0 0 0", 0);
     test_write("survey/mask/00.png", "");
     foreign_check();
-    CHECK_TEXT(foreign_heard, "survey/mask is not used: masks are in ");
-    CHECK_TEXT(foreign_heard, "fix: --masks ");
+    CHECK_TEXT(test_said.warning, "survey/mask is not used: masks are in ");
+    CHECK_TEXT(test_said.warning, "fix: --masks ");
 }
 
 /* ---------------- a finished result */

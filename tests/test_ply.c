@@ -119,7 +119,7 @@ TEST(ply_ascii_file_of_the_fewest_bytes_is_read_and_one_byte_less_is_refused)
                      "at least 4 bytes; there are 2");
 }
 
-TEST(ply_comments_are_kept_and_nothing_of_them_is_parsed)
+TEST(ply_of_comments_nothing_is_parsed)
 {
     struct ply ply;
     CHECK_OK(ply_open(
@@ -129,9 +129,7 @@ TEST(ply_comments_are_kept_and_nothing_of_them_is_parsed)
             "ply\r\ncomment before  the format \r\nformat ascii 1.0\r\ncomment\r\ncomment element vertex 5\r\n"
             "end_header\r\n"),
         &ply));
-    CHECK(ply.comments == 3 && ply.elements == 0);
-    CHECK(!strcmp(ply.comment[0], "before  the format") && !strcmp(ply.comment[1], "") &&
-          !strcmp(ply.comment[2], "element vertex 5"));
+    CHECK(ply.elements == 0);
     ply_close(test_ctx, &ply);
 }
 

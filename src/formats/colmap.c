@@ -23,13 +23,13 @@
 #include "colmap.h"
 #include "../core/bytes.h"
 #include "json_survey.h"
+#include "../survey/scene.h"
 
 enum {
-    COLMAP_ROWS_FIRST = 4096, /* rows of points and tracks before their number is estimated */
-    COLMAP_OBSERVATION = 24,  /* bytes of a 2D point in images.bin */
-    COLMAP_DUMMY = 100        /* points; fewer may stand for those of a PLY */
+    COLMAP_OBSERVATION = 24, /* bytes of a 2D point in images.bin */
+    COLMAP_DUMMY = 100       /* points; fewer may stand for those of a PLY */
 };
-#define COLMAP_SAME 1e-4 /* Limits how far the poses of a model differ, text and binary. */
+#define COLMAP_SAME 1e-4 /* Limits how far the places of two models' images differ, of their sum. */
 
 /* ---------------- ids */
 
@@ -74,15 +74,6 @@ static const void *colmap_sort(void *rows, size_t count, size_t size)
     return NULL;
 }
 
-/* Reads the id of a row. Fails at the second row of an id that is known to be there twice. */
-static int64_t colmap_row_id(struct colmap_reader *r, const char *what, size_t size)
-{
-    const int64_t id = colmap_id(r, what, size);
-    if (r->repeated && id == *r->repeated && r->met++)
-        colmap_fail(r, COLMAP_FIX_EXPORT, "%s %" PRId64 " appears twice, expected each id once", what, id);
-    return id;
-}
-
 /* ---------------- cameras */
 
 static void colmap_read_model(struct colmap_reader *r, struct colmap_camera *c)
@@ -112,27 +103,22 @@ static void colmap_read_model(struct colmap_reader *r, struct colmap_camera *c)
 static void colmap_read_more(struct colmap_reader *r, struct colmap_camera *c)
 {
     const int full = camera_model_find("FULL_OPENCV", 11), most = camera_model_at(full)->parameter_count;
-    const int is_opencv = r->rc == OXL_OK && c->model == camera_model_find("OPENCV", 6);
-    if (!colmap_field(r, "the end", 0) || r->out->format != COLMAP_TEXT || r->cursor == r->end) return;
-    for (int i = c->parameter_count; is_opencv && i < most && r->cursor < r->end; i++) {
-        c->parameter[i] = colmap_finite(r, "PARAMS");
-        colmap_skip_blanks(r);
+    if (!colmap_has_more(r)) return;
+    if (c->model == camera_model_find("OPENCV", 6)) {
+        oxl_log(r->ctx, OXL_LOG_WARNING,
+                "%s:%d: OPENCV has 8 numbers; those behind them are read as k3 to k6 of FULL_OPENCV, as "
+                "OpenCV orders them",
+                r->path, r->line);
+        for (int i = c->parameter_count; i < most && colmap_has_more(r); i++)
+            c->parameter[i] = colmap_finite(r, "PARAMS");
+        c->model = full, c->parameter_count = most;
     }
-    if (r->rc == OXL_OK && r->cursor != r->end)
-        colmap_fail_field(r, "the end of the line", "after the model's parameters", 0);
-    if (!is_opencv || r->rc != OXL_OK) return;
-    c->model = full, c->parameter_count = most;
-    oxl_log(
-        r->ctx, OXL_LOG_WARNING,
-        "%s:%d: OPENCV has 8 numbers; those behind them are read as k3 to k6 of FULL_OPENCV, as OpenCV orders "
-        "them",
-        r->path, r->line);
+    if (colmap_has_more(r)) colmap_fail_field(r, "the end of the line", "after the model's parameters", 0);
 }
 
 static void colmap_read_camera(struct colmap_reader *r)
 {
-    struct colmap *out = r->out;
-    struct colmap_camera c = {.id = colmap_row_id(r, "CAMERA_ID", 4)};
+    struct colmap_camera c = {.id = colmap_id(r, "CAMERA_ID", 4)};
     colmap_read_model(r, &c);
     c.width = (int)colmap_whole(r, "WIDTH", 8, 1, INT_MAX);
     c.height = (int)colmap_whole(r, "HEIGHT", 8, 1, INT_MAX);
@@ -142,11 +128,9 @@ static void colmap_read_camera(struct colmap_reader *r)
             colmap_fail_field(r, "a focal length", "more than 0 px", c.parameter[i]);
     }
     colmap_read_more(r, &c);
-    c.file = out->format == COLMAP_TEXT ? "cameras.txt" : "cameras.bin";
+    c.file = r->out->format == COLMAP_TEXT ? "cameras.txt" : "cameras.bin";
     c.line = r->line;
-    if (r->rc == OXL_OK)
-        r->rc = oxl_reserve(r->ctx, &out->camera, &r->camera_capacity, out->camera_count + 1, sizeof c);
-    if (r->rc == OXL_OK) out->camera[out->camera_count++] = c;
+    COLMAP_ADD(r, camera, c);
 }
 
 /* ---------------- images */
@@ -166,29 +150,15 @@ static int colmap_peek_real(const char **p, const char *end, double *out)
     return parse_double(p, end, out) && (*p == end || colmap_is_blank(**p));
 }
 
-static size_t colmap_count_fields(const char *p, const char *end)
-{
-    size_t count = 0;
-    for (int blank = 1; p < end; p++) {
-        count += blank && !colmap_is_blank(*p);
-        blank = colmap_is_blank(*p);
-    }
-    return count;
-}
-
-/* Returns 1 if the line at the position of 2D points is the first line of an image: 9 numbers and a name.
- * Most names are not numbers, which decides. With a numeric name, it is an image if the rotation is one and
- * the number of fields is not a multiple of 3. */
+/* Returns 1 if the line at the position of 2D points is the first line of an image: 9 numbers and a name,
+ * which may begin with numbers. Triples of numbers are 2D points. */
 static int colmap_is_pose(const struct colmap_reader *r)
 {
     const char *p = r->cursor;
-    double v[9], name;
-    for (int i = 0; i < 9; i++)
-        if (!colmap_peek_real(&p, r->end, &v[i])) return 0;
-    if (p == r->end) return 0;
-    if (!colmap_peek_real(&p, r->end, &name)) return 1;
-    return fabs(v[1] * v[1] + v[2] * v[2] + v[3] * v[3] + v[4] * v[4] - 1) < COLMAP_UNIT_ERROR &&
-           colmap_count_fields(r->cursor, r->end) % 3 != 0;
+    double number;
+    int n = 0;
+    while (n < 12 && colmap_peek_real(&p, r->end, &number)) n++;
+    return n >= 9 && n < 12 && (p < r->end || n % 3);
 }
 
 /* Finds where an image's 2D points are. If their line is missing, the reader does not advance. */
@@ -214,8 +184,7 @@ static void colmap_read_observations(struct colmap_reader *r, struct colmap_imag
 static void colmap_read_image(struct colmap_reader *r)
 {
     static const char *const what[7] = {"QW", "QX", "QY", "QZ", "TX", "TY", "TZ"};
-    struct colmap *out = r->out;
-    struct colmap_image image = {.id = colmap_row_id(r, "IMAGE_ID", 4), .line = r->line};
+    struct colmap_image image = {.id = colmap_id(r, "IMAGE_ID", 4), .line = r->line};
     for (int i = 0; i < 7; i++)
         *(i < 4 ? &image.rotation[i] : &image.translation[i - 4]) = colmap_finite(r, what[i]);
     colmap_check_rotation(r, image.rotation);
@@ -224,23 +193,10 @@ static void colmap_read_image(struct colmap_reader *r)
     colmap_begin_name(r);
     colmap_read_name(r, &image.name);
     colmap_read_observations(r, &image);
-    if (r->rc == OXL_OK)
-        r->rc = oxl_reserve(r->ctx, &out->image, &r->image_capacity, out->image_count + 1, sizeof image);
-    if (r->rc == OXL_OK) out->image[out->image_count++] = image;
+    COLMAP_ADD(r, image, image);
 }
 
 /* ---------------- points */
-
-/* Reserves rows for the whole file, by the part that was read, so that large arrays need not grow often. */
-static void colmap_reserve(struct colmap_reader *r, void *array, size_t *capacity, size_t needed, size_t size)
-{
-    const double read = (double)colmap_offset(r, r->next), all = (double)OXL_MAX(r->file.size, 1);
-    size_t wanted = COLMAP_ROWS_FIRST;
-    if (needed <= *capacity || r->rc != OXL_OK) return;
-    if (needed > COLMAP_ROWS_FIRST && read > 0 && read < all)
-        wanted = (size_t)(1.05 * (double)needed * (all / read));
-    r->rc = oxl_reserve(r->ctx, array, capacity, OXL_MAX(needed, wanted), size);
-}
 
 /* Reads the track of a point, as the last rows of all. */
 static void colmap_read_track(struct colmap_reader *r, struct colmap_point *point)
@@ -251,14 +207,14 @@ static void colmap_read_track(struct colmap_reader *r, struct colmap_point *poin
     for (; left > 0 && r->rc == OXL_OK; left--) {
         const struct colmap_image *image;
         int64_t id, observation;
-        colmap_skip_blanks(r);
-        if (!binary && r->cursor == r->end) return;
+        if (!binary && !colmap_has_more(r)) return;
         id = colmap_id(r, "IMAGE_ID of a track (IMAGE_ID POINT2D_IDX)", 4);
         observation = colmap_whole(r, "POINT2D_IDX of a track (IMAGE_ID POINT2D_IDX)", 4, 0, UINT32_MAX);
         image = colmap_find(out->image, out->image_count, sizeof *image, id);
         if (!image) colmap_warn(r, WARN_TRACK);
-        colmap_reserve(r, &out->track, &r->track_capacity, out->track_count + point->track_count + 1,
-                       sizeof *out->track);
+        if (r->rc == OXL_OK)
+            r->rc = oxl_reserve(r->ctx, &out->track, &r->track_capacity,
+                                out->track_count + point->track_count + 1, sizeof *out->track);
         if (image && r->rc == OXL_OK)
             out->track[out->track_count + point->track_count++] =
                 (struct colmap_track){(uint32_t)(image - out->image), (uint32_t)observation};
@@ -270,7 +226,7 @@ static void colmap_read_point(struct colmap_reader *r)
 {
     static const char *const axis[3] = {"X", "Y", "Z"}, *const channel[3] = {"R", "G", "B"};
     struct colmap *out = r->out;
-    struct colmap_point point = {.id = colmap_row_id(r, "POINT3D_ID", 8), .first_track = out->track_count};
+    struct colmap_point point = {.id = colmap_id(r, "POINT3D_ID", 8), .first_track = out->track_count};
     for (int i = 0; i < 3; i++) point.position[i] = colmap_real(r, axis[i]);
     for (int i = 0; i < 3; i++) point.rgb[i] = (uint8_t)colmap_whole(r, channel[i], 1, 0, 255);
     point.error = colmap_real(r, "ERROR");
@@ -284,10 +240,8 @@ static void colmap_read_point(struct colmap_reader *r)
         point.error = -1;
     }
     colmap_read_track(r, &point);
-    colmap_reserve(r, &out->point, &r->point_capacity, out->point_count + 1, sizeof point);
-    if (r->rc != OXL_OK) return;
-    out->point[out->point_count++] = point;
-    out->track_count += point.track_count;
+    COLMAP_ADD(r, point, point);
+    if (r->rc == OXL_OK) out->track_count += point.track_count;
 }
 
 /* ---------------- the three files */
@@ -307,7 +261,7 @@ static const struct colmap_file {
     {{"points3D.txt", "points3D.bin"}, "points", NULL, NULL, colmap_read_point},
 };
 
-/* Reads a file's rows and sorts them by id. If an id is there twice, reads them again, up to the second. */
+/* Reads a file's rows and sorts them by id. */
 static void colmap_read_file(struct colmap_reader *r, const char *folder, int i)
 {
     const struct colmap_file *file = &colmap_files[i];
@@ -325,13 +279,9 @@ static void colmap_read_file(struct colmap_reader *r, const char *folder, int i)
                      : colmap_sort(out->point, out->point_count, sizeof *out->point);
     if (!twice) return;
     memcpy(&id, twice, sizeof id);
-    r->repeated = &id;
-    colmap_open(r, folder, file->name[out->format]);
-    while (colmap_next_record(r)) file->read(r);
-    colmap_fail(r, "run again, if another program is writing it",
-                "an id that appeared twice is no "
-                "longer there");
-    colmap_close(r, file->rows);
+    r->rc = oxl_fail(r->ctx, OXL_ERR_INPUT,
+                     "%s: the id %" PRId64 " appears twice, expected each id once\nfix: " COLMAP_FIX_EXPORT,
+                     r->path, id);
 }
 
 /* Takes the points of points3D.ply where there are no others, which simulators and motion capture export, or
@@ -356,13 +306,9 @@ static void colmap_read_other_points(struct colmap_reader *r, const char *folder
     out->point_count -= own, out->track_count = 0;
     memmove(out->point, out->point + own, out->point_count * sizeof *out->point);
     for (size_t i = 0; i < out->point_count; i++) out->point[i].id = (int64_t)i;
-    if (has_points)
-        oxl_log(r->ctx, OXL_LOG_WARNING, "%s holds %zu points; %s beside it holds %zu, which are read",
-                PATH(folder, "%s", colmap_files[2].name[out->format]), own, path_base_name(ply),
-                out->point_count);
-    else
-        oxl_log(r->ctx, OXL_LOG_INFO, "%s: there is no points3D.txt or .bin; the points of %s are read",
-                folder, path_base_name(ply));
+    oxl_log(r->ctx, own ? OXL_LOG_WARNING : OXL_LOG_INFO,
+            "%s: the %zu points of %s are read; points3D.txt or .bin there holds %zu", folder,
+            out->point_count, path_base_name(ply), own);
 }
 
 /* Reads the model of one format; the file of points may be missing. */
@@ -380,19 +326,16 @@ static oxl_result colmap_read_as(oxl_context *ctx, const char *folder, enum colm
     return r.rc;
 }
 
-/* Returns 1 for models of the same poses and number of points. */
-static int colmap_is_same(const struct colmap *a, const struct colmap *b)
+OXL_INTERNAL int colmap_has_places(const struct colmap *a, const struct scene_order *order,
+                                   const struct colmap *b)
 {
     double off = 0, all = 0;
-    if (a->image_count != b->image_count || a->point_count != b->point_count) return 0;
-    for (size_t i = 0; i < a->image_count; i++) {
-        const struct colmap_image *x = &a->image[i], *y = &b->image[i];
-        double dot = 0;
-        for (int k = 0; k < 4; k++) dot += x->rotation[k] * y->rotation[k];
-        for (int k = 0; k < 3; k++)
-            off += fabs(x->translation[k] - y->translation[k]), all += fabs(x->translation[k]);
-        if (strcmp(a->names + x->name, b->names + y->name) || !(fabs(dot) > 1 - COLMAP_SAME)) return 0;
-    }
+    if (a->image_count != b->image_count) return 0;
+    for (size_t i = 0; i < a->image_count; i++)
+        for (int k = 0; k < 3; k++) {
+            const double x = a->image[order ? order[i].image : i].translation[k];
+            off += fabs(x - b->image[i].translation[k]), all += fabs(x);
+        }
     return off <= COLMAP_SAME * all;
 }
 
@@ -401,24 +344,23 @@ static int colmap_is_same(const struct colmap *a, const struct colmap *b)
 static oxl_result colmap_read_both(oxl_context *ctx, const char *folder, size_t buffer, struct colmap *out)
 {
     struct colmap text;
-    const oxl_result read = colmap_read_as(ctx, folder, COLMAP_TEXT, buffer, &text),
-                     rc = read == OXL_OK || read == OXL_ERR_INPUT
-                              ? colmap_read_as(ctx, folder, COLMAP_BINARY, buffer, out)
-                              : read;
-    const int is_text = read == OXL_OK && rc == OXL_OK &&
-                        (text.image_count > out->image_count ||
-                         (text.image_count == out->image_count && text.point_count > out->point_count));
-    if (rc != OXL_OK || read != OXL_OK || !colmap_is_same(&text, out))
+    const oxl_result read = colmap_read_as(ctx, folder, COLMAP_TEXT, buffer, &text);
+    oxl_result rc = read == OXL_OK || read == OXL_ERR_INPUT
+                        ? colmap_read_as(ctx, folder, COLMAP_BINARY, buffer, out)
+                        : read;
+    const int has_more = text.image_count != out->image_count ? text.image_count > out->image_count
+                                                              : text.point_count > out->point_count;
+    const int is_text = read == OXL_OK && (rc == OXL_OK ? has_more : rc == OXL_ERR_INPUT);
+    if (text.point_count != out->point_count || !colmap_has_places(&text, NULL, out))
         oxl_log(
             ctx, OXL_LOG_WARNING,
             "%s holds two models that differ: text of %zu images and %zu points, binary of %zu and %zu; the "
             "%s one is read\nfix: remove the files of the other, or move one to a folder of its own",
             folder, text.image_count, text.point_count, out->image_count, out->point_count,
-            is_text || rc != OXL_OK ? "text" : "binary");
-    if (is_text || (rc == OXL_ERR_INPUT && read == OXL_OK)) {
+            is_text ? "text" : "binary");
+    if (is_text) {
         OXL_SWAP(struct colmap, text, *out);
-        colmap_free(ctx, &text);
-        return OXL_OK;
+        rc = OXL_OK;
     }
     colmap_free(ctx, &text);
     return rc;
@@ -427,29 +369,31 @@ static oxl_result colmap_read_both(oxl_context *ctx, const char *folder, size_t 
 OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folder, size_t buffer,
                                              struct colmap *out)
 {
-    int poses[2] = {0}, has[2] = {0};
-    const char *missing[2] = {NULL, NULL}, *compressed = NULL;
+    int poses[2] = {0}, has[2] = {0}, format; /* files that are there; has: compressed ones, too */
     *out = (struct colmap){0};
     for (int f = 0; f < 2; f++)
-        for (int i = COLMAP_FILES; i-- > 0;) {
+        for (int i = 0; i < COLMAP_FILES; i++) {
             const char *path = PATH(folder, "%s", colmap_files[i].name[f]);
-            if (os_is_compressed(path)) compressed = colmap_files[i].name[f];
-            if (!os_is_file(path)) missing[f] = colmap_files[i].name[f];
-            else has[f]++, poses[f] += i < COLMAP_POSES;
+            has[f] += os_is_file(path) || os_is_compressed(path);
+            poses[f] += i < COLMAP_POSES && os_is_file(path);
         }
     if (poses[0] == COLMAP_POSES && poses[1] == COLMAP_POSES)
         return colmap_read_both(ctx, folder, buffer, out);
-    for (int f = 0; f < 2; f++)
-        if (poses[f] == COLMAP_POSES && (has[f] == COLMAP_FILES || !compressed))
-            return colmap_read_as(ctx, folder, (enum colmap_format)f, buffer, out);
-    if (compressed)
-        return oxl_fail(ctx, OXL_ERR_INPUT, "%s/%s: it is compressed\nfix: gunzip %s.gz", folder, compressed,
-                        SHELL_WORD(PATH(folder, "%s", compressed)));
-    return oxl_fail(
-        ctx, OXL_ERR_INPUT,
-        "%s: %s is not there, expected a COLMAP model: cameras, images and points3D, all .txt or all .bin\n"
-        "fix: name the folder that holds all three, or export them with colmap model_converter --output_type TXT",
-        folder, missing[has[1] > has[0]]);
+    format = poses[0] != poses[1] ? poses[1] > poses[0] : has[1] > has[0];
+    for (int i = 0; i < COLMAP_FILES; i++) {
+        const char *name = colmap_files[i].name[format], *path = PATH(folder, "%s", name);
+        if (os_is_compressed(path))
+            return oxl_fail(ctx, OXL_ERR_INPUT, "%s: it is compressed\nfix: gunzip %s.gz", path,
+                            SHELL_WORD(path));
+        if (i < COLMAP_POSES && !os_is_file(path))
+            return oxl_fail(
+                ctx, OXL_ERR_INPUT,
+                "%s: %s is not there, expected a COLMAP model: cameras, images and points3D, all "
+                ".txt or all .bin\nfix: name the folder that holds all three, or export them with "
+                "colmap model_converter --output_type TXT",
+                folder, name);
+    }
+    return colmap_read_as(ctx, folder, (enum colmap_format)format, buffer, out);
 }
 
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out)

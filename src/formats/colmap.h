@@ -46,8 +46,6 @@ struct colmap_reader {
     int line;                 /* from 1; in other files than text, the record */
     uint64_t rows, announced; /* records read, and stated by the file; 0: not stated */
     size_t warned[WARN_COUNT];
-    const int64_t *repeated; /* NULL, or an id that is there twice: the file is read again to find where */
-    int met;                 /* how often it was met */
     size_t camera_capacity, image_capacity, point_capacity, track_capacity, names_capacity;
     /* Folder in which names of a survey without COLMAP's files start; NULL: as the file has it. */
     const char *image_folder;
@@ -89,13 +87,23 @@ OXL_INTERNAL uint64_t colmap_count(struct colmap_reader *r, const char *what, si
 OXL_INTERNAL void colmap_skip(struct colmap_reader *r, uint64_t size); /* bytes of a binary file */
 /* Moves the cursor to the name of a binary file; of text, it is the rest of the line. */
 OXL_INTERNAL void colmap_begin_name(struct colmap_reader *r);
-OXL_INTERNAL void colmap_skip_blanks(struct colmap_reader *r);
 OXL_INTERNAL int colmap_is_blank(char c);
 OXL_INTERNAL int colmap_at_field_end(const struct colmap_reader *r);
+/* Returns 1 if the line of a text has a field after the cursor, and begins it. */
+OXL_INTERNAL int colmap_has_more(struct colmap_reader *r);
 /* Writes the field read last as text for a message. */
 OXL_INTERNAL const char *colmap_printable(const struct colmap_reader *r, char out[64]);
 
-/* ---------------- colmap.c: what all surveys share */
+/* ---------------- what all surveys share */
+
+/* Adds a row to r->out's array of cameras, images or points, unless there is an error. */
+#define COLMAP_ADD(r, array, row)                                                        \
+    do {                                                                                 \
+        if ((r)->rc == OXL_OK)                                                           \
+            (r)->rc = oxl_reserve((r)->ctx, &(r)->out->array, &(r)->array##_capacity,    \
+                                  (r)->out->array##_count + 1, sizeof *(r)->out->array); \
+        if ((r)->rc == OXL_OK) (r)->out->array[(r)->out->array##_count++] = (row);       \
+    } while (0)
 
 OXL_INTERNAL void colmap_check_rotation(struct colmap_reader *r, const double q[4]);
 /* Takes the name from r->cursor to r->end. */

@@ -56,28 +56,22 @@ OXL_INTERNAL uint64_t colmap_left(const struct colmap_reader *r)
     return r->file.size > at ? r->file.size - at : 0;
 }
 
-/* Skips a byte order mark, refuses UTF-16. */
-static void colmap_begin_text(struct colmap_reader *r)
-{
-    const size_t size = (size_t)(r->limit - r->next);
-    if (size >= 3 && memcmp(r->next, "\xEF\xBB\xBF", 3) == 0) r->next += 3;
-    if (size < 2 || (memcmp(r->next, "\xFF\xFE", 2) && memcmp(r->next, "\xFE\xFF", 2))) return;
-    r->line = 1;
-    colmap_fail(r, "save it as UTF-8", "found text in UTF-16, expected ASCII or UTF-8");
-}
-
 OXL_INTERNAL void colmap_open(struct colmap_reader *r, const char *folder, const char *name)
 {
+    size_t size;
     path_in(r->path, folder, "%s", name);
     r->file = (struct os_reader){0};
     r->offset = r->announced = r->rows = 0;
-    r->line = r->met = r->at_end = 0;
+    r->line = r->at_end = 0;
     r->field = r->next = r->limit = r->buffer;
     if (r->rc == OXL_OK) r->rc = os_reader_open(r->ctx, r->path, &r->file);
-    if (r->rc == OXL_OK && colmap_fill(r))
-        r->rc = os_refuse_gzip(r->ctx, r->path, r->buffer, (size_t)(r->limit - r->buffer));
-    if (!colmap_is_binary(r)) colmap_begin_text(r);
-    else r->announced = colmap_count(r, "the number of rows", 1);
+    if (r->rc == OXL_OK) colmap_fill(r);
+    size = (size_t)(r->limit - r->next);
+    if (r->rc == OXL_OK) r->rc = os_refuse_gzip(r->ctx, r->path, r->buffer, size);
+    if (colmap_is_binary(r)) r->announced = colmap_count(r, "the number of rows", 1);
+    else if (size >= 2 && (!memcmp(r->next, "\xFF\xFE", 2) || !memcmp(r->next, "\xFE\xFF", 2)))
+        colmap_fail(r, "save it as UTF-8", "found text in UTF-16, expected ASCII or UTF-8");
+    else if (size >= 3 && !memcmp(r->next, "\xEF\xBB\xBF", 3)) r->next += 3; /* a byte order mark */
 }
 
 static const char *const colmap_warning_text[WARN_COUNT] = {
@@ -90,7 +84,7 @@ static const char *const colmap_warning_text[WARN_COUNT] = {
 
 OXL_INTERNAL void colmap_warn(struct colmap_reader *r, enum colmap_warning kind)
 {
-    if (r->repeated || r->rc != OXL_OK) return;
+    if (r->rc != OXL_OK) return;
     if (r->warned[kind]++ < COLMAP_LOGGED_MAX)
         oxl_log(r->ctx, OXL_LOG_WARNING, "%s:%d: %s", r->path, r->line, colmap_warning_text[kind]);
 }
@@ -130,11 +124,11 @@ OXL_INTERNAL oxl_result colmap_fail(struct colmap_reader *r, const char *fix, co
     va_start(args, format);
     vsnprintf(text, sizeof text, format, args);
     va_end(args);
-    if (r->out->format == COLMAP_JSON && r->line == 0) place[0] = 0;
-    else if (r->out->format == COLMAP_TEXT) snprintf(place, sizeof place, ":%d", r->line);
-    else if (r->out->format == COLMAP_JSON) snprintf(place, sizeof place, ": record %d", r->line);
-    else snprintf(place, sizeof place, ": byte %" PRIu64 ", record %d", colmap_offset(r, r->field), r->line);
-    return r->rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s%s: %s\nfix: %s", r->path, place, text, fix);
+    if (colmap_is_binary(r))
+        snprintf(place, sizeof place, ": byte %" PRIu64 ", record %d", colmap_offset(r, r->field), r->line);
+    else snprintf(place, sizeof place, r->out->format == COLMAP_TEXT ? ":%d" : ": record %d", r->line);
+    return r->rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s%s: %s\nfix: %s", r->path,
+                            r->line || colmap_is_binary(r) ? place : "", text, fix);
 }
 
 /* Writes 'text', cut and printable, or "the end of the line". */
@@ -181,7 +175,7 @@ OXL_INTERNAL int colmap_is_blank(char c)
     return c == ' ' || c == '\t';
 }
 
-OXL_INTERNAL void colmap_skip_blanks(struct colmap_reader *r)
+static void colmap_skip_blanks(struct colmap_reader *r)
 {
     while (r->cursor < r->end && colmap_is_blank(*r->cursor)) r->cursor++;
 }
@@ -253,6 +247,11 @@ OXL_INTERNAL int colmap_field(struct colmap_reader *r, const char *what, size_t 
     r->field = r->limit;
     colmap_fail(r, COLMAP_FIX_BINARY, "found the end of the file, expected %s", what);
     return 0;
+}
+
+OXL_INTERNAL int colmap_has_more(struct colmap_reader *r)
+{
+    return r->out->format == COLMAP_TEXT && colmap_field(r, "", 0) && r->cursor < r->end;
 }
 
 OXL_INTERNAL double colmap_real(struct colmap_reader *r, const char *what)

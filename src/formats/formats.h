@@ -45,10 +45,10 @@ OXL_INTERNAL void model_rotation(const oxl_model *model, size_t row, double q[4]
 OXL_INTERNAL unsigned char model_byte(double x); /* nearest to x in 0..255 */
 /* Writes what a model has beside its Gaussians as lines, each after the text `before`. */
 OXL_INTERNAL void model_write_comments(struct text *t, const char *before, const oxl_model *model);
-/* Reads origin, scale, background, view or anti-aliasing from a comment of a file;
- * other comments are ignored. */
-OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
-                                     oxl_model *model);
+/* Reads origin, scale, background, view and anti-aliasing from the lines of a text that begin with `before`;
+ * other lines are ignored. */
+OXL_INTERNAL void model_read_comments(oxl_context *ctx, const char *path, const char *text, size_t size,
+                                      const char *before, oxl_model *model);
 
 /* ---------------- model_file.c: models as PLY */
 

@@ -19,121 +19,112 @@ enum {
  * COLMAP uses the same limit. */
 #define CAMERA_GROWTH 2.0
 
-enum camera_side { CAMERA_LEFT, CAMERA_RIGHT, CAMERA_TOP, CAMERA_BOTTOM, CAMERA_FOLD };
+/* Sides of an image: 2 axis for the lower end of an axis, x or y, and 2 axis + 1 for the upper one. */
+enum { CAMERA_SIDES = 4, CAMERA_FOLD = 4, CAMERA_OPEN };
 
 /* Returns 1 if the direction is inside the field of view: its pixel is within the centres of the outermost
  * pixels, and the polynomial is monotonic there. */
 static int camera_in_field(const struct colmap_camera *camera, const double direction[2], double pixel[2])
 {
     const double farther[2] = {direction[0] * 1.001, direction[1] * 1.001};
-    double k[4], beyond[2], r2, beyond2;
+    const int size[2] = {camera->width, camera->height};
+    double k[4], beyond[2], r2 = 0, beyond2 = 0;
+    int is_inside = 1;
     camera_intrinsics(camera, k);
     camera_distort(camera, direction, pixel);
     camera_distort(camera, farther, beyond);
-    r2 = (pixel[0] - k[2]) * (pixel[0] - k[2]) + (pixel[1] - k[3]) * (pixel[1] - k[3]);
-    beyond2 = (beyond[0] - k[2]) * (beyond[0] - k[2]) + (beyond[1] - k[3]) * (beyond[1] - k[3]);
-    return pixel[0] >= 0.5 && pixel[0] <= camera->width - 0.5 && pixel[1] >= 0.5 &&
-           pixel[1] <= camera->height - 0.5 && beyond2 > r2;
+    for (int a = 0; a < 2; a++) {
+        r2 += (pixel[a] - k[2 + a]) * (pixel[a] - k[2 + a]);
+        beyond2 += (beyond[a] - k[2 + a]) * (beyond[a] - k[2 + a]);
+        is_inside &= pixel[a] >= 0.5 && pixel[a] <= size[a] - 0.5;
+    }
+    return is_inside && beyond2 > r2;
 }
 
 /* Steps from the axis towards `target`, then bisects; `end` receives the limit of the field of view. Returns
- * the kind of limit; -1: there is none. */
+ * the side that is the limit, CAMERA_FOLD for the polynomial, CAMERA_OPEN if there is none. */
 static int camera_trace(const struct colmap_camera *camera, const double target[2], double end[2])
 {
+    const int size[2] = {camera->width, camera->height};
     double pixel[2], good = 0, bad = 0;
-    for (int i = 1; i <= CAMERA_STEPS && bad == 0; i++) {
-        const double t = i * (1.0 / CAMERA_STEPS), direction[2] = {t * target[0], t * target[1]};
+    for (int i = 1, halvings = 40; bad > 0 ? halvings-- > 0 : i <= CAMERA_STEPS; i++) {
+        const double t = bad > 0 ? 0.5 * (good + bad) : i * (1.0 / CAMERA_STEPS),
+                     direction[2] = {t * target[0], t * target[1]};
         if (camera_in_field(camera, direction, pixel)) good = t;
         else bad = t;
     }
-    if (bad == 0) return -1;
-    for (int i = 0; i < 40; i++) {
-        const double t = 0.5 * (good + bad), direction[2] = {t * target[0], t * target[1]};
-        if (camera_in_field(camera, direction, pixel)) good = t;
-        else bad = t;
-    }
-    end[0] = bad * target[0];
-    end[1] = bad * target[1];
+    if (bad == 0) return CAMERA_OPEN;
+    for (int a = 0; a < 2; a++) end[a] = bad * target[a];
     camera_distort(camera, end, pixel);
-    if (pixel[0] < 0.5) return CAMERA_LEFT;
-    if (pixel[0] > camera->width - 0.5) return CAMERA_RIGHT;
-    if (pixel[1] < 0.5) return CAMERA_TOP;
-    if (pixel[1] > camera->height - 0.5) return CAMERA_BOTTOM;
+    for (int a = 0; a < 2; a++) {
+        if (pixel[a] < 0.5) return 2 * a;
+        if (pixel[a] > size[a] - 0.5) return 2 * a + 1;
+    }
     return CAMERA_FOLD;
 }
 
 /* Measures the distance in px from the principal point to each side of a rectangle inside the field of view.
  * A side moves inwards if the image's border is the limit; all four sides move inwards by the same factor if
  * the polynomial is, whose limit is a curve around the axis. */
-static void camera_rectangle(const struct colmap_camera *camera, double side[4])
+static void camera_rectangle(const struct colmap_camera *camera, double side[CAMERA_SIDES])
 {
+    const double size[2] = {camera->width, camera->height};
     double k[4], folded = 1, fold_at[4 * CAMERA_RAYS][2];
     int folds = 0;
-    const double w = camera->width, h = camera->height;
     camera_intrinsics(camera, k);
-    side[CAMERA_LEFT] = CAMERA_GROWTH * k[2];
-    side[CAMERA_RIGHT] = CAMERA_GROWTH * (w - k[2]);
-    side[CAMERA_TOP] = CAMERA_GROWTH * k[3];
-    side[CAMERA_BOTTOM] = CAMERA_GROWTH * (h - k[3]);
+    for (int s = 0; s < CAMERA_SIDES; s++)
+        side[s] = CAMERA_GROWTH * (s % 2 ? size[s / 2] - k[2 + s / 2] : k[2 + s / 2]);
     for (int i = 0; i < 4 * CAMERA_RAYS; i++) {
-        const double along = (i / 4 + 0.5) / CAMERA_RAYS;
-        /* (x, y): a point on the image's border, from the principal point */
-        const double x = (i % 4 < 2 ? along : i % 4 - 2) * w - k[2];
-        const double y = (i % 4 < 2 ? i % 4 : along) * h - k[3];
+        const double along = (i / 4 + 0.5) / CAMERA_RAYS; /* a point on the image's border */
+        const double x = (i % 4 < 2 ? along : i % 4 - 2) * size[0] - k[2];
+        const double y = (i % 4 < 2 ? i % 4 : along) * size[1] - k[3];
         double end[2], target[2] = {CAMERA_GROWTH * x / k[0], CAMERA_GROWTH * y / k[1]};
-        switch (camera_trace(camera, target, end)) {
-        case CAMERA_LEFT: side[CAMERA_LEFT] = OXL_MIN(side[CAMERA_LEFT], -k[0] * end[0]); break;
-        case CAMERA_RIGHT: side[CAMERA_RIGHT] = OXL_MIN(side[CAMERA_RIGHT], k[0] * end[0]); break;
-        case CAMERA_TOP: side[CAMERA_TOP] = OXL_MIN(side[CAMERA_TOP], -k[1] * end[1]); break;
-        case CAMERA_BOTTOM: side[CAMERA_BOTTOM] = OXL_MIN(side[CAMERA_BOTTOM], k[1] * end[1]); break;
-        case CAMERA_FOLD:
-            fold_at[folds][0] = k[0] * end[0];
-            fold_at[folds++][1] = k[1] * end[1];
-            break;
-        default: break;
-        }
+        const int s = camera_trace(camera, target, end);
+        if (s < CAMERA_SIDES) side[s] = OXL_MIN(side[s], (s % 2 ? 1 : -1) * k[s / 2] * end[s / 2]);
+        for (int a = 0; a < 2 && s == CAMERA_FOLD; a++) fold_at[folds][a] = k[a] * end[a];
+        folds += s == CAMERA_FOLD;
     }
     for (int i = 0; i < folds; i++) {
-        const double x =
-            fold_at[i][0] < 0 ? -fold_at[i][0] / side[CAMERA_LEFT] : fold_at[i][0] / side[CAMERA_RIGHT];
-        const double y =
-            fold_at[i][1] < 0 ? -fold_at[i][1] / side[CAMERA_TOP] : fold_at[i][1] / side[CAMERA_BOTTOM];
-        folded = OXL_MIN(folded, OXL_MAX(x, y));
+        double most = 0;
+        for (int a = 0; a < 2; a++) {
+            const double at = fold_at[i][a], part = at < 0 ? -at / side[2 * a] : at / side[2 * a + 1];
+            most = OXL_MAX(most, part);
+        }
+        folded = OXL_MIN(folded, most);
     }
-    for (int i = 0; i < 4; i++) side[i] *= folded;
+    for (int s = 0; s < CAMERA_SIDES; s++) side[s] *= folded;
 }
 
 /* Rounds to whole pixels and divides the remainder between both sides. */
-static void camera_round(const double side[4], oxl_camera *c)
+static void camera_round(const double side[CAMERA_SIDES], oxl_camera *c)
 {
-    c->width = (int)OXL_CLAMP(side[CAMERA_LEFT] + side[CAMERA_RIGHT], 0, 2 * CAMERA_SIDE_MAX);
-    c->height = (int)OXL_CLAMP(side[CAMERA_TOP] + side[CAMERA_BOTTOM], 0, 2 * CAMERA_SIDE_MAX);
-    c->cx = side[CAMERA_LEFT] - 0.5 * (side[CAMERA_LEFT] + side[CAMERA_RIGHT] - c->width);
-    c->cy = side[CAMERA_TOP] - 0.5 * (side[CAMERA_TOP] + side[CAMERA_BOTTOM] - c->height);
-}
-
-static int camera_covers_pixel(const struct colmap_camera *camera, const oxl_camera *c, int x, int y)
-{
-    const double direction[2] = {(x + 0.5 - c->cx) / c->fx, (y + 0.5 - c->cy) / c->fy};
-    double pixel[2];
-    return camera_in_field(camera, direction, pixel);
+    int *const size[2] = {&c->width, &c->height};
+    double *const centre[2] = {&c->cx, &c->cy};
+    for (int a = 0; a < 2; a++) {
+        const double sum = side[2 * a] + side[2 * a + 1];
+        *size[a] = (int)OXL_CLAMP(sum, 0, 2 * CAMERA_SIDE_MAX);
+        *centre[a] = side[2 * a] - 0.5 * (sum - *size[a]);
+    }
 }
 
 /* Checks all border pixels, and removes a row or column of pixels from each side that has one outside the
  * field of view. Returns 1 if there was none. */
-static int camera_shrink(const struct colmap_camera *camera, const oxl_camera *c, double side[4])
+static int camera_shrink(const struct colmap_camera *camera, const oxl_camera *c, double side[CAMERA_SIDES])
 {
-    int bad[4] = {0, 0, 0, 0};
-    for (int y = 0; y < c->height; y++) {
-        bad[CAMERA_LEFT] |= !camera_covers_pixel(camera, c, 0, y);
-        bad[CAMERA_RIGHT] |= !camera_covers_pixel(camera, c, c->width - 1, y);
+    int is_whole = 1;
+    for (int s = 0; s < CAMERA_SIDES; s++) {
+        const int length = s < 2 ? c->height : c->width, last = (s < 2 ? c->width : c->height) - 1;
+        int bad = 0;
+        for (int i = 0; i < length && !bad; i++) {
+            const int at = s % 2 ? last : 0, x = s < 2 ? at : i, y = s < 2 ? i : at;
+            const double direction[2] = {(x + 0.5 - c->cx) / c->fx, (y + 0.5 - c->cy) / c->fy};
+            double pixel[2];
+            bad = !camera_in_field(camera, direction, pixel);
+        }
+        side[s] -= bad;
+        is_whole &= !bad;
     }
-    for (int x = 0; x < c->width; x++) {
-        bad[CAMERA_TOP] |= !camera_covers_pixel(camera, c, x, 0);
-        bad[CAMERA_BOTTOM] |= !camera_covers_pixel(camera, c, x, c->height - 1);
-    }
-    for (int i = 0; i < 4; i++) side[i] -= bad[i];
-    return !(bad[0] || bad[1] || bad[2] || bad[3]);
+    return is_whole;
 }
 
 OXL_INTERNAL int camera_focal_is_plausible(double focal, double width, double height)
@@ -168,19 +159,22 @@ static oxl_result camera_check(oxl_context *ctx, const struct colmap_camera *cam
         return camera_fail(ctx, camera,
                            "is %.0f x %.0f px, expected 1 to %d a side\nfix: export the model again", w, h,
                            CAMERA_SIDE_MAX);
-    if (!(k[0] >= least && k[0] <= CAMERA_PX_MAX && k[1] >= least && k[1] <= CAMERA_PX_MAX))
-        return camera_fail(ctx, camera,
-                           "has the focal length %g, %g px, expected %g (half a turn of view) to 1e9\n"
-                           "fix: check the order of the parameters",
-                           k[0], k[1], least);
-    if (!(fabs(k[2]) <= CAMERA_PX_MAX && fabs(k[3]) <= CAMERA_PX_MAX) ||
-        (camera_is_distorted(camera) && !(k[2] > 0 && k[2] < w && k[3] > 0 && k[3] < h)))
-        return camera_fail(
-            ctx, camera,
-            "has its principal point at %g, %g, outside of its %.0f x %.0f px, and is distorted or "
-            "beyond 1e9 px\nfix: export the model again; or run COLMAP's image_undistorter and "
-            "use what it writes",
-            k[2], k[3], w, h);
+    for (int a = 0; a < 2; a++) {
+        const double centre = k[2 + a];
+        if (!(k[a] >= least && k[a] <= CAMERA_PX_MAX))
+            return camera_fail(ctx, camera,
+                               "has the focal length %g, %g px, expected %g (half a turn of view) to 1e9\n"
+                               "fix: check the order of the parameters",
+                               k[0], k[1], least);
+        if (!(fabs(centre) <= CAMERA_PX_MAX) ||
+            (camera_is_distorted(camera) && !(centre > 0 && centre < (a ? h : w))))
+            return camera_fail(
+                ctx, camera,
+                "has its principal point at %g, %g, outside of its %.0f x %.0f px, and is distorted or "
+                "beyond 1e9 px\nfix: export the model again; or run COLMAP's image_undistorter and "
+                "use what it writes",
+                k[2], k[3], w, h);
+    }
     return OXL_OK;
 }
 

@@ -14,155 +14,60 @@
 #define IMAGING_MEDIUM_MAX 1e20   /* Limits bD and bB (1/unit; units may be tiny) and Binf in a file. */
 #define IMAGING_DISTANCE_MAX 1e15 /* Limits distances (units); no camera lies farther. */
 
-/* Adds a line of the file: a word, `count` numbers, and the name of an image or NULL. */
-static void imaging_write_line(struct text *t, const char *word, const float *values, int count,
-                               const char *name)
+enum imaging_kind {
+    IMAGING_ATTENUATION,
+    IMAGING_BACKSCATTER,
+    IMAGING_VEIL,
+    IMAGING_LAMP_ALL,
+    IMAGING_LAMP,
+    IMAGING_GAIN,
+    IMAGING_POSE,
+    IMAGING_KINDS
+};
+static const struct imaging_line {
+    const char *word;
+    int count, has_name; /* numbers behind the word; 1: the name of an image behind them */
+    double low, high;    /* of the numbers */
+} imaging_lines[IMAGING_KINDS] = {
+    {"bD", 3, 0, 0, IMAGING_MEDIUM_MAX},
+    {"bB", 3, 0, 0, IMAGING_MEDIUM_MAX},
+    {"Binf", 3, 0, 0, IMAGING_MEDIUM_MAX},
+    {"lamp all", LAMP_TERMS, 0, -LAMP_SHAPE_MAX, LAMP_SHAPE_MAX},
+    {"lamp", LAMP_TERMS, 1, -LAMP_SHAPE_MAX, LAMP_SHAPE_MAX},
+    {"gain", 3, 1, EXPOSURE_MIN, 1 / EXPOSURE_MIN},
+    {"pose", POSE_TERMS, 1, -IMAGING_DISTANCE_MAX, IMAGING_DISTANCE_MAX},
+};
+
+/* ---------------- writing */
+
+static void imaging_write_line(struct text *t, enum imaging_kind kind, const double *values, const char *name)
 {
-    text_add(t, "%s", word);
-    for (int k = 0; k < count; k++) {
-        text_add(t, " ");
-        text_add_number(t, (double)values[k]);
-    }
+    text_add(t, "%s", imaging_lines[kind].word);
+    for (int k = 0; k < imaging_lines[kind].count; k++) text_add(t, " %s", NUMBER(values[k]));
     text_add(t, name ? " %s\n" : "\n", name);
 }
 
-static void imaging_write_medium(struct text *t, const struct medium *m)
+static void imaging_write_floats(struct text *t, enum imaging_kind kind, const float *values,
+                                 const char *name)
 {
-    if (m->on) {
-        text_add(
-            t,
-            "# I = J exp(-bD r) + Binf (1 - exp(-bB r)), red green blue; r: range, bD and bB per unit of the scene\n");
-        imaging_write_line(t, "bD", m->attenuation, 3, NULL);
-        imaging_write_line(t, "bB", m->backscatter, 3, NULL);
-        imaging_write_line(t, "Binf", m->veiling_light, 3, NULL);
+    double wide[LAMP_TERMS];
+    for (int k = 0; k < imaging_lines[kind].count; k++) wide[k] = values[k];
+    imaging_write_line(t, kind, wide, name);
+}
+
+static void imaging_write_views(struct text *t, const oxl_scene *scene, const struct oxl_imaging *m)
+{
+    for (int i = 0; i < m->views; i++) {
+        double gain[3];
+        for (int c = 0; c < 3; c++) gain[c] = vecmath_exp(m->log_gain[3 * i + c]);
+        if (m->known[i]) imaging_write_line(t, IMAGING_GAIN, gain, scene->view[i].name);
     }
-}
-
-static void imaging_write_lamps(struct text *t, const oxl_scene *scene, const struct oxl_imaging *m)
-{
-    if (m->lamps > 0)
-        text_add(
-            t,
-            "# lamp all; lamp ... NAME: of the camera that took NAME; log gain over the image, products of Legendre polynomials of "
-            "degree 0 to 4 in y and x\n");
-    for (int i = 0; i < m->lamps; i++)
-        imaging_write_line(t, m->lamp[i].view < 0 ? "lamp all" : "lamp", m->lamp[i].shape, LAMP_TERMS,
-                           m->lamp[i].view < 0 ? NULL : oxl_scene_view(scene, m->lamp[i].view)->name);
-}
-
-static void imaging_write_poses(struct text *t, const oxl_scene *scene, const struct oxl_imaging *m)
-{
     if (m->pose)
         text_add(t,
                  "# pose TURN MOVE NAME: the camera turned, rad, and its centre moved, units of the scene, "
                  "right down ahead; training views\n");
-    for (int v = 0; m->pose && v < oxl_scene_view_count(scene); v++) {
-        if (!pose_is_moved(m->pose[v])) continue;
-        text_add(t, "pose");
-        for (int k = 0; k < POSE_TERMS; k++) text_add(t, " %s", NUMBER(m->pose[v][k]));
-        text_add(t, " %s\n", oxl_scene_view(scene, v)->name);
-    }
-}
-
-static int imaging_read_values(const char **at, const char *end, double lowest, double highest, float *values,
-                               int count)
-{
-    for (int k = 0; k < count; k++) {
-        double value;
-        while (*at < end && **at == ' ') ++*at;
-        if (!parse_double(at, end, &value) || !(value >= lowest && value <= highest)) return 0;
-        values[k] = (float)value;
-    }
-    while (*at < end && **at == ' ') ++*at;
-    return 1;
-}
-
-/* Returns 1 for `count` numbers from lowest to highest, and no more. */
-static int imaging_read_numbers(const char *at, const char *end, double lowest, double highest, float *values,
-                                int count)
-{
-    return imaging_read_values(&at, end, lowest, highest, values, count) && (at == end || *at == '\r');
-}
-
-/* Finds a view by its name; views are ordered by name. -1: none of that name. */
-static int imaging_find(const oxl_scene *scene, const char *name, size_t length)
-{
-    for (int low = 0, high = oxl_scene_view_count(scene) - 1; low <= high;) {
-        const int middle = low + (high - low) / 2;
-        const char *at = oxl_scene_view(scene, middle)->name;
-        int order = strncmp(at, name, length);
-        /* Orders a view whose name goes on after `length` behind. */
-        if (order == 0 && strlen(at) != length) order = strlen(at) > length ? 1 : -1;
-        if (order == 0) return middle;
-        if (order < 0) low = middle + 1;
-        else high = middle - 1;
-    }
-    return -1;
-}
-
-/* Finds a view by the name that is the rest of a line. */
-static int imaging_find_name(const oxl_scene *scene, const char *at, const char *end)
-{
-    while (end > at && (end[-1] == '\r' || end[-1] == ' ')) end--;
-    return imaging_find(scene, at, (size_t)(end - at));
-}
-
-static int imaging_skip_word(const char **at, const char *end, const char *word)
-{
-    const size_t length = strlen(word);
-    if ((size_t)(end - *at) <= length || strncmp(*at, word, length) != 0 || (*at)[length] != ' ') return 0;
-    *at += length + 1;
-    return 1;
-}
-
-/* Returns 1 if the line states the medium and is complete. */
-static int imaging_read_medium(const char *at, const char *end, struct medium *m)
-{
-    static const char *const names[3] = {"bD", "bB", "Binf"};
-    float *const values[3] = {m->attenuation, m->backscatter, m->veiling_light};
-    for (int k = 0; k < 3; k++)
-        if (imaging_skip_word(&at, end, names[k]))
-            return m->on = imaging_read_numbers(at, end, 0, IMAGING_MEDIUM_MAX, values[k], 3);
-    return 0;
-}
-
-/* Returns 1 if the line states a lamp and is complete; skips the lamp of a view that
- * the scene does not have. */
-static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *scene, struct oxl_imaging *m)
-{
-    struct lamp lamp = {.view = -1};
-    int which = 0;
-    if (!imaging_skip_word(&at, end, "lamp")) return 0;
-    if (imaging_skip_word(&at, end, "all")) {
-        if (!imaging_read_numbers(at, end, -LAMP_SHAPE_MAX, LAMP_SHAPE_MAX, lamp.shape, LAMP_TERMS)) return 0;
-    } else {
-        if (!imaging_read_values(&at, end, -LAMP_SHAPE_MAX, LAMP_SHAPE_MAX, lamp.shape, LAMP_TERMS)) return 0;
-        lamp.view = imaging_find_name(scene, at, end);
-        if (lamp.view < 0) return 1;
-    }
-    while (which < m->lamps && m->lamp[which].view != lamp.view) which++;
-    if (which == LAMP_MAX) return 0;
-    m->lamps = OXL_MAX(m->lamps, which + 1);
-    m->lamp[which] = lamp;
-    return 1;
-}
-
-/* Returns 1 if the line states a pose and is complete; skips the pose of a view that
- * the scene does not have. */
-static int imaging_read_pose(const char *at, const char *end, const oxl_scene *scene, struct oxl_imaging *m)
-{
-    double pose[POSE_TERMS];
-    int view;
-    if (!imaging_skip_word(&at, end, "pose")) return 0;
-    for (int k = 0; k < POSE_TERMS; k++) {
-        while (at < end && *at == ' ') at++;
-        if (!parse_double(&at, end, &pose[k]) || !(fabs(pose[k]) <= (k < 3 ? 1 : IMAGING_DISTANCE_MAX)))
-            return 0;
-    }
-    while (at < end && *at == ' ') at++;
-    view = imaging_find_name(scene, at, end);
-    if (view >= 0) memcpy(m->pose[view], pose, sizeof pose);
-    return 1;
+    for (int v = 0; m->pose && v < scene->view_count; v++)
+        if (pose_is_moved(m->pose[v])) imaging_write_line(t, IMAGING_POSE, m->pose[v], scene->view[v].name);
 }
 
 OXL_INTERNAL int imaging_is_needed(const struct oxl_imaging *m)
@@ -177,22 +82,118 @@ oxl_result oxl_imaging_write(oxl_context *ctx, const char *path, const oxl_scene
     text_add(&t, "# what lies between the colours of the model and the images: OceanXL " OXL_VERSION
                  ", docs/UNDERWATER.md\n"
                  "# gain RED GREEN BLUE NAME: the rendered image times these is the image; training views\n");
-    imaging_write_medium(&t, &m->medium);
-    imaging_write_lamps(&t, scene, m);
-    for (int i = 0; i < m->views; i++) {
-        if (!m->known[i]) continue;
-        text_add(&t, "gain");
-        for (int c = 0; c < 3; c++) {
-            text_add(&t, " ");
-            text_add_number(&t, vecmath_exp(m->log_gain[3 * i + c]));
-        }
-        text_add(&t, " %s\n", oxl_scene_view(scene, i)->name);
+    if (m->medium.on) {
+        text_add(&t, "# I = J exp(-bD r) + Binf (1 - exp(-bB r)), red green blue; r: range, bD and bB per "
+                     "unit of the scene\n");
+        imaging_write_floats(&t, IMAGING_ATTENUATION, m->medium.attenuation, NULL);
+        imaging_write_floats(&t, IMAGING_BACKSCATTER, m->medium.backscatter, NULL);
+        imaging_write_floats(&t, IMAGING_VEIL, m->medium.veiling_light, NULL);
     }
-    imaging_write_poses(&t, scene, m);
+    if (m->lamps > 0)
+        text_add(&t, "# lamp all; lamp ... NAME: of the camera that took NAME; log gain over the image, "
+                     "products of Legendre polynomials of degree 0 to 4 in y and x\n");
+    for (int i = 0; i < m->lamps; i++) {
+        const int view = m->lamp[i].view;
+        imaging_write_floats(&t, view < 0 ? IMAGING_LAMP_ALL : IMAGING_LAMP, m->lamp[i].shape,
+                             view < 0 ? NULL : scene->view[view].name);
+    }
+    imaging_write_views(&t, scene, m);
     checksum_end_text(&t);
     rc = os_write_text(ctx, path, &t);
     text_free(&t);
     return rc;
+}
+
+/* ---------------- reading */
+
+static int imaging_compare_name(const void *name, const void *view)
+{
+    return strcmp(name, ((const oxl_view *)view)->name);
+}
+
+/* Finds a view by the name that is the rest of a line; views are ordered by name. -1: none of that name. */
+static int imaging_find(const oxl_scene *scene, const char *at, const char *end)
+{
+    char name[PATH_LENGTH];
+    const oxl_view *found;
+    while (end > at && (end[-1] == '\r' || end[-1] == ' ')) end--;
+    snprintf(name, sizeof name, "%.*s", (int)OXL_MIN((size_t)(end - at), sizeof name - 1), at);
+    found = bsearch(name, scene->view, (size_t)scene->view_count, sizeof *scene->view, imaging_compare_name);
+    return found ? (int)(found - scene->view) : -1;
+}
+
+static int imaging_set_lamp(struct oxl_imaging *m, int view, const double *value)
+{
+    struct lamp *lamp = m->lamp;
+    while (lamp < m->lamp + m->lamps && lamp->view != view) lamp++;
+    if (lamp == m->lamp + LAMP_MAX) return 0;
+    m->lamps = OXL_MAX(m->lamps, (int)(lamp - m->lamp) + 1);
+    lamp->view = view;
+    for (int k = 0; k < LAMP_TERMS; k++) lamp->shape[k] = (float)value[k];
+    return 1;
+}
+
+/* Takes what a line states; scene NULL: only that it does. Images of another block of the survey are not in
+ * the scene, and skipped. */
+static int imaging_set(const oxl_scene *scene, struct oxl_imaging *m, enum imaging_kind kind, int view,
+                       const double *value)
+{
+    float *const medium[3] = {m->medium.attenuation, m->medium.backscatter, m->medium.veiling_light};
+    if (imaging_lines[kind].has_name && view < 0 && scene) return 1;
+    if (kind == IMAGING_LAMP_ALL || kind == IMAGING_LAMP) return imaging_set_lamp(m, view, value);
+    m->on |= kind == IMAGING_GAIN;
+    if (kind == IMAGING_GAIN && scene) m->known[view] = 1;
+    for (int k = 0; k < imaging_lines[kind].count; k++) {
+        if (kind <= IMAGING_VEIL) m->medium.on = 1, medium[kind][k] = (float)value[k];
+        else if (kind == IMAGING_POSE && k < 3 && fabs(value[k]) > 1) return 0;
+        else if (kind == IMAGING_POSE && scene) m->pose[view][k] = value[k];
+        else if (scene) m->log_gain[3 * view + k] = (float)vecmath_log(value[k]);
+    }
+    return 1;
+}
+
+/* Reads a line; 0: it is not complete, or no line of the file. */
+static int imaging_read_line(const char *at, const char *end, const oxl_scene *scene, struct oxl_imaging *m)
+{
+    const struct imaging_line *line = imaging_lines;
+    double value[LAMP_TERMS];
+    for (; line < imaging_lines + IMAGING_KINDS; line++) {
+        const size_t length = strlen(line->word);
+        if ((size_t)(end - at) <= length || strncmp(at, line->word, length) || at[length] != ' ') continue;
+        at += length;
+        break;
+    }
+    if (line == imaging_lines + IMAGING_KINDS) return 0;
+    for (int k = 0; k < line->count; k++) {
+        while (at < end && *at == ' ') at++;
+        if (!parse_double(&at, end, &value[k]) || !(value[k] >= line->low && value[k] <= line->high))
+            return 0;
+    }
+    while (at < end && *at == ' ') at++;
+    if (!line->has_name && at < end && *at != '\r') return 0;
+    return imaging_set(scene, m, (enum imaging_kind)(line - imaging_lines),
+                       line->has_name && scene ? imaging_find(scene, at, end) : -1, value);
+}
+
+static oxl_result imaging_read_lines(oxl_context *ctx, const char *path, const struct os_file_map *map,
+                                     const oxl_scene *scene, struct oxl_imaging *m)
+{
+    int number = 0;
+    for (const char *at = map->data, *end = at + map->size, *stop; at < end; at = stop + 1) {
+        stop = memchr(at, '\n', (size_t)(end - at));
+        if (!stop) stop = end;
+        number++;
+        if (scene && !m->pose && !strncmp(at, "pose", 4) &&
+            !(m->pose = oxl_calloc(ctx, (size_t)m->views + 1, sizeof *m->pose)))
+            return OXL_ERR_MEMORY;
+        if (stop > at && *at != '#' && *at != '\r' && !imaging_read_line(at, stop, scene, m))
+            return oxl_fail(
+                ctx, OXL_ERR_INPUT,
+                "%s:%d: this is not a complete line of gain (%g to %g), bD, bB, Binf, lamp, pose or #\n"
+                "fix: write the file again by training",
+                path, number, EXPOSURE_MIN, 1 / EXPOSURE_MIN);
+    }
+    return OXL_OK;
 }
 
 /* Refuses a zero byte and, if the file ends in a checksum, a text with another one. */
@@ -213,57 +214,15 @@ static oxl_result imaging_check_bytes(oxl_context *ctx, const char *path, const 
                     path);
 }
 
-/* Reads a line "gain R G B NAME" of the file. */
-static oxl_result imaging_read_gain(oxl_context *ctx, const char *path, int line, const char *at,
-                                    const char *end, const oxl_scene *scene, struct oxl_imaging *out)
-{
-    double gain[3];
-    int view;
-    for (int c = 0; c < 3; c++) {
-        while (at < end && *at == ' ') at++;
-        if (!parse_double(&at, end, &gain[c]) || !(gain[c] >= EXPOSURE_MIN && gain[c] <= 1 / EXPOSURE_MIN))
-            return oxl_fail(
-                ctx, OXL_ERR_INPUT,
-                "%s:%d: the gain of channel %d is missing or is not a number from %g to %g\nfix: write the file again by training",
-                path, line, c, EXPOSURE_MIN, 1 / EXPOSURE_MIN);
-    }
-    while (at < end && *at == ' ') at++;
-    view = imaging_find_name(scene, at, end);
-    if (view < 0) return OXL_OK; /* Skips an image of another block of the survey. */
-    out->known[view] = 1;
-    out->on = 1;
-    for (int c = 0; c < 3; c++) out->log_gain[3 * view + c] = (float)vecmath_log(gain[c]);
-    return OXL_OK;
-}
-
-/* Reads the file; skips names that are not in the scene. */
 OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene,
                                      struct oxl_imaging *out)
 {
     struct os_file_map map = {0};
     oxl_result rc = imaging_create(ctx, oxl_scene_view_count(scene), out);
-    int line = 0;
     if (rc == OXL_OK) rc = imaging_set_cameras(ctx, scene, out);
     if (rc == OXL_OK) rc = os_read_file(ctx, path, &map);
     if (rc == OXL_OK) rc = imaging_check_bytes(ctx, path, &map);
-    for (const char *at = map.data, *end = map.data + map.size; rc == OXL_OK && at < end;) {
-        const char *stop = memchr(at, '\n', (size_t)(end - at));
-        if (!stop) stop = end;
-        line++;
-        if (stop - at > 5 && strncmp(at, "pose ", 5) == 0 && !out->pose)
-            out->pose = oxl_calloc(ctx, (size_t)out->views + 1, sizeof *out->pose);
-        if (stop - at > 5 && strncmp(at, "pose ", 5) == 0 && !out->pose) rc = OXL_ERR_MEMORY;
-        else if (stop - at > 5 && strncmp(at, "gain ", 5) == 0)
-            rc = imaging_read_gain(ctx, path, line, at + 5, stop, scene, out);
-        else if (stop > at && *at != '#' && *at != '\r' && !imaging_read_medium(at, stop, &out->medium) &&
-                 !imaging_read_lamp(at, stop, scene, out) && !imaging_read_pose(at, stop, scene, out))
-            rc = oxl_fail(
-                ctx, OXL_ERR_INPUT,
-                "%s:%d: this is not a complete line of gain, bD, bB, Binf, lamp, pose or #\nfix: write "
-                "the file again by training",
-                path, line);
-        at = stop + 1;
-    }
+    if (rc == OXL_OK) rc = imaging_read_lines(ctx, path, &map, scene, out);
     os_release_file(ctx, &map);
     if (rc != OXL_OK) imaging_free(ctx, out);
     return rc;
@@ -284,18 +243,12 @@ int oxl_has_gains_alone(oxl_context *ctx, const char *model_path)
     const char *path = PATH("", "%.*simaging.txt", folder, model_path);
     struct oxl_imaging has = {0};
     struct os_file_map map = {0};
+    oxl_result rc;
     if (!imaging_has_clear(model_path) || !os_is_file(path) || os_read_file(ctx, path, &map) != OXL_OK)
         return 0;
-    for (const char *at = map.data, *end = map.data + map.size; at < end;) {
-        const char *stop = memchr(at, '\n', (size_t)(end - at)), *word = at;
-        if (!stop) stop = end;
-        has.on |= imaging_skip_word(&word, stop, "gain");
-        has.lamps |= imaging_skip_word(&word, stop, "lamp");
-        imaging_read_medium(at, stop, &has.medium);
-        at = stop + 1;
-    }
+    rc = imaging_read_lines(ctx, path, &map, NULL, &has);
     os_release_file(ctx, &map);
-    return imaging_is_gains_alone(&has);
+    return rc == OXL_OK && imaging_is_gains_alone(&has);
 }
 
 OXL_INTERNAL oxl_result imaging_read_beside(oxl_context *ctx, const char *model_path, const oxl_scene *scene,

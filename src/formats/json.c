@@ -15,44 +15,35 @@ static const char *json_past_string(const char *at)
     return *at ? at + 1 : at;
 }
 
-/* Returns the change of depth at a character: 1 where an object or array begins, -1 where one ends. The kind
- * of bracket does not count. */
-static int json_depth_change(char c)
+/* Goes past an object or array, and counts in *depth the brackets that are still open, of any kind. */
+static const char *json_past_brackets(const char *at, int *depth)
 {
-    return (c == '{' || c == '[') - (c == '}' || c == ']');
-}
-
-const char *oxl_json_end(const char *at)
-{
-    int depth = 0;
-    if (*at != '{' && *at != '[') return *at == '"' ? json_past_string(at) : at + strcspn(at, ",]} \t\r\n");
+    *depth = 0;
     do {
         if (*at == '"') {
             at = json_past_string(at);
             continue;
         }
-        depth += json_depth_change(*at);
-        at++;
-    } while (*at && depth > 0);
+        *depth += (*at == '{' || *at == '[') - (*at == '}' || *at == ']');
+        at += *at != 0;
+    } while (*at && *depth > 0);
     return at;
+}
+
+const char *oxl_json_end(const char *at)
+{
+    int depth;
+    if (*at == '{' || *at == '[') return json_past_brackets(at, &depth);
+    return *at == '"' ? json_past_string(at) : at + strcspn(at, ",]} \t\r\n");
 }
 
 /* Counts brackets and skips strings; a text whose root is no object and no array is an error at its start. */
 const char *oxl_json_error(const char *text)
 {
     const char *at = json_blank(text);
-    int depth = 0;
+    int depth;
     if (*at != '{' && *at != '[') return at;
-    do {
-        if (*at == '"') {
-            at = json_past_string(at);
-            if (at[-1] != '"') return at;
-            continue;
-        }
-        depth += json_depth_change(*at);
-        if (*at) at++;
-    } while (*at && depth > 0);
-    at = json_blank(at);
+    at = json_blank(json_past_brackets(at, &depth));
     return depth == 0 && *at == 0 ? NULL : at;
 }
 
@@ -121,21 +112,11 @@ int oxl_json_is_true(const char *object, const char *name)
  * not UTF-8 come back as they were. */
 static size_t json_put(char *out, unsigned long code)
 {
-    if (code < 0x80 || (code >= JSON_LOW + 0x80 && code <= JSON_LOW + 0xFF)) {
-        out[0] = (char)(code & 0xFF);
-        return 1;
-    }
-    if (code >= 0x10000) {
-        for (int i = 3; i >= 0; i--, code >>= 6) out[i] = (char)(i ? 0x80 | (code & 63) : 0xF0 | code);
-        return 4;
-    }
-    if (code < 0x800) {
-        out[0] = (char)(0xC0 | code >> 6), out[1] = (char)(0x80 | (code & 63));
-        return 2;
-    }
-    out[0] = (char)(0xE0 | code >> 12), out[1] = (char)(0x80 | (code >> 6 & 63)),
-    out[2] = (char)(0x80 | (code & 63));
-    return 3;
+    const int more = code >= 0x10000 ? 3 : code >= 0x800 ? 2 : code >= 0x80; /* bytes behind the first */
+    if (code >= JSON_LOW + 0x80 && code <= JSON_LOW + 0xFF) return *out = (char)(code & 0xFF), 1;
+    out[0] = (char)((more ? 0xFF00 >> (more + 1) & 0xFF : 0) | code >> 6 * more);
+    for (int i = 1; i <= more; i++) out[i] = (char)(0x80 | (code >> 6 * (more - i) & 63));
+    return (size_t)more + 1;
 }
 
 /* Reads uXXXX at `at`; returns 0 for anything else. */

@@ -96,13 +96,16 @@ OXL_INTERNAL void json_survey_pose(struct colmap_reader *r, const char *what, do
 
 /* ---------------- rows */
 
-OXL_INTERNAL void json_survey_add_camera(struct colmap_reader *r, const struct colmap_camera *camera)
+OXL_INTERNAL int64_t json_survey_camera(struct colmap_reader *r, const struct colmap_camera *camera)
 {
     struct colmap *out = r->out;
     struct colmap_camera c = *camera;
+    const struct colmap_camera *last = out->camera_count ? &out->camera[out->camera_count - 1] : NULL;
     const struct camera_model *m = camera_model_at(c.model);
-    if (r->rc != OXL_OK) return;
-    if (c.width < 1 || c.height < 1) json_survey_fail(r, "width and height", "none", "1 px or more of each");
+    if (r->rc != OXL_OK) return -1;
+    if (last && last->model == c.model && last->width == c.width && last->height == c.height &&
+        memcmp(last->parameter, c.parameter, sizeof c.parameter) == 0)
+        return last->id;
     for (int i = 0; i < m->parameter_count; i++)
         if (!(fabs(c.parameter[i]) <= DBL_MAX) || (i < m->focal_count && !(c.parameter[i] > 0)))
             json_survey_fail(r, "the camera",
@@ -112,48 +115,30 @@ OXL_INTERNAL void json_survey_add_camera(struct colmap_reader *r, const struct c
     c.line = r->line;
     c.file = out->images_file;
     c.parameter_count = m->parameter_count;
-    if (r->rc == OXL_OK)
-        r->rc = oxl_reserve(r->ctx, &out->camera, &r->camera_capacity, out->camera_count + 1, sizeof c);
-    if (r->rc == OXL_OK) out->camera[out->camera_count++] = c;
+    COLMAP_ADD(r, camera, c);
+    return c.id;
 }
 
-OXL_INTERNAL void json_survey_use_camera(struct colmap_reader *r, const struct colmap_camera *camera)
+OXL_INTERNAL void json_survey_add_image(struct colmap_reader *r, const char *name, int64_t camera,
+                                        const double rotation[4], const double translation[3])
 {
-    const size_t count = r->out->camera_count;
-    const struct colmap_camera *last = count ? &r->out->camera[count - 1] : NULL;
-    if (!last || last->model != camera->model || last->width != camera->width ||
-        last->height != camera->height ||
-        memcmp(last->parameter, camera->parameter, sizeof camera->parameter) != 0)
-        json_survey_add_camera(r, camera);
-}
-
-OXL_INTERNAL void json_survey_add_image(struct colmap_reader *r, const char *name, const char *end,
-                                        int64_t camera, const double rotation[4], const double translation[3])
-{
-    struct colmap *out = r->out;
-    struct colmap_image image = {.id = (int64_t)out->image_count, .camera_id = camera, .line = r->line};
+    struct colmap_image image = {.id = (int64_t)r->out->image_count, .camera_id = camera, .line = r->line};
     colmap_check_rotation(r, rotation);
     memcpy(image.rotation, rotation, sizeof image.rotation);
     memcpy(image.translation, translation, sizeof image.translation);
     r->cursor = name;
-    r->end = end;
+    r->end = name + strlen(name);
     colmap_read_name(r, &image.name);
-    if (r->rc == OXL_OK)
-        r->rc = oxl_reserve(r->ctx, &out->image, &r->image_capacity, out->image_count + 1, sizeof image);
-    if (r->rc == OXL_OK) out->image[out->image_count++] = image;
+    COLMAP_ADD(r, image, image);
 }
 
 OXL_INTERNAL void json_survey_add_point(struct colmap_reader *r, const double position[3],
                                         const double rgb[3])
 {
-    struct colmap *out = r->out;
-    struct colmap_point point = {.id = (int64_t)out->point_count, .error = -1};
-    if (r->rc == OXL_OK)
-        r->rc = oxl_reserve(r->ctx, &out->point, &r->point_capacity, out->point_count + 1, sizeof point);
-    if (r->rc != OXL_OK) return;
+    struct colmap_point point = {.id = (int64_t)r->out->point_count, .error = -1};
     for (int i = 0; i < 3; i++) {
         point.position[i] = position[i];
         point.rgb[i] = (uint8_t)(OXL_CLAMP(rgb[i], 0, 255) + 0.5);
     }
-    out->point[out->point_count++] = point;
+    COLMAP_ADD(r, point, point);
 }

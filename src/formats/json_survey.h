@@ -8,13 +8,11 @@
 OXL_INTERNAL void json_survey_fail(struct colmap_reader *r, const char *what, const char *seen,
                                    const char *wanted);
 
-/* Add a row each. json_survey_add_camera checks the numbers and makes the row the
- * id; json_survey_use_camera adds a camera unless it is the one added last. `name` ends at `end`. */
-OXL_INTERNAL void json_survey_add_camera(struct colmap_reader *r, const struct colmap_camera *camera);
-OXL_INTERNAL void json_survey_use_camera(struct colmap_reader *r, const struct colmap_camera *camera);
-OXL_INTERNAL void json_survey_add_image(struct colmap_reader *r, const char *name, const char *end,
-                                        int64_t camera, const double rotation[4],
-                                        const double translation[3]);
+/* Add a row each. json_survey_camera checks the numbers, adds the camera unless it is the one added last, and
+ * returns its id, the row. */
+OXL_INTERNAL int64_t json_survey_camera(struct colmap_reader *r, const struct colmap_camera *camera);
+OXL_INTERNAL void json_survey_add_image(struct colmap_reader *r, const char *name, int64_t camera,
+                                        const double rotation[4], const double translation[3]);
 OXL_INTERNAL void json_survey_add_point(struct colmap_reader *r, const double position[3],
                                         const double rgb[3]);
 /* Reads the points of a PLY file (ply_points.c). */

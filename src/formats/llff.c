@@ -28,15 +28,6 @@ struct llff_array {
 
 #define LLFF_FIX "write it again by LLFF's imgs2poses.py; or remove it and export a COLMAP model"
 
-/* Names what is there in the place of an array. */
-static const char *llff_foreign(struct colmap_reader *r, const struct os_file_map *file, char seen[64])
-{
-    if (file->size == 0) return "an empty file";
-    if (file->data[0] == 'P' && file->data[1] == 'K') return "a zip archive, as np.savez writes it";
-    r->field = file->data, r->end = file->data + file->size;
-    return colmap_printable(r, seen);
-}
-
 /* Finds the numbers behind the header, whose keys NumPy writes in this order. */
 static void llff_read_header(struct colmap_reader *r, const struct os_file_map *file, struct llff_array *out)
 {
@@ -46,8 +37,11 @@ static void llff_read_header(struct colmap_reader *r, const struct os_file_map *
     unsigned long rows = 0;
     int columns = 0;
     if (file->size < begin || memcmp(file->data, "\x93NUMPY", 6) != 0) {
+        r->field = file->data, r->end = file->data + file->size;
         colmap_fail(r, LLFF_FIX, "found %s, expected an array that np.save wrote",
-                    llff_foreign(r, file, seen));
+                    file->size == 0                    ? "an empty file"
+                    : memcmp(file->data, "PK", 2) == 0 ? "a zip archive, as np.savez writes it"
+                                                       : colmap_printable(r, seen));
         return;
     }
     length = OXL_MIN((size_t)bytes_get(file->data + 8, (int)wide), file->size - begin);
@@ -92,8 +86,7 @@ static void llff_add(struct colmap_reader *r, const struct llff_array *a, const 
     camera.height = (int)(v[4] + 0.5), camera.width = (int)(v[9] + 0.5);
     camera.parameter[0] = camera.parameter[1] = v[14];
     camera.parameter[2] = v[9] / 2, camera.parameter[3] = v[4] / 2;
-    json_survey_use_camera(r, &camera);
-    json_survey_add_image(r, name, name + strlen(name), (int64_t)r->out->camera_count - 1, q, t);
+    json_survey_add_image(r, name, json_survey_camera(r, &camera), q, t);
     if (r->rc != OXL_OK || !(v[15] > 0 && v[15] < v[16])) return;
     image = &r->out->image[r->out->image_count - 1];
     image->range[0] = v[15], image->range[1] = v[16];
@@ -105,7 +98,7 @@ struct llff_folder {
     oxl_context *ctx;
     char path[PATH_LENGTH];
     struct scene_order *image; /* by name */
-    size_t count, capacity;
+    size_t count, image_capacity;
     oxl_result rc;
 };
 
@@ -113,20 +106,24 @@ static void llff_visit(void *user, const char *name)
 {
     struct llff_folder *f = user;
     if (f->rc != OXL_OK || !survey_is_image_name(name)) return;
-    f->rc = oxl_reserve(f->ctx, &f->image, &f->capacity, f->count + 1, sizeof *f->image);
+    f->rc = OXL_RESERVE(f->ctx, f->image, f->count + 1);
     if (f->rc != OXL_OK) return;
     f->image[f->count] = (struct scene_order){oxl_strdup(f->ctx, name), f->count};
-    if (f->image[f->count].name) f->count++;
-    else f->rc = OXL_ERR_MEMORY;
+    if (f->image[f->count++].name == NULL) f->rc = OXL_ERR_MEMORY;
+}
+
+static void llff_forget(struct llff_folder *f)
+{
+    for (size_t i = 0; i < f->count; i++) oxl_free(f->ctx, (char *)f->image[i].name);
+    f->count = 0;
 }
 
 /* Lists the images of f->path in the order of their names. */
 static void llff_list(struct llff_folder *f)
 {
-    for (size_t i = 0; i < f->count; i++) oxl_free(f->ctx, (char *)f->image[i].name);
-    f->count = 0;
+    llff_forget(f);
     if (os_is_folder(f->path)) os_list_folder(f->ctx, f->path, llff_visit, f);
-    if (f->count) qsort(f->image, f->count, sizeof *f->image, scene_compare_order);
+    if (f->count && f->rc == OXL_OK) qsort(f->image, f->count, sizeof *f->image, scene_compare_order);
 }
 
 /* Lists the folder of the largest images of at most LLFF_SIDE, or else the last one that there is. */
@@ -140,7 +137,8 @@ static void llff_choose(struct colmap_reader *r, struct llff_folder *f)
         if (i > 0 && !os_is_folder(path)) continue;
         memcpy(f->path, path, sizeof path);
         llff_list(f);
-        if (f->count) image_size(r->ctx, PATH(path, "%s", f->image[0].name), &width, &height);
+        if (f->count && f->rc == OXL_OK)
+            image_size(r->ctx, PATH(path, "%s", f->image[0].name), &width, &height);
     }
 }
 
@@ -159,6 +157,6 @@ OXL_INTERNAL void llff_read(struct colmap_reader *r, const struct os_file_map *f
                     "found %zu images in %s, expected %zu, one for each pose", f.count, f.path, array.rows);
     for (size_t i = 0; i < f.count && r->rc == OXL_OK; i++) llff_add(r, &array, f.image[i].name);
     if (r->rc == OXL_OK && (r->out->images = oxl_strdup(r->ctx, f.path)) == NULL) r->rc = OXL_ERR_MEMORY;
-    for (size_t i = 0; i < f.count; i++) oxl_free(r->ctx, (char *)f.image[i].name);
+    llff_forget(&f);
     oxl_free(r->ctx, f.image);
 }

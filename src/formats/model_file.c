@@ -305,7 +305,7 @@ OXL_INTERNAL oxl_result model_file_read_ply(oxl_context *ctx, const char *path, 
                                path, ply.elements)
                     : model_file_read_vertices(ctx, &ply, vertex, out);
     if (rc == OXL_OK && dog >= 0) rc = model_file_read_lobes(ctx, &ply, dog, out);
-    for (int i = 0; rc == OXL_OK && i < ply.comments; i++) model_read_comment(ctx, path, ply.comment[i], out);
+    if (rc == OXL_OK) model_read_comments(ctx, path, ply.file.data, ply.data, "comment ", out);
     ply_close(ctx, &ply);
     return rc;
 }

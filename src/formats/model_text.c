@@ -68,14 +68,13 @@ static int model_read_numbers(const char *text, double value[MODEL_NUMBERS])
 
 /* Reads "origin X Y Z", "scale S", "background R G B", "view FOCAL R11 .. R33 X Y Z", Brush's "SplatRenderMode:
  * mip" or Postshot's "antialiased 1". */
-OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
-                                     oxl_model *model)
+static void model_read_comment(oxl_context *ctx, const char *path, const char *comment, oxl_model *model)
 {
     char word[20] = "";
     double v[MODEL_NUMBERS] = {0};
     const int length = (int)strcspn(comment, " "), count = model_read_numbers(comment + length, v);
     snprintf(word, sizeof word, "%.*s", length, comment);
-    if (!strcmp(word, MODEL_RENDER_MODE)) model->antialias = !strcmp(comment + length, " mip");
+    if (!strcmp(word, MODEL_RENDER_MODE)) model->antialias = !strncmp(comment + length, " mip", 4);
     else if (!strcmp(word, "antialiased")) model->antialias = v[0] != 0;
     else if (!strcmp(word, "view") && count == MODEL_NUMBERS && v[0] > 0)
         memcpy(model->view, v, sizeof model->view);
@@ -89,4 +88,19 @@ OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const c
                 "%s: comment '%s' ignored: expected origin X Y Z, each within %g, or "
                 "scale S, above 0 and up to that",
                 path, comment, MODEL_ORIGIN_MAX);
+}
+
+OXL_INTERNAL void model_read_comments(oxl_context *ctx, const char *path, const char *text, size_t size,
+                                      const char *before, oxl_model *model)
+{
+    const size_t skip = strlen(before);
+    for (const char *at = text, *end = text + size, *stop; at < end; at = stop + 1) {
+        char line[512];
+        stop = memchr(at, '\n', (size_t)(end - at));
+        if (!stop) stop = end;
+        if ((size_t)(stop - at) < skip || memcmp(at, before, skip)) continue;
+        snprintf(line, sizeof line, "%.*s", (int)OXL_MIN((size_t)(stop - at) - skip, sizeof line - 1),
+                 at + skip);
+        model_read_comment(ctx, path, line + strspn(line, " \t"), model);
+    }
 }

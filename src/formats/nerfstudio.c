@@ -27,7 +27,7 @@ enum {
     HEIGHT,
     ANGLE_X,
     ANGLE_Y,
-    K1, /* K1 to P2: in the order of FULL_OPENCV's parameters */
+    K1,
     K2,
     P1,
     P2,
@@ -85,13 +85,8 @@ static const char *nerfstudio_model(struct colmap_reader *r, const struct nerfst
     return distorted ? "FULL_OPENCV" : "PINHOLE";
 }
 
-#define NERFSTUDIO_CONTRADICTION \
-    1.1 /* Bounds the ratio of focal lengths that contradict each other from below. */
-
-static double nerfstudio_degrees(double focal, double side)
-{
-    return 2 * camera_atan(side / (2 * focal)) * 57.29577951308232;
-}
+/* Bounds the ratio of focal lengths that contradict each other from below. */
+#define NERFSTUDIO_CONTRADICTION 1.1
 
 /* Returns the focal length, in px, of a field of view of `angle` radians; NAN: that is none. */
 static double nerfstudio_focal(double angle, double side)
@@ -108,14 +103,13 @@ static void nerfstudio_focals(struct colmap_reader *r, struct nerfstudio_file *f
     const int is_odd = !camera_focal_is_plausible(v[FL_X], w, h) && camera_focal_is_plausible(by_x, w, h);
     if (isnan(v[FL_X])) v[FL_X] = isnan(by_x) ? nerfstudio_focal(v[ANGLE_Y], h) : by_x;
     if (isnan(v[FL_Y])) v[FL_Y] = v[FL_X];
-    if (isnan(ratio) || (ratio < NERFSTUDIO_CONTRADICTION && ratio > 1 / NERFSTUDIO_CONTRADICTION)) return;
+    if (!(ratio >= NERFSTUDIO_CONTRADICTION || ratio <= 1 / NERFSTUDIO_CONTRADICTION)) return;
     if (!file->contradicts++)
         oxl_log(r->ctx, OXL_LOG_WARNING,
-                "%s: fl_x of %g px gives a field of view of %.1f degrees, but camera_angle_x one of %.1f; %s "
-                "is used\nfix: correct fl_x (%.1f px by the angle, for images %.0f px wide), or leave "
-                "camera_angle_x out",
-                r->path, v[FL_X], nerfstudio_degrees(v[FL_X], w), nerfstudio_degrees(by_x, w),
-                is_odd ? "camera_angle_x" : "fl_x", by_x, w);
+                "%s: fl_x is %g px, and %g px follow from camera_angle_x (%.1f degrees) of images %.0f px "
+                "wide; %s is taken\nfix: correct fl_x, or leave camera_angle_x out",
+                r->path, v[FL_X], by_x, v[ANGLE_X] * 57.29577951308232, w,
+                is_odd ? "camera_angle_x" : "fl_x");
     if (is_odd) v[FL_X] /= ratio, v[FL_Y] /= ratio;
 }
 
@@ -123,33 +117,30 @@ static void nerfstudio_focals(struct colmap_reader *r, struct nerfstudio_file *f
 static struct colmap_camera nerfstudio_camera(struct colmap_reader *r, struct nerfstudio_file *file,
                                               const char *frame)
 {
+    static const int order[][5] = {{K1, K2, K3, K4}, {K1, K2, P1, P2, K3}}; /* of COLMAP's parameters */
     struct colmap_camera c = {0};
     double v[NERFSTUDIO_NUMBERS], w, h;
     const char *model;
-    int distorted = 0;
+    int distorted = 0, is_fisheye;
     nerfstudio_read_numbers(frame, file->number, v);
     for (int i = K1; i <= K6; i++) distorted |= (v[i] = isnan(v[i]) ? 0 : v[i]) != 0;
     w = isnan(v[WIDTH]) ? r->width : v[WIDTH];
     h = isnan(v[HEIGHT]) ? r->height : v[HEIGHT];
     model = nerfstudio_model(r, file, frame, distorted);
+    is_fisheye = !strcmp(model, "OPENCV_FISHEYE");
     if (!(w >= 1 && w <= INT_MAX && h >= 1 && h <= INT_MAX))
         json_survey_fail(r, "w and h", "none, and no image to take them from",
                          "the images' width and height");
+    if (distorted && !is_fisheye && v[K4] != 0)
+        json_survey_fail(r, "k4 of OPENCV", "a number", "0: r^8 is in no model of COLMAP's");
     if (r->rc != OXL_OK) return c;
     nerfstudio_focals(r, file, v, w, h);
     c.model = camera_model_find(model, strlen(model));
-    c.width = (int)w;
-    c.height = (int)h;
-    c.parameter[0] = v[FL_X];
-    c.parameter[1] = v[FL_Y];
+    c.width = (int)w, c.height = (int)h;
+    c.parameter[0] = v[FL_X], c.parameter[1] = v[FL_Y];
     c.parameter[2] = isnan(v[CX]) ? w / 2 : v[CX];
     c.parameter[3] = isnan(v[CY]) ? h / 2 : v[CY];
-    if (!strcmp(model, "OPENCV_FISHEYE"))
-        memcpy(c.parameter + 4, (double[4]){v[K1], v[K2], v[K3], v[K4]}, 4 * sizeof *v);
-    if (!strcmp(model, "FULL_OPENCV")) {
-        if (v[K4] != 0) json_survey_fail(r, "k4 of OPENCV", "a number", "0: r^8 is in no model of COLMAP's");
-        memcpy(c.parameter + 4, v + K1, 5 * sizeof *v);
-    }
+    for (int i = 0; i < 5 - is_fisheye && distorted; i++) c.parameter[4 + i] = v[order[!is_fisheye][i]];
     return c;
 }
 
@@ -240,20 +231,20 @@ static void nerfstudio_frame(struct colmap_reader *r, struct nerfstudio_file *fi
     char path[NERFSTUDIO_PATH];
     const char *value = oxl_json_member(frame, "file_path"), *name = nerfstudio_name(r, value, path);
     const struct colmap_camera camera = nerfstudio_camera(r, file, frame);
-    const struct colmap *out = r->out;
     const enum colmap_split split = file->listed.count ? nerfstudio_split(file, value) : COLMAP_TRAIN;
+    struct colmap_image *image;
     double q[4] = {1}, t[3] = {0};
     if (!name) json_survey_fail(r, "file_path", "none", "the image's path");
     nerfstudio_pose(r, frame, q, t);
     if (r->rc != OXL_OK || split == COLMAP_UNSPLIT) return;
-    json_survey_use_camera(r, &camera);
-    json_survey_add_image(r, name, name + strlen(name), (int64_t)out->camera_count - 1, q, t);
+    json_survey_add_image(r, name, json_survey_camera(r, &camera), q, t);
     if (r->rc != OXL_OK) return;
-    if (file->listed.count) out->image[out->image_count - 1].split = split;
+    image = &r->out->image[r->out->image_count - 1];
+    if (file->listed.count) image->split = split;
     if (!oxl_json_text(oxl_json_member(frame, "mask_path"), path, sizeof path)) return;
     r->cursor = path;
     r->end = path + strlen(path);
-    colmap_read_name(r, &out->image[out->image_count - 1].mask);
+    colmap_read_name(r, &image->mask);
 }
 
 static void nerfstudio_frames(struct colmap_reader *r, struct nerfstudio_file *file)
@@ -276,19 +267,15 @@ static void nerfstudio_frames(struct colmap_reader *r, struct nerfstudio_file *f
 /* ---------------- the file */
 
 /* Warns of members, of the file or its frames, that change what images show and that nothing here reads. */
-static void nerfstudio_name_ignored(struct colmap_reader *r, const char *json,
-                                    const struct nerfstudio_file *file)
+static void nerfstudio_name_ignored(struct colmap_reader *r, const char *json)
 {
     static const char *const ignored[] = {
-        "depth_file_path", "normal_file_path",     "semantics", "time",
-        "rolling_shutter", "transform_matrix_end", "ftheta_p0", "fisheye_crop_radius"};
+        "\"depth_file_path\"", "\"normal_file_path\"",     "\"semantics\"", "\"time\"",
+        "\"rolling_shutter\"", "\"transform_matrix_end\"", "\"ftheta_p0\"", "\"fisheye_crop_radius\""};
     struct text names = {.ctx = r->ctx};
-    for (size_t i = 0; i < OXL_COUNT(ignored); i++) {
-        int has = oxl_json_member(json, ignored[i]) != NULL;
-        for (const char *frame = oxl_json_first(file->frames); frame && !has; frame = oxl_json_next(frame))
-            has = oxl_json_member(frame, ignored[i]) != NULL;
-        if (has) text_add(&names, "%s%s", names.size ? ", " : "", ignored[i]);
-    }
+    for (size_t i = 0; i < OXL_COUNT(ignored); i++)
+        if (strstr(json, ignored[i]))
+            text_add(&names, "%s%.*s", names.size ? ", " : "", (int)strlen(ignored[i]) - 2, ignored[i] + 1);
     if (names.data)
         oxl_log(r->ctx, OXL_LOG_WARNING, "%s: this content of the file is not used: %s", r->path, names.data);
     text_free(&names);
@@ -300,28 +287,24 @@ static void nerfstudio_points(struct colmap_reader *r, const char *json)
 {
     static const char *const beside[] = {"sparse_pc.ply", "points3d.ply", "points3D.ply"};
     char name[NERFSTUDIO_PATH] = "", folder[PATH_LENGTH];
-    const char *const value = oxl_json_member(json, "ply_file_path"), *file = name;
-    const size_t named = oxl_json_text(value, name, sizeof name);
+    const size_t named = oxl_json_text(oxl_json_member(json, "ply_file_path"), name, sizeof name);
+    const char *path;
+    size_t i = 0;
     snprintf(folder, sizeof folder, "%.*s", (int)(path_base_name(r->path) - r->path), r->path);
     name[colmap_safe_name(name, named, name)] = 0;
-    file = path_longest_tail(folder, name);
-    if (r->out->point_count) return; /* Files of several splits name the same. */
-    if (r->rc == OXL_OK && named && os_is_file(PATH(folder, "%s", file))) {
-        r->rc = ply_points_read(r, PATH(folder, "%s", file));
+    path = PATH(folder, "%s", path_longest_tail(folder, name));
+    if (r->rc != OXL_OK || r->out->point_count) return; /* Files of several splits name the same. */
+    if (named && os_is_file(path)) {
+        r->rc = ply_points_read(r, path);
         return;
     }
-    if (named)
+    while (i < OXL_COUNT(beside) && !os_is_file(PATH(folder, "%s", beside[i]))) i++;
+    if (named || i < OXL_COUNT(beside))
         oxl_log(r->ctx, OXL_LOG_WARNING,
-                "%s: ply_file_path names %s, which is not there, so its points are not read\n"
-                "fix: put the file there, or take ply_file_path out",
-                r->path, name);
-    for (size_t i = 0; i < OXL_COUNT(beside); i++)
-        if (os_is_file(PATH(folder, "%s", beside[i]))) {
-            oxl_log(r->ctx, OXL_LOG_WARNING,
-                    "%s: \"ply_file_path\" does not name %s beside it, so its points are not read", r->path,
-                    beside[i]);
-            return;
-        }
+                "%s: ply_file_path names %s, which is not there%s%s, so no points are read\n"
+                "fix: name a file that is there, or take ply_file_path out",
+                r->path, named ? name : "no file", i < OXL_COUNT(beside) ? ", nor does it name " : "",
+                i < OXL_COUNT(beside) ? beside[i] : "");
 }
 
 OXL_INTERNAL void nerfstudio_read(struct colmap_reader *r, const struct os_file_map *map)
@@ -346,7 +329,7 @@ OXL_INTERNAL void nerfstudio_read(struct colmap_reader *r, const struct os_file_
     if (r->out->image_count == 0) r->beside = beside;
     if (isnan(file.number[WIDTH]) || isnan(file.number[HEIGHT])) nerfstudio_measure_image(r, &file);
     nerfstudio_frames(r, &file);
-    nerfstudio_name_ignored(r, json, &file);
+    nerfstudio_name_ignored(r, json);
     nerfstudio_points(r, json);
     oxl_free(r->ctx, file.listed.name);
 }

@@ -37,38 +37,34 @@ static double opensfm_number(const char *object, const char *name)
     return isnan(value) ? 0 : value;
 }
 
-static void opensfm_parameters(const char *camera, const struct opensfm_model *m, struct colmap_camera *c)
-{
-    const double size = OXL_MAX(c->width, c->height);
-    double *p = c->parameter;
-    if (m->focals == 0) p[0] = c->width, p[1] = c->height;
-    if (m->focals == 0) return;
-    if (m->focals == 1) *p++ = size * opensfm_number(camera, "focal");
-    else *p++ = size * opensfm_number(camera, "focal_x"), *p++ = size * opensfm_number(camera, "focal_y");
-    *p++ = 0.5 * c->width + size * opensfm_number(camera, "c_x");
-    *p++ = 0.5 * c->height + size * opensfm_number(camera, "c_y");
-    for (int i = 0; i < 5 && m->distortion[i]; i++) *p++ = opensfm_number(camera, m->distortion[i]);
-}
-
-static void opensfm_camera(struct colmap_reader *r, const char *camera)
+static int64_t opensfm_camera(struct colmap_reader *r, const char *camera)
 {
     char name[40];
-    const double w = oxl_json_number(camera, "width"), h = oxl_json_number(camera, "height");
+    const double w = oxl_json_number(camera, "width"), h = oxl_json_number(camera, "height"),
+                 size = OXL_MAX(w, h);
     struct colmap_camera c = {0};
-    size_t i = 0;
+    const struct opensfm_model *m = opensfm_models, *end = m + OXL_COUNT(opensfm_models);
+    double *p = c.parameter;
     oxl_json_text(oxl_json_member(camera, "projection_type"), name, sizeof name);
-    while (i < OXL_COUNT(opensfm_models) && strcmp(opensfm_models[i].name, name) != 0) i++;
-    if (i == OXL_COUNT(opensfm_models))
+    while (m < end && strcmp(m->name, name) != 0) m++;
+    if (m == end)
         json_survey_fail(r, "projection_type", name[0] ? name : "none",
                          "perspective, simple_radial, radial, brown, fisheye or fisheye_opencv");
     if (!(w >= 1 && w <= INT_MAX && h >= 1 && h <= INT_MAX))
         json_survey_fail(r, "width and height", "none", "1 px or more");
-    if (r->rc != OXL_OK) return;
-    c.model = camera_model_find(opensfm_models[i].colmap, strlen(opensfm_models[i].colmap));
-    c.width = (int)w;
-    c.height = (int)h;
-    opensfm_parameters(camera, &opensfm_models[i], &c);
-    json_survey_add_camera(r, &c);
+    if (r->rc != OXL_OK) return -1;
+    c.model = camera_model_find(m->colmap, strlen(m->colmap));
+    c.width = (int)w, c.height = (int)h;
+    if (m->focals == 0) *p++ = w, *p++ = h;
+    if (m->focals == 1) *p++ = size * opensfm_number(camera, "focal");
+    if (m->focals == 2)
+        *p++ = size * opensfm_number(camera, "focal_x"), *p++ = size * opensfm_number(camera, "focal_y");
+    if (m->focals) {
+        *p++ = 0.5 * c.width + size * opensfm_number(camera, "c_x");
+        *p++ = 0.5 * c.height + size * opensfm_number(camera, "c_y");
+    }
+    for (int i = 0; i < 5 && m->distortion[i]; i++) *p++ = opensfm_number(camera, m->distortion[i]);
+    return json_survey_camera(r, &c);
 }
 
 #define OPENSFM_SMALL 1e-12 /* Bounds the half angles (radians) below which sin x / x is 1 to the last bit. */
@@ -86,10 +82,10 @@ static void opensfm_shot(struct colmap_reader *r, const struct json_names *camer
                          const char *shot)
 {
     char name[1024];
-    const size_t length = oxl_json_text(key, name, sizeof name);
     const int64_t camera = json_names_find(cameras, oxl_json_member(shot, "camera"));
     double v[3], t[3], q[4];
-    if (length == 0) json_survey_fail(r, "a shot's name", "none", "a file of the image folder");
+    if (!oxl_json_text(key, name, sizeof name))
+        json_survey_fail(r, "a shot's name", "none", "a file of the image folder");
     if (camera < 0)
         json_survey_fail(r, "camera of a shot", "a name that is not among the cameras", "one of them");
     if (!json_survey_numbers(oxl_json_member(shot, "rotation"), 3, v) ||
@@ -98,7 +94,7 @@ static void opensfm_shot(struct colmap_reader *r, const struct json_names *camer
         json_survey_fail(r, "rotation and translation of a shot", "too little", "3 finite numbers each");
     if (r->rc != OXL_OK) return;
     opensfm_quaternion(v, q);
-    json_survey_add_image(r, name, name + length, camera, q, t);
+    json_survey_add_image(r, name, camera, q, t);
 }
 
 /* Goes through the members of an object: key and its value. */
@@ -150,8 +146,7 @@ static void opensfm_reference(struct colmap *out, const char *lla)
 static void opensfm_read_reference(struct colmap_reader *r, const char *reconstruction)
 {
     struct os_file_map map = {0};
-    char path[PATH_LENGTH];
-    snprintf(path, sizeof path, "%.*sreference_lla.json", (int)(path_base_name(r->path) - r->path), r->path);
+    const char *path = PATH("", "%.*sreference_lla.json", (int)(path_base_name(r->path) - r->path), r->path);
     opensfm_reference(r->out, oxl_json_member(reconstruction, "reference_lla"));
     if (r->rc != OXL_OK || r->out->has_reference || !os_is_file(path)) return;
     r->rc = os_read_file(r->ctx, path, &map);
@@ -177,8 +172,8 @@ OXL_INTERNAL void opensfm_read(struct colmap_reader *r, const struct os_file_map
                 "%s holds %zu reconstructions; the one with most shots (%zu) is used", r->path, found, most);
     OPENSFM_EACH(r, key, camera, oxl_json_member(best, "cameras"))
     {
-        json_names_add(r, &cameras, key, r->line++);
-        opensfm_camera(r, camera);
+        r->line++;
+        json_names_add(r, &cameras, key, opensfm_camera(r, camera));
     }
     r->line = 0;
     OPENSFM_EACH(r, key, shot, oxl_json_member(best, "shots"))

@@ -131,38 +131,17 @@ static int ply_blank(char c)
     return c == ' ' || c == '\t' || c == '\r';
 }
 
-static void ply_header_comment(struct ply_header *h)
-{
-    struct ply *ply = h->ply;
-    const char *from = h->begin + strspn(h->begin, " \t") + strlen("comment"), *end = h->cursor - 1;
-    char *copy;
-    while (from < end && ply_blank(*from)) from++;
-    while (end > from && ply_blank(end[-1])) end--;
-    h->rc = oxl_reserve(h->ctx, &ply->comment, &ply->comment_capacity, (size_t)ply->comments + 1,
-                        sizeof *ply->comment);
-    copy = h->rc == OXL_OK ? oxl_calloc(h->ctx, (size_t)(end - from) + 1, 1) : NULL;
-    if (copy) ply->comment[ply->comments++] = memcpy(copy, from, (size_t)(end - from));
-    else h->rc = OXL_ERR_MEMORY;
-}
-
 static oxl_result ply_read_header(oxl_context *ctx, struct ply *ply)
 {
-    static const struct {
-        const char *word;
-        void (*read)(struct ply_header *h);
-    } lines[] = {{"comment", ply_header_comment},
-                 {"format", ply_header_format},
-                 {"element", ply_header_element},
-                 {"property", ply_header_property}};
     struct ply_header h = {
         .ctx = ctx, .ply = ply, .cursor = ply->file.data, .end = ply->file.data + ply->file.size};
     ply_next_line(&h);
     if (!ply_is(&h, 0, "ply")) h.rc = OXL_OK, ply_header_fail(&h, "a PLY file, whose first line is 'ply'");
     for (ply_next_line(&h); h.rc == OXL_OK && !ply_is(&h, 0, "end_header"); ply_next_line(&h)) {
-        size_t i = 0;
-        while (i < OXL_COUNT(lines) && !ply_is(&h, 0, lines[i].word)) i++;
-        if (i < OXL_COUNT(lines)) lines[i].read(&h);
-        else if (h.words > 0 && !ply_is(&h, 0, "obj_info"))
+        if (ply_is(&h, 0, "format")) ply_header_format(&h);
+        else if (ply_is(&h, 0, "element")) ply_header_element(&h);
+        else if (ply_is(&h, 0, "property")) ply_header_property(&h);
+        else if (h.words > 0 && !ply_is(&h, 0, "comment") && !ply_is(&h, 0, "obj_info"))
             ply_header_fail(&h, "format, comment, element, property or end_header");
     }
     if (ply->format == PLY_NO_FORMAT) ply_header_fail(&h, "a format line before it");
@@ -326,8 +305,7 @@ OXL_INTERNAL double ply_white(enum ply_type type)
 OXL_INTERNAL void ply_close(oxl_context *ctx, struct ply *ply)
 {
     for (int e = 0; e < ply->elements; e++) oxl_free(ctx, ply->element[e].property);
-    for (int c = 0; c < ply->comments; c++) oxl_free(ctx, ply->comment[c]);
-    OXL_FREE(ctx, ply->element, ply->comment, ply->path);
+    OXL_FREE(ctx, ply->element, ply->path);
     os_release_file(ctx, &ply->file);
     *ply = (struct ply){0};
 }

@@ -26,14 +26,11 @@ struct ply {
     char *path;
     struct os_file_map file;
     enum ply_format format;
-    size_t data; /* offset of the first byte after the header */
+    size_t data; /* offset of the first byte after the header, whose comments are not parsed */
     int data_line;
     struct ply_element *element;
     int elements;
     size_t element_capacity;
-    char **comment; /* comments without the word "comment" */
-    int comments;
-    size_t comment_capacity;
 };
 /* Receives the values (rows) of a property, converted; both NULL: the property is
  * skipped, as lists always are. */

@@ -9,9 +9,8 @@
 #include "../survey/tracks.h"
 
 enum {
-    SCENE_TEST_EVERY = 8,     /* of so many views by name, the first is held out [Barron 2022] */
-    SCENE_NAMED_MISSING = 10, /* most missing images that are named */
-    SCENE_NAMED_SIZES = 3     /* most images that are named by other messages */
+    SCENE_TEST_EVERY = 8, /* of so many views by name, the first is held out [Barron 2022] */
+    SCENE_NAMED = 3       /* most images that a message names */
 };
 #define SCENE_SAME_SIZE 1.5 /* Limits how far the sides of images of one size differ, px. */
 
@@ -25,19 +24,26 @@ static const char *scene_removal(const struct colmap *c)
                                                            : "delete its shot in the file";
 }
 
-static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, const char *first,
-                                     double fraction)
+/* Says which images are missing, and fails if that is too many. */
+static oxl_result scene_check_missing(oxl_context *ctx, const oxl_scene *scene, double fraction,
+                                      const char *names)
 {
-    return oxl_fail(
-        ctx, OXL_ERR_INPUT,
-        "%d of the %zu images of %s are not in %s, the first is %s; at most %.0f %% may be missing\n"
-        "fix: %s%s",
-        scene->stats.images_missing, scene->colmap.image_count, scene->colmap.images_file, scene->images,
-        first, 100 * fraction,
-        scene->view_count == 0
-            ? "use --images to name the folder where the image names of the model start"
-            : "put them there; or train without them by a larger --missing-images; or take them out: ",
-        scene->view_count == 0 ? "" : scene_removal(&scene->colmap));
+    const struct colmap *c = &scene->colmap;
+    const int missing = scene->stats.images_missing;
+    if (missing && scene->view_count && missing <= fraction * (double)c->image_count)
+        oxl_log(ctx, OXL_LOG_WARNING, "%d of %zu images are not in %s, and are left out: %s", missing,
+                c->image_count, scene->images, names);
+    else if (missing)
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%d of the %zu images of %s are not in %s: %s; at most %.0f %% may be missing\n"
+            "fix: %s%s",
+            missing, c->image_count, c->images_file, scene->images, names, 100 * fraction,
+            scene->view_count == 0
+                ? "use --images to name the folder where the image names of the model start"
+                : "put them there; or train without them by a larger --missing-images; or take them out: ",
+            scene->view_count == 0 ? "" : scene_removal(c));
+    return OXL_OK;
 }
 
 /* ---------------- views */
@@ -82,10 +88,16 @@ struct scene_build { /* Holds the working data of scene construction. */
         double on_disk;
         size_t camera, order;
     } * size;
-    size_t sizes, others, odd_focals; /* others: images of another size */
-    struct text names;                /* of the first ones */
-    uint8_t *unplaced;                /* (images) 1: without a pose of its own */
+    size_t odd_focals;
+    uint8_t *unplaced; /* (images) 1: without a pose of its own */
 };
+
+/* Adds a name to those of a message, up to SCENE_NAMED. */
+static void scene_add_name(struct text *t, size_t count, const char *name)
+{
+    if (count <= SCENE_NAMED) text_add(t, "%s%s", count > 1 ? ", " : "", name);
+    else if (count == SCENE_NAMED + 1) text_add(t, ", ...");
+}
 
 static int scene_compare_sizes(const void *a, const void *b)
 {
@@ -96,84 +108,79 @@ static int scene_compare_sizes(const void *a, const void *b)
     return (s->order > t->order) - (s->order < t->order);
 }
 
-/* Gives cameras of one size, whose images are size[from] to size[to - 1], the size on disk that most of these
- * have. Names the others. */
-static void scene_use_most(oxl_scene *scene, struct scene_build *b, size_t from, size_t to)
+/* Gives cameras of one size the size on disk that most of their images have: one that is smaller would make
+ * all of them small. Names the others. size: (count) sorted. */
+static void scene_use_most(oxl_context *ctx, oxl_scene *scene, const struct scene_build *b, size_t count)
 {
-    const struct scene_size *most = &b->size[(from + to) / 2];
-    for (size_t i = from; i < to; i++) {
-        const struct scene_size *s = &b->size[i];
-        const double scale = s->on_disk - most->on_disk;
-        scene->on_disk[s->camera] = most->on_disk;
-        if (fabs(scale) * OXL_MAX(s->width, s->height) <= SCENE_SAME_SIZE) continue;
-        if (++b->others <= SCENE_NAMED_SIZES)
-            text_add(&b->names, "%s%s (%.0f x %.0f px, most have %.0f x %.0f)", b->names.size ? ", " : "",
+    struct text names = {.ctx = ctx};
+    size_t others = 0;
+    for (size_t from = 0, to = 0; from < count; from = to) {
+        const struct scene_size *first = &b->size[from], *most;
+        while (to < count && b->size[to].width == first->width && b->size[to].height == first->height) to++;
+        most = &b->size[(from + to) / 2];
+        for (const struct scene_size *s = first; s < b->size + to; s++) {
+            char name[400];
+            scene->on_disk[s->camera] = most->on_disk;
+            if (fabs(s->on_disk - most->on_disk) * OXL_MAX(s->width, s->height) <= SCENE_SAME_SIZE) continue;
+            snprintf(name, sizeof name, "%.300s (%.0f x %.0f px, most have %.0f x %.0f)",
                      b->order[s->order].name, s->on_disk * s->width, s->on_disk * s->height,
                      most->on_disk * s->width, most->on_disk * s->height);
+            scene_add_name(&names, ++others, name);
+        }
     }
+    if (others)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%zu images differ in size from most images of their camera, and are scaled to that size: "
+                "%s\nfix: use images of one size; enlarged images make the model blurred",
+                others, names.data ? names.data : "");
+    text_free(&names);
 }
 
-/* Measures the images that are there. Most images decide on the size of those of a camera: one that is
- * smaller would make all of them small. */
+/* Measures the images that are there. */
 static void scene_measure_images(oxl_context *ctx, oxl_scene *scene, struct scene_build *b)
 {
     const struct colmap *c = &scene->colmap;
-    size_t turned = 0;
-    b->names.ctx = ctx;
+    size_t turned = 0, count = 0;
     for (size_t i = 0; i < c->image_count; i++) {
         const struct colmap_camera *from = colmap_find_camera(c, c->image[b->order[i].image].camera_id);
         const char *path = PATH(scene->images, "%s", b->order[i].name);
-        struct scene_size s = {.on_disk = 1, .order = i};
         int is_turned = 0;
-        if (!from || (b->options->read_images && !os_is_file(path))) continue;
-        if (b->options->read_images) s.on_disk = scene_size_on_disk(ctx, path, from, &is_turned);
-        s.width = from->width, s.height = from->height, s.camera = (size_t)(from - c->camera);
-        b->size[b->sizes++] = s;
+        if (b->options->read_images && !os_is_file(path)) continue;
+        b->size[count++] =
+            (struct scene_size){from->width, from->height,
+                                b->options->read_images ? scene_size_on_disk(ctx, path, from, &is_turned) : 1,
+                                (size_t)(from - c->camera), i};
         turned += (size_t)is_turned;
     }
-    qsort(b->size, b->sizes, sizeof *b->size, scene_compare_sizes);
-    for (size_t from = 0, to = 1; from < b->sizes; to++)
-        if (to == b->sizes || b->size[to].width != b->size[from].width ||
-            b->size[to].height != b->size[from].height)
-            scene_use_most(scene, b, from, to), from = to;
+    qsort(b->size, count, sizeof *b->size, scene_compare_sizes);
+    scene_use_most(ctx, scene, b, count);
     if (turned)
         oxl_log(ctx, OXL_LOG_INFO,
                 "%zu images are turned by their EXIF orientation, since their cameras are upright", turned);
-    if (b->others)
-        oxl_log(ctx, OXL_LOG_WARNING,
-                "%zu images differ in size from most images of their camera, and are scaled to that "
-                "size: %s%s\nfix: use images of one size; enlarged images make the model blurred",
-                b->others, b->names.data ? b->names.data : "", b->others > SCENE_NAMED_SIZES ? ", ..." : "");
-    text_free(&b->names);
-}
-
-/* Prefixes an error about a line of the survey's files with the folder. */
-static oxl_result scene_prefix_folder(oxl_context *ctx, const oxl_scene *scene, oxl_result rc)
-{
-    char said[sizeof ctx->error];
-    memcpy(said, ctx->error, sizeof said);
-    return oxl_fail(ctx, rc, "%s/%s", scene->colmap.folder, said);
 }
 
 static oxl_result scene_ideal_camera(oxl_context *ctx, const oxl_scene *scene, struct scene_build *b,
                                      size_t camera)
 {
     const struct colmap_camera *from = &scene->colmap.camera[camera];
+    oxl_camera *ideal = &b->ideal[camera];
+    char said[sizeof ctx->error];
     oxl_result rc;
-    if (b->ideal[camera].width) return OXL_OK;
-    rc = camera_undistorted(ctx, from, &b->ideal[camera]);
-    if (rc != OXL_OK) return scene_prefix_folder(ctx, scene, rc);
-    if (!camera_focal_is_plausible(b->ideal[camera].fx, from->width, from->height) ||
-        !camera_focal_is_plausible(b->ideal[camera].fy, from->width, from->height))
-        if (!b->odd_focals++)
-            oxl_log(
-                ctx, OXL_LOG_WARNING,
+    if (ideal->width) return OXL_OK;
+    rc = camera_undistorted(ctx, from, ideal);
+    if (rc != OXL_OK) { /* an error about a line of the survey's files; the folder is not in it */
+        memcpy(said, ctx->error, sizeof said);
+        return oxl_fail(ctx, rc, "%s/%s", scene->colmap.folder, said);
+    }
+    if ((!camera_focal_is_plausible(ideal->fx, from->width, from->height) ||
+         !camera_focal_is_plausible(ideal->fy, from->width, from->height)) &&
+        !b->odd_focals++)
+        oxl_log(ctx, OXL_LOG_WARNING,
                 "%s:%d: the focal length of camera %lld is %g, %g px, for images of %d x %d px: expected 0.2 "
                 "to 20 times the longer side\n"
                 "fix: give focal lengths in px: millimetres times the image's width over the sensor's",
-                from->file, from->line, (long long)from->id, b->ideal[camera].fx, b->ideal[camera].fy,
-                from->width, from->height);
-    b->ideal[camera] = scene_reduce(&b->ideal[camera], b->options->max_side, scene->on_disk[camera]);
+                from->file, from->line, (long long)from->id, ideal->fx, ideal->fy, from->width, from->height);
+    *ideal = scene_reduce(ideal, b->options->max_side, scene->on_disk[camera]);
     return OXL_OK;
 }
 
@@ -191,16 +198,14 @@ static void scene_find_unplaced(oxl_context *ctx, const oxl_scene *scene, struct
     }
     for (size_t k = 0; k < c->track_count; k++) b->unplaced[c->track[k].image_row] = 0;
     for (size_t i = 0; i < c->image_count; i++)
-        if (b->unplaced[i] && ++count <= SCENE_NAMED_SIZES)
-            text_add(&names, "%s%s", count > 1 ? ", " : "", c->names + c->image[i].name);
-    if (2 * count > c->image_count || (count == 1 && c->track_count == 0)) count = 0;
-    if (count == 0) memset(b->unplaced, 0, c->image_count);
+        if (b->unplaced[i]) scene_add_name(&names, ++count, c->names + c->image[i].name);
+    if (count == 0 || 2 * count > c->image_count || (count == 1 && c->track_count == 0))
+        memset(b->unplaced, 0, c->image_count);
     else
         oxl_log(ctx, OXL_LOG_WARNING,
                 "%zu of %zu images have the pose 1 0 0 0 0 0 0 and see no point: they were not registered, "
-                "and are left out: %s%s",
-                count, c->image_count, names.data ? names.data : "",
-                count > SCENE_NAMED_SIZES ? ", ..." : "");
+                "and are left out: %s",
+                count, c->image_count, names.data ? names.data : "");
     text_free(&names);
 }
 
@@ -212,38 +217,27 @@ static int scene_is_finite_pose(const struct colmap_image *image)
     return size <= TRACKS_FARTHEST;
 }
 
-/* Adds the view of an image. A missing image is counted, and no error yet: scene_add_views compares the
- * count with --missing-images. */
+/* Adds the view of an image that is there. */
 static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scene_build *b,
-                                 const struct scene_order *o, int *missing)
+                                 const struct scene_order *o)
 {
     const struct colmap_image *image = &scene->colmap.image[o->image];
     const struct colmap_camera *from = colmap_find_camera(&scene->colmap, image->camera_id);
-    const size_t camera = from ? (size_t)(from - scene->colmap.camera) : 0;
-    const char *path = PATH(scene->images, "%s", o->name);
+    const size_t camera = (size_t)(from - scene->colmap.camera);
     oxl_view *view = &scene->view[scene->view_count];
-    oxl_result rc = OXL_OK;
-    if (!from)
-        rc = oxl_fail(
-            ctx, OXL_ERR_INPUT,
-            "%s/%s:%d: camera id %lld is not among the cameras\nfix: export both from the same model",
-            scene->colmap.folder, scene->colmap.images_file, image->line, (long long)image->camera_id);
-    else if (b->unplaced[o->image]) return OXL_OK;
-    else if (b->options->read_images && !os_is_file(path)) {
-        if (++*missing <= SCENE_NAMED_MISSING)
-            oxl_log(ctx, OXL_LOG_WARNING, "%s is not there; the view is left out", path);
-    } else if (!scene_is_finite_pose(image)) {
-        rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s/%s:%d: the pose of %s is not finite, or beyond 1e15\n"
-                      "fix: remove the image, or export the model again",
-                      scene->colmap.folder, scene->colmap.images_file, image->line, o->name);
-    } else if ((rc = scene_ideal_camera(ctx, scene, b, camera)) == OXL_OK) {
-        *view = (oxl_view){.name = o->name, .camera = b->ideal[camera]};
-        camera_rotation_from_quaternion(image->rotation, view->camera.rotation);
-        memcpy(view->camera.translation, image->translation, sizeof image->translation);
-        scene->source[scene->view_count++] = (struct scene_source){o->image, camera};
-    }
-    return rc;
+    oxl_result rc;
+    if (!scene_is_finite_pose(image))
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s/%s:%d: the pose of %s is not finite, or beyond 1e15\n"
+                        "fix: remove the image, or export the model again",
+                        scene->colmap.folder, scene->colmap.images_file, image->line, o->name);
+    rc = scene_ideal_camera(ctx, scene, b, camera);
+    if (rc != OXL_OK) return rc;
+    *view = (oxl_view){.name = o->name, .camera = b->ideal[camera]};
+    camera_rotation_from_quaternion(image->rotation, view->camera.rotation);
+    memcpy(view->camera.translation, image->translation, sizeof image->translation);
+    scene->source[scene->view_count++] = (struct scene_source){o->image, camera};
+    return OXL_OK;
 }
 
 /* Refuses two images with one name. */
@@ -263,8 +257,7 @@ static oxl_result scene_check_names(oxl_context *ctx, const oxl_scene *scene, co
 static oxl_result scene_add_views(oxl_context *ctx, oxl_scene *scene, struct scene_build *b)
 {
     const struct colmap *c = &scene->colmap;
-    const char *first = NULL;
-    int missing = 0;
+    struct text missing = {.ctx = ctx};
     oxl_result rc = b->options->read_images ? survey_match_names(ctx, scene) : OXL_OK;
     if (rc != OXL_OK) return rc;
     for (size_t i = 0; i < c->image_count; i++)
@@ -274,17 +267,16 @@ static oxl_result scene_add_views(oxl_context *ctx, oxl_scene *scene, struct sce
     scene_find_unplaced(ctx, scene, b);
     scene_measure_images(ctx, scene, b);
     for (size_t i = 0; i < c->image_count && rc == OXL_OK; i++) {
-        rc = scene_add_view(ctx, scene, b, &b->order[i], &missing);
-        if (missing && !first) first = b->order[i].name;
+        const char *name = b->order[i].name;
+        if (b->unplaced[b->order[i].image]) continue;
+        if (b->options->read_images && !os_is_file(PATH(scene->images, "%s", name)))
+            scene_add_name(&missing, (size_t)++scene->stats.images_missing, name);
+        else rc = scene_add_view(ctx, scene, b, &b->order[i]);
     }
-    if (rc != OXL_OK) return rc;
-    scene->stats.images_missing = missing;
-    if (missing > SCENE_NAMED_MISSING)
-        oxl_log(ctx, OXL_LOG_WARNING, "... and %d more; %d of %zu images are missing in all",
-                missing - SCENE_NAMED_MISSING, missing, c->image_count);
-    if (missing && (scene->view_count == 0 || missing > b->options->missing_images * (double)c->image_count))
-        return scene_fail_missing(ctx, scene, first, b->options->missing_images);
-    return OXL_OK;
+    if (rc == OXL_OK)
+        rc = scene_check_missing(ctx, scene, b->options->missing_images, missing.data ? missing.data : "");
+    text_free(&missing);
+    return rc;
 }
 
 OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,

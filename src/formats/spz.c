@@ -75,15 +75,10 @@ static size_t spz_gzip_header(oxl_context *ctx, const char *path, const struct o
     const int flags = p[3];
     size_t at = 10;
     if (flags & 4) at += 2 + (size_t)bytes_get(p + 10, 2);
-    for (int i = 8; i <= 16; i *= 2) { /* Skips the name of a file (8) and the comment (16). */
-        while (flags & i && at < file->size && p[at]) {
-            char line[512];
-            const size_t length = strcspn(p + at, "\n");
-            snprintf(line, sizeof line, "%.*s", (int)OXL_MIN(length, sizeof line - 1), p + at);
-            if (i == 16) model_read_comment(ctx, path, line, model);
-            at += length + (p[at + length] != 0);
-        }
-        at += flags & i ? 1 : 0;
+    for (int i = 8; i <= 16; i *= 2) { /* the name of a file (8) and the comment (16) */
+        const size_t length = flags & i && at < file->size ? strlen(p + at) : 0;
+        if (i == 16) model_read_comments(ctx, path, p + at, length, "", model);
+        at += flags & i ? length + 1 : 0;
     }
     if (flags & 2) at += 2;
     return at + 8 < file->size ? at : 0;

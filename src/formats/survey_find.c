@@ -9,13 +9,13 @@
  */
 #include "formats.h"
 #include "json_survey.h"
+#include "survey_read.h"
 #include "../survey/scene.h"
 
 /* Lists the files of surveys: a folder with one of a row holds such a survey; the first row that does is
  * taken. */
 enum { SURVEY_COLMAP = 2 }; /* rows of COLMAP's files; json_survey_read reads the others */
 #define SURVEY_LLFF "poses_bounds.npy"
-#define SURVEY_SAME 1e-4 /* Limits how far translations of the same poses may be off, of their sum. */
 static const char *const SURVEY_FILES[][2] = {
     {"images.txt", "images.bin"},
     {"cameras.txt", "cameras.bin"}, /* an incomplete model, whose reader says what is missing */
@@ -70,22 +70,6 @@ static void survey_try_entry(void *user, const char *name)
 
 /* ---------------- LLFF's poses beside a COLMAP model */
 
-/* Orders the images of both by name, and returns 1 if these have the same poses. */
-static int survey_has_poses(const struct colmap *model, const struct colmap *llff, struct scene_order *order)
-{
-    double off = 0, all = 0;
-    for (size_t i = 0; i < model->image_count; i++)
-        order[i] = (struct scene_order){model->names + model->image[i].name, i};
-    if (model->image_count != llff->image_count) return 0;
-    qsort(order, model->image_count, sizeof *order, scene_compare_order);
-    for (size_t i = 0; i < model->image_count; i++) {
-        const struct colmap_image *a = &model->image[order[i].image], *b = &llff->image[i];
-        for (int k = 0; k < 3; k++)
-            off += fabs(a->translation[k] - b->translation[k]), all += fabs(a->translation[k]);
-    }
-    return off <= SURVEY_SAME * all;
-}
-
 /* Uses the images that belong to LLFF's poses, and the ranges of their depths, for the model that the poses
  * were computed from: it has the distortion, points and tracks. Otherwise the model remains as it is. */
 static oxl_result survey_use_llff(oxl_context *ctx, const char *path, const char *images,
@@ -94,13 +78,17 @@ static oxl_result survey_use_llff(oxl_context *ctx, const char *path, const char
     struct scene_order *order = oxl_alloc(ctx, model->image_count + 1, sizeof *order);
     struct colmap llff = {0};
     oxl_result rc = order ? json_survey_read(ctx, path, SURVEY_LLFF, images, &llff) : OXL_ERR_MEMORY;
-    if (rc == OXL_OK && survey_has_poses(model, &llff, order)) {
+    for (size_t i = 0; order && i < model->image_count; i++)
+        order[i] = (struct scene_order){model->names + model->image[i].name, i};
+    if (order) qsort(order, model->image_count, sizeof *order, scene_compare_order);
+    if (rc == OXL_OK && colmap_has_places(model, order, &llff)) {
         for (size_t i = 0; i < llff.image_count; i++) {
             struct colmap_image *to = &model->image[order[i].image];
             to->name = llff.image[i].name;
             memcpy(to->range, llff.image[i].range, sizeof to->range);
         }
         OXL_SWAP(char *, model->names, llff.names);
+        OXL_SWAP(size_t, model->names_size, llff.names_size);
         OXL_SWAP(char *, model->images, llff.images);
         oxl_log(ctx, OXL_LOG_INFO, "%s: poses and points come from %s, images from %s", path, model->folder,
                 model->images);
@@ -116,12 +104,8 @@ static oxl_result survey_use_llff(oxl_context *ctx, const char *path, const char
 
 /* ---------------- files of programs that are not read */
 
-static const struct survey_foreign {
-    const char *ending,
-        /* ending of a file's name in the survey's folder; the program that writes it, and how
-         * it exports a COLMAP model */
-        *what;
-} survey_foreign[] = {
+/* Lists endings of files' names in a survey's folder, and what they are. */
+static const char *const survey_foreign[][2] = {
     {"database.db", "COLMAP's matches, without cameras: colmap mapper finds them"},
     {"sfm_data.json", "OpenMVG's: openMVG_main_openMVG2Colmap writes a COLMAP model"},
     {".sfm", "Meshroom's: aliceVision_exportColmap writes a COLMAP model"},
@@ -132,7 +116,7 @@ static const struct survey_foreign {
 };
 
 struct survey_foreign_search {
-    const struct survey_foreign *found;
+    size_t found; /* row of the table */
     char name[80];
 };
 
@@ -140,13 +124,11 @@ struct survey_foreign_search {
 static void survey_find_visit_file(void *user, const char *name)
 {
     struct survey_foreign_search *s = user;
-    for (size_t i = 0; i < OXL_COUNT(survey_foreign); i++) {
-        const size_t size = strlen(survey_foreign[i].ending), has = strlen(name);
-        if (has < size || strcmp(name + has - size, survey_foreign[i].ending) != 0) continue;
-        if (s->found && s->found <= &survey_foreign[i]) return;
-        s->found = &survey_foreign[i];
+    for (size_t i = 0; i < s->found; i++) {
+        const size_t size = strlen(survey_foreign[i][0]), has = strlen(name);
+        if (has < size || strcmp(name + has - size, survey_foreign[i][0]) != 0) continue;
+        s->found = i;
         snprintf(s->name, sizeof s->name, "%.*s", (int)sizeof s->name - 1, name);
-        return;
     }
 }
 
@@ -154,11 +136,11 @@ static void survey_find_visit_file(void *user, const char *name)
 static oxl_result survey_find_fail(oxl_context *ctx, const char *path, const char *sparse, int is_given)
 {
     static const char *const below[] = {"dense", "colmap", "undistorted", "distorted", ".."};
-    struct survey_foreign_search s = {.found = NULL};
+    struct survey_foreign_search s = {.found = OXL_COUNT(survey_foreign)};
     struct text there = {.ctx = ctx};
     oxl_result rc;
     if (os_is_folder(path)) os_list_folder(ctx, path, survey_find_visit_file, &s);
-    if (s.found) text_add(&there, "; %s there is %s", s.name, s.found->what);
+    if (s.name[0]) text_add(&there, "; %s there is %s", s.name, survey_foreign[s.found][1]);
     for (size_t i = 0; !is_given && i < OXL_COUNT(below) && !there.data; i++)
         if (os_is_folder(PATH(path, "%s/sparse", below[i])))
             text_add(&there, "; %s/%s is a survey: name that", path, below[i]);

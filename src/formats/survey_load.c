@@ -1,5 +1,5 @@
-/* survey_load.c - loads a scene from a survey's folder: finds and reads its files, from which scene_build.c
- * builds the scene.
+/* survey_load.c - loads a scene from a survey's folder, which a file in it stands for, too: finds and reads
+ * its files, from which scene_build.c builds the scene.
  */
 #include "formats.h"
 #include "survey_read.h"
@@ -66,10 +66,12 @@ oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_op
                           oxl_scene **out)
 {
     const oxl_scene_options o = options ? *options : oxl_scene_options_default();
+    const int length = (int)(path_base_name(path) - path) - 1;
     oxl_scene *scene = oxl_calloc(ctx, 1, sizeof *scene);
     oxl_result rc;
     *out = NULL;
     if (!scene) return OXL_ERR_MEMORY;
+    if (os_is_file(path)) path = length > 0 ? PATH("", "%.*s", length, path) : ".";
     rc = scene_open(ctx, path, &o, scene);
     if (rc == OXL_OK) rc = scene_build(ctx, scene, &o);
     if (rc != OXL_OK) oxl_scene_free(ctx, scene);

@@ -13,6 +13,12 @@ OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap 
  * length; 0: nothing is left. out: at least the name's length. */
 OXL_INTERNAL size_t colmap_safe_name(const char *name, size_t length, char *out);
 
+struct scene_order;
+/* Returns 1 if the images of both, row by row or a's in this order (NULL: as they are), have the same
+ * places. */
+OXL_INTERNAL int colmap_has_places(const struct colmap *a, const struct scene_order *order,
+                                   const struct colmap *b);
+
 struct colmap_sightings { /* Reads the 2D points of one image at a time. */
     const struct colmap *colmap;
     struct os_reader file;
