@@ -188,8 +188,7 @@ promise the_report_in_metres_has_all_lengths_so 0 "" sh -c \
 promise the_report_s_command_gives_the_figures_of_metrics_json 0 "" sh -c \
     "'$program' train survey -o reduced --iterations 30 --max-side 60 --test-every 4 --quiet >/dev/null && mkdir -p path && ln -sf '$program' path/oceanxl &&
      grep '^oceanxl eval' reduced/report.html >command.txt && PATH=path:\$PATH sh -c \"\$(cat command.txt) --json\" 2>/dev/null | grep '^  \"psnr\": ' >again.txt && grep '^  \"psnr\": ' reduced/metrics.json | cmp - again.txt"
-promise other_options_train_again 0 "ETA" "$program" train survey -o out --iterations 61
-promise more_iterations_continue_a_finished_run 0 "continues for 9 more" on_stderr "$program" train survey -o out --iterations 70
+promise a_finished_run_is_not_replaced_by_other_options 2 "  iterations: 60 there, 61 here" on_stderr "$program" train survey -o out --iterations 61
 promise a_model_takes_the_place_of_the_points 0 "model" sh -c "'$program' train survey -o from --from out/scene.ply --iterations 5 --quiet && grep -q '\"from\": \"out/scene.ply\"' from/run.json && echo model"
 promise the_same_seed_gives_the_same_bytes 0 "" sh -c \
     "for t in 1 3; do '$program' train survey -o same\$t --iterations 60 --threads \$t --quiet >/dev/null || exit 1; done; cmp same1/scene.ply same3/scene.ply"
