@@ -184,8 +184,8 @@ static void survey_write_warnings(oxl_survey *s, int one_place)
         survey_warn(s, s->outlined
                            ? "the survey has no points: training starts from random ones within the "
                              "images' outlines"
-                           : "the survey has no points: training starts from random ones and may fail; "
-                             "export points3D as well");
+                           : "the survey has no points: training starts from depth maps of its images, which "
+                             "need texture and overlap; export points3D as well");
     else if (s->points < 500)
         survey_warn(s, "the survey has only %zu points; check that this is the right sub-model", s->points);
     if (s->mean_error > 2)
