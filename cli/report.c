@@ -19,9 +19,11 @@ enum {
     REPORT_SIDE = 800,  /* px; longest side of the map, */
     REPORT_SHORT = 560, /* and of runs of fewer iterations than REPORT_QUICK, whose page should be quick */
     REPORT_QUICK = 1000,
+    REPORT_GAPS = 5,       /* most views whose gaps are listed */
     REPORT_CAMERAS = 2000, /* cameras on the map, about */
     REPORT_VIEWS = 2       /* least training views that see a place of the map */
 };
+#define REPORT_GAP 0.1         /* least share of a view that is a gap */
 #define REPORT_VIEWER_LOSS 0.5 /* dB; a loss of images without gains and lamp that is worth a word */
 
 /* ---------------- reading */
@@ -238,13 +240,31 @@ static void report_map(struct report *r, const struct map *m)
     output_add(t, " %S -o map --ortho</code> writes it in full resolution.</p>\n", PRINT_WORD(r->scene));
 }
 
+/* Says of held-out views what no training view shows: their metrics are of a guess there. */
+static void report_gaps(struct report *r, const struct map *m, const oxl_model *model)
+{
+    int found = 0;
+    for (int i = 0; i < oxl_scene_view_count(m->scene) && found < REPORT_GAPS; i++) {
+        const oxl_view *v = oxl_scene_view(m->scene, i);
+        const char *where = "";
+        const double share = v->is_test ? surface_gap(m->surface, model, &v->camera, &where) : 0;
+        if (share < REPORT_GAP) continue;
+        output_add(
+            &r->page,
+            "%s<li>No training view shows %.0f %% of %S, most in the %s: its metrics are of a guess there.</li>\n",
+            found++ ? "" : "<ul>\n", 100 * share, v->name, where);
+    }
+    if (found) output_add(&r->page, "</ul>\n");
+}
+
 /* Loads the survey and the model without a log, as the run has logged its warnings already, and draws the
  * map. */
 static void report_ground(struct report *r)
 {
     oxl_scene_options options = r->options.scene;
     oxl_model model = {0};
-    struct map m = {.enough = REPORT_VIEWS};
+    struct surface surface = {0};
+    struct map m = {.enough = REPORT_VIEWS, .surface = &surface};
     oxl_scene *scene = NULL;
     char path[4200];
     const int side = oxl_json_number(r->metrics, "iterations") < REPORT_QUICK ? REPORT_SHORT : REPORT_SIDE;
@@ -257,12 +277,17 @@ static void report_ground(struct report *r)
         oxl_model_read(m.ctx, path, &model) == OXL_OK) {
         m.scene = scene;
         oxl_model_move_origin(&model, oxl_scene_origin(scene));
-        if (map_make(&m, &model, FRAME_AUTO, side) == OXL_OK) report_map(r, &m);
+        if (surface_open(m.ctx, &model, scene, SURFACE_SIDE, &surface) == OXL_OK &&
+            map_make(&m, &model, FRAME_AUTO, side) == OXL_OK) {
+            report_map(r, &m);
+            report_gaps(r, &m, &model);
+        }
     }
     if (!(m.area > 0))
         output_add(&r->page, "<p class=\"pale\">No map: the survey or the model is not found, or has no "
                              "points.</p>\n");
     map_free(&m);
+    surface_close(&surface);
     if (m.ctx) oxl_model_free(m.ctx, &model);
     oxl_scene_free(m.ctx, scene);
     oxl_context_free(m.ctx);

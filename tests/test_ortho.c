@@ -463,6 +463,22 @@ TEST(map_measures_the_ground_that_two_views_share_its_certainty_and_where_camera
     CHECK_CLOSE(wall.down, 0, 1e-9);
 }
 
+/* The cameras' images, 7.2 wide on the ground, are 4 apart: the first lacks the right 4/7.2 of the second's. */
+TEST(surface_says_what_of_a_view_no_training_view_shows_and_where)
+{
+    OWNED_SCENE *scene = ortho_test_scene();
+    OWNED_MODEL model = {0};
+    struct surface s;
+    const char *where;
+    ortho_test_ground(scene, &model);
+    scene->view[1].is_test = 1;
+    CHECK_OK(surface_open(test_ctx, &model, scene, SURFACE_SIDE, &s));
+    CHECK_CLOSE(surface_gap(&s, &model, &oxl_scene_view(scene, 1)->camera, &where), 4 / 7.2, 0.02);
+    CHECK(strstr(where, "right") != NULL);
+    CHECK_CLOSE(surface_gap(&s, &model, &oxl_scene_view(scene, 0)->camera, &where), 0, 0.01);
+    surface_close(&s);
+}
+
 /* A hole of two pixels gets the mean of what is around; of a large one, its corners alone do; one in the map's corner
  * stays. */
 TEST(map_fills_pinholes_alone)
@@ -610,44 +626,36 @@ TEST(compare_finds_what_is_larger_than_noise_and_its_volume)
 
 /* ---------------- GPS */
 
-/* A JPEG's first bytes with EXIF data: degrees and a height in thousandths, in either byte order. */
+/* Sets an integer, big or little endian. */
+static void ortho_test_put(uint8_t *at, int is_big, double value, int size)
+{
+    for (int i = 0; i < size; i++) at[is_big ? size - 1 - i : i] = (uint8_t)((uint32_t)value >> 8 * i);
+}
+
+/* Writes a JPEG's first bytes with EXIF data in either byte order: whole degrees and minutes, millionths of seconds and
+ * metres. */
 static void ortho_test_photo(const char *name, int is_big, const double place[3])
 {
-    static const uint8_t entry[6][4] = {{1, 2, 2, 0}, {2, 5, 3, 0}, {3, 2, 2, 0},
-                                        {4, 5, 3, 0}, {5, 1, 1, 0}, {6, 5, 1, 0}};
-    uint8_t file[400] = {0xff, 0xd8, 0xff, 0xe1, 1, 0x80, 'E', 'x', 'i', 'f'}, *tiff = file + 12;
-    uint32_t at = 26;
-#define PUT(where, value, size)      \
-    for (int b = 0; b < (size); b++) \
-    tiff[(where) + (is_big ? (uint32_t)((size)-1 - b) : (uint32_t)b)] = (uint8_t)((uint32_t)(value) >> 8 * b)
-    memcpy(tiff, is_big ? "MM" : "II", 2);
-    PUT(2, 42, 2);
-    PUT(4, 8, 4);
-    PUT(8, 1, 2);
-    PUT(10, 0x8825, 2);
-    PUT(12, 4, 2);
-    PUT(14, 1, 4);
-    PUT(18, at, 4);
-    PUT(at, 6, 2);
-    for (uint32_t i = 0; i < 6; i++) {
-        const uint32_t to = at + 2 + 12 * i, value = at + 80 + 24 * (i / 2);
-        PUT(to, entry[i][0], 2);
-        PUT(to + 2, entry[i][1], 2);
-        PUT(to + 4, entry[i][2], 4);
-        if (i % 2 == 0)
-            tiff[to + 8] = (uint8_t)(i == 4 ? place[2] < 0 : place[i / 2] < 0 ? "SW"[i / 2] : "NE"[i / 2]);
-        else PUT(to + 8, value, 4);
-        for (uint32_t k = 0; k < 3 && i % 2; k++) { /* whole degrees, minutes, seconds by 1e6 */
-            const double all = fabs(place[i / 2]) * (i == 5 ? 1e6 : 3600e6);
-            const double part = i == 5   ? all
-                                : k == 0 ? floor(all / 3600e6)
-                                : k == 1 ? fmod(floor(all / 60e6), 60)
-                                         : fmod(all, 60e6);
-            PUT(value + 8 * k, floor(part + 0.5), 4);
-            PUT(value + 8 * k + 4, i == 5 || k == 2 ? 1000000 : 1, 4);
+    uint8_t file[400] = {0xff, 0xd8, 0xff, 0xe1, 1, 0x80, 'E', 'x', 'i', 'f'}, *t = file + 12;
+    static const int head[][3] = {{2, 42, 2}, {4, 8, 4},  {8, 1, 2},   {10, 0x8825, 2},
+                                  {12, 4, 2}, {14, 1, 4}, {18, 26, 4}, {26, 6, 2}};
+    memcpy(t, is_big ? "MM" : "II", 2);
+    for (int i = 0; i < 8; i++) ortho_test_put(t + head[i][0], is_big, head[i][1], head[i][2]);
+    for (int i = 0; i < 6; i++) { /* tag, type, count, value */
+        const int entry = 28 + 12 * i, to = 106 + 24 * (i / 2), is_value = i % 2, count = i == 5 ? 1 : 3;
+        const double all = fabs(place[i / 2]) * (i == 5 ? 1e6 : 3600e6),
+                     part[3] = {i == 5 ? all : floor(all / 3600e6), fmod(floor(all / 60e6), 60),
+                                fmod(all, 60e6)};
+        ortho_test_put(t + entry, is_big, i + 1, 2);
+        ortho_test_put(t + entry + 2, is_big, is_value ? 5 : 2, 2);
+        ortho_test_put(t + entry + 4, is_big, is_value ? count : 1, 4);
+        if (is_value) ortho_test_put(t + entry + 8, is_big, to, 4);
+        else t[entry + 8] = (uint8_t)(i == 4 ? place[2] < 0 : (place[i / 2] < 0 ? "SW" : "NE")[i / 2]);
+        for (int k = 0; k < count && is_value; k++) {
+            ortho_test_put(t + to + 8 * k, is_big, floor(part[k] + 0.5), 4);
+            ortho_test_put(t + to + 8 * k + 4, is_big, i == 5 || k == 2 ? 1e6 : 1, 4);
         }
     }
-#undef PUT
     CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/images")));
     CHECK_OK(os_write_file(test_ctx, test_path("survey/images/%s", name), file, sizeof file));
 }

@@ -17,7 +17,6 @@
 #include <string.h>
 
 enum {
-    COMPARE_SIDE = 320,     /* px; of the views' depths, as of maps */
     COMPARE_SAMPLE = 20000, /* places of a cloud that are paired */
     COMPARE_TRIES = 9,      /* as they are, and eight turns */
     COMPARE_PASSES = 30,
@@ -415,7 +414,7 @@ oxl_result compare_run(const struct product *p, oxl_model *model[2], const oxl_s
             "--polygon: found '%.100s', expected three corners or more, X,Y;X,Y;X,Y, of the map\nfix: use --polygon 0,0;4,0;4,3",
             polygon);
     for (int i = 0; i < 2 && rc == OXL_OK; i++) {
-        rc = surface_open(p->ctx, model[i], i ? second : p->scene, COMPARE_SIDE, &c.surface[i]);
+        rc = surface_open(p->ctx, model[i], i ? second : p->scene, SURFACE_SIDE, &c.surface[i]);
         if (rc == OXL_OK) rc = cloud_make(&c.surface[i], p->a->min_views, &c.cloud[i]);
     }
     if (rc == OXL_OK) rc = compare_register(&c);

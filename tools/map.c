@@ -24,7 +24,6 @@
 enum {
     MAP_ROWS = 512,       /* that are rendered at once */
     MAP_SIDE_MAX = 32768, /* px; longest side of a map */
-    MAP_VIEW_SIDE = 320,  /* px; of the views' depths: maps, reports and comparisons have the same */
     MAP_PINHOLE = 3,      /* px; about the widest hole that is filled */
     MAP_KNOWN = 5         /* least neighbours of a pixel that is filled */
 };
@@ -261,7 +260,7 @@ oxl_result map_make(struct map *m, const oxl_model *model, enum frame_kind kind,
         return oxl_fail(
             m->ctx, OXL_ERR_INPUT,
             "map: the survey has no points, so its vertical axis is unknown\nfix: export points3D as well");
-    if (is_own) rc = surface_open(m->ctx, model, m->scene, MAP_VIEW_SIDE, m->surface = &own);
+    if (is_own) rc = surface_open(m->ctx, model, m->scene, SURFACE_SIDE, m->surface = &own);
     if (rc == OXL_OK) rc = map_open(m, m->surface, kind, side);
     if (rc == OXL_OK) rc = map_draw(m, model);
     if (rc == OXL_OK) rc = map_confirm(m);
