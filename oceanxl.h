@@ -531,7 +531,7 @@ typedef struct oxl_train_options {
     /* a medium of nine parameters between camera and Gaussians, docs/UNDERWATER.md (AUTO) */
     oxl_switch medium;
     oxl_switch poses; /* each training view's camera is turned and moved a little, with the scene (OFF) */
-    /* 1: as oxl_model.antialias, and no Gaussian is smaller than a pixel of any view (1, 1, 0) */
+    /* 1: the model is trained with oxl_model.antialias (1, 1, 0) */
     int antialias;
     int stereo;             /* 1: starts also from points of the training views' depth maps (1, 1, 0) */
     oxl_dog dog;            /* second lobes (OFF, OFF, SELECTIVE) */
