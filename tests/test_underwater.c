@@ -373,21 +373,23 @@ TEST(photometry_of_a_lamp_in_air_finds_its_shape_and_no_medium)
     photometry_free(test_ctx, &p);
 }
 
-/* Along a strip a lamp's slope across it may as well be the ground's colours: their prior decides. */
-TEST(photometry_along_a_strip_keeps_the_slope_of_the_lamp_out_of_the_gains)
+/* Along a strip a lamp's slope across it may as well be the ground's colours: their prior decides. Its images
+ * have one white balance, red by green 0.63 to 0.66: gains that drift would make the ground's colour of it. */
+TEST(photometry_along_a_strip_keeps_the_slope_of_the_lamp_and_its_colour_out_of_the_gains)
 {
     const char *path = test_shared("data/haltbrekken_a");
     oxl_scene_options small = oxl_scene_options_default();
     struct photometry p;
-    double worst = 0;
+    double worst = 0, red = 0;
     if (!path) SKIP("no ../shared/data");
     small.max_side = 320;
     OWNED_SCENE *scene = test_load(path, &small);
     CHECK_OK(photometry_measure(test_ctx, scene, PHOTOMETRY_ALL, &p));
     CHECK(p.parts == (PHOTOMETRY_LAMP | PHOTOMETRY_GAINS));
     for (int i = 0; i < oxl_scene_view_count(scene); i++)
-        worst = OXL_MAX(worst, fabs((double)p.log_gain[3 * i + 1])); /* green */
-    CHECK(worst < 0.8);
+        worst = OXL_MAX(worst, fabs((double)p.log_gain[3 * i + 1])), /* green */
+            red = OXL_MAX(red, fabs((double)(p.log_gain[3 * i] - p.log_gain[3 * i + 1])));
+    CHECK(worst < 0.8 && red < 0.5);
     photometry_free(test_ctx, &p);
 }
 

@@ -54,6 +54,11 @@
  * gains; the lamps' common shape, and a camera's deviation from it. In clear water the tracks hardly
  * determine bB, and a wrong one costs 2 dB (docs/log/IMAGING.md). */
 static const double photometry_prior[6] = {1.5, 0.2, 1.5, 0.2, 0.3, 0.1};
+/* Sets the standard deviation of the prior of a channel's log gain less the mean of its view's three: of
+ * white balance, which cameras change less than exposure. What images differ by from one to the next
+ * overrules it; without it, a small error of colour in each pair of images adds up along a strip, and ground
+ * whose colour is the same in all images ends blue and red. */
+#define PHOTOMETRY_CHROMA 0.05
 /* Lists the least growth of the residuals without the medium, lamp, gains that is evidence for a part. In
  * surveys with a medium they grow to 2 to 4 times, in those without to 1.01 times (docs/log/IMAGING.md); a
  * lamp gains nothing at 1.09 times, 0.3 dB at 1.21 (docs/log/IMAGING.md). */
@@ -383,12 +388,21 @@ static double photometry_prior_mean(const double *at, int index)
     return index < 3 ? -0.7 : index < 6 ? at[index - 3] : index < 9 ? -1.2 : 0;
 }
 
+/* Returns a log gain less the mean of its view's three. */
+static double photometry_chroma(const struct photometry_work *w, const double *at, int index)
+{
+    const double *of = at + index - (index - w->gains) % 3;
+    return at[index] - (of[0] + of[1] + of[2]) / 3;
+}
+
 static double photometry_prior_cost(const struct photometry_work *w, const double *at)
 {
     double sum = 0;
     for (int i = 0; i < w->parameters; i++) {
         const double e = (at[i] - photometry_prior_mean(at, i)) / photometry_prior_sigma(w, i);
         if (photometry_is_free(w, i)) sum += e * e;
+        if (photometry_is_free(w, i) && i >= w->gains)
+            sum += pow(photometry_chroma(w, at, i) / PHOTOMETRY_CHROMA, 2);
     }
     return sum;
 }
@@ -415,6 +429,11 @@ static void photometry_normal_equations(struct photometry_work *w)
         photometry_add(w, i - 3, i - 3, of);
         photometry_add(w, i, i - 3, -of);
         w->right[i - 3] -= of * e;
+    }
+    for (int i = w->gains; i < w->parameters; i++) {
+        const double of = w->sigma * w->sigma / (PHOTOMETRY_CHROMA * PHOTOMETRY_CHROMA);
+        for (int k = i - (i - w->gains) % 3; k <= i; k++) photometry_add(w, i, k, of * ((i == k) - 1.0 / 3));
+        w->right[i] -= of * photometry_chroma(w, w->at, i);
     }
     for (int v = 0; v < w->views; v++) /* Pulls the sum of each channel's gains to 0. */
         for (int k = 0; k <= v; k++)
