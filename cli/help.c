@@ -10,8 +10,9 @@ static const char HELP_PURPOSE[] =
     "from a COLMAP model of an underwater survey to one compact 3D Gaussian Splatting model,\n"
     "on a laptop without a GPU.\n";
 static const char HELP_SCENE[] =
-    "SCENE is a folder with images/ and sparse/0/ (or sparse/, or the files of a COLMAP model, text or binary), or with a\n"
-    "transforms.json or reconstruction.json.\n";
+    "SCENE is a folder with images/ and sparse/0/ (or sparse/, or the files of a COLMAP model, text or "
+    "binary), or with a\ntransforms.json, poses_bounds.npy or reconstruction.json. MODEL is a .ply, .spz "
+    "or .splat file, or the folder of a run.\n";
 static const char HELP_CODES[] =
     "0 done, 1 failed, 2 usage, 3 bad input, 4 over the memory budget, 130 interrupted.\n";
 

@@ -31,8 +31,8 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
          "Cuts a survey into blocks of equal work, each a COLMAP text export.",
          "oceanxl partition survey -o out",
          "OUT gets blocks/000/ and so on, which COLMAP and other trainers open, partition.txt, and partition.svg to look at.\n"
-         "It takes the options of train, so that partition and train --block K can be given one list; what changes neither the\n"
-         "blocks nor the prediction has no effect here."},
+         "It takes the options of train, so that partition and train --block K can be given one list. Options that change neither the\n"
+         "blocks nor the prediction have no effect here."},
     [COMMAND_RENDER] =
         {"render", 2, 1, "MODEL SCENE -o DIR",
          "Renders a model from the cameras of a survey, from above, or along a flight.",
@@ -91,7 +91,7 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
          "Measures what the documents publish: speed, the paper's parts, light and water, blocks, extremes, published scenes.",
          "oceanxl results survey1 survey2 lego -o results --max-side 240",
          "OUT gets results.md (tables), results.csv, speed.svg (a plot), all with the commit, and the runs. Scenes in the layout of NeRF\n"
-         "synthetic or LLFF are trained for 2000, 7000 and 30,000 iterations instead. Ten minutes by default; a release takes --budget 24h\n"
+         "synthetic or LLFF are trained with draft, with standard, and with standard for 30,000 iterations instead. Ten minutes by default; a release takes --budget 24h\n"
          "--seeds 3. The same command resumes. If OUT holds others.csv, lines of NAME,CPU_SECONDS,PSNR are plotted, too."},
 };
 
@@ -145,7 +145,7 @@ static const oxl_option CLI_OPTIONS[] = {
 {"ortho", NULL, OXL_OPTION_FLAG, FIELD(ortho), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "render a map instead: the orthomosaic ortho.tif, the heights height.tif, their standard deviation and number of views certainty.tif, all GeoTIFF, and their axes, frame.txt", NULL},
 {"pixel", "SIZE", OXL_OPTION_DOUBLE, FIELD(pixel), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(CLOUD) | IN(COMPARE), "Map", "pixel size in units, in metres with --scale; otherwise what a pixel of the images sees of the ground, in the median; of --mesh, twice that", NULL},
 {"epsg", "CODE", OXL_OPTION_INT, FIELD(epsg), 0, 32766, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD), "Map", "the survey's projected coordinate system, for the GeoTIFF and LAS files, e.g. 32632 for UTM zone 32N", NULL},
-{"gps", NULL, OXL_OPTION_FLAG, FIELD(gps), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD), "Map", "write UTM metres, with up, by the GPS of the photos' EXIF data", NULL},
+{"gps", NULL, OXL_OPTION_FLAG, FIELD(gps), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD), "Map", "write coordinates in metres (UTM) with z up, fitted to the GPS positions in the photos' EXIF data", NULL},
 {"min-views", "N", OXL_OPTION_INT, FIELD(min_views), 1, 1000, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD), "Map", "number of training views that must have seen a place; other places are transparent, without height and in no cloud", NULL},
 {"polygon", "X,Y;X,Y;...", OXL_OPTION_TEXT, FIELD(polygon), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(COMPARE), "Map", "compare within these corners alone, in the map's coordinates", NULL},
 {"mesh", NULL, OXL_OPTION_FLAG, FIELD(mesh), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(CLOUD), "Map", "write triangles instead of points", NULL},
@@ -156,8 +156,8 @@ static const oxl_option CLI_OPTIONS[] = {
 {"scale", "METRES", OXL_OPTION_DOUBLE, FIELD(scale), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD) | IN(CONVERT) | IN(REPORT), "Views", "metres per unit of the survey, as printed by measure: depths, heights, positions, models and the report's lengths get metres", NULL},
 {"o", "FOLDER", OXL_OPTION_TEXT, FIELD(out), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN) | IN(RENDER) | IN(CLOUD) | IN(COMPARE) | IN(SYNTH) | IN(PARTITION) | STUDIES, "Program", "output folder, created if missing; of cloud: the file", NULL},
 {"json", NULL, OXL_OPTION_FLAG, FIELD(json), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN) | IN(CHECK) | IN(EVAL) | IN(INFO), "Program", "print results on standard output as JSON", NULL},
-{"quality", NULL, OXL_OPTION_FLAG, FIELD(quality), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(CHECK), "Program", "decode every image and name those that are more blurred, darker or brighter than their neighbours", NULL},
-{"control", "FILE", OXL_OPTION_TEXT, FIELD(control), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(CHECK), "Program", "also compare control points with where the cameras see them; lines of NAME,X,Y,Z,IMG,X,Y,IMG,X,Y: world, and pixels in two images or more", NULL},
+{"quality", NULL, OXL_OPTION_FLAG, FIELD(quality), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(CHECK), "Program", "read every image, and name those that are more blurred, darker or brighter than their neighbours", NULL},
+{"control", "FILE", OXL_OPTION_TEXT, FIELD(control), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(CHECK), "Program", "also compare control points with the places where the cameras see them; a line is NAME,X,Y,Z,IMG,X,Y,IMG,X,Y: world coordinates, and pixels in two images or more", NULL},
 {"dry-run", NULL, OXL_OPTION_FLAG, FIELD(dry_run), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN), "Program", "check the survey, the options and OUT, print predicted time and memory, write nothing", NULL},
 {"progress", "text|json", OXL_OPTION_CHOICE, FIELD(progress_json), 0, 1, NO_TEXT, OXL_TIER_ADVANCED, IN(TRAIN) | IN(MERGE), "Program", "form of progress on standard error; json: JSON lines, {\"event\": \"progress\" or \"log\", ...}", NULL},
 {"backend", "cpu|auto|vulkan", OXL_OPTION_CHOICE, FIELD(backend), 0, 2, NO_TEXT, OXL_TIER_ADVANCED, DRAWS, "Program", "device that renders and trains; vulkan: in builds with make VULKAN=1; auto: a GPU if there is one", NULL},
