@@ -264,19 +264,6 @@ TEST(job_in_blocks_is_about_as_good_as_in_one_for_the_same_work)
     CHECK(!test_has("out/blocks/000/checkpoint.oxl") && !os_is_folder(test_path("out/blocks/decoded")));
 }
 
-TEST(job_trains_its_blocks_again_when_the_survey_has_changed)
-{
-    oxl_job_options options = job_test_blocks();
-    struct job_test_watch watch = {0, -1};
-    CHECK_OK(job_test_watched("out", &options, &watch));
-    CHECK(remove(test_path("survey/images/8.png")) == 0);
-    CHECK(job_test_watched("out", &options, &watch) == OXL_ERR_USAGE);
-    watch.calls = 0;
-    options.restart = 1;
-    CHECK_OK(job_test_watched("out", &options, &watch));
-    CHECK(watch.calls > 1);
-}
-
 TEST(job_in_blocks_lets_the_merged_model_grow_to_what_its_blocks_have_left_of_the_number_allowed)
 {
     oxl_job_options options = job_test_blocks();
@@ -376,24 +363,33 @@ TEST(job_in_blocks_grows_to_what_memory_holds_of_the_merged_model)
     CHECK(model.count > 100 && model.count <= 150);
 }
 
-/* Of a run in blocks with gains alone: scene.ply shows the held-out views without imaging.txt, better than
- * scene_clear.ply does, and metrics.json says how well. */
-static void job_test_shows_viewers(const char *out)
+static double job_test_figure(const char *out, const char *name)
 {
-    struct os_file_map json = {0};
-    char scene[64], clear[64], path[200];
-    oxl_metrics plain, named;
+    OWNED_FILE json = {0};
+    CHECK_OK(os_read_file(test_ctx, test_path("%s/metrics.json", out), &json));
+    return oxl_json_number(json.data, name);
+}
+
+/* Of a run with gains alone: scene.ply shows the held-out views without imaging.txt, and metrics.json says how
+ * well. Returns how much better it does so than scene_clear.ply, dB. */
+static double job_test_shows_viewers(const char *out)
+{
+    OWNED_FILE json = {0};
+    const char *standard;
+    char scene[64], clear[64];
+    oxl_metrics plain;
     snprintf(scene, sizeof scene, "%s/scene.ply", out);
     snprintf(clear, sizeof clear, "%s/scene_clear.ply", out);
-    snprintf(path, sizeof path, "%s", test_path(out));
-    CHECK(os_is_file(PATH(path, "scene_clear.ply")) && os_is_file(PATH(path, "imaging.txt")));
-    plain = job_test_evaluate(scene, 0), named = job_test_evaluate(scene, 1);
-    CHECK(named.psnr == plain.psnr && plain.psnr > job_test_evaluate(clear, 0).psnr + 0.01);
-    CHECK_OK(os_read_file(test_ctx, PATH(path, "metrics.json"), &json));
+    CHECK(test_has(clear) && os_is_file(test_path("%s/imaging.txt", out)));
+    plain = job_test_evaluate(scene, 0);
+    CHECK(job_test_evaluate(scene, 1).psnr == plain.psnr);
+    CHECK_OK(os_read_file(test_ctx, test_path("%s/metrics.json", out), &json));
+    standard = oxl_json_member(json.data, "standard");
     CHECK_CLOSE(oxl_json_number(json.data, "psnr"), job_test_evaluate(clear, 1).psnr, 1e-9);
-    CHECK_CLOSE(oxl_json_number(oxl_json_member(json.data, "standard"), "psnr"), plain.psnr, 1e-9);
-    CHECK_CLOSE(oxl_json_number(oxl_json_member(json.data, "standard"), "ssim"), plain.ssim, 1e-9);
-    os_release_file(test_ctx, &json);
+    CHECK_CLOSE(oxl_json_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
+    CHECK_CLOSE(oxl_json_number(standard, "psnr"), plain.psnr, 1e-9);
+    CHECK_CLOSE(oxl_json_number(standard, "ssim"), plain.ssim, 1e-9);
+    return plain.psnr - job_test_evaluate(clear, 0).psnr;
 }
 
 /* Stops once in the model for viewers, which follows the steps of the merged model. */
@@ -453,7 +449,7 @@ TEST(job_in_blocks_with_gains_alone_writes_a_model_for_viewers_and_resumes_it)
     int left = 5;
     const oxl_callback stop = {job_test_stop_viewers, &left};
     CHECK_OK(job_test_run("whole", &options));
-    job_test_shows_viewers("whole");
+    CHECK(job_test_shows_viewers("whole") > 0.01);
     CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("stopped"), &options, &stop) ==
           OXL_ERR_INTERRUPTED);
     CHECK(left == 0);
@@ -482,21 +478,18 @@ TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
     CHECK(job_test_has("out/run.json", "\"iterations_done\": 13"));
 }
 
-TEST(job_does_not_overwrite_the_finished_model_of_another_survey)
+TEST(job_knows_a_survey_that_was_moved_and_does_not_overwrite_the_finished_model_of_another)
 {
     oxl_job_options options = job_test_options();
+    struct job_test_watch watch = {0, -1};
+    const oxl_callback callback = {job_test_progress, &watch};
     CHECK_OK(job_test_run("out", &options));
     CHECK(rename(test_path("survey"), test_path("moved")) == 0);
-    CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &options, NULL));
-    test_write("moved/sparse/0/points3D.txt",
-               "1 0 0 4 120 60 50 0.5 1 0 2 0\n2 1 0 4 120 60 50 0.5 1 0 2 0\n");
-    options.restart = 1;
-    CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &options, NULL));
-    options.restart = 0;
+    CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &options, &callback));
+    CHECK(watch.calls == 0);
+    job_test_survey_of(30);
     CHECK_ERROR(job_test_run("out", &options), OXL_ERR_USAGE,
                 "holds the finished result of a run with other options or of another survey");
-    options.restart = 1;
-    CHECK_OK(job_test_run("out", &options));
 }
 
 TEST(job_keeps_what_the_log_said_also_over_an_interruption)
@@ -739,8 +732,7 @@ TEST(job_writes_a_standard_model_beside_one_with_lobes)
     NEEDS_PART(lobes);
     NEEDS_PART(sh_degree);
     oxl_job_options options = job_test_options();
-    oxl_model model, standard;
-    struct os_file_map first, again;
+    OWNED_MODEL model = {0}, standard = {0};
     options.train.dog = OXL_DOG_ALL;
     options.train.sh_degree = 1;
     CHECK_OK(job_test_run("out", &options));
@@ -750,18 +742,12 @@ TEST(job_writes_a_standard_model_beside_one_with_lobes)
     CHECK(standard.lobes == 0 && standard.count == model.count && standard.sh_degree == 3); /* 62 columns */
     CHECK(standard.plane[OXL_OPACITY][0] != model.plane[OXL_OPACITY][0]);
     CHECK(job_test_has("out/metrics.json", "\"psnr_lost\": ") && !test_has("out/blocks/000/checkpoint.oxl"));
-    oxl_model_free(test_ctx, &model);
-    oxl_model_free(test_ctx, &standard);
-    CHECK_OK(os_read_file(test_ctx, test_path("out/scene_standard.ply"), &first));
     job_test_replace("out/blocks/000/block.json", "\"finished\": true", "\"finished\": false");
     job_test_replace("out/run.json", "\"finished\": true", "\"finished\": false");
     CHECK(os_remove(test_path("out/blocks/000/model_standard.ply")) == 0 &&
-          os_remove(test_path("out/scene_standard.ply")) == 0);
+          rename(test_path("out/scene_standard.ply"), test_path("first.ply")) == 0);
     CHECK_OK(job_test_run("out", &options));
-    CHECK_OK(os_read_file(test_ctx, test_path("out/scene_standard.ply"), &again));
-    CHECK(first.size == again.size && memcmp(first.data, again.data, first.size) == 0);
-    os_release_file(test_ctx, &first);
-    os_release_file(test_ctx, &again);
+    CHECK(job_test_same("out/scene_standard.ply", "first.ply"));
 }
 
 /* Held-out views of the survey by a model of OUT, with the imaging.txt beside it or with none. */
@@ -790,7 +776,7 @@ TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt
     NEEDS_PART(medium);
     NEEDS_PART(lamp);
     oxl_job_options options = job_test_options();
-    struct os_file_map json = {0}, clear = {0};
+    OWNED_FILE clear = {0};
     oxl_metrics full, plain, gains;
     options.train.lamp = options.train.medium = OXL_ON;
     options.train.dog = OXL_DOG_ALL;
@@ -799,10 +785,9 @@ TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt
     CHECK_OK(job_test_run("out", &options));
     full = job_test_evaluate("out/scene_clear.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
     gains = job_test_evaluate("out/scene.ply", 1);
-    CHECK_OK(os_read_file(test_ctx, test_path("out/metrics.json"), &json));
     CHECK(full.psnr > 0 && fabs(full.psnr - plain.psnr) > 1e-6);
-    CHECK_CLOSE(oxl_json_number(json.data, "psnr"), full.psnr, 1e-9);
-    CHECK_CLOSE(oxl_json_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
+    CHECK_CLOSE(job_test_figure("out", "psnr"), full.psnr, 1e-9);
+    CHECK_CLOSE(job_test_figure("out", "plain_psnr"), plain.psnr, 1e-9);
     CHECK_CLOSE(gains.plain_psnr, plain.psnr, 1e-9);
     for (int i = 0; i < 4; i++) { /* in whatever format, it has the medium in its colours */
         static const char *const names[] = {"out/scene_clear.ply", "out/scene.ply", "out/scene.spz",
@@ -815,9 +800,7 @@ TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt
         oxl_scene_free(test_ctx, scene);
     }
     CHECK_OK(os_read_file(test_ctx, test_path("out/scene_clear.ply"), &clear));
-    CHECK(oxl_json_number(json.data, "bytes") == (double)clear.size);
-    os_release_file(test_ctx, &clear);
-    os_release_file(test_ctx, &json);
+    CHECK(job_test_figure("out", "bytes") == (double)clear.size);
     CHECK(test_has("out/renders/IMG_00000.png.clear.png"));
     CHECK(!job_test_same("out/renders/IMG_00000.png.clear.png", "out/renders/IMG_00000.png.png"));
 }
@@ -834,7 +817,7 @@ TEST(job_with_gains_alone_writes_a_model_for_viewers_that_needs_none)
     options.train.iterations = 60;
     CHECK_OK(job_test_run("out", &options));
     CHECK(test_has("out/blocks/000/model_standard.ply"));
-    job_test_shows_viewers("out");
+    CHECK(job_test_shows_viewers("out") != 0);
     plain = job_test_evaluate("out/scene.ply", 0).psnr;
     CHECK(os_remove(test_path("out/scene_clear.ply")) == 0); /* a model of before: it has none of the gains */
     CHECK(fabs(job_test_evaluate("out/scene.ply", 1).psnr - plain) > 1e-6);
@@ -847,19 +830,16 @@ TEST(job_with_a_lamp_and_no_medium_shows_even_light_in_scene_ply_and_refines_not
     NEEDS_PART(sh_degree);
     NEEDS_PART(lamp);
     oxl_job_options options = job_test_options();
-    struct os_file_map json = {0};
-    oxl_metrics full, plain;
+    double full, plain;
     options.train.lamp = OXL_ON;
     options.train.medium = OXL_OFF;
     options.train.sh_degree = 3;
     options.train.iterations = 60;
     CHECK_OK(job_test_run("out", &options));
-    full = job_test_evaluate("out/scene.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
-    CHECK_OK(os_read_file(test_ctx, test_path("out/metrics.json"), &json));
-    CHECK(fabs(full.psnr - plain.psnr) > 1e-6);
-    CHECK_CLOSE(oxl_json_number(json.data, "psnr"), full.psnr, 1e-9);
-    CHECK_CLOSE(oxl_json_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
-    os_release_file(test_ctx, &json);
+    full = job_test_evaluate("out/scene.ply", 1).psnr, plain = job_test_evaluate("out/scene.ply", 0).psnr;
+    CHECK(fabs(full - plain) > 1e-6);
+    CHECK_CLOSE(job_test_figure("out", "psnr"), full, 1e-9);
+    CHECK_CLOSE(job_test_figure("out", "plain_psnr"), plain, 1e-9);
     CHECK(!test_has("out/scene_clear.ply") && !test_has("out/scene_standard.ply"));
     CHECK(!test_has("out/blocks/000/model_standard.ply"));
 }
@@ -925,21 +905,6 @@ TEST(job_starts_from_a_model_of_any_format_and_notices_when_it_changes)
 
 /* ---------------- the library and the command */
 
-static void job_test_same_file(const char *name)
-{
-    struct os_file_map a = {0}, b = {0};
-    char one[200], other[200];
-    snprintf(one, sizeof one, "library/%s", name);
-    snprintf(other, sizeof other, "command/%s", name);
-    CHECK(test_has(one) == test_has(other));
-    if (!test_has(one)) return;
-    CHECK_OK(os_read_file(test_ctx, test_path(one), &a));
-    CHECK_OK(os_read_file(test_ctx, test_path(other), &b));
-    CHECK(a.size == b.size && memcmp(a.data, b.data, a.size) == 0);
-    os_release_file(test_ctx, &a);
-    os_release_file(test_ctx, &b);
-}
-
 /* With gains, with a medium and lamp, with second lobes, with none. */
 TEST(job_of_one_block_writes_what_the_library_does_byte_for_byte)
 {
@@ -964,10 +929,14 @@ TEST(job_of_one_block_writes_what_the_library_does_byte_for_byte)
         CHECK((trained.viewer.count > 0) == (k < 3));
         CHECK_OK(oxl_make_folder(test_ctx, test_path("library")));
         CHECK_OK(oxl_trained_write(test_ctx, test_path("library"), scene, &trained));
-        job_test_same_file("scene.ply");
-        job_test_same_file("scene_clear.ply");
-        job_test_same_file("scene_standard.ply");
-        job_test_same_file("imaging.txt");
+        for (int f = 0; f < 4; f++) {
+            static const char *const files[] = {"scene.ply", "scene_clear.ply", "scene_standard.ply",
+                                                "imaging.txt"};
+            char one[64], other[64];
+            snprintf(one, sizeof one, "library/%s", files[f]);
+            snprintf(other, sizeof other, "command/%s", files[f]);
+            CHECK(test_has(one) == test_has(other) && (!test_has(one) || job_test_same(one, other)));
+        }
         oxl_trained_free(test_ctx, &trained);
     }
 }

@@ -145,7 +145,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_trained *trained)
                                   job->options.renders ? PATH(job->out, "training_views") : NULL);
     if (rc == OXL_OK) rc = metrics_json_add(&t, job->scene, &m);
     text_add(&t, "}\n");
-    if (rc == OXL_OK) rc = job_write(job, "metrics.json", &t);
+    if (rc == OXL_OK) rc = os_write_text(job->ctx, PATH(job->out, "metrics.json"), &t);
     oxl_metrics_free(job->ctx, &m);
     text_free(&t);
     return rc;
@@ -211,7 +211,7 @@ OXL_INTERNAL oxl_result job_write_run(struct job *job, int finished)
     survey_add_json(&t, &job->survey, "  ");
     text_add(&t, ",\n  \"notes\": [%s]\n}\n", job->notes.size ? job->notes.data : "");
     t.failed |= job->notes.failed;
-    if (rc == OXL_OK) rc = job_write(job, "run.json", &t);
+    if (rc == OXL_OK) rc = os_write_text(job->ctx, PATH(job->out, "run.json"), &t);
     text_free(&t);
     return rc;
 }

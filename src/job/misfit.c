@@ -171,7 +171,6 @@ static void misfit_find(const oxl_image *rendered, const oxl_image *image, float
         for (int k = 0; k < MISFIT_TERMS; k++) field[k] *= 2;
         if (!begun++) misfit_search(&pair, field);
         out->explained = misfit_improve(&pair, field);
-        if (n == 1) break;
     }
     out->least = HUGE_VAL;
     for (int k = 0; k < 9; k++) {

@@ -27,11 +27,8 @@
 #define PLAN_SLOPE 1.5
 #define PLAN_TILE 16 /* Sets the step (px) of the edges of windows, besides the image's borders. */
 
-enum plan_part {
-    PLAN_HIDDEN,
-    PLAN_CONTEXT,
-    PLAN_OWN
-}; /* what a Gaussian of the coarse model is to a block */
+/* what a Gaussian of the coarse model is to a block; PLAN_OWN follows PLAN_CONTEXT (plan_take) */
+enum plan_part { PLAN_HIDDEN, PLAN_CONTEXT, PLAN_OWN };
 
 OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan)
 {
@@ -150,26 +147,22 @@ static oxl_result plan_windows(struct job *job, struct block_plan *plan)
 
 /* ---------------- Gaussians, steps and budget */
 
-/* Copies the rows of the coarse model that are one part of the block, part: (count). */
+/* Copies the rows of the coarse model that are the block's own, and its context; part: (count). */
 static oxl_result plan_take(struct job *job, const oxl_model *coarse, const uint8_t *part,
-                            enum plan_part which, oxl_model *out)
+                            struct block_plan *plan)
 {
+    oxl_model *const out[] = {&plan->context, &plan->own};
     uint8_t *keep = oxl_alloc(job->ctx, coarse->count + 1, 1);
     oxl_result rc = keep ? OXL_OK : OXL_ERR_MEMORY;
-    oxl_model_free(job->ctx, out);
-    if (rc == OXL_OK) rc = oxl_model_create(job->ctx, 0, 0, out);
-    if (rc == OXL_OK) memcpy(out->origin, coarse->origin, sizeof out->origin);
-    for (size_t i = 0; i < coarse->count && rc == OXL_OK; i++) keep[i] = part[i] == which;
-    if (rc == OXL_OK) rc = merge_rows(job->ctx, coarse, keep, out);
+    for (int k = 0; k < 2 && rc == OXL_OK; k++) {
+        oxl_model_free(job->ctx, out[k]);
+        rc = oxl_model_create(job->ctx, 0, 0, out[k]);
+        memcpy(out[k]->origin, coarse->origin, sizeof coarse->origin);
+        for (size_t i = 0; i < coarse->count; i++) keep[i] = part[i] == PLAN_CONTEXT + k;
+        if (rc == OXL_OK) rc = merge_rows(job->ctx, coarse, keep, out[k]);
+    }
     oxl_free(job->ctx, keep);
     return rc;
-}
-
-static oxl_result plan_take_both(struct job *job, const oxl_model *coarse, const uint8_t *part,
-                                 struct block_plan *plan)
-{
-    const oxl_result rc = plan_take(job, coarse, part, PLAN_OWN, &plan->own);
-    return rc == OXL_OK ? plan_take(job, coarse, part, PLAN_CONTEXT, &plan->context) : rc;
 }
 
 /* Leaves out of the context what shows in no view that has a window. */
@@ -217,10 +210,10 @@ OXL_INTERNAL oxl_result block_plan_make(struct job *job, int block, const oxl_mo
     rc = part && plan->window ? OXL_OK : OXL_ERR_MEMORY;
     if (rc == OXL_OK) merge_mark(&job->partition, block, coarse, part);
     for (size_t i = 0; i < coarse->count && rc == OXL_OK; i++) part[i] = part[i] ? PLAN_OWN : PLAN_CONTEXT;
-    if (rc == OXL_OK) rc = plan_take_both(job, coarse, part, plan);
+    if (rc == OXL_OK) rc = plan_take(job, coarse, part, plan);
     if (rc == OXL_OK) rc = plan_windows(job, plan);
     if (rc == OXL_OK) plan_hide(job, plan, coarse, part);
-    if (rc == OXL_OK) rc = plan_take_both(job, coarse, part, plan); /* in their own colours */
+    if (rc == OXL_OK) rc = plan_take(job, coarse, part, plan); /* in their own colours */
     if (rc == OXL_OK) {
         plan_divide(job, coarse, plan);
         oxl_log(job->ctx, OXL_LOG_DEBUG,

@@ -15,11 +15,6 @@
 
 /* ---------------- files of OUT */
 
-OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struct text *t)
-{
-    return os_write_text(job->ctx, PATH(job->out, "%s", name), t);
-}
-
 OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block)
 {
     if (block >= 0) return path_in(out, job->out, "blocks/%03d", block);

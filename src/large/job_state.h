@@ -83,8 +83,6 @@ OXL_INTERNAL oxl_result job_merge(struct job *job, oxl_model *out);
 OXL_INTERNAL void job_add_imaging(struct oxl_imaging *all, int *count, const struct oxl_imaging *block);
 /* Reads the model of a block, the coarse or the merged one. */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, oxl_model *out);
-/* Writes a file of OUT. */
-OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struct text *t);
 OXL_INTERNAL void job_remove_decoded(struct job *job);
 /* Removes records and checkpoints of all blocks. */
 OXL_INTERNAL void job_drop_blocks(const struct job *job);

@@ -68,7 +68,9 @@ OXL_INTERNAL oxl_result lock_wait(oxl_context *ctx, const char *folder, const ch
     for (*out = NULL; rc == OXL_ERR_FAILED;) {
         if (file && os_is_file(file)) return OXL_OK;
         rc = lock_folder(ctx, folder, 0, out);
-        if (rc == OXL_ERR_FAILED && os_wait(ctx, LOCK_WAIT) != OXL_OK) return OXL_ERR_INTERRUPTED;
+        if (rc != OXL_ERR_FAILED) break;
+        if (context_stopped(ctx) != OXL_OK) return OXL_ERR_INTERRUPTED;
+        os_sleep(LOCK_WAIT);
     }
     return rc;
 }

@@ -7,20 +7,6 @@
 #include "../formats/formats.h"
 #include "../model/model.h"
 
-static void merge_position(const struct partition *p, const oxl_model *model, size_t row, double frame[3])
-{
-    double world[3];
-    for (int a = 0; a < 3; a++) world[a] = (double)model->plane[OXL_MEAN + a][row] + model->origin[a];
-    partition_to_frame(p, world, frame);
-}
-
-static int merge_is_inside(const struct partition *p, int block, const oxl_model *model, size_t row)
-{
-    double frame[3];
-    merge_position(p, model, row, frame);
-    return partition_contains(&p->block[block].box, frame);
-}
-
 /* Lists the rows of a block's model that are merged. Rows with a second lobe come first in a model, so the
  * block's are inserted behind those of `into`, and its other rows are appended. */
 struct merge_rows {
@@ -96,5 +82,10 @@ OXL_INTERNAL oxl_result merge_rows(oxl_context *ctx, const oxl_model *from, cons
 
 OXL_INTERNAL void merge_mark(const struct partition *p, int block, const oxl_model *model, uint8_t *inside)
 {
-    for (size_t i = 0; i < model->count; i++) inside[i] = (uint8_t)merge_is_inside(p, block, model, i);
+    for (size_t i = 0; i < model->count; i++) {
+        double world[3], frame[3];
+        for (int a = 0; a < 3; a++) world[a] = (double)model->plane[OXL_MEAN + a][i] + model->origin[a];
+        partition_to_frame(p, world, frame);
+        inside[i] = (uint8_t)partition_contains(&p->block[block].box, frame);
+    }
 }

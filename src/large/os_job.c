@@ -4,12 +4,6 @@
 #include "os_job.h"
 #include "../../oceanxl_job.h"
 
-OXL_INTERNAL oxl_result os_wait(oxl_context *ctx, double seconds)
-{
-    os_sleep(seconds);
-    return context_stopped(ctx);
-}
-
 /* ---------------- folders */
 
 int oxl_is_folder(const char *path)

@@ -5,9 +5,6 @@
 
 #include "../core/os.h"
 
-/* Sleeps, then returns context_stopped. */
-OXL_INTERNAL oxl_result os_wait(oxl_context *ctx, double seconds);
-
 /* Removes the temporary files of `names` that a killed process left in a folder: "run.json *.png" means
  * run.json.PID.tmp and all names that end in .png.PID.tmp. No other process may be writing there. */
 OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder, const char *names);
