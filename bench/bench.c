@@ -174,6 +174,7 @@ static void bench_step(oxl_context *ctx, struct renderer *r, struct bench_input 
     const oxl_adam still = {.beta = RENDERER_BETAS, .step = 1};
     double t[STAGES + 1];
     o.near_plane = in->near_plane;
+    render_take_view(r, &in->trained.model, &in->camera, &o);
     bench_check(ctx, render_begin(ctx, r, &in->trained.model, &in->camera, &o));
     t[0] = os_seconds();
     render_project(ctx, r);

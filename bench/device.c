@@ -118,7 +118,7 @@ static void device_begin(oxl_context *ctx, size_t count, int width, int height, 
     for (size_t i = 0; i < 3 * (size_t)width * (size_t)height; i++)
         r->image.rgb[i] = (uint8_t)random_bits(8, i, 0);
     device_check(ctx, renderer_create(ctx, &r->renderer));
-    renderer_expect_steps(r->renderer);
+    renderer_settings(r->renderer)->steps = 1;
 }
 
 static void device_end(oxl_context *ctx, struct device_run *r)
@@ -139,10 +139,8 @@ static void device_set_parts(struct device_run *r)
 {
     static const float gain[3] = {1.1f, 1, 0.9f};
     if (!getenv("OXL_BENCH_PARTS")) return;
-    renderer_set_lamp(r->renderer, &DEVICE_LAMP);
-    renderer_set_medium(r->renderer, &DEVICE_MEDIUM);
-    renderer_set_gain(r->renderer, gain);
-    renderer_set_dropout(r->renderer, 0.2, 7, 3);
+    *renderer_settings(r->renderer) = (struct renderer_settings){
+        .steps = 1, .lamp = &DEVICE_LAMP, .medium = DEVICE_MEDIUM, .gain = gain, .dropout = {0.2, 7, 3}};
 }
 
 /* Points all over the image, a little behind the plane. */

@@ -33,7 +33,7 @@ static void extreme_run_loss(oxl_context *ctx, const struct extreme_loss *e, dou
     double *x_f64 = wide_array(n), *y_f64 = wide_array(n), *dx_f64 = wide_array(n), exact;
     const struct loss_job job = {e->width, e->height, 0.2f, x, y, NULL, dx, 0};
     struct loss_scratch scratch = {0};
-    struct loss_value narrow;
+    struct renderer_loss narrow;
     struct extreme_sums sums = {.finite = 1};
     if (!x || !y || !dx) extreme_fail("no memory");
     for (size_t i = 0; i < n; i++) {

@@ -271,7 +271,7 @@ static double raster_dropped_sum(struct renderer *r, const oxl_model *m, const o
     const oxl_render_options options = oxl_render_options_default();
     const float *rgb;
     double sum = 0;
-    renderer_set_dropout(r, share, 7, 3);
+    renderer_settings(r)->dropout = (struct renderer_dropout){share, 7, 3};
     CHECK_OK(renderer_forward(test_ctx, r, m, camera, &options));
     CHECK_OK(renderer_image(test_ctx, r, &rgb));
     for (int i = 0; i < 3 * DROP_SIDE * DROP_SIDE; i++) sum += (double)rgb[i];

@@ -487,7 +487,7 @@ static void reference_check_loss(int width, int height, double contrast, float w
     float *narrow = calloc(3 * n, sizeof *narrow);
     struct loss_job job = {width, height, weight, narrow, narrow + n, NULL, narrow + 2 * n, 0};
     struct loss_scratch scratch = {0};
-    struct loss_value out;
+    struct renderer_loss out;
     if (!narrow) abort();
     for (size_t i = 0; i < n; i++) {
         x[i] = narrow[i] = (float)(0.3 + 0.3 * contrast * reference_random(i, 50));

@@ -73,8 +73,8 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
         CHECK_OK(renderer_create(test_ctx, &a));
         CHECK_OK(renderer_create(test_ctx, &b));
         renderer_set_context(a, &context);
-        renderer_set_medium(a, kind > 1 ? &medium : NULL);
-        renderer_set_medium(b, kind > 1 ? &medium : NULL);
+        renderer_settings(a)->medium = kind > 1 ? medium : (struct medium){0};
+        renderer_settings(b)->medium = kind > 1 ? medium : (struct medium){0};
         CHECK_OK(renderer_forward(test_ctx, a, &own, &camera, &o));
         CHECK_OK(renderer_forward(test_ctx, b, &all, &camera, &o));
         CHECK_OK(renderer_image(test_ctx, a, &x));
@@ -97,7 +97,7 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
             for (int c = 0; c < 3; c++) factor[c] = exp(-0.5 * (double)medium.attenuation[c]);
             medium.training_range = 0.5f;
             model_scale_colour(&own, factor);
-            renderer_set_medium(a, &medium);
+            renderer_settings(a)->medium = medium;
             CHECK_OK(renderer_forward(test_ctx, a, &own, &camera, &o));
             CHECK_OK(renderer_image(test_ctx, a, &x));
             CHECK(rounds_test_largest_difference(x, y, 3 * 64 * 48) < 1e-5);
@@ -131,9 +131,9 @@ TEST(window_shows_the_same_pixels_as_the_image_and_its_loss_the_same_slopes)
     CHECK_OK(oxl_model_create(test_ctx, m.count, 1, &g2));
     CHECK_OK(renderer_create(test_ctx, &a));
     CHECK_OK(renderer_create(test_ctx, &b));
-    renderer_set_window(a, (const float[2]){16, 16}, 64, 48);
-    renderer_set_lamp(a, &lamp);
-    renderer_set_lamp(b, &lamp);
+    renderer_settings(a)->window = (struct renderer_window){64, 48, 16, 16};
+    renderer_settings(a)->lamp = &lamp;
+    renderer_settings(b)->lamp = &lamp;
     CHECK_OK(renderer_forward(test_ctx, a, &m, &part, &o));
     CHECK_OK(renderer_forward(test_ctx, b, &m, &full, &o));
     CHECK_OK(renderer_image(test_ctx, a, &x));
@@ -181,7 +181,7 @@ TEST(window_counts_a_view_for_growth_only_of_gaussians_whose_centre_it_shows)
     for (int k = 0; k < 2; k++) { /* the whole image, the window */
         const struct renderer_sums sums = {.count = m.count, .gradient = gradient, .views = views[k]};
         CHECK_OK(renderer_create(test_ctx, &r[k]));
-        if (k == 1) renderer_set_window(r[k], (const float[2]){0, 0}, 64, 48);
+        if (k == 1) renderer_settings(r[k])->window = (struct renderer_window){64, 48, 0, 0};
         CHECK_OK(renderer_forward(test_ctx, r[k], &m, k ? &part : &full, &o));
         CHECK_OK(renderer_loss(test_ctx, r[k], image, NULL, 0, &loss));
         CHECK_OK(renderer_backward(test_ctx, r[k], NULL, NULL));

@@ -30,7 +30,7 @@ static void tviews_draw(const oxl_model *m, const oxl_camera *camera, int in_med
 {
     const oxl_render_options options = oxl_render_options_default();
     OWNED_RENDERER *r = test_renderer();
-    renderer_set_medium(r, in_medium ? &tviews_medium : NULL);
+    renderer_settings(r)->medium = in_medium ? tviews_medium : (struct medium){0};
     CHECK_OK(renderer_draw(test_ctx, r, m, camera, &options, out, NULL));
 }
 

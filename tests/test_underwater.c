@@ -88,7 +88,7 @@ static struct renderer_loss exposure_loss(struct renderer *r, oxl_scene *scene, 
     for (int c = 0; c < 3; c++) gain[c] = (float)exp(log_gain[c]);
     CHECK_OK(oxl_scene_image(test_ctx, scene, 1, NULL, &image));
     CHECK_OK(renderer_forward(test_ctx, r, model, &oxl_scene_view(scene, 1)->camera, &o));
-    renderer_set_gain(r, gain);
+    renderer_settings(r)->gain = gain;
     CHECK_OK(renderer_loss(test_ctx, r, image.rgb, NULL, 0.2f, &loss));
     renderer_complete_loss(r, &loss);
     oxl_image_free(test_ctx, &image);
@@ -658,7 +658,7 @@ static double medium_score(struct renderer *r, const oxl_camera *camera, const o
     oxl_render_options o = oxl_render_options_default();
     const float *rgb;
     double sum = 0;
-    renderer_set_medium(r, medium);
+    renderer_settings(r)->medium = medium ? *medium : (struct medium){0};
     CHECK_OK(renderer_forward(test_ctx, r, model, camera, &o));
     CHECK_OK(renderer_image(test_ctx, r, &rgb));
     for (size_t i = 0; i < n; i++) sum += (double)drgb[i] * rgb[i];
@@ -793,7 +793,7 @@ TEST(medium_alone_shows_its_veil)
     OWNED_RENDERER *r = test_renderer();
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     model.plane[OXL_OPACITY][0] = -20;
-    renderer_set_medium(r, &imaging_test_murky);
+    renderer_settings(r)->medium = imaging_test_murky;
     CHECK_OK(renderer_forward(test_ctx, r, &model, &oxl_scene_view(scene, 0)->camera, &o));
     CHECK_OK(renderer_image(test_ctx, r, &rgb));
     CHECK(rgb[0] == imaging_test_murky.veiling_light[0]);
@@ -1011,9 +1011,9 @@ static struct renderer_loss lamp_loss(struct renderer *r, oxl_scene *scene, cons
                                       const struct lamp *lamp)
 {
     struct renderer_loss loss;
-    renderer_set_lamp(r, lamp);
+    renderer_settings(r)->lamp = lamp;
     loss = exposure_loss(r, scene, model, (double[]){0.1, -0.2, 0.3});
-    renderer_set_lamp(r, NULL);
+    renderer_settings(r)->lamp = NULL;
     return loss;
 }
 
@@ -1060,8 +1060,8 @@ static void imaging_test_gradients(int isa, int threads, oxl_model *gradient, do
     OWNED_RENDERER *r = test_renderer();
     OWNED_MODEL model = test_points(scene, 1);
     CHECK_OK(oxl_model_create(test_ctx, model.count, 1, gradient));
-    renderer_set_medium(r, &imaging_test_murky);
-    renderer_set_lamp(r, &lamp);
+    renderer_settings(r)->medium = imaging_test_murky;
+    renderer_settings(r)->lamp = &lamp;
     loss = exposure_loss(r, scene, &model, log_gain);
     CHECK_OK(renderer_backward(test_ctx, r, NULL, gradient));
     memcpy(d, loss.dlamp, sizeof loss.dlamp);

@@ -1,5 +1,5 @@
-/* test_vulkan.c - the Vulkan backend against the CPU's: both behind the same interface, the same input, stated
- * bounds.
+/* test_vulkan.c - the Vulkan backend against the CPU's: both behind the same interface, the same input,
+ * stated bounds.
  *
  * Wants a build with make VULKAN=1 and a device; Mesa's lavapipe will do, and is what the bounds were seen
  * on. The validation layer listens to every test where it is installed. What a test allocates of `cpu` lives
@@ -10,7 +10,6 @@
 #include "../src/parts/dropout.h"
 #include "../src/parts/lamp.h"
 #include "../src/parts/medium.h"
-#include "../src/parts/prune.h"
 #include "../backends/vulkan/frames.c"
 #include "../backends/vulkan/passes.c"
 #include "../backends/vulkan/memory.c"
@@ -153,7 +152,6 @@ static int vulkan_plays(struct vulkan_fault *f)
     (v->name = vulkan_play_##name, vulkan_fault_##name = (struct vulkan_fault){after, times, result})
 #define VULKAN_SOUND(name) (v->name = driver.name)
 
-static int vulkan_unfenced;              /* submissions without a fence behind them */
 static uint64_t vulkan_waited;           /* ns: the last wait, at most */
 static VkPipelineLayout *vulkan_refused; /* its shaders are refused */
 static int vulkan_refusals;              /* of shaders, of memory */
@@ -162,8 +160,7 @@ static size_t vulkan_images_kept;        /* bytes: while as many images are kept
 
 /* clang-format off */
 VULKAN_FAULTY(QueueSubmit, (VkQueue queue, uint32_t count, const VkSubmitInfo *info, VkFence fence),
-              (queue, count, info, fence), vulkan_unfenced = fence ? 0 : vulkan_unfenced + 1)
-VULKAN_FAULTY(BeginCommandBuffer, (VkCommandBuffer commands, const VkCommandBufferBeginInfo *info), (commands, info), (void)0)
+              (queue, count, info, fence), (void)0)
 VULKAN_FAULTY(EndCommandBuffer, (VkCommandBuffer commands), (commands),
               if (vulkan_fault_EndCommandBuffer.times) {
                   const VkResult result = driver.EndCommandBuffer(commands);
@@ -181,8 +178,6 @@ VULKAN_FAULTY(AllocateMemory, (VkDevice d, const VkMemoryAllocateInfo *info, con
 VULKAN_FAULTY(CreateComputePipelines, (VkDevice d, VkPipelineCache cache, uint32_t count, const VkComputePipelineCreateInfo *info,
               const VkAllocationCallbacks *a, VkPipeline *out), (d, cache, count, info, a, out), *out = VK_NULL_HANDLE;
               if (info->layout == *vulkan_refused) return vulkan_refusals++, VK_ERROR_UNKNOWN)
-VULKAN_FAULTY(CreateFence, (VkDevice d, const VkFenceCreateInfo *info, const VkAllocationCallbacks *a, VkFence *out),
-              (d, info, a, out), VULKAN_LEAVE(out))
 /* clang-format on */
 
 /* After so many allocations of at most so many bytes a device has no memory left. */
@@ -516,32 +511,33 @@ static void vulkan_check_sort(size_t n, uint32_t mask)
 {
     struct vulkan_renderer *r = vulkan_renderer(device)->device;
     const size_t most = n == 1 << 16 ? n : n + 9000; /* more groups than keys, or all of 32 are full */
-    uint32_t *host = vulkan_memory(2 * n + 2, sizeof *host), *got = host + n + 1, count = (uint32_t)n;
+    uint32_t *host = vulkan_memory(2 * n, sizeof *host), *got = host + n, count = (uint32_t)n;
     size_t wrong = 0;
     int end;
     for (size_t i = 0; i < n; i++) host[i] = (uint32_t)random_bits(5, i, n) & mask, got[i] = (uint32_t)i;
     VULKAN_TWICE(k)
     {
-        vulkan_reserve(v, &r->row_key[k], n + 1, 4, "keys");
-        vulkan_reserve(v, &r->row_value[k], n + 1, 4, "keys");
+        vulkan_reserve(v, &r->row_key[k], n, 4, "keys");
+        vulkan_reserve(v, &r->row_value[k], n, 4, "keys");
     }
     vulkan_reserve(v, &r->histogram, VULKAN_DIGITS * vulkan_chunks(most), 4, "keys");
-    if (n) vulkan_upload(v, &r->row_key[0], 0, host, 4 * n);
-    if (n) vulkan_upload(v, &r->row_value[0], 0, got, 4 * n);
+    vulkan_upload(v, &r->row_key[0], 0, host, 4 * n);
+    vulkan_upload(v, &r->row_value[0], 0, got, 4 * n);
     vulkan_update(v, &r->counts, COUNT_VISIBLE * 4, &count, 4);
     end = vulkan_sort(r, r->row_key, r->row_value, COUNT_VISIBLE, most, 32);
-    if (n) vulkan_download(v, &r->row_value[end], 0, got, 4 * n);
-    for (size_t i = 1; i < n; i++)
-        wrong +=
-            host[got[i - 1]] > host[got[i]] || (host[got[i - 1]] == host[got[i]] && got[i - 1] >= got[i]);
+    vulkan_download(v, &r->row_value[end], 0, got, 4 * n);
+    for (size_t i = 1; i < n; i++) {
+        const uint32_t a = got[i - 1], b = got[i];
+        wrong += host[a] > host[b] || (host[a] == host[b] && a >= b);
+    }
     CHECK(v->rc == OXL_OK && wrong == 0);
 }
 
 DEVICE_TEST(vulkan_sorts_stably_whatever_the_number_of_keys)
 {
-    static const size_t sizes[] = {0, 1, 2047, 2048, 2049, 1 << 16, 70001};
+    static const size_t sizes[] = {1, 2047, 2048, 2049, 1 << 16, 70001};
     for (size_t k = 0; k < OXL_COUNT(sizes); k++)
-        vulkan_check_sort(sizes[k], k % 2 ? 0xFFFFFFFF : 0x00F0000F);
+        vulkan_check_sort(sizes[k], k % 2 ? 0x00F0000F : 0xFFFFFFFF);
 }
 
 DEVICE_TEST(vulkan_adds_up_prefixes_whatever_their_number)
@@ -591,24 +587,6 @@ static void vulkan_compare_rows(struct vulkan_twins *t, size_t count)
     CHECK(other * 1000 <= 3 * count && both > 0);
 }
 
-static void vulkan_same_pairs(struct vulkan_twins *t)
-{
-    CHECK_CLOSE((double)t->d->pairs, (double)t->r[0]->bins.pair_count, 3);
-}
-
-DEVICE_TEST(vulkan_projects_as_the_cpu_does_at_the_extremes_too)
-{
-    for (int k = 0; k < 4; k++) {
-        struct vulkan_twins t = vulkan_twins(150, 101);
-        oxl_model m = vulkan_scene(1500, 3, 200);
-        m.antialias = k % 2;
-        if (k / 2) vulkan_extremes(&m);
-        vulkan_forward_both(&t, &m);
-        vulkan_compare_rows(&t, m.count);
-        if (k < 2) vulkan_same_pairs(&t);
-    }
-}
-
 /* A pixel at the threshold of alpha may go either way: at most a few, and by so much. */
 static void vulkan_compare_images(struct vulkan_twins *t, double relative, double most)
 {
@@ -622,46 +600,6 @@ static void vulkan_draw_both(struct vulkan_twins *t, const oxl_model *m)
 {
     vulkan_forward_both(t, m);
     vulkan_compare_images(t, 2e-4, 2.0 / 255);
-}
-
-DEVICE_TEST(vulkan_renders_as_the_cpu_does)
-{
-    for (size_t lobes = 0; lobes <= 400; lobes += 400) {
-        struct vulkan_twins t = vulkan_twins(100, 75);
-        oxl_model m = vulkan_scene(600, 2, lobes);
-        vulkan_draw_both(&t, &m);
-    }
-}
-
-DEVICE_TEST(vulkan_leaves_out_what_is_below_alpha_min)
-{
-    vulkan_options.alpha_min = 0.06f;
-    for (size_t lobes = 0; lobes <= 400; lobes += 400) {
-        struct vulkan_twins t = vulkan_twins(100, 75);
-        oxl_model m = vulkan_scene(600, 1, lobes);
-        vulkan_forward_both(&t, &m);
-        vulkan_compare_images(&t, 1e-3, 0.06);
-        vulkan_same_pairs(&t);
-    }
-}
-
-DEVICE_TEST(vulkan_renders_extreme_gaussians_as_the_cpu_does)
-{
-    struct vulkan_twins t = vulkan_twins(64, 64);
-    oxl_model m = vulkan_scene(500, 1, 100);
-    vulkan_extremes(&m);
-    for (size_t i = 0; i < m.count; i++)
-        for (int k = OXL_SH; k < oxl_model_planes(&m); k++)
-            if (!(fabsf(m.plane[k][i]) < 10)) m.plane[k][i] = 0;
-    vulkan_draw_both(&t, &m);
-}
-
-DEVICE_TEST(vulkan_renders_an_empty_model_as_the_background)
-{
-    struct vulkan_twins t = vulkan_twins(40, 30);
-    oxl_model m = vulkan_scene(5, 0, 0);
-    for (size_t i = 0; i < m.count; i++) m.plane[OXL_MEAN + 2][i] = -50; /* behind the camera */
-    vulkan_draw_both(&t, &m);
 }
 
 DEVICE_TEST(vulkan_renders_depths_as_the_cpu_does)
@@ -679,32 +617,6 @@ DEVICE_TEST(vulkan_renders_depths_as_the_cpu_does)
 }
 
 /* ---------------- any device */
-
-/* The image of a device with small limits is that of one without. */
-DEVICE_TEST(vulkan_renders_the_same_within_the_limits_of_any_device)
-{
-    struct vulkan_twins t = vulkan_twins(2100, 40);
-    oxl_model m = vulkan_scene(2000, 1, 700);
-    const float *one;
-    vulkan_forward_both(&t, &m);
-    vulkan_compare_images(&t, 2e-4, 1);
-    one = vulkan_image_of(device, t.r[1], t.pixels);
-    v->slab_rows = 512, v->groups_max = 21;
-    t.r[1] = vulkan_renderer(device);
-    CHECK_OK(vulkan_draw_with(t.r[1], &m, &t.camera));
-    CHECK(memcmp(one, vulkan_image_of(device, t.r[1], t.pixels), 3 * t.pixels * sizeof *one) == 0);
-}
-
-DEVICE_TEST(vulkan_refuses_what_is_too_large_and_remains_usable)
-{
-    const oxl_camera camera = vulkan_camera(100, 100);
-    struct renderer *r = vulkan_renderer(device);
-    oxl_model m = vulkan_scene(1000, 0, 0);
-    v->range = 8192; /* so --backend auto goes on with the CPU */
-    REFUSED(vulkan_draw_with(r, &m, &camera), OXL_ERR_MEMORY, "in one array");
-    v->range = driver.range;
-    CHECK_OK(vulkan_draw_with(r, &m, &camera)); /* still usable */
-}
 
 /* ---------------- other drivers, played */
 
@@ -763,7 +675,7 @@ DEVICE_TEST(vulkan_uses_portability_drivers)
     oxl_free(device, extensions.there);
 }
 
-static int vulkan_real_ones, vulkan_breaks_late; /* when its fences are made, not the device itself */
+static int vulkan_real_ones;
 #define VULKAN_BROKEN ((VkPhysicalDevice)(uintptr_t)16)
 
 static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_two(VkInstance instance, uint32_t *count,
@@ -797,16 +709,8 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_device(VkPhysicalDevice d, con
                                                          const VkAllocationCallbacks *a, VkDevice *out)
 {
     VULKAN_LEAVE(out);
-    if (d == VULKAN_BROKEN && !vulkan_breaks_late) return VK_ERROR_INITIALIZATION_FAILED;
-    vulkan_breaks_late = d == VULKAN_BROKEN;
+    if (d == VULKAN_BROKEN) return VK_ERROR_INITIALIZATION_FAILED;
     return driver.CreateDevice(driver.physical, info, a, out);
-}
-
-static VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL vulkan_play_lookup(VkDevice d, const char *name)
-{
-    if (!vulkan_breaks_late || strcmp(name, "vkCreateFence") != 0) return driver.GetDeviceProcAddr(d, name);
-    vulkan_fault_CreateFence = (struct vulkan_fault){0, -1, VK_ERROR_OUT_OF_HOST_MEMORY};
-    return (PFN_vkVoidFunction)vulkan_play_CreateFence;
 }
 
 /* The best device cannot be opened: the next one is, and what is said names both and why. The last one's
@@ -823,22 +727,15 @@ DEVICE_TEST(vulkan_opens_the_next_device_where_the_best_cannot_be)
     other.EnumerateDeviceExtensionProperties = vulkan_play_device_list;
     other.properties2 = 0;
     other.CreateDevice = vulkan_play_device;
-    other.GetDeviceProcAddr = vulkan_play_lookup;
     vulkan_real_ones = 1;
     vulkan_listen(": trying ");
-    VULKAN_TWICE(late)
-    {
-        vulkan_breaks_late = late;
-        CHECK_OK(vulkan_open_best(&other, -1, 1));
-        CHECK(other.physical == driver.physical && other.mapped && other.staging.handle &&
-              other.frame[1].fence && vulkan_times_heard == late + 1);
-        CHECK_TEXT(vulkan_heard, late ? "Broken GPU, a fence: no host memory"
-                                      : "Broken GPU, a device: it could not be started");
-        CHECK_TEXT(vulkan_heard, driver.properties.deviceName);
-        vulkan_close_device(&other);
-        CHECK(!other.device && !other.staging.handle);
-    }
-    vulkan_breaks_late = 0;
+    CHECK_OK(vulkan_open_best(&other, -1, 1));
+    CHECK(other.physical == driver.physical && other.mapped && other.staging.handle && other.frame[1].fence &&
+          vulkan_times_heard == 1);
+    CHECK_TEXT(vulkan_heard, "Broken GPU, a device: it could not be started");
+    CHECK_TEXT(vulkan_heard, driver.properties.deviceName);
+    vulkan_close_device(&other);
+    CHECK(!other.device && !other.staging.handle);
     CHECK(vulkan_open_best(&other, 0, 1) == OXL_ERR_FAILED && !other.device);
     vulkan_close_device(&other);
     vulkan_real_ones = 0;
@@ -862,56 +759,18 @@ static void vulkan_compare_sums(const double *x, const double *y, int count, dou
     for (int k = 0; k < count; k++) CHECK_CLOSE(y[k], x[k], bound * most);
 }
 
-static void vulkan_compare_losses(const struct renderer_loss loss[2])
+static void vulkan_compare_losses(const struct renderer_loss loss[2], int has_ssim)
 {
     CHECK_CLOSE(loss[1].l1, loss[0].l1, 1e-5);
-    CHECK_CLOSE(loss[1].ssim, loss[0].ssim, 1e-5);
+    if (has_ssim) CHECK_CLOSE(loss[1].ssim, loss[0].ssim, 1e-5);
     CHECK_CLOSE(loss[1].mse, loss[0].mse, 1e-5);
     CHECK_CLOSE(loss[1].total, loss[0].total, 1e-5);
 }
 
 static const float vulkan_gain[3] = {1.3f, 0.6f, 1.1f};
 
-static float *vulkan_target_of(size_t pixels, uint64_t seed)
-{
-    float *target = vulkan_noise(3 * pixels, seed);
-    for (size_t i = 0; i < 3 * pixels; i++) target[i] = 0.5f + 0.4f * target[i];
-    return target;
-}
-
-DEVICE_TEST(vulkan_loss_and_its_gradient_agree_with_the_cpus)
-{
-    static const struct {
-        int width, height;
-        float ssim;
-        int masked, exposed;
-    } c[] = {{70, 43, 0.2f, 0, 0}, {70, 43, 0.2f, 1, 0},
-             {33, 20, 0, 1, 0},    {7, 5, 1, 0, 0} /* than a window */,
-             {70, 43, 0.2f, 1, 1}, {33, 20, 0, 0, 1}};
-    for (size_t n = 0; n < OXL_COUNT(c); n++) {
-        struct vulkan_twins t = vulkan_twins(c[n].width, c[n].height);
-        float *target = vulkan_target_of(t.pixels, 60), *weight = vulkan_noise(t.pixels, 61);
-        float *drgb = vulkan_memory(3 * t.pixels, sizeof *drgb);
-        struct renderer_loss loss[2];
-        oxl_model m = vulkan_scene(300, 0, 0);
-        for (size_t i = 0; i < t.pixels; i++) weight[i] = weight[i] > -0.98f; /* a fiftieth is masked */
-        vulkan_forward_both(&t, &m);
-        VULKAN_TWICE(k)
-        {
-            renderer_set_gain(t.r[k], c[n].exposed ? vulkan_gain : NULL);
-            CHECK_OK(renderer_loss(vulkan_ctx(k), t.r[k], target, c[n].masked ? weight : NULL, c[n].ssim,
-                                   &loss[k]));
-        }
-        for (int k = 0; c[n].exposed && k < 3; k++)
-            vulkan_compare_sums(&loss[0].dlog_gain[k], &loss[1].dlog_gain[k], 1, 1e-4);
-        vulkan_compare_losses(loss);
-        vulkan_download(v, &t.d->drgb, 0, drgb, 3 * t.pixels * sizeof *drgb);
-        CHECK_CLOSE(vulkan_distance(t.r[0]->drgb, drgb, 3 * t.pixels).relative, 0, 1e-3);
-    }
-}
-
-/* An image is compared as the bytes that it is, whole, a window of it, or at half the sides, kept on the device
- * or passing through. */
+/* An image is compared as the bytes that it is, whole, a window of it, or at half the sides, kept on the
+ * device or passing through. */
 static void vulkan_check_image(int width, int height, int masked, int halved,
                                const struct image_window *window)
 {
@@ -934,7 +793,7 @@ static void vulkan_check_image(int width, int height, int masked, int halved,
                                         k && renderer_has_image(t.r[1], 3) ? NULL : &image, window, halved));
             CHECK_OK(renderer_loss(vulkan_ctx(k), t.r[k], NULL, NULL, 0.2f, &loss[k]));
         }
-        vulkan_compare_losses(loss);
+        vulkan_compare_losses(loss, 1);
     }
     CHECK(t.d->image_bytes == (keeps ? stays : 0));
     CHECK(renderer_has_image(t.r[1], 3) == keeps && !renderer_has_image(t.r[1], 2));
@@ -949,126 +808,17 @@ DEVICE_TEST(vulkan_compares_with_images_as_the_cpu_does)
     vulkan_check_image(40, 31, 0, 0, NULL);
 }
 
-/* ---------------- backward and score */
-
-static void vulkan_compare_mean2d(struct vulkan_twins *t, size_t count, double least)
+static void vulkan_compare_mean2d(struct vulkan_twins *t, size_t count)
 {
     const uint32_t *seen = vulkan_seen(t->d);
     const float *d = vulkan_splats(t->d, &t->d->mean2d, 1);
     for (size_t i = 0; i < count; i++)
         if (renderer_row_visible(t->r[0], i) && seen[i])
-            CHECK_CLOSE(d[i], t->r[0]->dmean2d[i], 1e-2 * t->r[0]->dmean2d[i] + least);
+            CHECK_CLOSE(d[i], t->r[0]->dmean2d[i], 1e-2 * t->r[0]->dmean2d[i] + 1e-6);
 }
-
-/* expects: forward knows that a step follows, and keeps what the way back begins with. */
-static void vulkan_check_gradient_of(oxl_model *m, int antialias, int expects)
-{
-    struct vulkan_twins t = vulkan_twins(90, 60);
-    float *drgb = vulkan_noise(3 * t.pixels, 50);
-    oxl_model gradient[2];
-    m->antialias = antialias;
-    if (expects) renderer_expect_steps(t.r[1]);
-    vulkan_forward_both(&t, m);
-    if (expects) vulkan_fill(v, &t.d->sums_a, 0, VK_WHOLE_SIZE, VULKAN_INFINITY); /* all are written */
-    VULKAN_TWICE(k)
-    {
-        vulkan_model(m->count, m->sh_degree, m->lobes, &gradient[k]);
-        CHECK_OK(renderer_backward(vulkan_ctx(k), t.r[k], drgb, &gradient[k]));
-        CHECK_OK(renderer_gradient(vulkan_ctx(k), t.r[k], &gradient[k]));
-    }
-    vulkan_compare_models(&gradient[0], &gradient[1], 2e-3);
-    vulkan_compare_mean2d(&t, m->count, 1e-2);
-}
-
-DEVICE_TEST(vulkan_gradients_agree_with_the_cpus)
-{
-    for (int k = 0; k < 4; k++) {
-        oxl_model m = vulkan_scene(700, k % 2 ? 1 : 3, k % 2 ? 300 : 0);
-        vulkan_check_gradient_of(&m, k / 2, k / 2);
-    }
-}
-
-/* Tiles of many buckets, some of which no pixel sees any more, and some of which end within a batch. */
-DEVICE_TEST(vulkan_gradients_agree_in_tiles_of_many_buckets)
-{
-    struct vulkan_twins t = vulkan_twins(90, 60);
-    for (int k = 0; k < 4; k++) {
-        oxl_model m = vulkan_scene(5000, 0, k % 2 ? 2000 : 0);
-        const uint32_t *start;
-        uint32_t most = 0;
-        for (size_t i = 0; i < m.count; i++) {
-            m.plane[OXL_OPACITY][i] += k / 2 ? 2 : -4;
-            for (int q = 0; q < 3; q++) m.plane[OXL_LOG_SCALE + q][i] += 1;
-        }
-        vulkan_forward_both(&t, &m);
-        start = vulkan_starts(t.d);
-        for (size_t i = 0; i < t.d->tiles; i++) most = OXL_MAX(most, start[i + 1] - start[i]);
-        CHECK(most > 4 * VULKAN_BUCKET);
-        vulkan_check_gradient_of(&m, 0, 1);
-    }
-}
-
-DEVICE_TEST(vulkan_scores_agree_with_the_cpus)
-{
-    for (size_t lobes = 0; lobes <= 200; lobes += 200) {
-        struct vulkan_twins t = vulkan_twins(80, 50);
-        float *drgb = vulkan_noise(3 * t.pixels, 51), *score[2];
-        oxl_model m = vulkan_scene(400, 0, lobes);
-        vulkan_forward_both(&t, &m);
-        VULKAN_TWICE(k)
-        {
-            score[k] = vulkan_memory(m.count, sizeof *score[k]);
-            CHECK_OK(renderer_score(vulkan_ctx(k), t.r[k], drgb, score[k]));
-        }
-        CHECK_CLOSE(vulkan_distance(score[0], score[1], m.count).relative, 0, 1e-3);
-    }
-}
-
-/* ---------------- medium, lamp, dropout, the loss in front of points */
-
-struct vulkan_imaging {
-    const struct medium *medium;
-    const float *gain;
-    int lit, points, degree;
-    size_t lobes;
-    double dropout, contrast;
-    int window; /* 1: the camera shows a part of the image */
-    const oxl_model *context;
-};
 
 static const struct medium vulkan_murky = {
     1, {0.10f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}, 1.5f};
-
-/* Loss, and gradients of everything, of one renderer. */
-static struct renderer_loss vulkan_imaging_step(oxl_context *ctx, struct renderer *r,
-                                                const oxl_camera *camera, const struct vulkan_imaging *o,
-                                                const float *target, const oxl_model *m, oxl_model *gradient)
-{
-    static const float at[2] = {24, 16};
-    struct lamp lamp = {.view = -1};
-    struct depth_point point[DEPTH_POINTS];
-    struct renderer_loss loss;
-    for (int k = 0; k < LAMP_TERMS; k++) lamp.shape[k] = 0.3f * (float)vulkan_random((uint64_t)k, 70);
-    for (int k = 0; k < o->points; k++)
-        point[k] = (struct depth_point){(float)(0.5 + 45 * (1 + vulkan_random((uint64_t)k, 71))),
-                                        (float)(0.5 + 30 * (1 + vulkan_random((uint64_t)k, 72))),
-                                        (float)(5 + 2 * vulkan_random((uint64_t)k, 73))};
-    if (o->window) renderer_set_window(r, at, 2 * camera->width, 2 * camera->height);
-    renderer_set_context(r, o->context);
-    renderer_set_medium(r, o->medium);
-    renderer_set_lamp(r, o->lit ? &lamp : NULL);
-    renderer_set_gain(r, o->gain);
-    renderer_set_contrast(r, o->contrast);
-    renderer_set_dropout(r, o->dropout, UINT64_C(0x123456789abcdef), 77);
-    CHECK_OK(renderer_forward(ctx, r, m, camera, &vulkan_options));
-    CHECK_OK(renderer_loss(ctx, r, target, NULL, 0.2f, &loss));
-    renderer_set_depths(r, point, o->points, 1);
-    vulkan_model(m->count, o->degree, m->lobes, gradient);
-    CHECK_OK(renderer_backward(ctx, r, NULL, gradient));
-    CHECK_OK(renderer_gradient(ctx, r, gradient));
-    renderer_complete_loss(r, &loss);
-    return loss;
-}
 
 /* Statistics of density control of both. */
 static void vulkan_compare_observed(struct vulkan_twins *t, size_t count)
@@ -1085,55 +835,159 @@ static void vulkan_compare_observed(struct vulkan_twins *t, size_t count)
     CHECK_CLOSE(vulkan_distance(numbers[0] + 3 * count, numbers[1] + 3 * count, count).most, 0, 0);
 }
 
-static void vulkan_check_imaging(const struct vulkan_imaging *o, size_t count)
+/* ---------------- a view on both: every shader beside its twin */
+
+/* What is rendered, and how near the device comes to the CPU; 0: the usual. */
+struct vulkan_case {
+    size_t count, lobes;
+    int degree, width, height;
+    double image, most, gradient; /* bounds: of the image as a vector and of a pixel, of gradients */
+    double ssim, contrast, dropout;
+    float alpha_min;
+    int antialias, wild, hidden, crowded; /* crowded: tiles of many buckets; 2: which end within a batch */
+    int masked, lit, points, window, slabs;
+    const float *gain;
+    const struct medium *medium;
+    const oxl_model *context;
+};
+
+static oxl_model vulkan_model_of(const struct vulkan_case *c)
 {
-    for (; count-- > 0; o++) {
-        struct vulkan_twins t = vulkan_twins(90, 60);
-        float *target = vulkan_target_of(t.pixels, 74);
-        struct renderer_loss loss[2];
-        oxl_model m = vulkan_scene(700, o->degree, o->lobes), gradient[2];
-        VULKAN_TWICE(k)
-        loss[k] = vulkan_imaging_step(vulkan_ctx(k), t.r[k], &t.camera, o, target, &m, &gradient[k]);
-        vulkan_compare_images(&t, 2e-4, 2.0 / 255);
-        CHECK_CLOSE(loss[1].total, loss[0].total, 1e-5);
-        if (o->lit) vulkan_compare_sums(loss[0].dlamp, loss[1].dlamp, LAMP_TERMS, 2e-3);
-        if (o->gain) vulkan_compare_sums(loss[0].dlog_gain, loss[1].dlog_gain, 3, 2e-3);
-        vulkan_compare_models(&gradient[0], &gradient[1], 5e-3);
-        vulkan_compare_observed(&t, m.count);
-        vulkan_compare_mean2d(&t, m.count, 1e-6);
+    oxl_model m = vulkan_scene(c->count ? c->count : 700, c->degree, c->lobes);
+    m.antialias = c->antialias;
+    if (c->wild) vulkan_extremes(&m);
+    for (size_t i = 0; i < m.count; i++) {
+        if (c->hidden) m.plane[OXL_MEAN + 2][i] = -50; /* behind the camera */
+        if (c->crowded) m.plane[OXL_OPACITY][i] += c->crowded == 2 ? 2 : -4;
+        for (int q = 0; c->crowded && q < 3; q++) m.plane[OXL_LOG_SCALE + q][i] += 1;
+        for (int k = OXL_SH; c->wild && k < oxl_model_planes(&m); k++)
+            if (!(fabsf(m.plane[k][i]) < 10)) m.plane[k][i] = 0;
     }
-}
-#define VULKAN_IMAGING(...)                                                     \
-    vulkan_check_imaging((const struct vulkan_imaging[]){__VA_ARGS__},          \
-                         sizeof((const struct vulkan_imaging[]){__VA_ARGS__}) / \
-                             sizeof(struct vulkan_imaging))
-
-DEVICE_TEST(vulkan_has_the_medium_of_the_cpu_and_its_gradients)
-{
-    VULKAN_IMAGING({.medium = &vulkan_murky, .degree = 2}, {.medium = &vulkan_murky, .lit = 1, .lobes = 300});
-    v->slab_rows = 256; /* several slabs */
-    v->groups_max = 9;
-    VULKAN_IMAGING({.medium = &vulkan_murky, .degree = 1});
+    return m;
 }
 
-DEVICE_TEST(vulkan_leaves_out_the_gaussians_that_the_cpu_leaves_out)
+/* Loss, and gradients of everything, of one renderer. */
+static struct renderer_loss vulkan_view_of(const struct vulkan_case *c, oxl_context *ctx, struct renderer *r,
+                                           const oxl_camera *camera, const float *target, const float *weight,
+                                           const oxl_model *m, oxl_model *gradient)
 {
-    struct vulkan_twins t = vulkan_twins(90, 60);
-    size_t seen[2] = {0, 0};
-    oxl_model m = vulkan_scene(700, 0, 0);
-    VULKAN_IMAGING({.dropout = 0.4, .lobes = 200}, {.dropout = 0.2, .medium = &vulkan_murky});
-    VULKAN_TWICE(on)
+    struct lamp lamp = {.view = -1};
+    struct depth_point point[DEPTH_POINTS];
+    struct renderer_loss loss;
+    for (int k = 0; k < LAMP_TERMS; k++) lamp.shape[k] = 0.3f * (float)vulkan_random((uint64_t)k, 70);
+    for (int k = 0; k < c->points; k++)
+        point[k] = (struct depth_point){(float)(0.5 + 45 * (1 + vulkan_random((uint64_t)k, 71))),
+                                        (float)(0.5 + 30 * (1 + vulkan_random((uint64_t)k, 72))),
+                                        (float)(5 + 2 * vulkan_random((uint64_t)k, 73))};
+    renderer_set_context(r, c->context);
+    *renderer_settings(r) = (struct renderer_settings){
+        .steps = 1,
+        .window = {c->window ? 2 * camera->width : 0, c->window ? 2 * camera->height : 0, 24, 16},
+        .medium = c->medium ? *c->medium : (struct medium){0},
+        .lamp = c->lit ? &lamp : NULL,
+        .gain = c->gain,
+        .contrast = c->contrast,
+        .dropout = {c->dropout, UINT64_C(0x123456789abcdef), 77}};
+    CHECK_OK(renderer_forward(ctx, r, m, camera, &vulkan_options));
+    CHECK_OK(renderer_loss(ctx, r, target, c->masked ? weight : NULL, (float)c->ssim, &loss));
+    if (r->device)
+        vulkan_fill(v, &((struct vulkan_renderer *)r->device)->sums_a, 0, VK_WHOLE_SIZE, VULKAN_INFINITY);
+    renderer_set_depths(r, point, c->points, 1);
+    vulkan_model(m->count, c->degree, m->lobes, gradient);
+    CHECK_OK(renderer_backward(ctx, r, NULL, gradient));
+    CHECK_OK(renderer_gradient(ctx, r, gradient));
+    renderer_complete_loss(r, &loss);
+    return loss;
+}
+
+static void vulkan_compare_scores(struct vulkan_twins *t, const oxl_model *m)
+{
+    const float *drgb = vulkan_noise(3 * t->pixels, 51);
+    float *score[2];
+    VULKAN_TWICE(k)
     {
-        const uint32_t *here;
-        VULKAN_TWICE(k) renderer_set_dropout(t.r[k], 0.5 * on, 3, 7);
-        vulkan_forward_both(&t, &m);
-        here = vulkan_seen(t.d);
-        for (size_t i = 0; i < m.count; i++) {
-            CHECK(renderer_row_visible(t.r[0], i) == (here[i] != 0));
-            seen[on] += here[i] != 0;
-        }
+        score[k] = vulkan_memory(m->count, sizeof *score[k]);
+        CHECK_OK(renderer_score(vulkan_ctx(k), t->r[k], drgb, score[k]));
     }
-    CHECK_CLOSE((double)seen[1], 0.5 * (double)seen[0], 0.1 * (double)seen[0]);
+    CHECK_CLOSE(vulkan_distance(score[0], score[1], m->count).relative, 0, 1e-3);
+}
+
+static void vulkan_check_view(struct vulkan_case c)
+{
+    struct vulkan_twins t = vulkan_twins(c.width ? c.width : 90, c.height ? c.height : 60);
+    const oxl_model m = vulkan_model_of(&c);
+    float *target = vulkan_noise(3 * t.pixels, 60), *weight = vulkan_noise(t.pixels, 61);
+    float *drgb = vulkan_memory(3 * t.pixels, sizeof *drgb);
+    struct renderer_loss loss[2];
+    oxl_model gradient[2];
+    const uint32_t *start;
+    uint32_t crowd = 0;
+    c.ssim = c.ssim > 0 ? c.ssim : c.ssim < 0 ? 0 : 0.2; /* below 0: none */
+    vulkan_options.alpha_min = c.alpha_min > 0 ? c.alpha_min : oxl_render_options_default().alpha_min;
+    v->slab_rows = c.slabs ? 256 : driver.slab_rows, v->groups_max = c.slabs ? 9 : driver.groups_max;
+    for (size_t i = 0; i < 3 * t.pixels; i++) target[i] = 0.5f + 0.4f * target[i];
+    for (size_t i = 0; i < t.pixels; i++) weight[i] = weight[i] > -0.98f; /* a fiftieth is masked */
+    VULKAN_TWICE(k)
+    loss[k] = vulkan_view_of(&c, vulkan_ctx(k), t.r[k], &t.camera, target, weight, &m, &gradient[k]);
+    vulkan_compare_images(&t, c.image > 0 ? c.image : 2e-4, c.most > 0 ? c.most : 2.0 / 255);
+    vulkan_compare_losses(loss, c.ssim > 0);
+    vulkan_download(v, &t.d->drgb, 0, drgb, 3 * t.pixels * sizeof *drgb);
+    CHECK_CLOSE(vulkan_distance(t.r[0]->drgb, drgb, 3 * t.pixels).relative, 0, 1e-3);
+    if (c.lit) vulkan_compare_sums(loss[0].dlamp, loss[1].dlamp, LAMP_TERMS, 2e-3);
+    if (c.gain) vulkan_compare_sums(loss[0].dlog_gain, loss[1].dlog_gain, 3, 2e-3);
+    if (c.hidden) return;
+    start = vulkan_starts(t.d);
+    CHECK_CLOSE((double)t.d->pairs, (double)t.r[0]->bins.pair_count, 3);
+    for (size_t i = 0; i < t.d->tiles; i++) crowd = OXL_MAX(crowd, start[i + 1] - start[i]);
+    CHECK(!c.crowded || crowd > 4 * VULKAN_BUCKET);
+    vulkan_compare_rows(&t, m.count);
+    if (c.wild) return;
+    vulkan_compare_models(&gradient[0], &gradient[1], c.gradient > 0 ? c.gradient : 5e-3);
+    vulkan_compare_mean2d(&t, m.count);
+    vulkan_compare_observed(&t, m.count);
+    if (!c.context) vulkan_compare_scores(&t, &m);
+}
+
+#define VULKAN_COMPARE(...) vulkan_check_view((struct vulkan_case){__VA_ARGS__})
+
+DEVICE_TEST(vulkan_projects_and_renders_as_the_cpu_does_at_the_extremes_too)
+{
+    for (int antialias = 0; antialias < 2; antialias++) {
+        VULKAN_COMPARE(.count = 1500, .degree = 3, .lobes = 200, .width = 150, .height = 101,
+                       .antialias = antialias);
+        VULKAN_COMPARE(.count = 1500, .degree = 3, .lobes = 200, .wild = 1, .antialias = antialias);
+    }
+    VULKAN_COMPARE(.count = 5, .hidden = 1);
+    for (size_t lobes = 0; lobes <= 400; lobes += 400)
+        VULKAN_COMPARE(.degree = 1, .lobes = lobes, .alpha_min = 0.06f, .image = 1e-3, .most = 0.06,
+                       .gradient = 0.05);
+}
+
+DEVICE_TEST(vulkan_gradients_agree_in_tiles_of_many_buckets)
+{
+    for (int k = 0; k < 4; k++)
+        VULKAN_COMPARE(.count = 5000, .crowded = 1 + k / 2, .lobes = k % 2 ? 2000 : 0);
+}
+
+DEVICE_TEST(vulkan_loss_and_its_gradient_agree_with_the_cpus)
+{
+    VULKAN_COMPARE(.width = 70, .height = 43, .masked = 1);
+    VULKAN_COMPARE(.width = 33, .height = 20, .masked = 1, .ssim = -1);
+    VULKAN_COMPARE(.width = 7, .height = 5, .ssim = 1, .gradient = 0.05); /* than a window */
+    VULKAN_COMPARE(.width = 70, .height = 43, .masked = 1, .gain = vulkan_gain);
+}
+
+DEVICE_TEST(vulkan_has_medium_lamp_gains_dropout_and_points_of_the_cpu)
+{
+    VULKAN_COMPARE(.medium = &vulkan_murky, .degree = 2, .slabs = 1);
+    VULKAN_COMPARE(.medium = &vulkan_murky, .lit = 1, .lobes = 300);
+    VULKAN_COMPARE(.lit = 1, .gain = vulkan_gain);
+    VULKAN_COMPARE(.lit = 1, .contrast = 0.004);
+    VULKAN_COMPARE(.lit = 1, .gain = vulkan_gain, .window = 1);
+    VULKAN_COMPARE(.dropout = 0.4, .lobes = 200);
+    VULKAN_COMPARE(.dropout = 0.2, .medium = &vulkan_murky);
+    VULKAN_COMPARE(.points = DEPTH_POINTS);
+    VULKAN_COMPARE(.points = 40, .medium = &vulkan_murky, .lobes = 200);
 }
 
 /* ---------------- steps */
@@ -1159,21 +1013,6 @@ DEVICE_TEST(vulkan_steps_and_statistics_agree_with_the_cpus)
                         5e-3);
         CHECK_CLOSE(vulkan_distance(run[0].sums.views, run[1].sums.views, 600).most, 0, 3);
     }
-}
-
-/* When the host looks, and at what, does not show in the result: checkpoints come when they come. */
-DEVICE_TEST(vulkan_steps_do_not_depend_on_when_the_host_looks)
-{
-    struct vulkan_run run[2];
-    VULKAN_TWICE(k)
-    {
-        run[k] = vulkan_begin_run(device, 300, 100);
-        for (int step = 1; step <= 4; step++) {
-            vulkan_steps(&run[k], step, step);
-            if (k || step == 4) vulkan_fetch(&run[k], DOWNLOAD_TO_CHANGE);
-        }
-    }
-    vulkan_same_run(&run[0], &run[1]);
 }
 
 /* After a loss that is not finite: of three rows one holds such a number unseen, one makes such a colour, one
@@ -1209,23 +1048,6 @@ DEVICE_TEST(vulkan_clears_nonfinite_rows_after_such_a_loss)
     CHECK(cleared[k].rows == 3 && cleared[k].first == 200 && cleared[k].cleared == 3);
     vulkan_fetch(&run[1], DOWNLOAD_TO_READ);
     vulkan_same_trained(&run[0].trained, &run[1].trained);
-}
-
-DEVICE_TEST(vulkan_skips_nonfinite_rows)
-{
-    VULKAN_TWICE(k)
-    {
-        struct vulkan_run run = vulkan_begin_run(vulkan_ctx(k), 64, 0);
-        vulkan_place(&run.trained.model, 40, -1, -1, 4);
-        run.trained.model.plane[OXL_SH + 5][40] = NAN;
-        CHECK_OK(vulkan_run_forward(&run));
-        CHECK_OK(renderer_backward(run.ctx, run.r, vulkan_noise(3 * 64 * 48, 52), &run.gradient));
-        CHECK_OK(vulkan_adam(&run, 1));
-        CHECK_OK(renderer_observe(run.ctx, run.r, &run.sums));
-        vulkan_fetch(&run, DOWNLOAD_TO_CHANGE);
-        CHECK(run.skipped.rows == 1 && run.trained.mean.plane[OXL_OPACITY][40] == 0 &&
-              run.sums.views[40] == 0);
-    }
 }
 
 /* ---------------- deferred steps */
@@ -1332,6 +1154,7 @@ DEVICE_TEST(vulkan_reads_what_it_needs_and_sends_nothing_twice)
         before = v->read_bytes;
         if (step == 5) sent = v->sent;
         vulkan_steps(&d, step, step);
+        CHECK(d.skipped.rows == (step == 4));
         if (step != 4) CHECK(v->read_bytes - before == counts && v->sent == sent);
         if (step != 3) continue;
         vulkan_fetch(&d, DOWNLOAD_TO_CHANGE);
@@ -1428,70 +1251,6 @@ DEVICE_TEST(vulkan_repeats_a_submission_that_finds_no_memory)
     CHECK(d[1].d->steps == steps && v->lost); /* it would wait, and destroy, were it not given up */
 }
 
-/* A submission finds no memory twice: images that it does not name leave, and it is done. */
-DEVICE_TEST(vulkan_drops_images_for_a_submission_that_does_not_name_them)
-{
-    struct vulkan_run d = vulkan_begin_run(device, 300, 100);
-    for (int view = 1; view < 3; view++) CHECK_OK(renderer_set_image(device, d.r, view, &d.image, NULL, 0));
-    vulkan_steps(&d, 1, 1);
-    CHECK(renderer_has_image(d.r, 0) && renderer_has_image(d.r, 2) && renderer_defer(d.r, 1));
-    vulkan_steps(&d, 2, 2);
-    CHECK_OK(renderer_set_image(device, d.r, 1, NULL, NULL, 0)); /* named too, by what is not submitted yet */
-    VULKAN_FAIL(QueueSubmit, 0, 2, VK_ERROR_OUT_OF_DEVICE_MEMORY);
-    vulkan_steps(&d, 3, 3);
-    CHECK(vulkan_fault_QueueSubmit.times == 0 && !v->lost);
-    CHECK(renderer_has_image(d.r, 0) && renderer_has_image(d.r, 1) && !renderer_has_image(d.r, 2));
-    VULKAN_TWICE(i) CHECK(vulkan_reports(&d, 1) && d.report.halt == HALT_NONE);
-}
-
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_clock(VkDevice d, VkQueryPool pool, uint32_t first,
-                                                        uint32_t count, size_t size, void *data,
-                                                        VkDeviceSize stride, VkQueryResultFlags flags)
-{
-    uint64_t *stamp = data;
-    /* ten ticks, past the end of 36 bits */
-    for (uint32_t i = 0; i < count; i++) stamp[i] = i % 2 ? 7 : ((uint64_t)1 << 36) - 3;
-    return VK_SUCCESS;
-}
-
-/* A clock of 36 bits begins again at 0 within a pass. */
-DEVICE_TEST(vulkan_times_passes_while_a_clock_begins_again)
-{
-    CHECK(vulkan_stamp_mask(64) == UINT64_MAX && vulkan_stamp_mask(36) == ((uint64_t)1 << 36) - 1 &&
-          vulkan_stamp_mask(0) == 0);
-    vulkan_fill(v, &v->dummy, 0, VK_WHOLE_SIZE, 0); /* its commands do not reset the clock */
-    if (vulkan_measure(v) != OXL_OK) return;
-    CHECK(!v->recording);
-    v->stamp_mask = vulkan_stamp_mask(36);
-    v->GetQueryPoolResults = vulkan_play_clock;
-    vulkan_check_sort(2048, 255);
-    CHECK(v->pass_runs[PASS_SORT_SCATTER] == 4);
-    CHECK_CLOSE(v->pass_seconds[PASS_SORT_SCATTER], 4 * 10e-9 * v->properties.limits.timestampPeriod, 1e-12);
-}
-
-/* An image whose upload finds no memory is not on the device, and a model whose download finds none not on
- * the host. */
-DEVICE_TEST(vulkan_takes_no_image_or_model_for_copied_whose_copy_failed)
-{
-    struct vulkan_run d[2];
-    VULKAN_TWICE(k)
-    {
-        const oxl_result wanted = k ? OXL_ERR_MEMORY : OXL_OK;
-        d[k] = vulkan_begin_run(device, 300, 100);
-        vulkan_steps(&d[k], 1, 1);
-        CHECK(vulkan_finish(v) == OXL_OK);
-        VULKAN_FAIL(BeginCommandBuffer, 0, k, VK_ERROR_OUT_OF_HOST_MEMORY);
-        CHECK(renderer_set_image(device, d[k].r, 1, &d[k].image, NULL, 0) == wanted);
-        CHECK(renderer_has_image(d[k].r, 1) == !k && vulkan_finish(v) == wanted && !v->lost);
-        vulkan_enter(v);
-        VULKAN_FAIL(BeginCommandBuffer, 0, k, VK_ERROR_OUT_OF_HOST_MEMORY);
-        CHECK(renderer_download(device, d[k].r, DOWNLOAD_TO_READ) == wanted);
-        CHECK(vulkan_fault_BeginCommandBuffer.times == 0 && !v->lost);
-        vulkan_fetch(&d[k], DOWNLOAD_TO_READ);
-    }
-    vulkan_same_run(&d[0], &d[1]);
-}
-
 /* A command buffer that finds no memory at its end: lack of memory where it only draws, a lost device where
  * it holds a step. */
 DEVICE_TEST(vulkan_gives_up_a_device_without_memory_for_a_step_not_for_an_image)
@@ -1514,44 +1273,6 @@ DEVICE_TEST(vulkan_gives_up_a_device_without_memory_for_a_step_not_for_an_image)
     vulkan_half_step(&run);
     VULKAN_FAIL(EndCommandBuffer, 0, 1, VK_SUCCESS);
     CHECK(vulkan_adam(&run, 3) == OXL_ERR_FAILED && v->lost);
-}
-
-/* A command buffer that is lost, with others of its frame under way: they are waited for, and no smaller
- * buffer makes up for it. */
-DEVICE_TEST(vulkan_waits_for_what_is_under_way_when_a_command_is_lost)
-{
-    struct vulkan_run run = vulkan_begin_run(device, 300, 0);
-    struct vulkan_buffer b = {0};
-    const uint32_t word = 0;
-    CHECK_OK(vulkan_run_forward(&run));
-    CHECK(vulkan_finish(v) == OXL_OK);
-    VULKAN_FAIL(QueueSubmit, 0, 0, VK_SUCCESS);
-    vulkan_unfenced = 0;
-    vulkan_update(v, &v->dummy, 0, &word, sizeof word);
-    vulkan_flush(v);
-    vulkan_update(v, &v->dummy, 0, &word, sizeof word);
-    CHECK(vulkan_unfenced == 1);
-    VULKAN_FAIL(EndCommandBuffer, 0, 1, VK_SUCCESS);
-    CHECK(vulkan_finish(v) == OXL_ERR_MEMORY && !v->lost && vulkan_unfenced == 0);
-    CHECK(vulkan_frame(v)->command_at == 0 && !vulkan_frame(v)->under_way);
-    vulkan_enter(v);
-    CHECK(v->rc == OXL_OK);
-    vulkan_reserve(v, &b, 256, 4, "numbers");
-    vulkan_update(v, &v->dummy, 0, &word, sizeof word);
-    VULKAN_FAIL(EndCommandBuffer, 0, 1, VK_SUCCESS);
-    vulkan_reserve(v, &b, 512, 4, "numbers");
-    CHECK(v->rc == OXL_ERR_MEMORY && b.size == 1280);
-    vulkan_release(v, &b);
-    vulkan_enter(v);
-    vulkan_update(v, &v->dummy, 0, &word, sizeof word);
-    VULKAN_FAIL(EndCommandBuffer, 0, 1, VK_SUCCESS);
-    run.d->pairs *= 8;
-    vulkan_make_pair_room(run.d, 0);
-    CHECK(v->rc == OXL_ERR_MEMORY && !run.d->low_memory && !run.d->pair_key[0].handle && !v->lost);
-    CHECK_OK(vulkan_run_forward(&run));
-    vulkan_update(v, &v->dummy, 0, &word, sizeof word);
-    VULKAN_FAIL(EndCommandBuffer, 0, 2, VK_SUCCESS); /* nor can the fence be had */
-    CHECK(vulkan_finish(v) == OXL_ERR_FAILED && v->lost);
 }
 
 /* What is uploaded when an error comes counts as uploaded: a shape, an image that is kept. */
@@ -1583,28 +1304,6 @@ DEVICE_TEST(vulkan_keeps_uploads_when_an_error_follows)
     vulkan_same_run(&d[0], &d[1]);
 }
 
-/* A device of this kind is waited for so long, and draws so much at a time. */
-static void vulkan_check_times_of(VkPhysicalDeviceType type, uint64_t timeout, size_t part)
-{
-    v->properties.deviceType = type;
-    vulkan_set_times(v);
-    vulkan_fill(v, &v->dummy, 0, VK_WHOLE_SIZE, 0);
-    CHECK(vulkan_finish(v) == OXL_OK && vulkan_waited == timeout && v->part == part);
-}
-
-/* A CPU may take as long as it takes. */
-DEVICE_TEST(vulkan_waits_for_a_gpu_up_to_its_timeout_and_for_a_cpu_without_a_limit)
-{
-    VULKAN_FAIL(WaitForFences, 0, 0, VK_SUCCESS);
-    vulkan_check_times_of(VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU, VULKAN_WAIT, VULKAN_PART);
-    vulkan_check_times_of(VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU, VULKAN_WAIT, 4 * VULKAN_PART);
-    vulkan_check_times_of(VK_PHYSICAL_DEVICE_TYPE_VIRTUAL_GPU, VULKAN_WAIT, VULKAN_PART);
-    vulkan_check_times_of(VK_PHYSICAL_DEVICE_TYPE_OTHER, VULKAN_WAIT, VULKAN_PART);
-    vulkan_check_times_of(VK_PHYSICAL_DEVICE_TYPE_CPU, UINT64_MAX, 0);
-    CHECK(VULKAN_WAIT == 60000000000ull &&
-          4 * VULKAN_PART * 256.0 * 55 < 20e9); /* docs/log/SPEED.md: < 1 s */
-}
-
 /* A step over three slabs finds no memory for the second one's: no one may repeat it. For the first one's:
  * anyone may. */
 DEVICE_TEST(vulkan_gives_up_a_device_that_did_half_a_step)
@@ -1630,7 +1329,7 @@ DEVICE_TEST(vulkan_keeps_pairs_in_the_slots_that_were_counted)
     struct vulkan_twins t = vulkan_twins(100, 75);
     struct vulkan_renderer *d = t.d;
     oxl_model m = vulkan_scene(600, 0, 0);
-    uint32_t order[600], first[600], (*staged)[2], used[2];
+    uint32_t order[600], first[600], (*staged)[2];
     float *shape;
     size_t wrong = 0, unused = 0;
     CHECK_OK(vulkan_draw_with(t.r[1], &m, &t.camera));
@@ -1639,22 +1338,17 @@ DEVICE_TEST(vulkan_keeps_pairs_in_the_slots_that_were_counted)
     vulkan_download(v, &d->row_pairs, 0, first, sizeof first);
     shape = vulkan_splats(d, &d->splat_b, 4);
     for (int i = 0; i < 600; i++)
-        shape[4 * i] *= i % 2 ? 0.2f : 5, shape[4 * i + 2] *= i % 2 ? 2 : 0.5f,
-            shape[4 * i + 3] *= i % 2 ? 2 : 0.5f;
+        for (int k = 0; k < 4; k++)
+            if (k != 1) shape[4 * i + k] *= (i % 2) == (k == 0) ? 0.2f : 5;
     vulkan_upload(v, &d->splat_b, 0, shape, 600 * 4 * sizeof *shape);
     vulkan_order_pairs(d);
     vulkan_draw(d, 0);
     staged = vulkan_memory(d->pairs, sizeof *staged);
     vulkan_download(v, &d->staged, 0, staged, d->pairs * sizeof *staged);
     CHECK(v->rc == OXL_OK && d->pairs > 1000);
-    for (int i = 0; i < 599; i++) {
-        if (first[i] == first[i + 1]) continue; /* and what is not seen has no order */
-        vulkan_download(v, &d->row_slots, order[i] * sizeof used, used, sizeof used);
-        wrong += used[0] != first[i] || used[1] > first[i + 1] - first[i];
-        unused += first[i + 1] - first[i] - used[1];
+    for (int i = 0; i < 599; i++)
         for (uint32_t k = first[i]; k < first[i + 1]; k++)
-            wrong += staged[k][0] != order[i] || (k >= used[0] + used[1]) != (staged[k][1] == 0);
-    }
+            wrong += staged[k][0] != order[i], unused += staged[k][1] == 0;
     CHECK(wrong == 0 && unused > 0);
 }
 
@@ -1766,13 +1460,6 @@ static size_t vulkan_play_room(struct vulkan *o, uint32_t but)
     return 1;
 }
 
-/* The device is lost when it is waited for. */
-static size_t vulkan_play_room_lost(struct vulkan *o, uint32_t but)
-{
-    vulkan_give_up(o, VK_ERROR_DEVICE_LOST);
-    return 0;
-}
-
 /* Of kinds 0 and 1, near, and 2 and 3, the host's: images leave when no near kind has room, within its
  * budget. A device that shares the host's memory has all near. */
 static void vulkan_check_near_kinds(struct vulkan *o)
@@ -1789,8 +1476,6 @@ static void vulkan_check_near_kinds(struct vulkan *o)
                 {VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU, 15, 0, 1 << 20, 1, 1},
                 {VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU, 0, 1, 1 << 20, 1, 0},
                 {VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU, 0, 1, (1 << 20) + 1, 0, 1}};
-    struct vulkan_kinds kinds;
-    VkDeviceMemory none = VK_NULL_HANDLE;
     o->evict = vulkan_play_room;
     o->said_beyond = 1;
     vulkan_budget = 1 << 19, vulkan_usage = 0;
@@ -1801,15 +1486,6 @@ static void vulkan_check_near_kinds(struct vulkan *o)
         CHECK(vulkan_kind_of(o, want[i].size, want[i].full, 0) == want[i].kind &&
               vulkan_rooms_made == want[i].rooms);
     }
-    o->portable = 1; /* nothing beyond the budget */
-    CHECK(vulkan_kind_of(o, (1 << 20) + 1, 0, 0) != 0);
-    o->portable = o->budgets = 0;
-    o->evict = vulkan_play_room_lost;
-    vulkan_full_kinds = 3;
-    vulkan_kinds_tried = 0;
-    kinds = vulkan_memory_kinds(o, 31, 0, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
-    CHECK(vulkan_allocate(o, 256, &kinds, 0, &none) == VK_ERROR_DEVICE_LOST && o->lost &&
-          vulkan_kinds_tried == 3);
 }
 
 enum {
@@ -1858,39 +1534,6 @@ static void vulkan_check_small_heap(void)
     vulkan_check_near_kinds(&o);
 }
 
-/* As on a GPU with a small heap that the host sees: what counts is the heap of the memory, and for images the
- * largest of the device's own. */
-static void vulkan_check_heap(void)
-{
-    struct vulkan o = *v;
-    struct vulkan_buffer b = {0};
-    o.memory = (VkPhysicalDeviceMemoryProperties){
-        .memoryTypeCount = 3,
-        .memoryTypes = {{VULKAN_HOST, 2}, {VULKAN_OWN, 1}, {VULKAN_OWN | VULKAN_HOST, 0}},
-        .memoryHeapCount = 3,
-        .memoryHeaps = {{4000, 1}, {5000, 1}, {9000, 0}}};
-    o.GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
-    vulkan_budget = 100, vulkan_usage = 30;
-    for (o.budgets = 0; o.budgets < 2; o.budgets++)
-        for (uint32_t kind = 0; kind < 3; kind++)
-            CHECK(vulkan_memory_left(&o, kind) == (o.budgets   ? 70 * (3 - kind)
-                                                   : kind == 0 ? 9000
-                                                   : kind == 1 ? 5000
-                                                               : 4000));
-    o.GetBufferMemoryRequirements = vulkan_play_needs;
-    vulkan_needs = (VkMemoryRequirements){256, 64, 7};
-    o.evict = NULL;
-    vulkan_play_full(0, SIZE_MAX);
-    o.AllocateMemory = v->AllocateMemory;
-    VULKAN_SOUND(AllocateMemory);
-    VULKAN_TWICE(for_host)
-    {
-        o.rc = OXL_OK;
-        vulkan_create(&o, &b, 256, for_host);
-        CHECK(o.rc == OXL_ERR_MEMORY && o.kind == 1 && !b.handle);
-    }
-}
-
 /* What other programs use is not there: images are kept in a half of what is left; or up to their share, or
  * number. */
 DEVICE_TEST(vulkan_keeps_images_within_what_memory_is_left)
@@ -1899,7 +1542,6 @@ DEVICE_TEST(vulkan_keeps_images_within_what_memory_is_left)
     const size_t bytes = 4 * t.pixels, most = v->image_bytes_max;
     struct renderer_loss loss;
     oxl_model m = vulkan_scene(30, 0, 0), larger = vulkan_scene(3000, 1, 0);
-    vulkan_check_heap();
     vulkan_check_small_heap();
     v->budgets = 1;
     v->GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
@@ -1921,23 +1563,6 @@ DEVICE_TEST(vulkan_keeps_images_within_what_memory_is_left)
     CHECK(!renderer_has_image(t.r[1], 3) && vulkan_times_heard == 1);
 }
 
-/* Rows that move, or another model, want other memory: whether it is short is found anew. */
-static void vulkan_check_tight_ends(struct vulkan_run *run)
-{
-    uint32_t from[299];
-    struct renderer_move move = {.from = from, .count = 299, .sh_degree = 1};
-    oxl_model m = vulkan_scene(200, 1, 0);
-    int moved = 0;
-    for (uint32_t i = 0; i < 299; i++) from[i] = i;
-    CHECK(run->d->low_memory && run->d->count == 300);
-    vulkan_largest = SIZE_MAX;
-    CHECK_OK(renderer_move_rows(device, run->r, &move, &moved));
-    CHECK(moved && !run->d->low_memory);
-    run->d->low_memory = 1;
-    CHECK_OK(vulkan_draw_with(run->r, &m, &run->camera));
-    CHECK(!run->d->low_memory);
-}
-
 /* There is memory for the pairs that there are, not for the room that deferred steps would like: they get
  * along with it, one after the other, and do what they do. */
 DEVICE_TEST(vulkan_deferred_steps_get_along_with_room_for_the_pairs_that_there_are)
@@ -1953,7 +1578,7 @@ DEVICE_TEST(vulkan_deferred_steps_get_along_with_room_for_the_pairs_that_there_a
         vulkan_steps(&d[k], 1, 1);
         vulkan_play_full(INT_MAX, k ? 32 * r->pairs + 4096 * (r->tiles + 1) : SIZE_MAX);
         CHECK(r->pairs > 256 && renderer_defer(d[k].r, 1));
-        renderer_expect_steps(d[k].r);
+        renderer_settings(d[k].r)->steps = 1;
         vulkan_steps(&d[k], 2, 2);
         CHECK((vulkan_refusals > 0) == k && r->low_memory == k && r->room > 0);
         if (k) CHECK(r->room * 32 <= vulkan_largest && r->kept.size <= vulkan_largest);
@@ -1967,7 +1592,6 @@ DEVICE_TEST(vulkan_deferred_steps_get_along_with_room_for_the_pairs_that_there_a
         vulkan_fetch(&d[k], DOWNLOAD_TO_READ);
     }
     vulkan_same_run(&d[0], &d[1]);
-    vulkan_check_tight_ends(&d[1]);
     vulkan_largest = 1 << 16;
     vulkan_reserve(v, &b, 1 << 14, 4, "numbers"); /* without the quarter more */
     CHECK(v->rc == OXL_OK && b.size == 1 << 16 && vulkan_refusals > 0);
@@ -1976,20 +1600,19 @@ DEVICE_TEST(vulkan_deferred_steps_get_along_with_room_for_the_pairs_that_there_a
 
 /* ---------------- --backend auto: the CPU continues */
 
-/* A view is scored on the CPU, whole, where the device has no memory for its scores. */
+/* Where the device has no memory for scores, none are added, and the CPU renders from then on. */
 static void vulkan_check_score_falls_back(void)
 {
     struct vulkan_twins t = vulkan_twins(64, 48);
-    float one[300], views[2][300] = {{0}}, *drgb = vulkan_noise(3 * t.pixels, 51), score[2][300] = {{0}};
+    float *drgb = vulkan_noise(3 * t.pixels, 51), score[300] = {0};
     oxl_model m = vulkan_scene(300, 1, 0);
     CHECK_OK(vulkan_draw_with(t.r[1], &m, &t.camera));
     vulkan_play_full(0, SIZE_MAX);
-    VULKAN_TWICE(k)
-    CHECK_OK(prune_score_view(vulkan_ctx(k), &(struct prune_of){t.r[k], NULL, &vulkan_options, &m}, &t.camera,
-                              &(struct prune_pass){one, views[k], drgb, 0}, score[k]));
-    CHECK(t.r[1]->device == NULL && score[0][0] + score[0][7] + score[0][11] > 0);
-    CHECK(memcmp(score[0], score[1], sizeof score[0]) == 0 &&
-          memcmp(views[0], views[1], sizeof views[0]) == 0);
+    CHECK_OK(renderer_score(device, t.r[1], drgb, score));
+    CHECK(t.r[1]->device == NULL && score[0] + score[7] + score[11] == 0);
+    CHECK_OK(vulkan_draw_with(t.r[1], &m, &t.camera));
+    CHECK_OK(renderer_score(device, t.r[1], drgb, score));
+    CHECK(score[0] + score[7] + score[11] > 0);
 }
 
 /* With the image that the device had. */
@@ -2221,64 +1844,35 @@ DEVICE_TEST(vulkan_renders_the_same_whole_and_in_parts)
 }
 
 /* Nine in ten pairs are in three of many tiles: no submission draws more than a part of the pairs and one
- * tile, and those of its own alone: pixels that it draws, sums that it writes, are finite then. */
+ * tile, and together they draw all. */
 DEVICE_TEST(vulkan_bounds_a_submission_of_an_unbalanced_image)
 {
     struct vulkan_twins t = vulkan_twins(320, 240);
-    struct vulkan_renderer *d = t.d;
     oxl_model m = vulkan_scene(4000, 0, 0);
     const uint32_t *start;
-    uint32_t most_of_tile = 0, all = 0, *slot;
-    size_t drawn = 0, given = 0;
+    uint32_t most = 0, all = 0;
     for (size_t i = 0; i < 3600; i++) {
         vulkan_place(&m, i, -1.2 + 1e-3 * vulkan_random(i, 0), 0.5 + 1e-3 * vulkan_random(i, 1),
                      4 + 0.1 * vulkan_random(i, 2));
         for (int k = 0; k < 3; k++) m.plane[OXL_LOG_SCALE + k][i] = -4;
     }
-    renderer_expect_steps(t.r[1]);
     CHECK_OK(vulkan_draw_with(t.r[1], &m, &t.camera));
-    start = vulkan_starts(d);
-    slot = vulkan_memory(d->pairs, sizeof *slot);
-    vulkan_download(v, &d->pair_value[d->sort_end], 0, slot, d->pairs * sizeof *slot);
-    for (int i = 0; i < 300; i++) most_of_tile = OXL_MAX(most_of_tile, start[i + 1] - start[i]);
+    start = vulkan_starts(t.d);
+    for (int i = 0; i < 300; i++) most = OXL_MAX(most, start[i + 1] - start[i]);
     v->part = 700;
     v->CmdPushConstants = vulkan_note_part;
     vulkan_part_count = 0;
-    vulkan_draw(d, 0);
-    v->CmdPushConstants = driver.CmdPushConstants;
-    CHECK(vulkan_finish(v) == OXL_OK && vulkan_part_count > 6 && most_of_tile > 1000);
+    vulkan_draw(t.d, 0);
+    CHECK(vulkan_finish(v) == OXL_OK && vulkan_part_count > 6 && most > 1000);
     for (int k = 0; k < vulkan_part_count; k++) {
-        const uint32_t begin = vulkan_parts[k][0], end = vulkan_parts[k][1];
-        const float *image;
         uint32_t pairs = 0;
-        vulkan_fill(v, &d->rgb, 0, VK_WHOLE_SIZE, VULKAN_INFINITY);
-        vulkan_draw_part(d, 0, begin, end);
-        image = vulkan_image_of(device, t.r[1], t.pixels);
-        for (uint32_t i = 0; i < 300; i++) {
-            const int own = start[i] >= begin && start[i] < end;
-            pairs += own * (start[i + 1] - start[i]);
-            for (uint32_t p = 0; p < 256; p++, drawn += own)
-                CHECK((image[(i / 20 * 16 + p / 16) * 320 + i % 20 * 16 + p % 16] < INFINITY) == own);
-        }
-        CHECK(pairs <= 700 + most_of_tile);
+        for (uint32_t i = 0; i < 300; i++)
+            if (start[i] >= vulkan_parts[k][0] && start[i] < vulkan_parts[k][1])
+                pairs += start[i + 1] - start[i];
+        CHECK(pairs <= 700 + most);
         all += pairs;
     }
-    CHECK(all == d->pairs && drawn == t.pixels);
-    vulkan_fill(v, &d->drgb, 0, VK_WHOLE_SIZE, 0x3F800000);
-    vulkan_draw(d, 1);
-    for (uint32_t k = 0; k < 400; k += 40) {
-        float(*sums)[4] = vulkan_memory(d->pairs, sizeof *sums);
-        vulkan_fill(v, &d->sums_a, 0, VK_WHOLE_SIZE, VULKAN_INFINITY);
-        vulkan_backward_part(d, 0, k, k + 40);
-        vulkan_download(v, &d->sums_a, 0, sums, d->pairs * sizeof *sums);
-        for (uint32_t i = 0; i < 300; i++)
-            for (uint32_t pair = start[i]; pair < start[i + 1]; pair++) {
-                const uint32_t group = start[i] / 256 + i + (pair - start[i]) / 256; /* two buckets */
-                CHECK((sums[slot[pair]][0] < INFINITY) == (group >= k && group < k + 40));
-                given += group >= k && group < k + 40;
-            }
-    }
-    CHECK(given == d->pairs);
+    CHECK(all == t.d->pairs);
 }
 
 /* ---------------- a survey */
@@ -2341,28 +1935,19 @@ static void vulkan_repaint(oxl_model *m)
 DEVICE_TEST(vulkan_renders_the_current_model)
 {
     struct vulkan_twins t = vulkan_twins(64, 48);
-    oxl_scene *scene[2] = {vulkan_survey(cpu, 0), vulkan_survey(device, 0)};
-    double psnr[2][2];
-    float rgb[2][2][4];
+    oxl_scene *scene = vulkan_survey(device, 0);
     oxl_model m = vulkan_scene(300, 1, 100), other = vulkan_scene(300, 1, 100);
-    for (int round = 0; round < 2; round++, vulkan_repaint(&m)) {
-        VULKAN_TWICE(k)
-        {
-            oxl_context *ctx = vulkan_ctx(k);
-            oxl_metrics metrics;
-            oxl_image image;
-            CHECK_OK(oxl_evaluate(ctx, &m, scene[k], NULL, OXL_SPLIT_ALL, &metrics));
-            CHECK_OK(oxl_render(ctx, &m, &oxl_scene_view(scene[k], 0)->camera, NULL, &image, NULL));
-            psnr[round][k] = metrics.psnr;
-            memcpy(rgb[round][k], image.rgb + 18 * 48 + 24, sizeof rgb[round][k]);
-            oxl_metrics_free(ctx, &metrics);
-            oxl_image_free(ctx, &image);
-        }
-        CHECK_CLOSE(psnr[round][1], psnr[round][0], 0.01);
-        for (int i = 0; i < 4; i++) CHECK_CLOSE(rgb[round][1][i], rgb[round][0][i], 2.0 / 255);
+    double psnr[2];
+    VULKAN_TWICE(round)
+    {
+        oxl_metrics metrics;
+        CHECK_OK(oxl_evaluate(device, &m, scene, NULL, OXL_SPLIT_ALL, &metrics));
+        psnr[round] = metrics.psnr;
+        oxl_metrics_free(device, &metrics);
+        vulkan_repaint(&m);
     }
-    CHECK(fabs(psnr[1][0] - psnr[0][0]) > 1 && fabsf(rgb[1][0][0] - rgb[0][0][0]) > 0.1f);
-    oxl_scene_free(device, scene[1]);
+    CHECK(fabs(psnr[1] - psnr[0]) > 1);
+    oxl_scene_free(device, scene);
     vulkan_draw_both(&t, &m);
     VULKAN_TWICE(k) CHECK_OK(renderer_download(vulkan_ctx(k), t.r[k], DOWNLOAD_TO_CHANGE));
     vulkan_repaint(&m);
@@ -2433,18 +2018,13 @@ static struct vulkan_training vulkan_full_run(void)
     return t;
 }
 
-/* The same bytes again, and where steps find no room and are repeated; as good as the CPU's. */
-static void vulkan_check_training(int no_room)
+/* The same bytes again; as good as the CPU's. */
+DEVICE_TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus)
 {
     struct vulkan_training t[3] = {vulkan_full_run(), vulkan_full_run(), vulkan_full_run()};
-    for (int k = no_room; k < 3; k++) {
-        vulkan_play_no_room(no_room && k == 2);
-        CHECK_OK(vulkan_train(vulkan_ctx(k > 0), &t[k]));
-    }
-    if (no_room) CHECK(vulkan_counted > 20 && vulkan_halted > 6);
-    else CHECK_CLOSE(t[1].psnr, t[0].psnr, 0.1);
-    CHECK(no_room || t[0].model.lobes > 0);
-    CHECK(t[1].model.lobes > 0 && t[1].psnr == t[2].psnr);
+    for (int k = 0; k < 3; k++) CHECK_OK(vulkan_train(vulkan_ctx(k > 0), &t[k]));
+    CHECK_CLOSE(t[1].psnr, t[0].psnr, 0.1);
+    CHECK(t[0].model.lobes > 0 && t[1].model.lobes > 0 && t[1].psnr == t[2].psnr);
     vulkan_same_model(&t[1].model, &t[2].model);
 }
 
@@ -2493,89 +2073,6 @@ static void *vulkan_part(struct train *t, const char *name, const struct part **
     return parts_at(k) ? t->part[k] : NULL;
 }
 
-/* Pruning, then a higher SH degree; rows moved on the device (1), or downloaded and uploaded (0). Returns how
- * many bytes that took; moment: of the opacities, as a checkpoint right behind the pruning has it. */
-static size_t vulkan_prune_and_raise(struct train *t, int moves, float moment[120])
-{
-    struct vulkan_renderer *d = t->renderer->device;
-    float x[200], gradient[200];
-    size_t bytes, wrong = 0, from = 0;
-    const struct part *part = NULL;
-    void *state = vulkan_part(t, "sh_degree", &part);
-    vulkan_train_steps(t, 2);
-    CHECK_OK(step_download(t, DOWNLOAD_TO_READ)); /* a checkpoint */
-    memcpy(x, t->trained.model.plane[OXL_MEAN], sizeof x);
-    memcpy(gradient, t->density->gradient, sizeof gradient);
-    if (!moves) d->moments_here = 0;
-    CHECK_OK(prune_remove_rows(t, vulkan_part(t, "prune", NULL), 80));
-    for (size_t i = 0; i < t->trained.model.count; i++, from++) {
-        while (from < 199 && x[from] != t->trained.model.plane[OXL_MEAN][i]) from++;
-        wrong += gradient[from] != t->density->gradient[i];
-    }
-    CHECK(wrong == 0);
-    if (moves) memset(t->trained.mean.plane[OXL_OPACITY], 0, 120 * sizeof *moment);
-    CHECK_OK(step_download(t, DOWNLOAD_TO_READ));
-    memcpy(moment, t->trained.mean.plane[OXL_OPACITY], 120 * sizeof *moment);
-    vulkan_train_steps(t, 2);
-    CHECK_OK(step_flush(t));
-    if (!moves) d->moments_here = 0;
-    bytes = v->sent + v->read_bytes;
-    CHECK_OK(part->before_step(t, state));
-    vulkan_train_steps(t, 2);
-    CHECK_OK(step_flush(t));
-    bytes = v->sent + v->read_bytes - bytes;
-    CHECK_OK(step_download(t, DOWNLOAD_TO_READ));
-    CHECK(t->trained.model.count == 120 && t->trained.model.lobes > 20 && t->trained.model.lobes < 60 &&
-          t->trained.model.sh_degree == 1);
-    return bytes;
-}
-
-DEVICE_TEST(vulkan_pruning_and_a_higher_sh_degree_move_rows_as_the_host_does)
-{
-    oxl_train_options options[2];
-    struct train t[2];
-    size_t bytes[2];
-    float moment[2][120];
-    v->slab_rows = 64; /* several slabs */
-    VULKAN_TWICE(k)
-    {
-        oxl_model *const own[] = {&t[k].trained.model, &t[k].trained.mean, &t[k].trained.square};
-        vulkan_begin_train(&t[k], &options[k], vulkan_survey(device, 0));
-        for (int i = 0; i < 3; i++) CHECK_OK(model_set_lobes(device, own[i], 60));
-        for (int i = 0; i < 60; i++) t[k].trained.model.plane[OXL_LOBE][i] = -1;
-        bytes[k] = vulkan_prune_and_raise(&t[k], k, moment[k]);
-    }
-    CHECK(bytes[1] < bytes[0] / 2);
-    CHECK(memcmp(moment[0], moment[1], sizeof moment[0]) == 0 && moment[0][0] != 0);
-    vulkan_same_trained(&t[0].trained, &t[1].trained);
-    CHECK(memcmp(t[0].density->gradient, t[1].density->gradient, 120 * sizeof(float)) == 0);
-    VULKAN_TWICE(k) vulkan_end_train(&t[k]);
-}
-
-/* The device has all images of a run, and no memory for the next step: the CPU continues, with an image that it
- * reads. */
-DEVICE_TEST(vulkan_training_continues_on_the_cpu_when_out_of_memory)
-{
-    oxl_train_options options;
-    struct train t;
-    vulkan_begin_train(&t, &options, vulkan_survey(device, 0));
-    vulkan_train_steps(&t, t.views + t.views % 2);
-    for (int k = 0; k < t.views; k++) CHECK(renderer_has_image(t.renderer, t.view[k]));
-    CHECK(vulkan_finish(v) == OXL_OK);
-    vulkan_release(v, &((struct vulkan_renderer *)t.renderer->device)->target);
-    vulkan_play_full(0, SIZE_MAX);
-    v->image_bytes_max = 0;
-    v->evict = NULL;
-    device->options.backend = OXL_BACKEND_AUTO;
-    vulkan_listen(": continuing on the CPU");
-    vulkan_train_steps(&t, 2);
-    CHECK(!renderer_has_device(t.renderer) && t.last_loss > 0 && t.last_loss < 1);
-    CHECK(strcmp(oxl_backend_name(device), v->name_and_cpu) == 0);
-    CHECK_TEXT(v->name_and_cpu, v->properties.deviceName);
-    CHECK_TEXT(v->name_and_cpu, " and cpu");
-    vulkan_end_train(&t);
-}
-
 static int vulkan_stops_at(void *user, const oxl_progress *p)
 {
     return p->iteration == *(const int *)user;
@@ -2621,38 +2118,6 @@ DEVICE_TEST(vulkan_run_of_a_lost_device_continues_from_an_intact_checkpoint)
     vulkan_same_model(&straight.model, &t.model);
 }
 
-/* A job in its own folder, on a device that allocates so often: what run.json says of it. */
-static void vulkan_check_run_json_of(const char *folder, int allocations, const char *rendered)
-{
-    const oxl_job_options options = job_test_options();
-    char out[512], run[600], words[400];
-    snprintf(out, sizeof out, "%s", test_path(folder));
-    snprintf(run, sizeof run, "%s/run.json", out);
-    vulkan_play_full(allocations, SIZE_MAX);
-    CHECK_OK(oxl_job_run(device, job_test_survey(), out, &options, NULL));
-    VULKAN_SOUND(AllocateMemory);
-    snprintf(words, sizeof words, "\"backend\": \"%s\",", rendered);
-    CHECK(job_test_has(run, words));
-    snprintf(words, sizeof words, "\"device\": \"%s\"}", v->properties.deviceName);
-    CHECK(job_test_has(run, words));
-    /* The run itself left the device, so it is among the block's notes. */
-    snprintf(run, sizeof run, "%s/blocks/000/block.json", out);
-    CHECK(job_test_has(run, "continuing on the CPU") == (allocations == 0));
-}
-
-/* `device` of the job is what a run is to be repeated with; `backend` says what did the work. */
-DEVICE_TEST(vulkan_run_json_says_what_rendered)
-{
-    device->options.backend = OXL_BACKEND_AUTO;
-    vulkan_listen("on the CPU");
-    vulkan_check_run_json_of("on_device", 10000, v->properties.deviceName);
-    VULKAN_TWICE(k)
-    { /* whatever has rendered, the job is the same one, and finished */
-        device->backend->rendered_on *= k;
-        vulkan_check_run_json_of("on_cpu", 0, "cpu");
-    }
-}
-
 /* A run that one device began is not continued by another. */
 DEVICE_TEST(vulkan_run_that_one_device_began_is_refused_by_another)
 {
@@ -2667,8 +2132,8 @@ DEVICE_TEST(vulkan_run_that_one_device_began_is_refused_by_another)
             "  device: none there, ");
 }
 
-/* A device whose memory the survey does not fit trains it by blocks, within --device-ram; one that has no room
- * for blocks of any size is refused with what it needs. */
+/* A device whose memory the survey does not fit trains it by blocks, within --device-ram; one that has no
+ * room for blocks of any size is refused with what it needs. */
 DEVICE_TEST(vulkan_trains_by_blocks_what_device_ram_has_no_room_for)
 {
     oxl_job_options options = job_test_options();
@@ -2700,21 +2165,6 @@ static void vulkan_refuse(enum vulkan_pass pass)
     VULKAN_FAIL(CreateComputePipelines, 0, 0, VK_SUCCESS);
 }
 
-/* A shader that is refused is no lack of memory: it is asked for once, and what the pairs had is there for
- * others. */
-DEVICE_TEST(vulkan_asks_once_for_a_shader_that_is_refused)
-{
-    struct vulkan_run d = vulkan_begin_run(device, 300, 100);
-    renderer_expect_steps(d.r);
-    CHECK_OK(vulkan_run_forward(&d));
-    CHECK(d.d->pair_key[0].handle && d.d->sums_a.handle && vulkan_finish(v) == OXL_OK);
-    vulkan_refuse(PASS_STEP);
-    CHECK(vulkan_run_forward(&d) == OXL_ERR_MEMORY);
-    CHECK(vulkan_refusals == 1 && !d.d->low_memory && !d.d->pair_key[0].handle && !d.d->sums_a.handle);
-    VULKAN_SOUND(CreateComputePipelines);
-    CHECK_OK(vulkan_run_forward(&d));
-}
-
 /* The first step of a run, on a device that allocates so often in it; returns how often. */
 static int vulkan_first_step(int allocations, int falls_back)
 {
@@ -2733,8 +2183,8 @@ static int vulkan_first_step(int allocations, int falls_back)
     return allocations - vulkan_fault_AllocateMemory.after;
 }
 
-/* Wherever the first step finds no memory, or a shader is refused, the CPU does it, and has the image that only
- * the device had. */
+/* Wherever the first step finds no memory, or a shader is refused, the CPU does it, and has the image that
+ * only the device had. */
 DEVICE_TEST(vulkan_first_step_falls_back_wherever_it_finds_no_memory_or_no_shader)
 {
     static const enum vulkan_pass late[] = {PASS_OBSERVE, PASS_STEP, PASS_LOSS_BACKWARD};
@@ -2795,33 +2245,15 @@ DEVICE_TEST(vulkan_run_says_why_it_refines_no_poses)
                "\"poses\": {\"chosen\": \"off\", \"evidence\": \"a device has no gradient of them\"}");
 }
 
-DEVICE_TEST(vulkan_trains_parts_of_views_in_front_of_a_context_as_the_cpu_does)
+DEVICE_TEST(vulkan_compares_parts_of_views_in_front_of_a_context_as_the_cpu_does)
 {
-    static const char *const folder[] = {"cpu", "device", "again"};
     const struct image_window part = {.x = 11, .y = 6, .width = 41, .height = 30};
-    struct vulkan_training t[3];
-    struct image_window window[6];
     oxl_model context = vulkan_scene(333, 1, 0);
     for (size_t i = 0; i < context.count; i++) context.plane[OXL_MEAN][i] += 0.3f;
-    VULKAN_IMAGING({.context = &context, .window = 1, .degree = 2}, {.context = &context,
-                                                                     .window = 1,
-                                                                     .lit = 1,
-                                                                     .medium = &vulkan_murky,
-                                                                     .dropout = 0.3,
-                                                                     .points = 60,
-                                                                     .lobes = 100});
+    VULKAN_COMPARE(.context = &context, .window = 1, .degree = 2);
+    VULKAN_COMPARE(.context = &context, .window = 1, .lit = 1, .medium = &vulkan_murky, .dropout = 0.3,
+                   .points = 60, .lobes = 100);
     for (int k = 0; k < 4; k++) vulkan_check_image(61, 45, k & 1, k >> 1, &part);
-    for (int i = 0; i < 6; i++) window[i] = (struct image_window){.x = 8, .y = 4, .width = 32, .height = 24};
-    for (int k = 0; k < 3; k++) {
-        t[k] = (struct vulkan_training){
-            .options = train_options(20), .saved = folder[k], .window = window, .context = &context};
-        CHECK_OK(vulkan_train(vulkan_ctx(k > 0), &t[k]));
-    }
-    CHECK(device->backend->rendered_on == RENDERED_ON_DEVICE);
-    for (int k = 0; k < 3; k++) /* the others have gradients of next to nothing, whose signs differ */
-        CHECK_CLOSE(vulkan_distance(t[0].model.plane[k], t[1].model.plane[k], t[0].model.count).relative, 0,
-                    1e-2);
-    vulkan_same_model(&t[1].model, &t[2].model);
 }
 
 /* ---------------- all parts at once */
@@ -2878,30 +2310,6 @@ DEVICE_TEST(vulkan_a_step_with_all_parts_waits_for_nothing_and_takes_45_passes)
     vulkan_end_train(&t);
 }
 
-/* The same bytes, whether or not steps find no room and are repeated, and near those of the CPU: the lamp. */
-DEVICE_TEST(vulkan_repeated_steps_with_all_parts_give_the_same_bytes)
-{
-    struct image_window window[VULKAN_ALL_VIEWS];
-    float lamp[3][LAMP_TERMS];
-    oxl_train_options o;
-    struct train t[3];
-    vulkan_make_all();
-    for (int k = 0; k < 3; k++) {
-        vulkan_begin_all(vulkan_ctx(k > 0), &t[k], &o, window, NULL);
-        vulkan_play_no_room(k == 2);
-        vulkan_train_steps(&t[k], 16);
-        CHECK((vulkan_halted > 3) == (k == 2));
-        CHECK_OK(step_download(&t[k], DOWNLOAD_TO_READ));
-        for (int i = 0; i < LAMP_TERMS; i++)
-            lamp[k][i] = (float)((struct lamp_fit *)vulkan_part(&t[k], "lamp", NULL))->group[0].shape[i];
-    }
-    vulkan_play_no_room(0);
-    CHECK(memcmp(lamp[1], lamp[2], sizeof lamp[1]) == 0);
-    CHECK(train_same(&t[1].trained.model, &t[2].trained.model));
-    for (int i = 0; i < LAMP_TERMS; i++) CHECK_CLOSE(lamp[1][i], lamp[0][i], 0.1);
-    for (int k = 0; k < 3; k++) vulkan_end_train(&t[k]);
-}
-
 DEVICE_TEST(vulkan_gives_up_a_device_that_does_not_answer)
 {
     vulkan_check_loss_of_device(FAULT_TIMEOUT);
@@ -2920,27 +2328,6 @@ DEVICE_TEST(vulkan_gives_up_a_device_that_is_lost)
 DEVICE_TEST(vulkan_takes_no_results_of_a_wait_that_ended_without_the_work)
 {
     vulkan_check_loss_of_device(FAULT_NOTHING_DONE);
-}
-
-DEVICE_TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus)
-{
-    vulkan_check_training(0);
-}
-
-DEVICE_TEST(vulkan_training_repeats_steps_that_found_no_room)
-{
-    vulkan_check_training(1);
-}
-
-DEVICE_TEST(vulkan_has_the_lamp_of_the_cpu_and_its_gradients)
-{
-    VULKAN_IMAGING({.lit = 1, .gain = vulkan_gain}, {.lit = 1, .contrast = 0.004},
-                   {.lit = 1, .gain = vulkan_gain, .window = 1});
-}
-
-DEVICE_TEST(vulkan_has_the_loss_in_front_of_points_of_the_cpu)
-{
-    VULKAN_IMAGING({.points = DEPTH_POINTS}, {.points = 40, .medium = &vulkan_murky, .lobes = 200});
 }
 
 #endif

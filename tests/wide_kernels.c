@@ -217,7 +217,7 @@ struct wide_loss kernels_loss(int width, int height, double weight, const double
 {
     const struct loss_job job = {width, height, weight, x, y, mask, dx, 0};
     struct loss_scratch scratch = {0};
-    struct loss_value value = {0};
+    struct renderer_loss value = {0};
     loss_forward_backward(&kernels_context, &job, &scratch, &value);
     loss_free(&kernels_context, &scratch);
     return (struct wide_loss){value.total, value.l1, value.ssim, value.mse};

@@ -42,10 +42,11 @@ static int vulkan_sort(struct vulkan_renderer *r, struct vulkan_buffer key[2], s
 /* ---------------- forward */
 
 static void vulkan_take_view(struct vulkan_renderer *r, const oxl_model *model, const oxl_camera *c,
-                             const oxl_render_options *o, const struct renderer_settings *settings)
+                             const oxl_render_options *o, const struct kernel_camera *kernel_camera,
+                             const struct renderer_settings *settings)
 {
     const uint32_t on = HALT_NONE;
-    const struct kernel_camera k = *settings->camera;
+    const struct kernel_camera k = *kernel_camera;
     r->view = (struct vulkan_view){.rotation = {k.rotation.x.x, k.rotation.x.y, k.rotation.x.z,
                                                 k.rotation.y.x, k.rotation.y.y, k.rotation.y.z,
                                                 k.rotation.z.x, k.rotation.z.y, k.rotation.z.z},
@@ -306,7 +307,8 @@ static void vulkan_make_pair_room(struct vulkan_renderer *r, int steps)
 
 OXL_INTERNAL oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl_camera *camera,
                                        const oxl_render_options *options,
-                                       const struct renderer_settings *settings, int steps)
+                                       const struct kernel_camera *kernel_camera, const oxl_model *context,
+                                       const struct renderer_settings *settings)
 {
     struct vulkan_renderer *r = device;
     if (r->stepped && (r->model != model || r->plane != model->plane[0])) {
@@ -316,14 +318,14 @@ OXL_INTERNAL oxl_result vulkan_forward(void *device, const oxl_model *model, con
     }
     vulkan_enter(r->v);
     vulkan_take_model(r, model);
-    vulkan_take_context(r, settings->context);
+    vulkan_take_context(r, context);
     r->drawn_sh_degree = options->sh_degree < 0 || options->sh_degree > model->sh_degree ? model->sh_degree
                                                                                          : options->sh_degree;
-    vulkan_take_view(r, model, camera, options, settings);
+    vulkan_take_view(r, model, camera, options, kernel_camera, settings);
     vulkan_order_rows(r);
-    vulkan_make_pair_room(r, steps);
+    vulkan_make_pair_room(r, settings->steps);
     vulkan_order_pairs(r);
-    vulkan_draw(r, (uint32_t)steps);
+    vulkan_draw(r, (uint32_t)settings->steps);
     return r->v->rc;
 }
 

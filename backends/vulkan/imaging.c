@@ -15,21 +15,21 @@
 /* Fills in the view's numbers, and which variants the passes need. */
 OXL_INTERNAL void vulkan_take_settings(struct vulkan_renderer *r, const struct renderer_settings *s)
 {
-    const struct medium *m = s->medium;
-    const uint64_t mixed = random_mix(s->dropout_seed);
-    r->in_medium = m != NULL;
-    r->drops = s->dropout > 0;
-    r->may_be_lit = s->has_lamp;
-    r->is_window = s->is_window;
+    const struct medium *m = &s->medium;
+    const uint64_t mixed = random_mix(s->dropout.seed);
+    r->in_medium = m->on;
+    r->drops = s->dropout.fraction > 0;
+    r->may_be_lit = s->lamp != NULL;
+    r->is_window = s->window.width > 0;
     r->view.context_shift = (uint32_t)((r->count + PACK - 1) / PACK * PACK - r->count);
     if (r->drops) {
-        r->view.dropout_gain = (float)(-vecmath_log(1 - s->dropout) / VECMATH_LN2);
-        r->view.dropout_most = (uint32_t)(s->dropout * 4294967296.0);
+        r->view.dropout_gain = (float)(-vecmath_log(1 - s->dropout.fraction) / VECMATH_LN2);
+        r->view.dropout_most = (uint32_t)(s->dropout.fraction * 4294967296.0);
         r->view.dropout_low = (uint32_t)mixed;
         r->view.dropout_high = (uint32_t)(mixed >> 32);
-        r->view.dropout_step = (uint32_t)s->dropout_step;
+        r->view.dropout_step = (uint32_t)s->dropout.step;
     }
-    if (!m) return;
+    if (!m->on) return;
     memcpy(r->view.attenuation, m->attenuation, sizeof m->attenuation);
     memcpy(r->view.backscatter, m->backscatter, sizeof m->backscatter);
     memcpy(r->view.veiling_light, m->veiling_light, sizeof m->veiling_light);
@@ -71,15 +71,16 @@ static void vulkan_push_area(const struct vulkan_renderer *r, uint32_t push[6])
     push[5] = vulkan_bits(2 / (float)a->full_height);
 }
 
-OXL_INTERNAL void vulkan_draw_lamp(struct vulkan_renderer *r, const struct renderer_gains *gains)
+OXL_INTERNAL void vulkan_draw_lamp(struct vulkan_renderer *r, const struct lamp *lamp,
+                                   const struct lamp_area *area)
 {
     const size_t pixels = (size_t)r->view.width * r->view.height;
     float power[VULKAN_POWERS];
     uint32_t push[7];
-    r->lit = gains->shape != NULL;
-    r->lamp_area = gains->area;
+    r->lit = lamp != NULL;
+    r->lamp_area = *area;
     if (!r->lit) return;
-    vulkan_powers_of(gains->shape, power);
+    vulkan_powers_of(lamp->shape, power);
     vulkan_reserve_imaging(r);
     vulkan_update(r->v, &r->powers, 0, power, sizeof power);
     vulkan_push_area(r, push);

@@ -54,18 +54,18 @@ static struct renderer_loss vulkan_loss_of(const float total[8], float ssim_weig
 }
 
 static oxl_result vulkan_loss(void *device, const float *rgb, const float *weight,
-                              const struct renderer_gains *gains, float ssim_weight,
-                              struct renderer_loss *out)
+                              const struct renderer_settings *settings, const struct lamp_area *area,
+                              float ssim_weight, struct renderer_loss *out)
 {
     struct vulkan_renderer *r = device;
     struct vulkan *v = r->v;
     const size_t pixels = (size_t)r->view.width * r->view.height;
     float total[OXL_COUNT(r->report->totals)];
-    r->exposed = gains->gain != NULL;
-    if (gains->gain) memcpy(r->gain, gains->gain, sizeof r->gain);
-    r->contrast = gains->contrast > 0 ? (float)(gains->contrast * gains->contrast) : 9e-4f;
+    r->exposed = settings->gain != NULL;
+    if (r->exposed) memcpy(r->gain, settings->gain, sizeof r->gain);
+    r->contrast = settings->contrast > 0 ? (float)(settings->contrast * settings->contrast) : 9e-4f;
     vulkan_enter(v);
-    vulkan_draw_lamp(r, gains);
+    vulkan_draw_lamp(r, settings->lamp, area);
     if (rgb) vulkan_reserve(v, &r->target, pixels, 12, "pixels");
     vulkan_reserve(v, &r->drgb, pixels, 12, "pixels");
     vulkan_reserve(v, &r->partial, 15 * r->tiles, 4, "tiles");

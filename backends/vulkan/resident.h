@@ -145,7 +145,8 @@ OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct t
 
 OXL_INTERNAL oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl_camera *camera,
                                        const oxl_render_options *options,
-                                       const struct renderer_settings *settings, int steps);
+                                       const struct kernel_camera *kernel_camera, const oxl_model *context,
+                                       const struct renderer_settings *settings);
 OXL_INTERNAL oxl_result vulkan_depth(void *device, float *depth);
 OXL_INTERNAL oxl_result vulkan_image(void *device, float *rgb);
 /* The way back through the rasterizer, to the sums of pairs; score: those of the score alone. */
@@ -155,7 +156,8 @@ OXL_INTERNAL uint32_t vulkan_loss_variant(const struct vulkan_renderer *r, int l
 /* ---------------- imaging.c */
 
 OXL_INTERNAL void vulkan_take_settings(struct vulkan_renderer *r, const struct renderer_settings *s);
-OXL_INTERNAL void vulkan_draw_lamp(struct vulkan_renderer *r, const struct renderer_gains *gains);
+OXL_INTERNAL void vulkan_draw_lamp(struct vulkan_renderer *r, const struct lamp *lamp,
+                                   const struct lamp_area *area);
 /* Memory and shaders for what follows. */
 OXL_INTERNAL void vulkan_reserve_imaging(struct vulkan_renderer *r);
 OXL_INTERNAL void vulkan_add_imaging(struct vulkan_renderer *r);

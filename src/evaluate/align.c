@@ -26,10 +26,10 @@ OXL_INTERNAL oxl_result align_view(oxl_context *ctx, const struct drawn *d, int 
     if (!(rule.depth > 0)) rule.depth = oxl_scene_extent(d->scene);
     *out = given;
     if (d->imaging->on) imaging_gain(d->imaging, view, gain);
-    renderer_set_medium(d->r, &d->imaging->medium);
-    renderer_set_lamp(d->r, imaging_lamp(d->imaging, d->scene, view));
-    renderer_set_gain(d->r, d->imaging->on ? gain : NULL);
-    renderer_set_pose(d->r, 1);
+    *renderer_settings(d->r) = (struct renderer_settings){.medium = d->imaging->medium,
+                                                          .lamp = imaging_lamp(d->imaging, d->scene, view),
+                                                          .gain = d->imaging->on ? gain : NULL,
+                                                          .pose = 1};
     for (int i = 0; i < ALIGN_STEPS && rc == OXL_OK; i++) {
         rule.rate = ALIGN_RATE * vecmath_exp((double)i / ALIGN_STEPS * vecmath_log(ALIGN_LAST));
         rc = renderer_forward(ctx, d->r, d->model, out, options);
@@ -38,6 +38,6 @@ OXL_INTERNAL oxl_result align_view(oxl_context *ctx, const struct drawn *d, int 
         if (rc == OXL_OK) pose_step(&pose, &given, renderer_pose_gradient(d->r), &rule);
         pose_apply(&given, pose.at, out);
     }
-    renderer_set_pose(d->r, 0);
+    *renderer_settings(d->r) = (struct renderer_settings){0};
     return rc;
 }

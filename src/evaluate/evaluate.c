@@ -34,7 +34,7 @@ static oxl_result evaluate_draw_medium(oxl_context *ctx, const struct drawn *d, 
                                        oxl_image *out, float *depth)
 {
     const oxl_render_options options = evaluate_options(d);
-    renderer_set_medium(d->r, d->imaging ? &d->imaging->medium : NULL);
+    if (d->imaging) renderer_settings(d->r)->medium = d->imaging->medium;
     return renderer_draw(ctx, d->r, d->model, camera, &options, out, depth);
 }
 

@@ -43,15 +43,15 @@ static oxl_result dropout_before_render(struct train *t, void *state, struct par
 {
     const struct dropout *d = state;
     if (v->learns)
-        renderer_set_dropout(t->renderer, d->rate * t->step / t->options->iterations,
-                             DROPOUT_STREAM ^ t->ctx->options.seed, t->step);
+        renderer_settings(t->renderer)->dropout = (struct renderer_dropout){
+            d->rate * t->step / t->options->iterations, DROPOUT_STREAM ^ t->ctx->options.seed, t->step};
     return OXL_OK;
 }
 
 static oxl_result dropout_after_render(struct train *t, void *state, struct part_view *v)
 {
     (void)state, (void)v;
-    renderer_set_dropout(t->renderer, 0, 0, 0);
+    renderer_settings(t->renderer)->dropout.fraction = 0;
     return OXL_OK;
 }
 

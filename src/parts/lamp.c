@@ -120,7 +120,7 @@ static oxl_result lamp_before_render(struct train *t, void *state, struct part_v
     struct lamp_fit *l = state;
     const struct lamp *lamp = imaging_lamp(&v->imaging, t->scene, v->view);
     if (lamp) l->drawn = *lamp;
-    renderer_set_lamp(t->renderer, lamp ? &l->drawn : NULL);
+    renderer_settings(t->renderer)->lamp = lamp ? &l->drawn : NULL;
     return OXL_OK;
 }
 

@@ -102,7 +102,7 @@ static oxl_result ssim_contrast_begin(struct train *t, void *state)
     struct ssim_contrast *s = state;
     const oxl_result rc = ssim_contrast_measure(t->ctx, t->scene, &s->measured, &s->views);
     s->contrast = ssim_contrast_of_detail(s->measured);
-    renderer_set_contrast(t->renderer, s->contrast);
+    renderer_settings(t->renderer)->contrast = s->contrast;
     return rc;
 }
 
@@ -113,7 +113,7 @@ static void ssim_contrast_use_tracks(struct train *t, void *state, const struct 
     if (s->views == 0 || t->options->lamp == OXL_ON) return;
     s->is_unlit = !(p->parts & PHOTOMETRY_LAMP);
     s->contrast = s->is_unlit ? SSIM_CONTRAST_WANG : ssim_contrast_of_detail(s->measured);
-    renderer_set_contrast(t->renderer, s->contrast);
+    renderer_settings(t->renderer)->contrast = s->contrast;
 }
 
 static void ssim_contrast_archive(struct archive *a, struct train *t, void *state)
@@ -122,7 +122,7 @@ static void ssim_contrast_archive(struct archive *a, struct train *t, void *stat
     archive_doubles(a, &s->contrast, 1);
     archive_int(a, &s->is_unlit);
     archive_expect(a, s->contrast > 0 && s->contrast <= 1);
-    if (a->reading && a->rc == OXL_OK) renderer_set_contrast(t->renderer, s->contrast);
+    if (a->reading && a->rc == OXL_OK) renderer_settings(t->renderer)->contrast = s->contrast;
 }
 
 static void ssim_contrast_record(struct train *t, void *state)

@@ -7,6 +7,39 @@
 #include "../core/codec.h"
 #ifdef OXL_VULKAN
 #include "../../backends/vulkan/vulkan.h"
+#else /* stands in for it */
+
+static oxl_result vulkan_open(oxl_context *ctx, int device, int wants, struct vulkan **out)
+{
+    (void)device, (void)out;
+    return wants ? oxl_fail(ctx, OXL_ERR_FAILED,
+                            "this program was built without the Vulkan backend\nfix: make VULKAN=1, or use "
+                            "the CPU backend")
+                 : OXL_OK;
+}
+
+static void vulkan_close(struct vulkan *v)
+{
+    (void)v;
+}
+
+static const char *vulkan_name(const struct vulkan *v, int and_cpu)
+{
+    (void)v, (void)and_cpu;
+    return NULL;
+}
+
+static const struct renderer_device *vulkan_functions(void)
+{
+    return NULL;
+}
+
+static oxl_result vulkan_list(oxl_context *ctx, struct text *out)
+{
+    (void)out;
+    return vulkan_open(ctx, 0, 1, NULL);
+}
+
 #endif
 
 static oxl_result backend_create(oxl_context *ctx)
@@ -19,8 +52,6 @@ OXL_INTERNAL void backend_begin_run(oxl_context *ctx)
 {
     if (ctx->backend) ctx->backend->fell_back = 0;
 }
-
-#ifdef OXL_VULKAN
 
 OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx)
 {
@@ -65,45 +96,6 @@ oxl_result oxl_devices(oxl_context *ctx, char **out)
     text_free(&t);
     return rc;
 }
-
-#else
-
-static oxl_result backend_missing(oxl_context *ctx)
-{
-    return oxl_fail(
-        ctx, OXL_ERR_FAILED,
-        "this program was built without the Vulkan backend\nfix: make VULKAN=1, or use the CPU backend");
-}
-
-OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx)
-{
-    return ctx->options.backend == OXL_BACKEND_VULKAN ? backend_missing(ctx) : backend_create(ctx);
-}
-
-static void backend_end(oxl_context *ctx)
-{
-    oxl_free(ctx, ctx->backend);
-}
-
-OXL_INTERNAL const char *backend_device(const oxl_context *ctx)
-{
-    (void)ctx;
-    return NULL;
-}
-
-const char *oxl_backend_name(const oxl_context *ctx)
-{
-    (void)ctx;
-    return "cpu";
-}
-
-oxl_result oxl_devices(oxl_context *ctx, char **out)
-{
-    *out = NULL;
-    return backend_missing(ctx);
-}
-
-#endif
 
 oxl_result oxl_backend_begin(oxl_context *ctx)
 {

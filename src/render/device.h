@@ -7,33 +7,15 @@
 #include "../survey/image.h"
 #include "../model/model.h"
 
-/* Settings of a view beyond its camera: from the setters of renderer.c. */
-struct renderer_settings {
-    const struct kernel_camera *camera; /* units and limits of the full image, where it is a window */
-    const struct medium *medium;        /* NULL: none */
-    int has_lamp;                       /* 1: the loss may have one */
-    int is_window;                      /* 1: the camera shows a part of the image */
-    const oxl_model *context;           /* of renderer_set_context, without second lobes; or NULL */
-    double dropout;
-    uint64_t dropout_seed;
-    int dropout_step;
-};
-
-/* What lies between the rendered image and the loss. */
-struct renderer_gains {
-    const float *gain;  /* (3); NULL: 1 */
-    const float *shape; /* (LAMP_TERMS) the lamp's; NULL: none */
-    struct lamp_area area;
-    double contrast; /* SSIM's; 0: 0.03 */
-};
+struct kernel_camera;
 
 /* Each does what the renderer function of the same name does; take_image what renderer_set_image does. */
 struct renderer_device {
     oxl_result (*create)(oxl_context *ctx, void **out);
     void (*free)(void *device);
     oxl_result (*forward)(void *device, const oxl_model *model, const oxl_camera *camera,
-                          const oxl_render_options *options, const struct renderer_settings *settings,
-                          int steps);
+                          const oxl_render_options *options, const struct kernel_camera *kernel_camera,
+                          const oxl_model *context, const struct renderer_settings *settings);
     oxl_result (*image)(void *device, float *rgb);   /* (3,H,W) rendered */
     oxl_result (*depth)(void *device, float *depth); /* (H,W) of it; the image is lost */
     int (*has_image)(const void *device, int view);
@@ -43,7 +25,8 @@ struct renderer_device {
      * the number only. */
     size_t (*target)(void *device, float *rgb, float *weight, int *masked);
     oxl_result (*loss)(void *device, const float *rgb, const float *weight,
-                       const struct renderer_gains *gains, float ssim_weight, struct renderer_loss *out);
+                       const struct renderer_settings *settings, const struct lamp_area *area,
+                       float ssim_weight, struct renderer_loss *out);
     /* points: of renderer_set_depths */
     oxl_result (*backward)(void *device, const float *drgb, const struct depth_point *point, int points,
                            double weight);

@@ -228,9 +228,6 @@ struct loss_job {
     real *dx;           /* (3,H,W) dL/dx, overwritten */
     real c2;            /* SSIM's constant of contrast; 0: Wang's, 0.03^2 */
 };
-struct loss_value {
-    double total, l1, ssim, mse; /* means over unmasked pixels and three channels */
-};
 /* of a row: |x - y|, S, (x - y)^2 */
 enum loss_sum { LOSS_SUM_L1, LOSS_SUM_SSIM, LOSS_SUM_SQUARE, LOSS_SUMS };
 struct loss_scratch { /* kept between steps, to avoid allocations */
@@ -240,8 +237,9 @@ struct loss_scratch { /* kept between steps, to avoid allocations */
     size_t cleared; /* number of values cleared */
     int width;      /* the width that they were cleared for */
 };
+/* out: total, l1, ssim and mse, means over unmasked pixels and three channels. */
 OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct loss_job *job,
-                                              struct loss_scratch *scratch, struct loss_value *out);
+                                              struct loss_scratch *scratch, struct renderer_loss *out);
 OXL_INTERNAL void loss_free(oxl_context *ctx, struct loss_scratch *scratch);
 
 /* ---------------- adam.c: the step that follows the gradient */

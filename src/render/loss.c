@@ -444,7 +444,7 @@ static oxl_result loss_valid_windows(oxl_context *ctx, const struct loss_job *jo
 }
 
 static void loss_add_up(const struct loss_job *job, double (*sums)[LOSS_SUMS], double values, double windows,
-                        struct loss_value *out)
+                        struct renderer_loss *out)
 {
     double sum[LOSS_SUMS] = {0};
     for (int row = 0; row < 3 * job->height; row++)
@@ -465,7 +465,7 @@ static void loss_clear(struct loss_scratch *scratch, int width, size_t count)
 }
 
 OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct loss_job *job,
-                                              struct loss_scratch *scratch, struct loss_value *out)
+                                              struct loss_scratch *scratch, struct renderer_loss *out)
 {
     const size_t pixels = (size_t)job->width * (size_t)job->height, room = loss_scratch_size(job->width);
     /* pieces of the image, each a span of rows, in all three channels */

@@ -60,9 +60,6 @@ struct renderer_loss {
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb,
                                       const float *weight, float ssim_weight, struct renderer_loss *out);
 
-/* From the next loss on, adds these terms on pixels; NULL: none. On the CPU alone. Borrowed. */
-OXL_INTERNAL void renderer_set_terms(struct renderer *r, const oxl_terms *terms);
-
 /* The gradient of the model rendered last, for drgb (3,H,W), or NULL: that of renderer_loss. `gradient` has
  * the model's shape;
  * rows of invisible packs are not written. On a device it is downloaded by renderer_gradient. NULL:
@@ -174,13 +171,35 @@ OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r);
 
 OXL_INTERNAL int renderer_has_device(const struct renderer *r);
 OXL_INTERNAL void renderer_use_cpu(struct renderer *r); /* before the first forward */
-/* From the next forward on, the camera is a window of a full image of this size, with its top left corner
- * `at`; size 0, 0: no window.
- */
-OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int full_width, int full_height);
-/* From now on, forward may be followed by loss, backward and step: a device allocates memory for all of them
- * in forward, where the CPU can still take over. */
-OXL_INTERNAL void renderer_expect_steps(struct renderer *r);
+
+/* What the next views are rendered and compared with; the caller writes it, and it stays. Pointers are
+ * borrowed. */
+struct renderer_settings {
+    /* forward: */
+    /* 1: loss, backward and step may follow: a device allocates memory for all of them in forward, where the
+     * CPU can still take over */
+    int steps;
+    struct renderer_window { /* the camera is a part of a full image of this size, px; 0, 0: it is whole */
+        int width, height;
+        float x, y; /* px: the part's top left corner */
+    } window;
+    struct medium medium;
+    /* This fraction of the Gaussians, chosen by seed and step, is not rendered, and the opacities of the
+     * others are divided by 1 - fraction. */
+    struct renderer_dropout {
+        double fraction;
+        uint64_t seed;
+        int step;
+    } dropout;
+    /* loss: */
+    const float *gain;       /* (3) of the rendered image, or NULL */
+    const struct lamp *lamp; /* its gain at each pixel, or NULL */
+    double contrast;         /* SSIM's C2 is the square of this standard deviation; 0: of 0.03 */
+    const oxl_terms *terms;  /* on pixels, on the CPU alone, or NULL */
+    /* backward: */
+    int pose; /* 1: the gradient of the camera's pose, too; on the CPU alone */
+};
+OXL_INTERNAL struct renderer_settings *renderer_settings(struct renderer *r);
 /* From the next forward on, these Gaussians are rendered as well, without gradients. Borrowed. Call it before
  * the first forward: where they have second lobes, the CPU renders from then on. */
 OXL_INTERNAL void renderer_set_context(struct renderer *r, const oxl_model *context);
@@ -192,17 +211,6 @@ struct depth_point {
 enum { DEPTH_POINTS = 128 }; /* most */
 OXL_INTERNAL void renderer_set_depths(struct renderer *r, const struct depth_point *point, int count,
                                       double weight);
-/* The next forward does not render this fraction of the Gaussians, chosen by seed and step, and divides the
- * opacities of the others by
- * 1 - fraction. */
-OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double fraction, uint64_t seed, int step);
-/* From the next loss on, the rendered image is first multiplied by a gain per channel; NULL: no gain. */
-OXL_INTERNAL void renderer_set_gain(struct renderer *r, const float gain[3]);
-/* From the next loss on, SSIM's C2 is the square of this standard deviation; 0: of 0.03. */
-OXL_INTERNAL void renderer_set_contrast(struct renderer *r, double contrast);
-
-/* From the next backward on, the gradient of the camera's pose is computed, too; on the CPU alone. */
-OXL_INTERNAL void renderer_set_pose(struct renderer *r, int wanted);
 /* (POSE_SUMS) of the last backward, complete after the step: dL/d(w), dL/d(centre), both in the axes of the
  * world, where w turns all Gaussians about the camera's centre; of the model, without the context. */
 enum { POSE_SUMS = 6 };
@@ -210,11 +218,6 @@ OXL_INTERNAL const double *renderer_pose_gradient(const struct renderer *r);
 
 /* ---------------- medium.c, exposure.c: medium and lamp */
 
-OXL_INTERNAL void renderer_set_medium(struct renderer *r,
-                                      const struct medium *medium); /* from the next forward on */
-/* From the next loss on, the rendered image is also multiplied by the lamp's gain at each pixel; NULL: no
- * lamp. Borrowed. */
-OXL_INTERNAL void renderer_set_lamp(struct renderer *r, const struct lamp *lamp);
 /* Fills the gradient by the lamp, which is known after the step. */
 OXL_INTERNAL void renderer_complete_loss(const struct renderer *r, struct renderer_loss *loss);
 /* Bakes medium and lamp into the colours, as the views see them, for viewers that ignore imaging.txt;

@@ -28,17 +28,6 @@ static oxl_result render_view(oxl_context *ctx, struct renderer *r, const oxl_mo
     return rc;
 }
 
-/* Returns 1 if a device could not do it and the CPU is to begin anew: all that it needs is the caller's. */
-static int render_begins_anew(oxl_context *ctx, struct renderer *r, oxl_result rc)
-{
-    char why[160];
-    if (!r || !r->device || !render_can_fall_back(ctx, rc)) return 0;
-    snprintf(why, sizeof why, "%.159s", ctx->error);
-    renderer_use_cpu(r);
-    render_say_cpu(ctx, why);
-    return 1;
-}
-
 static oxl_result render_check_camera(oxl_context *ctx, const oxl_camera *camera)
 {
     if (camera->width >= 1 && camera->height >= 1) return OXL_OK;
@@ -53,7 +42,9 @@ OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, cons
     *out = (oxl_image){0};
     if (rc != OXL_OK) return rc;
     rc = render_view(ctx, r, model, camera, options, out, depth);
-    return render_begins_anew(ctx, r, rc) ? render_view(ctx, r, model, camera, options, out, depth) : rc;
+    if (rc != OXL_OK && render_fall_back_to_cpu(ctx, r, rc, 1) == OXL_OK)
+        rc = render_view(ctx, r, model, camera, options, out, depth);
+    return rc;
 }
 
 static oxl_render_options render_options_of(const float *background)
@@ -101,7 +92,8 @@ oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const o
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     if (rc == OXL_OK && o.parallel > 0) renderer_use_cpu(r);
     if (rc == OXL_OK) rc = render_gradient(ctx, r, model, camera, &o, drgb, gradient);
-    if (render_begins_anew(ctx, r, rc)) rc = render_gradient(ctx, r, model, camera, &o, drgb, gradient);
+    if (rc != OXL_OK && r && render_fall_back_to_cpu(ctx, r, rc, 1) == OXL_OK)
+        rc = render_gradient(ctx, r, model, camera, &o, drgb, gradient);
     renderer_free(ctx, r);
     return rc;
 }

@@ -17,7 +17,7 @@ oxl_render_options oxl_render_options_default(void)
 
 /* Warns once of each kind of failure: a device that is lost, or too small, is so for all images that
  * follow. */
-OXL_INTERNAL oxl_result render_say_cpu(oxl_context *ctx, const char *why)
+static oxl_result render_say_cpu(oxl_context *ctx, const char *why)
 {
     const int kind = 1 << ctx->failed;
     if (!(ctx->backend->fell_back & kind))
@@ -28,7 +28,7 @@ OXL_INTERNAL oxl_result render_say_cpu(oxl_context *ctx, const char *why)
 
 /* Returns 1 if a device failed, or had not enough memory, and the CPU may do what it could not, with
  * --backend auto. */
-OXL_INTERNAL int render_can_fall_back(const oxl_context *ctx, oxl_result rc)
+static int render_can_fall_back(const oxl_context *ctx, oxl_result rc)
 {
     return (rc == OXL_ERR_MEMORY || rc == OXL_ERR_FAILED) && ctx->options.backend == OXL_BACKEND_AUTO;
 }
@@ -64,20 +64,19 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
 /* ---------------- into the kernels' terms */
 
 /* Returns the camera of a window: the limits and units of the projection are those of the full image. */
-static void render_set_full_size(struct kernel_camera *k, const oxl_camera *c, const int full[2])
+static void render_set_full_size(struct kernel_camera *k, const oxl_camera *c,
+                                 const struct renderer_window *w)
 {
-    if (full[0] == 0) return;
-    k->half_width = 0.5f * (float)full[0];
-    k->half_height = 0.5f * (float)full[1];
-    k->limit_x = (float)(FRUSTUM_CLAMP * full[0] / (2 * c->fx));
-    k->limit_y = (float)(FRUSTUM_CLAMP * full[1] / (2 * c->fy));
+    if (w->width == 0) return;
+    k->half_width = 0.5f * (float)w->width;
+    k->half_height = 0.5f * (float)w->height;
+    k->limit_x = (float)(FRUSTUM_CLAMP * w->width / (2 * c->fx));
+    k->limit_y = (float)(FRUSTUM_CLAMP * w->height / (2 * c->fy));
 }
 
-OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int full_width, int full_height)
+OXL_INTERNAL struct renderer_settings *renderer_settings(struct renderer *r)
 {
-    r->full[0] = full_width;
-    r->full[1] = full_height;
-    memcpy(r->at, at, sizeof r->at);
+    return &r->set;
 }
 
 OXL_INTERNAL struct gaussians render_gaussians(const oxl_model *m, int sh_degree)
@@ -120,14 +119,16 @@ static oxl_result render_download_target(oxl_context *ctx, struct renderer *r)
 }
 
 /* Replaces a device without enough memory by the CPU, with --backend auto, unless steps are to be reported
- * yet. Returns rc in all other cases. */
-OXL_INTERNAL oxl_result render_fall_back_to_cpu(oxl_context *ctx, struct renderer *r, oxl_result rc)
+ * yet. With anew the CPU begins anew, as all that it needs is the caller's; then a lost device is replaced,
+ * too. Returns rc in all other cases. */
+OXL_INTERNAL oxl_result render_fall_back_to_cpu(oxl_context *ctx, struct renderer *r, oxl_result rc, int anew)
 {
     char why[160];
-    if (rc != OXL_ERR_MEMORY || ctx->options.backend != OXL_BACKEND_AUTO || r->deferred) return rc;
+    if (!r->device || !render_can_fall_back(ctx, rc) || (rc != OXL_ERR_MEMORY && !anew) || r->deferred)
+        return rc;
     snprintf(why, sizeof why, "%.159s", ctx->error);
-    rc = render_download_target(ctx, r);
-    if (rc == OXL_OK) rc = r->backend->download(r->device, DOWNLOAD_TO_CHANGE);
+    rc = anew ? OXL_OK : render_download_target(ctx, r);
+    if (rc == OXL_OK && !anew) rc = r->backend->download(r->device, DOWNLOAD_TO_CHANGE);
     if (rc != OXL_OK) return rc;
     renderer_use_cpu(r);
     return render_say_cpu(ctx, why);
@@ -146,11 +147,6 @@ OXL_INTERNAL int64_t render_tasks(const struct renderer *r)
     return render_tasks_of(r->packs);
 }
 
-static int render_has_medium(const struct renderer *r)
-{
-    return r->medium.on;
-}
-
 OXL_INTERNAL struct project_job render_project_job(struct renderer *r, int64_t task)
 {
     return (struct project_job){.in = r->in,
@@ -160,7 +156,7 @@ OXL_INTERNAL struct project_job render_project_job(struct renderer *r, int64_t t
                                 .splat = r->splat,
                                 .lobe = r->lobe,
                                 .visible = r->visible,
-                                .medium = render_has_medium(r) ? &r->medium : NULL,
+                                .medium = r->set.medium.on ? &r->set.medium : NULL,
                                 .medium_pack = r->medium_pack,
                                 .sums = (const float(*)[SPLAT_SUMS])r->sums,
                                 .dmean2d = r->dmean2d};
@@ -177,20 +173,8 @@ static struct project_job render_context_job(struct renderer *r, int64_t task)
                                 .splat = r->splat + r->packs * PACK,
                                 .lobe = r->lobe ? r->lobe + r->in.lobes : NULL,
                                 .visible = r->visible + r->packs,
-                                .medium = render_has_medium(r) ? &r->context_medium : NULL,
+                                .medium = r->set.medium.on ? &r->context_medium : NULL,
                                 .medium_pack = r->medium_pack ? r->medium_pack + r->packs : NULL};
-}
-
-OXL_INTERNAL void renderer_expect_steps(struct renderer *r)
-{
-    r->steps = 1;
-}
-
-OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double fraction, uint64_t seed, int step)
-{
-    r->dropout = fraction;
-    r->dropout_seed = seed;
-    r->dropout_step = step;
 }
 
 /* Drops out a task's rows after their projection [Park 2025]. Box and contour stay those of the undivided
@@ -198,13 +182,14 @@ OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double fraction, uint
  * needs nothing: d alpha / d logit = alpha (1 - o), whatever factor alpha has. */
 static void render_drop(const struct renderer *r, const struct project_job *job)
 {
-    const uint64_t most = (uint64_t)(r->dropout * 4294967296.0);
-    const float gain = (float)(-vecmath_log(1 - r->dropout) / VECMATH_LN2);
+    const struct renderer_dropout drop = r->set.dropout;
+    const uint64_t most = (uint64_t)(drop.fraction * 4294967296.0);
+    const float gain = (float)(-vecmath_log(1 - drop.fraction) / VECMATH_LN2);
     const size_t first = (size_t)(job->splat - r->splat); /* row 0 of the job */
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++)
         for (size_t l = 0, row = pack * PACK; l < PACK; l++, row++) {
             if (!(job->visible[pack] >> l & 1)) continue;
-            if (random_bits(r->dropout_seed, first + row, (uint64_t)r->dropout_step) >> 32 < most)
+            if (random_bits(drop.seed, first + row, (uint64_t)drop.step) >> 32 < most)
                 job->visible[pack] &= (uint16_t) ~(1u << l);
             job->splat[row].peak += gain;
             if (row < job->in.lobes) job->lobe[row].peak += gain;
@@ -219,7 +204,7 @@ static void render_project(oxl_context *ctx, struct renderer *r)
         const struct project_job job =
             task < own ? render_project_job(r, task) : render_context_job(r, task - own);
         project_forward(ctx->isa, &job);
-        if (r->dropout > 0) render_drop(r, &job);
+        if (r->set.dropout.fraction > 0) render_drop(r, &job);
     }
 }
 
@@ -248,16 +233,16 @@ static oxl_result render_begin_medium(oxl_context *ctx, struct renderer *r)
 {
     const oxl_result rc = OXL_RESERVE(ctx, r->medium_pack, r->bins.packs + 1);
     if (rc != OXL_OK) return rc;
-    r->context_medium = r->medium;
+    r->context_medium = r->set.medium;
     r->context_medium.training_range = 0;
-    memcpy(r->background, r->medium.veiling_light, sizeof r->background);
+    memcpy(r->background, r->set.medium.veiling_light, sizeof r->background);
     return OXL_OK;
 }
 
 OXL_INTERNAL void render_add_task_sums(struct renderer *r)
 {
     memset(r->dpose, 0, sizeof r->dpose);
-    for (int64_t task = 0; r->has_pose && task < render_tasks(r); task++)
+    for (int64_t task = 0; r->set.pose && task < render_tasks(r); task++)
         for (int k = 0; k < POSE_SUMS; k++) r->dpose[k] += r->pose_sum[task][k];
 }
 
@@ -276,11 +261,6 @@ OXL_INTERNAL void renderer_set_context(struct renderer *r, const oxl_model *cont
 OXL_INTERNAL int renderer_has_device(const struct renderer *r)
 {
     return r->device != NULL;
-}
-
-OXL_INTERNAL void renderer_set_medium(struct renderer *r, const struct medium *medium)
-{
-    r->medium = medium ? *medium : (struct medium){0};
 }
 
 static struct raster_job render_raster_job(struct renderer *r, int tile, const float *drgb)
@@ -340,26 +320,29 @@ OXL_INTERNAL void render_each_tile(oxl_context *ctx, struct renderer *r, const f
             render_draw_tiles(r, &r->tile_range[(own + k) % ctx->threads], ctx->isa, drgb, work);
 }
 
-/* Allocates and prepares for the parallel regions of forward. */
+static void render_take_view(struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                             const oxl_render_options *options)
+{
+    const oxl_camera far = render_far_camera(camera, options);
+    r->packs = render_packs(model->count);
+    r->in = render_gaussians(model, options->sh_degree);
+    r->kernel_camera = render_kernel_camera(&far, options->parallel > 0 ? 0 : options->near_plane);
+    render_set_full_size(&r->kernel_camera, camera, &r->set.window);
+    render_set_alpha_min(&r->kernel_camera, options->alpha_min);
+    r->kernel_camera.antialias = model->antialias;
+}
+
+/* Allocates and prepares for the parallel regions of forward, after render_take_view. */
 static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_model *model,
                                const oxl_camera *camera, const oxl_render_options *options)
 {
-    const size_t packs = render_packs(model->count),
-                 others = r->context ? render_packs(r->context->count) : 0;
+    const size_t packs = r->packs, others = r->context ? render_packs(r->context->count) : 0;
     const size_t lobes = r->context ? r->context->lobes : 0;
-    oxl_camera far;
     const oxl_result rc = render_reserve(ctx, r, packs + others, model->lobes + lobes,
                                          (size_t)camera->width * (size_t)camera->height);
     if (rc != OXL_OK) return rc;
-    r->packs = packs;
     r->parallel = options->parallel;
-    far = render_far_camera(camera, options);
-    r->kernel_camera = render_kernel_camera(&far, options->parallel > 0 ? 0 : options->near_plane);
-    render_set_full_size(&r->kernel_camera, camera, r->full);
-    r->in = render_gaussians(model, options->sh_degree);
     memcpy(r->background, options->background, sizeof r->background);
-    render_set_alpha_min(&r->kernel_camera, options->alpha_min);
-    r->kernel_camera.antialias = model->antialias;
     r->bins.alpha_min = r->kernel_camera.alpha_min;
     r->bins.cutoff_bits = r->kernel_camera.cutoff_bits;
     r->bins.packs = packs + others;
@@ -372,25 +355,6 @@ static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_m
     return OXL_OK;
 }
 
-static oxl_result render_forward_on_device(oxl_context *ctx, struct renderer *r, const oxl_model *model,
-                                           const oxl_camera *camera, const oxl_render_options *options)
-{
-    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
-    const struct renderer_settings settings = {&r->kernel_camera, render_has_medium(r) ? &r->medium : NULL,
-                                               r->lamp != NULL,   r->full[0] > 0,
-                                               r->context,        r->dropout,
-                                               r->dropout_seed,   r->dropout_step};
-    const oxl_result rc = OXL_RESERVE(ctx, r->rgb, 3 * pixels);
-    if (rc != OXL_OK) return rc;
-    r->kernel_camera = render_kernel_camera(camera, options->near_plane);
-    render_set_full_size(&r->kernel_camera, camera, r->full);
-    render_set_alpha_min(&r->kernel_camera, options->alpha_min);
-    r->in = render_gaussians(model, options->sh_degree);
-    r->packs = render_packs(model->count);
-    r->bins.packs = r->packs;
-    return r->backend->forward(r->device, model, camera, options, &settings, r->steps);
-}
-
 OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model,
                                          const oxl_camera *camera, const oxl_render_options *options)
 {
@@ -400,13 +364,19 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
     if (r->device && options->parallel > 0)
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "parallel rays are not rendered on a device\nfix: use the CPU backend");
+    render_take_view(r, model, camera, options);
     if (r->device) {
-        rc = render_fall_back_to_cpu(ctx, r, render_forward_on_device(ctx, r, model, camera, options));
+        r->bins.packs = r->packs;
+        rc = OXL_RESERVE(ctx, r->rgb, 3 * (size_t)camera->width * (size_t)camera->height);
+        if (rc == OXL_OK)
+            rc = r->backend->forward(r->device, model, camera, options, &r->kernel_camera, r->context,
+                                     &r->set);
+        rc = render_fall_back_to_cpu(ctx, r, rc, 0);
         if (rc == OXL_OK && r->device) ctx->backend->rendered_on |= RENDERED_ON_DEVICE;
         if (rc != OXL_OK || r->device) return rc;
     }
     rc = render_begin(ctx, r, model, camera, options);
-    if (rc == OXL_OK && render_has_medium(r)) rc = render_begin_medium(ctx, r);
+    if (rc == OXL_OK && r->set.medium.on) rc = render_begin_medium(ctx, r);
     if (rc != OXL_OK) return rc;
     render_project(ctx, r);
     if (options->parallel > 0) render_measure_depths(ctx, r, camera, options->near_plane);

@@ -17,7 +17,7 @@ OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r,
     oxl_result rc;
     if (r->device) {
         rc = r->backend->take_image(r->device, view, image, window, halved);
-        if (image) rc = render_fall_back_to_cpu(ctx, r, rc);
+        if (image) rc = render_fall_back_to_cpu(ctx, r, rc, 0);
         if (rc != OXL_OK || r->device) return rc;
     }
     pixels =
@@ -33,57 +33,26 @@ OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r,
     return OXL_OK;
 }
 
-OXL_INTERNAL void renderer_set_gain(struct renderer *r, const float gain[3])
-{
-    r->has_gain = gain != NULL;
-    if (gain) memcpy(r->gain, gain, sizeof r->gain);
-}
-
-OXL_INTERNAL void renderer_set_contrast(struct renderer *r, double contrast)
-{
-    r->contrast = contrast;
-}
-
-OXL_INTERNAL void renderer_set_terms(struct renderer *r, const oxl_terms *terms)
-{
-    r->terms = terms;
-}
-
 /* Computes the loss of the image x that is compared, with the terms on pixels, and its gradient r->drgb. */
 static oxl_result render_loss_of(oxl_context *ctx, struct renderer *r, const float *x, const float *rgb,
-                                 const float *weight, float ssim_weight, struct loss_value *out)
+                                 const float *weight, float ssim_weight, struct renderer_loss *out)
 {
     const int width = r->kernel_camera.width, height = r->kernel_camera.height;
+    const oxl_terms *terms = r->set.terms;
     const struct loss_job job = {width, height, ssim_weight, x,
-                                 rgb,   weight, r->drgb,     (real)(r->contrast * r->contrast)};
+                                 rgb,   weight, r->drgb,     (real)(r->set.contrast * r->set.contrast)};
     const oxl_result rc = loss_forward_backward(ctx, &job, &r->loss, out);
-    if (rc == OXL_OK && r->terms && r->terms->pixels) {
+    if (rc == OXL_OK && terms && terms->pixels) {
         const oxl_image rendered = {width, height, (float *)(uintptr_t)x, NULL},
                         image = {width, height, (float *)(uintptr_t)rgb, (float *)(uintptr_t)weight};
-        out->total += r->terms->pixels(r->terms->user, &rendered, &image, r->drgb);
+        out->total += terms->pixels(terms->user, &rendered, &image, r->drgb);
     }
     return rc;
-}
-
-/* Returns 1 if gains or a lamp lie between the rendered image and the loss. */
-static int render_has_gains(const struct renderer *r)
-{
-    return r->has_gain || r->lamp;
-}
-
-OXL_INTERNAL void renderer_set_lamp(struct renderer *r, const struct lamp *lamp)
-{
-    r->lamp = lamp;
 }
 
 OXL_INTERNAL void renderer_complete_loss(const struct renderer *r, struct renderer_loss *loss)
 {
     memcpy(loss->dlamp, r->dlamp, sizeof loss->dlamp);
-}
-
-OXL_INTERNAL void renderer_set_pose(struct renderer *r, int wanted)
-{
-    r->has_pose = wanted && !r->device;
 }
 
 OXL_INTERNAL const double *renderer_pose_gradient(const struct renderer *r)
@@ -94,28 +63,29 @@ OXL_INTERNAL const double *renderer_pose_gradient(const struct renderer *r)
 static struct lamp_area render_lamp_area(const struct renderer *r)
 {
     const int width = r->kernel_camera.width, height = r->kernel_camera.height;
-    if (r->full[0] == 0) return (struct lamp_area){width, height, width, height, 0, 0};
-    return (struct lamp_area){width, height, r->full[0], r->full[1], r->at[0], r->at[1]};
+    const struct renderer_window w = r->set.window;
+    if (w.width == 0) return (struct lamp_area){width, height, width, height, 0, 0};
+    return (struct lamp_area){width, height, w.width, w.height, w.x, w.y};
 }
 
 /* Computes the loss with exposure gains and lamp. */
 static oxl_result render_loss_with_gains(oxl_context *ctx, struct renderer *r, const float *rgb,
-                                         const float *weight, float ssim_weight, double dlog_gain[3],
-                                         struct loss_value *out)
+                                         const float *weight, float ssim_weight, struct renderer_loss *out)
 {
     const size_t pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
-    const float one[3] = {1, 1, 1}, *rendered = NULL;
+    const float one[3] = {1, 1, 1};
     struct exposure_job exposure = {.area = render_lamp_area(r),
-                                    .gain = r->has_gain ? r->gain : one,
-                                    .shape = r->lamp ? r->lamp->shape : NULL,
-                                    .dlog_gain = dlog_gain,
+                                    .gain = r->set.gain ? r->set.gain : one,
+                                    .shape = r->set.lamp ? r->set.lamp->shape : NULL,
+                                    .x = r->rgb,
+                                    .dy = r->drgb,
+                                    .dx = r->drgb,
+                                    .dlog_gain = out->dlog_gain,
                                     .dshape = r->dlamp};
-    oxl_result rc = renderer_image(ctx, r, &rendered);
-    if (rc == OXL_OK) rc = OXL_RESERVE(ctx, r->exposed, 3 * pixels);
+    oxl_result rc = OXL_RESERVE(ctx, r->exposed, 3 * pixels);
     if (rc == OXL_OK) rc = OXL_RESERVE(ctx, r->lamp_map, pixels);
     if (rc != OXL_OK) return rc;
-    exposure.x = rendered, exposure.y = r->exposed, exposure.lamp_map = r->lamp_map,
-    exposure.dy = exposure.dx = r->drgb;
+    exposure.y = r->exposed, exposure.lamp_map = r->lamp_map;
     exposure_forward(ctx->isa, &exposure);
     rc = render_loss_of(ctx, r, r->exposed, rgb, weight, ssim_weight, out);
     if (rc == OXL_OK) exposure_backward(ctx->isa, &exposure);
@@ -135,21 +105,17 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
                                       const float *weight, float ssim_weight, struct renderer_loss *out)
 {
     const size_t pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
-    struct loss_value value;
     oxl_result rc;
     *out = (struct renderer_loss){0};
     if (r->device) {
-        const struct renderer_gains gains = {r->has_gain ? r->gain : NULL, r->lamp ? r->lamp->shape : NULL,
-                                             render_lamp_area(r), r->contrast};
-        return r->backend->loss(r->device, rgb, weight, &gains, ssim_weight, out);
+        const struct lamp_area area = render_lamp_area(r);
+        return r->backend->loss(r->device, rgb, weight, &r->set, &area, ssim_weight, out);
     }
     if (!rgb) rgb = r->target, weight = r->masked ? r->weight : NULL;
     rc = OXL_RESERVE(ctx, r->drgb, 3 * pixels);
-    if (rc == OXL_OK && render_has_gains(r))
-        rc = render_loss_with_gains(ctx, r, rgb, weight, ssim_weight, out->dlog_gain, &value);
-    else if (rc == OXL_OK) rc = render_loss_of(ctx, r, r->rgb, rgb, weight, ssim_weight, &value);
-    if (rc == OXL_OK)
-        out->total = value.total, out->l1 = value.l1, out->ssim = value.ssim, out->mse = value.mse;
+    if (rc == OXL_OK && (r->set.gain || r->set.lamp))
+        rc = render_loss_with_gains(ctx, r, rgb, weight, ssim_weight, out);
+    else if (rc == OXL_OK) rc = render_loss_of(ctx, r, r->rgb, rgb, weight, ssim_weight, out);
     if (rc == OXL_OK) render_scale_window_gradient(r, pixels);
     return rc;
 }
@@ -170,7 +136,7 @@ OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct rendere
     job.first_pack = first_pack, job.end_pack = end_pack;
     job.out = *out;
     job.out_row = out_row;
-    if (r->has_pose) {
+    if (r->set.pose) {
         job.pose_sum = r->pose_sum[task];
         if (first_pack % RENDER_TASK == 0) memset(job.pose_sum, 0, sizeof r->pose_sum[task]);
     }
@@ -181,7 +147,7 @@ static oxl_result render_begin_backward(oxl_context *ctx, struct renderer *r)
 {
     oxl_result rc = OXL_RESERVE(ctx, r->sums, r->bins.slot_count + 1);
     if (rc == OXL_OK) rc = OXL_RESERVE(ctx, r->dmean2d, r->bins.packs * PACK);
-    if (rc == OXL_OK && r->has_pose) rc = OXL_RESERVE(ctx, r->pose_sum, (size_t)render_tasks(r) + 1);
+    if (rc == OXL_OK && r->set.pose) rc = OXL_RESERVE(ctx, r->pose_sum, (size_t)render_tasks(r) + 1);
     return rc;
 }
 
@@ -217,7 +183,7 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
 OXL_INTERNAL oxl_result render_read_imaging_gradient(oxl_context *ctx, struct renderer *r)
 {
     (void)ctx;
-    if (!r->device || r->deferred || !r->lamp) return OXL_OK;
+    if (!r->device || r->deferred || !r->set.lamp) return OXL_OK;
     return r->backend->lamp_gradient(r->device, r->dlamp);
 }
 
@@ -233,7 +199,7 @@ OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, 
 OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score)
 {
     oxl_result rc;
-    if (r->device) return render_fall_back_to_cpu(ctx, r, r->backend->score(r->device, drgb, score));
+    if (r->device) return render_fall_back_to_cpu(ctx, r, r->backend->score(r->device, drgb, score), 0);
     rc = OXL_RESERVE(ctx, r->score, r->bins.slot_count + 1);
     if (rc != OXL_OK) return rc;
     render_each_tile(ctx, r, drgb, raster_score);

@@ -20,13 +20,11 @@ struct renderer {
     const struct renderer_device *backend; /* of `device` */
     void *device;                          /* NULL: the CPU renders, with the members below */
     int deferred;
-    int steps; /* 1: of renderer_expect_steps */
+    struct renderer_settings set;
 
     struct kernel_camera kernel_camera;
     float background[3];
     struct gaussians in;
-    int full[2]; /* px: of the full image, where the camera is a window of it; 0: it is whole */
-    float at[2]; /* px: where in it the window begins */
     /* Gaussians that are rendered but not trained, in the rows behind the model's; or NULL */
     const oxl_model *context;
     size_t packs;        /* of the model; the context's follow */
@@ -35,24 +33,15 @@ struct renderer {
     uint16_t *visible;   /* (packs) */
     float *dmean2d;      /* (count) */
     float *rgb, *drgb, *transmittance;
-    float *depth;                         /* (H,W) the caller's, while its depths are rendered; else NULL */
-    float parallel;                       /* of the options */
-    struct medium medium, context_medium; /* the context's: its colours have no training range */
-    struct medium_pack *medium_pack;      /* (packs) with a medium */
-    int has_pose;                         /* 1: the backward pass computes dpose, too */
-    double (*pose_sum)[POSE_SUMS];        /* (tasks) */
+    float *depth;                    /* (H,W) the caller's, while its depths are rendered; else NULL */
+    float parallel;                  /* of the options */
+    struct medium context_medium;    /* whose colours have no training range */
+    struct medium_pack *medium_pack; /* (packs) with a medium */
+    double (*pose_sum)[POSE_SUMS];   /* (tasks) */
     double dpose[POSE_SUMS];
     size_t medium_pack_capacity, pose_sum_capacity;
-    double dropout; /* of renderer_set_dropout */
-    uint64_t dropout_seed;
-    int dropout_step;
-    float gain[3]; /* of renderer_set_gain */
-    int has_gain;
-    double contrast;         /* of renderer_set_contrast */
-    const oxl_terms *terms;  /* of renderer_set_terms, or NULL */
-    const struct lamp *lamp; /* of renderer_set_lamp, or NULL */
-    float *exposed;          /* (3,H,W) rgb times gain and lamp */
-    float *lamp_map;         /* (H,W) the lamp's gain */
+    float *exposed;  /* (3,H,W) rgb times gain and lamp */
+    float *lamp_map; /* (H,W) the lamp's gain */
     double dlamp[LAMP_TERMS];
     size_t exposed_capacity, lamp_map_capacity;
     float *target, *weight; /* image of renderer_set_image: (3,H,W), and (H,W) if masked */
@@ -85,9 +74,8 @@ OXL_INTERNAL void render_add_task_sums(struct renderer *r);
 OXL_INTERNAL void render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb,
                                    render_tile_fn *work);
 OXL_INTERNAL oxl_result render_read_imaging_gradient(oxl_context *ctx, struct renderer *r);
-OXL_INTERNAL int render_can_fall_back(const oxl_context *ctx, oxl_result rc);
-OXL_INTERNAL oxl_result render_say_cpu(oxl_context *ctx, const char *why);
-OXL_INTERNAL oxl_result render_fall_back_to_cpu(oxl_context *ctx, struct renderer *r, oxl_result rc);
+OXL_INTERNAL oxl_result render_fall_back_to_cpu(oxl_context *ctx, struct renderer *r, oxl_result rc,
+                                                int anew);
 /* Works on packs of the model; out_row: the row that is the first of `out`. */
 OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct renderer *r, size_t first_pack,
                                           size_t end_pack, const struct gaussians *out, size_t out_row);

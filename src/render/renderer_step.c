@@ -149,8 +149,8 @@ oxl_result oxl_adam_step(oxl_context *ctx, oxl_model *model, const oxl_model *gr
 static int render_shows_centre(const struct renderer *r, size_t row)
 {
     const struct splat *s = &r->splat[row];
-    return r->full[0] == 0 || (s->u >= 0 && s->v >= 0 && s->u < (float)r->kernel_camera.width &&
-                               s->v < (float)r->kernel_camera.height);
+    return r->set.window.width == 0 || (s->u >= 0 && s->v >= 0 && s->u < (float)r->kernel_camera.width &&
+                                        s->v < (float)r->kernel_camera.height);
 }
 
 /* Statistics for gradients at this depth. */

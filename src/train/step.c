@@ -40,8 +40,10 @@ static oxl_camera step_camera(struct train *t, int view)
     const struct image_window *w = step_window(t, view);
     oxl_camera camera = oxl_scene_view(t->scene, view)->camera;
     const int by = t->halved ? 2 : 1;
-    const float at[2] = {w ? (float)w->x / (float)by : 0, w ? (float)w->y / (float)by : 0};
-    renderer_set_window(t->renderer, at, w ? camera.width / by : 0, w ? camera.height / by : 0);
+    renderer_settings(t->renderer)->window =
+        w ? (struct renderer_window){camera.width / by, camera.height / by, (float)w->x / (float)by,
+                                     (float)w->y / (float)by}
+          : (struct renderer_window){0};
     if (w) {
         camera.width = w->width, camera.height = w->height;
         camera.cx -= w->x, camera.cy -= w->y;
@@ -131,9 +133,9 @@ static oxl_result step_forward_loss(struct train *t, struct part_view *v, struct
     v->imaging = v->step->imaging;
     rc = parts_before_render(t, v);
     if (rc != OXL_OK) return rc;
-    renderer_set_medium(t->renderer, &v->imaging.medium);
+    renderer_settings(t->renderer)->medium = v->imaging.medium;
     rc = renderer_forward(t->ctx, t->renderer, &t->trained.model, &v->camera, &t->render);
-    renderer_set_gain(t->renderer, v->step->has_gain ? v->step->gain : NULL);
+    renderer_settings(t->renderer)->gain = v->step->has_gain ? v->step->gain : NULL;
     if (rc == OXL_OK) rc = parts_after_render(t, v);
     if (rc != OXL_OK) return rc;
     return renderer_loss(t->ctx, t->renderer, NULL, NULL, ssim_weight, loss);

@@ -164,8 +164,8 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
     if (rc == OXL_OK && t->options->terms && renderer_has_device(t->renderer))
         rc = oxl_fail(ctx, OXL_ERR_USAGE,
                       "oxl_terms are computed on the CPU alone\nfix: set backend to OXL_BACKEND_CPU");
-    if (rc == OXL_OK) renderer_set_terms(t->renderer, t->options->terms);
-    if (rc == OXL_OK) renderer_expect_steps(t->renderer);
+    if (rc == OXL_OK)
+        *renderer_settings(t->renderer) = (struct renderer_settings){.steps = 1, .terms = t->options->terms};
     if (rc == OXL_OK) renderer_set_context(t->renderer, t->task.context);
     if (rc == OXL_OK) rc = density_create(ctx, &t->density);
     if (rc == OXL_OK) rc = density_clear(ctx, t->density, t->trained.model.count);
