@@ -68,11 +68,12 @@ $(BUILD)/oceanxl: $(BUILD)/main.o $(CLI:%.c=$(BUILD)/%.o) $(LIBRARY)
 $(BUILD)/oceanxl-lab: $(LAB:%.c=$(BUILD)/%.o) $(CLI:%.c=$(BUILD)/%.o) $(LIBRARY)
 	$(CC) $(FLAGS) $^ -o $@ $(LIBS)
 
-# The page of results names the commit: its object follows when that changes.
+# The page of results names the commit: its object follows when that changes. A release says which it is.
+LAB_COMMIT ?= $(shell git describe --always --dirty --exclude '*' 2>/dev/null)
 $(BUILD)/commit: FORCE
 	@mkdir -p $(@D)
-	@git describe --always --dirty --exclude '*' 2>/dev/null | cmp -s - $@ || git describe --always --dirty --exclude '*' > $@ 2>/dev/null || :
-$(BUILD)/lab/results.o: BASE += -DLAB_COMMIT='"$(shell git describe --always --dirty --exclude '*' 2>/dev/null)"'
+	@echo '$(LAB_COMMIT)' | cmp -s - $@ || echo '$(LAB_COMMIT)' > $@
+$(BUILD)/lab/results.o: BASE += -DLAB_COMMIT='"$(LAB_COMMIT)"'
 $(BUILD)/lab/results.o: $(BUILD)/commit
 
 # The library as one translation unit, whose internal names are static: what is installed.

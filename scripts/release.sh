@@ -8,6 +8,9 @@ set -eu
 cd "$(dirname "$0")/.."
 export LC_ALL=C TZ=UTC
 commit=$(git rev-parse HEAD)
+# What oceanxl-lab says that it was built from: this, not the tree that the source archive is unpacked in.
+LAB_COMMIT=$(git rev-parse --short=8 "$commit")
+export LAB_COMMIT
 machines='linux-x86-64 linux-aarch64 windows-x86-64'
 stb=${STB:-/usr/include/stb}
 name=oceanxl-$(git show "$commit:oceanxl.h" | sed -n 's/^#define OXL_VERSION "\(.*\)"$/\1/p')
@@ -24,17 +27,17 @@ source_archive() { # FILE
 }
 
 start() { # MACHINE
-    local program=./oceanxl lab=./oceanxl-lab libc='musl (MIT licence)'
+    local program=./oceanxl libc='musl (MIT licence)'
     case $1 in
     linux-aarch64) libc="glibc (LGPL: $name.tar.gz builds the program again with another)" ;;
-    windows*) program=oceanxl.exe lab=oceanxl-lab.exe libc="mingw-w64's runtime (public domain and MIT)" ;;
+    windows*) program=oceanxl.exe libc="mingw-w64's runtime (public domain and MIT)" ;;
     esac
     cat <<END
 $name for $1. Nothing needs to be installed, and no network is used. Type in a terminal, in this folder:
 
-    $program check SURVEY              what is there, time and memory; SURVEY holds images/ and sparse/0/ of COLMAP
-    $program train SURVEY -o out       writes out/scene.ply and out/report.html
-    $lab synth -o survey           makes a survey, where you have none
+    $program check SURVEY          what is there, time and memory; SURVEY holds images/ and sparse/0/ of COLMAP
+    $program train SURVEY -o out   writes out/scene.ply and out/report.html
+    $program synth -o survey       makes a survey, where you have none
 
 Where the documents say build/oceanxl, it is $program here. In a browser, each a page that works offline:
 
