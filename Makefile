@@ -97,7 +97,7 @@ $(BUILD)/flags: FORCE
 	  echo 'oceanxl: $(CC) found no stb/stb_image.h. fix: make setup (as root), apt-get install libstb-dev, or make STB=folder' >&2; \
 	  exit 1; }
 	@echo '$(CC) $(FLAGS)' | cmp -s - $@ || { echo '$(CC) $(FLAGS)' > $@; \
-	  $(CC) $(FLAGS) -dM -E -x c /dev/null | awk '/ __i386__ / { x87 = 1 } / __SSE2_MATH__ / { x87 = 0; exit } END { exit !x87 }' && \
+	  $(CC) $(FLAGS) -dM -E -x c /dev/null | awk '/ __i386__ / { x86 = 1 } / __SSE2_MATH__ / { sse = 1 } END { exit !x86 || sse }' && \
 	  echo "oceanxl: warning: 32 bits without SSE2 are 8 times as slow. fix: make CC='$(CC) -msse2 -mfpmath=sse'" >&2 || :; }
 
 # ------------------------------------------------------------------------------------------------ tests
