@@ -144,8 +144,8 @@ oxl_result info_convert_imaging(oxl_context *ctx, const char *from, const char *
         output_add(&t, "%s", imaging);
         if (!output_save(&t, path))
             rc = oxl_fail(ctx, OXL_ERR_IO,
-                          "%s is written, but the gains of its images could not be copied beside "
-                          "it\nfix: free space on the disk, and copy imaging.txt from beside %s",
+                          "%s: the model is written, but the gains of its images could not be copied "
+                          "beside it\nfix: free space on the disk, and copy imaging.txt from beside %s",
                           path, from);
     }
     free(imaging);

@@ -230,10 +230,10 @@ promise a_glb_that_is_read_is_told_with_what_helps 3 "neither read nor written" 
 promise cameras_at_one_place_are_warned_of 0 "all cameras are at the same place" one_place
 promise a_folder_in_the_place_of_a_model_is_bad_input 3 "name a file, not a folder" "$program" info survey
 promise memory_refused_by_ram_is_the_budget_where_a_survey_is_read 4 "--ram allows 0.102 MB: " on_stderr "$program" check survey --ram 100K
-promise small_memory_limits_are_printed_in_megabytes 4 "--ram allows 1.05 MB" on_stderr "$program" train survey -o tiny --ram 1M
+promise small_memory_limits_are_printed_in_megabytes 4 "1 MB are too little" on_stderr "$program" train survey -o tiny --ram 1M
 promise a_memory_limit_that_a_fix_names_suffices_at_once 0 "" sh -c "for more in '' '--sh-degree 3'; do '$program' train survey -o tiny3 --ram 3M --iterations 5 \$more 2>named.txt; test \$? = 4 || exit 9
     '$program' train survey -o tiny3 --iterations 5 --quiet \$more \$(grep -o -e '--ram [0-9]*M' named.txt | head -n 1) || exit 9; rm -r tiny3; done"
-promise lines_of_a_kind_are_few 0 "" sh -c "mkdir odd && cp -r survey/. odd && sed -i '/^[0-9]/s/\$/ 999999 0/' odd/sparse/0/points3D.txt && '$program' check odd 2>odd.txt; test \$(wc -l <odd.txt) -le 8 && grep 'more like it' odd.txt"
+promise lines_of_a_kind_are_few 0 "" sh -c "mkdir odd && cp -r survey/. odd && sed -i '/^[0-9]/s/\$/ 999999 0/' odd/sparse/0/points3D.txt && '$program' check odd 2>odd.txt; test \$(wc -l <odd.txt) -le 8 && grep 'more cases' odd.txt"
 promise a_refused_resume_names_the_options 2 "  cooldown: 0.2 there, 0.1 here" on_stderr "$program" train survey -o stopped --cooldown 0.1
 promise a_preset_given_again_keeps_the_options_of_the_run 2 "  cooldown: 0.2 there, 0.1 here" sh -c \
     "'$program' train survey -o stopped --preset draft --cooldown 0.1 2>said.txt; code=\$?; cat said.txt; grep -q iterations: said.txt && exit 9; exit \$code"
@@ -256,10 +256,10 @@ promise map_replaces_its_own_and_no_other_programs 2 "mine/height.tif exists, an
 promise convert_again_is_no_fault 0 "Gaussians in metric2.ply" sh -c "'$program' convert out/scene.ply metric2.ply && '$program' convert out/scene.ply metric2.ply --scale 2"
 promise convert_replaces_models_and_nothing_else 2 "points.ply exists, and is not a model" sh -c \
     "echo cloud >points.ply; '$program' convert out/scene.ply points.ply; code=\$?; grep -qx cloud points.ply && ! ls points.ply.* 2>/dev/null && exit \$code"
-promise train_replaces_no_report_of_another_program 2 "mine3/report.html is there" sh -c "mkdir -p mine3 && echo mine >mine3/report.html && '$program' train survey -o mine3"
-promise report_replaces_no_page_of_another_program 2 "mine4/report.html is there" sh -c \
+promise train_replaces_no_report_of_another_program 2 "mine3/report.html exists" sh -c "mkdir -p mine3 && echo mine >mine3/report.html && '$program' train survey -o mine3"
+promise report_replaces_no_page_of_another_program 2 "mine4/report.html exists" sh -c \
     "mkdir -p mine4 && cp out/run.json mine4 && echo mine >mine4/report.html && '$program' report mine4"
-promise a_study_replaces_no_table_of_another_program 2 "mine3/ablate.csv is there" sh -c \
+promise a_study_replaces_no_table_of_another_program 2 "mine3/ablate.csv exists" sh -c \
     "echo mine >mine3/ablate.csv && '$program' ablate survey -o mine3 --rows v1 --iterations 10 --seeds 1"
 promise cloud_writes_points 0 "cloud.las, " "$program" cloud out/scene.ply survey -o cloud.las
 promise cloud_writes_triangles 0 "mesh.obj, " "$program" cloud out/scene.ply survey -o mesh.obj --mesh
@@ -306,20 +306,20 @@ promise eval_of_the_folder_and_of_scene_ply_agree_with_metrics_json 0 "" sh -c \
 mkdir -p quoted && cp out/scene.ply quoted/ && printf '%s\n' 'lamp 1 a"b\c.png' >quoted/imaging.txt
 promise info_escapes_names_of_imaging_txt 0 '"imaging": ["lamp 1 a\"b\\c.png"]' on_stdout "$program" info quoted/scene.ply --json
 promise info_lists_what_imaging_txt_has 0 "Binf " on_stdout "$program" info lit/scene_clear.ply
-promise convert_on_a_full_disk_fails_and_leaves_no_part_of_imaging 1 "few/to/imaging.txt: the gains" full_disk
+promise convert_on_a_full_disk_fails_and_leaves_no_part_of_imaging 1 "few/to/imaging.txt: the model is written" full_disk
 promise control_characters_of_names_are_shown_as_numbers 0 'x1b]0;owned\x07' escapes
 promise resume_line_can_be_copied_whatever_the_names_are 130 "oceanxl train 'a b;touch x' -o 'o'\\''o'" \
     ctrl_c sh -c "ln -sfn survey 'a b;touch x'; exec '$program' train 'a b;touch x' -o \"o'o\" --iterations 300000"
 promise viewer_reads_and_sorts_what_a_page_must_not_hang_on 0 "" sh -c "! command -v node || node '$examples/../tests/viewer_parts.js'"
 promise convert_refuses_a_place_where_the_medium_is_applied_twice 2 "fix: choose another folder" on_stderr "$program" convert lit/scene.ply lit/other.ply
-promise convert_refuses_a_name_that_loses_the_medium 2 "fix: another name" on_stderr "$program" convert lit/scene_clear.ply lost/scene.ply
+promise convert_refuses_a_name_that_loses_the_medium 2 "fix: choose another name" on_stderr "$program" convert lit/scene_clear.ply lost/scene.ply
 promise convert_keeps_what_the_model_is_rendered_with 0 "" sh -c \
     "test ! -e lit/other.ply && mkdir -p fit && '$program' convert lit/scene.ply lit/scene.spz && '$program' convert lit/scene_clear.ply lit/more.ply && '$program' convert lit/scene_clear.ply fit/more.ply &&
      rm lit/scene.spz && for m in lit/more.ply fit/more.ply; do '$program' eval \$m survey --json 2>/dev/null | grep '^  \"psnr\": ' | cmp - lit.txt || exit 1; done; rm lit/more.ply"
 promise what_other_viewers_show_of_gains_alone_is_said 0 'without imaging.txt: PSNR' sh -c \
     "'$program' train survey -o gained --exposure on --lamp off --medium off --iterations 40 --quiet && grep -o 'scene.ply without imaging.txt: PSNR' gained/run.json"
-promise convert_says_that_gains_are_another_models 0 "is another model's" on_stderr sh -c "mkdir -p shown && echo '# x' >shown/imaging.txt && '$program' convert lit/scene_clear.ply shown/b.ply"
-promise convert_to_splat_warns_of_the_origin 0 "cannot store the origin" on_stderr "$program" convert out/scene.ply scene.splat
+promise convert_says_that_gains_are_another_models 0 "belongs to another model" on_stderr sh -c "mkdir -p shown && echo '# x' >shown/imaging.txt && '$program' convert lit/scene_clear.ply shown/b.ply"
+promise convert_to_splat_warns_of_the_origin 0 ", the origin" on_stderr "$program" convert out/scene.ply scene.splat
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply
 promise partition_says_how_even_the_blocks_are 0 "largest / mean" on_stdout "$program" partition survey -o cut --block-points 250
@@ -366,7 +366,7 @@ promise an_object_in_front_of_a_background_covers_its_survey 0 "PSNR" sh -c \
     "'$program' synth -o small --path orbit --views 12 --size 64x48 --points 300 --alpha 0.7 --quiet && '$program' train small -o small/out --iterations 60 --quiet >/dev/null &&
      '$program' eval small/out/scene.ply small 2>&1 | tee small/said && ! grep 'cover the survey' small/said"
 mkdir -p object/split && cp -r object/images object/sparse object/split/
-promise a_mask_of_alpha_has_no_background 0 "pixels of 12 images are masked: as set" sh -c \
+promise a_mask_of_alpha_has_no_background 0 "pixels of 12 images are masked" sh -c \
     "'$program' train object/split -o object/masked --iterations 60 --alpha mask 2>&1 && ! grep -qa '^comment background' object/masked/scene.ply"
 
 # Two images of a pool, whose distance PyTorch gives as 0.237096.
