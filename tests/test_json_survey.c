@@ -152,11 +152,28 @@ static const char *jsurvey_refused(const char *name, const char *text)
 
 #define JSURVEY_FRAME \
     "{\"file_path\": \"images/a.png\", \"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}"
+#define JSURVEY_MATRIX(name, matrix) \
+    "{" JSURVEY_CAMERA ", \"frames\": [{\"file_path\": \"" name "\", \"transform_matrix\": [" matrix "]}]}"
 #define JSURVEY_CAMERA "\"w\": 64, \"h\": 48, \"fl_x\": 50"
 
 TEST(nerfstudio_that_is_wrong_is_refused_with_the_frame)
 {
     static const char whole[] = "{" JSURVEY_CAMERA ", \"frames\": [" JSURVEY_FRAME "]}";
+    static const char *const wrong[][2] = {
+        {"{" JSURVEY_CAMERA ", \"frames\": []}", "found none for the images"},
+        {"{\"w\": 64, \"frames\": [" JSURVEY_FRAME "]}",
+         "record 1: found none, and no image to take them from for w and h"},
+        {"{\"w\": 64, \"h\": 48, \"frames\": [" JSURVEY_FRAME "]}", "a parameter that is missing"},
+        {"{\"camera_model\": \"ORTHOPHOTO\", " JSURVEY_CAMERA ", \"frames\": [" JSURVEY_FRAME "]}",
+         "found ORTHOPHOTO for camera_model"},
+        {"{" JSURVEY_CAMERA ", \"k4\": 0.1, \"frames\": [" JSURVEY_FRAME "]}", "k4 of OPENCV"},
+        {JSURVEY_MATRIX("images/a.png", "[2,0,0,0],[0,1,0,0],[0,0,1,0]"), "found no rotation"},
+        {JSURVEY_MATRIX("../a\\n.png", "[1,0,0,0],[0,1,0,0],[0,0,1,0]"), "a line end in a name"},
+        {JSURVEY_MATRIX("images/a.png", "[1,0,0,0],[0,1,0,0],[0,0,1,0],[3,4,0,1]"),
+         "found a last row other than 0 0 0 1 for transform_matrix"},      /* transposed */
+        {JSURVEY_MATRIX("images/a.png", "[-1,0,0,0],[0,1,0,0],[0,0,1,0]"), /* mirrored */
+         "found no rotation for transform_matrix, expected columns of length 1 at right angles, and right-handed"},
+    };
     struct colmap c;
     test_write("good/transforms.json", whole);
     CHECK_OK(json_survey_read(test_ctx, test_path("good"), "transforms.json", NULL, &c));
@@ -169,43 +186,8 @@ TEST(nerfstudio_that_is_wrong_is_refused_with_the_frame)
         cut[size] = 0;
         jsurvey_refused("transforms.json", cut);
     }
-    CHECK_TEXT(jsurvey_refused("transforms.json", "{" JSURVEY_CAMERA ", \"frames\": []}"),
-               "found none for the images");
-    CHECK_TEXT(jsurvey_refused("transforms.json", "{\"w\": 64, \"frames\": [" JSURVEY_FRAME "]}"),
-               "record 1: found none, and no image to take them from for w and h");
-    CHECK_TEXT(jsurvey_refused("transforms.json", "{\"w\": 64, \"h\": 48, \"frames\": [" JSURVEY_FRAME "]}"),
-               "a parameter that is missing");
-    CHECK_TEXT(jsurvey_refused("transforms.json", "{\"camera_model\": \"ORTHOPHOTO\", " JSURVEY_CAMERA
-                                                  ", \"frames\": [" JSURVEY_FRAME "]}"),
-               "found ORTHOPHOTO for camera_model");
-    CHECK_TEXT(jsurvey_refused("transforms.json",
-                               "{" JSURVEY_CAMERA ", \"k4\": 0.1, \"frames\": [" JSURVEY_FRAME "]}"),
-               "k4 of OPENCV");
-    CHECK_TEXT(jsurvey_refused("transforms.json",
-                               "{" JSURVEY_CAMERA ", \"frames\": [{\"file_path\": \"images/a.png\", "
-                               "\"transform_matrix\": [[2,0,0,0],[0,1,0,0],[0,0,1,0]]}]}"),
-               "found no rotation");
-    CHECK_TEXT(jsurvey_refused("transforms.json",
-                               "{" JSURVEY_CAMERA ", \"frames\": [{\"file_path\": \"../a\\n.png\", "
-                               "\"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}"),
-               "a line end in a name");
-}
-
-TEST(nerfstudio_matrices_that_are_transposed_are_refused)
-{
-    CHECK_TEXT(jsurvey_refused("transforms.json",
-                               "{" JSURVEY_CAMERA ", \"frames\": [{\"file_path\": \"images/a.png\", "
-                               "\"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[3,4,0,1]]}]}"),
-               "found a last row other than 0 0 0 1 for transform_matrix");
-}
-
-TEST(nerfstudio_poses_that_are_mirrored_are_refused)
-{
-    CHECK_TEXT(
-        jsurvey_refused("transforms.json",
-                        "{" JSURVEY_CAMERA ", \"frames\": [{\"file_path\": \"images/a.png\", "
-                        "\"transform_matrix\": [[-1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}"),
-        "found no rotation for transform_matrix, expected columns of length 1 at right angles, and right-handed");
+    for (size_t i = 0; i < OXL_COUNT(wrong); i++)
+        CHECK_TEXT(jsurvey_refused("transforms.json", wrong[i][0]), wrong[i][1]);
 }
 
 TEST(json_surveys_may_begin_with_a_byte_order_mark)
@@ -219,17 +201,15 @@ TEST(json_surveys_may_begin_with_a_byte_order_mark)
 TEST(opensfm_that_is_wrong_is_refused_with_the_record)
 {
 #define JSURVEY_SHOT "{\"rotation\": [0,0,0], \"translation\": [0,0,0], \"camera\": \"c\"}"
-    CHECK_TEXT(jsurvey_refused(
-                   "reconstruction.json",
-                   "[{\"cameras\": {\"c\": {\"projection_type\": \"dual\", \"width\": 8, \"height\": 8}}, "
-                   "\"shots\": {\"a\": " JSURVEY_SHOT "}}]"),
-               "record 1: found dual for projection_type");
-    CHECK_TEXT(
-        jsurvey_refused("reconstruction.json", "[{\"cameras\": {}, \"shots\": {\"a\": " JSURVEY_SHOT "}}]"),
-        "a name that is not among the cameras");
-    CHECK_TEXT(jsurvey_refused("reconstruction.json", "[]"), "found none for the images");
-    CHECK_TEXT(jsurvey_refused("reconstruction.json", "[{\"cameras\": [1], \"shots\": [2]}]"),
-               "found none for the images");
+    static const char *const wrong[][2] = {
+        {"[{\"cameras\": {\"c\": {\"projection_type\": \"dual\", \"width\": 8, \"height\": 8}}, "
+         "\"shots\": {\"a\": " JSURVEY_SHOT "}}]",
+         "record 1: found dual for projection_type"},
+        {"[{\"cameras\": {}, \"shots\": {\"a\": " JSURVEY_SHOT "}}]", "a name that is not among the cameras"},
+        {"[]", "found none for the images"},
+        {"[{\"cameras\": [1], \"shots\": [2]}]", "found none for the images"}};
+    for (size_t i = 0; i < OXL_COUNT(wrong); i++)
+        CHECK_TEXT(jsurvey_refused("reconstruction.json", wrong[i][0]), wrong[i][1]);
 }
 
 /* The reference that a reconstruction has, 0 0 if none; beside: the text of reference_lla.json; own: members. */

@@ -261,31 +261,29 @@ TEST(scene_refuses_two_poses_for_one_image)
 }
 
 /* Black is where the colour's clamp holds and stops the gradient: the model would stay black for good. */
-TEST(scene_points_of_one_grey_are_said_to_have_no_colours)
+TEST(scene_points_without_colours_are_said_to_have_none_and_do_not_start_black)
 {
-    const char *path = scene_survey("s", 2, 0, 1);
-    test_listen();
-    test_write("s/sparse/0/points3D.txt",
-               "1 0 0 10 255 255 255 0.5 10 0 11 0\n2 1 0 10 255 255 255 0.5 10 0 11 0\n");
-    OWNED_SCENE *scene = test_load(path, NULL);
-    CHECK_TEXT(test_said.all, "the points have no colours (all are 255 255 255), so they start so");
-    CHECK(oxl_scene_points(scene)[0].rgb[1] == 255);
-}
-
-TEST(scene_points_without_colours_start_grey)
-{
-    const char *path = scene_survey("s", 2, 0, 1);
-    OWNED_SCENE *scene = NULL;
-    test_listen();
-    test_write("s/sparse/0/points3D.txt", "1 0 0 10 0 0 0 0.5 10 0 11 0\n2 1 0 10 0 0 0 0.5 10 0 11 0\n");
-    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
-    CHECK_TEXT(test_said.all, "the points have no colours");
-    for (int i = 0; i < 2; i++)
-        CHECK(oxl_scene_points(scene)[i].rgb[0] == 128 && oxl_scene_points(scene)[i].rgb[2] == 128);
-    oxl_scene_free(test_ctx, scene);
-    test_write("s/sparse/0/points3D.txt", "1 0 0 10 0 0 0 0.5 10 0 11 0\n2 1 0 10 0 1 0 0.5 10 0 11 0\n");
-    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
-    CHECK(oxl_scene_points(scene)[0].rgb[0] == 0 && oxl_scene_points(scene)[1].rgb[1] == 1);
+    static const struct {
+        const char *second;
+        int first, starts;
+        const char *said;
+    } cases[] = {
+        {"255 255 255", 255, 255, "the points have no colours (all are 255 255 255), so they start so"},
+        {"0 0 0", 0, SCENE_GREY, "the points have no colours (all are 0 0 0), so they start grey"},
+        {"0 1 0", 0, 0, ""}};
+    for (size_t i = 0; i < OXL_COUNT(cases); i++) {
+        char points[200];
+        const char *path = scene_survey("s", 2, 0, 1);
+        const int grey = cases[i].first;
+        snprintf(points, sizeof points, "1 0 0 10 %d %d %d 0.5 10 0 11 0\n2 1 0 10 %s 0.5 10 0 11 0\n", grey,
+                 grey, grey, cases[i].second);
+        test_write("s/sparse/0/points3D.txt", points);
+        test_listen();
+        OWNED_SCENE *scene = test_load(path, NULL);
+        CHECK_TEXT(test_said.all, cases[i].said);
+        CHECK(oxl_scene_points(scene)[0].rgb[1] == cases[i].starts);
+        CHECK(oxl_scene_points(scene)[1].rgb[1] == (i == 2 ? 1 : cases[i].starts));
+    }
 }
 
 /* Writes images of these names beside a model of those names; counts the views that are found. */
@@ -520,30 +518,18 @@ TEST(scene_images_read_ahead_are_the_last_to_leave_the_cache)
     test_ctx->threads = threads;
 }
 
-TEST(scene_image_that_cannot_be_read_ahead_is_named_when_it_is_asked_for)
+TEST(scene_image_that_is_corrupt_is_named_when_it_is_asked_for_and_the_rest_goes_on)
 {
     const int order[3] = {1, 0, 2}, threads = test_ctx->threads;
     const char *path = scene_survey("s", 3, 0, 1);
-    oxl_scene *scene;
+    oxl_image image;
     test_write("s/images/img01.png", "no image");
     test_ctx->threads = 3;
-    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    OWNED_SCENE *scene = test_load(path, NULL);
     test_ctx->error[0] = 0;
     scene_images_ahead(test_ctx, scene, order, 3);
     CHECK(test_ctx->error[0] == 0 && !scene->cache->image[1].rgb && scene->cache->image[0].rgb &&
           scene->cache->image[2].rgb);
-    CHECK(scene_image(test_ctx, scene, 1) == NULL);
-    CHECK_SAYS("img01.png");
-    oxl_scene_free(test_ctx, scene);
-    test_ctx->threads = threads;
-}
-
-TEST(scene_image_that_is_corrupt_is_named_and_the_rest_goes_on)
-{
-    const char *path = scene_survey("s", 3, 0, 1);
-    oxl_image image;
-    test_write("s/images/img01.png", "no image");
-    OWNED_SCENE *scene = test_load(path, NULL);
     CHECK(scene_image(test_ctx, scene, 1) == NULL);
     CHECK_SAYS("img01.png");
     CHECK(oxl_scene_image(test_ctx, scene, 1, NULL, &image) == OXL_ERR_INPUT);
@@ -551,6 +537,7 @@ TEST(scene_image_that_is_corrupt_is_named_and_the_rest_goes_on)
     CHECK(image.width == 32 && image.height == 24 && !image.weight);
     oxl_image_free(test_ctx, &image);
     CHECK(oxl_scene_image(test_ctx, scene, 3, NULL, &image) == OXL_ERR_USAGE);
+    test_ctx->threads = threads;
 }
 
 TEST(scene_masks_are_found_by_name_with_or_without_the_extension)
@@ -602,14 +589,7 @@ TEST(scene_from_arrays_is_sorted_and_keeps_what_it_was_given)
     oxl_scene *scene;
     for (int i = 0; i < 3; i++) {
         view[i] = (oxl_view){.name = i == 0 ? "c" : i == 1 ? "a" : "b", .is_test = i == 2};
-        view[i].camera = (oxl_camera){.width = 4,
-                                      .height = 2,
-                                      .fx = 4,
-                                      .fy = 4,
-                                      .cx = 2,
-                                      .cy = 1,
-                                      .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1},
-                                      .translation = {i, 0, 0}};
+        view[i].camera = (oxl_camera){4, 2, 4, 4, 2, 1, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {i, 0, 0}};
         CHECK_OK(oxl_image_create(test_ctx, 4, 2, &image[i]));
         for (int k = 0; k < 24; k++) image[i].rgb[k] = (float)(10 * i + k) / 255.0f;
     }

@@ -7,6 +7,7 @@
  * Lines of the medium, lamps and poses begin with bD, bB, Binf, lamp and pose.
  */
 #include "formats.h"
+#include "survey_read.h"
 #include "../survey/imaging.h"
 #include "../survey/scene.h"
 #include "../core/vecmath.h"
@@ -231,16 +232,14 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
 /* Returns 1 if train left scene_clear.ply beside the model, which images with gains alone go with. */
 static int imaging_has_clear(const char *model_path)
 {
-    const int folder = (int)(path_base_name(model_path) - model_path);
-    return os_is_file(PATH("", "%.*sscene_clear.ply", folder, model_path));
+    return os_is_file(PATH_BESIDE(model_path, "scene_clear.ply"));
 }
 
 /* Notes which terms the file beside the model has, whatever the survey; a damaged file is refused where it is
  * read. */
 int oxl_has_gains_alone(oxl_context *ctx, const char *model_path)
 {
-    const int folder = (int)(path_base_name(model_path) - model_path);
-    const char *path = PATH("", "%.*simaging.txt", folder, model_path);
+    const char *path = PATH_BESIDE(model_path, "imaging.txt");
     struct oxl_imaging has = {0};
     struct os_file_map map = {0};
     oxl_result rc;
@@ -254,8 +253,7 @@ int oxl_has_gains_alone(oxl_context *ctx, const char *model_path)
 OXL_INTERNAL oxl_result imaging_read_beside(oxl_context *ctx, const char *model_path, const oxl_scene *scene,
                                             struct oxl_imaging *out)
 {
-    const char *name = path_base_name(model_path);
-    const char *path = PATH("", "%.*simaging.txt", (int)(name - model_path), model_path);
+    const char *name = path_base_name(model_path), *path = PATH_BESIDE(model_path, "imaging.txt");
     oxl_result rc = OXL_OK;
     *out = (struct oxl_imaging){0};
     if (os_is_file(path)) rc = imaging_read(ctx, path, scene, out);

@@ -130,12 +130,10 @@ static void llff_list(struct llff_folder *f)
 static void llff_choose(struct colmap_reader *r, struct llff_folder *f)
 {
     static const char *const names[] = {"images", "images_2", "images_4", "images_8"};
-    const int length = (int)(path_base_name(r->path) - r->path);
     for (int i = 0, width = INT_MAX, height = 0; i < 4 && OXL_MAX(width, height) > LLFF_SIDE; i++) {
-        char path[PATH_LENGTH];
-        snprintf(path, sizeof path, "%.*s%s", length, r->path, names[i]);
+        const char *path = PATH_BESIDE(r->path, names[i]);
         if (i > 0 && !os_is_folder(path)) continue;
-        memcpy(f->path, path, sizeof path);
+        memcpy(f->path, path, PATH_LENGTH);
         llff_list(f);
         if (f->count && f->rc == OXL_OK)
             image_size(r->ctx, PATH(path, "%s", f->image[0].name), &width, &height);

@@ -165,10 +165,9 @@ static void nerfstudio_pose(struct colmap_reader *r, const char *frame, double q
 static const char *nerfstudio_path(const struct colmap_reader *r, const char *name, const char *extension,
                                    char out[PATH_LENGTH])
 {
-    char beside[PATH_LENGTH], file[NERFSTUDIO_PATH];
-    const char *folder = r->image_folder ? r->image_folder : beside;
-    snprintf(beside, sizeof beside, "%.*s%s", (int)(path_base_name(r->path) - r->path), r->path,
-             r->beside ? "" : "images");
+    char file[NERFSTUDIO_PATH];
+    const char *beside = PATH_BESIDE(r->path, r->beside ? "" : "images"),
+               *folder = r->image_folder ? r->image_folder : beside;
     strcpy(file + colmap_safe_name(name, strlen(name), file), extension);
     return path_in(out, folder, "%s", path_longest_tail(folder, file));
 }
@@ -286,11 +285,10 @@ static void nerfstudio_name_ignored(struct colmap_reader *r, const char *json)
 static void nerfstudio_points(struct colmap_reader *r, const char *json)
 {
     static const char *const beside[] = {"sparse_pc.ply", "points3d.ply", "points3D.ply"};
-    char name[NERFSTUDIO_PATH] = "", folder[PATH_LENGTH];
+    char name[NERFSTUDIO_PATH] = "";
     const size_t named = oxl_json_text(oxl_json_member(json, "ply_file_path"), name, sizeof name);
-    const char *path;
+    const char *folder = PATH_BESIDE(r->path, ""), *path;
     size_t i = 0;
-    snprintf(folder, sizeof folder, "%.*s", (int)(path_base_name(r->path) - r->path), r->path);
     name[colmap_safe_name(name, named, name)] = 0;
     path = PATH(folder, "%s", path_longest_tail(folder, name));
     if (r->rc != OXL_OK || r->out->point_count) return; /* Files of several splits name the same. */

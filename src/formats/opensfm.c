@@ -146,7 +146,7 @@ static void opensfm_reference(struct colmap *out, const char *lla)
 static void opensfm_read_reference(struct colmap_reader *r, const char *reconstruction)
 {
     struct os_file_map map = {0};
-    const char *path = PATH("", "%.*sreference_lla.json", (int)(path_base_name(r->path) - r->path), r->path);
+    const char *path = PATH_BESIDE(r->path, "reference_lla.json");
     opensfm_reference(r->out, oxl_json_member(reconstruction, "reference_lla"));
     if (r->rc != OXL_OK || r->out->has_reference || !os_is_file(path)) return;
     r->rc = os_read_file(r->ctx, path, &map);

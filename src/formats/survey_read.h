@@ -5,6 +5,9 @@
 #include "../survey/imaging.h"
 #include "../survey/sparse.h"
 
+/* Makes the path of a file in the folder of another. */
+#define PATH_BESIDE(path, name) PATH("", "%.*s%s", (int)(path_base_name(path) - (path)), path, name)
+
 /* ---------------- colmap.c */
 
 /* Finds a camera; NULL: there is none. */
