@@ -13,6 +13,8 @@
 
 enum { GPS_HEAD = 1 << 16, GPS_LEAST = 4, GPS_PASSES = 20, GPS_ASKED = 1000 };
 #define GPS_TILT 10.0 /* degrees; largest uncertainty of up */
+#define GPS_EVEN \
+    200.0 /* degrees; 180 / pi times the square root of 12: of places that lie evenly across a width */
 
 /* ---------------- EXIF */
 
@@ -156,7 +158,7 @@ oxl_result gps_fit(const struct product *p, const char *survey, struct similarit
             for (int k = 0; k < 3 && match[i].weight > 0; k++) rms[k == 2] += at[k] * at[k];
         }
         left = similarity_weigh(match, (size_t)n);
-        tilt = 57.3 * left / (out->scale * gps_width(match, n));
+        tilt = GPS_EVEN * left / (out->scale * gps_width(match, n) * sqrt(n));
     }
     free(match);
     if (!(tilt < GPS_TILT))

@@ -46,7 +46,8 @@ OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, cons
     snprintf(
         why, size,
         "light is %s across the images; residuals of %zu points in %zu observations are %.2f %% of white, %.2f without a lamp",
-        fits ? "uneven" : "even", p->points, p->observations, 100 * p->residual, 100 * p->without[1]);
+        fits ? "uneven, by a lamp or vignetting," : "even", p->points, p->observations, 100 * p->residual,
+        100 * p->without[1]);
     if (!p->points) snprintf(why, size, "too few points are seen in several images");
 }
 
@@ -145,7 +146,7 @@ static void lamp_after_loss(struct train *t, void *state, const struct train_def
 
 /* clang-format off */
 static const oxl_option lamp_options[] = {
-{"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit a light that moves with the camera: smooth gain over the image; auto: if tracks show it", NULL},
+{"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit a light that moves with the camera, or vignetting: smooth gain over the image; auto: if tracks show it", NULL},
 {0}};
 /* clang-format on */
 
