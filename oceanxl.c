@@ -175,7 +175,6 @@
 #include "src/job/manifest.c"        /* run.json: all inputs of a result */
 #include "src/job/out_folder.c"      /* folders that a run may not write to */
 #include "src/job/overlap.c"         /* does a model belong to a survey? */
-#include                             /* their names */
 #include "src/job/render_files.c"    /* renders as files */
 #include "src/job/misfit.c"          /* how much of an error a displaced camera explains */
 #include "src/job/training_views.c"  /* training views with much larger error than their neighbours */

@@ -89,8 +89,8 @@ OXL_INTERNAL void render_depth_grey(float *depth, size_t pixels, double unit, fl
 }
 
 /* Renders a view without the medium, too, if there is an image and a medium. */
-static oxl_result render_view(oxl_context *ctx, const struct render_files *f, struct renderer *r, int view,
-                              struct rendered *out)
+static oxl_result render_one(oxl_context *ctx, const struct render_files *f, struct renderer *r, int view,
+                             struct rendered *out)
 {
     const oxl_camera *camera = &oxl_scene_view(f->scene, view)->camera;
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
@@ -134,8 +134,8 @@ static oxl_result render_write_part(oxl_context *ctx, const char *folder, const 
 }
 
 /* Writes the files of a view side by side. */
-static oxl_result render_write(oxl_context *ctx, const char *folder, const char *name,
-                               const struct rendered *r)
+static oxl_result render_write_all(oxl_context *ctx, const char *folder, const char *name,
+                                   const struct rendered *r)
 {
     oxl_context own[RENDER_PARTS];
     oxl_result rc[RENDER_PARTS];
@@ -177,8 +177,8 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_fi
         struct rendered files = {.depth = NULL};
         if (f->what->images) scene_images_ahead(ctx, f->scene, f->view + *count, f->views - *count);
         rc = context_stopped(ctx);
-        if (rc == OXL_OK) rc = render_view(ctx, f, r, view, &files);
-        if (rc == OXL_OK) rc = render_write(ctx, f->folder, oxl_scene_view(f->scene, view)->name, &files);
+        if (rc == OXL_OK) rc = render_one(ctx, f, r, view, &files);
+        if (rc == OXL_OK) rc = render_write_all(ctx, f->folder, oxl_scene_view(f->scene, view)->name, &files);
         rendered_free(ctx, &files);
     }
     renderer_free(ctx, r);
