@@ -330,7 +330,7 @@ static int synth_dive_again(struct synth_run *s)
         *second = first;
         return 0;
     }
-    second->half = first.half, second->wreck = first.wreck;
+    second->half = first.half;
     free(first.camera);
     s->world.sun = v3_unit(v3_of(-0.5, 0.35, 0.8));
     if (s->again.change == SYNTH_CHANGED) synth_world_change(&s->world, s->change);
@@ -345,7 +345,7 @@ static oxl_result synth_make(struct synth_run *s)
     if (rc != OXL_OK) return rc;
     s->water = synth_waters[o->water];
     if (!synth_trajectory_create(o, &s->trajectory) ||
-        !synth_world_create(o->seed, s->trajectory.half, s->trajectory.wreck, &s->world))
+        !synth_world_create(o->seed, s->trajectory.half, &s->world))
         return oxl_fail(s->ctx, OXL_ERR_MEMORY,
                         "synth: no memory for the world\nfix: a smaller --extent or fewer --views");
     s->world.sand_contrast = o->sand_contrast;

@@ -1,7 +1,7 @@
 /* synth.h - the interface between the files of the synthetic survey.
  *
  *     synth.c         options, images through water, truth: the run
- *     synth_world.c   the geometry: seabed, rocks, corals, a wreck, as one distance function
+ *     synth_world.c   the geometry: seabed, rocks, corals, starfish, as one distance function
  *     synth_shade.c   rays, light and colour
  *     synth_trajectory.c    where the camera flies
  *     synth_light.c   exposure that drifts, a lamp that moves with the camera
@@ -28,10 +28,7 @@ enum synth_material {
     SYNTH_PEBBLE,
     SYNTH_BRAIN_CORAL,
     SYNTH_BRANCH_CORAL,
-    SYNTH_SPONGE,
-    SYNTH_STARFISH,
-    SYNTH_STEEL,
-    SYNTH_WOOD
+    SYNTH_STARFISH
 };
 
 struct synth_limb { /* a cone with round ends */
@@ -50,12 +47,12 @@ struct synth_object {
     v3 centre;
     double radius; /* of the sphere that holds it */
     double yaw_cos, yaw_sin;
-    v3 axes; /* half axes of stones and boxes, metres */
+    v3 axes; /* half axes of stones, metres */
     enum synth_material material;
-    int shape; /* index in synth_world.shape, or one of the two below */
+    int shape; /* index in synth_world.shape, or SYNTH_STONE */
     uint32_t seed;
 };
-enum { SYNTH_STONE = -1, SYNTH_BOX = -2, SYNTH_SHAPES = 12 };
+enum { SYNTH_STONE = -1, SYNTH_SHAPES = 6 };
 
 struct synth_near { /* an object's sphere, side by side with its neighbours' in memory */
     float x, y, z, radius;
@@ -64,12 +61,9 @@ struct synth_near { /* an object's sphere, side by side with its neighbours' in 
 
 struct synth_world {
     uint32_t seed;
-    double sand_contrast;   /* of options */
-    v3 wreck;               /* its centre, at the height of its deck */
-    v3 turn[3];             /* world to wreck, rows */
-    struct synth_limb mast; /* in the wreck's frame */
-    double top;             /* maximum height, metres */
-    v3 sun;                 /* unit, towards it */
+    double sand_contrast; /* of options */
+    double top;           /* maximum height, metres */
+    v3 sun;               /* unit, towards it */
 
     double half, step; /* the world is a square, |x|, |y| <= half; spacing of the baked heights; metres */
     int side;          /* samples */
@@ -86,23 +80,22 @@ struct synth_world {
 
 struct synth_surface { /* what is nearest to a point */
     enum synth_material material;
-    const struct synth_object *object; /* NULL: ground or wreck */
+    const struct synth_object *object; /* NULL: ground */
 };
 
 /* Bakes the world for |x|, |y| <= half metres; beyond there is bare ground. 0: out of memory. */
-int synth_world_create(uint64_t seed, double half, v3 wreck, struct synth_world *out);
+int synth_world_create(uint64_t seed, double half, struct synth_world *out);
 void synth_world_free(struct synth_world *world);
 /* Returns the ground's height in metres, without objects. */
 double synth_ground(const struct synth_world *world, double x, double y);
 /* Metres that a ray may safely go from p; negative inside. surface may be NULL. */
 double synth_distance(const struct synth_world *world, v3 p, struct synth_surface *surface);
-/* Heaps up a mound away from the wreck, a cap of a paraboloid, and takes the largest boulder near the middle away. */
+/* Heaps up a mound, a cap of a paraboloid, and takes the boulder in the middle away. */
 struct synth_changed {
     v3 place;
     double radius, volume; /* volume: cubic metres that the surface from above rises by; negative: sinks by */
 };
 void synth_world_change(struct synth_world *world, struct synth_changed out[2]);
-v3 synth_wreck_frame(const struct synth_world *world, v3 p); /* world to wreck */
 
 /* ---------------- synth_shade.c */
 
@@ -127,7 +120,6 @@ struct synth_trajectory {
     int count;
     double half;  /* the ground in view lies within |x|, |y| <= half, metres */
     double reach; /* farthest ground point in view, horizontally from its camera, metres */
-    v3 wreck;     /* where it should lie; z is not used */
 };
 
 /* Places the cameras. Standing heights are above z = 0 until synth_trajectory_set_heights knows the ground.

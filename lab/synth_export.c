@@ -250,15 +250,6 @@ static void export_ply(const struct synth_run *s, struct output *t)
     }
 }
 
-static void export_double(struct output *t, double value)
-{
-    unsigned char byte[8];
-    uint64_t bits;
-    memcpy(&bits, &value, sizeof bits);
-    for (int i = 0; i < 8; i++) byte[i] = (unsigned char)(bits >> 8 * i);
-    output_bytes(t, byte, sizeof byte);
-}
-
 /* Writes LLFF's poses_bounds.npy: for each image its axes down, right and back, its centre, its size and focal
  * length by rows, then the least and the largest depth of its points. */
 static void export_bounds(const struct synth_run *s, struct output *t)
@@ -284,10 +275,10 @@ static void export_bounds(const struct synth_run *s, struct output *t)
         }
         for (int k = 0; k < 3; k++) {
             const double row[5] = {y[k], x[k], -z[k], centre[k], size[k]};
-            for (int j = 0; j < 5; j++) export_double(t, row[j]);
+            for (int j = 0; j < 5; j++) output_real(t, row[j], 8);
         }
-        export_double(t, nearest);
-        export_double(t, farthest);
+        output_real(t, nearest, 8);
+        output_real(t, farthest, 8);
     }
 }
 
@@ -321,9 +312,8 @@ static void export_model(const struct synth_run *s, struct output *t)
     output_add(
         t,
         "A made-up seabed, found by a made-up camera. Metres; x east, y north, z up.\n\n"
-        "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
-        "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
-        "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
+        "World    sand with ripples, swell and reef patches (a height field); boulders, a large one in\n"
+        "         the middle, pebbles, brain and branching corals, starfish (distance functions). No Gaussians.\n"
         "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
         "Camera   one PINHOLE camera; COLMAP's frame. Poses are %s.\n"
         "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
@@ -339,7 +329,6 @@ static void export_model(const struct synth_run *s, struct output *t)
             o->alpha);
     output_add(t, "seed %llu\npath %s\nviews %d\n", (unsigned long long)o->seed, paths[o->path], o->views);
     export_triple(t, "origin", origin);
-    export_triple(t, "wreck", v3_add(s->world.wreck, origin));
     export_triple(t, "sun", s->world.sun);
 }
 

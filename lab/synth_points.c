@@ -13,12 +13,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define DETECTED 0.75     /* probability that a view which could see a point has it */
-#define SIMILAR_SIDE 0.68 /* cosine: descriptors match up to about 47 degrees apart */
-#define FACING 0.15       /* cosine between normal and view when no ray is cast */
-#define NOISE 0.3         /* px, each axis */
-#define SAND_FRACTION \
-    0.05 /* of the features that a reef has, on faint sand and on that of the scenes wreck and ridge */
+#define DETECTED 0.75      /* probability that a view which could see a point has it */
+#define SIMILAR_SIDE 0.68  /* cosine: descriptors match up to about 47 degrees apart */
+#define FACING 0.15        /* cosine between normal and view when no ray is cast */
+#define NOISE 0.3          /* px, each axis */
+#define SAND_FRACTION 0.05 /* of the features that a reef has, on faint sand */
 #define OUTLIER_FRACTION 0.01
 #define OUTLIER_NOISE 1.5 /* px */
 #define FRAME 2.0         /* px at the border where no feature is found */

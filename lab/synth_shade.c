@@ -35,20 +35,17 @@ double synth_cast(const struct synth_world *w, v3 from, v3 direction, double far
 
 static double shade_relief(const struct synth_world *w, v3 p, enum synth_material material, double footprint)
 {
-    const uint32_t seed = w->seed + 300;
-    switch (material) {
-    case SYNTH_SAND: return 0.0022 * synth_fbm2(seed, p.x, p.y, 0.06, 0.004, 0.6, footprint);
-    case SYNTH_ROCK: return 0.014 * synth_fbm3(seed + 10, p, 0.12, 0.006, 0.6, footprint);
-    case SYNTH_BRAIN_CORAL: {
-        const double maze = synth_fbm3(seed + 20, p, 0.07, 0.03, 0.5, footprint);
-        return 0.012 * synth_visible_fraction(0.05, footprint) * fabs(maze);
-    }
-    case SYNTH_BRANCH_CORAL:
-    case SYNTH_STARFISH: return 0.006 * synth_fbm3(seed + 30, p, 0.025, 0.006, 0.7, footprint);
-    case SYNTH_SPONGE: return 0.008 * synth_fbm3(seed + 40, p, 0.04, 0.006, 0.7, footprint);
-    case SYNTH_STEEL: return 0.006 * synth_fbm3(seed + 50, p, 0.08, 0.005, 0.65, footprint);
-    default: return 0.004 * synth_fbm3(seed + 60, p, 0.03, 0.005, 0.6, footprint);
-    }
+    static const struct {
+        double amplitude, wavelength, finest, gain; /* metres, metres, metres, of each octave */
+    } reliefs[] = {
+        [SYNTH_SAND] = {0.0022, 0.06, 0.004, 0.6},         [SYNTH_ROCK] = {0.014, 0.12, 0.006, 0.6},
+        [SYNTH_PEBBLE] = {0.004, 0.03, 0.005, 0.6},        [SYNTH_BRAIN_CORAL] = {0.012, 0.07, 0.03, 0.5},
+        [SYNTH_BRANCH_CORAL] = {0.006, 0.025, 0.006, 0.7}, [SYNTH_STARFISH] = {0.006, 0.025, 0.006, 0.7}};
+    const double wave =
+        synth_fbm(material != SYNTH_SAND, w->seed + 300 + 10 * material, p, reliefs[material].wavelength,
+                  reliefs[material].finest, reliefs[material].gain, footprint);
+    return reliefs[material].amplitude *
+           (material == SYNTH_BRAIN_CORAL ? synth_visible_fraction(0.05, footprint) * fabs(wave) : wave);
 }
 
 /* Differences over a tetrahedron: four evaluations. The relief of one material is taken for all four
@@ -145,14 +142,6 @@ static v3 shade_coral(const struct synth_object *o, v3 p, double footprint)
     return colour;
 }
 
-static v3 shade_sponge(const struct synth_object *o, v3 p, double footprint)
-{
-    static const v3 hues[4] = {
-        {0.65, 0.45, 0.06}, {0.50, 0.12, 0.08}, {0.36, 0.18, 0.42}, {0.70, 0.28, 0.08}};
-    const double pores = synth_fbm3(o->seed, p, 0.03, 0.004, 0.8, footprint);
-    return v3_scale(hues[o->seed >> 3 & 3], synth_clamp(0.85 + 0.45 * pores, 0.2, 1.6));
-}
-
 static v3 shade_starfish(const struct synth_object *o, v3 p, double footprint)
 {
     const double dots =
@@ -161,43 +150,11 @@ static v3 shade_starfish(const struct synth_object *o, v3 p, double footprint)
                   synth_step(0.15, 0.5, dots));
 }
 
-static v3 shade_steel(const struct synth_world *w, v3 p, double footprint)
-{
-    const uint32_t seed = w->seed + 480;
-    const double rust = synth_fbm3(seed, p, 0.4, 0.003, 0.75, footprint);
-    const double growth = synth_fbm3(seed + 12, p, 0.5, 0.015, 0.7, footprint);
-    /* plates */
-    const double seams =
-        fabs(synth_wreck_frame(w, p).x / 0.42 - floor(synth_wreck_frame(w, p).x / 0.42) - 0.5);
-    v3 colour = v3_mix(v3_of(0.13, 0.09, 0.075), v3_of(0.42, 0.17, 0.06), synth_step(-0.6, 0.7, rust));
-    colour = v3_mix(colour, v3_of(0.30, 0.33, 0.20), 0.8 * synth_step(0.1, 0.65, growth));
-    colour = v3_mix(colour, v3_of(0.58, 0.40, 0.42), 0.7 * synth_step(0.45, 0.75, -growth));
-    return v3_scale(colour,
-                    1 - 0.5 * synth_step(0.06, 0.02, seams) * synth_visible_fraction(0.05, footprint));
-}
-
-static v3 shade_wood(const struct synth_world *w, v3 p, double footprint)
-{
-    const v3 q = synth_wreck_frame(w, p);
-    const double fibre = synth_fbm3(w->seed + 500, v3_of(0.12 * q.x, q.y, q.z), 0.05, 0.003, 0.8, footprint);
-    const double plank = q.y / 0.12 - floor(q.y / 0.12),
-                 tone = synth_noise2(w->seed + 510, floor(q.y / 0.12) * 1.7, 0.5);
-    const double gap =
-        synth_step(0.10, 0.04, synth_min(plank, 1 - plank)) * synth_visible_fraction(0.05, footprint);
-    const v3 wood = v3_scale(v3_of(0.27, 0.20, 0.13), synth_clamp(1 + 0.4 * fibre + 0.4 * tone, 0.2, 2));
-    return v3_scale(v3_mix(wood, v3_of(0.25, 0.28, 0.14),
-                           0.6 * synth_step(0, 0.7, synth_fbm3(w->seed + 520, p, 0.3, 0.02, 0.7, footprint))),
-                    1 - 0.7 * gap);
-}
-
 static v3 shade_albedo(const struct synth_world *w, v3 p, struct synth_surface s, double footprint)
 {
     switch (s.material) {
     case SYNTH_SAND: return shade_sand(w, p, footprint);
     case SYNTH_ROCK: return shade_rock(w, p, footprint);
-    case SYNTH_STEEL: return shade_steel(w, p, footprint);
-    case SYNTH_WOOD: return shade_wood(w, p, footprint);
-    case SYNTH_SPONGE: return shade_sponge(s.object, p, footprint);
     case SYNTH_STARFISH: return shade_starfish(s.object, p, footprint);
     case SYNTH_PEBBLE:
         return v3_scale(

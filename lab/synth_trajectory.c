@@ -1,8 +1,8 @@
 /* synth_trajectory.c - camera paths.
  *
  * lawnmower: rows to and fro, 3 m over the ground, looking down and a little ahead; images overlap by 75 %
- * along a row and rows by 60 %, as survey manuals recommend. orbit: two rings around the wreck, looking at
- * it. Position, height and angles are perturbed. forward: one straight line, 2 m over the ground, looking ahead and
+ * along a row and rows by 60 %, as survey manuals recommend. orbit: two rings around the boulder in the
+ * middle, looking at it. Position, height and angles are perturbed. forward: one straight line, 2 m over the ground, looking ahead and
  * 35 degrees down, as a vehicle does.
  */
 #include "synth.h"
@@ -18,6 +18,7 @@
 #define CLEARANCE 0.5      /* metres over the ground around, at least */
 #define MARGIN 3.0         /* metres of ground around what is in view */
 #define FORWARD_HEIGHT 2.0 /* metres over the ground */
+#define FORWARD_ASIDE -1.5 /* metres from the boulder */
 #define FORWARD_STEP 0.35  /* metres between images */
 #define FORWARD_PITCH 35.0 /* degrees below the horizon */
 
@@ -59,8 +60,8 @@ static void trajectory_look(const synth_options *o, int view, v3 level, double a
                    trajectory_waver(o, view, 5, 2 * degree));
 }
 
-/* Poses the camera of a view and returns where the wreck should lie, as all that follow. */
-static v3 trajectory_lawnmower(const synth_options *o, int i, struct synth_camera *c)
+/* Poses the camera of a view, as all that follow. */
+static void trajectory_lawnmower(const synth_options *o, int i, struct synth_camera *c)
 {
     const double step = STEP_FORWARD * ALTITUDE * o->height / (FOCAL_FRACTION * o->width);
     const double apart = STEP_SIDEWAYS * ALTITUDE / FOCAL_FRACTION;
@@ -78,10 +79,9 @@ static v3 trajectory_lawnmower(const synth_options *o, int i, struct synth_camer
                       there * length * along + trajectory_waver(o, i, 3, 0.05),
                       ALTITUDE + trajectory_waver(o, i, 4, 0.1));
     trajectory_look(o, i, ahead, sin(pitch), cos(pitch), ahead, c);
-    return v3_of(0.18 * width, 0.12 * length, 0);
 }
 
-static v3 trajectory_orbit(const synth_options *o, int i, struct synth_camera *c)
+static void trajectory_orbit(const synth_options *o, int i, struct synth_camera *c)
 {
     const double radius = o->extent > 0 ? 0.5 * o->extent : 4.2;
     const int rings = o->views >= 16 ? 2 : 1, first = (o->views + rings - 1) / rings, ring = i / first;
@@ -91,20 +91,18 @@ static v3 trajectory_orbit(const synth_options *o, int i, struct synth_camera *c
     c->centre = v3_of(out * cos(turn), out * sin(turn),
                       (ring ? 1.15 : 0.8) * radius + trajectory_waver(o, i, 3, 0.1));
     trajectory_aim(c, v3_sub(target, c->centre), v3_of(0, 0, 1), trajectory_waver(o, i, 4, 2 * degree));
-    return v3_of(0, 0, 0);
 }
 
-static v3 trajectory_forward(const synth_options *o, int i, struct synth_camera *c)
+static void trajectory_forward(const synth_options *o, int i, struct synth_camera *c)
 {
     const double length = o->extent > 0 ? o->extent : FORWARD_STEP * (o->views - 1);
     const double heading = trajectory_waver(o, i, 0, 3 * degree),
                  pitch = FORWARD_PITCH * degree + trajectory_waver(o, i, 1, 2 * degree);
     double along;
     trajectory_leg(o, 1, i, &along);
-    c->centre = v3_of(trajectory_waver(o, i, 2, 0.15), length * along + trajectory_waver(o, i, 3, 0.03),
+    c->centre = v3_of(FORWARD_ASIDE + trajectory_waver(o, i, 2, 0.15), length * along + trajectory_waver(o, i, 3, 0.03),
                       FORWARD_HEIGHT + trajectory_waver(o, i, 4, 0.1));
     trajectory_look(o, i, v3_of(sin(heading), cos(heading), 0), cos(pitch), sin(pitch), v3_of(0, 0, 1), c);
-    return v3_of(1.5, 0.1 * length, 0);
 }
 
 /* Finds where the corners' rays meet z = -0.5, lower than most of the ground. */
@@ -134,7 +132,7 @@ static void trajectory_pair(double apart, struct synth_trajectory *trajectory)
 }
 
 /* by enum synth_path */
-static v3 (*const trajectory_paths[])(const synth_options *o, int i, struct synth_camera *c) = {
+static void (*const trajectory_paths[])(const synth_options *o, int i, struct synth_camera *c) = {
     trajectory_lawnmower, trajectory_orbit, trajectory_forward};
 
 int synth_trajectory_create(const synth_options *o, struct synth_trajectory *trajectory)
@@ -149,7 +147,7 @@ int synth_trajectory_create(const synth_options *o, struct synth_trajectory *tra
         *c = (struct synth_camera){.width = o->width, .height = o->height, .f = FOCAL_FRACTION * o->width};
         /* Off the middle, as calibration finds it; the other layouts state no principal point. */
         c->cx = (o->layout ? 0.5 : 0.504) * o->width, c->cy = (o->layout ? 0.5 : 0.497) * o->height;
-        if (i < rig.views) trajectory->wreck = trajectory_paths[o->path](&rig, i, c);
+        if (i < rig.views) trajectory_paths[o->path](&rig, i, c);
     }
     if (o->stereo > 0) trajectory_pair(o->stereo, trajectory);
     trajectory_measure(trajectory);

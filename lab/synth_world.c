@@ -1,8 +1,8 @@
-/* synth_world.c - geometry: seabed, rocks, corals, starfish, a wreck, as one distance function.
+/* synth_world.c - geometry: seabed, rocks, corals, starfish, as one distance function.
  *
  * The ground is a height field: swell, reef patches and sand ripples, baked once and read back through a
  * cubic B-spline, whose slope is smooth. Things are signed distance functions (Hart 1996, sphere tracing):
- * displaced ellipsoids, boxes, and smooth unions of limbs. A grid of cells lists what comes near each.
+ * displaced ellipsoids and smooth unions of limbs. A grid of cells lists what comes near each.
  *
  * Invariant: synth_distance is never larger than the distance to an object: what a cell does not list is at
  * least SYNTH_NEAR away from the whole cell. For the ground it is an estimate; a ray that steps below a steep
@@ -17,6 +17,7 @@
 #define TALLEST 1.3     /* metres: maximum height over the ground */
 #define BAKED_STEP 0.02 /* metres, at most MAX_BAKED samples */
 #define MAX_BAKED 48e6
+#define BOULDER 1.1 /* metres; radius of the sphere that holds the one in the middle */
 
 /* ---------------- the ground */
 
@@ -101,14 +102,6 @@ static double world_ellipsoid(v3 p, v3 axes) /* first order: exact at the surfac
     return k0 < 1e-6 ? -synth_min(axes.x, synth_min(axes.y, axes.z)) : k0 * (k0 - 1) / k1;
 }
 
-static double world_box(v3 p, v3 half, double rounding)
-{
-    const v3 q =
-        v3_of(fabs(p.x) - half.x + rounding, fabs(p.y) - half.y + rounding, fabs(p.z) - half.z + rounding);
-    const v3 outside = v3_of(synth_max(q.x, 0), synth_max(q.y, 0), synth_max(q.z, 0));
-    return v3_length(outside) + synth_min(synth_max(q.x, synth_max(q.y, q.z)), 0) - rounding;
-}
-
 static struct synth_limb world_make_limb(v3 a, v3 b, double radius_a, double radius_b)
 {
     const v3 toward = v3_sub(b, a);
@@ -122,93 +115,10 @@ static double world_limb(v3 p, const struct synth_limb *l)
     return v3_length(v3_along(pa, l->axis, -t)) - synth_lerp(l->radius_a, l->radius_b, t);
 }
 
-/* Returns the distance of a round bar along x. */
-static double world_bar(v3 p, double radius, double half)
-{
-    const double across = sqrt(p.y * p.y + p.z * p.z) - radius, along = fabs(p.x) - half;
-    return synth_min(synth_max(across, along), 0) +
-           sqrt(synth_max(across, 0) * synth_max(across, 0) + synth_max(along, 0) * synth_max(along, 0));
-}
-
 static double world_smooth_minimum(double a, double b, double width) /* a smooth minimum */
 {
     const double h = synth_max(width - fabs(a - b), 0) / width;
     return synth_min(a, b) - h * h * width * 0.25;
-}
-
-/* ---------------- the wreck */
-
-static void world_keep_nearest(double *least, double d, enum synth_material *material, enum synth_material of)
-{
-    if (d < *least) {
-        *least = d;
-        *material = of;
-    }
-}
-
-/* Builds a small coaster, 4.4 m long, in its own frame: x to the bow, z up, deck at 0. First the hull: a
- * shell with ribs, torn open on one side, half full of silt, and a deck with a hatch. */
-static double world_hull(v3 p, enum synth_material *material)
-{
-    const v3 stretched = v3_of(p.x - synth_clamp(p.x, -0.9, 0.9), p.y, p.z);
-    const double skin = world_ellipsoid(stretched, v3_of(1.3, 0.75, 0.7));
-    const double gunwale = p.z - 0.16 - 0.03 * p.x * p.x;
-    const double tear = 0.5 - v3_length(v3_of(p.x + 0.1, p.y + 0.8, 1.2 * (p.z + 0.1)));
-    const double rib = fabs(p.x - 0.36 * synth_floor(p.x / 0.36 + 0.5)) - 0.025;
-    const double deck =
-        synth_max(world_box(v3_sub(p, v3_of(1.3, 0, 0)), v3_of(0.95, 0.8, 0.022), 0.005), skin + 0.01);
-    double d = synth_max(synth_max(fabs(skin) - 0.022, gunwale), tear);
-    *material = SYNTH_STEEL;
-    world_keep_nearest(&d, synth_max(synth_max(rib, fabs(skin + 0.05) - 0.03), gunwale + 0.04), material,
-                       SYNTH_STEEL);
-    world_keep_nearest(&d, synth_max(skin + 0.01, p.z + 0.34 - 0.06 * p.x * p.y), material, SYNTH_SAND);
-    if (deck < d) {
-        const double hatch = world_box(v3_sub(p, v3_of(1.15, 0.1, 0)), v3_of(0.2, 0.22, 0.2), 0.01);
-        world_keep_nearest(&d, synth_max(deck, -hatch), material, SYNTH_WOOD);
-    }
-    return d;
-}
-
-/* Builds its superstructure: a cabin with windows and a door, a boiler, a leaning funnel. */
-static double world_upper_works(v3 p, double least, enum synth_material *material)
-{
-    const v3 cabin = v3_sub(p, v3_of(-1.0, 0, 0.34)),
-             funnel = v3_of(p.z - 0.45 - 0.2 * p.x, p.y - 0.12, p.x + 0.25);
-    const double walls = fabs(world_box(cabin, v3_of(0.5, 0.42, 0.36), 0.03)) - 0.015;
-    double d = least;
-    if (walls < d) {
-        const double across = cabin.x - 0.32 * synth_floor(cabin.x / 0.32 + 0.5);
-        const double window = world_box(v3_of(across, cabin.y, cabin.z - 0.08), v3_of(0.09, 1, 0.1), 0.01);
-        const double door = world_box(v3_sub(cabin, v3_of(0.5, 0.1, -0.05)), v3_of(0.3, 0.13, 0.25), 0.01);
-        world_keep_nearest(&d, synth_max(synth_max(walls, -window), -door), material, SYNTH_STEEL);
-    }
-    world_keep_nearest(&d, world_bar(v3_sub(p, v3_of(0.1, 0, -0.1)), 0.25, 0.36) - 0.02, material,
-                       SYNTH_STEEL);
-    world_keep_nearest(&d, synth_max(fabs(world_bar(funnel, 0.13, 0.42)) - 0.012, funnel.x - 0.4), material,
-                       SYNTH_STEEL);
-    return d;
-}
-
-v3 synth_wreck_frame(const struct synth_world *w, v3 p)
-{
-    return v3_turn(w->turn, v3_sub(p, w->wreck));
-}
-
-/* Turns it to its place: it lies at a random heading, heeled over by 13 degrees, its bow 5 degrees up. */
-static void world_place_wreck(struct synth_world *w, v3 at)
-{
-    const double yaw = 2 * SYNTH_PI * synth_unit(synth_bits(w->seed, 7, 1)), heel = 13 * SYNTH_PI / 180,
-                 pitch = 5 * SYNTH_PI / 180;
-    const v3 forward = v3_of(cos(yaw) * cos(pitch), sin(yaw) * cos(pitch), sin(pitch));
-    const v3 level = v3_of(-sin(yaw), cos(yaw), 0), upright = v3_cross(forward, level);
-    const v3 left = v3_add(v3_scale(level, cos(heel)), v3_scale(upright, sin(heel))),
-             up = v3_cross(forward, left);
-    w->turn[0] = forward;
-    w->turn[1] = left;
-    w->turn[2] = up;
-    w->wreck = v3_of(at.x, at.y, synth_ground(w, at.x, at.y) + 0.34);
-    /* fallen over the side */
-    w->mast = world_make_limb(v3_of(0.7, 0.25, 0.12), v3_of(2.3, 1.75, -0.42), 0.06, 0.035);
 }
 
 /* ---------------- objects */
@@ -243,7 +153,6 @@ static double world_object(const struct synth_world *w, const struct synth_objec
 {
     const v3 q = world_object_frame(o, p);
     if (o->shape == SYNTH_STONE) return world_stone(o, q);
-    if (o->shape == SYNTH_BOX) return world_box(q, o->axes, 0.01);
     return o->radius * world_shape(&w->shape[o->shape], v3_scale(q, 1 / o->radius));
 }
 
@@ -298,37 +207,12 @@ static double world_height_above(const struct synth_world *w, v3 p)
     return p.z - synth_ground(w, p.x, p.y);
 }
 
-static double world_wreck_near(const struct synth_world *w, v3 p, double least, struct synth_surface *surface)
-{
-    const v3 away = v3_sub(p, w->wreck);
-    const double reach = synth_max(least, 0) + 3.3; /* metres: nothing of it lies farther from its centre */
-    enum synth_material material;
-    v3 q;
-    double d;
-    if (v3_dot(away, away) >= reach * reach) return least;
-    q = synth_wreck_frame(w, p);
-    d = world_limb(q, &w->mast);
-    if (d < least) {
-        *surface = (struct synth_surface){SYNTH_WOOD, NULL};
-        least = d;
-    }
-    d = world_box(q, v3_of(2.25, 0.8, 0.9), 0.1);
-    if (d >= least) return least;
-    if (d > 0.1) return d;
-    d = world_hull(q, &material);
-    d = 0.8 * world_upper_works(q, d, &material);
-    if (d >= least) return least;
-    *surface = (struct synth_surface){material, NULL};
-    return d;
-}
-
 double synth_distance(const struct synth_world *w, v3 p, struct synth_surface *surface)
 {
     const double above = world_height_above(w, p);
     struct synth_surface nearest = {surface ? world_ground_material(w, p) : SYNTH_SAND, NULL};
     double d = synth_max(0.75 * above, above - 1.3); /* slopes of 41 degrees, heights that differ by 1.3 m */
     d = world_objects(w, p, d, &nearest);
-    d = world_wreck_near(w, p, d, &nearest);
     if (surface) *surface = nearest;
     return d;
 }
@@ -357,32 +241,6 @@ static void world_branching(struct synth_shape *s, uint64_t seed)
     }
 }
 
-/* Builds a cluster of tubes. */
-static void world_tubes(struct synth_shape *s, uint64_t seed)
-{
-    const int tubes = 4 + (int)(4 * synth_unit(synth_bits(seed, 0, 1)));
-    s->blend = 0.06;
-    for (int i = 0; i < tubes; i++) {
-        const double turn = 2 * SYNTH_PI * i / tubes,
-                     tall = 0.25 + 0.55 * synth_unit(synth_bits(seed, 2, (uint64_t)i));
-        const v3 foot = v3_of(0.22 * cos(turn), 0.22 * sin(turn), -0.4);
-        world_add_limb(s, foot, v3_of(1.9 * foot.x, 1.9 * foot.y, tall - 0.1), 0.11, 0.16);
-    }
-}
-
-/* Builds a table on a stem, fringed with short fingers. */
-static void world_table(struct synth_shape *s, uint64_t seed)
-{
-    s->blend = 0.12;
-    world_add_limb(s, v3_of(0, 0, -0.5), v3_of(0, 0, 0.1), 0.14, 0.12);
-    for (int i = 0; i < 22; i++) {
-        const double radius = 0.82 * sqrt((i + 0.5) / 22), turn = 2.39996 * i; /* the sunflower's spiral */
-        const v3 at = v3_of(radius * cos(turn), radius * sin(turn),
-                            0.1 + 0.08 * synth_unit(synth_bits(seed, 3, (uint64_t)i)));
-        world_add_limb(s, v3_of(0.8 * at.x, 0.8 * at.y, 0.05), v3_of(at.x, at.y, at.z + 0.1), 0.12, 0.07);
-    }
-}
-
 static void world_star(struct synth_shape *s, uint64_t seed)
 {
     s->blend = 0.1;
@@ -396,10 +254,7 @@ static void world_make_shapes(struct synth_world *w)
 {
     for (int i = 0; i < SYNTH_SHAPES; i++) {
         const uint64_t seed = synth_bits(w->seed, 8, (uint64_t)i);
-        if (i < 4) world_branching(&w->shape[i], seed);
-        else if (i < 7) world_tubes(&w->shape[i], seed);
-        else if (i < 10) world_table(&w->shape[i], seed);
-        else world_star(&w->shape[i], seed);
+        (i < 4 ? world_branching : world_star)(&w->shape[i], seed);
     }
 }
 
@@ -407,7 +262,7 @@ static void world_make_shapes(struct synth_world *w)
 
 struct world_kind {
     enum synth_material material;
-    int shape, shapes;       /* first index and how many; or SYNTH_STONE, SYNTH_BOX */
+    int shape, shapes;       /* first index and how many; or SYNTH_STONE */
     double density;          /* tries on a square metre */
     double on_sand, on_reef; /* fraction of accepted candidates */
     double small, large;     /* radius, metres */
@@ -417,12 +272,9 @@ struct world_kind {
 static const struct world_kind world_kinds[] = {
     {SYNTH_ROCK, SYNTH_STONE, 1, 0.5, 0.08, 0.9, 0.15, 0.5, 0.1},
     {SYNTH_BRAIN_CORAL, SYNTH_STONE, 1, 1.2, 0.01, 0.8, 0.10, 0.32, 0.1},
-    {SYNTH_BRANCH_CORAL, 0, 4, 1.6, 0.01, 0.9, 0.12, 0.32, -0.3},
-    {SYNTH_BRANCH_CORAL, 7, 3, 0.5, 0.0, 0.9, 0.20, 0.45, -0.4},
-    {SYNTH_SPONGE, 4, 3, 0.8, 0.02, 0.7, 0.12, 0.30, -0.3},
-    {SYNTH_STARFISH, 10, 2, 0.35, 0.8, 0.15, 0.07, 0.12, 0.0},
+    {SYNTH_BRANCH_CORAL, 0, 4, 2.4, 0.01, 0.9, 0.12, 0.36, -0.3},
+    {SYNTH_STARFISH, 4, 2, 0.35, 0.8, 0.15, 0.07, 0.12, 0.0},
     {SYNTH_PEBBLE, SYNTH_STONE, 1, 7.0, 0.45, 0.6, 0.015, 0.06, 0.1},
-    {SYNTH_WOOD, SYNTH_BOX, 1, 0.03, 0.5, 0.1, 0.2, 0.5, -0.02},
 };
 
 enum { WORLD_KINDS = sizeof world_kinds / sizeof *world_kinds };
@@ -439,28 +291,31 @@ static int world_place_object(const struct synth_world *w, double half, int kind
     y = half * (2 * u[1] - 1);
     reef = world_reef(w, x, y);
     if (u[2] > synth_lerp(k->on_sand, k->on_reef, reef)) return 0;
-    if (k->large > 0.1) {
-        const v3 q = synth_wreck_frame(w, v3_of(x, y, w->wreck.z));
-        if (fabs(q.x) < 2.3 && fabs(q.y) < 0.9) return 0;
-    }
+    if (k->large > 0.1 && hypot(x, y) < BOULDER) return 0;
     *o = (struct synth_object){.material = k->material, .shape = k->shape, .seed = (uint32_t)seed};
     o->radius = k->small + (k->large - k->small) * u[3] * u[3];
     o->yaw_cos = cos(2 * SYNTH_PI * u[4]);
     o->yaw_sin = sin(2 * SYNTH_PI * u[4]);
     o->centre = v3_of(x, y, synth_ground(w, x, y) - k->sunk * o->radius);
     o->axes = v3_scale(v3_of(0.85, 0.55 + 0.25 * u[5], 0.45 + 0.25 * u[6]), o->radius);
-    if (k->shape == SYNTH_BOX)
-        o->axes = v3_scale(v3_of(0.95, 0.12 + 0.1 * u[5], 0.06 + 0.05 * u[6]), o->radius);
     if (k->shape >= 0) o->shape += (int)(k->shapes * u[7]);
     return 1;
 }
 
+/* Scatters the objects, of which the first is a boulder in the middle. */
 static int world_scatter_objects(struct synth_world *w, double half)
 {
     size_t most = 0;
     for (int k = 0; k < WORLD_KINDS; k++) most += (size_t)(world_kinds[k].density * 4 * half * half);
-    w->object = malloc((most + 1) * sizeof *w->object);
+    w->object = malloc((most + 2) * sizeof *w->object);
     if (!w->object) return 0;
+    w->object[w->object_count++] = (struct synth_object){.centre = v3_of(0, 0, synth_ground(w, 0, 0) + 0.2),
+                                                         .radius = BOULDER,
+                                                         .yaw_cos = 1,
+                                                         .axes = v3_scale(v3_of(0.85, 0.7, 0.6), BOULDER),
+                                                         .material = SYNTH_ROCK,
+                                                         .shape = SYNTH_STONE,
+                                                         .seed = w->seed};
     for (int k = 0; k < WORLD_KINDS; k++) {
         const uint64_t tries = (uint64_t)(world_kinds[k].density * 4 * half * half);
         for (uint64_t i = 0; i < tries; i++)
@@ -535,14 +390,11 @@ static int world_index(struct synth_world *w, double half)
     return world_bake_ceilings(w);
 }
 
-int synth_world_create(uint64_t seed, double half, v3 wreck, struct synth_world *w)
+int synth_world_create(uint64_t seed, double half, struct synth_world *w)
 {
-    *w = (struct synth_world){.seed = (uint32_t)synth_mix(seed),
-                              .sand_contrast = 1,
-                              .wreck = wreck,
-                              .sun = v3_unit(v3_of(0.42, 0.28, 0.86))};
+    *w = (struct synth_world){
+        .seed = (uint32_t)synth_mix(seed), .sand_contrast = 1, .sun = v3_unit(v3_of(0.42, 0.28, 0.86))};
     if (!world_bake(w, half)) goto failed;
-    world_place_wreck(w, wreck);
     world_make_shapes(w);
     if (!world_scatter_objects(w, half) || !world_index(w, half)) goto failed;
     for (int i = 0; i < w->side * w->side; i++) w->top = synth_max(w->top, w->height[i]);
@@ -578,21 +430,6 @@ static double world_volume(const struct synth_world *w, v3 centre, double radius
     return sum * CHANGE_STEP * CHANGE_STEP;
 }
 
-/* Returns the largest boulder near the middle, and not near the mound or the wreck. */
-static struct synth_object *world_boulder(const struct synth_world *w, v3 mound)
-{
-    struct synth_object *best = NULL;
-    for (size_t i = 0; i < w->object_count; i++) {
-        struct synth_object *o = &w->object[i];
-        if (o->shape != SYNTH_STONE || fmax(fabs(o->centre.x), fabs(o->centre.y)) > 0.5 * w->half ||
-            hypot(o->centre.x - mound.x, o->centre.y - mound.y) < MOUND_RADIUS + 2 * o->radius + 0.2 ||
-            hypot(o->centre.x - w->wreck.x, o->centre.y - w->wreck.y) < 2.5)
-            continue;
-        if (!best || o->radius > best->radius) best = o;
-    }
-    return best;
-}
-
 /* Moves what belongs to an object up, or far below the ground. */
 static void world_lift(struct synth_world *w, struct synth_object *o, double by)
 {
@@ -604,13 +441,11 @@ static void world_lift(struct synth_world *w, struct synth_object *o, double by)
 
 void synth_world_change(struct synth_world *w, struct synth_changed out[2])
 {
-    const double far = hypot(w->wreck.x, w->wreck.y);
-    const v3 mound =
-        far > 0.5 ? v3_of(-1.6 * w->wreck.x / far, -1.6 * w->wreck.y / far, 0) : v3_of(1.6, -1.2, 0);
-    struct synth_object *stone = world_boulder(w, mound);
+    const v3 mound = v3_of(1.9, -1.4, 0);
+    struct synth_object *stone = &w->object[0];
     out[0] =
         (struct synth_changed){v3_of(mound.x, mound.y, synth_ground(w, mound.x, mound.y)), MOUND_RADIUS, 0};
-    if (stone) out[1] = (struct synth_changed){stone->centre, stone->radius, 0};
+    out[1] = (struct synth_changed){stone->centre, stone->radius, 0};
     w->top += MOUND_HEIGHT;
     for (int i = 0; i < w->cells * w->cells; i++) w->ceiling[i] += (float)MOUND_HEIGHT;
     for (int k = 0; k < 2; k++) out[k].volume = -world_volume(w, out[k].place, 1.2 * out[k].radius);
@@ -620,7 +455,7 @@ void synth_world_change(struct synth_world *w, struct synth_changed out[2])
                 (float)world_mound(mound, i * w->step - w->half, j * w->step - w->half);
     for (size_t i = 0; i < w->object_count; i++)
         world_lift(w, &w->object[i], world_mound(mound, w->object[i].centre.x, w->object[i].centre.y));
-    if (stone) world_lift(w, stone, -3);
+    world_lift(w, stone, -3);
     for (int k = 0; k < 2; k++) out[k].volume += world_volume(w, out[k].place, 1.2 * out[k].radius);
 }
 
