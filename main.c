@@ -226,14 +226,21 @@ static void take_run_options(oxl_context *ctx, const struct arguments *a, const 
     *o = job.scene;
 }
 
-/* Loads the model in the survey's own frame and unit. */
-static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *model, oxl_scene **scene,
-                       oxl_imaging **imaging)
+/* A model, its survey, and what gives the images from it. */
+struct loaded {
+    oxl_model model;
+    oxl_scene *scene;
+    oxl_imaging *imaging;
+};
+
+/* Loads the model in the survey's own frame and unit; unload frees it, also on error. */
+static oxl_result load(oxl_context *ctx, const struct arguments *a, struct loaded *out)
 {
     char path[4096];
     const char *file = model_file(ctx, a, path, sizeof path);
     oxl_scene_options options = a->job.scene;
     oxl_manifest *run = NULL;
+    oxl_model *model = &out->model;
     oxl_result rc = oxl_model_read(ctx, file, model);
     take_run_options(ctx, a, file, &options, &run);
     if (a->job.ram && options.image_cache_bytes > a->job.ram / 4) options.image_cache_bytes = a->job.ram / 4;
@@ -243,78 +250,74 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *m
         memcpy(model->background, a->job.train.background, sizeof model->background);
         model->has_background = 1;
     }
-    if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &options, scene);
-    if (rc == OXL_OK) rc = oxl_imaging_read(ctx, file, *scene, imaging);
+    if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &options, &out->scene);
+    if (rc == OXL_OK) rc = oxl_imaging_read(ctx, file, out->scene, &out->imaging);
     /* a block's or another program's has its own */
-    if (rc == OXL_OK) oxl_model_move_origin(model, oxl_scene_origin(*scene));
-    if (rc == OXL_OK) rc = oxl_model_check_overlap(ctx, model, *scene, a->path[0]);
+    if (rc == OXL_OK) oxl_model_move_origin(model, oxl_scene_origin(out->scene));
+    if (rc == OXL_OK) rc = oxl_model_check_overlap(ctx, model, out->scene, a->path[0]);
     oxl_manifest_free(ctx, &run);
     return rc;
+}
+
+static void unload(oxl_context *ctx, struct loaded *l)
+{
+    oxl_imaging_free(ctx, l->imaging);
+    oxl_scene_free(ctx, l->scene);
+    oxl_model_free(ctx, &l->model);
 }
 
 static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     const oxl_render_output what = {(oxl_split)a->split, 0, a->depth, a->scale, a->clear, 1};
-    oxl_model model = {0};
-    oxl_scene *scene = NULL;
-    oxl_imaging *imaging = NULL;
+    struct loaded l = {.scene = NULL};
     struct product product;
     int count = a->frames;
-    oxl_result rc = load(ctx, a, &model, &scene, &imaging);
+    oxl_result rc = load(ctx, a, &l);
     console_catch_signals();
-    if (rc == OXL_OK && a->ortho) rc = product_open(ctx, scene, a->path[1], a, stdout, &product);
-    if (rc == OXL_OK && a->ortho) rc = map_write(&product, &model);
-    else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &model, scene, a, console_count, console);
-    else if (rc == OXL_OK) rc = oxl_render_views(ctx, &model, scene, imaging, &what, a->out, &count);
+    if (rc == OXL_OK && a->ortho) rc = product_open(ctx, l.scene, a->path[1], a, stdout, &product);
+    if (rc == OXL_OK && a->ortho) rc = map_write(&product, &l.model);
+    else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &l.model, l.scene, a, console_count, console);
+    else if (rc == OXL_OK) rc = oxl_render_views(ctx, &l.model, l.scene, l.imaging, &what, a->out, &count);
     console_clear(console);
     if (rc == OXL_OK && !a->ortho) print_format(stdout, "%d images in %s\n", count, a->out);
-    oxl_imaging_free(ctx, imaging);
-    oxl_scene_free(ctx, scene);
-    oxl_model_free(ctx, &model);
+    unload(ctx, &l);
     return rc;
 }
 
 static oxl_result run_cloud(oxl_context *ctx, const struct arguments *a)
 {
-    oxl_model model = {0};
-    oxl_scene *scene = NULL;
-    oxl_imaging *imaging = NULL;
+    struct loaded l = {.scene = NULL};
     struct product product;
-    oxl_result rc = load(ctx, a, &model, &scene, &imaging);
-    if (rc == OXL_OK) rc = product_open(ctx, scene, a->path[1], a, stdout, &product);
-    if (rc == OXL_OK) rc = cloud_write(&product, &model);
-    oxl_imaging_free(ctx, imaging);
-    oxl_scene_free(ctx, scene);
-    oxl_model_free(ctx, &model);
+    oxl_result rc = load(ctx, a, &l);
+    if (rc == OXL_OK) rc = product_open(ctx, l.scene, a->path[1], a, stdout, &product);
+    if (rc == OXL_OK) rc = cloud_write(&product, &l.model);
+    unload(ctx, &l);
     return rc;
 }
 
 /* Loads two results of train with their surveys, and compares them. */
 static oxl_result run_compare(oxl_context *ctx, const struct arguments *a)
 {
-    oxl_model model[2] = {{0}, {0}}, *models[2] = {&model[0], &model[1]};
-    oxl_scene *scene[2] = {NULL, NULL};
+    struct loaded l[2] = {{.scene = NULL}, {.scene = NULL}};
     struct product product;
     oxl_result rc = OXL_OK;
     for (int i = 0; i < 2 && rc == OXL_OK; i++) {
         char *run = output_read(a->path[i], "run.json", NULL),
              *survey = json_string(oxl_json_member(oxl_json_member(run, "inputs"), "scene"));
         struct arguments side = *a;
-        oxl_imaging *imaging = NULL;
         side.path[0] = a->path[i], side.path[1] = survey;
-        if (survey) rc = load(ctx, &side, &model[i], &scene[i], &imaging);
+        if (survey) rc = load(ctx, &side, &l[i]);
         else
             rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                          "%s holds no run.json that names its survey\nfix: name the folder that train "
-                          "wrote",
+                          "%s holds no run.json that names its survey\nfix: name the folder that train wrote",
                           a->path[i]);
-        if (rc == OXL_OK && i == 0) rc = product_open(ctx, scene[0], survey, a, stdout, &product);
-        oxl_imaging_free(ctx, imaging);
+        if (rc == OXL_OK && i == 0) rc = product_open(ctx, l[0].scene, survey, a, stdout, &product);
         free(survey);
         free(run);
     }
-    if (rc == OXL_OK) rc = compare_run(&product, models, scene[1]);
-    for (int i = 0; i < 2; i++) oxl_scene_free(ctx, scene[i]), oxl_model_free(ctx, &model[i]);
+    if (rc == OXL_OK)
+        rc = compare_run(&product, (oxl_model *[2]){&l[0].model, &l[1].model}, l[1].scene);
+    for (int i = 0; i < 2; i++) unload(ctx, &l[i]);
     return rc;
 }
 
@@ -341,21 +344,17 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
 
 static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)
 {
-    oxl_model model = {0};
-    oxl_scene *scene = NULL;
-    oxl_imaging *imaging = NULL;
+    struct loaded l = {.scene = NULL};
     oxl_metrics metrics = {0};
     char *json = NULL;
-    oxl_result rc = load(ctx, a, &model, &scene, &imaging);
-    if (rc == OXL_OK) rc = oxl_evaluate(ctx, &model, scene, imaging, (oxl_split)a->split, &metrics);
-    if (rc == OXL_OK && a->json) rc = oxl_metrics_to_json(ctx, scene, &metrics, &json);
+    oxl_result rc = load(ctx, a, &l);
+    if (rc == OXL_OK) rc = oxl_evaluate(ctx, &l.model, l.scene, l.imaging, (oxl_split)a->split, &metrics);
+    if (rc == OXL_OK && a->json) rc = oxl_metrics_to_json(ctx, l.scene, &metrics, &json);
     if (rc == OXL_OK && json) fputs(json, stdout);
-    if (rc == OXL_OK && !json) print_metrics(scene, &metrics);
+    if (rc == OXL_OK && !json) print_metrics(l.scene, &metrics);
     oxl_text_free(ctx, json);
     oxl_metrics_free(ctx, &metrics);
-    oxl_imaging_free(ctx, imaging);
-    oxl_scene_free(ctx, scene);
-    oxl_model_free(ctx, &model);
+    unload(ctx, &l);
     return rc;
 }
 
@@ -388,19 +387,18 @@ static int is_model(const char *path)
 /* Writes a model to a file that is not there, or in the place of another model: no other file is replaced. */
 static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
 {
-    const char *from = a->path[0], *to = a->path[1];
+    const char *to = a->path[1];
     oxl_model model = {0};
-    oxl_result rc = oxl_model_read(ctx, from, &model);
-    if (rc == OXL_OK) rc = info_convert_imaging(ctx, from, to, 0, stderr);
+    oxl_result rc = oxl_model_read(ctx, a->path[0], &model);
     if (rc == OXL_OK && file_exists(to) && !is_model(to))
         rc = oxl_fail(ctx, OXL_ERR_USAGE,
                       "%s exists, and is not a model that can be read\nfix: choose another name, or "
                       "remove the file first",
                       to);
+    if (rc == OXL_OK) rc = info_convert_imaging(ctx, a->path[0], to);
     if (rc == OXL_OK && a->scale > 0) oxl_model_rescale(&model, a->scale);
     if (rc == OXL_OK) rc = oxl_model_write(ctx, to, &model);
     if (rc == OXL_OK) print_format(stdout, "%zu Gaussians in %s\n", model.count, to);
-    if (rc == OXL_OK) rc = info_convert_imaging(ctx, from, to, 1, stderr);
     oxl_model_free(ctx, &model);
     return rc;
 }

@@ -20,10 +20,9 @@ struct cli_memory {
 /* ---------------- info.c: statistics of a model, tables of a partition */
 
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
-/* Before a model is written, refuses a place where imaging.txt would apply a medium twice, or not at all; after
- * that, copies the imaging.txt of a model that is not for viewers beside it, unless one is there. */
-oxl_result info_convert_imaging(oxl_context *ctx, const char *from, const char *to, int is_written,
-                                FILE *say);
+/* Before a model is converted, refuses a place where imaging.txt would apply a medium twice, or not at all, and
+ * copies the imaging.txt of a model that is not for viewers there, unless one is there. */
+oxl_result info_convert_imaging(oxl_context *ctx, const char *from, const char *to);
 void info_print_blocks(FILE *to, const oxl_partition_report *report);
 
 /* ---------------- output.c: text and files independent of the locale */

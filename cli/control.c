@@ -16,37 +16,23 @@ struct control_sum {
     int count;
 };
 
-/* Reads "NAME,X,Y,Z,", and moves *at behind it. Returns 0 where the line begins otherwise. */
-static int control_read_place(const char **at, double place[3])
-{
-    *at += strcspn(*at, ",\n");
-    for (int k = 0; k < 3; k++) {
-        if (**at != ',') return 0;
-        ++*at;
-        place[k] = oxl_json_number_at(at);
-        if (isnan(place[k])) return 0;
-    }
-    if (**at != ',') return 0;
-    ++*at;
-    return 1;
-}
-
 /* Prints the residuals of one line, and adds them to the sum. Skips comments and a header. */
 static oxl_result control_line(oxl_context *ctx, const oxl_scene *scene, const char *line, size_t size,
                                int is_first, struct control_sum *sum, FILE *to)
 {
     const double *origin = oxl_scene_origin(scene);
-    const char *at = line;
     double place[3], seen[3], miss, distance, d[3];
+    int used = 0;
     oxl_result rc;
     if (size == 0 || line[0] == '#') return OXL_OK;
-    if (!control_read_place(&at, place) || at > line + size)
+    sscanf(line, "%*[^,\n],%lf,%lf,%lf,%n", &place[0], &place[1], &place[2], &used);
+    if (!used || (size_t)used > size)
         return is_first
                    ? OXL_OK
                    : oxl_fail(ctx, OXL_ERR_INPUT,
                               "found '%.*s', expected NAME,X,Y,Z and pixels\nfix: NAME,X,Y,Z,IMG,X,Y,IMG,X,Y",
                               (int)(size < 100 ? size : 100), line);
-    rc = scale_place(ctx, scene, at, (size_t)(line + size - at), seen, &miss, &distance);
+    rc = scale_place(ctx, scene, line + used, size - (size_t)used, seen, &miss, &distance);
     if (rc != OXL_OK) return rc;
     for (int k = 0; k < 3; k++) {
         d[k] = seen[k] + origin[k] - place[k];

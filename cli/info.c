@@ -113,40 +113,38 @@ static int info_is_for_viewers(const char *name)
     return strncmp(name, "scene.", 6) == 0 || strncmp(name, "scene_standard.", 15) == 0;
 }
 
-oxl_result info_convert_imaging(oxl_context *ctx, const char *from, const char *to, int is_written, FILE *say)
+oxl_result info_convert_imaging(oxl_context *ctx, const char *from, const char *to)
 {
-    char source[4096], target[4096];
+    char source[4096], target[4096], path[4200];
     const int viewers = info_is_for_viewers(info_folder(from, source)),
               named_so = info_is_for_viewers(info_folder(to, target));
     char *imaging = output_read(source, "imaging.txt", NULL),
          *there = output_read(target, "imaging.txt", NULL);
     struct output t = {0};
-    char path[4200];
     oxl_result rc = OXL_OK;
     snprintf(path, sizeof path, "%simaging.txt", target);
-    if (!is_written && viewers && !named_so && there)
+    if (viewers && !named_so && there)
         rc = oxl_fail(
             ctx, OXL_ERR_USAGE,
             "%s is not written: commands would render it with the medium or gains of the imaging.txt "
             "beside it, unlike %s\nfix: choose another folder",
             to, from);
-    if (!is_written && !viewers && named_so && imaging)
+    else if (!viewers && named_so && imaging)
         rc = oxl_fail(ctx, OXL_ERR_USAGE,
                       "%s is not written: models called scene.* are rendered without the medium or gains "
                       "of imaging.txt, unlike %s\nfix: choose another name, such as clear.ply",
                       to, from);
-    if (is_written && there && imaging && strcmp(there, imaging) != 0)
-        print_format(say,
+    else if (there && imaging && strcmp(there, imaging) != 0)
+        print_format(stderr,
                      "oxl: imaging.txt beside %s belongs to another model: it is kept, and applies "
                      "to this one\n",
                      to);
-    if (is_written && !viewers && imaging && !there) {
+    else if (!viewers && imaging && !there) {
         output_add(&t, "%s", imaging);
         if (!output_save(&t, path))
             rc = oxl_fail(ctx, OXL_ERR_IO,
-                          "%s: the model is written, but the gains of its images could not be copied "
-                          "beside it\nfix: free space on the disk, and copy imaging.txt from beside %s",
-                          path, from);
+                          "%s, the gains of the images, could not be written\nfix: free space on the disk",
+                          path);
     }
     free(imaging);
     free(there);

@@ -103,76 +103,75 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
 #define TRAINS (IN(TRAIN) | IN(CHECK) | IN(PARTITION))
 #define DRAWS (IN(TRAIN) | IN(CHECK) | IN(MERGE) | IN(RENDER) | IN(CLOUD) | IN(COMPARE) | IN(EVAL) | STUDIES)
 #define EVERYWHERE (~0u)
-#define FIELD(name) offsetof(struct arguments, name)
-#define NO_TEXT          \
-    {                    \
-        NULL, NULL, NULL \
-    }
 #define LEAST 1e-9 /* Limits, in metres, a length that may not be 0. */
 #define MOST 1e15  /* Limits plausible values, in metres or seconds. */
+/* Makes a row of what differs between the options of the program: none has presets or a former name. */
+#define ROW(name, value, kind, field, low, high, tier, use, group, help)                                    \
+    {                                                                                                       \
+        name, value, OXL_OPTION_##kind, offsetof(struct arguments, field), low, high, {0}, OXL_TIER_##tier, \
+            use, group, help, NULL                                                                          \
+    }
 
 /* Lists the program's options. arguments_default has their defaults; `use` has a bit for each command. */
 /* clang-format off */
 static const oxl_option CLI_OPTIONS[] = {
-/* name, value, kind, field, lowest, highest, default, tier, use, group, help, former name */
-{"rows", "NAME,NAME...", OXL_OPTION_TEXT, FIELD(rows), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(ABLATE) | IN(TRADEOFF), "Study", "rows to train; otherwise, ablate: 3dgs,v1,v2,v1-count,v3,v4,oceanxl,v3-bytes, each control after its row; tradeoff: all, compared with the base", NULL},
-{"seeds", "N", OXL_OPTION_INT, FIELD(seeds), 1, CLI_SEEDS, NO_TEXT, OXL_TIER_BASIC, STUDIES, "Study", "train each row with seeds 1 to N", NULL},
-{"budget", "TIME", OXL_OPTION_SECONDS, FIELD(budget), 0.001, MOST, NO_TEXT, OXL_TIER_BASIC, IN(TRADEOFF) | IN(RESULTS), "Study", "time for all rows, e.g. 90s, 20m or 8h; otherwise 20m, of results 10m", NULL},
-{"views", "N", OXL_OPTION_INT, FIELD(synth.views), 2, 1000000, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "number of images", NULL},
-{"size", "WxH", OXL_OPTION_SIZE, FIELD(synth.width), 16, 8192, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "size of an image, 16 to 8192 px a side", NULL},
-{"path", "lawnmower|orbit|forward", OXL_OPTION_CHOICE, FIELD(synth.path), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "camera path; forward: one line, looking ahead and down", NULL},
-{"layout", "colmap|nerf|llff", OXL_OPTION_CHOICE, FIELD(synth.layout), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "files as COLMAP, NeRF synthetic or LLFF has them", NULL},
-{"extent", "METRES", OXL_OPTION_DOUBLE, FIELD(synth.extent), 0, 2000, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "side of the area, or diameter of the orbit; 0: as the overlap requires", NULL},
-{"exposure-jitter", "STOPS", OXL_OPTION_DOUBLE, FIELD(synth.exposure_jitter), 0, 4, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "largest change of the images' brightness along the path", NULL},
-{"lamp", "POWER", OXL_OPTION_DOUBLE, FIELD(synth.lamp), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "a lamp at the camera that falls off with this power of the range; otherwise none", NULL},
-{"backscatter", "FRACTION", OXL_OPTION_DOUBLE, FIELD(synth.backscatter), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "largest backscatter of --lamp, as a fraction of full white", NULL},
-{"sand-contrast", "FRACTION", OXL_OPTION_DOUBLE, FIELD(synth.sand_contrast), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "contrast of bare sand, as a fraction of its own; below 1 it is dark and has few points", NULL},
-{"stereo", "METRES", OXL_OPTION_DOUBLE, FIELD(synth.stereo), 0, 10, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "distance of two cameras that take the images in pairs; 0: one camera", NULL},
-{"change", "none|light|all", OXL_OPTION_CHOICE, FIELD(synth.change), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "a second dive to the place of the same seed, with other cameras, sun and noise; all: a mound is heaped up and a stone taken away (truth/change.txt)", NULL},
-{"water", "none|I|IA|IB|II|III|1C|3C|5C|7C|9C", OXL_OPTION_CHOICE, FIELD(synth.water), 0, 10, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "Jerlov's water type", NULL},
-{"pose-noise", "X", OXL_OPTION_DOUBLE, FIELD(synth.pose_noise), 0, 10, NO_TEXT, OXL_TIER_ADVANCED, IN(SYNTH), "Synthetic survey", "turn exported poses by X degrees, move them by X % of the distance (rms); truth/poses.txt has the true ones", NULL},
-{"noise", "SIGMA", OXL_OPTION_DOUBLE, FIELD(synth.noise), 0, 100, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "sensor noise, standard deviation in 8-bit levels", NULL},
-{"alpha", "METRES", OXL_OPTION_DOUBLE, FIELD(synth.alpha), 0, 2000, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "cut out what lies within so many metres of the centre; images are transparent elsewhere; 0: all", NULL},
-{"points", "N", OXL_OPTION_INT, FIELD(synth.points), 0, 100000000, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "number of sparse points; 0: 400 per view", NULL},
-{"origin", "X,Y,Z", OXL_OPTION_POINT, FIELD(synth.origin), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "world coordinates of the centre, metres", NULL},
-{"seed", "S", OXL_OPTION_SEED, FIELD(synth.seed), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "seed of all random choices", NULL},
-{"no-images", NULL, OXL_OPTION_FLAG, FIELD(no_images), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "write only the COLMAP model, for load tests", NULL},
-{"scale-bar", "ENDS", OXL_OPTION_TEXT, FIELD(bar), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(MEASURE), "Measurement", "ends of the bar: IMG1,X,Y,IMG2,X,Y:IMG1,X,Y,IMG2,X,Y, each end in two or more images; or X,Y,Z:X,Y,Z in the survey's units; several as ENDS=METRES;ENDS=METRES", NULL},
-{"length", "METRES", OXL_OPTION_DOUBLE, FIELD(length), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(MEASURE), "Measurement", "known length of the bar", NULL},
-{"split", "test|train|all", OXL_OPTION_CHOICE, FIELD(split), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(EVAL), "Views", "views to use", NULL},
-{"depth", NULL, OXL_OPTION_FLAG, FIELD(depth), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "also write depth: NAME.depth.png for viewing and NAME.depth.pfm in the survey's unit", NULL},
-{"clear", NULL, OXL_OPTION_FLAG, FIELD(clear), 0, 1, NO_TEXT, OXL_TIER_ADVANCED, IN(RENDER), "Views", "render at mean exposure and without the medium, for models with an imaging.txt beside them", NULL},
-{"ortho", NULL, OXL_OPTION_FLAG, FIELD(ortho), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "render a map instead: the orthomosaic ortho.tif, the heights height.tif, their standard deviation and number of views certainty.tif, all GeoTIFF, and their axes, frame.txt", NULL},
-{"pixel", "SIZE", OXL_OPTION_DOUBLE, FIELD(pixel), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(CLOUD) | IN(COMPARE), "Map", "pixel size in units, in metres with --scale; otherwise what a pixel of the images sees of the ground, in the median; of --mesh, twice that", NULL},
-{"epsg", "CODE", OXL_OPTION_INT, FIELD(epsg), 0, 32766, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD), "Map", "the survey's projected coordinate system, for the GeoTIFF and LAS files, e.g. 32632 for UTM zone 32N", NULL},
-{"gps", NULL, OXL_OPTION_FLAG, FIELD(gps), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD), "Map", "write coordinates in metres (UTM) with z up, fitted to the GPS positions in the photos' EXIF data", NULL},
-{"min-views", "N", OXL_OPTION_INT, FIELD(min_views), 1, 1000, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD), "Map", "number of training views that must have seen a place; other places are transparent, without height and in no cloud", NULL},
-{"polygon", "X,Y;X,Y;...", OXL_OPTION_TEXT, FIELD(polygon), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(COMPARE), "Map", "compare within these corners alone, in the map's coordinates", NULL},
-{"mesh", NULL, OXL_OPTION_FLAG, FIELD(mesh), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(CLOUD), "Map", "write triangles instead of points", NULL},
-{"smooth", "N", OXL_OPTION_INT, FIELD(smooth), 0, 1000, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Map", "passes that smooth the heights within their certainty and keep edges", NULL},
-{"frame", "auto|world|survey", OXL_OPTION_CHOICE, FIELD(frame), 0, 2, NO_TEXT, OXL_TIER_ADVANCED, IN(RENDER) | IN(COMPARE), "Map", "axes: the world's x and y, seen along z, or the survey's principal axes; auto: the world's where its z is up", NULL},
-{"flight", "none|orbit|survey", OXL_OPTION_CHOICE, FIELD(flight), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "render the frames of a flight instead, around the centre or along the cameras: frame_00000.png, ...", "path"},
-{"frames", "N", OXL_OPTION_INT, FIELD(frames), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "number of frames of the flight", NULL},
-{"scale", "METRES", OXL_OPTION_DOUBLE, FIELD(scale), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD) | IN(CONVERT) | IN(REPORT), "Views", "metres per unit of the survey, as printed by measure: depths, heights, positions, models and the report's lengths get metres", NULL},
-{"o", "FOLDER", OXL_OPTION_TEXT, FIELD(out), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN) | IN(RENDER) | IN(CLOUD) | IN(COMPARE) | IN(SYNTH) | IN(PARTITION) | STUDIES, "Program", "output folder, created if missing; of cloud: the file", NULL},
-{"json", NULL, OXL_OPTION_FLAG, FIELD(json), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN) | IN(CHECK) | IN(EVAL) | IN(INFO), "Program", "print results on standard output as JSON", NULL},
-{"quality", NULL, OXL_OPTION_FLAG, FIELD(quality), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(CHECK), "Program", "read every image, and name those that are more blurred, darker or brighter than their neighbours", NULL},
-{"control", "FILE", OXL_OPTION_TEXT, FIELD(control), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(CHECK), "Program", "also compare control points with the places where the cameras see them; a line is NAME,X,Y,Z,IMG,X,Y,IMG,X,Y: world coordinates, and pixels in two images or more", NULL},
-{"dry-run", NULL, OXL_OPTION_FLAG, FIELD(dry_run), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN), "Program", "check the survey, the options and OUT, print predicted time and memory, write nothing", NULL},
-{"progress", "text|json", OXL_OPTION_CHOICE, FIELD(progress_json), 0, 1, NO_TEXT, OXL_TIER_ADVANCED, IN(TRAIN) | IN(MERGE), "Program", "form of progress on standard error; json: JSON lines, {\"event\": \"progress\" or \"log\", ...}", NULL},
-{"backend", "cpu|auto|vulkan", OXL_OPTION_CHOICE, FIELD(backend), 0, 2, NO_TEXT, OXL_TIER_ADVANCED, DRAWS, "Program", "device that renders and trains; vulkan: in builds with make VULKAN=1; auto: a GPU if there is one", NULL},
-{"device", "best|N", OXL_OPTION_INT, FIELD(device), 0, 2147483647, NO_TEXT, OXL_TIER_ADVANCED, DRAWS, "Program", "index of the device in the list of info --devices, from 0", NULL},
-{"devices", NULL, OXL_OPTION_FLAG, FIELD(devices), 0, 1, NO_TEXT, OXL_TIER_ADVANCED, IN(INFO), "Program", "list the Vulkan devices instead; no FILE", NULL},
-{"threads", "all|T", OXL_OPTION_INT, FIELD(threads), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, EVERYWHERE, "Program", "number of threads; the result does not depend on it", NULL},
-{"quiet", NULL, OXL_OPTION_FLAG, FIELD(quiet), 0, 1, NO_TEXT, OXL_TIER_BASIC, EVERYWHERE, "Program", "print only warnings and errors", NULL},
-{"verbose", NULL, OXL_OPTION_FLAG, FIELD(verbose), 0, 1, NO_TEXT, OXL_TIER_BASIC, EVERYWHERE, "Program", "also print the evidence of each decision, which run.json and the report have", NULL},
-{"help", "[all]", OXL_OPTION_TEXT, FIELD(help), 0, 0, NO_TEXT, OXL_TIER_BASIC, EVERYWHERE, "Program", "print this text; all: with advanced and expert options", NULL},
+/* name, value, kind, field, lowest, highest, tier, commands, group, help */
+ROW("rows", "NAME,NAME...", TEXT, rows, 0, 0, BASIC, IN(ABLATE) | IN(TRADEOFF), "Study", "rows to train; otherwise, ablate: 3dgs,v1,v2,v1-count,v3,v4,oceanxl,v3-bytes, each control after its row; tradeoff: all, compared with the base"),
+ROW("seeds", "N", INT, seeds, 1, CLI_SEEDS, BASIC, STUDIES, "Study", "train each row with seeds 1 to N"),
+ROW("budget", "TIME", SECONDS, budget, 0.001, MOST, BASIC, IN(TRADEOFF) | IN(RESULTS), "Study", "time for all rows, e.g. 90s, 20m or 8h; otherwise 20m, of results 10m"),
+ROW("views", "N", INT, synth.views, 2, 1000000, BASIC, IN(SYNTH), "Synthetic survey", "number of images"),
+ROW("size", "WxH", SIZE, synth.width, 16, 8192, BASIC, IN(SYNTH), "Synthetic survey", "size of an image, 16 to 8192 px a side"),
+ROW("path", "lawnmower|orbit|forward", CHOICE, synth.path, 0, 2, BASIC, IN(SYNTH), "Synthetic survey", "camera path; forward: one line, looking ahead and down"),
+ROW("layout", "colmap|nerf|llff", CHOICE, synth.layout, 0, 2, BASIC, IN(SYNTH), "Synthetic survey", "files as COLMAP, NeRF synthetic or LLFF has them"),
+ROW("extent", "METRES", DOUBLE, synth.extent, 0, 2000, BASIC, IN(SYNTH), "Synthetic survey", "side of the area, or diameter of the orbit; 0: as the overlap requires"),
+ROW("exposure-jitter", "STOPS", DOUBLE, synth.exposure_jitter, 0, 4, BASIC, IN(SYNTH), "Synthetic survey", "largest change of the images' brightness along the path"),
+ROW("lamp", "POWER", DOUBLE, synth.lamp, 0, 2, BASIC, IN(SYNTH), "Synthetic survey", "a lamp at the camera that falls off with this power of the range; otherwise none"),
+ROW("backscatter", "FRACTION", DOUBLE, synth.backscatter, 0, 1, BASIC, IN(SYNTH), "Synthetic survey", "largest backscatter of --lamp, as a fraction of full white"),
+ROW("sand-contrast", "FRACTION", DOUBLE, synth.sand_contrast, 0, 1, BASIC, IN(SYNTH), "Synthetic survey", "contrast of bare sand, as a fraction of its own; below 1 it is dark and has few points"),
+ROW("stereo", "METRES", DOUBLE, synth.stereo, 0, 10, BASIC, IN(SYNTH), "Synthetic survey", "distance of two cameras that take the images in pairs; 0: one camera"),
+ROW("change", "none|light|all", CHOICE, synth.change, 0, 2, BASIC, IN(SYNTH), "Synthetic survey", "a second dive to the place of the same seed, with other cameras, sun and noise; all: a mound is heaped up and a stone taken away (truth/change.txt)"),
+ROW("water", "none|I|IA|IB|II|III|1C|3C|5C|7C|9C", CHOICE, synth.water, 0, 10, BASIC, IN(SYNTH), "Synthetic survey", "Jerlov's water type"),
+ROW("pose-noise", "X", DOUBLE, synth.pose_noise, 0, 10, ADVANCED, IN(SYNTH), "Synthetic survey", "turn exported poses by X degrees, move them by X % of the distance (rms); truth/poses.txt has the true ones"),
+ROW("noise", "SIGMA", DOUBLE, synth.noise, 0, 100, BASIC, IN(SYNTH), "Synthetic survey", "sensor noise, standard deviation in 8-bit levels"),
+ROW("alpha", "METRES", DOUBLE, synth.alpha, 0, 2000, BASIC, IN(SYNTH), "Synthetic survey", "cut out what lies within so many metres of the centre; images are transparent elsewhere; 0: all"),
+ROW("points", "N", INT, synth.points, 0, 100000000, BASIC, IN(SYNTH), "Synthetic survey", "number of sparse points; 0: 400 per view"),
+ROW("origin", "X,Y,Z", POINT, synth.origin, 0, 0, BASIC, IN(SYNTH), "Synthetic survey", "world coordinates of the centre, metres"),
+ROW("seed", "S", SEED, synth.seed, 0, 0, BASIC, IN(SYNTH), "Synthetic survey", "seed of all random choices"),
+ROW("no-images", NULL, FLAG, no_images, 0, 1, BASIC, IN(SYNTH), "Synthetic survey", "write only the COLMAP model, for load tests"),
+ROW("scale-bar", "ENDS", TEXT, bar, 0, 0, BASIC, IN(MEASURE), "Measurement", "ends of the bar: IMG1,X,Y,IMG2,X,Y:IMG1,X,Y,IMG2,X,Y, each end in two or more images; or X,Y,Z:X,Y,Z in the survey's units; several as ENDS=METRES;ENDS=METRES"),
+ROW("length", "METRES", DOUBLE, length, LEAST, MOST, BASIC, IN(MEASURE), "Measurement", "known length of the bar"),
+ROW("split", "test|train|all", CHOICE, split, 0, 2, BASIC, IN(RENDER) | IN(EVAL), "Views", "views to use"),
+ROW("depth", NULL, FLAG, depth, 0, 1, BASIC, IN(RENDER), "Views", "also write depth: NAME.depth.png for viewing and NAME.depth.pfm in the survey's unit"),
+ROW("clear", NULL, FLAG, clear, 0, 1, ADVANCED, IN(RENDER), "Views", "render at mean exposure and without the medium, for models with an imaging.txt beside them"),
+ROW("ortho", NULL, FLAG, ortho, 0, 1, BASIC, IN(RENDER), "Views", "render a map instead: the orthomosaic ortho.tif, the heights height.tif, their standard deviation and number of views certainty.tif, all GeoTIFF, and their axes, frame.txt"),
+ROW("pixel", "SIZE", DOUBLE, pixel, LEAST, MOST, BASIC, IN(RENDER) | IN(CLOUD) | IN(COMPARE), "Map", "pixel size in units, in metres with --scale; otherwise what a pixel of the images sees of the ground, in the median; of --mesh, twice that"),
+ROW("epsg", "CODE", INT, epsg, 0, 32766, BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD), "Map", "the survey's projected coordinate system, for the GeoTIFF and LAS files, e.g. 32632 for UTM zone 32N"),
+ROW("gps", NULL, FLAG, gps, 0, 1, BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD), "Map", "write coordinates in metres (UTM) with z up, fitted to the GPS positions in the photos' EXIF data"),
+ROW("min-views", "N", INT, min_views, 1, 1000, BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD), "Map", "number of training views that must have seen a place; other places are transparent, without height and in no cloud"),
+ROW("polygon", "X,Y;X,Y;...", TEXT, polygon, 0, 0, BASIC, IN(COMPARE), "Map", "compare within these corners alone, in the map's coordinates"),
+ROW("mesh", NULL, FLAG, mesh, 0, 1, BASIC, IN(CLOUD), "Map", "write triangles instead of points"),
+ROW("smooth", "N", INT, smooth, 0, 1000, BASIC, IN(RENDER), "Map", "passes that smooth the heights within their certainty and keep edges"),
+ROW("frame", "auto|world|survey", CHOICE, frame, 0, 2, ADVANCED, IN(RENDER) | IN(COMPARE), "Map", "axes: the world's x and y, seen along z, or the survey's principal axes; auto: the world's where its z is up"),
+ROW("flight", "none|orbit|survey", CHOICE, flight, 0, 2, BASIC, IN(RENDER), "Views", "render the frames of a flight instead, around the centre or along the cameras: frame_00000.png, ..."),
+ROW("frames", "N", INT, frames, 0, 2147483647, BASIC, IN(RENDER), "Views", "number of frames of the flight"),
+ROW("scale", "METRES", DOUBLE, scale, LEAST, MOST, BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD) | IN(CONVERT) | IN(REPORT), "Views", "metres per unit of the survey, as printed by measure: depths, heights, positions, models and the report's lengths get metres"),
+ROW("o", "FOLDER", TEXT, out, 0, 0, BASIC, IN(TRAIN) | IN(RENDER) | IN(CLOUD) | IN(COMPARE) | IN(SYNTH) | IN(PARTITION) | STUDIES, "Program", "output folder, created if missing; of cloud: the file"),
+ROW("json", NULL, FLAG, json, 0, 1, BASIC, IN(TRAIN) | IN(CHECK) | IN(EVAL) | IN(INFO), "Program", "print results on standard output as JSON"),
+ROW("quality", NULL, FLAG, quality, 0, 1, BASIC, IN(CHECK), "Program", "read every image, and name those that are more blurred, darker or brighter than their neighbours"),
+ROW("control", "FILE", TEXT, control, 0, 0, BASIC, IN(CHECK), "Program", "also compare control points with the places where the cameras see them; a line is NAME,X,Y,Z,IMG,X,Y,IMG,X,Y: world coordinates, and pixels in two images or more"),
+ROW("dry-run", NULL, FLAG, dry_run, 0, 1, BASIC, IN(TRAIN), "Program", "check the survey, the options and OUT, print predicted time and memory, write nothing"),
+ROW("progress", "text|json", CHOICE, progress_json, 0, 1, ADVANCED, IN(TRAIN) | IN(MERGE), "Program", "form of progress on standard error; json: JSON lines, {\"event\": \"progress\" or \"log\", ...}"),
+ROW("backend", "cpu|auto|vulkan", CHOICE, backend, 0, 2, ADVANCED, DRAWS, "Program", "device that renders and trains; vulkan: in builds with make VULKAN=1; auto: a GPU if there is one"),
+ROW("device", "best|N", INT, device, 0, 2147483647, ADVANCED, DRAWS, "Program", "index of the device in the list of info --devices, from 0"),
+ROW("devices", NULL, FLAG, devices, 0, 1, ADVANCED, IN(INFO), "Program", "list the Vulkan devices instead; no FILE"),
+ROW("threads", "all|T", INT, threads, 0, 2147483647, BASIC, EVERYWHERE, "Program", "number of threads; the result does not depend on it"),
+ROW("quiet", NULL, FLAG, quiet, 0, 1, BASIC, EVERYWHERE, "Program", "print only warnings and errors"),
+ROW("verbose", NULL, FLAG, verbose, 0, 1, BASIC, EVERYWHERE, "Program", "also print the evidence of each decision, which run.json and the report have"),
+ROW("help", "[all]", TEXT, help, 0, 0, BASIC, EVERYWHERE, "Program", "print this text; all: with advanced and expert options"),
 };
 /* clang-format on */
-#undef NO_TEXT
 #undef LEAST
 #undef MOST
-#undef FIELD
 
 struct arguments arguments_default(void)
 {

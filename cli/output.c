@@ -261,40 +261,24 @@ int output_save(struct output *t, const char *path)
 
 /* ---------------- what a terminal shows */
 
-/* Returns the number of bytes of the UTF-8 character at s; 0: it is none. Overlong characters and those past
- * U+10FFFF count as characters, except where their first byte alone gives them away. */
-static size_t print_character(const unsigned char *s)
+/* Returns how many bytes of a character that moves the cursor, or changes the terminal or the order in which it shows
+ * characters, stand at s; 0: another. */
+static size_t print_controls(const unsigned char *s)
 {
-    const size_t size = s[0] < 0x80   ? 1
-                        : s[0] < 0xC2 ? 0
-                        : s[0] < 0xE0 ? 2
-                        : s[0] < 0xF0 ? 3
-                        : s[0] < 0xF5 ? 4
-                                      : 0;
-    for (size_t i = 1; i < size; i++)
-        if ((s[i] & 0xC0) != 0x80) return 0;
-    return size;
-}
-
-/* Returns 1 if a character moves the cursor, or changes the terminal or the order in
- * which it shows characters. */
-static int print_controls(const unsigned char *s, size_t size)
-{
-    if (size == 1) return (s[0] < ' ' && s[0] != '\n' && s[0] != '\t') || s[0] == 0x7F;
-    if (size == 2) return s[0] == 0xC2 && s[1] < 0xA0;
-    return size == 3 && s[0] == 0xE2 &&
-           ((s[1] == 0x80 && s[2] >= 0xAA && s[2] <= 0xAE) || (s[1] == 0x81 && s[2] >= 0xA6 && s[2] <= 0xA9));
+    if (s[0] < ' ' || s[0] == 0x7F) return s[0] != '\n' && s[0] != '\t';
+    if (s[0] == 0xC2 && s[1] >= 0x80 && s[1] < 0xA0) return 2;
+    return s[0] == 0xE2 && ((s[1] == 0x80 && s[2] >= 0xAA && s[2] <= 0xAE) ||
+                            (s[1] == 0x81 && s[2] >= 0xA6 && s[2] <= 0xA9))
+               ? 3
+               : 0;
 }
 
 void print_text(FILE *to, const char *text)
 {
-    const unsigned char *s = (const unsigned char *)text;
-    while (*s) {
-        const size_t size = print_character(s), bytes = size ? size : 1;
-        const int is_clean = size && !print_controls(s, size);
-        if (is_clean) fwrite(s, 1, bytes, to);
-        for (size_t i = 0; i < bytes && !is_clean; i++) fprintf(to, "\\x%02x", s[i]);
-        s += bytes;
+    for (const unsigned char *s = (const unsigned char *)text; *s;) {
+        const size_t bytes = print_controls(s);
+        if (!bytes) fputc(*s++, to);
+        for (const unsigned char *end = s + bytes; s < end; s++) fprintf(to, "\\x%02x", *s);
     }
 }
 

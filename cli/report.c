@@ -337,22 +337,18 @@ static void report_survey(struct report *r)
 
 /* ---------------- to repeat it */
 
-/* Adds the options that differ from the preset's; of_survey: only those that eval and render need too,
- * to have the same images. */
-static void report_options(struct report *r, int of_survey)
+/* Adds the options that differ from the preset's. */
+static void report_options(struct report *r)
 {
-    const unsigned uses = OXL_OPTION_OF_SURVEY | OXL_OPTION_OF_TRAINING | OXL_OPTION_OF_RESULT,
-                   wanted = OXL_OPTION_OF_SURVEY | OXL_OPTION_OF_RESULT;
     oxl_job_options fresh = oxl_job_options_default(OXL_PRESET_DRAFT);
     oxl_option_set(oxl_option_at(0), &fresh, r->options.preset ? r->options.preset : "", NULL, 0);
     fresh.seed = 1;
-    if (!of_survey) output_add(&r->page, " --preset %s", fresh.preset);
+    output_add(&r->page, " --preset %s", fresh.preset);
     for (int i = 1; i < oxl_option_count(); i++) {
         const oxl_option *o = oxl_option_at(i);
         char member[40], usual[4096], seen[4096];
         oxl_option_get(o, &r->options, seen, sizeof seen);
         if ((o->kind != OXL_OPTION_TEXT && !oxl_json_member(r->job, oxl_option_member(o, member))) ||
-            (of_survey && (o->use & uses) != wanted) ||
             strcmp(seen, oxl_option_get(o, &fresh, usual, sizeof usual)) == 0)
             continue;
         output_add(&r->page, " --%s", o->name);
@@ -371,15 +367,14 @@ static void report_reproduction(struct report *r)
         "any number of threads.</p>\n<pre>oceanxl train %S",
         PRINT_WORD(scene));
     output_add(t, " -o %S", PRINT_WORD(r->out));
-    report_options(r, 0);
+    report_options(r);
     output_add(t, "\noceanxl eval %S/scene.ply", PRINT_WORD(r->out));
-    output_add(t, " %S", PRINT_WORD(scene));
-    report_options(r, 1);
-    output_add(t,
-               "\n</pre>\n<p><small>OceanXL %J, %s threads, instruction set %J. All options are in run.json."
-               "</small></p>\n</section>\n",
-               oxl_json_member(r->run, "oceanxl"), OUTPUT_COUNT(oxl_json_number(r->run, "threads")),
-               oxl_json_member(r->run, "instructions"));
+    output_add(
+        t,
+        " %S\n</pre>\n<p><small>OceanXL %J, %s threads, instruction set %J. All options are in run.json."
+        "</small></p>\n</section>\n",
+        PRINT_WORD(scene), oxl_json_member(r->run, "oceanxl"),
+        OUTPUT_COUNT(oxl_json_number(r->run, "threads")), oxl_json_member(r->run, "instructions"));
 }
 
 /* ---------------- the page */

@@ -16,7 +16,7 @@
 #define SCALE_MISS 0.03
 #define SCALE_LEFT 0.03 /* Warns from a residual of this fraction of a bar's length on. */
 
-enum { SCALE_BARS = 100 };
+enum { SCALE_BARS = 100, SCALE_RAYS = 64 };
 
 struct scale_bar {
     double end[2][3], miss[2];
@@ -70,45 +70,32 @@ static oxl_result scale_fail(oxl_context *ctx, const char *what, const char *tex
         what, (int)(length < 200 ? length : 200), text);
 }
 
-static int scale_comma(const char **at, const char *end)
-{
-    if (*at >= end || **at != ',') return 0;
-    ++*at;
-    return 1;
-}
-
 /* Takes three numbers alone as X,Y,Z, even if an image has a number for a name: a place in
  * images needs two of them. */
 oxl_result scale_place(oxl_context *ctx, const oxl_scene *scene, const char *text, size_t length,
                        double out[3], double *miss, double *distance)
 {
     struct scale_end e = {{{0}}, {0}, 0};
-    const char *end = text + length, *at = text;
-    double ray[64][6];
-    for (int k = 0; k < 3; k++) {
-        out[k] = oxl_json_number_at(&at);
-        if (isnan(out[k]) || (k < 2 && !scale_comma(&at, end))) break;
-        if (k == 2 && at == end) {
-            for (int i = 0; i < 3; i++) out[i] -= oxl_scene_origin(scene)[i];
-            *miss = *distance = 0;
-            return OXL_OK;
-        }
+    double ray[SCALE_RAYS][6], pixel[2];
+    int used = 0;
+    if (sscanf(text, "%lf,%lf,%lf%n", &out[0], &out[1], &out[2], &used) == 3 && (size_t)used == length) {
+        for (int i = 0; i < 3; i++) out[i] -= oxl_scene_origin(scene)[i];
+        *miss = *distance = 0;
+        return OXL_OK;
     }
-    for (at = text; at < end && e.rays < 64;) {
+    for (const char *at = text; at < text + length && e.rays < SCALE_RAYS; at += used) {
         const size_t name = strcspn(at, ",:");
         const int view = scale_view(scene, at, name);
-        double pixel[2], *r = ray[e.rays];
+        double *r = ray[e.rays];
         oxl_result rc;
         if (view < 0) return scale_fail(ctx, "no image is called", at, name);
         at += name;
-        for (int k = 0; k < 2; k++) {
-            pixel[k] = scale_comma(&at, end) ? oxl_json_number_at(&at) : NAN;
-            if (isnan(pixel[k])) return scale_fail(ctx, "a pixel is expected in", text, length);
-        }
+        if (sscanf(at, ",%lf,%lf%n", &pixel[0], &pixel[1], &used) != 2)
+            return scale_fail(ctx, "a pixel is expected in", text, length);
         rc = oxl_scene_ray(ctx, scene, view, pixel[0], pixel[1], r, r + 3);
         if (rc != OXL_OK) return rc;
         scale_add_ray(&e, r, r + 3);
-        if (at < end && !scale_comma(&at, end))
+        if (at + used < text + length && at[used++] != ',')
             return scale_fail(ctx, "a comma is expected in", text, length);
     }
     if (e.rays < 2 || !scale_solve(&e, out))
@@ -173,29 +160,13 @@ static oxl_result scale_check(oxl_context *ctx, const struct scale_bar *b)
     return OXL_OK;
 }
 
-/* Returns the diagonal, seen from above, of the box of the points without the outermost; 0: not known. */
-static double scale_survey_size(const oxl_scene *scene)
-{
-    struct frame f;
-    double low[2], high[2];
-    if (oxl_scene_point_count(scene) < 3) return 0;
-    frame_choose(scene, FRAME_AUTO, &f);
-    if (!frame_bounds(&f, scene, low, high)) return 0;
-    return sqrt((high[0] - low[0]) * (high[0] - low[0]) + (high[1] - low[1]) * (high[1] - low[1]));
-}
-
-static void scale_print(const oxl_scene *scene, const struct scale_bar *b, double survey, FILE *to)
+static void scale_print(const oxl_scene *scene, const struct scale_bar *b, FILE *to)
 {
     const double *origin = oxl_scene_origin(scene);
     for (int i = 0; i < 2; i++)
         fprintf(to, "end %d     %.6f %.6f %.6f, its rays miss it by at most %.3g units\n", i + 1,
                 b->end[i][0] + origin[0], b->end[i][1] + origin[1], b->end[i][2] + origin[2], b->miss[i]);
     fprintf(to, "distance  %.9g units\n", b->units);
-    if (survey > 0 && b->units > survey)
-        fprintf(to,
-                "warning   the survey is only %.3g units long: an end may be marked in the wrong "
-                "place\n",
-                survey);
 }
 
 /* Fits the scale to all bars of known length by least squares, and prints it, and what it leaves of each
@@ -224,7 +195,6 @@ static void scale_print_fit(const struct scale_bar *bar, int count, FILE *to)
 oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bars, double length, FILE *to)
 {
     struct scale_bar bar[SCALE_BARS];
-    const double survey = scale_survey_size(scene);
     oxl_result rc = OXL_OK;
     int count = 0;
     for (const char *at = bars; rc == OXL_OK && *at; at += *at == ';') {
@@ -236,7 +206,7 @@ oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *b
         at += size;
     }
     if (rc != OXL_OK) return rc;
-    for (int i = 0; i < count; i++) scale_print(scene, &bar[i], survey, to);
+    for (int i = 0; i < count; i++) scale_print(scene, &bar[i], to);
     scale_print_fit(bar, count, to);
     return OXL_OK;
 }

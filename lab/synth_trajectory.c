@@ -100,7 +100,8 @@ static void trajectory_forward(const synth_options *o, int i, struct synth_camer
                  pitch = FORWARD_PITCH * degree + trajectory_waver(o, i, 1, 2 * degree);
     double along;
     trajectory_leg(o, 1, i, &along);
-    c->centre = v3_of(FORWARD_ASIDE + trajectory_waver(o, i, 2, 0.15), length * along + trajectory_waver(o, i, 3, 0.03),
+    c->centre = v3_of(FORWARD_ASIDE + trajectory_waver(o, i, 2, 0.15),
+                      length * along + trajectory_waver(o, i, 3, 0.03),
                       FORWARD_HEIGHT + trajectory_waver(o, i, 4, 0.1));
     trajectory_look(o, i, v3_of(sin(heading), cos(heading), 0), cos(pitch), sin(pitch), v3_of(0, 0, 1), c);
 }

@@ -306,7 +306,7 @@ promise eval_of_the_folder_and_of_scene_ply_agree_with_metrics_json 0 "" sh -c \
 mkdir -p quoted && cp out/scene.ply quoted/ && printf '%s\n' 'lamp 1 a"b\c.png' >quoted/imaging.txt
 promise info_escapes_names_of_imaging_txt 0 '"imaging": ["lamp 1 a\"b\\c.png"]' on_stdout "$program" info quoted/scene.ply --json
 promise info_lists_what_imaging_txt_has 0 "Binf " on_stdout "$program" info lit/scene_clear.ply
-promise convert_on_a_full_disk_fails_and_leaves_no_part_of_imaging 1 "few/to/imaging.txt: the model is written" full_disk
+promise convert_on_a_full_disk_fails_and_leaves_no_part_of_imaging 1 "few/to/imaging.txt, the gains" full_disk
 promise control_characters_of_names_are_shown_as_numbers 0 'x1b]0;owned\x07' escapes
 promise resume_line_can_be_copied_whatever_the_names_are 130 "oceanxl train 'a b;touch x' -o 'o'\\''o'" \
     ctrl_c sh -c "ln -sfn survey 'a b;touch x'; exec '$program' train 'a b;touch x' -o \"o'o\" --iterations 300000"

@@ -144,7 +144,6 @@ TEST(report_of_blocks_has_curves_decisions_and_the_command)
     CHECK_TEXT(page,
                "oceanxl train &#39;no &lt;where&gt; &amp; &#39;\\&#39;&#39;here&#39;\\&#39;&#39;&#39; -o ");
     report_test_command(page);
-    CHECK_TEXT(page, "&#39; --masks &#39;m &amp; n&#39;\n</pre>"); /* of eval: no option of training */
     free(page);
 }
 

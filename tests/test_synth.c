@@ -311,8 +311,8 @@ TEST(synth_writes_the_same_bytes_with_one_and_three_threads_and_others_with_anot
 
 TEST(synth_refuses_invalid_options_and_to_replace_what_is_not_its_own)
 {
-    static const char *const others[] = {"dive/sparse/0/images.txt", "photos/images/a.png", "a/transforms.json",
-                                         "b/cameras.bin", "c/truth/points.txt"};
+    static const char *const others[] = {"dive/sparse/0/images.txt", "photos/images/a.png",
+                                         "a/transforms.json", "b/cameras.bin", "c/truth/points.txt"};
     synth_options o = synth_test_options("survey");
     o.backscatter = 0.5;
     CHECK_ERROR(synth_run(test_ctx, &o), OXL_ERR_USAGE, "--lamp 1");
