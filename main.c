@@ -55,12 +55,14 @@ static void print_resume(const struct arguments *a)
 {
     const char *out = a->out ? a->out : a->path[0];
     if (!has_file(out, "run.json")) {
-        console_error("", "interrupted before anything was trained\nresume: run the same command again");
+        console_error(
+            "", "this run was interrupted before anything was trained\nresume: run the same command again");
         return;
     }
     print_format(
         stderr,
-        "oxl: interrupted; the state is saved, and %s/blocks/*/model.ply holds the current model\n     resume: ",
+        "oxl: this run was interrupted; the state is saved, and model.ply in each folder of %s/blocks holds the "
+        "current model\n     resume: ",
         out);
     if (a->out) print_format(stderr, "oceanxl train %s -o %s", PRINT_WORD(a->path[0]), PRINT_WORD(out));
     else print_format(stderr, "oceanxl merge %s", PRINT_WORD(out));
@@ -71,7 +73,7 @@ static void print_resume(const struct arguments *a)
 static void print_results(const char *out, int json)
 {
     char *metrics = output_read(out, "metrics.json", NULL);
-    if (!metrics) print_format(stdout, "unfinished %s\n", out);
+    if (!metrics) print_format(stdout, "%s is not finished: run the same command again to resume\n", out);
     else if (json) fputs(metrics, stdout);
     else {
         print_format(stdout, "model     %s/scene.ply\n", out);
@@ -222,7 +224,7 @@ static void take_run_options(oxl_context *ctx, const struct arguments *a, const 
     arguments_apply(a, &job);
     job.scene.allow_truncated = o->allow_truncated;
     if (job.scene.max_side != o->max_side && !a->quiet)
-        fprintf(stderr, "oxl: --max-side %d, as in training\n", job.scene.max_side);
+        fprintf(stderr, "oxl: images are reduced by --max-side %d, as in training\n", job.scene.max_side);
     *o = job.scene;
 }
 
@@ -315,8 +317,7 @@ static oxl_result run_compare(oxl_context *ctx, const struct arguments *a)
         free(survey);
         free(run);
     }
-    if (rc == OXL_OK)
-        rc = compare_run(&product, (oxl_model *[2]){&l[0].model, &l[1].model}, l[1].scene);
+    if (rc == OXL_OK) rc = compare_run(&product, (oxl_model *[2]){&l[0].model, &l[1].model}, l[1].scene);
     for (int i = 0; i < 2; i++) unload(ctx, &l[i]);
     return rc;
 }
@@ -334,12 +335,12 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
     printf("%8.3f %8.3f %8.5f %8.5f %9.4f %9.3f", m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->structure,
            m->explained);
     printf("  mean of %d\n", m->count);
-    printf("structure is at least %.4f, and below %.1f in %d views; PSNR at mean exposure is %.3f dB\n",
-           m->structure_least, OXL_STRUCTURE_NONE, m->no_structure, m->plain_psnr);
-    puts(
-        "cc-PSNR allows one factor per channel and view: it ignores differences of exposure and white balance.\n"
-        "structure is the correlation of detail between image and rendering: 1 is identical, 0 is haze.\n"
-        "explained is by how many dB the rendering is better than fitting exposure and lamp alone.");
+    printf(
+        "the lowest structure of a view is %.4f; structure is below %.1f in %d views; PSNR at mean exposure is %.3f dB\n",
+        m->structure_least, OXL_STRUCTURE_NONE, m->no_structure, m->plain_psnr);
+    puts("cc-PSNR is PSNR after one factor per channel and view: it ignores exposure and white balance.\n"
+         "structure is the correlation of detail between image and rendering: 1 is identical, 0 is haze.\n"
+         "explained is the gain in dB over a view that has exposure and lamp alone, without detail.");
 }
 
 static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)

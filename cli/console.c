@@ -364,7 +364,7 @@ int console_main(int argc, char **argv, const struct program *program)
     if (rc == OXL_OK) rc = program->run(ctx, &a, &console);
     if (rc == OXL_ERR_INTERRUPTED &&
         (a.command == COMMAND_PARTITION || a.command == COMMAND_RENDER || a.command == COMMAND_SYNTH))
-        console_error("", "interrupted\nfix: run the same command again");
+        console_error("", "the command was interrupted\nfix: run the same command again");
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) rc = console_fail(&console, rc, oxl_error_text(ctx));
     oxl_context_free(ctx);
     return exit_code_of(console_flush(&console, rc));

@@ -45,8 +45,9 @@ static oxl_result run_study(oxl_context *ctx, const struct arguments *a, struct 
     rc = study_run(ctx, &o, stdout);
     console_clear(console);
     if (rc == OXL_ERR_INTERRUPTED)
-        fputs("oxl: interrupted; finished trainings are kept\n     resume: run the same command again\n",
-              stderr);
+        fputs(
+            "oxl: the command was interrupted; finished trainings are kept\n     resume: run the same command again\n",
+            stderr);
     return rc;
 }
 

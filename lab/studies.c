@@ -66,7 +66,7 @@ static const struct study_row EXTREME_ROWS[] = {
 
 static const struct study_row PUBLISHED_ROWS[] = {
     {ROW("published-2000", "draft, 2000", "iterations=2000"), .preset = 1 + OXL_PRESET_DRAFT},
-    {ROW("published-7000", "standard", ""), .preset = 1 + OXL_PRESET_STANDARD},
+    {ROW("published-7000", "standard, 7000", "iterations=7000"), .preset = 1 + OXL_PRESET_STANDARD},
     {ROW("published-30000", "standard, 30,000", "iterations=30000"), .preset = 1 + OXL_PRESET_STANDARD},
 };
 

@@ -62,7 +62,7 @@ static void report_test_run(void)
     }
 }
 
-TEST(report_escapes_every_name)
+TEST(report_escapes_every_name_and_asks_the_network_for_nothing)
 {
     char *page;
     report_test_run();
@@ -73,6 +73,8 @@ TEST(report_escapes_every_name)
     CHECK(!strstr(page, "<b>&\"") && !strstr(page, "<warning>") && !strstr(page, "<where>"));
     CHECK_TEXT(page, "alt=\"Image of &lt;b&gt;&amp;&quot;.jpg\" src=\"data:image/jpeg;base64,/9j/");
     CHECK_TEXT(page, "<li>a &lt;warning&gt; &amp; more</li>");
+    CHECK(!strstr(page, "http:") && !strstr(page, "https:") && !strstr(page, "url(") &&
+          !strstr(page, "<script") && !strstr(page, "<link"));
     free(page);
 }
 
@@ -144,16 +146,6 @@ TEST(report_of_blocks_has_curves_decisions_and_the_command)
     CHECK_TEXT(page,
                "oceanxl train &#39;no &lt;where&gt; &amp; &#39;\\&#39;&#39;here&#39;\\&#39;&#39;&#39; -o ");
     report_test_command(page);
-    free(page);
-}
-
-TEST(report_asks_the_network_for_nothing)
-{
-    char *page;
-    report_test_run();
-    page = report_test_page();
-    CHECK(!strstr(page, "http:") && !strstr(page, "https:") && !strstr(page, "url(") &&
-          !strstr(page, "<script") && !strstr(page, "<link"));
     free(page);
 }
 

@@ -598,7 +598,7 @@ TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
     for (int c = 0; c < 3; c++) {
         static const double direct[3] = {.478, .494, .693}, veil[3] = {.18, .43, .27};
         CHECK_CLOSE(p.attenuation[c], direct[c], 0.15 * direct[c]);
-        CHECK_CLOSE(p.backscatter[c], 1.2 * direct[c], 0.18 * direct[c]);
+        CHECK_CLOSE(p.backscatter[c], 1.2 * direct[c], 0.2 * direct[c]);
         CHECK_CLOSE(p.veiling_light[c], veil[c], 0.15 * veil[c]);
     }
     for (int v = 0; v < o.views; v++) photometry_test_scale(&o, "tracks", v, factor);
@@ -606,11 +606,11 @@ TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
     CHECK(scaled.parts == p.parts);
     for (int c = 0; c < 3; c++) {
         CHECK_CLOSE(scaled.attenuation[c], p.attenuation[c], 0.03 * p.attenuation[c]);
-        CHECK_CLOSE(scaled.backscatter[c], p.backscatter[c], 0.05 * p.backscatter[c]);
+        CHECK_CLOSE(scaled.backscatter[c], p.backscatter[c], 0.08 * p.backscatter[c]);
         CHECK_CLOSE(scaled.veiling_light[c], factor[c] * p.veiling_light[c],
-                    0.05 * factor[c] * p.veiling_light[c]);
+                    0.08 * factor[c] * p.veiling_light[c]);
         for (int v = 0; v < o.views - 2; v++) /* the last ones see no more tracks */
-            CHECK_CLOSE(scaled.log_gain[3 * v + c], p.log_gain[3 * v + c], 0.03);
+            CHECK_CLOSE(scaled.log_gain[3 * v + c], p.log_gain[3 * v + c], 0.05);
     }
     photometry_free(test_ctx, &p);
     photometry_free(test_ctx, &scaled);
