@@ -256,7 +256,9 @@ man: $(BUILD)/oceanxl ## docs/oceanxl.1 and docs/OPTIONS.md, from the tables of 
 $(BUILD)/liboceanxl.so: oceanxl.c $(BUILD)/flags
 	$(CC) $(FLAGS) -fPIC -shared -Wl,-soname,liboceanxl.so.0 -MMD -MP -MT $@ -MF $(BUILD)/shared.d $< -o $@ $(LIBS)
 shared: $(BUILD)/liboceanxl.so ## the library for other languages
-python: $(BUILD)/liboceanxl.so ## the library for python/oceanxl.py, whose structs and functions are generated from oceanxl.h
+python: ## the library for python/oceanxl.py, whose structs and functions are generated from oceanxl.h
+	@$(MAKE) --no-print-directory setup
+	@$(MAKE) --no-print-directory $(BUILD)/liboceanxl.so
 	python3 python/generate.py
 
 # What install puts beside the program; versions of the library in one place, oceanxl.h.
