@@ -21,21 +21,20 @@
 #include "src/core/options.c" /* the table of options, parsing and printing */
 
 /* the survey in memory */
-#include "src/survey/camera.c"       /* camera models, undistortion */
-#include "src/survey/image.c"        /* decode, undistort, reduce, mask */
-#include "src/survey/image_header.c" /* size, bits, EXIF orientation */
-#include "src/survey/tracks.c"       /* walks over the observations of points */
-#include "src/survey/robust_stats.c" /* robust statistics: bounds, radius of the cameras, depths */
-#include "src/survey/image_cache.c"  /* decoded images in memory */
-#include "src/survey/image_file.c"   /* decoded images in files */
-#include "src/survey/scene.c"        /* views, points, depths and rays of a scene */
-#include "src/survey/scene_alpha.c"  /* the colour behind a scene */
-#include "src/survey/scene_start.c"  /* points to start from where there are none */
-#include "src/survey/scene_images.c" /* its images and masks */
-#include "src/survey/scene_make.c"   /* a scene from arrays; what is derived from views and points */
-#include "src/survey/pose.c"         /* camera poses beside those of the files */
-#include "src/survey/imaging.c"      /* imaging.txt: exposure gains and medium of a model */
-#include "src/survey/contrast.c"     /* fall of image contrast with depth */
+#include "src/survey/camera.c"        /* camera models, undistortion */
+#include "src/survey/image.c"         /* decode, undistort, reduce, mask */
+#include "src/survey/image_header.c"  /* size, bits, EXIF orientation */
+#include "src/survey/tracks.c"        /* walks over the observations of points */
+#include "src/survey/track_samples.c" /* points in the images that observe them, sampled */
+#include "src/survey/robust_stats.c"  /* robust statistics: bounds, radius of the cameras, depths */
+#include "src/survey/image_file.c"    /* decoded images in files */
+#include "src/survey/scene.c"         /* views, points, depths and rays of a scene */
+#include "src/survey/scene_start.c"   /* points to start from where there are none */
+#include "src/survey/scene_images.c"  /* its images and masks */
+#include "src/survey/scene_make.c"    /* a scene from arrays; what is derived from views and points */
+#include "src/survey/pose.c"          /* camera poses beside those of the files */
+#include "src/survey/imaging.c"       /* imaging.txt: exposure gains and medium of a model */
+#include "src/survey/contrast.c"      /* fall of image contrast with depth */
 #include "src/survey/scene_fixed.c" /* finds the pixels that show the same in all images of a camera, wherever it is */
 #include "src/survey/photometry.c" /* exposure, lamp and medium from the colours of tracks */
 

@@ -121,11 +121,6 @@ float *render_depth_sums(const struct renderer_sums *s, float depth);
 /* src/survey/camera.c */
 double camera_atan(double x);
 double camera_tan(double x);
-/* src/survey/photometry.c */
-oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scene, struct photometry_work *w,
-                            struct photometry *out);
-void photometry_choose_views(const oxl_scene *scene, const struct colmap *c, struct photometry_work *w);
-void photometry_end(oxl_context *ctx, struct photometry_work *w);
 /* src/survey/robust_stats.c */
 int stats_compare(const void *a, const void *b);
 int stats_is_in_image(const oxl_camera *c, const double p[3]);

@@ -2,6 +2,8 @@
  * masked. */
 #include "test.h"
 
+#include "../src/survey/image_header.h"
+
 static const struct colmap_camera image_pinhole = {.id = 1,
                                                    .model = 1,
                                                    .width = 64,
@@ -593,8 +595,13 @@ TEST(image_with_alpha_is_composited_before_it_is_reduced)
     const char *path = image_with_alpha("alpha.png");
     oxl_camera to = image_camera(16, 12);
     struct training_image image;
-    CHECK(image_has_alpha(path) && !image_has_alpha(image_test_file("p.png", 64, 48)));
-    CHECK(!image_has_alpha("nothing") && !image_has_alpha(test_write("x.png", "\x89PNG")));
+    for (int k = 0; k < 4; k++) {
+        const char *const files[] = {path, image_test_file("p.png", 64, 48), "nothing",
+                                     test_write("x.png", "\x89PNG")};
+        struct image_header header;
+        CHECK_OK(image_read_header(test_ctx, files[k], &header));
+        CHECK(header.has_alpha == (k == 0));
+    }
     CHECK_OK(image_load_training(test_ctx, path, NULL, &over, &image_pinhole, &to, &image));
     CHECK(!image.mask);
     for (int at = 0; at < 3 * 16 * 12; at++) {

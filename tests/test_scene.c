@@ -1,5 +1,4 @@
 /* test_scene.c - surveys as they come: what is found, what is missing, what is wrong with them. */
-#include "../src/survey/scene_alpha.h"
 #include "test.h"
 
 /* A survey of n images (32 x 24 px, img00.png...) that look along z at four points 10 away; the cameras stand

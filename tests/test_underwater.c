@@ -483,25 +483,22 @@ TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
 TEST(photometry_of_more_images_than_it_fits_takes_as_many_of_each_camera_of_a_stereo_pair)
 {
     synth_options o = synth_test_options("pairs");
-    struct photometry_work w = {0};
-    struct photometry out = {0};
+    struct track_samples s;
     oxl_scene_options all = oxl_scene_options_default();
     int of[2] = {0, 0}, last = -1;
     o.views = 260, o.width = 20, o.height = 16, o.points = 50, o.stereo = 0.3, o.water = SYNTH_AIR;
     all.test_every = 0;
     synth_test_make(&o, NULL);
     OWNED_SCENE *scene = test_load("pairs", &all);
-    CHECK_OK(photometry_begin(test_ctx, scene, &w, &out));
-    CHECK((w.lamps = imaging_set_lamps(scene, w.lamp)) == 3);
-    photometry_choose_views(scene, scene_colmap(scene), &w);
-    for (int i = 0; i < w.views; last = w.chosen[i++]) {
-        CHECK(w.chosen[i] > last &&
-              w.view[scene_source_image(scene, w.chosen[i]) - scene_colmap(scene)->image] == i);
-        of[w.lamp_of[i] - 1]++;
+    CHECK_OK(track_samples_take(test_ctx, scene, 100, 3, &s));
+    CHECK(s.lamps == 3);
+    for (int i = 0; i < s.views; last = s.chosen[i++]) {
+        CHECK(s.chosen[i] > last &&
+              s.view[scene_source_image(scene, s.chosen[i]) - scene_colmap(scene)->image] == i);
+        of[s.lamp_of[i] - 1]++;
     }
     CHECK(of[0] == 64 && of[1] == 64 && last >= 256);
-    photometry_end(test_ctx, &w);
-    photometry_free(test_ctx, &out);
+    track_samples_free(test_ctx, &s);
 }
 
 /* The run's first step warns or does not. */

@@ -168,19 +168,6 @@ static int codec_leave_with(int result)
 #pragma GCC diagnostic pop
 #endif
 
-OXL_INTERNAL int codec_read_header(oxl_context *ctx, const void *file, size_t size, int *width, int *height,
-                                   int *channels)
-{
-    CODEC_ENTER(ctx, codec_leave_with(0));
-    return codec_leave_with(stbi_info_from_memory(file, (int)size, width, height, channels));
-}
-
-OXL_INTERNAL int codec_is_16_bit(oxl_context *ctx, const void *file, size_t size)
-{
-    CODEC_ENTER(ctx, codec_leave_with(0));
-    return codec_leave_with(stbi_is_16_bit_from_memory(file, (int)size));
-}
-
 OXL_INTERNAL uint8_t *codec_decode(oxl_context *ctx, const void *file, size_t size, int channels, int *width,
                                    int *height)
 {

@@ -5,11 +5,6 @@
 
 #include "core.h"
 
-/* Reads the size in px and the channels (1 to 4) from the header; returns 0 for a damaged
- * file, see codec_failure. */
-OXL_INTERNAL int codec_read_header(oxl_context *ctx, const void *file, size_t size, int *width, int *height,
-                                   int *channels);
-OXL_INTERNAL int codec_is_16_bit(oxl_context *ctx, const void *file, size_t size);
 /* Decodes to interleaved rows of `channels` (1 to 4); NULL: see codec_failure. Free the result with
  * codec_free. */
 OXL_INTERNAL uint8_t *codec_decode(oxl_context *ctx, const void *file, size_t size, int channels, int *width,

@@ -2,7 +2,6 @@
 #include "evaluate.h"
 #include "../render/render.h"
 #include "../survey/scene.h"
-#include "../survey/scene_alpha.h"
 #include "../survey/survey.h"
 
 /* ---------------- a view as its image was taken */

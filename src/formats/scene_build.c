@@ -6,7 +6,6 @@
  */
 #include "survey_read.h"
 #include "../survey/scene.h"
-#include "../survey/scene_alpha.h"
 #include "../survey/survey.h"
 #include "../survey/tracks.h"
 

@@ -8,6 +8,7 @@
  * Invariant: the decision depends on the survey's files alone.
  */
 #include "survey_read.h"
+#include "../survey/image_header.h"
 #include "../survey/scene.h"
 
 enum {
@@ -67,9 +68,10 @@ OXL_INTERNAL oxl_result scene_decide_alpha(oxl_context *ctx, oxl_scene *scene, o
     oxl_result rc;
     if (!view) return OXL_ERR_MEMORY;
     for (int i = 0; i < scene->view_count; i++) {
-        const char *dot = strrchr(scene->view[i].name, '.');
+        const char *name = scene->view[i].name, *dot = strrchr(name, '.');
+        struct image_header h;
         if ((dot && (dot[1] | 0x20) == 'j') ||
-            !image_has_alpha(PATH(scene->images, "%s", scene->view[i].name)))
+            image_read_header(ctx, PATH(scene->images, "%s", name), &h) != OXL_OK || !h.has_alpha)
             continue;
         scene->transparent++;
         if (!scene->view[i].is_test) view[count++] = i;

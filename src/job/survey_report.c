@@ -6,7 +6,6 @@
 #include "job.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
-#include "../survey/scene_alpha.h"
 #include "../checks/checks.h"
 
 static int survey_is_distorted(const struct colmap *c)

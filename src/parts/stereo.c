@@ -18,7 +18,6 @@
 #include "../core/simd.h"
 #include "../survey/image.h"
 #include "../survey/scene.h"
-#include "../survey/scene_alpha.h"
 #include "../survey/survey.h"
 #include "../train/part.h"
 #include <float.h>

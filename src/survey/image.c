@@ -16,135 +16,19 @@ enum {
     IMAGE_SIDE_MAX = 32768, /* px; a header with a larger side is an error */
     /* samples per side of a pixel when an image is undistorted; 16^2 x 255 x 2^16 fits 32 bits */
     IMAGE_SAMPLES_MAX = 16,
-    IMAGE_FRACTION = 256, /* denominator of bilinear weights */
-    PNG_COLOUR = 25       /* place of the colour type of a PNG; 3: a palette */
+    IMAGE_FRACTION = 256 /* denominator of bilinear weights */
 };
 
 /* ---------------- decode */
 
-static int image_lacks_memory(void)
-{
-    return strcmp(codec_failure(), "outofmem") == 0;
-}
-
-static int image_is_png(const struct os_file_map *file)
-{
-    return file->size > 8 && memcmp(file->data, "\x89PNG\r\n\x1a\n", 8) == 0;
-}
-
-static int image_is_jpeg(const struct os_file_map *file)
-{
-    return file->size > 4 && memcmp(file->data, "\xff\xd8\xff", 3) == 0;
-}
-
-static size_t image_be32(const unsigned char *p)
-{
-    return (size_t)p[0] << 24 | (size_t)p[1] << 16 | (size_t)p[2] << 8 | p[3];
-}
-
-/* Finds an error in the chunks of a PNG; NULL: none. sums: compares the checksums of critical chunks, too,
- * since the decoder does not and damaged data may decode to wrong pixels. IEND may be missing. */
-static const char *image_png_error(const struct os_file_map *file, int sums)
-{
-    const unsigned char *p = (const unsigned char *)file->data + 8, *end = p + file->size - 8;
-    while (image_is_png(file) && end - p >= 12) {
-        const size_t size = image_be32(p);
-        if (size > (size_t)(end - p) - 12) return "it ends too early";
-        if (sums && !(p[4] & 0x20) && codec_png_checksum(p + 4, (int)size + 4) != image_be32(p + 8 + size))
-            return "its checksum does not match";
-        if (!memcmp(p + 4, "IEND", 4)) return NULL;
-        p += 12 + size;
-    }
-    return p == end || !image_is_png(file) ? NULL : "it ends too early";
-}
-
-/* Returns 1 if Huffman tables (ITU T.81 B.2.4.2) fill their segment: each is a class and a number, 16 counts
- * and as many symbols. *tables: gets a bit for each. */
-static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *end, unsigned *tables)
-{
-    while (p < end) {
-        int symbols = 0;
-        *tables |= 1u << ((p[0] >> 4 & 1) << 2 | (p[0] & 3));
-        for (int i = 1; i <= 16 && end - p >= 17; i++) symbols += p[i];
-        if (symbols > 256 || 17 + symbols > end - p) return 0;
-        p += 17 + symbols;
-    }
-    return 1;
-}
-
-/* Returns 1 if a scan's Huffman tables are defined (B.2.3). In a progressive image a scan uses DC or AC
- * tables, or none if it refines DC. */
-static int image_jpeg_scan_fits(const unsigned char *p, const unsigned char *end, unsigned tables,
-                                int progressive)
-{
-    const int count = p < end ? p[0] : 0, begins = end - p >= 4 + 2 * count ? p[1 + 2 * count] : 0;
-    if (end - p < 4 + 2 * count) return 0;
-    for (int i = 0; i < count; i++) {
-        const int table = p[2 + 2 * i], dc = tables >> (table >> 4 & 3) & 1,
-                  ac = tables >> (4 + (table & 3)) & 1;
-        if (!progressive ? !dc || !ac : begins > 0 ? !ac : !dc && p[3 + 2 * count] >> 4 == 0) return 0;
-    }
-    return 1;
-}
-
-static const char IMAGE_ARITHMETIC[] = "arithmetic coding",
-                  IMAGE_LOSSLESS[] = "lossless or hierarchical coding";
-
-/* Finds an error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman table
- * (buffer overrun), reads tables that are not defined, accepts a second frame header after allocating for the
- * first, and reports a truncated file as "expected marker". Goes from marker to marker; a preview inside a
- * segment is skipped with it. */
-static const char *image_jpeg_error(const struct os_file_map *file)
-{
-    const unsigned char *p = (const unsigned char *)file->data + 2, *end = p + file->size - 2;
-    unsigned tables = 0;
-    int frames = 0, progressive = 0;
-    while (end - p >= 2) {
-        const int marker = p[1];
-        /* Skips coded data. */
-        if (p[0] != 0xff || marker == 0 || marker == 0xff || (marker >= 0xd0 && marker <= 0xd7)) {
-            p++;
-            continue;
-        }
-        if (marker == 0xd9) return NULL;
-        if (end - p < 4 || 2 + (p[2] << 8 | p[3]) > end - p) break;
-        if (marker == 0xc4 && !image_jpeg_tables_fit(p + 4, p + 2 + (p[2] << 8 | p[3]), &tables))
-            return "a Huffman table is damaged";
-        if (marker == 0xda && !image_jpeg_scan_fits(p + 4, p + 2 + (p[2] << 8 | p[3]), tables, progressive))
-            return "a scan has no Huffman table";
-        progressive |= marker == 0xc2;
-        if (marker >= 0xc3 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc)
-            return marker > 0xc8 ? IMAGE_ARITHMETIC : IMAGE_LOSSLESS;
-        if (marker >= 0xc0 && marker <= 0xc2 && frames++) return "it has two frame headers";
-        p += 2 + (p[2] << 8 | p[3]);
-    }
-    return "it ends too early";
-}
-
-static oxl_result image_fail_damaged(oxl_context *ctx, const char *path, const struct os_file_map *file,
-                                     const char *fault)
-{
-    if (fault == IMAGE_ARITHMETIC || fault == IMAGE_LOSSLESS)
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: a JPEG with %s, which is not read\n"
-                        "fix: write it as a usual JPEG, under the same name: %s",
-                        path, fault,
-                        fault == IMAGE_ARITHMETIC ? "jpegtran -copy all IN > OUT, without -arithmetic"
-                                                  : "mogrify -quality 98 IMAGE");
-    return !fault ? OXL_OK
-                  : oxl_fail(ctx, OXL_ERR_INPUT,
-                             "%s: the %s of %zu bytes is damaged: %s\nfix: copy the file again, or remove it",
-                             path, image_is_jpeg(file) ? "JPEG" : "PNG", file->size, fault);
-}
-
+/* Reads the header of a file, and refuses one of another shape than the camera's, if that is not NULL, or
+ * that the decoder must not see. sums: as in image_header_of. */
 static oxl_result image_check_header(oxl_context *ctx, const char *path, const struct os_file_map *file,
-                                     int *width, int *height)
+                                     int sums, const struct colmap_camera *from, struct image_header *out)
 {
-    const unsigned char *data = (const unsigned char *)file->data;
     const char *fault;
-    int channels;
-    *width = *height = 0;
-    if (os_refuse_gzip(ctx, path, data, file->size) != OXL_OK) return OXL_ERR_INPUT;
+    *out = (struct image_header){0};
+    if (os_refuse_gzip(ctx, path, file->data, file->size) != OXL_OK) return OXL_ERR_INPUT;
     if (file->size > INT_MAX)
         return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %zu bytes are too many for one image\nfix: re-encode it",
                         path, file->size);
@@ -152,26 +36,20 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
         return oxl_fail(ctx, OXL_ERR_INPUT,
                         "%s: it is empty\nfix: copy it again; a cloud drive may not have downloaded it",
                         path);
-    if (!image_is_png(file) && !image_is_jpeg(file))
-        return oxl_fail(
-            ctx, OXL_ERR_INPUT,
-            "%s: neither a JPEG nor a PNG file (%zu bytes, beginning %02x %02x)\nfix: convert it to one of these, "
-            "under the same name in the model",
-            path, file->size, data[0], file->size > 1 ? data[1] : 0);
-    /* Checks the segments before stb sees a byte. */
-    fault = image_is_jpeg(file) ? image_jpeg_error(file) : NULL;
-    if (image_fail_damaged(ctx, path, file, fault) != OXL_OK) return OXL_ERR_INPUT;
-    if (!codec_read_header(ctx, data, file->size, width, height, &channels))
-        return image_lacks_memory()
-                   ? oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to read its header", path)
+    fault = image_header_of(file->data, file->size, sums, out);
+    if (from && out->width > 0 && image_check_shape(ctx, path, out->width, out->height, from) != OXL_OK)
+        return ctx->failed;
+    if (fault)
+        return strchr(fault, '\n')
+                   ? oxl_fail(ctx, OXL_ERR_INPUT, "%s: %s", path, fault)
                    : oxl_fail(ctx, OXL_ERR_INPUT,
-                              "%s: the header is damaged (%s)\nfix: copy the file again, or remove it", path,
-                              codec_failure());
-    if (*width < 1 || *height < 1 || *width > IMAGE_SIDE_MAX || *height > IMAGE_SIDE_MAX)
+                              "%s: the image of %zu bytes is damaged: %s\nfix: copy it again, or remove it",
+                              path, file->size, fault);
+    if (out->width < 1 || out->height < 1 || out->width > IMAGE_SIDE_MAX || out->height > IMAGE_SIDE_MAX)
         return oxl_fail(
             ctx, OXL_ERR_INPUT,
             "%s: %d x %d px, expected 1 to %d a side\nfix: reduce the image, or copy it again if it is damaged",
-            path, *width, *height, IMAGE_SIDE_MAX);
+            path, out->width, out->height, IMAGE_SIDE_MAX);
     return OXL_OK;
 }
 
@@ -187,59 +65,24 @@ static uint8_t *image_to_8_bits(uint16_t *wide, size_t count)
     return narrow;
 }
 
-/* Finds a chunk of a PNG before its pixels, from its length on; NULL: there is none in these bytes. */
-static const unsigned char *image_find_chunk(const unsigned char *data, size_t size, const char *kind)
-{
-    const unsigned char *p = data + 8, *end = data + size;
-    while (end - p >= 8 && memcmp(p + 4, "IDAT", 4) != 0) {
-        if (memcmp(p + 4, kind, 4) == 0) return p;
-        if (end - p < 12 || image_be32(p) > (size_t)(end - p) - 12) return NULL;
-        p += 12 + image_be32(p);
-    }
-    return NULL;
-}
-
 /* Extends a short palette to 256 entries with black, since stb 2.27 reads past its end. */
-static oxl_result image_fill_palette(oxl_context *ctx, const char *path, struct os_file_map *file)
+static oxl_result image_fill_palette(oxl_context *ctx, const char *path, const struct image_header *h,
+                                     struct os_file_map *file)
 {
     enum { FULL = 3 * 256 };
-    const int has = image_is_png(file) && file->size > PNG_COLOUR && file->data[PNG_COLOUR] == 3;
-    const unsigned char *chunk =
-        has ? image_find_chunk((const unsigned char *)file->data, file->size, "PLTE") : NULL;
-    const size_t used = chunk ? image_be32(chunk) : FULL,
-                 before = chunk ? (size_t)((const char *)chunk - file->data) : 0;
+    const size_t behind = h->palette + h->palette_size, more = FULL - h->palette_size;
     struct os_file_map full;
     char *data;
-    if (used >= FULL || before + 12 + used > file->size || file->size > INT_MAX - FULL) return OXL_OK;
-    full.size = file->size + FULL - used;
+    if (!h->palette || h->palette_size >= FULL || file->size > INT_MAX - FULL) return OXL_OK;
+    full.size = file->size + more;
     full.data = data = oxl_calloc(ctx, full.size + 1, 1);
     if (!data) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to decode it", path);
-    memcpy(data, file->data, before + 8 + used);
-    data[before + 2] = FULL >> 8, data[before + 3] = FULL & 255;
-    memcpy(data + before + 8 + FULL, file->data + before + 8 + used, file->size - before - 8 - used);
+    memcpy(data, file->data, behind);
+    memcpy(data + behind + more, file->data + behind, file->size - behind);
+    data[h->palette - 6] = FULL >> 8, data[h->palette - 5] = FULL & 255;
     os_release_file(ctx, file);
     *file = full;
     return OXL_OK;
-}
-
-/* Returns 1 if a PNG's pixels have an alpha channel, or its colours a transparent one (tRNS). data: the
- * file's first bytes, at best up to the first IDAT. */
-static int image_bytes_have_alpha(const unsigned char *data, size_t size)
-{
-    enum { GREY_ALPHA = 4, RGB_ALPHA = 6 };
-    if (size <= PNG_COLOUR || memcmp(data, "\x89PNG\r\n\x1a\n", 8)) return 0;
-    return data[PNG_COLOUR] == GREY_ALPHA || data[PNG_COLOUR] == RGB_ALPHA ||
-           image_find_chunk(data, size, "tRNS") != NULL;
-}
-
-OXL_INTERNAL int image_has_alpha(const char *path)
-{
-    /* Reads enough for nearly all files; if longer profiles or texts precede tRNS, the decoder finds it. */
-    unsigned char head[4096];
-    FILE *file = os_open(path);
-    const size_t size = file ? fread(head, 1, sizeof head, file) : 0;
-    if (file) fclose(file);
-    return image_bytes_have_alpha(head, size);
 }
 
 /* Reads an image file. A missing or unreadable file is OXL_ERR_IO, not bad input, since it may come back.
@@ -263,29 +106,24 @@ static oxl_result image_decode_of(oxl_context *ctx, const char *path, int channe
                                   const struct colmap_camera *from, struct pixels *out)
 {
     struct os_file_map file = {0};
+    struct image_header h = {0};
+    struct pixels p;
     oxl_result rc = image_read_file(ctx, path, &file);
-    int w, h;
     *out = (struct pixels){0};
-    if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, &w, &h);
-    if (rc == OXL_OK && from) rc = image_check_shape(ctx, path, w, h, from);
-    if (rc == OXL_OK) rc = image_fail_damaged(ctx, path, &file, image_png_error(&file, 1));
-    if (rc == OXL_OK) rc = image_fill_palette(ctx, path, &file);
+    if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, 1, from, &h);
+    if (rc == OXL_OK) rc = image_fill_palette(ctx, path, &h, &file);
     if (rc != OXL_OK) goto done;
-    if (channels == 0) channels = image_bytes_have_alpha((const unsigned char *)file.data, file.size) ? 4 : 3;
-    *out = (struct pixels){.width = w, .height = h, .channels = channels};
-    if (codec_is_16_bit(ctx, file.data, file.size))
-        out->data = image_to_8_bits(codec_decode_16(ctx, file.data, file.size, channels, &w, &h),
-                                    (size_t)w * h * channels);
-    else out->data = codec_decode(ctx, file.data, file.size, channels, &w, &h);
-    if (!out->data) {
-        const char *reason = codec_failure();
-        *out = (struct pixels){0};
-        if (image_lacks_memory())
-            rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to decode %d x %d px", path, w, h);
-        else
-            rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                          "%s: cannot be decoded (%s)\nfix: copy the file again, or remove it", path, reason);
-    }
+    p = (struct pixels){.channels = channels ? channels : 3 + h.has_alpha};
+    if (h.bits == 16)
+        p.data = image_to_8_bits(codec_decode_16(ctx, file.data, file.size, p.channels, &p.width, &p.height),
+                                 (size_t)h.width * h.height * p.channels);
+    else p.data = codec_decode(ctx, file.data, file.size, p.channels, &p.width, &p.height);
+    if (p.data) *out = p;
+    else if (strcmp(codec_failure(), "outofmem") == 0)
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to decode %d x %d px", path, h.width, h.height);
+    else
+        rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: cannot be decoded (%s)\nfix: copy it again, or remove it",
+                      path, codec_failure());
 done:
     os_release_file(ctx, &file);
     return rc;
@@ -305,10 +143,10 @@ OXL_INTERNAL void image_pixels_free(oxl_context *ctx, struct pixels *p)
 OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *width, int *height)
 {
     struct os_file_map file = {0};
+    struct image_header h = {0};
     oxl_result rc = image_read_file(ctx, path, &file);
-    *width = *height = 0;
-    if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, width, height);
-    if (rc == OXL_OK) rc = image_fail_damaged(ctx, path, &file, image_png_error(&file, 0));
+    if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, 0, NULL, &h);
+    *width = h.width, *height = h.height;
     os_release_file(ctx, &file);
     return rc;
 }
@@ -428,14 +266,16 @@ OXL_INTERNAL oxl_result image_add_mask(oxl_context *ctx, const struct pixels *ma
 {
     const size_t pixels = (size_t)image->width * image->height;
     if (!image->mask && (image->mask = oxl_alloc(ctx, pixels, 1)) != NULL) memset(image->mask, 255, pixels);
-    for (int y = 0; y < image->height && image->mask; y++) image_reduce_mask_row(mask, image, y);
-    return image->mask ? OXL_OK : OXL_ERR_MEMORY;
+    if (!image->mask) return OXL_ERR_MEMORY;
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int y = 0; y < image->height; y++) image_reduce_mask_row(mask, image, y);
+    return OXL_OK;
 }
 
 /* ---------------- undistort */
 
 struct image_warp {
-    const struct pixels *source, *mask; /* mask->data NULL: no mask */
+    const struct pixels *source, *mask; /* (2) masks; data NULL: none */
     const struct colmap_camera *from;
     const oxl_camera *to;
     double zoom[2]; /* px of the image per px of `from`: 1 unless the file was resized */
@@ -462,10 +302,10 @@ static void image_add_bilinear(const struct pixels *in, const double p[2], uint3
 static int image_is_valid_at(const struct image_warp *w, const double p[2])
 {
     if (!(p[0] >= 0 && p[0] <= w->source->width && p[1] >= 0 && p[1] <= w->source->height)) return 0;
-    if (w->mask->data) {
-        const int x = OXL_MIN((int)(p[0] / w->source->width * w->mask->width), w->mask->width - 1);
-        const int y = OXL_MIN((int)(p[1] / w->source->height * w->mask->height), w->mask->height - 1);
-        return w->mask->data[(size_t)y * w->mask->width + x] != 0;
+    for (const struct pixels *m = w->mask; m < w->mask + 2; m++) {
+        const int x = OXL_MIN((int)(p[0] / w->source->width * m->width), m->width - 1);
+        const int y = OXL_MIN((int)(p[1] / w->source->height * m->height), m->height - 1);
+        if (m->data && m->data[(size_t)y * m->width + x] == 0) return 0;
     }
     return 1;
 }
@@ -497,18 +337,21 @@ static void image_warp_row(const struct image_warp *w, const struct training_ima
     }
 }
 
-static struct image_warp image_warp_of(const struct pixels *image, const struct pixels *mask,
-                                       const struct colmap_camera *from, const oxl_camera *to)
+static void image_undistort(const oxl_context *ctx, const struct pixels *image, const struct pixels mask[2],
+                            const struct colmap_camera *from, const oxl_camera *to,
+                            const struct training_image *out)
 {
     struct image_warp w = {.source = image, .mask = mask, .from = from, .to = to};
     double k[4], reduction;
+    (void)ctx; /* without OpenMP */
     camera_intrinsics(from, k);
     w.zoom[0] = (double)image->width / from->width;
     w.zoom[1] = (double)image->height / from->height;
     /* px of the image per output px at the axis */
     reduction = OXL_MAX(k[0] * w.zoom[0] / to->fx, k[1] * w.zoom[1] / to->fy);
     w.samples = (int)ceil(OXL_CLAMP(reduction - 0.01, 1, IMAGE_SAMPLES_MAX));
-    return w;
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int y = 0; y < to->height; y++) image_warp_row(&w, out, y);
 }
 
 /* ---------------- a training image */
@@ -532,22 +375,24 @@ OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, in
 }
 
 /* Turns an image by its EXIF orientation if the camera's shape shows that the model was made from it upright;
- * the mask, too, if it has the shape of the stored image. */
+ * masks, too, if they have the shape of the stored image. */
 static oxl_result image_turn_to_camera(oxl_context *ctx, const char *path, const struct colmap_camera *from,
-                                       struct pixels *image, struct pixels *mask)
+                                       struct pixels *image, struct pixels mask[2])
 {
-    const int turns_mask =
-        mask->data && image_has_shape(mask->width, mask->height, image->width, image->height);
+    const int width = image->width, height = image->height;
     struct image_header header;
-    oxl_result rc = image_check_shape(ctx, path, image->width, image->height, from);
-    if (rc != OXL_OK || image_has_shape(image->width, image->height, from->width, from->height)) return rc;
+    oxl_result rc = image_check_shape(ctx, path, width, height, from);
+    if (rc != OXL_OK || image_has_shape(width, height, from->width, from->height)) return rc;
     rc = image_read_header(ctx, path, &header);
     if (rc == OXL_OK) rc = image_turn(ctx, image, 3, header.orientation);
-    return rc == OXL_OK && turns_mask ? image_turn(ctx, mask, 1, header.orientation) : rc;
+    for (int k = 0; k < 2 && rc == OXL_OK; k++)
+        if (mask[k].data && image_has_shape(mask[k].width, mask[k].height, width, height))
+            rc = image_turn(ctx, &mask[k], 1, header.orientation);
+    return rc;
 }
 
-static oxl_result image_training_alloc(oxl_context *ctx, const oxl_camera *to, int with_mask,
-                                       struct training_image *out)
+OXL_INTERNAL oxl_result image_training_alloc(oxl_context *ctx, const oxl_camera *to, int with_mask,
+                                             struct training_image *out)
 {
     const size_t count = (size_t)to->width * to->height;
     *out = (struct training_image){.width = to->width, .height = to->height};
@@ -592,37 +437,17 @@ static void image_composite(struct pixels *image, const uint8_t background[3])
     image->channels = 3;
 }
 
-/* Turns four channels into three. *out: a mask of the image's size, black where `mask` is black or the image
- * is transparent. Free its data with oxl_free. */
-static oxl_result image_move_alpha(oxl_context *ctx, struct pixels *image, const struct pixels *mask,
-                                   struct pixels *out)
+/* Turns four channels into three. *mask: black where the image is transparent; free it with oxl_free. */
+static oxl_result image_move_alpha(oxl_context *ctx, struct pixels *image, struct pixels *mask)
 {
     const size_t count = (size_t)image->width * (size_t)image->height;
-    struct pixels own = {.width = image->width, .height = image->height, .data = oxl_alloc(ctx, count, 1)};
-    const struct training_image all = {.width = own.width, .height = own.height, .mask = own.data};
-    if (!own.data) return OXL_ERR_MEMORY;
-    memset(own.data, 255, count);
-    for (int y = 0; y < own.height && mask->data; y++) image_reduce_mask_row(mask, &all, y);
+    *mask = (struct pixels){.width = image->width, .height = image->height, .data = oxl_alloc(ctx, count, 1)};
+    if (!mask->data) return OXL_ERR_MEMORY;
     for (size_t i = 0; i < count; i++) {
-        if (image->data[4 * i + 3] < IMAGE_OPAQUE) own.data[i] = 0;
+        mask->data[i] = image->data[4 * i + 3] < IMAGE_OPAQUE ? 0 : 255;
         memmove(image->data + 3 * i, image->data + 4 * i, 3);
     }
     image->channels = 3;
-    *out = own;
-    return OXL_OK;
-}
-
-/* Decodes image and mask. *mask: the mask of the file mask_path, or empty; *alpha_mask: the mask of file
- * and alpha, if alpha masks. */
-static oxl_result image_decode_masked(oxl_context *ctx, const char *path, const char *mask_path,
-                                      const struct colmap_camera *from, const struct image_alpha *alpha,
-                                      struct pixels *image, struct pixels *mask, struct pixels *alpha_mask)
-{
-    oxl_result rc = image_decode_of(ctx, path, alpha ? 0 : 3, from, image);
-    if (rc == OXL_OK && mask_path) rc = image_decode(ctx, mask_path, 1, mask);
-    if (rc != OXL_OK || image->channels == 3) return rc;
-    if (alpha->masks) return image_move_alpha(ctx, image, mask, alpha_mask);
-    image_composite(image, alpha->background);
     return OXL_OK;
 }
 
@@ -632,29 +457,24 @@ OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, 
                                             const oxl_camera *to, struct training_image *out)
 {
     const int distorted = camera_is_distorted(from);
-    struct pixels image = {0}, given = {0}, own = {0}, mask;
-    struct image_warp warp;
-    oxl_result rc;
+    struct pixels image = {0}, mask[2] = {{0}}; /* masks of the file mask_path, and of alpha */
+    oxl_result rc = image_decode_of(ctx, path, alpha ? 0 : 3, from, &image);
     *out = (struct training_image){0};
-    rc = image_decode_masked(ctx, path, mask_path, from, alpha, &image, &given, &own);
-    if (rc == OXL_OK) rc = image_turn_to_camera(ctx, path, from, &image, own.data ? &own : &given);
-    mask = own.data ? own : given;
-    if (rc == OXL_OK) rc = image_training_alloc(ctx, to, distorted || mask.data, out);
-    if (rc != OXL_OK) goto done;
-    if (!distorted) rc = image_reduce(ctx, &image, out);
-    if (rc != OXL_OK) goto done;
-    warp = image_warp_of(&image, &mask, from, to);
-#pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int y = 0; y < to->height; y++) {
-        if (distorted) image_warp_row(&warp, out, y);
-        else if (mask.data) image_reduce_mask_row(&mask, out, y);
-    }
-    image_drop_empty_mask(ctx, out);
-    if (mask_path || mask.data) rc = image_check_mask(ctx, mask_path ? mask_path : path, out);
-done:
+    if (rc == OXL_OK && mask_path) rc = image_decode(ctx, mask_path, 1, &mask[0]);
+    if (rc == OXL_OK && image.channels == 4 && alpha->masks) rc = image_move_alpha(ctx, &image, &mask[1]);
+    if (rc == OXL_OK && image.channels == 4) image_composite(&image, alpha->background);
+    if (rc == OXL_OK) rc = image_turn_to_camera(ctx, path, from, &image, mask);
+    if (rc == OXL_OK) rc = image_training_alloc(ctx, to, distorted || mask[0].data || mask[1].data, out);
+    if (rc == OXL_OK && distorted) image_undistort(ctx, &image, mask, from, to, out);
+    if (rc == OXL_OK && !distorted) rc = image_reduce(ctx, &image, out);
+    for (int k = 0; k < 2 && rc == OXL_OK && !distorted; k++)
+        if (mask[k].data) rc = image_add_mask(ctx, &mask[k], out);
+    if (rc == OXL_OK) image_drop_empty_mask(ctx, out);
+    if (rc == OXL_OK && (mask[0].data || mask[1].data))
+        rc = image_check_mask(ctx, mask_path ? mask_path : path, out);
     image_pixels_free(ctx, &image);
-    image_pixels_free(ctx, &given);
-    oxl_free(ctx, own.data);
+    image_pixels_free(ctx, &mask[0]);
+    oxl_free(ctx, mask[1].data);
     if (rc != OXL_OK) image_training_free(ctx, out);
     return rc;
 }

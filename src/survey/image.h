@@ -30,8 +30,6 @@ struct image_alpha {
     int masks;
     uint8_t background[3];
 };
-/* Returns 1 if the head of a PNG file states transparent pixels; 0 also for other or unreadable files. */
-OXL_INTERNAL int image_has_alpha(const char *path);
 /* Decodes an image, undistorts it if `from` is distorted, and reduces it by area averaging to the size of
  * `to`, its mask alike. mask_path may be NULL; so may alpha: colours are then taken as they are. */
 OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,
@@ -40,6 +38,8 @@ OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, 
 /* Masks what is black in the mask, of any size, too. */
 OXL_INTERNAL oxl_result image_add_mask(oxl_context *ctx, const struct pixels *mask,
                                        struct training_image *image);
+OXL_INTERNAL oxl_result image_training_alloc(oxl_context *ctx, const oxl_camera *to, int with_mask,
+                                             struct training_image *out);
 OXL_INTERNAL void image_training_free(oxl_context *ctx, struct training_image *image);
 struct image_window { /* Names a part of an image (px); width 0: nothing of it. */
     int x, y, width, height;
@@ -59,37 +59,19 @@ static inline uint8_t image_to_byte(float v)
     return v < 1 ? (uint8_t)(v * 255.0f + 0.5f) : 255;
 }
 
-/* ---------------- image_cache.c: which images are in memory */
+/* ---------------- scene_images.c: which images are in memory */
 
 /* Bounds the bytes of images of `pixels` in total, without masks, and of decoding file_pixels. */
 OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_pixels);
 
-struct image_loader { /* Loads images that are not in memory. */
-    oxl_result (*load)(oxl_context *ctx, const oxl_scene *scene, int view, struct training_image *out);
-    double (*file_pixels)(const oxl_scene *scene, int view); /* returns the pixels of a view's file */
-    const oxl_scene *scene;
-};
 struct image_cache {
-    struct image_loader loader;
-    struct training_image *image; /* (count) rgb is NULL if not in memory */
-    uint64_t *used;               /* (count) time of the last request */
+    struct training_image *image; /* (views) rgb is NULL if not in memory */
+    uint64_t *used;               /* (views) time of the last request */
     uint64_t clock;
-    int count;
     size_t held, limit;    /* bytes in memory; limit of these */
     uint8_t background[3]; /* under transparent pixels */
     char *decoded;         /* folder of decoded images, or NULL */
 };
-/* Creates an empty cache without a limit; free it with image_cache_free. NULL: the error is set. */
-OXL_INTERNAL struct image_cache *image_cache_begin(oxl_context *ctx, size_t n, const struct image_loader *l);
-OXL_INTERNAL void image_cache_free(oxl_context *ctx, struct image_cache *cache);
-/* Returns a view's image, borrowed until the next request or image_cache_ahead; NULL: the error is set. */
-OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, struct image_cache *cache,
-                                                          int view);
-/* Frees all images. */
-OXL_INTERNAL void image_cache_clear(oxl_context *ctx, struct image_cache *cache);
-/* Loads the next images in parallel if the first one is not in memory. Errors are reported
- * when an image is requested. */
-OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, struct image_cache *cache, const int *view, int count);
 
 /* ---------------- image_file.c: decoded images in files */
 

@@ -1,4 +1,5 @@
-/* image_header.c - reads size, bits and EXIF orientation of an image from the first bytes of its file.
+/* image_header.c - reads size, bits, transparency and EXIF orientation of an image from its file, and finds
+ * what is damaged in it.
  *
  * Sources: PNG (ISO 15948, 11.2.2), JPEG (ITU T.81 B.1.1, B.2.2), EXIF (CIPA DC-008, 4.5.4, 4.6.4).
  *
@@ -6,11 +7,14 @@
  * image.
  */
 #include "image_header.h"
+#include "../core/codec.h"
 
 enum {
     HEADER_BYTES = 1 << 16, /* bytes that are read of a file: markers and EXIF data are near its start */
-    HEADER_ORIENTATION = 0x0112
+    HEADER_ORIENTATION = 0x0112,
+    HEADER_SYMBOLS = 256 /* most symbols of a Huffman table */
 };
+static const char HEADER_EARLY[] = "it ends too early";
 
 static unsigned header_number(const unsigned char *p, int bytes, int big_endian)
 {
@@ -36,41 +40,112 @@ static int header_orientation(const unsigned char *tiff, size_t size)
     return 1;
 }
 
-/* Goes through the segments up to the frame header. */
-static void header_of_jpeg(const unsigned char *data, size_t size, struct image_header *out)
+/* ---------------- JPEG */
+
+/* Returns 1 if Huffman tables (B.2.4.2) fill their segment: each is a class and a number, 16 counts and as
+ * many symbols. *tables: gets a bit for each. */
+static int header_tables_fit(const unsigned char *p, const unsigned char *end, unsigned *tables)
 {
-    size_t at = 2;
-    while (at + 9 < size && data[at] == 0xff) {
-        const int marker = data[at + 1];
-        const size_t length = header_number(data + at + 2, 2, 1);
-        if (marker == 0xff) {
-            at++;
-            continue;
-        }
-        if (marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc) {
-            out->bits = data[at + 4];
-            out->height = (int)header_number(data + at + 5, 2, 1);
-            out->width = (int)header_number(data + at + 7, 2, 1);
-            return;
-        }
-        if (marker == 0xe1 && length > 8 && at + 2 + length <= size && !memcmp(data + at + 4, "Exif\0", 6))
-            out->orientation = header_orientation(data + at + 10, length - 8);
-        at += 2 + length;
+    while (p < end) {
+        int symbols = 0;
+        *tables |= 1u << ((p[0] >> 4 & 1) << 2 | (p[0] & 3));
+        for (int i = 1; i <= 16 && end - p >= 17; i++) symbols += p[i];
+        if (symbols > HEADER_SYMBOLS || 17 + symbols > end - p) return 0;
+        p += 17 + symbols;
     }
+    return 1;
 }
 
-static void header_of_png(const unsigned char *data, size_t size, struct image_header *out)
+/* Returns 1 if a scan's Huffman tables are defined (B.2.3). In a progressive image a scan uses DC or AC
+ * tables, or none if it refines DC. */
+static int header_scan_fits(const unsigned char *p, const unsigned char *end, unsigned tables,
+                            int progressive)
 {
-    size_t at = 8;
+    const int count = p < end ? p[0] : 0, begins = end - p >= 4 + 2 * count ? p[1 + 2 * count] : 0;
+    if (end - p < 4 + 2 * count) return 0;
+    for (int i = 0; i < count; i++) {
+        const int table = p[2 + 2 * i], dc = tables >> (table >> 4 & 3) & 1,
+                  ac = tables >> (4 + (table & 3)) & 1;
+        if (!progressive ? !dc || !ac : begins > 0 ? !ac : !dc && p[3 + 2 * count] >> 4 == 0) return 0;
+    }
+    return 1;
+}
+
+/* Goes from marker to marker; a preview inside a segment is skipped with it. stb 2.27 does not check the
+ * counts of a Huffman table (buffer overrun), reads tables that are not defined, accepts a second frame
+ * header after allocating for the first, and reports a truncated file as "expected marker". */
+static const char *header_of_jpeg(const unsigned char *data, size_t size, struct image_header *out)
+{
+    const unsigned char *p = data + 2, *end = data + size, *next;
+    unsigned tables = 0;
+    int frames = 0, progressive = 0;
+    for (; end - p >= 2; p = next) {
+        const int marker = p[1];
+        next = p + 1; /* Skips coded data. */
+        if (p[0] != 0xff || marker == 0 || marker == 0xff || (marker >= 0xd0 && marker <= 0xd7)) continue;
+        if (marker == 0xd9) return NULL;
+        if (end - p < 4 || 2 + (ptrdiff_t)header_number(p + 2, 2, 1) > end - p) break;
+        next = p + 2 + header_number(p + 2, 2, 1);
+        if (marker == 0xc4 && !header_tables_fit(p + 4, next, &tables)) return "a Huffman table is damaged";
+        if (marker == 0xda && !header_scan_fits(p + 4, next, tables, progressive))
+            return "a scan has no Huffman table";
+        if (marker == 0xe1 && next - p > 10 && !memcmp(p + 4, "Exif\0", 6))
+            out->orientation = header_orientation(p + 10, (size_t)(next - p) - 10);
+        if (marker < 0xc0 || marker > 0xcf || marker == 0xc4 || marker == 0xc8 || marker == 0xcc) continue;
+        if (marker > 0xc8)
+            return "a JPEG with arithmetic coding, which is not read\n"
+                   "fix: write it as a usual JPEG, under the same name: jpegtran -copy all IN > OUT, without "
+                   "-arithmetic";
+        if (marker > 0xc2)
+            return "a JPEG with lossless or hierarchical coding, which is not read\n"
+                   "fix: write it as a usual JPEG, under the same name: mogrify -quality 98 IMAGE";
+        if (frames++) return "it has two frame headers";
+        progressive = marker == 0xc2;
+        if (next - p < 9) break;
+        out->bits = p[4];
+        out->height = (int)header_number(p + 5, 2, 1);
+        out->width = (int)header_number(p + 7, 2, 1);
+    }
+    return HEADER_EARLY;
+}
+
+/* ---------------- PNG */
+
+/* sums: compares the checksums of critical chunks, too, since the decoder does not and damaged data may
+ * decode to wrong pixels. IEND may be missing. */
+static const char *header_of_png(const unsigned char *data, size_t size, int sums, struct image_header *out)
+{
+    enum { COLOURS = 25, PALETTE = 3, GREY_ALPHA = 4, RGB_ALPHA = 6 }; /* COLOURS: place of the type */
+    const unsigned char *p = data + 8, *end = data + size;
+    if (size <= 32 || memcmp(p + 4, "IHDR", 4)) return HEADER_EARLY;
     out->width = (int)header_number(data + 16, 4, 1);
     out->height = (int)header_number(data + 20, 4, 1);
     out->bits = data[24];
-    while (at + 12 < size && memcmp(data + at + 4, "IDAT", 4)) {
-        const size_t length = header_number(data + at, 4, 1);
-        if (length > size - at - 12) return;
-        if (!memcmp(data + at + 4, "eXIf", 4)) out->orientation = header_orientation(data + at + 8, length);
-        at += 12 + length;
+    out->has_alpha = data[COLOURS] == GREY_ALPHA || data[COLOURS] == RGB_ALPHA;
+    while (end - p >= 12) {
+        const size_t length = header_number(p, 4, 1);
+        if (length > (size_t)(end - p) - 12) return HEADER_EARLY;
+        if (sums && !(p[4] & 0x20) &&
+            codec_png_checksum(p + 4, (int)length + 4) != header_number(p + 8 + length, 4, 1))
+            return "its checksum does not match";
+        if (!memcmp(p + 4, "IEND", 4)) return NULL;
+        if (!memcmp(p + 4, "eXIf", 4)) out->orientation = header_orientation(p + 8, length);
+        out->has_alpha |= !memcmp(p + 4, "tRNS", 4);
+        if (!memcmp(p + 4, "PLTE", 4) && data[COLOURS] == PALETTE)
+            out->palette = (size_t)(p + 8 - data), out->palette_size = length;
+        p += 12 + length;
     }
+    return p == end ? NULL : HEADER_EARLY;
+}
+
+OXL_INTERNAL const char *image_header_of(const void *file, size_t size, int sums, struct image_header *out)
+{
+    const unsigned char *data = file;
+    *out = (struct image_header){.orientation = 1};
+    if (size > 8 && !memcmp(data, "\x89PNG\r\n\x1a\n", 8)) return header_of_png(data, size, sums, out);
+    if (size > 4 && !memcmp(data, "\xff\xd8\xff", 3)) return header_of_jpeg(data, size, out);
+    return "neither a JPEG nor a PNG file\n"
+           "fix: convert it to one of these, under the same name in the model";
 }
 
 OXL_INTERNAL oxl_result image_read_header(oxl_context *ctx, const char *path, struct image_header *out)
@@ -78,11 +153,10 @@ OXL_INTERNAL oxl_result image_read_header(oxl_context *ctx, const char *path, st
     unsigned char *data = oxl_alloc(ctx, HEADER_BYTES, 1);
     FILE *file = data ? os_open(path) : NULL;
     const size_t size = file ? fread(data, 1, HEADER_BYTES, file) : 0;
-    oxl_result rc = data ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to read its header", path);
-    *out = (struct image_header){.orientation = 1};
+    const oxl_result rc =
+        data ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to read its header", path);
+    image_header_of(data, size, 0, out); /* Takes what there is: the file goes on. */
     if (file) fclose(file);
-    if (size > 32 && !memcmp(data, "\x89PNG\r\n\x1a\n", 8)) header_of_png(data, size, out);
-    else if (size > 32 && !memcmp(data, "\xff\xd8\xff", 3)) header_of_jpeg(data, size, out);
     oxl_free(ctx, data);
     return rc;
 }

@@ -4,13 +4,18 @@
 
 #include "image.h"
 
-/* Holds what the first bytes of an image file state. */
+/* Holds what an image file states. */
 struct image_header {
     int width, height;
-    int bits;        /* bits of a channel */
-    int orientation; /* EXIF: 1 upright, 5 to 8 turned by a quarter */
+    int bits;                     /* bits of a channel */
+    int orientation;              /* EXIF: 1 upright, 5 to 8 turned by a quarter */
+    int has_alpha;                /* 1: some pixels may be transparent */
+    size_t palette, palette_size; /* place and bytes of a PNG's palette; 0: none */
 };
 #define IMAGE_SHAPE_ERROR 0.01 /* Limits how far the ratios of sides may differ. */
+/* Reads the header in a file's first `size` bytes; returns what is wrong with these: what is damaged, or,
+ * with a fix, why the file is not read; NULL: nothing. sums 1: compares checksums, too. */
+OXL_INTERNAL const char *image_header_of(const void *file, size_t size, int sums, struct image_header *out);
 /* Reads the header; width 0: it is not in the file's first bytes. */
 OXL_INTERNAL oxl_result image_read_header(oxl_context *ctx, const char *path, struct image_header *out);
 /* Returns 1 if an image has the wanted ratio of sides. */

@@ -3,6 +3,7 @@
 #define OXL_PHOTOMETRY_H
 
 #include "imaging.h"
+#include "track_samples.h"
 
 /* Sets by how much larger residuals must be without the medium where the points' depths span too little to
  * identify it: images gain 1.3 to 1.5 dB by one from 0.6 on, nothing at 0.1 (docs/log/IMAGING.md). */
@@ -38,44 +39,11 @@ OXL_INTERNAL void photometry_free(oxl_context *ctx, struct photometry *p);
 OXL_INTERNAL int photometry_supports(int part, double growth, double span);
 
 enum {
-    PHOTOMETRY_VIEWS = 128,   /* most images */
-    PHOTOMETRY_SAMPLE = 8000, /* most observations */
-    PHOTOMETRY_TRACK = 32,    /* most observations of a point */
-    PHOTOMETRY_FEWEST = 3,    /* least observations of a point */
-    PHOTOMETRY_ENOUGH = 500,  /* least observations in all */
-    PHOTOMETRY_STEPS = 12,    /* most Gauss-Newton steps */
+    PHOTOMETRY_VIEWS = TRACK_SAMPLES_VIEWS, /* most images */
+    PHOTOMETRY_SAMPLE = 8000,               /* most observations */
+    PHOTOMETRY_FEWEST = 3,                  /* least observations of a point */
+    PHOTOMETRY_ENOUGH = 500,                /* least observations in all */
+    PHOTOMETRY_STEPS = 12,                  /* most Gauss-Newton steps */
     PHOTOMETRY_PARAMETERS = 9 + LAMP_MAX * LAMP_TERMS + 3 * PHOTOMETRY_VIEWS
-};
-struct photometry_sample { /* Holds a point in an image. */
-    size_t point;
-    int view, valid;  /* view: index in `chosen` */
-    int lamp;         /* lamp of the view's camera */
-    float x, y, size; /* px; centre and half the side of the patch */
-    double range, z;  /* range in medians; camera z over the focal length */
-    float value[3], weight[3];
-    float term[LAMP_TERMS];
-};
-struct photometry_form {  /* Holds what a sample's channel has of the parameters. */
-    double a, b;          /* I = a J + b; b is dI/d(log Binf), too */
-    double through, near; /* dI/d(log bD) / J; dI/d(log bB) */
-};
-struct photometry_work {
-    int *view, *chosen;                   /* (images) index in `chosen`, -1: not used; (views) views used */
-    int views, lamp_of[PHOTOMETRY_VIEWS]; /* number of chosen views; (views) lamp of each view's camera */
-    struct photometry_sample *sample;
-    size_t samples;
-    double *normal, *factor;      /* (PHOTOMETRY_PARAMETERS^2) lower triangles */
-    struct photometry_form *form; /* (samples,3) */
-    double *scratch;              /* (3 PHOTOMETRY_SAMPLE) */
-    double *rest;                 /* (samples,3) image less model */
-    double right[PHOTOMETRY_PARAMETERS], at[PHOTOMETRY_PARAMETERS], sigma;
-    /* of the points' colours, by channel: sum and number, mean, weight of their prior; pulled: its cost of
-     * all points, times sigma^2 */
-    double sum[3], mean[3], pull[3], pulled;
-    int seen[3], is_last; /* is_last: the fit whose result is reported */
-    struct lamp lamp[LAMP_MAX];
-    int lamps, gains;     /* number of lamps; index of the first gain among the parameters */
-    int apart;            /* 1: each camera has a shape of its own */
-    int parameters, free; /* number of parameters; PHOTOMETRY_* that are fitted */
 };
 #endif

@@ -99,9 +99,13 @@ OXL_INTERNAL const struct training_image *scene_image(oxl_context *ctx, const ox
 OXL_INTERNAL oxl_result scene_copy_image(oxl_context *ctx, const oxl_scene *scene, int view, oxl_image *out);
 /* Returns 1 if, with `more` unreadable images, too many of the model's images are missing. */
 OXL_INTERNAL int scene_misses_too_many(const oxl_scene *scene, int more);
-/* Loads the next images like image_cache_ahead. */
+/* Loads the next images in parallel if the first one is not in memory. Errors are reported when an image is
+ * requested. */
 OXL_INTERNAL void scene_images_ahead(oxl_context *ctx, const oxl_scene *scene, const int *view, int count);
 OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene, size_t count);
+OXL_INTERNAL void scene_free_cache(oxl_context *ctx, const oxl_scene *scene);
+/* Frees images until all but `keep` (-1: none) fit into `limit` bytes. */
+OXL_INTERNAL void scene_evict(oxl_context *ctx, const oxl_scene *scene, int keep, size_t limit);
 /* Loads a view's image from its file, undistorted, reduced and masked. Free it with image_training_free. */
 OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view,
                                          struct training_image *out);
@@ -135,4 +139,16 @@ enum { SCENE_START_RANDOM = 10000, SCENE_START_HULL = 30000 };
 OXL_INTERNAL size_t scene_start_count(const oxl_scene *scene);
 OXL_INTERNAL oxl_result scene_start_points(oxl_context *ctx, const oxl_scene *scene, size_t count,
                                            oxl_point **out, size_t *found);
+
+/* ---------------- transparent pixels */
+
+/* Returns 1 if images are composited over a background. scene_background returns the colour behind the scene;
+ * wanted (-1,-1,-1): white if images are composited, otherwise black. scene_set_background composites images
+ * over this colour from now on. */
+OXL_INTERNAL int scene_is_composited(const oxl_scene *scene);
+OXL_INTERNAL void scene_background(const oxl_scene *scene, const float wanted[3], float out[3]);
+OXL_INTERNAL void scene_set_background(oxl_context *ctx, const oxl_scene *scene, const float rgb[3]);
+/* Says how transparent pixels of the scene's images are used now. */
+OXL_INTERNAL struct image_alpha scene_alpha(const oxl_scene *scene);
+
 #endif

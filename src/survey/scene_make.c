@@ -36,7 +36,7 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
     if (!scene) return;
     for (int i = 0; i < scene->view_count && !scene->from_files; i++)
         oxl_free(ctx, (char *)scene->view[i].name);
-    image_cache_free(ctx, scene->cache);
+    scene_free_cache(ctx, scene);
     for (size_t i = 0; scene->fixed && i < scene->colmap.camera_count; i++)
         oxl_free(ctx, scene->fixed[i].data);
     OXL_FREE(ctx, scene->view, scene->source, scene->on_disk, scene->fixed, scene->fixed_of);

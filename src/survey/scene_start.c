@@ -9,7 +9,6 @@
  * Invariant: a function of the survey and the seed, on any number of threads.
  */
 #include "scene.h"
-#include "scene_alpha.h"
 
 #include "../core/random.h"
 

@@ -42,7 +42,7 @@ struct contrast {
     int measured; /* 0: too few points observed from several depths */
     /* contrast is proportional to exp(-beta z), beta per unit of the scene; standard error of beta */
     double beta, error;
-    size_t points, observations;
+    size_t points;
 };
 OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, const oxl_scene *scene, struct contrast *out);
 

@@ -2,7 +2,6 @@
 #include "train_state.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
-#include "../survey/scene_alpha.h"
 
 /* iterations before the first densification, unless a quarter of the run is less */
 #define SCHEDULE_WARM_UP 500

@@ -6,7 +6,6 @@
 #include "parts_calls.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
-#include "../survey/scene_alpha.h"
 
 #define TRAIN_SHORT_RUN_WIDTH 0.3   /* power of the short-run factor by which the first widths are divided */
 #define TRAIN_SHORT_RUN_OPACITY 0.7 /* power of it by which the first opacities are multiplied */
