@@ -12,6 +12,15 @@ static const struct colmap_camera image_pinhole = {.id = 1,
                                                    .file = "cameras.txt",
                                                    .line = 4};
 
+static struct colmap_camera image_lens(void)
+{
+    return (struct colmap_camera){.id = 1,
+                                  .model = camera_model_find("SIMPLE_RADIAL", 13),
+                                  .width = 64,
+                                  .height = 48,
+                                  .parameter = {80, 32, 24, -0.3}};
+}
+
 static uint8_t image_pattern(int x, int y, int c)
 {
     return (uint8_t)(x * 3 + y * (2 + c) + 40 * c);
@@ -400,11 +409,7 @@ TEST(image_resized_after_colmap_is_taken_but_no_other_shape)
 /* The pattern is linear in x and y, so a bilinear sample of it is exact, and so is a mean of samples. */
 static void image_check_undistorted(int file_width, int file_height, double reduction)
 {
-    const struct colmap_camera from = {.id = 1,
-                                       .model = camera_model_find("SIMPLE_RADIAL", 13),
-                                       .width = 64,
-                                       .height = 48,
-                                       .parameter = {80, 32, 24, -0.3}};
+    const struct colmap_camera from = image_lens();
     const double zoom = file_width / 64.0;
     oxl_camera to;
     struct training_image image;
@@ -506,11 +511,7 @@ TEST(image_mask_covers_every_pixel_that_touches_black)
 
 TEST(image_mask_is_undistorted_with_its_image)
 {
-    const struct colmap_camera from = {.id = 1,
-                                       .model = camera_model_find("SIMPLE_RADIAL", 13),
-                                       .width = 64,
-                                       .height = 48,
-                                       .parameter = {80, 32, 24, -0.3}};
+    const struct colmap_camera from = image_lens();
     const char *mask = image_mask("m.png", 4, 3,
                                   "#..."
                                   "...."
@@ -534,11 +535,7 @@ TEST(image_mask_is_undistorted_with_its_image)
 
 TEST(image_image_is_the_same_with_any_number_of_threads)
 {
-    const struct colmap_camera from = {.id = 1,
-                                       .model = camera_model_find("SIMPLE_RADIAL", 13),
-                                       .width = 64,
-                                       .height = 48,
-                                       .parameter = {80, 32, 24, -0.3}};
+    const struct colmap_camera from = image_lens();
     const char *path = image_test_file("p.png", 64, 48);
     const int before = test_ctx->threads;
     oxl_camera to;

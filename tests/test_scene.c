@@ -124,18 +124,20 @@ TEST(measure_picks_without_sorting_what_sorting_would_find)
 
 TEST(scene_extent_is_that_of_3dgs_and_an_outlier_camera_does_not_change_it)
 {
-    struct stats_view view[10];
+    oxl_view view[10] = {{0}};
+    oxl_scene scene = {.view = view, .view_count = 9};
     oxl_camera camera[10] = {{0}};
     double plain, robust;
     for (int i = 0; i < 10; i++) {
         camera[i] = (oxl_camera){.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
         camera[i].translation[0] = i < 9 ? -i : 1e5;
-        view[i] = (struct stats_view){i, &camera[i]};
+        view[i].camera = camera[i];
     }
-    CHECK_OK(stats_camera_radius(test_ctx, view, 9, &plain));
+    CHECK_OK(stats_camera_radius(test_ctx, &scene, &plain));
     CHECK_CLOSE(plain, 4, 1e-12); /* cameras at 0..8, mean 4 */
     test_listen();
-    CHECK_OK(stats_camera_radius(test_ctx, view, 10, &robust));
+    scene.view_count = 10;
+    CHECK_OK(stats_camera_radius(test_ctx, &scene, &robust));
     CHECK_CLOSE(robust, 4, 1e-12);
     CHECK_TEXT(test_said.all, "1 cameras are far from all others");
 }

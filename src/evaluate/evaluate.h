@@ -3,12 +3,19 @@
 #define OXL_EVALUATE_H
 
 #include "../core/core.h"
+#include "../core/simd.h"
 #include "../survey/image.h"
 #include "../survey/imaging.h"
 #include "../render/render.h"
 
 /* ---------------- metrics.c */
 
+OXL_INTERNAL oxl_result metrics_check(oxl_context *ctx, const oxl_image *a, const oxl_image *b);
+/* Clamps a value to 0..1; NaN is 0, as in written images. */
+SIMD_INLINE double metrics_shown(float v)
+{
+    return v > 0 ? OXL_MIN((double)v, 1.0) : 0;
+}
 /* Returns the PSNR of weighted squared errors; NaN without weight. */
 OXL_INTERNAL double metrics_decibel(double error, double weight);
 

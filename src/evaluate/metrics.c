@@ -7,7 +7,6 @@
  * Invariant: rows are summed in order, so the result does not depend on the number of threads.
  */
 #include "evaluate.h"
-#include "../core/simd.h"
 #include "../core/vecmath.h"
 
 enum { METRICS_RADIUS = 5, METRICS_WINDOW = 2 * METRICS_RADIUS + 1 };
@@ -16,12 +15,6 @@ enum { METRICS_RADIUS = 5, METRICS_WINDOW = 2 * METRICS_RADIUS + 1 };
 #define METRICS_C2 (0.03 * 0.03)
 #define METRICS_BEST_PSNR 100.0 /* Limits PSNR (dB), which is infinite for identical images. */
 
-/* Clamps a value to 0..1; NaN is 0, as in written images. */
-SIMD_INLINE double metrics_shown(float v)
-{
-    return v > 0 ? OXL_MIN((double)v, 1.0) : 0;
-}
-
 OXL_INTERNAL double metrics_decibel(double error, double weight)
 {
     if (!(weight > 0)) return NAN;
@@ -29,7 +22,7 @@ OXL_INTERNAL double metrics_decibel(double error, double weight)
                      : METRICS_BEST_PSNR;
 }
 
-static oxl_result metrics_check(oxl_context *ctx, const oxl_image *a, const oxl_image *b)
+OXL_INTERNAL oxl_result metrics_check(oxl_context *ctx, const oxl_image *a, const oxl_image *b)
 {
     if (a->rgb && b->rgb && a->width == b->width && a->height == b->height && a->width > 0 && a->height > 0)
         return OXL_OK;

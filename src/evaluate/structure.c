@@ -12,7 +12,6 @@
  * Invariant: rows are summed in order, so the result does not depend on the number of threads.
  */
 #include "evaluate.h"
-#include "../core/simd.h"
 #include "../core/vecmath.h"
 
 enum { STRUCTURE_FINE, STRUCTURE_COARSE, STRUCTURE_LOCAL, STRUCTURE_WIDTHS };
@@ -130,18 +129,13 @@ static void structure_mean(oxl_context *ctx, const struct structure_work *s, int
     for (size_t i = 0; i < pixels; i++) out[i] = weighted[i] > 0 ? out[i] / weighted[i] : 0;
 }
 
-static float structure_shown(float v)
-{
-    return v > 0 ? OXL_MIN(v, 1.0f) : 0;
-}
-
 static void structure_band(oxl_context *ctx, const struct structure_work *s, const oxl_image *of, double *out)
 {
     const size_t pixels = (size_t)s->width * (size_t)s->height;
     double *grey = s->plane[0], *coarse = s->plane[1], *work = s->plane[2];
     for (size_t i = 0; i < pixels; i++) {
-        const double v = ((double)structure_shown(of->rgb[i]) + structure_shown(of->rgb[pixels + i]) +
-                          structure_shown(of->rgb[2 * pixels + i])) /
+        const double v = (metrics_shown(of->rgb[i]) + metrics_shown(of->rgb[pixels + i]) +
+                          metrics_shown(of->rgb[2 * pixels + i])) /
                          3;
         grey[i] = s->weight ? v * s->weight[i] : v;
     }
@@ -208,12 +202,8 @@ oxl_result oxl_structure(oxl_context *ctx, const oxl_image *a, const oxl_image *
     double product[3];
     oxl_result rc;
     *out = NAN;
-    if (!a->rgb || !b->rgb || a->width != b->width || a->height != b->height || a->width < 1 || a->height < 1)
-        return oxl_fail(
-            ctx, OXL_ERR_USAGE,
-            "images of %d x %d and %d x %d px cannot be compared\nfix: render at the image's size", a->width,
-            a->height, b->width, b->height);
-    rc = structure_begin(ctx, a, b, &s);
+    rc = metrics_check(ctx, a, b);
+    if (rc == OXL_OK) rc = structure_begin(ctx, a, b, &s);
     if (rc != OXL_OK) return rc;
     structure_band(ctx, &s, a, s.band[0]);
     structure_band(ctx, &s, b, s.band[1]);
@@ -239,11 +229,11 @@ OXL_INTERNAL double structure_explained(const oxl_image *rendered, const oxl_ima
         double ll = 0, ly = 0;
         for (size_t i = 0; i < pixels; i++) {
             const double w = image->weight ? image->weight[i] : 1;
-            ll += w * l[i] * l[i], ly += w * l[i] * structure_shown(y[i]);
+            ll += w * l[i] * l[i], ly += w * l[i] * metrics_shown(y[i]);
         }
         for (size_t i = 0; i < pixels; i++) {
-            const double w = image->weight ? image->weight[i] : 1, v = structure_shown(y[i]);
-            const double e = structure_shown(x[i]) - v, rest = v - (ll > 0 ? ly / ll : 0) * l[i];
+            const double w = image->weight ? image->weight[i] : 1, v = metrics_shown(y[i]);
+            const double e = metrics_shown(x[i]) - v, rest = v - (ll > 0 ? ly / ll : 0) * l[i];
             error += w * e * e, contrast += w * rest * rest;
         }
     }

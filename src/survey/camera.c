@@ -21,13 +21,13 @@
 /* Lists the camera models in the order of COLMAP's MODEL_ID, which cameras.bin holds (colmap/colmap,
  * src/colmap/sensor/models.h). */
 static const struct camera_model camera_models[] = {
-    {"SIMPLE_PINHOLE", 3, 1, CAMERA_IDEAL},           /* f cx cy */
-    {"PINHOLE", 4, 2, CAMERA_IDEAL},                  /* fx fy cx cy */
-    {"SIMPLE_RADIAL", 4, 1, CAMERA_RADIAL},           /* f cx cy k */
-    {"RADIAL", 5, 1, CAMERA_RADIAL},                  /* f cx cy k1 k2 */
-    {"OPENCV", 8, 2, CAMERA_OPENCV},                  /* fx fy cx cy k1 k2 p1 p2 */
+    {"SIMPLE_PINHOLE", 3, 1, CAMERA_POLYNOMIAL},      /* f cx cy */
+    {"PINHOLE", 4, 2, CAMERA_POLYNOMIAL},             /* fx fy cx cy */
+    {"SIMPLE_RADIAL", 4, 1, CAMERA_POLYNOMIAL},       /* f cx cy k */
+    {"RADIAL", 5, 1, CAMERA_POLYNOMIAL},              /* f cx cy k1 k2 */
+    {"OPENCV", 8, 2, CAMERA_POLYNOMIAL},              /* fx fy cx cy k1 k2 p1 p2 */
     {"OPENCV_FISHEYE", 8, 2, CAMERA_FISHEYE},         /* fx fy cx cy k1 k2 k3 k4 */
-    {"FULL_OPENCV", 12, 2, CAMERA_FULL_OPENCV},       /* fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6 */
+    {"FULL_OPENCV", 12, 2, CAMERA_POLYNOMIAL},        /* fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6 */
     {"FOV", 5, 2, CAMERA_FOV},                        /* fx fy cx cy omega */
     {"SIMPLE_RADIAL_FISHEYE", 4, 1, CAMERA_FISHEYE},  /* f cx cy k */
     {"RADIAL_FISHEYE", 5, 1, CAMERA_FISHEYE},         /* f cx cy k1 k2 */
@@ -122,27 +122,18 @@ static double camera_fov_scale(double omega, double r)
     return camera_atan(2 * r * camera_tan(w / 2)) / (r * w);
 }
 
-/* Distorts x, y on the fisheye plane, in and out. k: k1 k2 p1 p2 k3 k4 sx1 sy1. */
-static void camera_thin_prism(const double *k, double *x, double *y)
-{
-    const double u = *x, v = *y, r2 = u * u + v * v,
-                 radial = r2 * (k[0] + r2 * (k[1] + r2 * (k[4] + r2 * k[5])));
-    *x += u * radial + 2 * k[2] * u * v + k[3] * (r2 + 2 * u * u) + k[6] * r2;
-    *y += v * radial + 2 * k[3] * u * v + k[2] * (r2 + 2 * v * v) + k[7] * r2;
-}
-
-/* Distorts x, y. k: k0-k5 p0 p1 s0-s3; terms that are not radial are evaluated at the radially distorted
+/* Distorts x, y on the fisheye plane, in and out, by polynomials of the squared radius: radial, then terms
+ * that are not, tangential and of a thin prism; `after`: these are evaluated at the radially distorted
  * point. */
-static void camera_rad_tan(const double *k, double *x, double *y)
+static void camera_prism(const double radial[6], const double tangential[2], const double prism[4], int after,
+                         double *x, double *y)
 {
-    const double theta2 = *x * *x + *y * *y;
-    double radial = 0, u, v, r2;
-    for (int i = 5; i >= 0; i--) radial = theta2 * (k[i] + radial);
-    u = *x * (1 + radial);
-    v = *y * (1 + radial);
-    r2 = u * u + v * v;
-    *x = u + 2 * k[7] * u * v + k[6] * (r2 + 2 * u * u) + r2 * (k[8] + r2 * k[9]);
-    *y = v + 2 * k[6] * u * v + k[7] * (r2 + 2 * v * v) + r2 * (k[10] + r2 * k[11]);
+    double u = *x, v = *y, r2 = u * u + v * v, scale = 0;
+    for (int i = 5; i >= 0; i--) scale = r2 * (radial[i] + scale);
+    *x = u * (1 + scale), *y = v * (1 + scale);
+    if (after) u = *x, v = *y, r2 = u * u + v * v;
+    *x += 2 * tangential[1] * u * v + tangential[0] * (r2 + 2 * u * u) + r2 * (prism[0] + r2 * prism[1]);
+    *y += 2 * tangential[0] * u * v + tangential[1] * (r2 + 2 * v * v) + r2 * (prism[2] + r2 * prism[3]);
 }
 
 OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const double direction[2],
@@ -153,15 +144,13 @@ OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const doubl
     const double *k = p + m->focal_count + 2;
     const int count = m->parameter_count - m->focal_count - 2;
     const double u = direction[0], v = direction[1], r2 = u * u + v * v;
-    double scale = 1, tangential[2] = {0, 0}, x, y;
+    double scale = 1, c[8] = {0}, x, y;
     switch (m->kind) {
-    case CAMERA_IDEAL: break;
-    case CAMERA_RADIAL: scale = 1 + r2 * (k[0] + (count > 1 ? r2 * k[1] : 0)); break;
-    case CAMERA_FISHEYE: scale = camera_fisheye_scale(k, count, sqrt(r2)); break;
-    case CAMERA_OPENCV: scale = 1 + r2 * (k[0] + r2 * k[1]); break;
-    case CAMERA_FULL_OPENCV:
-        scale = (1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))) / (1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7])));
+    case CAMERA_POLYNOMIAL:
+        for (int i = 0; i < count; i++) c[i] = k[i];
+        scale = (1 + r2 * (c[0] + r2 * (c[1] + r2 * c[4]))) / (1 + r2 * (c[5] + r2 * (c[6] + r2 * c[7])));
         break;
+    case CAMERA_FISHEYE: scale = camera_fisheye_scale(k, count, sqrt(r2)); break;
     case CAMERA_FOV: scale = camera_fov_scale(k[0], sqrt(r2)); break;
     case CAMERA_THIN_PRISM:
     case CAMERA_RAD_TAN_THIN_PRISM: scale = camera_fisheye_scale(k, 0, sqrt(r2)); break;
@@ -172,14 +161,12 @@ OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const doubl
         break;
     case CAMERA_SPHERE: pixel[0] = pixel[1] = NAN; return;
     }
-    if (m->kind == CAMERA_OPENCV || m->kind == CAMERA_FULL_OPENCV) {
-        tangential[0] = 2 * k[2] * u * v + k[3] * (r2 + 2 * u * u);
-        tangential[1] = 2 * k[3] * u * v + k[2] * (r2 + 2 * v * v);
-    }
-    x = u * scale + tangential[0];
-    y = v * scale + tangential[1];
-    if (m->kind == CAMERA_THIN_PRISM) camera_thin_prism(k, &x, &y);
-    if (m->kind == CAMERA_RAD_TAN_THIN_PRISM) camera_rad_tan(k, &x, &y);
+    x = u * scale + (2 * c[2] * u * v + c[3] * (r2 + 2 * u * u));
+    y = v * scale + (2 * c[3] * u * v + c[2] * (r2 + 2 * v * v));
+    if (m->kind == CAMERA_THIN_PRISM)
+        camera_prism((double[6]){k[0], k[1], k[4], k[5]}, (double[2]){k[3], k[2]},
+                     (double[4]){k[6], 0, k[7], 0}, 0, &x, &y);
+    if (m->kind == CAMERA_RAD_TAN_THIN_PRISM) camera_prism(k, k + 6, k + 8, 1, &x, &y);
     pixel[0] = p[0] * x + p[m->focal_count];
     pixel[1] = p[m->focal_count - 1] * y + p[m->focal_count + 1];
 }

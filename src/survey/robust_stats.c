@@ -6,6 +6,7 @@
  *
  * Invariant: large surveys are sampled at a fixed stride, so the statistics depend on the survey alone.
  */
+#include "scene.h"
 #include "sparse.h"
 #include "survey.h"
 #include "tracks.h"
@@ -97,16 +98,6 @@ static double stats_distance(const double a[3], const double b[3])
                 (a[2] - b[2]) * (a[2] - b[2]));
 }
 
-/* Moves the centres within the limit to the front and returns their number. */
-static size_t stats_drop_outliers(double *centre, size_t n, const double middle[3], double limit)
-{
-    size_t kept = 0;
-    for (size_t i = 0; i < n; i++)
-        if (stats_distance(centre + 3 * i, middle) <= limit)
-            memmove(centre + 3 * kept++, centre + 3 * i, 3 * sizeof *centre);
-    return kept;
-}
-
 /* Returns the largest distance from the mean of the centres, as in 3DGS. */
 static double stats_radius(const double *centre, size_t n)
 {
@@ -117,22 +108,23 @@ static double stats_radius(const double *centre, size_t n)
     return radius;
 }
 
-OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats_view *views, size_t count,
-                                            double *radius)
+OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const oxl_scene *scene, double *radius)
 {
-    double *centre = oxl_alloc(ctx, count + 1, 3 * sizeof *centre);
-    double *distance = oxl_alloc(ctx, count + 1, sizeof *distance);
-    double low[3], middle[3], high[3];
-    size_t kept;
-    oxl_result rc = OXL_OK;
+    double *centre = oxl_alloc(ctx, (size_t)scene->view_count + 1, 3 * sizeof *centre);
+    double *distance = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *distance);
+    double low[3], middle[3], high[3], limit;
+    size_t count = 0, kept = 0;
+    oxl_result rc = centre && distance ? OXL_OK : OXL_ERR_MEMORY;
     *radius = 0;
-    if (!centre || !distance) rc = OXL_ERR_MEMORY;
+    for (int v = 0; v < scene->view_count && rc == OXL_OK; v++)
+        if (!scene->view[v].is_test) camera_position(&scene->view[v].camera, centre + 3 * count++);
+    if (rc == OXL_OK && count) rc = stats_bounds(ctx, centre, count, 3 * sizeof *centre, low, middle, high);
     if (rc != OXL_OK || count == 0) goto done;
-    for (size_t i = 0; i < count; i++) camera_position(views[i].camera, centre + 3 * i);
-    rc = stats_bounds(ctx, centre, count, 3 * sizeof *centre, low, middle, high);
-    if (rc != OXL_OK) goto done;
     for (size_t i = 0; i < count; i++) distance[i] = stats_distance(centre + 3 * i, middle);
-    kept = stats_drop_outliers(centre, count, middle, STATS_OUTLIER * stats_select(distance, count, 0.5));
+    limit = STATS_OUTLIER * stats_select(distance, count, 0.5);
+    for (size_t i = 0; i < count; i++)
+        if (stats_distance(centre + 3 * i, middle) <= limit)
+            memmove(centre + 3 * kept++, centre + 3 * i, 3 * sizeof *centre);
     *radius = stats_radius(centre, kept);
     if (kept < count)
         oxl_log(ctx, OXL_LOG_WARNING, "%zu cameras are far from all others and are excluded from the extent",
@@ -144,33 +136,12 @@ done:
 
 /* ---------------- depths */
 
-struct stats_depths {
-    double *z; /* (STATS_SAMPLE) */
-    size_t count;
-};
-
-static void stats_add_depth(struct stats_depths *d, const oxl_camera *c, const double p[3])
+static void stats_add_depth(oxl_scene *scene, int view, const double world[3], const double *origin)
 {
     double x[3];
-    camera_transform(c, p, NULL, x);
-    if (x[2] > 0 && x[2] <= DBL_MAX && d->count < STATS_SAMPLE) d->z[d->count++] = x[2];
-}
-
-/* Adds every k-th entry of all tracks. view_of: (images) scratch, set to each image's index in `views`; -1: a
- * test view or a missing image. */
-static void stats_by_tracks(const struct stats_view *views, size_t count, const struct stats_points *points,
-                            int *view_of, struct stats_depths *d)
-{
-    const struct colmap *c = points->colmap;
-    struct tracks_walk w = tracks_of(c, view_of);
-    w.step = c->track_count / STATS_SAMPLE + 1;
-    for (size_t i = 0; i < c->image_count; i++) view_of[i] = -1;
-    for (size_t v = 0; v < count && c->image_count; v++) view_of[views[v].image_row] = (int)v;
-    while (tracks_next(&w)) {
-        const double *p = c->point[w.point].position, *origin = points->origin;
-        stats_add_depth(d, views[w.view].camera,
-                        (double[]){p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]});
-    }
+    camera_transform(&scene->view[view].camera, world, origin, x);
+    if (x[2] > 0 && x[2] <= DBL_MAX && scene->depth_count < STATS_SAMPLE)
+        scene->depth[scene->depth_count++] = x[2];
 }
 
 OXL_INTERNAL int stats_is_in_image(const oxl_camera *c, const double p[3])
@@ -181,32 +152,32 @@ OXL_INTERNAL int stats_is_in_image(const oxl_camera *c, const double p[3])
 }
 
 /* Adds points that project into an image, which may be hidden there; only scenes without tracks need it. */
-static void stats_by_image(const struct stats_view *views, size_t count, const struct stats_points *points,
-                           struct stats_depths *d)
+static void stats_by_image(oxl_scene *scene)
 {
-    const size_t view_step = count / STATS_VIEWS + 1, step = points->count / STATS_POINTS + 1;
-    for (size_t v = 0; v < count; v += view_step)
-        for (size_t i = 0; i < points->count; i += step) {
-            const double *position = points->point[i].position;
-            if (stats_is_in_image(views[v].camera, position)) stats_add_depth(d, views[v].camera, position);
-        }
+    size_t train = 0, step = scene->point_count / STATS_POINTS + 1, seen = 0;
+    for (int v = 0; v < scene->view_count; v++) train += !scene->view[v].is_test;
+    for (int v = 0; v < scene->view_count; v++) {
+        if (scene->view[v].is_test || seen++ % (train / STATS_VIEWS + 1) != 0) continue;
+        for (size_t i = 0; i < scene->point_count; i += step)
+            if (stats_is_in_image(&scene->view[v].camera, scene->point[i].position))
+                stats_add_depth(scene, v, scene->point[i].position, NULL);
+    }
 }
 
-OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, const struct stats_view *views, size_t count,
-                                     const struct stats_points *points, double **out, size_t *out_count)
+OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, oxl_scene *scene)
 {
-    struct stats_depths d = {.z = oxl_alloc(ctx, STATS_SAMPLE, sizeof *d.z)};
-    int *view_of = oxl_alloc(ctx, points->colmap->image_count + 1, sizeof *view_of);
-    *out = d.z;
-    *out_count = 0;
-    if (!d.z || !view_of) {
-        oxl_free(ctx, view_of);
-        return OXL_ERR_MEMORY;
-    }
-    stats_by_tracks(views, count, points, view_of, &d);
+    const struct colmap *c = &scene->colmap;
+    int *view_of = oxl_alloc(ctx, c->image_count + 1, sizeof *view_of);
+    struct tracks_walk w = tracks_of(c, view_of);
+    scene->depth = oxl_alloc(ctx, STATS_SAMPLE, sizeof *scene->depth);
+    for (size_t i = 0; view_of && i < c->image_count; i++) view_of[i] = -1;
+    for (int v = 0; view_of && v < scene->view_count; v++)
+        if (!scene->view[v].is_test) view_of[scene->source[v].image] = v;
+    w.step = c->track_count / STATS_SAMPLE + 1;
+    while (scene->depth && view_of && tracks_next(&w))
+        stats_add_depth(scene, w.view, c->point[w.point].position, scene->origin);
+    if (scene->depth && scene->depth_count == 0) stats_by_image(scene);
+    if (scene->depth) qsort(scene->depth, scene->depth_count, sizeof *scene->depth, stats_compare);
     oxl_free(ctx, view_of);
-    if (d.count == 0) stats_by_image(views, count, points, &d);
-    qsort(d.z, d.count, sizeof *d.z, stats_compare);
-    *out_count = d.count;
-    return OXL_OK;
+    return scene->depth && view_of ? OXL_OK : OXL_ERR_MEMORY;
 }

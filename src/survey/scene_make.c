@@ -66,20 +66,9 @@ static void scene_fill_stats(oxl_scene *scene)
 
 OXL_INTERNAL oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene)
 {
-    struct stats_view *views = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *views);
     double middle[3], radius = 0;
-    size_t count = 0;
-    oxl_result rc = views ? OXL_OK : OXL_ERR_MEMORY;
-    if (rc != OXL_OK) goto done;
-    for (int i = 0; i < scene->view_count; i++) {
-        const uint32_t image_row = scene->from_files ? (uint32_t)scene->source[i].image : (uint32_t)i;
-        if (!scene->view[i].is_test) views[count++] = (struct stats_view){image_row, &scene->view[i].camera};
-    }
-    rc = stats_camera_radius(ctx, views, count, &radius);
-    if (rc == OXL_OK) {
-        const struct stats_points points = {scene->point, scene->point_count, &scene->colmap, scene->origin};
-        rc = stats_depths(ctx, views, count, &points, &scene->depth, &scene->depth_count);
-    }
+    oxl_result rc = stats_camera_radius(ctx, scene, &radius);
+    if (rc == OXL_OK) rc = stats_depths(ctx, scene);
     if (rc == OXL_OK && scene->point_count)
         rc = stats_bounds(ctx, scene->point->position, scene->point_count, sizeof *scene->point,
                           scene->stats.bounds_min, middle, scene->stats.bounds_max);
@@ -87,8 +76,6 @@ OXL_INTERNAL oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene)
         scene->depth_count ? SCENE_EXTENT * scene_depth_quantile(scene, 0.5) : SCENE_EXTENT_RADIUS * radius;
     if (!(scene->extent > 0)) scene->extent = 1;
     scene_fill_stats(scene);
-done:
-    oxl_free(ctx, views);
     return rc;
 }
 

@@ -91,10 +91,7 @@ OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c); /* in scene_m
 /* ---------------- camera.c: camera models, undistortion */
 
 enum camera_kind {
-    CAMERA_IDEAL,
-    CAMERA_RADIAL,
-    CAMERA_OPENCV,
-    CAMERA_FULL_OPENCV,
+    CAMERA_POLYNOMIAL, /* k1 k2 p1 p2 k3 to k6, of which the last ones may be missing */
     CAMERA_FISHEYE,
     CAMERA_FOV,
     CAMERA_THIN_PRISM,

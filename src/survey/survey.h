@@ -6,10 +6,6 @@
 
 /* ---------------- robust_stats.c: robust measures of a survey */
 
-struct stats_view {     /* Names a training view. */
-    uint32_t image_row; /* row in colmap.image, for tracks */
-    const oxl_camera *camera;
-};
 /* Returns a quantile of sorted values by the nearest rank; 0 without values. */
 OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double quantile);
 /* Returns the quantile of unsorted values, which it reorders. */
@@ -21,20 +17,12 @@ OXL_INTERNAL double stats_spread(const double *value, size_t count, double *work
  * are `stride` bytes apart. */
 OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride,
                                      double low[3], double middle[3], double high[3]);
-/* Returns the largest distance of a camera centre from their mean, without those beyond 5 median
+/* Returns the largest distance of a training camera's centre from their mean, without those beyond 5 median
  * distances; 0 for one camera. */
-OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats_view *views, size_t count,
-                                            double *radius);
-struct stats_points {
-    const oxl_point *point; /* (count) around the scene's origin */
-    size_t count;
-    const struct colmap *colmap; /* world points with their tracks; local = position - origin */
-    const double *origin;
-};
-/* Samples the camera z of points in the views of their tracks, ascending; without tracks, in all views whose
- * image they project into. */
-OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, const struct stats_view *views, size_t count,
-                                     const struct stats_points *points, double **out, size_t *out_count);
+OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const oxl_scene *scene, double *radius);
+/* Samples the camera z of points in the training views of their tracks, ascending, into scene->depth; without
+ * tracks, in those whose image they project into. */
+OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, oxl_scene *scene);
 
 /* ---------------- contrast.c: how fast contrast fades with depth */
 
