@@ -13,10 +13,10 @@
 #define SCHEDULE_RESET_RECOVERY 1000
 #define SCHEDULE_RESET_RECOVERY_FRACTION 0.025 /* of the run: the same for long runs, where it is more */
 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel 3 (METHOD.md) */
-#define SCHEDULE_PIXELS_EACH 60.0
+#define SCHEDULE_PIXELS_EACH 60
 /* px: half the sides of smaller images cost more than they save (docs/log/TRAINING.md) */
 #define SCHEDULE_COARSE_SIDE 640
-#define SCHEDULE_COARSE_AUTO 0.75
+#define SCHEDULE_COARSE_AUTO 0.75 /* of the run, for larger ones (docs/log/TRAINING.md) */
 /* auto: three densifications in a run of 150 to 500 iterations, for its quarter before half of it */
 enum { SCHEDULE_DENSIFY_LEAST = 15, SCHEDULE_DENSIFY_MOST = 50 };
 /* iterations from which Kerbl's momentum is the better one; not tried from 2000 to this */
