@@ -27,16 +27,16 @@
  */
 #include "kernels.h"
 
-struct raster_pixels { /* of a subtile */
-    real t[PACK];
-    real last_t[PACK]; /* T after the last contributing splat */
-    real rgb[3][PACK];
+struct raster_pixels { /* of a tile, subtile by subtile, 16 pixels a subtile */
+    real t[TILE_PIXELS];
+    real last_t[TILE_PIXELS]; /* T after the last contributing splat */
+    real rgb[3][TILE_PIXELS];
 };
 
-struct raster_gradients { /* of a subtile */
-    real t[PACK];
-    real drgb[3][PACK]; /* dC = dL/dC */
-    real behind[PACK];  /* S - s: contribution of the splats behind */
+struct raster_gradients {
+    real t[TILE_PIXELS];
+    real drgb[3][TILE_PIXELS]; /* dC = dL/dC */
+    real behind[TILE_PIXELS];  /* S - s: contribution of the splats behind */
 };
 
 struct raster_tile {
@@ -59,16 +59,12 @@ SIMD_INLINE struct raster_tile raster_tile(const struct raster_job *job)
 
 /* ---------------- between the image's rows and the tile's subtiles
  *
- * Inside the image a subtile's row of four pixels is copied as one piece. A tile's state is an array of 16
- * structs, one a subtile, in which each number of the 16 pixels is an array; `stride` is the size of the
- * struct in `real`.
+ * Inside the image a subtile's row of four pixels is copied as one piece.
  */
 
-#define RASTER_STRIDE(subtiles) (sizeof *(subtiles) / sizeof(real))
-
-SIMD_INLINE size_t raster_lane(size_t stride, int row, int column)
+SIMD_INLINE int raster_lane(int row, int column)
 {
-    return (size_t)(row / 4 * 4 + column / 4) * stride + (size_t)(row % 4 * 4 + column % 4);
+    return (row / 4 * 4 + column / 4) * PACK + row % 4 * 4 + column % 4;
 }
 
 SIMD_INLINE int raster_is_full(const struct raster_tile *tile)
@@ -76,39 +72,56 @@ SIMD_INLINE int raster_is_full(const struct raster_tile *tile)
     return tile->columns == TILE && tile->rows == TILE;
 }
 
-/* Copies the part of an image plane under the tile into the subtiles, or, with store, a constant, back. Past
- * the image's edge nothing is copied. */
-SIMD_INLINE void raster_copy(const int store, const struct raster_job *job, const struct raster_tile *tile,
-                             real *plane, real *subtiles, size_t stride)
+/* Copies the part of an image plane under the tile; 0 past the image's edge. */
+SIMD_INLINE void raster_load(const struct raster_job *job, const struct raster_tile *tile, const real *plane,
+                             real *subtiles)
 {
-    const int step = raster_is_full(tile) ? 4 : 1;
-    real *pixel = plane + (size_t)tile->y * (size_t)job->width + tile->x;
-    for (int row = 0; row < tile->rows; row++, pixel += job->width)
-        for (int column = 0; column < tile->columns; column += step) {
-            real *lane = subtiles + raster_lane(stride, row, column);
-            if (step == 4)
-                memcpy(store ? pixel + column : lane, store ? lane : pixel + column, 4 * sizeof *lane);
-            else if (store) pixel[column] = *lane;
-            else *lane = pixel[column];
-        }
+    const real *in = plane + (size_t)tile->y * (size_t)job->width + tile->x;
+    if (raster_is_full(tile)) {
+        for (int row = 0; row < TILE; row++, in += job->width)
+            for (int quad = 0; quad < TILE; quad += 4)
+                memcpy(subtiles + raster_lane(row, quad), in + quad, 4 * sizeof *in);
+        return;
+    }
+    memset(subtiles, 0, TILE_PIXELS * sizeof *subtiles);
+    for (int row = 0; row < tile->rows; row++, in += job->width)
+        for (int column = 0; column < tile->columns; column++)
+            subtiles[raster_lane(row, column)] = in[column];
+}
+
+SIMD_INLINE void raster_store(const struct raster_job *job, const struct raster_tile *tile,
+                              const real *subtiles, real *plane)
+{
+    real *out = plane + (size_t)tile->y * (size_t)job->width + tile->x;
+    if (raster_is_full(tile)) {
+        for (int row = 0; row < TILE; row++, out += job->width)
+            for (int quad = 0; quad < TILE; quad += 4)
+                memcpy(out + quad, subtiles + raster_lane(row, quad), 4 * sizeof *out);
+        return;
+    }
+    for (int row = 0; row < tile->rows; row++, out += job->width)
+        for (int column = 0; column < tile->columns; column++)
+            out[column] = subtiles[raster_lane(row, column)];
 }
 
 /* T before the first splat: 1; 0 outside the image, where pixels have ended. */
-SIMD_INLINE void raster_begin(const struct raster_tile *tile, real *t, size_t stride)
+SIMD_INLINE void raster_begin(const struct raster_tile *tile, real *t)
 {
+    for (int i = 0; i < TILE_PIXELS; i++) t[i] = 1;
+    if (raster_is_full(tile)) return;
     for (int row = 0; row < TILE; row++)
-        for (int column = 0; column < TILE; column++)
-            t[raster_lane(stride, row, column)] = row < tile->rows && column < tile->columns;
+        for (int column = row < tile->rows ? tile->columns : 0; column < TILE; column++)
+            t[raster_lane(row, column)] = 0;
 }
 
 /* Subtiles with a pixel that has not ended. */
-SIMD_INLINE uint32_t raster_active_subtiles(const real *t, size_t stride)
+SIMD_INLINE uint32_t raster_active_subtiles(const real *t)
 {
     uint32_t active = 0;
-    for (int subtile = 0; subtile < TILE_SUBTILES; subtile++, t += stride) {
+    for (int subtile = 0; subtile < TILE_SUBTILES; subtile++) {
         int32_t any = 0;
 #pragma omp simd reduction(| : any)
-        for (int l = 0; l < PACK; l++) any |= t[l] >= TRANSMITTANCE_MIN;
+        for (int l = 0; l < PACK; l++) any |= t[subtile * PACK + l] >= TRANSMITTANCE_MIN;
         active |= (uint32_t)(any != 0) << subtile;
     }
     return active;
@@ -140,8 +153,6 @@ struct raster_batch {
     /* by splat: its subtiles that have not ended */
     uint32_t subtiles[RASTER_BATCH];
     uint32_t splats[TILE_SUBTILES]; /* by subtile: the splats on it */
-    /* positions in the tile of a subtile's pixels, by its column and row of subtiles */
-    real x[4][PACK], y[4][PACK];
     /* by splat, subtile and pixel, written by raster_differentiate: */
     /* alpha dL/dalpha = dL/d(log alpha); for the score dS/dalpha */
     real dlog_alpha[RASTER_BATCH][TILE_SUBTILES][PACK];
@@ -161,9 +172,6 @@ SIMD_INLINE void raster_load_batch(const int lobed, const struct raster_job *job
     batch->log2_alpha_min = -job->bins->cutoff_bits;
     batch->lobed = 0;
     memset(batch->splats, 0, sizeof batch->splats);
-    for (int i = 0; i < 4; i++)
-        for (int l = 0; l < PACK; l++)
-            batch->x[i][l] = (real)(4 * i + l % 4), batch->y[i][l] = (real)(4 * i + l / 4);
     for (int n = 0; n < batch->count; n++) {
         const struct splat *s = &job->bins->splat[pair[n].splat];
         const uint32_t subtiles = pair[n].subtiles & active;
@@ -193,6 +201,16 @@ SIMD_INLINE int raster_lobed(const int lobed, const struct raster_batch *batch, 
 {
     return lobed && batch->lobed >> n & 1;
 }
+
+/* Positions of a subtile's pixels in the tile, from its column and row of subtiles. */
+static const real RASTER_X[4][PACK] = {{0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3},
+                                       {4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7},
+                                       {8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11},
+                                       {12, 13, 14, 15, 12, 13, 14, 15, 12, 13, 14, 15, 12, 13, 14, 15}};
+static const real RASTER_Y[4][PACK] = {{0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3},
+                                       {4, 4, 4, 4, 5, 5, 5, 5, 6, 6, 6, 6, 7, 7, 7, 7},
+                                       {8, 8, 8, 8, 9, 9, 9, 9, 10, 10, 10, 10, 11, 11, 11, 11},
+                                       {12, 12, 12, 12, 13, 13, 13, 13, 14, 14, 14, 14, 15, 15, 15, 15}};
 
 /* ---------------- a pixel under a splat */
 
@@ -240,20 +258,23 @@ SIMD_INLINE struct raster_contribution raster_contribution(const int fused, cons
 }
 
 /* Keeps the T of ended pixels normal: a batch reduces it by a factor of at most 100^RASTER_BATCH. */
-SIMD_INLINE void raster_keep_normal(real *t)
+SIMD_INLINE real raster_keep_normal(real t)
 {
-#pragma omp simd
-    for (int l = 0; l < PACK; l++) t[l] = t[l] >= TRANSMITTANCE_MIN ? t[l] : 0;
+    return t >= TRANSMITTANCE_MIN ? t : 0;
 }
 
 /* ---------------- forward */
 
+struct raster_subtile_state { /* a subtile's pixels */
+    real t[PACK], last_t[PACK], r[PACK], g[PACK], b[PACK];
+};
+
 /* A splat over the 16 pixels of a subtile, front to back: C += c alpha T, T *= 1 - alpha. */
 SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lobed,
                                   const struct raster_batch *batch, int n, int subtile,
-                                  struct raster_pixels *out)
+                                  struct raster_subtile_state *out)
 {
-    const real *restrict x = batch->x[subtile % 4], *restrict y = batch->y[subtile / 4];
+    const real *restrict x = RASTER_X[subtile % 4], *restrict y = RASTER_Y[subtile / 4];
     const real *colour = batch->splat[n].colour;
     const real red = colour[0], green = colour[1], blue = colour[2];
 #pragma omp simd
@@ -261,9 +282,9 @@ SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lo
         const struct raster_contribution p =
             raster_contribution(fused, mixed, lobed, batch, n, x[l], y[l], out->t[l]);
         out->last_t[l] = p.contributes ? p.t : out->last_t[l];
-        out->rgb[0][l] = muladd(fused, p.weight, red, out->rgb[0][l]);
-        out->rgb[1][l] = muladd(fused, p.weight, green, out->rgb[1][l]);
-        out->rgb[2][l] = muladd(fused, p.weight, blue, out->rgb[2][l]);
+        out->r[l] = muladd(fused, p.weight, red, out->r[l]);
+        out->g[l] = muladd(fused, p.weight, green, out->g[l]);
+        out->b[l] = muladd(fused, p.weight, blue, out->b[l]);
         out->t[l] = p.t;
     }
 }
@@ -271,14 +292,29 @@ SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lo
 SIMD_INLINE void raster_composite_subtile(const int fused, const int lobed, const struct raster_batch *batch,
                                           int subtile, struct raster_pixels *pixels)
 {
-    struct raster_pixels here = *pixels; /* in registers */
-    raster_keep_normal(here.t);
+    const int at = subtile * PACK;
+    struct raster_subtile_state state;
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) {
+        state.t[l] = raster_keep_normal(pixels->t[at + l]);
+        state.last_t[l] = pixels->last_t[at + l];
+        state.r[l] = pixels->rgb[0][at + l];
+        state.g[l] = pixels->rgb[1][at + l];
+        state.b[l] = pixels->rgb[2][at + l];
+    }
     for (uint32_t splats = batch->splats[subtile]; splats; splats &= splats - 1) {
         const int n = simd_lowest_bit(splats);
-        if (raster_lobed(lobed, batch, n)) raster_composite(fused, 1, 1, batch, n, subtile, &here);
-        else raster_composite(fused, lobed, 0, batch, n, subtile, &here);
+        if (raster_lobed(lobed, batch, n)) raster_composite(fused, 1, 1, batch, n, subtile, &state);
+        else raster_composite(fused, lobed, 0, batch, n, subtile, &state);
     }
-    *pixels = here;
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) {
+        pixels->t[at + l] = state.t[l];
+        pixels->last_t[at + l] = state.last_t[l];
+        pixels->rgb[0][at + l] = state.r[l];
+        pixels->rgb[1][at + l] = state.g[l];
+        pixels->rgb[2][at + l] = state.b[l];
+    }
 }
 
 /* Adds the background, and stores the tile. */
@@ -287,37 +323,38 @@ SIMD_INLINE void raster_finish(const struct raster_job *job, const struct raster
 {
     const size_t plane = (size_t)job->width * (size_t)job->height;
     for (int ch = 0; ch < 3; ch++) {
-        for (int subtile = 0; subtile < TILE_SUBTILES; subtile++)
-            for (int l = 0; l < PACK; l++)
-                p[subtile].rgb[ch][l] += p[subtile].last_t[l] * job->background[ch];
-        raster_copy(1, job, tile, job->rgb + (size_t)ch * plane, p->rgb[ch], RASTER_STRIDE(p));
+        for (int i = 0; i < TILE_PIXELS; i++) p->rgb[ch][i] += p->last_t[i] * job->background[ch];
+        raster_store(job, tile, p->rgb[ch], job->rgb + (size_t)ch * plane);
     }
-    raster_copy(1, job, tile, job->transmittance, p->last_t, RASTER_STRIDE(p));
+    raster_store(job, tile, p->last_t, job->transmittance);
 }
 
 SIMD_INLINE void raster_forward_tile(const int fused, const int lobed, const struct raster_job *job)
 {
     const struct raster_tile tile = raster_tile(job);
     uint32_t active = 0xFFFF;
-    struct raster_pixels p[TILE_SUBTILES];
+    struct raster_pixels p;
     struct raster_batch batch;
-    memset(p, 0, sizeof p);
-    raster_begin(&tile, p->t, RASTER_STRIDE(p));
-    for (int subtile = 0; subtile < TILE_SUBTILES; subtile++)
-        for (int l = 0; l < PACK; l++) p[subtile].last_t[l] = 1;
+    memset(p.rgb, 0, sizeof p.rgb);
+    raster_begin(&tile, p.t);
+    for (int i = 0; i < TILE_PIXELS; i++) p.last_t[i] = 1;
     for (const struct pair *pair = tile.pair; pair < tile.end && active; pair += RASTER_BATCH) {
         raster_load_batch(lobed, job, &tile, pair, active, &batch);
         for (int subtile = 0; subtile < TILE_SUBTILES; subtile++)
-            if (batch.splats[subtile]) raster_composite_subtile(fused, lobed, &batch, subtile, &p[subtile]);
-        if (tile.end - pair > RASTER_BATCH) active = raster_active_subtiles(p->t, RASTER_STRIDE(p));
+            if (batch.splats[subtile]) raster_composite_subtile(fused, lobed, &batch, subtile, &p);
+        if (tile.end - pair > RASTER_BATCH) active = raster_active_subtiles(p.t);
     }
-    raster_finish(job, &tile, p);
+    raster_finish(job, &tile, &p);
 }
 
 /* ---------------- backward and score, a subtile at a time
  *
  * score: 0 or 1, a constant.
  */
+
+struct raster_subtile_gradients { /* a subtile's pixels, as in struct raster_gradients */
+    real t[PACK], dr[PACK], dg[PACK], db[PACK], behind[PACK];
+};
 
 /* Gradient of raster_composite. Writes, for each pixel:
  *   dlog_alpha   alpha dL/dalpha = weight (dC . c) - alpha / (1 - alpha) (S - s); with a second lobe o dL/do;
@@ -328,9 +365,9 @@ SIMD_INLINE void raster_forward_tile(const int fused, const int lobed, const str
  * for their own lobe. */
 SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const int lobed, const int score,
                                       struct raster_batch *batch, int n, int subtile,
-                                      struct raster_gradients *d)
+                                      struct raster_subtile_gradients *d)
 {
-    const real *restrict x = batch->x[subtile % 4], *restrict y = batch->y[subtile / 4];
+    const real *restrict x = RASTER_X[subtile % 4], *restrict y = RASTER_Y[subtile / 4];
     const real *colour = batch->splat[n].colour;
     const real red = colour[0], green = colour[1], blue = colour[2];
     real *restrict dlog_alpha = batch->dlog_alpha[n][subtile], *restrict dlog_lobe =
@@ -341,8 +378,7 @@ SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const in
         const struct raster_contribution p =
             raster_contribution(fused, mixed, lobed, batch, n, x[l], y[l], d->t[l]);
         /* dC . c */
-        const real light =
-            muladd(fused, d->drgb[0][l], red, muladd(fused, d->drgb[1][l], green, d->drgb[2][l] * blue));
+        const real light = muladd(fused, d->dr[l], red, muladd(fused, d->dg[l], green, d->db[l] * blue));
         const real rest = muladd(fused, -p.weight, light, d->behind[l]);
         if (lobed || score) {
             const real inverse = 1 / (1 - p.alpha), contributes = real_abs(p.weight) > 0 ? inverse : 0;
@@ -364,17 +400,28 @@ SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const in
 
 SIMD_INLINE void raster_differentiate_subtile(const int fused, const int lobed, const int score,
                                               struct raster_batch *batch, int subtile,
-                                              struct raster_gradients *gradients)
+                                              struct raster_gradients *tile)
 {
-    struct raster_gradients d = *gradients;
-    raster_keep_normal(d.t);
+    const int at = subtile * PACK;
+    struct raster_subtile_gradients d;
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) {
+        d.t[l] = raster_keep_normal(tile->t[at + l]);
+        d.dr[l] = tile->drgb[0][at + l];
+        d.dg[l] = tile->drgb[1][at + l];
+        d.db[l] = tile->drgb[2][at + l];
+        d.behind[l] = tile->behind[at + l];
+    }
     for (uint32_t splats = batch->splats[subtile]; splats; splats &= splats - 1) {
         const int n = simd_lowest_bit(splats);
         if (raster_lobed(lobed, batch, n)) raster_differentiate(fused, 1, 1, score, batch, n, subtile, &d);
         else raster_differentiate(fused, lobed, 0, score, batch, n, subtile, &d);
     }
-    memcpy(gradients->t, d.t, sizeof d.t);
-    memcpy(gradients->behind, d.behind, sizeof d.behind);
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) {
+        tile->t[at + l] = d.t[l];
+        tile->behind[at + l] = d.behind[l];
+    }
 }
 
 /* ---------------- backward and score, the sums of a splat
@@ -413,11 +460,11 @@ SIMD_INLINE void raster_sum(const int fused, const int lobe, const struct raster
         return;
     }
     for (; subtiles; subtiles &= subtiles - 1) {
-        const int subtile = simd_lowest_bit(subtiles);
-        const real *restrict x = batch->x[subtile % 4], *restrict y = batch->y[subtile / 4];
+        const int subtile = simd_lowest_bit(subtiles), at = subtile * PACK;
+        const real *restrict x = RASTER_X[subtile % 4], *restrict y = RASTER_Y[subtile / 4];
         const real *restrict d = lobe ? batch->dlog_lobe[n][subtile] : batch->dlog_alpha[n][subtile];
-        const real *restrict weight = batch->weight[n][subtile], *restrict dr = gradients[subtile].drgb[0];
-        const real *restrict dg = gradients[subtile].drgb[1], *restrict db = gradients[subtile].drgb[2];
+        const real *restrict weight = batch->weight[n][subtile], *restrict dr = gradients->drgb[0] + at;
+        const real *restrict dg = gradients->drgb[1] + at, *restrict db = gradients->drgb[2] + at;
 #pragma omp simd
         for (int l = 0; l < PACK; l++) {
             const real dy = y[l] - v, w = muladd(fused, k, dy, x[l] - u), d_by_w = d[l] * w,
@@ -464,15 +511,15 @@ SIMD_INLINE void raster_begin_backward(const struct raster_job *job, const struc
                                        struct raster_gradients *d)
 {
     const size_t plane = (size_t)job->width * (size_t)job->height;
-    memset(d, 0, TILE_SUBTILES * sizeof *d);
-    raster_begin(tile, d->t, RASTER_STRIDE(d));
+    real rgb[TILE_PIXELS];
+    raster_begin(tile, d->t);
+    memset(d->behind, 0, sizeof d->behind);
     for (int ch = 0; ch < 3; ch++) {
-        real rgb[TILE_SUBTILES][PACK] = {{0}};
-        raster_copy(0, job, tile, (real *)(uintptr_t)job->drgb + (size_t)ch * plane, d->drgb[ch],
-                    RASTER_STRIDE(d));
-        raster_copy(0, job, tile, job->rgb + (size_t)ch * plane, rgb[0], PACK);
-        for (int subtile = 0; subtile < TILE_SUBTILES; subtile++)
-            for (int l = 0; l < PACK; l++) d[subtile].behind[l] += d[subtile].drgb[ch][l] * rgb[subtile][l];
+        raster_load(job, tile, job->drgb + (size_t)ch * plane, d->drgb[ch]);
+        raster_load(job, tile, job->rgb + (size_t)ch * plane, rgb);
+        for (int i = 0; i < TILE_PIXELS; i++) {
+            d->behind[i] += d->drgb[ch][i] * rgb[i];
+        }
     }
 }
 
@@ -507,16 +554,15 @@ SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const in
     const struct raster_tile tile = raster_tile(job);
     const struct pair *pair = tile.pair;
     uint32_t active = 0xFFFF;
-    struct raster_gradients d[TILE_SUBTILES];
+    struct raster_gradients d;
     struct raster_batch batch;
-    raster_begin_backward(job, &tile, d);
+    raster_begin_backward(job, &tile, &d);
     for (; pair < tile.end && active; pair += RASTER_BATCH) {
         raster_load_batch(lobed, job, &tile, pair, active, &batch);
         for (int subtile = 0; subtile < TILE_SUBTILES; subtile++)
-            if (batch.splats[subtile])
-                raster_differentiate_subtile(fused, lobed, score, &batch, subtile, &d[subtile]);
-        for (int n = 0; n < batch.count; n++) raster_store_sums(fused, lobed, score, job, &batch, n, d);
-        if (tile.end - pair > RASTER_BATCH) active = raster_active_subtiles(d->t, RASTER_STRIDE(d));
+            if (batch.splats[subtile]) raster_differentiate_subtile(fused, lobed, score, &batch, subtile, &d);
+        for (int n = 0; n < batch.count; n++) raster_store_sums(fused, lobed, score, job, &batch, n, &d);
+        if (tile.end - pair > RASTER_BATCH) active = raster_active_subtiles(d.t);
     }
     for (; pair < tile.end; pair++) raster_zero_sums(lobed, score, job, pair);
 }
@@ -543,7 +589,7 @@ SIMD_INLINE void raster_add_depth(const int fused, const int mixed, const int lo
                                   real scale, const struct raster_batch *batch, int n, int subtile,
                                   struct raster_layers *d)
 {
-    const real *restrict x = batch->x[subtile % 4], *restrict y = batch->y[subtile / 4];
+    const real *restrict x = RASTER_X[subtile % 4], *restrict y = RASTER_Y[subtile / 4];
     const real z = batch->splat[n].colour[0];
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
@@ -575,7 +621,7 @@ SIMD_INLINE void raster_add_depth(const int fused, const int mixed, const int lo
 SIMD_INLINE void raster_depth_subtile(const int fused, const int lobed, const int is_second, real scale,
                                       const struct raster_batch *batch, int subtile, struct raster_layers *d)
 {
-    raster_keep_normal(d->t);
+    for (int l = 0; l < PACK; l++) d->t[l] = raster_keep_normal(d->t[l]);
     for (uint32_t splats = batch->splats[subtile]; splats; splats &= splats - 1) {
         const int n = simd_lowest_bit(splats);
         if (raster_lobed(lobed, batch, n))
@@ -591,8 +637,10 @@ SIMD_INLINE void raster_depth_pass(const int fused, const int lobed, const int i
 {
     uint32_t active = 0xFFFF;
     struct raster_batch batch;
-    raster_begin(tile, d->t, RASTER_STRIDE(d));
+    real t[TILE_PIXELS];
+    raster_begin(tile, t);
     for (int subtile = 0; subtile < TILE_SUBTILES; subtile++) {
+        memcpy(d[subtile].t, t + subtile * PACK, sizeof d->t);
         memset(d[subtile].weight, 0, sizeof d->weight);
         memset(d[subtile].offset, 0, sizeof d->offset);
     }
@@ -600,9 +648,11 @@ SIMD_INLINE void raster_depth_pass(const int fused, const int lobed, const int i
         raster_load_batch(lobed, job, tile, pair, active, &batch);
         for (int n = 0; n < batch.count; n++)
             batch.splat[n].colour[0] = job->bins->splat[pair[n].splat].depth;
-        for (int subtile = 0; subtile < TILE_SUBTILES; subtile++)
+        for (int subtile = 0; subtile < TILE_SUBTILES; subtile++) {
             raster_depth_subtile(fused, lobed, is_second, job->depth_scale, &batch, subtile, &d[subtile]);
-        if (tile->end - pair > RASTER_BATCH) active = raster_active_subtiles(d->t, RASTER_STRIDE(d));
+            memcpy(t + subtile * PACK, d[subtile].t, sizeof d->t);
+        }
+        if (tile->end - pair > RASTER_BATCH) active = raster_active_subtiles(t);
     }
 }
 
@@ -610,7 +660,7 @@ SIMD_INLINE void raster_depth_tile(const int fused, const int lobed, const struc
 {
     const struct raster_tile tile = raster_tile(job);
     struct raster_layers d[TILE_SUBTILES];
-    real last_t[TILE_PIXELS] = {0};
+    real last_t[TILE_PIXELS], depth[TILE_PIXELS];
     memset(d, 0, sizeof d);
     for (int i = 0; i < TILE_PIXELS; i++) d[i / PACK].front[i % PACK] = -1;
     raster_depth_pass(fused, lobed, 0, job, &tile, d);
@@ -620,15 +670,15 @@ SIMD_INLINE void raster_depth_tile(const int fused, const int lobed, const struc
         at->depth[l] += at->most[l] > 0 ? at->beyond[l] / at->most[l] : 0;
     }
     raster_depth_pass(fused, lobed, 1, job, &tile, d);
-    raster_copy(0, job, &tile, job->transmittance, last_t, PACK);
+    raster_load(job, &tile, job->transmittance, last_t);
     for (int i = 0; i < TILE_PIXELS; i++) {
-        struct raster_layers *at = &d[i / PACK];
+        const struct raster_layers *at = &d[i / PACK];
         const int l = i % PACK;
         const real z = at->depth[l] + (at->weight[l] > 0 ? at->offset[l] / at->weight[l] : 0);
         const real sure = at->weight[l] >= DEPTH_WEIGHT_MIN ? z : -z;
-        at->depth[l] = 1 - last_t[i] >= OPAQUE_MIN ? sure : 0;
+        depth[i] = 1 - last_t[i] >= OPAQUE_MIN ? sure : 0;
     }
-    raster_copy(1, job, &tile, job->depth, d->depth, RASTER_STRIDE(d));
+    raster_store(job, &tile, depth, job->depth);
 }
 
 /* ---------------- entry points: tiles of scenes with second lobes, or without */
