@@ -344,7 +344,7 @@ SIMD_BODY void project_forward_body(const int fused, const struct project_job *j
 
 struct project_gradients {
     real sums[SPLAT_SUMS][PACK]; /* summed over the splat's pairs; 0 if invisible */
-    real plane[OXL_SH][PACK], lobe[OXL_PLANES - OXL_LOBE][PACK];
+    real mean[3][PACK];
     real u[PACK], v[PACK]; /* the centre's */
 };
 
@@ -352,7 +352,7 @@ struct project_gradients {
 SIMD_INLINE void project_gather(const struct project_job *job, size_t first, unsigned seen,
                                 struct project_gradients *d)
 {
-    memset(d, 0, sizeof *d);
+    memset(d->sums, 0, sizeof d->sums);
     for (int l = 0; l < PACK; l++) {
         const struct splat *s = &job->splat[first + l];
         real sum[SPLAT_SUMS] = {0};
@@ -470,40 +470,70 @@ SIMD_INLINE real project_length(const struct kernel_camera *kernel_camera, real 
     return real_sqrt(hx * hx + hy * hy);
 }
 
-/* Adds the gradients of a lane; lobe, a constant: through the second lobe (MATH 16), with `seen` of the rows
- * that have one. Product rule: log o' = log o + log sigmoid(a), log s' = log s + b, so gradients of o' and s'
- * are also those of o and s. */
-SIMD_INLINE void project_lane_backward(const int fused, const int antialias, const int lobe,
-                                       const struct project_job *job, unsigned seen, size_t i, int l,
-                                       real sums[SPLAT_SUMS][PACK], struct project_gradients *d)
+SIMD_INLINE void project_lane_backward(const int fused, const int antialias, const struct project_job *job,
+                                       unsigned seen, size_t i, int l, struct project_gradients *d)
 {
+    const struct kernel_camera *kernel_camera = job->kernel_camera;
+    const size_t to = i - job->out_row;
     int in_front;
     const struct project_geometry g =
-        project_geometry(fused, antialias, lobe, &job->in, job->kernel_camera, i, &in_front);
+        project_geometry(fused, antialias, 0, &job->in, kernel_camera, i, &in_front);
+    /* 1 - o, without cancellation */
+    const real rest = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]);
     const struct project_geometry_gradient p =
-        project_geometry_gradient(antialias, job->kernel_camera, &g, sums, l);
+        project_geometry_gradient(antialias, kernel_camera, &g, d->sums, l);
     const int ok = seen >> l & 1;
-    const real dlog_o = sums[SUM_D][l];
-    /* alpha = o G: d alpha/d logit = alpha (1 - o), without cancellation */
-    const real dlogit = dlog_o * project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]);
-    d->plane[OXL_MEAN][l] += ok ? p.mean.x : 0;
-    d->plane[OXL_MEAN + 1][l] += ok ? p.mean.y : 0;
-    d->plane[OXL_MEAN + 2][l] += ok ? p.mean.z : 0;
-    d->plane[OXL_LOG_SCALE][l] += ok ? p.log_scale.x : 0;
-    d->plane[OXL_LOG_SCALE + 1][l] += ok ? p.log_scale.y : 0;
-    d->plane[OXL_LOG_SCALE + 2][l] += ok ? p.log_scale.z : 0;
-    d->plane[OXL_ROTATION][l] += ok ? p.q[0] : 0;
-    d->plane[OXL_ROTATION + 1][l] += ok ? p.q[1] : 0;
-    d->plane[OXL_ROTATION + 2][l] += ok ? p.q[2] : 0;
-    d->plane[OXL_ROTATION + 3][l] += ok ? p.q[3] : 0;
-    d->plane[OXL_OPACITY][l] += ok ? dlogit : 0;
-    d->u[l] += ok ? p.u : 0;
-    d->v[l] += ok ? p.v : 0;
-    if (!lobe) return;
-    d->lobe[0][l] = ok ? dlog_o * project_sigmoid(fused, -job->in.plane[OXL_LOBE][i]) : 0;
-    d->lobe[1][l] = ok ? p.log_scale.x : 0;
-    d->lobe[2][l] = ok ? p.log_scale.y : 0;
-    d->lobe[3][l] = ok ? p.log_scale.z : 0;
+    d->mean[0][l] += p.mean.x;
+    d->mean[1][l] += p.mean.y;
+    d->mean[2][l] += p.mean.z;
+    d->u[l] = p.u;
+    d->v[l] = p.v;
+    job->out.plane[OXL_LOG_SCALE][to] = ok ? p.log_scale.x : 0;
+    job->out.plane[OXL_LOG_SCALE + 1][to] = ok ? p.log_scale.y : 0;
+    job->out.plane[OXL_LOG_SCALE + 2][to] = ok ? p.log_scale.z : 0;
+    job->out.plane[OXL_ROTATION][to] = ok ? p.q[0] : 0;
+    job->out.plane[OXL_ROTATION + 1][to] = ok ? p.q[1] : 0;
+    job->out.plane[OXL_ROTATION + 2][to] = ok ? p.q[2] : 0;
+    job->out.plane[OXL_ROTATION + 3][to] = ok ? p.q[3] : 0;
+    /* alpha = o G: d alpha/d logit = alpha (1 - o) */
+    job->out.plane[OXL_OPACITY][to] = ok ? d->sums[SUM_D][l] * rest : 0;
+    job->dmean2d[i] = ok ? project_length(kernel_camera, p.u, p.v) : 0;
+}
+
+/* The second lobe's part, added to what project_lane_backward wrote (MATH 16). Product rule:
+ * log o' = log o + log sigmoid(a), log s' = log s + b, so gradients of o' and s' are also added to those of o
+ * and s. */
+SIMD_INLINE void project_lobe_lane_backward(const int fused, const int antialias,
+                                            const struct project_job *job, unsigned seen, size_t i, int l,
+                                            real sums[SPLAT_SUMS][PACK], struct project_gradients *d)
+{
+    const struct kernel_camera *kernel_camera = job->kernel_camera;
+    const size_t to = i - job->out_row;
+    int in_front;
+    const struct project_geometry g =
+        project_geometry(fused, antialias, 1, &job->in, kernel_camera, i, &in_front);
+    const real rest = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]);
+    const real rest_factor = project_sigmoid(fused, -job->in.plane[OXL_LOBE][i]);
+    const struct project_geometry_gradient p =
+        project_geometry_gradient(antialias, kernel_camera, &g, sums, l);
+    const real dlog_o = sums[SUM_D][l]; /* dL/d(log o') */
+    const int ok = seen >> l & 1;       /* seen: of the rows with a lobe */
+    d->mean[0][l] += ok ? p.mean.x : 0;
+    d->mean[1][l] += ok ? p.mean.y : 0;
+    d->mean[2][l] += ok ? p.mean.z : 0;
+    job->out.plane[OXL_LOG_SCALE][to] += ok ? p.log_scale.x : 0;
+    job->out.plane[OXL_LOG_SCALE + 1][to] += ok ? p.log_scale.y : 0;
+    job->out.plane[OXL_LOG_SCALE + 2][to] += ok ? p.log_scale.z : 0;
+    job->out.plane[OXL_ROTATION][to] += ok ? p.q[0] : 0;
+    job->out.plane[OXL_ROTATION + 1][to] += ok ? p.q[1] : 0;
+    job->out.plane[OXL_ROTATION + 2][to] += ok ? p.q[2] : 0;
+    job->out.plane[OXL_ROTATION + 3][to] += ok ? p.q[3] : 0;
+    job->out.plane[OXL_OPACITY][to] += ok ? dlog_o * rest : 0;
+    job->out.plane[OXL_LOBE][to] = ok ? dlog_o * rest_factor : 0;
+    job->out.plane[OXL_LOBE + 1][to] = ok ? p.log_scale.x : 0;
+    job->out.plane[OXL_LOBE + 2][to] = ok ? p.log_scale.y : 0;
+    job->out.plane[OXL_LOBE + 3][to] = ok ? p.log_scale.z : 0;
+    job->dmean2d[i] = ok ? project_length(kernel_camera, d->u[l] + p.u, d->v[l] + p.v) : job->dmean2d[i];
 }
 
 SIMD_INLINE void project_pack_backward(const int fused, const int antialias, const struct project_job *job,
@@ -512,30 +542,12 @@ SIMD_INLINE void project_pack_backward(const int fused, const int antialias, con
     const unsigned both = seen & ((1u << lobes) - 1);
     real sums[SPLAT_SUMS][PACK];
 #pragma omp simd
-    for (int l = 0; l < PACK; l++)
-        project_lane_backward(fused, antialias, 0, job, seen, first + l, l, d->sums, d);
+    for (int l = 0; l < PACK; l++) project_lane_backward(fused, antialias, job, seen, first + l, l, d);
     if (!lobes) return;
     project_gather_lobes(job, first, seen, lobes, sums);
 #pragma omp simd
     for (int l = 0; l < PACK; l++)
-        project_lane_backward(fused, antialias, 1, job, both, first + l, l, sums, d);
-}
-
-/* Stores the gradients of a pack, but those of the harmonics. */
-SIMD_INLINE void project_store_gradients(const struct project_job *job, size_t first, unsigned seen,
-                                         int lobes, const struct project_gradients *d)
-{
-    const size_t to = first - job->out_row;
-    for (int k = 0; k < OXL_SH; k++) {
-        real *out = job->out.plane[k] + to;
-        for (int l = 0; l < PACK; l++) out[l] = seen >> l & 1 ? d->plane[k][l] : 0;
-    }
-    for (int k = 0; lobes && k < OXL_PLANES - OXL_LOBE; k++)
-        memcpy(job->out.plane[OXL_LOBE + k] + to, d->lobe[k], sizeof d->lobe[k]);
-    for (int l = 0; l < PACK; l++) {
-        const real length = project_length(job->kernel_camera, d->u[l], d->v[l]);
-        job->dmean2d[first + l] = seen >> l & 1 ? length : 0;
-    }
+        project_lobe_lane_backward(fused, antialias, job, both, first + l, l, sums, d);
 }
 
 SIMD_BODY void project_backward_body(const int fused, const struct project_job *job)
@@ -555,13 +567,16 @@ SIMD_BODY void project_backward_body(const int fused, const struct project_job *
         project_gather(job, first, seen, &d);
         if (job->medium) medium_pack_backward(job, pack, d.sums + SUM_RED, drange);
         project_view_direction(&job->in, job->kernel_camera, first, &colour);
-        project_colour_backward(job, first, &colour, d.sums + SUM_RED, d.plane + OXL_MEAN);
-        memcpy(by_colour, d.plane + OXL_MEAN, job->pose_sum ? sizeof by_colour : 0);
+        memset(d.mean, 0, sizeof d.mean);
+        project_colour_backward(job, first, &colour, d.sums + SUM_RED, d.mean);
+        memcpy(by_colour, d.mean, job->pose_sum ? sizeof by_colour : 0);
         if (job->kernel_camera->antialias) project_pack_backward(fused, 1, job, seen, first, lobes, &d);
         else project_pack_backward(fused, 0, job, seen, first, lobes, &d);
-        if (job->medium) medium_pack_centres(job, pack, drange, d.plane + OXL_MEAN);
-        project_store_gradients(job, first, seen, lobes, &d);
-        if (job->pose_sum) pose_pack_backward(job, first, seen, by_colour, d.plane + OXL_MEAN);
+        if (job->medium) medium_pack_centres(job, pack, drange, d.mean);
+        if (job->pose_sum) pose_pack_backward(job, first, seen, by_colour, d.mean);
+        for (int axis = 0; axis < 3; axis++)
+            for (int l = 0; l < PACK; l++)
+                job->out.plane[OXL_MEAN + axis][to + l] = seen >> l & 1 ? d.mean[axis][l] : 0;
     }
 }
 
