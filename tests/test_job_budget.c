@@ -98,8 +98,8 @@ TEST(budget_of_steps_grows_with_many_images_and_is_limited_with_few_unless_itera
 {
     const oxl_option *iterations = oxl_option_find("iterations");
     oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
-    CHECK(cost_iterations(&o, 170) == 2000 && cost_iterations(&o, 340) == 4000);
-    CHECK(cost_iterations(&o, 3) == 2000 && cost_iterations(&o, 2) == 1400 && cost_iterations(&o, 0) == 700);
+    CHECK(cost_iterations(&o, 170) == 1200 && cost_iterations(&o, 340) == 2400);
+    CHECK(cost_iterations(&o, 2) == 1200 && cost_iterations(&o, 1) == 700 && cost_iterations(&o, 0) == 700);
     CHECK_OK(oxl_option_set(iterations, &o, "2000", NULL, 0));
     CHECK(cost_iterations(&o, 340) == 2000 && cost_iterations(&o, 2) == 2000);
     o = oxl_job_options_default(OXL_PRESET_PAPER);

@@ -142,7 +142,7 @@ TEST(nonfinite_counts_are_logged_at_the_end_and_recorded)
     CHECK(m.count == 2 && end.cleared == 5 && end.degenerate == 2);
     CHECK_TEXT(test_said.warning,
                "not finite: 2 steps and 3 steps of single Gaussians skipped, 5 Gaussians cleared");
-    CHECK_TEXT(test_said.warning, "could not be read and were left out: 1");
+    CHECK_TEXT(test_said.warning, "1 images could not be read and were left out");
     CHECK_TEXT(test_said.warning, "2 Gaussians have a zero quaternion");
 }
 
