@@ -52,9 +52,10 @@ static size_t borders_count(const struct borders *b, const oxl_model *m)
 {
     size_t near = 0;
     for (size_t i = 0; i < m->count; i++) {
-        double frame[3];
+        double world[3], frame[3];
         int block;
-        merge_position(&b->partition, m, i, frame);
+        for (int a = 0; a < 3; a++) world[a] = (double)m->plane[OXL_MEAN + a][i] + m->origin[a];
+        partition_to_frame(&b->partition, world, frame);
         block = seam_block(&b->partition, frame, 0);
         near += block >= 0 && seam_is_near(&b->partition.block[block], frame);
     }

@@ -72,9 +72,9 @@ static const struct study_row PUBLISHED_ROWS[] = {
 
 const struct study_kind STUDY_KINDS[STUDY_ALL] = {
     [STUDY_TRADEOFF] = {"tradeoff", "Speed against accuracy", ROWS(TRADEOFF_ROWS), .has_baseline = 1},
-    [STUDY_LIGHT] = {"light", "Exposure, lamp and medium", ROWS(LIGHT_ROWS)},
-    [STUDY_BLOCKS] = {"blocks", "Blocks", ROWS(BLOCK_ROWS)},
-    [STUDY_EXTREMES] = {"extremes", "Options at their extremes", ROWS(EXTREME_ROWS)},
+    [STUDY_LIGHT] = {"light", "Exposure, lamp and medium", ROWS(LIGHT_ROWS), .has_baseline = 0},
+    [STUDY_BLOCKS] = {"blocks", "Blocks", ROWS(BLOCK_ROWS), .has_baseline = 0},
+    [STUDY_EXTREMES] = {"extremes", "Options at their extremes", ROWS(EXTREME_ROWS), .has_baseline = 0},
     [STUDY_PUBLISHED] =
         {"published", "Published scenes", ROWS(PUBLISHED_ROWS), .is_published = 1,
          .notes =

@@ -161,7 +161,7 @@ TEST(images_whose_pixel_data_are_damaged_are_named_by_a_check)
     file = fopen(test_path("survey/images/03.png"), "r+b");
     CHECK(file && fseek(file, 300, SEEK_SET) == 0 && fputs("another", file) >= 0 && fclose(file) == 0);
     CHECK(foreign_check() == 0);
-    CHECK_TEXT(test_said.warning, "03.png: the PNG");
+    CHECK_TEXT(test_said.warning, "03.png: the image of");
     CHECK_TEXT(test_said.warning, "training would go on without it");
     test_write("survey/images/03.png", "no image");
     test_listen();

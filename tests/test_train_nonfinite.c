@@ -27,6 +27,7 @@ static void nonfinite_test_begin(struct nonfinite_test_case *c, int steps)
 static void nonfinite_test_free(struct nonfinite_test_case *c)
 {
     OWNED_SCENE *scene = (oxl_scene *)c->t.survey;
+    (void)scene;
     train_end(&c->t);
     oxl_model_free(test_ctx, &c->before);
 }

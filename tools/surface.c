@@ -136,10 +136,11 @@ static void surface_doubt(const oxl_scene *scene, struct surface_view *v)
     reach = 0.5 * sqrt(SURFACE_AROUND * (double)pixels / ((double)n + 1));
     for (size_t i = 0; i < points; i += 2) {
         const double z = surface_pixel(v, point[i].position, at, &pixel);
-        const size_t left = (size_t)fmax(0, at[0] - reach),
-                     right = (size_t)fmin((double)width, at[0] + reach),
-                     bottom = (size_t)fmin((double)height, at[1] + reach);
-        for (size_t y = (size_t)fmax(0, at[1] - reach); z > 0 && y < bottom; y++)
+        size_t left, right, bottom;
+        if (!(z > 0)) continue; /* It is not in the image. */
+        left = (size_t)fmax(0, at[0] - reach), right = (size_t)fmin((double)width, at[0] + reach);
+        bottom = (size_t)fmin((double)height, at[1] + reach);
+        for (size_t y = (size_t)fmax(0, at[1] - reach); y < bottom; y++)
             for (size_t k = y * width + left; k < y * width + right; k++) {
                 const double own = fabs((double)v->sheet.depth[k]);
                 all[k]++, agree[k] += fabs(z - own) <= SURFACE_NEAR * own;

@@ -6,7 +6,7 @@ folder=$1 passed=0 failed=0
 mkdir -p "$folder"
 for n in 1 2 3 4 5 6 7 8 9 10; do
     picture=0
-    rm -f "$folder/$n.c"
+    rm -rf "$folder/$n" "$folder/$n.c"
     if make -s "exercise-$n" EXERCISES_AT="$folder" PICTURE=$picture >"$folder/$n.log" 2>&1; then
         echo "FAIL exercise $n accepts the unchanged file"
         failed=$((failed + 1))
