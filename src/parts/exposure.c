@@ -10,11 +10,10 @@
  * They start from the fit to the tracks (survey/photometry.c) and do not change for EXPOSURE_HOLD of the run,
  * while Gaussians are coarse.
  *
- * auto: a model without gains shows a place with the mean gain of the views that see it; a held-out view, and
- * a viewer, have about the gain that neighbours tell. So gains are on where neighbours explain more of the
- * tracks' gains than EXPOSURE_CLEAR times the tracks' noise, and EXPOSURE_TOLD times what they leave: the
- * root of the difference of squares is compared with both. Where gains are refused, lamp and medium have the
- * values of a fit without them, if it shows the same parts (train_imaging.c).
+ * auto: a model without gains shows a place with the mean gain of the views that see it; a held-out view has
+ * about the gain of its neighbours. So gains are on where neighbours explain more of the tracks' gains than
+ * EXPOSURE_CLEAR times the tracks' noise: the root of the difference of squares. Where gains are refused,
+ * lamp and medium have the values of a fit without them, if it shows the same parts (train_imaging.c).
  *
  * Rendering on a device, a step's gains do not depend on the gradient of the step before: that is read while
  * the device works on the step
@@ -36,11 +35,8 @@
 #define EXPOSURE_SMOOTH 0.1    /* of the prior: gradient for a log unit off the neighbours' line */
 #define EXPOSURE_HOLD 0.1      /* of the run: the tracks' gains are kept */
 /* what neighbours explain over the noise: gains are worth -0.5 to 0.25 dB at 0.8 to 1.1, 0.3 to 0.8 at 1.7 to
- * 2.6 (docs/log/IMAGING.md) */
+ * 2.6, and cost 0.6 dB in a viewer at 3.0 in brighton_beach (docs/log/IMAGING.md) */
 #define EXPOSURE_CLEAR 1.5
-/* and over what they leave: 2.9 to 3.3 where gains are worth something, 1.6 in brighton_beach, where they
- * cost 0.6 dB in a viewer */
-#define EXPOSURE_TOLD 2.0
 
 static oxl_result exposure_begin(struct train *t, void *state)
 {
@@ -135,12 +131,11 @@ OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct phot
         snprintf(
             why, size,
             "images differ by %.1f %%; rms of the gain against other images of the same points, %zu points in %zu observations; "
-            "neighbouring images explain %.1f %% of it and leave %.1f %%; on from %.2g times the noise of %.1f %% and %.2g times what is left",
+            "neighbouring images explain %.1f %% of it and leave %.1f %%; on from %.2g times the noise of %.1f %%",
             100 * p->unexplained, p->points, p->observations, 100 * explained, 100 * left, EXPOSURE_CLEAR,
-            100 * noise, EXPOSURE_TOLD);
+            100 * noise);
     }
-    if (e->mode == OXL_AUTO)
-        e->of.on = fits && explained >= OXL_MAX(EXPOSURE_CLEAR * noise, EXPOSURE_TOLD * left);
+    if (e->mode == OXL_AUTO) e->of.on = fits && explained >= EXPOSURE_CLEAR * noise;
     if (!e->of.on) imaging_clear(&e->of);
 }
 

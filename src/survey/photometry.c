@@ -61,7 +61,7 @@ static const struct {
  * white balance, which cameras change less than exposure. What images differ by from one to the next
  * overrules it; without it, a small error of colour in each pair of images adds up along a strip, and ground
  * whose colour is the same in all images ends blue and red. */
-#define PHOTOMETRY_CHROMA 0.05
+#define PHOTOMETRY_CHROMA 0.1
 /* Lists the least growth of the residuals without the medium, lamp, gains that is evidence for a part. In
  * surveys with a medium they grow to 2 to 4 times, in those without to 1.01 times (docs/log/IMAGING.md); a
  * lamp gains nothing at 1.09 times, 0.3 dB at 1.21 (docs/log/IMAGING.md). */
