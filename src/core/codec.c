@@ -186,7 +186,8 @@ OXL_INTERNAL uint16_t *codec_decode_16(oxl_context *ctx, const void *file, size_
 
 OXL_INTERNAL const char *codec_failure(void)
 {
-    return codec_call.out_of_memory ? "outofmem" : stbi_failure_reason();
+    const char *reason = stbi_failure_reason(); /* NULL: stb names none, as for data that end too early */
+    return codec_call.out_of_memory ? "outofmem" : reason ? reason : "damaged";
 }
 
 OXL_INTERNAL void codec_free(oxl_context *ctx, void *memory)
