@@ -23,6 +23,23 @@ OXL_INTERNAL double metrics_decibel(double error, double weight);
 OXL_INTERNAL oxl_result metrics_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *ssim,
                                      double *ms_ssim);
 
+enum { PLANES = 7, PLANES_HALF_MAX = 24 /* px; of a window */ };
+struct planes {
+    int width, height;
+    size_t size;           /* pixels */
+    double *plane[PLANES]; /* (H,W) */
+    double *line;          /* (threads, W + 2 PLANES_HALF_MAX) a line of each thread; the planes follow */
+};
+struct planes_window { /* A Gaussian of 2 half + 1 px; outside of the image is black, or its reflection. */
+    double sigma;
+    int half, reflects;
+};
+OXL_INTERNAL oxl_result planes_begin(oxl_context *ctx, const oxl_image *of, struct planes *p);
+OXL_INTERNAL void planes_free(oxl_context *ctx, struct planes *p);
+/* Blurs a plane, along y and then along x. */
+OXL_INTERNAL void planes_blur(oxl_context *ctx, const struct planes *p, const struct planes_window *window,
+                              const double *in, double *out);
+
 /* ---------------- structure.c */
 
 /* Returns oxl_view_metrics.explained. light: (3,H,W) image of a white scene, before clamping. */

@@ -4,13 +4,13 @@
  * multi-scale SSIM of Wang et al. 2003, which uses only windows inside the image. Both are written plainly
  * and in double, independent of the training loss in loss.c, so that tests can compare the two.
  *
- * Invariant: rows are summed in order, so the result does not depend on the number of threads.
+ * Invariant: pixels are summed in order, so the result does not depend on the number of threads.
  */
 #include "evaluate.h"
 #include "../core/vecmath.h"
 
 enum { METRICS_RADIUS = 5, METRICS_WINDOW = 2 * METRICS_RADIUS + 1 };
-#define METRICS_SIGMA 1.5
+static const struct planes_window metrics_window = {1.5, METRICS_RADIUS, .reflects = 0};
 #define METRICS_C1 (0.01 * 0.01) /* Is (k1 L)^2 with L = 1 [Wang 2004]. */
 #define METRICS_C2 (0.03 * 0.03)
 #define METRICS_BEST_PSNR 100.0 /* Limits PSNR (dB), which is infinite for identical images. */
@@ -105,222 +105,172 @@ oxl_result oxl_cc_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b,
 
 /* ---------------- windows */
 
-/* Holds sums over the windows that are centred in a row, by channel: over all, and over those that lie
- * wholly in the image. */
-struct metrics_row {
-    double all[3], ssim[3], contrast[3];
-    size_t all_windows, windows; /* numbers of windows of one channel */
-};
-
-struct metrics_windows {
-    const oxl_image *a, *b;
-    int whole; /* 1: leaves out windows that reach over the edge, in `all`, too; 0: outside is black */
-    double kernel[METRICS_WINDOW];
-    double *scratch;         /* (threads, METRICS_LINES, W + 2 METRICS_RADIUS) lines of each thread */
-    struct metrics_row *row; /* (H) sums of each row */
-};
-
-static void metrics_kernel(double kernel[METRICS_WINDOW])
+OXL_INTERNAL oxl_result planes_begin(oxl_context *ctx, const oxl_image *of, struct planes *p)
 {
-    double sum = 0;
-    for (int i = 0; i < METRICS_WINDOW; i++) {
-        const double d = i - METRICS_RADIUS;
-        kernel[i] = vecmath_exp(-d * d / (2 * METRICS_SIGMA * METRICS_SIGMA));
-        sum += kernel[i];
-    }
-    for (int i = 0; i < METRICS_WINDOW; i++) kernel[i] /= sum;
+    const size_t size = (size_t)of->width * (size_t)of->height,
+                 line = (size_t)of->width + 2 * PLANES_HALF_MAX;
+    *p = (struct planes){.width = of->width, .height = of->height, .size = size};
+    p->line = oxl_alloc(ctx, PLANES * size + line * (size_t)ctx->threads, sizeof *p->line);
+    if (!p->line) return OXL_ERR_MEMORY;
+    for (int k = 0; k < PLANES; k++) p->plane[k] = p->line + line * (size_t)ctx->threads + (size_t)k * size;
+    return OXL_OK;
 }
 
-/* Holds a row of windows and its lines. Lines with METRICS_RADIUS more columns on either side hold 0
- * there: outside is black. */
-struct metrics_line {
-    const struct metrics_windows *s;
+OXL_INTERNAL void planes_free(oxl_context *ctx, struct planes *p)
+{
+    oxl_free(ctx, p->line);
+}
+
+/* Returns an index; outside 0..n-1 one that is reflected at the edge that it passed, -1 as 0, or else -1. */
+static int planes_index(int i, int n, int reflects)
+{
+    const int period = 2 * n, at = ((i % period) + period) % period;
+    if (i >= 0 && i < n) return i;
+    return !reflects ? -1 : at < n ? at : period - 1 - at;
+}
+
+/* Holds one row of a blur, along y and then along x. */
+struct planes_row {
+    const struct planes *p;
+    const struct planes_window *window;
+    double tap[2 * PLANES_HALF_MAX + 1]; /* taps from -half to half, whose sum is 1 */
     int y;
-    /* (W + 2 METRICS_RADIUS) moments blurred along y; number of masked pixels along y */
-    double *column[5], *masked;
-    double *ssim, *contrast, *touches; /* (W) values of the window around each pixel */
+    const double *in;
+    double *line, *out; /* (W + 2 half) row blurred along y; (W) */
 };
-enum { METRICS_LINES = 9, METRICS_RUN = 16 };
 
-/* Computes the five moments of one channel, of a, b, aa, bb and ab, blurred along y around the row;
- * outside of the image is black. */
-SIMD_INLINE void metrics_blur_columns(const struct metrics_line *line, int channel)
+SIMD_INLINE void planes_add(double tap, const double *restrict in, int width, double *restrict out)
 {
-    const struct metrics_windows *s = line->s;
-    const int w = s->a->width, h = s->a->height, y = line->y;
-    double *m0 = line->column[0] + METRICS_RADIUS, *m1 = line->column[1] + METRICS_RADIUS,
-           *m2 = line->column[2] + METRICS_RADIUS;
-    double *m3 = line->column[3] + METRICS_RADIUS, *m4 = line->column[4] + METRICS_RADIUS;
-    for (int x = 0; x < w; x++) m0[x] = m1[x] = m2[x] = m3[x] = m4[x] = 0;
-    for (int j = OXL_MAX(0, y - METRICS_RADIUS); j <= OXL_MIN(h - 1, y + METRICS_RADIUS); j++) {
-        const size_t row = ((size_t)channel * h + j) * w;
-        const double k = s->kernel[j - y + METRICS_RADIUS];
-        const float *of_a = s->a->rgb + row, *of_b = s->b->rgb + row;
 #pragma omp simd
-        for (int x = 0; x < w; x++) {
-            const double a = metrics_shown(of_a[x]), b = metrics_shown(of_b[x]);
-            m0[x] += k * a;
-            m1[x] += k * b;
-            m2[x] += k * a * a;
-            m3[x] += k * b * b;
-            m4[x] += k * a * b;
-        }
-    }
+    for (int x = 0; x < width; x++) out[x] += tap * in[x];
 }
 
-SIMD_INLINE void metrics_mark_columns(const struct metrics_line *line)
+SIMD_BODY void planes_blur_row_body(const int fused, const struct planes_row *r)
 {
-    const oxl_image *b = line->s->b;
-    double *masked = line->masked + METRICS_RADIUS;
-    for (int x = 0; x < b->width; x++) masked[x] = 0;
-    if (!b->weight) return;
-    for (int j = OXL_MAX(0, line->y - METRICS_RADIUS); j <= OXL_MIN(b->height - 1, line->y + METRICS_RADIUS);
-         j++)
-        for (int x = 0; x < b->width; x++) masked[x] += b->weight[(size_t)j * b->width + x] <= 0.5f;
-}
-
-/* Computes Wang 2004, eq. 13, with its exponents 1. *contrast: the same without luminance,
- * c s of Wang 2003, eq. 7. */
-SIMD_INLINE double metrics_similarity(const double m[5], double *contrast)
-{
-    const double mean_ab = m[0] * m[1], mean_aa = m[0] * m[0], mean_bb = m[1] * m[1];
-    const double variance_a = m[2] - mean_aa, variance_b = m[3] - mean_bb, covariance = m[4] - mean_ab;
-    *contrast = (2 * covariance + METRICS_C2) / (variance_a + variance_b + METRICS_C2);
-    return (2 * mean_ab + METRICS_C1) / (mean_aa + mean_bb + METRICS_C1) * *contrast;
-}
-
-/* Blurs along x and compares the windows around METRICS_RUN pixels of the row from x on. */
-SIMD_INLINE void metrics_compare_run(const struct metrics_line *line, int x)
-{
-    double m[5][METRICS_RUN] = {{0}}, touches[METRICS_RUN] = {0};
-    for (int j = 0; j < METRICS_WINDOW; j++) {
-        const double k = line->s->kernel[j];
-        for (int q = 0; q < 5; q++) {
-            const double *column = line->column[q] + x + j;
-#pragma omp simd
-            for (int l = 0; l < METRICS_RUN; l++) m[q][l] += k * column[l];
-        }
-        for (int l = 0; l < METRICS_RUN; l++) touches[l] += line->masked[x + j + l];
-    }
-#pragma omp simd
-    for (int l = 0; l < METRICS_RUN; l++) {
-        const double moments[5] = {m[0][l], m[1][l], m[2][l], m[3][l], m[4][l]};
-        line->ssim[x + l] = metrics_similarity(moments, &line->contrast[x + l]);
-    }
-    memcpy(line->touches + x, touches, sizeof touches);
-}
-
-/* Adds the windows of one channel; leaves out those that touch a masked pixel. */
-static void metrics_add_windows(const struct metrics_line *line, int channel, struct metrics_row *row)
-{
-    const int w = line->s->a->width, h = line->s->a->height, r = METRICS_RADIUS;
-    const int edge = line->s->whole ? r : 0, first = line->y < r || line->y >= h - r ? w : r;
-    row->all_windows = row->windows = 0;
-    for (int x = edge; x < w - edge; x++) {
-        if (line->touches[x] > 0) continue;
-        row->all[channel] += line->ssim[x];
-        row->all_windows++;
-        if (x < first || x >= w - r) continue;
-        row->ssim[channel] += line->ssim[x];
-        row->contrast[channel] += line->contrast[x];
-        row->windows++;
-    }
-}
-
-SIMD_BODY void metrics_line_body(const int fused, const struct metrics_line *line)
-{
+    const int width = r->p->width, half = r->window->half, reflects = r->window->reflects;
+    double *middle = r->line + half;
     (void)fused;
-    metrics_mark_columns(line);
-    for (int c = 0; c < 3; c++) {
-        metrics_blur_columns(line, c);
-        for (int x = 0; x < line->s->a->width; x += METRICS_RUN) metrics_compare_run(line, x);
-        metrics_add_windows(line, c, &line->s->row[line->y]);
+    memset(r->line, 0, ((size_t)width + 2 * (size_t)half) * sizeof *r->line);
+    memset(r->out, 0, (size_t)width * sizeof *r->out);
+    for (int k = -half; k <= half; k++) {
+        const int row = planes_index(r->y + k, r->p->height, reflects);
+        if (row >= 0) planes_add(r->tap[half + k], r->in + (size_t)row * (size_t)width, width, middle);
     }
+    for (int k = 1; k <= half && reflects; k++) {
+        middle[-k] = middle[planes_index(-k, width, 1)];
+        middle[width - 1 + k] = middle[planes_index(width - 1 + k, width, 1)];
+    }
+    for (int k = -half; k <= half; k++) planes_add(r->tap[half + k], middle + k, width, r->out);
 }
 
-SIMD_DISPATCH(static, metrics_line, struct metrics_line)
+SIMD_DISPATCH(static, planes_blur_row, struct planes_row)
 
-/* Returns the columns of a line: whole runs, and METRICS_RADIUS columns on either side. */
-static size_t metrics_room(int width)
+OXL_INTERNAL void planes_blur(oxl_context *ctx, const struct planes *p, const struct planes_window *window,
+                              const double *in, double *out)
 {
-    return ((size_t)width + METRICS_RUN - 1) / METRICS_RUN * METRICS_RUN + 2 * METRICS_RADIUS;
-}
-
-static void metrics_rows(oxl_context *ctx, const struct metrics_windows *s)
-{
-    const size_t width = metrics_room(s->a->width);
-    const int edge = s->whole ? METRICS_RADIUS : 0;
+    struct planes_row all = {.p = p, .window = window, .in = in};
+    const int half = window->half;
+    double sum = 0;
+    for (int k = -half; k <= half; k++) {
+        all.tap[half + k] = vecmath_exp(-k * k / (2 * window->sigma * window->sigma));
+        sum += all.tap[half + k];
+    }
+    for (int k = 0; k <= 2 * half; k++) all.tap[k] /= sum;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int y = edge; y < s->a->height - edge; y++) {
-        double *at = s->scratch + METRICS_LINES * (size_t)context_thread() * width;
-        struct metrics_line line = {.s = s, .y = y};
-        for (int q = 0; q < 5; q++, at += width) line.column[q] = at;
-        line.masked = at, line.ssim = at + width, line.contrast = at + 2 * width,
-        line.touches = at + 3 * width;
-        metrics_line(ctx->isa, &line);
+    for (int y = 0; y < p->height; y++) {
+        struct planes_row r = all;
+        r.y = y, r.out = out + (size_t)y * (size_t)p->width;
+        r.line = p->line + (size_t)context_thread() * ((size_t)p->width + 2 * PLANES_HALF_MAX);
+        planes_blur_row(ctx->isa, &r);
     }
-}
-
-/* Sums the windows of the image, row by row. */
-static oxl_result metrics_sum_windows(oxl_context *ctx, const oxl_image *a, const oxl_image *b, int whole,
-                                      struct metrics_row *out)
-{
-    struct metrics_windows s = {.a = a, .b = b, .whole = whole};
-    oxl_result rc = OXL_OK;
-    *out = (struct metrics_row){.windows = 0};
-    s.scratch =
-        oxl_calloc(ctx, metrics_room(a->width) * (size_t)ctx->threads, METRICS_LINES * sizeof *s.scratch);
-    s.row = oxl_calloc(ctx, (size_t)a->height, sizeof *s.row);
-    if (!s.scratch || !s.row) rc = OXL_ERR_MEMORY;
-    metrics_kernel(s.kernel);
-    if (rc == OXL_OK) metrics_rows(ctx, &s);
-    for (int y = 0; rc == OXL_OK && y < a->height; y++) {
-        for (int c = 0; c < 3; c++) {
-            out->all[c] += s.row[y].all[c];
-            out->ssim[c] += s.row[y].ssim[c];
-            out->contrast[c] += s.row[y].contrast[c];
-        }
-        out->all_windows += s.row[y].all_windows;
-        out->windows += s.row[y].windows;
-    }
-    OXL_FREE(ctx, s.scratch, s.row);
-    return rc;
 }
 
 /* ---------------- SSIM and MS-SSIM */
 
+/* Holds sums over windows, by channel: over all, outside of the image black, and over those that lie wholly
+ * in the image. */
+struct metrics_sums {
+    double all[3], ssim[3], contrast[3];
+    size_t all_windows, windows; /* numbers of windows of one channel */
+};
+
+enum { METRICS_MOMENTS = 5, METRICS_RAW = METRICS_MOMENTS, METRICS_MASKED };
+
+/* Computes Wang 2004, eq. 13, with its exponents 1, from the moments m. *contrast: the same without
+ * luminance, c s of Wang 2003, eq. 7. */
+static double metrics_similarity(double *const m[METRICS_MOMENTS], size_t i, double *contrast)
+{
+    const double mean_ab = m[0][i] * m[1][i], mean_aa = m[0][i] * m[0][i], mean_bb = m[1][i] * m[1][i];
+    const double variance = m[2][i] - mean_aa + (m[3][i] - mean_bb), covariance = m[4][i] - mean_ab;
+    *contrast = (2 * covariance + METRICS_C2) / (variance + METRICS_C2);
+    return (2 * mean_ab + METRICS_C1) / (mean_aa + mean_bb + METRICS_C1) * *contrast;
+}
+
+/* Blurs the moments of one channel, of a, b, aa, bb and ab. */
+static void metrics_blur(oxl_context *ctx, const struct planes *p, const float *a, const float *b)
+{
+    for (int q = 0; q < METRICS_MOMENTS; q++) {
+        for (size_t i = 0; i < p->size; i++) {
+            const double x = metrics_shown(a[i]), y = metrics_shown(b[i]);
+            p->plane[METRICS_RAW][i] = q == 0 ? x : q == 1 ? y : q == 2 ? x * x : q == 3 ? y * y : x * y;
+        }
+        planes_blur(ctx, p, &metrics_window, p->plane[METRICS_RAW], p->plane[q]);
+    }
+}
+
+/* Sums the windows of one channel; leaves out those that touch a masked pixel. */
+static void metrics_add_windows(const struct planes *p, int masks, int c, struct metrics_sums *out)
+{
+    const int r = METRICS_RADIUS;
+    for (size_t i = 0; i < p->size; i++) {
+        const int x = (int)(i % (size_t)p->width), y = (int)(i / (size_t)p->width);
+        double contrast;
+        const double ssim = metrics_similarity(p->plane, i, &contrast);
+        if (masks && p->plane[METRICS_MASKED][i] > 0) continue;
+        out->all[c] += ssim;
+        out->all_windows += c == 0;
+        if (x < r || y < r || x >= p->width - r || y >= p->height - r) continue;
+        out->ssim[c] += ssim;
+        out->contrast[c] += contrast;
+        out->windows += c == 0;
+    }
+}
+
+static oxl_result metrics_sum_windows(oxl_context *ctx, const oxl_image *a, const oxl_image *b,
+                                      struct metrics_sums *out)
+{
+    struct planes p;
+    const oxl_result rc = planes_begin(ctx, a, &p);
+    *out = (struct metrics_sums){.windows = 0};
+    if (rc != OXL_OK) return rc;
+    for (size_t i = 0; b->weight && i < p.size; i++) p.plane[METRICS_RAW][i] = b->weight[i] <= 0.5f;
+    if (b->weight) planes_blur(ctx, &p, &metrics_window, p.plane[METRICS_RAW], p.plane[METRICS_MASKED]);
+    for (int c = 0; c < 3; c++) {
+        metrics_blur(ctx, &p, a->rgb + c * p.size, b->rgb + c * p.size);
+        metrics_add_windows(&p, b->weight != NULL, c, out);
+    }
+    planes_free(ctx, &p);
+    return OXL_OK;
+}
+
 /* Lists the exponents of the scales, the finest first [Wang 2003]. */
 static const double METRICS_SCALES[] = {0.0448, 0.2856, 0.3001, 0.2363, 0.1333};
 
-/* Halves an image to means of 2 x 2 pixels; drops a last odd row or column. A pixel
- * counts if its four pixels do. */
-static oxl_result metrics_halve(oxl_context *ctx, const oxl_image *in, oxl_image *out)
+/* Copies an image, to be halved, as it is shown. */
+static oxl_result metrics_copy(oxl_context *ctx, const oxl_image *in, oxl_image *out)
 {
-    const int w = in->width / 2, h = in->height / 2;
-    const size_t wide = (size_t)in->width, plane = wide * in->height, small = (size_t)w * h;
-    oxl_result rc = oxl_image_create(ctx, w, h, out);
-    if (rc == OXL_OK && in->weight && !(out->weight = oxl_alloc(ctx, small, sizeof *out->weight)))
+    const size_t pixels = (size_t)in->width * (size_t)in->height;
+    oxl_result rc = oxl_image_create(ctx, in->width, in->height, out);
+    if (rc == OXL_OK && in->weight && !(out->weight = oxl_alloc(ctx, pixels, sizeof *out->weight)))
         rc = OXL_ERR_MEMORY;
-    if (rc != OXL_OK) return rc;
-    for (size_t i = 0; i < small; i++) {
-        const size_t at = 2 * (i / w) * wide + 2 * (i % w);
-        for (int c = 0; c < 3; c++) {
-            const float *p = in->rgb + c * plane + at;
-            const double four = metrics_shown(p[0]) + metrics_shown(p[1]) + metrics_shown(p[wide]) +
-                                metrics_shown(p[wide + 1]);
-            out->rgb[c * small + i] = (float)(four / 4);
-        }
-        if (out->weight) {
-            const float *p = in->weight + at;
-            out->weight[i] = p[0] > 0.5f && p[1] > 0.5f && p[wide] > 0.5f && p[wide + 1] > 0.5f;
-        }
-    }
-    return OXL_OK;
+    for (size_t i = 0; rc == OXL_OK && i < 3 * pixels; i++) out->rgb[i] = (float)metrics_shown(in->rgb[i]);
+    for (size_t i = 0; rc == OXL_OK && in->weight && i < pixels; i++) out->weight[i] = in->weight[i] > 0.5f;
+    return rc;
 }
 
 /* Computes the product over scales for each channel, and the mean of these. Divides the exponents by the
  * sum of those that are used. */
-static double metrics_over_scales(const struct metrics_row *sum, int scales)
+static double metrics_over_scales(const struct metrics_sums *sum, int scales)
 {
     double used = 0, mean = 0;
     for (int k = 0; k < scales; k++) used += METRICS_SCALES[k];
@@ -340,34 +290,34 @@ static double metrics_over_scales(const struct metrics_row *sum, int scales)
 /* Computes MS-SSIM from the windows of the image itself, `sum`, on. The scales end when no whole window is
  * left; without any it is SSIM. */
 static oxl_result metrics_multiply_scales(oxl_context *ctx, const oxl_image *a, const oxl_image *b,
-                                          struct metrics_row sum[], double ssim, double *out)
+                                          struct metrics_sums sum[], double ssim, double *out)
 {
     enum { MOST = OXL_COUNT(METRICS_SCALES) };
-    oxl_image half[MOST][2] = {{{0}}};
+    oxl_image half[2] = {{0}};
     int scales = 0;
-    oxl_result rc = OXL_OK;
-    while (OXL_MIN(a->width, a->height) >= METRICS_WINDOW) {
-        if (scales > 0) rc = metrics_sum_windows(ctx, a, b, 1, &sum[scales]);
+    oxl_result rc = metrics_copy(ctx, a, &half[0]);
+    if (rc == OXL_OK) rc = metrics_copy(ctx, b, &half[1]);
+    while (rc == OXL_OK && OXL_MIN(half->width, half->height) >= METRICS_WINDOW) {
+        if (scales > 0) rc = metrics_sum_windows(ctx, &half[0], &half[1], &sum[scales]);
         if (rc != OXL_OK || sum[scales].windows == 0 || ++scales == MOST) break;
-        rc = metrics_halve(ctx, a, &half[scales][0]);
-        if (rc == OXL_OK) rc = metrics_halve(ctx, b, &half[scales][1]);
-        if (rc != OXL_OK) break;
-        a = &half[scales][0], b = &half[scales][1];
+        for (oxl_image *image = half; image < half + 2; image++) {
+            image_halve(image->width, image->height, image->rgb, image->weight);
+            image->width /= 2, image->height /= 2;
+        }
     }
     if (rc == OXL_OK) *out = scales > 0 ? metrics_over_scales(sum, scales) : ssim;
-    for (int k = 0; k < MOST; k++)
-        for (int i = 0; i < 2; i++) oxl_image_free(ctx, &half[k][i]);
+    for (int i = 0; i < 2; i++) oxl_image_free(ctx, &half[i]);
     return rc;
 }
 
 OXL_INTERNAL oxl_result metrics_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *ssim,
                                      double *ms_ssim)
 {
-    struct metrics_row sum[OXL_COUNT(METRICS_SCALES)];
+    struct metrics_sums sum[OXL_COUNT(METRICS_SCALES)];
     oxl_result rc = metrics_check(ctx, a, b);
     *ssim = 0;
     if (ms_ssim) *ms_ssim = 0;
-    if (rc == OXL_OK) rc = metrics_sum_windows(ctx, a, b, 0, sum);
+    if (rc == OXL_OK) rc = metrics_sum_windows(ctx, a, b, sum);
     if (rc != OXL_OK) return rc;
     if (sum->all_windows == 0)
         return metrics_fail_masked(ctx, "every window touches a masked pixel, so there is no SSIM");
