@@ -120,10 +120,8 @@ void render_depth_grey(float *depth, size_t pixels, double unit, float *grey);
 float *render_depth_sums(const struct renderer_sums *s, float depth);
 /* src/survey/camera.c */
 double camera_atan(double x);
-double camera_tan(double x);
 /* src/survey/robust_stats.c */
 int stats_compare(const void *a, const void *b);
-int stats_is_in_image(const oxl_camera *c, const double p[3]);
 /* src/train/density.c */
 struct renderer_sums density_sums(const struct density *d, size_t count);
 /* src/train/step.c */

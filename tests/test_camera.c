@@ -75,14 +75,6 @@ TEST(camera_models_follow_the_published_formulas)
           camera_model_find("PIN", 3) < 0);
 }
 
-TEST(camera_tan_agrees_with_libm_to_1e_14)
-{
-    double worst = 0;
-    for (double x = 1e-9; x < 1.5; x += 1e-4) worst = OXL_MAX(worst, fabs(camera_tan(x) / tan(x) - 1));
-    CHECK_CLOSE(worst, 0, 1e-14);
-    CHECK(camera_tan(0) == 0);
-}
-
 TEST(camera_models_have_the_ids_of_colmap)
 {
     static const struct {

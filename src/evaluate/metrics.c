@@ -44,20 +44,14 @@ static double metrics_psnr(const oxl_image *a, const oxl_image *b, const double 
 {
     const size_t plane = (size_t)a->width * a->height;
     double error = 0, weight = 0;
-    for (int y = 0; y < a->height; y++) {
-        double row_error = 0, row_weight = 0;
-        for (int x = 0; x < a->width; x++) {
-            const size_t i = (size_t)y * a->width + x;
-            const double w = b->weight ? b->weight[i] : 1;
-            for (int c = 0; c < 3; c++) {
-                const double d = OXL_MIN(1, gain[c] * metrics_shown(a->rgb[c * plane + i])) -
-                                 metrics_shown(b->rgb[c * plane + i]);
-                row_error += w * d * d;
-            }
-            row_weight += 3 * w;
+    for (size_t i = 0; i < plane; i++) {
+        const double w = b->weight ? b->weight[i] : 1;
+        for (int c = 0; c < 3; c++) {
+            const double d = OXL_MIN(1, gain[c] * metrics_shown(a->rgb[c * plane + i])) -
+                             metrics_shown(b->rgb[c * plane + i]);
+            error += w * d * d;
         }
-        error += row_error;
-        weight += row_weight;
+        weight += 3 * w;
     }
     return metrics_decibel(error, weight);
 }
@@ -67,16 +61,14 @@ static void metrics_gain(const oxl_image *a, const oxl_image *b, double gain[3])
 {
     const size_t plane = (size_t)a->width * a->height;
     double aa[3] = {0}, ab[3] = {0};
-    for (int y = 0; y < a->height; y++)
-        for (int x = 0; x < a->width; x++) {
-            const size_t i = (size_t)y * a->width + x;
-            const double w = b->weight ? b->weight[i] : 1;
-            for (int c = 0; c < 3; c++) {
-                const double v = metrics_shown(a->rgb[c * plane + i]);
-                aa[c] += w * v * v;
-                ab[c] += w * v * metrics_shown(b->rgb[c * plane + i]);
-            }
+    for (size_t i = 0; i < plane; i++) {
+        const double w = b->weight ? b->weight[i] : 1;
+        for (int c = 0; c < 3; c++) {
+            const double v = metrics_shown(a->rgb[c * plane + i]);
+            aa[c] += w * v * v;
+            ab[c] += w * v * metrics_shown(b->rgb[c * plane + i]);
         }
+    }
     for (int c = 0; c < 3; c++) gain[c] = aa[c] > 0 ? ab[c] / aa[c] : 1;
 }
 

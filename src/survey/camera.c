@@ -15,6 +15,7 @@
  * Invariant: no libm transcendental is used: the same bytes on every machine.
  */
 #include "sparse.h"
+#include "../core/vecmath.h"
 
 /* ---------------- the table of models */
 
@@ -98,28 +99,16 @@ static double camera_fisheye_scale(const double *k, int count, double r)
     return theta * (1 + polynomial) / r;
 }
 
-/* Computes tan x for 0 <= x < pi/2, to about 1e-15: Lambert's continued fraction at x/8, then tan 2a = 2 t /
- * (1 - t^2) three times. */
-OXL_INTERNAL double camera_tan(double x)
-{
-    const double square = x / 8 * (x / 8);
-    double t = 21;
-    for (int n = 19; n >= 1; n -= 2) t = n - square / t;
-    t = x / 8 / t;
-    for (int i = 0; i < 3; i++) t = 2 * t / (1 - t * t);
-    return t;
-}
-
 #define CAMERA_FOV_MAX 3.1415 /* Stays below pi, where the tangent of half the field of view is infinite. */
 
 /* Returns the scale of the FOV model, NaN from CAMERA_FOV_MAX on. omega: field of view of the lens. */
 static double camera_fov_scale(double omega, double r)
 {
-    const double w = fabs(omega);
+    const double w = fabs(omega), tangent = vecmath_sin(w / 2) / vecmath_cos(w / 2);
     if (w < CAMERA_SMALL) return 1;
     if (w > CAMERA_FOV_MAX) return NAN;
-    if (r < CAMERA_SMALL) return 2 * camera_tan(w / 2) / w;
-    return camera_atan(2 * r * camera_tan(w / 2)) / (r * w);
+    if (r < CAMERA_SMALL) return 2 * tangent / w;
+    return camera_atan(2 * r * tangent) / (r * w);
 }
 
 /* Distorts x, y on the fisheye plane, in and out, by polynomials of the squared radius: radial, then terms

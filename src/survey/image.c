@@ -174,77 +174,35 @@ static unsigned image_span_weight(const struct image_span *s, int i, int n_out)
     return i == s->first ? s->weight_first : i == s->last ? s->weight_last : (unsigned)n_out;
 }
 
-/* Holds what all output rows share: spans of the columns, and one accumulation row per thread. */
-struct image_reduction {
-    const struct pixels *in;
-    const struct training_image *out;
-    struct image_span *column; /* (out->width) */
-    uint32_t *line;            /* (threads, in->width, 3) */
-};
-
-struct image_row_sum {
-    const uint8_t *row;
-    uint32_t *line;
-    size_t samples;
-    unsigned weight;
-};
-
-SIMD_BODY void image_add_row_body(const int fused, const struct image_row_sum *s)
+/* Averages the image over each output pixel's area, exactly, and rounds once. The weights of a row sum to
+ * in->width, so 32 bits suffice for it. */
+static void image_reduce_row(const struct pixels *in, const struct training_image *out, int y)
 {
-    uint32_t *restrict const line = s->line;
-    const uint8_t *restrict const row = s->row;
-    (void)fused;
-    for (size_t k = 0; k < s->samples; k++) line[k] += s->weight * row[k];
-}
-
-SIMD_DISPATCH(static, image_add_row, struct image_row_sum)
-
-/* Adds the weighted rows of the span. 32 bits suffice, since the weights sum to in->height. */
-static void image_add_rows(int isa, const struct image_reduction *r, const struct image_span *rows,
-                           uint32_t *line)
-{
-    const size_t samples = 3 * (size_t)r->in->width;
-    memset(line, 0, samples * sizeof *line);
-    for (int i = rows->first; i <= rows->last; i++)
-        image_add_row(isa, &(struct image_row_sum){.row = r->in->data + (size_t)i * samples,
-                                                   .line = line,
-                                                   .samples = samples,
-                                                   .weight = image_span_weight(rows, i, r->out->height)});
-}
-
-/* Averages the image over each output pixel's area, exactly, and rounds once. */
-static void image_reduce_row(int isa, const struct image_reduction *r, int y)
-{
-    const struct image_span rows = image_span_of(y, r->in->height, r->out->height);
-    const uint64_t total = (uint64_t)r->in->width * r->in->height;
-    const size_t plane = (size_t)r->out->width * r->out->height;
-    uint32_t *line = r->line + 3 * (size_t)r->in->width * (size_t)context_thread();
-    image_add_rows(isa, r, &rows, line);
-    for (int x = 0; x < r->out->width; x++) {
-        const struct image_span *s = &r->column[x];
+    const struct image_span rows = image_span_of(y, in->height, out->height);
+    const uint64_t total = (uint64_t)in->width * in->height;
+    const size_t plane = (size_t)out->width * out->height;
+    for (int x = 0; x < out->width; x++) {
+        const struct image_span columns = image_span_of(x, in->width, out->width);
         uint64_t sum[3] = {0, 0, 0};
-        for (int i = s->first; i <= s->last; i++)
-            for (int c = 0; c < 3; c++)
-                sum[c] += (uint64_t)image_span_weight(s, i, r->out->width) * line[3 * (size_t)i + c];
+        for (int i = rows.first; i <= rows.last; i++) {
+            const unsigned weight = image_span_weight(&rows, i, out->height);
+            uint32_t row[3] = {0, 0, 0};
+            for (int j = columns.first; j <= columns.last; j++)
+                for (int c = 0; c < 3; c++)
+                    row[c] += image_span_weight(&columns, j, out->width) *
+                              in->data[3 * ((size_t)i * in->width + (size_t)j) + c];
+            for (int c = 0; c < 3; c++) sum[c] += (uint64_t)weight * row[c];
+        }
         for (int c = 0; c < 3; c++)
-            r->out->rgb[c * plane + (size_t)y * r->out->width + x] = (uint8_t)((sum[c] + total / 2) / total);
+            out->rgb[c * plane + (size_t)y * out->width + x] = (uint8_t)((sum[c] + total / 2) / total);
     }
 }
 
-static oxl_result image_reduce(oxl_context *ctx, const struct pixels *in, const struct training_image *out)
+static void image_reduce(const oxl_context *ctx, const struct pixels *in, const struct training_image *out)
 {
-    struct image_reduction r = {.in = in, .out = out};
-    oxl_result rc = OXL_OK;
-    r.column = oxl_alloc(ctx, (size_t)out->width, sizeof *r.column);
-    r.line = oxl_alloc(ctx, 3 * (size_t)in->width * (size_t)ctx->threads, sizeof *r.line);
-    if (!r.column || !r.line) rc = OXL_ERR_MEMORY;
-    if (rc != OXL_OK) goto done;
-    for (int x = 0; x < out->width; x++) r.column[x] = image_span_of(x, in->width, out->width);
+    (void)ctx; /* without OpenMP */
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int y = 0; y < out->height; y++) image_reduce_row(ctx->isa, &r, y);
-done:
-    OXL_FREE(ctx, r.column, r.line);
-    return rc;
+    for (int y = 0; y < out->height; y++) image_reduce_row(in, out, y);
 }
 
 /* Masks a pixel that overlaps a black mask pixel, since its colour contains masked content. */
@@ -466,7 +424,7 @@ OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, 
     if (rc == OXL_OK) rc = image_turn_to_camera(ctx, path, from, &image, mask);
     if (rc == OXL_OK) rc = image_training_alloc(ctx, to, distorted || mask[0].data || mask[1].data, out);
     if (rc == OXL_OK && distorted) image_undistort(ctx, &image, mask, from, to, out);
-    if (rc == OXL_OK && !distorted) rc = image_reduce(ctx, &image, out);
+    if (rc == OXL_OK && !distorted) image_reduce(ctx, &image, out);
     for (int k = 0; k < 2 && rc == OXL_OK && !distorted; k++)
         if (mask[k].data) rc = image_add_mask(ctx, &mask[k], out);
     if (rc == OXL_OK) image_drop_empty_mask(ctx, out);

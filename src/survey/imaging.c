@@ -74,11 +74,6 @@ OXL_INTERNAL void imaging_clear(struct oxl_imaging *m)
 
 /* ---------------- cameras */
 
-static uint64_t imaging_hash(uint64_t hash, unsigned char byte) /* FNV-1a */
-{
-    return (hash ^ byte) * UINT64_C(1099511628211);
-}
-
 /* Hashes CAMERA_ID, the folder, and the name without its digits: IMG_0012.JPG and IMG_0013.JPG are of one
  * camera, L/0012.png and R/0012.png are not. */
 OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view)
@@ -88,10 +83,10 @@ OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view)
         from && from->camera_count * IMAGING_CAMERA_VIEWS <= (size_t)oxl_scene_view_count(scene);
     const char *name = oxl_scene_view(scene, view)->name, *base = path_base_name(name);
     const uint64_t id = has_ids ? (uint64_t)scene_source_image(scene, view)->camera_id : 0;
-    uint64_t hash = UINT64_C(14695981039346656037);
-    for (int k = 0; k < 8; k++) hash = imaging_hash(hash, (unsigned char)(id >> 8 * k & 255));
+    uint64_t hash = CHECKSUM_SEED;
+    hash = checksum_add(hash, &id, sizeof id);
     for (const char *c = name; *c; c++)
-        if (c < base || *c < '0' || *c > '9') hash = imaging_hash(hash, (unsigned char)*c);
+        if (c < base || *c < '0' || *c > '9') hash = checksum_add(hash, c, 1);
     return hash;
 }
 
@@ -101,15 +96,13 @@ static uint64_t imaging_timestamp(const char *name)
 {
     const char *base = path_base_name(name), *best = NULL;
     int most = 0, length;
-    uint64_t hash = UINT64_C(14695981039346656037);
     for (const char *c = base; *c; c += OXL_MAX(length, 1)) {
         for (length = 0; c[length] >= '0' && c[length] <= '9';) length++;
         if (length >= OXL_MAX(most, 1)) best = c, most = length;
     }
     if (!best) return 0;
     while (most > 1 && *best == '0') best++, most--;
-    for (int i = 0; i < most; i++) hash = imaging_hash(hash, (unsigned char)best[i]);
-    return hash;
+    return checksum_add(CHECKSUM_SEED, best, (size_t)most);
 }
 
 static int imaging_compare_keys(const void *a, const void *b)

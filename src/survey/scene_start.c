@@ -9,6 +9,7 @@
  * Invariant: a function of the survey and the seed, on any number of threads.
  */
 #include "scene.h"
+#include "survey.h"
 
 #include "../core/random.h"
 
@@ -64,13 +65,6 @@ static oxl_result start_read_map(oxl_context *ctx, const oxl_scene *scene, int v
     return out->opaque ? OXL_OK : OXL_ERR_MEMORY;
 }
 
-static int start_sees(const oxl_camera *c, const double at[3], double pixel[2])
-{
-    double x[3];
-    return camera_project(c, at, NULL, x, pixel) && pixel[0] >= 0 && pixel[1] >= 0 && pixel[0] < c->width &&
-           pixel[1] < c->height;
-}
-
 /* Returns 0 if the point projects onto a transparent pixel of a view. */
 static int start_is_in_hull(const struct start_draw *d, const double at[3])
 {
@@ -78,7 +72,7 @@ static int start_is_in_hull(const struct start_draw *d, const double at[3])
         const oxl_camera *c = &d->scene->view[d->view[i]].camera;
         const struct start_map *m = &d->map[i];
         double p[2];
-        if (!m->opaque || !start_sees(c, at, p)) continue;
+        if (!m->opaque || !stats_is_in_image(c, at, p)) continue;
         if (!m->opaque[(size_t)(p[1] / c->height * m->height) * (size_t)m->width +
                        (size_t)(p[0] / c->width * m->width)])
             return 0;
@@ -100,7 +94,7 @@ static void start_draw_point(const struct start_draw *d, uint64_t number, struct
     camera_unproject(c, pixel, z, out->position);
     for (int i = 0; i < d->views; i++) {
         double p[2];
-        out->seen += start_sees(&d->scene->view[d->view[i]].camera, out->position, p);
+        out->seen += stats_is_in_image(&d->scene->view[d->view[i]].camera, out->position, p);
     }
 }
 
@@ -138,7 +132,7 @@ static oxl_result start_add_colours(struct start_draw *d)
         if (!image && d->ctx->failed != OXL_ERR_INPUT) return d->ctx->failed;
         for (size_t k = 0; image && k < d->count; k++) {
             double p[2];
-            if (!start_sees(c, d->point[k].position, p)) continue;
+            if (!stats_is_in_image(c, d->point[k].position, p)) continue;
             for (size_t ch = 0; ch < 3; ch++) {
                 const double v = image->rgb[ch * plane + (size_t)p[1] * (size_t)c->width + (size_t)p[0]];
                 d->point[k].sum[ch] += v, d->point[k].square[ch] += v * v;
