@@ -8,20 +8,13 @@
 #include "../survey/scene.h"
 #include "../checks/checks.h"
 
-static int survey_is_distorted(const struct colmap *c)
-{
-    int count = 0;
-    for (size_t i = 0; i < c->camera_count; i++) count += camera_is_distorted(&c->camera[i]);
-    return count;
-}
-
 /* Writes a line as "3 cameras, the first OPENCV 1920 x 1080, distorted (undistorted on load)" */
 static void survey_cameras(const struct colmap *c, oxl_survey *s)
 {
     const struct colmap_camera *first = c && c->camera_count ? c->camera : NULL;
     if (!first) return;
     s->cameras = (int)c->camera_count;
-    s->cameras_distorted = survey_is_distorted(c);
+    for (size_t i = 0; i < c->camera_count; i++) s->cameras_distorted += camera_is_distorted(&first[i]);
     snprintf(s->cameras_text, sizeof s->cameras_text, "%d%s %s %d x %d, %s", s->cameras,
              s->cameras == 1 ? " camera," : " cameras, the first", camera_model_at(first->model)->name,
              first->width, first->height,

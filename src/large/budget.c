@@ -41,8 +41,8 @@ static int budget_is_limited(const oxl_job_options *o)
     return o->ram > 0 || o->device_ram > 0;
 }
 
-/* Returns the most Gaussians that fit --ram and --device-ram; bytes grow in a straight line with them. */
-static double budget_gaussians(const oxl_job_options *o, const struct cost_load *load)
+/* Bytes grow in a straight line with the Gaussians. */
+OXL_INTERNAL double budget_max_gaussians(const struct cost_load *load, const oxl_job_options *o)
 {
     const double host = cost_memory(o, load, 0), device = cost_device_memory(o, load, 0);
     double most = JOB_GAUSSIANS_MAX;
@@ -52,13 +52,6 @@ static double budget_gaussians(const oxl_job_options *o, const struct cost_load 
         most = OXL_MIN(most, (BUDGET_MARGIN * (double)o->device_ram - device) /
                                  (cost_device_memory(o, load, 1) - device));
     return OXL_MAX(0, floor(most));
-}
-
-OXL_INTERNAL double budget_max_gaussians(const struct cost_load *load, const oxl_job_options *o)
-{
-    oxl_job_options bare = *o;
-    bare.scene.image_cache_bytes = budget_cache(o);
-    return budget_gaussians(&bare, load);
 }
 
 /* Returns the Gaussians that a run is not expected to exceed, or fewer if the images allow fewer. */
@@ -74,10 +67,10 @@ OXL_INTERNAL int budget_limit_gaussians(const struct cost_load *load, oxl_job_op
     double gaussians;
     if (!budget_is_limited(o)) return 1;
     o->scene.image_cache_bytes = budget_cache(o);
-    gaussians = OXL_MIN(most, budget_gaussians(o, load));
+    gaussians = OXL_MIN(most, budget_max_gaussians(load, o));
     if (o->train.sh_degree < 0 && gaussians < floor(budget_wanted(o, load))) {
         o->train.sh_degree = BUDGET_SH;
-        gaussians = OXL_MIN(most, budget_gaussians(o, load));
+        gaussians = OXL_MIN(most, budget_max_gaussians(load, o));
     }
     o->train.max_gaussians = (int)gaussians;
     return gaussians >= 1;

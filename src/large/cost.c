@@ -87,8 +87,7 @@ OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load
 {
     const int degree = o->train.sh_degree < 0 ? 3 : o->train.sh_degree;
     const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
-    const double cache =
-        image_cache_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
+    const double cache = image_cache_bytes((double)budget_cache(o), load->pixels, load->largest_file);
     const double depths = parts_bytes(&o->train, (double)load->observations, load->views);
     /* Counts sets of planes: parameters and two moments; a model for viewers is refined beside the one that
      * it begins with. */
