@@ -43,6 +43,7 @@ static oxl_scene *tviews_scene(const oxl_model *m, int broken, int in_medium)
     oxl_point point[TVIEWS];
     char name[TVIEWS][16];
     oxl_scene *scene = NULL;
+    const int displaces = broken == 1 || broken == 2;
     for (int v = 0; v < TVIEWS; v++) {
         const double x = 0.7 * (v % 6) - 1.75, y = 0.8 * (v / 6) - 1.2;
         snprintf(name[v], sizeof name[v], "v%02d", v);
@@ -52,13 +53,17 @@ static oxl_scene *tviews_scene(const oxl_model *m, int broken, int in_medium)
         tviews_draw(m, &view[v].camera, in_medium, &image[v]);
         for (size_t i = 0; i < 3 * TVIEWS_W * TVIEWS_H; i++)
             image[v].rgb[i] += 0.02f * (float)(random_unit(random_bits(8, i, (uint64_t)v)) - 0.5);
-        if (broken && v == 8) view[v].camera.translation[0] += 0.2;
+        if (displaces && v == 8) view[v].camera.translation[0] += 0.2;
+        if (broken == 3 && v == 8) /* turned by 0.1 rad about the axis, by which the centre does not move */
+            pose_apply(&(oxl_camera){.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}, .translation = {-x, -y, 4}},
+                       (double[POSE_TERMS]){0, 0, 0.1}, &view[v].camera);
         for (size_t i = 0; broken == 2 && v == 10 && i < 3 * TVIEWS_W * TVIEWS_H; i++) /* other ground */
             image[v].rgb[i] =
                 0.3f + 0.1f * (float)random_unit(random_bits(9, i % (TVIEWS_W * TVIEWS_H) / 2, 0));
-        if (broken && v == 15) view[v].camera.translation[1] -= 0.25;
-        for (size_t i = 0; broken && v == 20 && i < 3 * TVIEWS_W * TVIEWS_H; i++) image[v].rgb[i] *= 0.6f;
-        for (int pass = 0; broken && v == 3 && pass < 2; pass++) /* a running mean of 5 px along the rows */
+        if (displaces && v == 15) view[v].camera.translation[1] -= 0.25;
+        for (size_t i = 0; displaces && v == 20 && i < 3 * TVIEWS_W * TVIEWS_H; i++) image[v].rgb[i] *= 0.6f;
+        for (int pass = 0; displaces && v == 3 && pass < 2;
+             pass++) /* a running mean of 5 px along the rows */
             for (size_t i = 2; i + 3 < 3 * TVIEWS_W * TVIEWS_H; i++)
                 image[v].rgb[i] = (image[v].rgb[i - 2] + image[v].rgb[i - 1] + image[v].rgb[i] +
                                    image[v].rgb[i + 1] + image[v].rgb[i + 2]) /
@@ -122,6 +127,20 @@ TEST(training_views_without_the_structure_of_their_images_are_counted_and_shown)
     row = strstr(t.data, "{\"name\": \"v11\"");
     CHECK(row && oxl_json_number(row, "structure") > 0.9);
     CHECK(test_has("fog/v10.png") && !test_has("fog/v11.png"));
+}
+
+TEST(training_views_displaced_by_an_amount_that_changes_over_the_image_are_named_with_it)
+{
+    OWNED_MODEL m = tviews_model();
+    OWNED_SCENE *scene = tviews_scene(&m, 3, 0);
+    OWNED_TEXT t = {.ctx = test_ctx};
+    double least = 0, most = 0;
+    test_listen();
+    CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 20 * TVIEWS, NULL, &t, NULL));
+    CHECK_TEXT(test_said.all, "training image v08 is rendered displaced by ");
+    CHECK(sscanf(test_said.all, "warning: training image v08 is rendered displaced by %lf to %lf", &least,
+                 &most) == 2);
+    CHECK(least < 0.5 && most > 5 && most < 6.5); /* 0.1 rad of the half diagonal of 58 px */
 }
 
 TEST(training_views_of_a_valid_survey_are_not_flagged)

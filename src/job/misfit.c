@@ -1,10 +1,10 @@
 /* misfit.c - measures how much of a render's error a displaced camera explains.
  *
- * A displaced camera shifts the image. One shift is sought in detail, the difference to the mean of the
- * neighbourhood: light that changes slowly moves with a large shift as well as it brightens. It is the best
- * of all in a small image, the best beside it in each larger one, and counts by what it explains in the last.
- * So noise and light, which one small image may explain by a shift, explain nothing. A shift by whole pixels
- * blurs nothing: an image out of focus is explained by none.
+ * A displaced camera shifts the image by an amount that changes smoothly over it: an affine field of six
+ * numbers. It is sought in detail, the difference to the mean of the neighbourhood: light that changes slowly
+ * moves with a large shift as well as it brightens. It is found as one shift in a small image, refined in
+ * larger ones [Lucas & Kanade 1981, Bouguet 2000], and counts by what it explains in the largest. So noise
+ * and light, which one small image may explain by a shift, explain nothing.
  *
  * Invariant: masked pixels, NaN in the images here, take no part.
  */
@@ -14,9 +14,10 @@ enum {
     MISFIT_SMALLEST = 24, /* px; longer side of the smallest image in which a shift is sought */
     MISFIT_LARGEST = 200, /* px; longer side of the largest one */
     MISFIT_RADIUS = 3,    /* px; detail is the difference to the mean of so many to each side */
-    MISFIT_FARTHEST = 4,  /* bounds a shift: a fourth of the image's sides */
-    MISFIT_BESIDE = 2     /* px; change of a shift from one image to the next larger one */
+    MISFIT_STEPS = 6,     /* steps of a field per size */
+    MISFIT_TERMS = 6 /* numbers of a field: of 1, u, v along x, then along y; u, v: -1 to 1 over the image */
 };
+#define MISFIT_FARTHEST 0.25 /* Bounds a shift, as a fraction of the image's sides. */
 
 struct misfit_pair {
     int width, height;
@@ -46,52 +47,137 @@ static void misfit_reduce(const oxl_image *from, int n, float *work, float *out)
         }
 }
 
-/* Returns the squared error of the render shifted by whole pixels, as a fraction of that of the render. */
-static double misfit_left(const struct misfit_pair *p, int right, int down)
+/* Interpolates at the place x, y, which is inside. */
+static double misfit_at(const float *from, int w, double x, double y)
+{
+    const int i = (int)x, j = (int)y;
+    const double a = x - i, b = y - j;
+    const float *p = from + j * w + i;
+    return (1 - b) * ((1 - a) * p[0] + a * p[1]) + b * ((1 - a) * p[w] + a * p[w + 1]);
+}
+
+/* Returns 1 if the place's neighbours can be interpolated. */
+static int misfit_inside(const struct misfit_pair *p, double x, double y)
+{
+    return x >= 1 && y >= 1 && x < p->width - 2 && y < p->height - 2;
+}
+
+/* Evaluates a field where the image's coordinates are u, v. */
+static void misfit_field(const double field[MISFIT_TERMS], double u, double v, double shift[2])
+{
+    for (int k = 0; k < 2; k++) shift[k] = field[3 * k] + field[3 * k + 1] * u + field[3 * k + 2] * v;
+}
+
+/* Solves the symmetric equations by elimination; leaves 0 for what they do not determine. */
+static void misfit_solve(double m[MISFIT_TERMS][MISFIT_TERMS], double x[MISFIT_TERMS])
+{
+    double scale[MISFIT_TERMS];
+    for (int i = 0; i < MISFIT_TERMS; i++) scale[i] = 1e-9 * m[i][i];
+    for (int i = 0; i < MISFIT_TERMS; i++)
+        for (int j = i + 1; j < MISFIT_TERMS && m[i][i] > scale[i]; j++) {
+            const double by = m[j][i] / m[i][i];
+            for (int k = i; k < MISFIT_TERMS; k++) m[j][k] -= by * m[i][k];
+            x[j] -= by * x[i];
+        }
+    for (int i = MISFIT_TERMS; i-- > 0;) {
+        for (int k = i + 1; k < MISFIT_TERMS; k++) x[i] -= m[i][k] * x[k];
+        x[i] = m[i][i] > scale[i] ? x[i] / m[i][i] : 0;
+    }
+}
+
+/* Returns the squared error of the shifted render as a fraction of that of the render, and the step by which
+ * to change the field. Interpolation between pixels blurs the render, which helps where the image is blurred:
+ * so the fraction is one of the error of a render that is blurred likewise and not shifted, the mean of two
+ * opposite shifts by parts of a pixel, if that is less. 1: the shift is too large. */
+static double misfit_try(const struct misfit_pair *p, const double field[MISFIT_TERMS],
+                         double step[MISFIT_TERMS])
 {
     const int w = p->width, h = p->height;
-    double shifted = 0, still = 0;
-    for (int y = OXL_MAX(0, -down); y < OXL_MIN(h, h - down); y++)
-        for (int x = OXL_MAX(0, -right); x < OXL_MIN(w, w - right); x++) {
-            const double image = p->image[y * w + x], was = image - p->rendered[y * w + x],
-                         is = image - p->rendered[(y + down) * w + x + right];
-            if (isnan(was)) continue;
-            still += was * was, shifted += is * is;
+    double normal[MISFIT_TERMS][MISFIT_TERMS] = {{0}}, ee = 0, before = 0, even = 0, shift[2];
+    memset(step, 0, MISFIT_TERMS * sizeof *step);
+    for (int k = 0; k < 4; k++) {
+        misfit_field(field, k % 2 ? 1 : -1, k / 2 ? 1 : -1, shift);
+        if (!(fabs(shift[0]) <= MISFIT_FARTHEST * w && fabs(shift[1]) <= MISFIT_FARTHEST * h)) return 1;
+    }
+    for (int y = 0; y < h; y++)
+        for (int x = 0; x < w; x++) {
+            const double u = 2.0 * x / w - 1, v = 2.0 * y / h - 1, image = p->image[y * w + x],
+                         was = image - p->rendered[y * w + x];
+            double at, to, e, both, part[2], slope[MISFIT_TERMS];
+            misfit_field(field, u, v, shift);
+            at = x + shift[0], to = y + shift[1];
+            if (isnan(was) || !misfit_inside(p, at, to) || !misfit_inside(p, x, y)) continue;
+            for (int k = 0; k < 2; k++) part[k] = shift[k] - floor(shift[k] + 0.5);
+            slope[0] = 0.5 * (misfit_at(p->rendered, w, at + 1, to) - misfit_at(p->rendered, w, at - 1, to));
+            slope[3] = 0.5 * (misfit_at(p->rendered, w, at, to + 1) - misfit_at(p->rendered, w, at, to - 1));
+            for (int k = 0; k < 6; k += 3) slope[k + 1] = slope[k] * u, slope[k + 2] = slope[k] * v;
+            e = image - misfit_at(p->rendered, w, at, to);
+            both = image - 0.5 * (misfit_at(p->rendered, w, x + part[0], y + part[1]) +
+                                  misfit_at(p->rendered, w, x - part[0], y - part[1]));
+            for (int i = 0; i < MISFIT_TERMS; i++) {
+                for (int k = 0; k < MISFIT_TERMS; k++) normal[i][k] += slope[i] * slope[k];
+                step[i] += slope[i] * e;
+            }
+            ee += e * e, before += was * was, even += both * both;
         }
-    return still > 0 ? shifted / still : 1;
+    misfit_solve(normal, step);
+    before = OXL_MIN(before, even);
+    return before > 0 ? ee / before : 1;
 }
 
-/* Sets the best shift within `reach` of a shift, or none if that is better; returns misfit_left of it. */
-static double misfit_search(const struct misfit_pair *p, const int reach[2], int shift[2])
+/* Finds the best of all shifts by whole pixels: from afar, steps may lead elsewhere. */
+static void misfit_search(const struct misfit_pair *p, double field[MISFIT_TERMS])
 {
-    const int from[2] = {shift[0], shift[1]};
-    double least = 1;
-    shift[0] = shift[1] = 0;
-    for (int y = from[1] - reach[1]; y <= from[1] + reach[1]; y++)
-        for (int x = from[0] - reach[0]; x <= from[0] + reach[0]; x++) {
-            const double left = misfit_left(p, x, y);
-            if (left < least) least = left, shift[0] = x, shift[1] = y;
+    const int most[2] = {(int)(MISFIT_FARTHEST * p->width), (int)(MISFIT_FARTHEST * p->height)};
+    double least = 1, step[MISFIT_TERMS];
+    for (int y = -most[1]; y <= most[1]; y++)
+        for (int x = -most[0]; x <= most[0]; x++) {
+            const double at[MISFIT_TERMS] = {x, 0, 0, y}, left = misfit_try(p, at, step);
+            if (left < least) least = left, field[0] = x, field[3] = y;
         }
-    return least;
 }
 
-/* Finds the shift from the smallest size to the largest; work: (3,pixels). */
+/* Improves a field, from none if that is better, and returns the fraction of the error that it explains. */
+static double misfit_improve(const struct misfit_pair *p, double field[MISFIT_TERMS])
+{
+    double step[MISFIT_TERMS], left = misfit_try(p, field, step);
+    if (!(left < 1)) memset(field, 0, sizeof step), left = misfit_try(p, field, step);
+    for (int i = 0; i < MISFIT_STEPS; i++) {
+        double next[MISFIT_TERMS], then;
+        for (int k = 0; k < MISFIT_TERMS; k++) next[k] = field[k] + step[k];
+        then = misfit_try(p, next, step);
+        if (!(then < left)) break;
+        left = then;
+        memcpy(field, next, sizeof next);
+    }
+    return 1 - left;
+}
+
+/* Sets what a field explains of the error of detail at the largest size, and its shifts, px of the images;
+ * work: (3,pixels). */
 static void misfit_find(const oxl_image *rendered, const oxl_image *image, float *work, struct misfit *out)
 {
     const int longer = OXL_MAX(image->width, image->height);
-    int largest = 1, n, shift[2] = {0, 0}, reach[2] = {0, 0};
+    double field[MISFIT_TERMS] = {0};
+    int largest = 1, n, begun = 0;
     while (longer / largest > MISFIT_LARGEST) largest *= 2;
     for (n = largest; longer / (2 * n) >= MISFIT_SMALLEST; n *= 2) continue;
-    reach[0] = image->width / n / MISFIT_FARTHEST, reach[1] = image->height / n / MISFIT_FARTHEST;
     for (; n >= largest && longer / n >= MISFIT_SMALLEST; n /= 2) {
         const size_t pixels = (size_t)(image->width / n) * (size_t)(image->height / n);
         const struct misfit_pair pair = {image->width / n, image->height / n, work + pixels,
                                          work + 2 * pixels};
         misfit_reduce(rendered, n, work, pair.rendered);
         misfit_reduce(image, n, work, pair.image);
-        out->explained = 1 - misfit_search(&pair, reach, shift);
-        out->pixels = n * hypot(shift[0], shift[1]);
-        for (int k = 0; k < 2; k++) shift[k] *= 2, reach[k] = MISFIT_BESIDE;
+        for (int k = 0; k < MISFIT_TERMS; k++) field[k] *= 2;
+        if (!begun++) misfit_search(&pair, field);
+        out->explained = misfit_improve(&pair, field);
+    }
+    out->least = HUGE_VAL;
+    for (int k = 0; k < 9; k++) {
+        double shift[2], size;
+        misfit_field(field, k % 3 - 1, k / 3 - 1, shift);
+        size = largest * hypot(shift[0], shift[1]);
+        out->least = OXL_MIN(out->least, size), out->most = OXL_MAX(out->most, size);
     }
 }
 

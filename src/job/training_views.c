@@ -109,9 +109,9 @@ static oxl_result training_find_shift(const struct training_views *t, struct tra
     if (misfit.explained > TRAINING_SHIFTED) {
         row->flag = TRAINING_MISFIT;
         oxl_log(t->ctx, OXL_LOG_WARNING,
-                "training image %s is rendered displaced by about %.0f px, which explains %.0f %% of the "
+                "training image %s is rendered displaced by %.1f to %.1f px, which explains %.0f %% of the "
                 "error of its detail: check its pose, or refine poses (--poses auto)",
-                oxl_scene_view(t->scene, view)->name, misfit.pixels, 100 * misfit.explained);
+                oxl_scene_view(t->scene, view)->name, misfit.least, misfit.most, 100 * misfit.explained);
     }
     oxl_image_free(t->ctx, &image);
     oxl_image_free(t->ctx, &rendered);
