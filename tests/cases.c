@@ -11,7 +11,7 @@ struct prune_case prune_two_patches(int many, int few, float low)
     oxl_view view[16] = {{0}};
     oxl_image image[16] = {{0}};
     static char names[16][16];
-    CHECK_OK(oxl_model_create(test_ctx, 128, 1, &c.trained.model));
+    c.trained.model = test_model(128, 1);
     for (int i = 0; i < 128; i++) {
         c.trained.model.plane[OXL_MEAN][i] = (float)(i % 8 - 3.5) * 0.3f + (i < 64 ? -20 : 20);
         c.trained.model.plane[OXL_MEAN + 1][i] = (float)(i / 8 % 8 - 3.5) * 0.3f;
@@ -33,7 +33,7 @@ struct prune_case prune_two_patches(int many, int few, float low)
                               {1, 0, 0, 0, 1, 0, 0, 0, 1},
                               {(v < many ? 20 : -20) + 0.05 * v, 0.03 * v, 4}},
                              0};
-        CHECK_OK(oxl_image_create(test_ctx, SIDE, SIDE, &image[v]));
+        image[v] = test_image(SIDE, SIDE);
         for (int i = 0; i < 3 * SIDE * SIDE; i++) image[v].rgb[i] = (float)(i % SIDE) / SIDE;
     }
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, many + few, NULL, 0, &c.scene));

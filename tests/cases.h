@@ -47,6 +47,7 @@ oxl_metrics job_test_evaluate(const char *model, int imaging);
 int job_test_has(const char *file, const char *words);
 /* Runs the survey of the test's folder, which is made if it is not there, into the folder `out` beside it. */
 oxl_result job_test_run(const char *out, const oxl_job_options *options);
+void job_test_done(const char *out, const oxl_job_options *options);
 oxl_result job_test_watched(const char *out, const oxl_job_options *options, struct job_test_watch *watch);
 oxl_result job_test_image(const char *path, int view);
 oxl_job_options job_test_options(void);

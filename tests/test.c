@@ -107,6 +107,27 @@ oxl_scene *test_load(const char *survey, const oxl_scene_options *options)
     return scene;
 }
 
+struct os_file_map test_file(const char *file)
+{
+    struct os_file_map map;
+    CHECK_OK(os_read_file(test_ctx, test_path("%s", file), &map));
+    return map;
+}
+
+oxl_image test_image(int width, int height)
+{
+    oxl_image image;
+    CHECK_OK(oxl_image_create(test_ctx, width, height, &image));
+    return image;
+}
+
+oxl_model test_model(size_t count, int sh_degree)
+{
+    oxl_model model;
+    CHECK_OK(oxl_model_create(test_ctx, count, sh_degree, &model));
+    return model;
+}
+
 struct renderer *test_renderer(void)
 {
     struct renderer *r = NULL;
@@ -128,6 +149,26 @@ const char *test_folder(void)
     return folder;
 }
 
+void test_write_bytes(const char *name, const void *bytes, size_t size)
+{
+    CHECK_OK(os_write_file(test_ctx, test_path("%s", name), bytes, size));
+}
+
+void test_write_image(const char *name, const oxl_image *image)
+{
+    CHECK_OK(oxl_image_write(test_ctx, test_path("%s", name), image));
+}
+
+void test_write_model(const char *name, const oxl_model *model)
+{
+    CHECK_OK(oxl_model_write(test_ctx, test_path("%s", name), model));
+}
+
+void test_make_folder(const char *name)
+{
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("%s", name)));
+}
+
 const char *test_write(const char *name, const char *text)
 {
     const char *path = test_path("%s", name);
@@ -136,8 +177,8 @@ const char *test_write(const char *name, const char *text)
     snprintf(parent, sizeof parent, "%s", path);
     slash = strrchr(parent, '/');
     if (slash) *slash = 0;
-    CHECK_OK(oxl_make_folder(test_ctx, parent));
-    CHECK_OK(os_write_file(test_ctx, path, text, strlen(text)));
+    test_make_folder(parent);
+    test_write_bytes(path, text, strlen(text));
     return path;
 }
 
@@ -210,6 +251,13 @@ oxl_result test_train(oxl_scene *scene, const oxl_train_options *options, const 
                       oxl_model *out)
 {
     return train_run(test_ctx, scene, options, callback, &(struct train_task){.imaging = &test_imaging}, out);
+}
+
+oxl_model test_trained(oxl_scene *scene, const oxl_train_options *options)
+{
+    oxl_model model;
+    CHECK_OK(test_train(scene, options, NULL, &model));
+    return model;
 }
 
 void test_fail(const char *file, int line, const char *format, ...)

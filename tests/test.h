@@ -57,6 +57,10 @@ void test_fail(const char *file, int line, const char *format, ...);
 /* The last error's text holds the words. */
 #define CHECK_SAYS(words) CHECK_TEXT(oxl_error_text(test_ctx), words)
 
+/* A warning, or anything that was logged since test_listen, holds the words. */
+#define CHECK_WARNED(words) CHECK_TEXT(test_said.warning, words)
+#define CHECK_LOGGED(words) CHECK_TEXT(test_said.all, words)
+
 /* The call is refused with this code, and the error's text holds the words. */
 #define CHECK_ERROR(call, code, words) \
     do {                               \
@@ -114,11 +118,19 @@ int test_has(const char *file);
 void test_read_model(const char *file, oxl_model *out);
 /* Loads a survey; options may be NULL. */
 oxl_scene *test_load(const char *survey, const oxl_scene_options *options);
+struct os_file_map test_file(const char *file);
 struct renderer *test_renderer(void);
+oxl_image test_image(int width, int height);
+oxl_model test_model(size_t count, int sh_degree);
 /* A model of the scene's points. */
 oxl_model test_points(const oxl_scene *scene, int sh_degree);
 /* Writes a text file into the test's folder (parents are made) and returns its path. */
 const char *test_write(const char *name, const char *text);
+/* Writes into the test's folder as it is: no folder is made. */
+void test_write_bytes(const char *name, const void *bytes, size_t size);
+void test_write_image(const char *name, const oxl_image *image);
+void test_write_model(const char *name, const oxl_model *model);
+void test_make_folder(const char *name);
 /* Path of the folder of surveys beside the project, or NULL when it is not there: then SKIP. */
 const char *test_shared(const char *name);
 
@@ -128,6 +140,8 @@ oxl_result test_read_imaging(const oxl_scene *scene, const char *model_path);
 /* The first run of oxl_train, without a model for viewers. */
 oxl_result test_train(oxl_scene *scene, const oxl_train_options *options, const oxl_callback *callback,
                       oxl_model *out);
+/* What it trains without a callback. */
+oxl_model test_trained(oxl_scene *scene, const oxl_train_options *options);
 
 /* What a step of density control does. */
 static inline oxl_result test_density(oxl_context *ctx, struct density *d, struct trained_model *trained,

@@ -13,10 +13,9 @@ static double antialias_test_light(int width, int antialias)
                                .cx = 0.5 * width,
                                .cy = 0.5 * width,
                                .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
-    oxl_model m;
-    oxl_image image;
+    OWNED_IMAGE image;
     double sum = 0;
-    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &m));
+    OWNED_MODEL m = test_model(1, 0);
     m.plane[OXL_MEAN + 2][0] = 4;
     for (int k = 0; k < 3; k++) {
         m.plane[OXL_LOG_SCALE + k][0] = -2.5f; /* 0.66 px at a width of 32 */
@@ -25,8 +24,6 @@ static double antialias_test_light(int width, int antialias)
     m.antialias = antialias;
     CHECK_OK(oxl_render(test_ctx, &m, &camera, NULL, &image, NULL));
     for (int i = 0; i < width * width; i++) sum += (double)image.rgb[i];
-    oxl_image_free(test_ctx, &image);
-    oxl_model_free(test_ctx, &m);
     return sum / (width * width);
 }
 
@@ -57,12 +54,11 @@ TEST(antialias_of_other_programs_is_read)
 
 TEST(antialias_is_missed_in_splat)
 {
-    OWNED_MODEL m = {0};
-    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &m));
+    OWNED_MODEL m = test_model(2, 0);
     m.antialias = 1;
     test_listen();
-    CHECK_OK(oxl_model_write(test_ctx, test_path("m.splat"), &m));
-    CHECK_TEXT(test_said.warning, "cannot store that the model is anti-aliased");
+    test_write_model("m.splat", &m);
+    CHECK_WARNED("cannot store that the model is anti-aliased");
 }
 
 TEST(antialias_of_a_run_is_that_of_its_model_resumed_or_not)
@@ -73,7 +69,7 @@ TEST(antialias_of_a_run_is_that_of_its_model_resumed_or_not)
     OWNED_MODEL first = {0}, second = {0};
     options.antialias = 1;
     c = checkpoint_of(train_scene(6), options);
-    CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
+    c.whole = test_trained(c.scene, &c.options);
     CHECK(c.whole.antialias == 1);
     CHECK(checkpoint_run(&c, "key", 15, &first) == OXL_ERR_INTERRUPTED);
     CHECK_OK(checkpoint_run(&c, "key", -1, &second));

@@ -43,8 +43,7 @@ static oxl_context *codec_test_context(struct codec_test_memory *m)
 
 static oxl_image codec_test_image(int width, int height)
 {
-    oxl_image image = {0};
-    CHECK_OK(oxl_image_create(test_ctx, width, height, &image));
+    oxl_image image = test_image(width, height);
     for (int i = 0; i < 3 * width * height; i++) image.rgb[i] = (float)(i * 7919 % 256) / 255;
     return image;
 }
@@ -56,12 +55,11 @@ TEST(images_and_models_without_memory_end_in_an_error_and_leak_nothing)
     static const char *const files[] = {"a.png", "a.spz", "a.ply", "a.splat"};
     static oxl_point points[100];
     OWNED_IMAGE image = codec_test_image(40, 24);
-    OWNED_MODEL model = {0};
     struct codec_test_memory m;
     oxl_context *ctx = codec_test_context(&m);
     const long own = m.blocks;
     int refused = 0;
-    CHECK_OK(oxl_model_create(test_ctx, 50, 0, &model));
+    OWNED_MODEL model = test_model(50, 0);
     for (int k = 0; k < oxl_model_planes(&model); k++)
         for (size_t i = 0; i < model.count; i++) model.plane[k][i] = 0.01f * (float)(i + 1);
     for (int i = 0; i < 100; i++) points[i].position[0] = i;
@@ -95,12 +93,11 @@ TEST(images_and_models_without_memory_end_in_an_error_and_leak_nothing)
 TEST(decoding_stays_within_the_limit_of_memory)
 {
     enum { SIDE = 3000 };
-    oxl_image image = {0}, back = {0};
+    oxl_image back = {0};
     struct codec_test_memory m;
     oxl_context *ctx = codec_test_context(&m);
-    CHECK_OK(oxl_image_create(test_ctx, SIDE, SIDE, &image));
-    CHECK_OK(oxl_image_write(test_ctx, test_path("black.png"), &image));
-    oxl_image_free(test_ctx, &image);
+    OWNED_IMAGE image = test_image(SIDE, SIDE);
+    test_write_image("black.png", &image);
     m.limit = 16 << 20;
     CHECK(oxl_image_read(ctx, test_path("black.png"), &back) == OXL_ERR_MEMORY);
     CHECK(m.peak <= m.limit);
@@ -122,13 +119,10 @@ TEST(an_image_of_another_shape_is_refused_by_its_header)
                                          .file = "cameras.txt"};
     const oxl_camera to = {48, 32, 40, 40, 24, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
     struct training_image out = {0};
-    struct os_file_map map = {0};
-    oxl_image image = codec_test_image(100, 100);
-    CHECK_OK(oxl_image_write(test_ctx, test_path("square.png"), &image));
-    oxl_image_free(test_ctx, &image);
-    CHECK_OK(os_read_file(test_ctx, test_path("square.png"), &map));
-    CHECK_OK(os_write_file(test_ctx, test_path("cut.png"), map.data, map.size / 2));
-    os_release_file(test_ctx, &map);
+    OWNED_IMAGE image = codec_test_image(100, 100);
+    test_write_image("square.png", &image);
+    OWNED_FILE map = test_file("square.png");
+    test_write_bytes("cut.png", map.data, map.size / 2);
     CHECK_ERROR(image_load_training(test_ctx, test_path("cut.png"), NULL, NULL, &camera, &to, &out),
                 OXL_ERR_INPUT, "another aspect ratio");
     CHECK(image_load_training(test_ctx, test_path("nowhere.png"), NULL, NULL, &camera, &to, &out) ==

@@ -26,7 +26,7 @@ static void colmap_file(const char *name, const char *text)
 /* Any of the three may be NULL: not written. */
 oxl_result colmap_try(const char *cameras, const char *images, const char *points, struct colmap *out)
 {
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("model")));
+    test_make_folder("model");
     if (cameras) colmap_file("model/cameras.txt", cameras);
     if (images) colmap_file("model/images.txt", images);
     if (points) colmap_file("model/points3D.txt", points);
@@ -50,11 +50,10 @@ static const char *colmap_refused(int file, const char *text)
  * of image i from first[i] on. */
 struct colmap_observed colmap_observe(const char *folder, const struct colmap *c)
 {
-    struct os_file_map file = {0};
     struct colmap_observed o = {NULL, oxl_calloc(test_ctx, c->image_count + 1, sizeof *o.first)};
     char path[600];
     snprintf(path, sizeof path, "%s/images.txt", folder);
-    CHECK_OK(os_read_file(test_ctx, path, &file));
+    OWNED_FILE file = test_file(path);
     o.at = oxl_alloc(test_ctx, file.size / 6 + 1, sizeof *o.at); /* "0 0 0 " is the shortest */
     for (size_t i = 0; i < c->image_count; i++) {
         const char *p = file.data + c->image[i].points_at, *end = p + c->image[i].points_size;
@@ -66,7 +65,6 @@ struct colmap_observed colmap_observe(const char *folder, const struct colmap *c
         }
         o.first[i + 1] = n;
     }
-    os_release_file(test_ctx, &file);
     return o;
 }
 size_t colmap_observed_count(const struct colmap_observed *o, size_t image)
@@ -142,7 +140,7 @@ TEST(colmap_a_file_of_fewer_rows_than_announced_is_reported)
     test_listen();
     CHECK_OK(colmap_try(colmap_good_cameras, images, points, &c));
     CHECK(test_said.warnings == 1 && c.warnings == 1 && c.is_truncated);
-    CHECK_TEXT(test_said.warning, "points3D.txt: its header announces 3 points, and 2 are there");
+    CHECK_WARNED("points3D.txt: its header announces 3 points, and 2 are there");
 }
 
 /* ---------------- dialects */
@@ -296,8 +294,8 @@ TEST(colmap_warnings_name_file_and_line_and_are_cut_after_three_of_a_kind)
     test_listen();
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, points.data, &c));
     CHECK(test_said.warnings == 4 && c.warnings == 25);
-    CHECK_TEXT(test_said.warning, "points3D.txt:1: ");
-    CHECK_TEXT(test_said.warning, "points3D.txt: 22 more cases");
+    CHECK_WARNED("points3D.txt:1: ");
+    CHECK_WARNED("points3D.txt: 22 more cases");
 }
 
 /* ---------------- what is refused */
@@ -456,12 +454,11 @@ TEST(colmap_ids_and_places_in_tracks_may_be_any)
 TEST(colmap_records_the_offset_of_the_text_of_2d_points)
 {
     static const char *const wanted[3] = {"", "1.5 2.5 9", "10.5 20.25 4 30 -0.5 -1"};
-    OWNED_FILE file = {0};
     struct colmap c;
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_replaced(colmap_good_images, '\n', " \r\n\t"),
                         colmap_good_points, &c));
     colmap_free(test_ctx, &c);
-    CHECK_OK(os_read_file(test_ctx, test_path("model/images.txt"), &file));
+    OWNED_FILE file = test_file("model/images.txt");
     for (size_t window = 1; window < 1000; window += window / 2 + 1) {
         CHECK_OK(colmap_read_buffered(test_ctx, test_path("model"), window, &c));
         for (size_t i = 0; i < 3; i++)

@@ -76,7 +76,7 @@ static void binary_good(void)
 {
     OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("binary")));
+    test_make_folder("binary");
     binary_write(test_path("binary"), &c, test_path("model"));
 }
 
@@ -127,7 +127,7 @@ TEST(colmap_binary_real_surveys_are_those_of_their_text)
     struct colmap c;
     if (!path) SKIP("no shared data");
     snprintf(text, sizeof text, "%s", path);
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("binary")));
+    test_make_folder("binary");
     CHECK_OK(colmap_read(test_ctx, text, &c));
     binary_write(test_path("binary"), &c, text);
     colmap_free(test_ctx, &c);
@@ -138,7 +138,7 @@ TEST(colmap_binary_invalid_values_are_handled_as_in_text)
 {
     OWNED_COLMAP c = {0};
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("binary")));
+    test_make_folder("binary");
     c.point[1].position[1] = INFINITY;
     c.point[0].error = NAN;
     c.image[1].rotation[0] = 8;
@@ -165,12 +165,12 @@ TEST(colmap_of_text_and_binary_the_one_with_more_is_read_with_a_message)
     CHECK(system(command) == 0);
     CHECK_OK(colmap_read(test_ctx, test_path("binary"), &c));
     CHECK(c.format == COLMAP_BINARY);
-    CHECK_TEXT(test_said.all, "holds two models that differ");
+    CHECK_LOGGED("holds two models that differ");
     colmap_free(test_ctx, &c);
     binary_replace("points3D.bin", "\0\0\0\0\0\0\0\0", 8); /* none */
     CHECK_OK(colmap_read(test_ctx, test_path("binary"), &c));
     CHECK(c.format == COLMAP_TEXT);
-    CHECK_TEXT(test_said.all, "the text one is read");
+    CHECK_LOGGED("the text one is read");
 }
 
 /* ---------------- what is refused */
@@ -181,12 +181,11 @@ TEST(colmap_binary_that_is_cut_or_has_a_wrong_byte_is_refused_with_the_place_or_
 {
     int refused = 0;
     for (int f = 0; f < 3; f++) {
-        OWNED_FILE map = {0};
         OWNED_MEMORY char *copy = NULL;
         char path[400];
         binary_good();
         snprintf(path, sizeof path, "%s/%s", test_path("binary"), binary_names[f]);
-        CHECK_OK(os_read_file(test_ctx, path, &map));
+        OWNED_FILE map = test_file(path);
         for (size_t size = 0; size < map.size; size++) {
             binary_replace(binary_names[f], map.data, size);
             CHECK_TEXT(binary_refused(), binary_names[f]);
@@ -249,12 +248,11 @@ TEST(colmap_binary_names_stay_in_the_image_folder_and_on_one_line)
     static const char *const wrong[][2] = {{"../..", "expected NAME, a file in the image folder"},
                                            {"b\nc.jpg", "a line end in a name"}};
     for (size_t i = 0; i < OXL_COUNT(wrong); i++) {
-        struct colmap c;
+        OWNED_COLMAP c;
         CHECK_OK(colmap_try(colmap_good_cameras, "7 1 0 0 0 0 0 0 1 12345678\n\n", "", &c));
-        CHECK_OK(oxl_make_folder(test_ctx, test_path("binary")));
+        test_make_folder("binary");
         strcpy(c.names + c.image[0].name, wrong[i][0]);
         binary_write(test_path("binary"), &c, test_path("model"));
-        colmap_free(test_ctx, &c);
         CHECK_TEXT(binary_refused(), wrong[i][1]);
     }
 }

@@ -15,14 +15,11 @@ static const oxl_camera DEPTH_TEST_CAMERA = {32, 32, 40, 40, 16, 16, {1, 0, 0, 0
 /* The depth at the image's middle of Gaussians at z of opacity alpha. */
 static double depth_test_of(int count, const double *z, const double *alpha)
 {
-    oxl_model m;
-    oxl_image image;
+    OWNED_IMAGE image;
     float depth[32 * 32];
-    CHECK_OK(oxl_model_create(test_ctx, (size_t)count, 0, &m));
+    OWNED_MODEL m = test_model((size_t)count, 0);
     for (int i = 0; i < count; i++) depth_test_set(&m, (size_t)i, z[i], alpha[i], 3);
     CHECK_OK(oxl_render(test_ctx, &m, &DEPTH_TEST_CAMERA, NULL, &image, depth));
-    oxl_image_free(test_ctx, &image);
-    oxl_model_free(test_ctx, &m);
     return (double)depth[16 * 32 + 16];
 }
 
@@ -55,8 +52,7 @@ static double depth_test_random(size_t row, uint64_t plane)
 
 static oxl_model depth_test_model(size_t count, size_t lobes)
 {
-    oxl_model m;
-    CHECK_OK(oxl_model_create(test_ctx, count, 0, &m));
+    oxl_model m = test_model(count, 0);
     CHECK_OK(model_set_lobes(test_ctx, &m, lobes));
     for (size_t i = 0; i < count; i++) {
         depth_test_set(&m, i, 3 + 5 * depth_test_random(i, 0), 0.1 + 0.8 * depth_test_random(i, 1), 0.5);
@@ -150,18 +146,16 @@ static size_t depth_test_above(const double p[3], oxl_image *image, float *depth
 {
     const oxl_camera camera = {64, 64, 100, 100, 32, 32, {1, 0, 0, 0, -1, 0, 0, 0, -1}, {0, 0, 4}};
     oxl_render_options options = oxl_render_options_default();
-    oxl_model m;
     size_t brightest = 0;
     options.parallel = 4;
     options.near_plane = 0;
-    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &m));
+    OWNED_MODEL m = test_model(1, 0);
     depth_test_set(&m, 0, p[2], 0.98, 0.01);
     m.plane[OXL_MEAN][0] = (float)p[0], m.plane[OXL_MEAN + 1][0] = (float)p[1];
     m.plane[OXL_SH][0] = 1;
     CHECK_OK(oxl_render(test_ctx, &m, &camera, &options, image, depth));
     for (size_t i = 0; i < 64 * 64; i++)
         if (image->rgb[i] > image->rgb[brightest]) brightest = i;
-    oxl_model_free(test_ctx, &m);
     return brightest;
 }
 

@@ -65,13 +65,11 @@ static oxl_scene *fixed_survey(enum fixed_kind first, enum fixed_kind second, in
 {
     const size_t pixels = (size_t)FIXED_TEST_W * FIXED_TEST_H;
     oxl_scene_options options = oxl_scene_options_default();
-    struct text images = {.ctx = test_ctx};
-    oxl_scene *scene = NULL;
-    oxl_image image;
+    OWNED_TEXT images = {.ctx = test_ctx};
     test_write("s/sparse/0/cameras.txt", "1 PINHOLE 96 64 80 80 48 32\n2 PINHOLE 96 64 80 80 48 32\n");
     test_write("s/sparse/0/points3D.txt", "1 0 0 5 90 80 70 0.5 1 0 3 0\n");
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("s/images")));
-    CHECK_OK(oxl_image_create(test_ctx, FIXED_TEST_W, FIXED_TEST_H, &image));
+    test_make_folder("s/images");
+    OWNED_IMAGE image = test_image(FIXED_TEST_W, FIXED_TEST_H);
     for (int v = 0; v < 2 * FIXED_TEST_VIEWS; v++) {
         for (size_t i = 0; i < 3 * pixels; i++) {
             const int x = (int)(i % pixels % FIXED_TEST_W), y = (int)(i % pixels / FIXED_TEST_W);
@@ -81,15 +79,13 @@ static oxl_scene *fixed_survey(enum fixed_kind first, enum fixed_kind second, in
                             p.light +
                         p.noise / 255 * (random_unit(random_bits(3, i, (uint64_t)v)) - 0.5));
         }
-        CHECK_OK(oxl_image_write(test_ctx, test_path("s/images/%02d.png", v), &image));
+        test_write_image(test_path("s/images/%02d.png", v), &image);
         text_add(&images, "%d 1 0 0 0 %.17g 0 0 %d %02d.png\n1 2 1\n", v + 1, 0.1 * v, 1 + v % 2, v);
     }
     test_write("s/sparse/0/images.txt", images.data);
-    oxl_image_free(test_ctx, &image);
-    text_free(&images);
     options.auto_mask = mask;
     test_listen();
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("s"), &options, &scene));
+    oxl_scene *scene = test_load("s", &options);
     return scene;
 }
 
@@ -115,31 +111,27 @@ static void fixed_count(const oxl_scene *scene, int view, enum fixed_kind kind, 
 TEST(fixed_pixels_of_each_camera_are_masked)
 {
     for (enum fixed_kind kind = FIXED_ROUND_PORT; kind < FIXED_WHITE_STUDIO; kind++) {
-        oxl_scene *scene = fixed_survey(kind, kind == FIXED_LOGO ? FIXED_TWO_SIDES : FIXED_NOTHING, 1);
+        OWNED_SCENE *scene = fixed_survey(kind, kind == FIXED_LOGO ? FIXED_TWO_SIDES : FIXED_NOTHING, 1);
         int missed, far;
         fixed_count(scene, 2, kind, &missed, &far);
         CHECK(missed <= 4 && far <= 8);
         fixed_count(scene, 3, kind == FIXED_LOGO ? FIXED_TWO_SIDES : FIXED_NOTHING, &missed, &far);
         CHECK(missed <= 4 && far <= 8);
-        CHECK_TEXT(test_said.warning,
-                   kind == FIXED_LOGO ? "24 images show the same at " : "12 images show the same at ");
+        CHECK_WARNED(kind == FIXED_LOGO ? "24 images show the same at " : "12 images show the same at ");
         CHECK(scene->stats.fixed > 0.005 && scene->stats.fixed < 0.2);
-        oxl_scene_free(test_ctx, scene);
     }
 }
 
 TEST(fixed_backgrounds_a_sky_and_a_lamp_are_no_part_of_the_camera)
 {
     for (enum fixed_kind kind = FIXED_WHITE_STUDIO; kind < FIXED_KINDS; kind++) {
-        oxl_scene *scene = fixed_survey(kind, FIXED_NOTHING, 1);
+        OWNED_SCENE *scene = fixed_survey(kind, FIXED_NOTHING, 1);
         CHECK(test_said.warning[0] == 0 && scene->stats.fixed == 0 && !scene_image(test_ctx, scene, 0)->mask);
-        oxl_scene_free(test_ctx, scene);
     }
 }
 
 TEST(fixed_pixels_stay_where_auto_mask_is_off)
 {
-    oxl_scene *scene = fixed_survey(FIXED_ROUND_PORT, FIXED_NOTHING, 0);
+    OWNED_SCENE *scene = fixed_survey(FIXED_ROUND_PORT, FIXED_NOTHING, 0);
     CHECK(test_said.warning[0] == 0 && !scene_image(test_ctx, scene, 0)->mask);
-    oxl_scene_free(test_ctx, scene);
 }

@@ -53,11 +53,10 @@ static void foreign_write(const char *path, int width, int height,
                           float (*value)(int i, int a, enum foreign_place place), int a,
                           enum foreign_place place)
 {
-    OWNED_IMAGE image = {0};
-    CHECK_OK(oxl_image_create(test_ctx, width, height, &image));
+    OWNED_IMAGE image = test_image(width, height);
     for (int i = 0; i < 3 * width * height; i++) image.rgb[i] = value(i % (width * height), a, place);
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("%.*s", (int)(path_base_name(path) - path), path)));
-    CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
+    test_make_folder(test_path("%.*s", (int)(path_base_name(path) - path), path));
+    test_write_image(path, &image);
 }
 
 static void foreign_image(int view, int shows, enum foreign_place place)
@@ -84,7 +83,7 @@ static unsigned foreign_blind; /* bits of views that are in no track */
 /* rotation: "1 0 0 0" for cameras that look along z. */
 static const char *foreign_survey(int tracks, const char *rotation, int flip)
 {
-    struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    OWNED_TEXT images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
     test_write("survey/images/.keep", "");
     test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 160 112 120 120 80 56\n");
     for (int i = 0; i < FOREIGN_VIEWS; i++) {
@@ -104,10 +103,13 @@ static const char *foreign_survey(int tracks, const char *rotation, int flip)
     }
     test_write("survey/sparse/0/images.txt", images.data);
     test_write("survey/sparse/0/points3D.txt", points.data);
-    text_free(&images);
-    text_free(&points);
     test_listen();
     return test_path("survey");
+}
+
+static const char *foreign_upright(int tracks)
+{
+    return foreign_survey(tracks, "1 0 0 0", 0);
 }
 
 static int foreign_check(void)
@@ -122,7 +124,7 @@ static int foreign_check(void)
 /* A survey whose images show what the images `shows` do, at other places; one: that image alone. */
 static int foreign_check_images(int tracks, int one, int shows, enum foreign_place place)
 {
-    foreign_survey(tracks, "1 0 0 0", 0);
+    foreign_upright(tracks);
     for (int i = 0; i < FOREIGN_VIEWS; i++)
         if (one < 0 || i == one) foreign_image(i, (i + shows) % FOREIGN_VIEWS, place);
     return foreign_check();
@@ -149,7 +151,7 @@ TEST(images_that_do_not_belong_to_the_model_are_named_with_their_reading)
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
         CHECK(foreign_check_images(cases[i].tracks, cases[i].one, cases[i].shows, cases[i].place) ==
               cases[i].foreign);
-        CHECK_TEXT(test_said.warning, cases[i].said);
+        CHECK_WARNED(cases[i].said);
         CHECK((test_said.warning[0] == 0) == (cases[i].foreign == 0));
     }
 }
@@ -157,12 +159,12 @@ TEST(images_that_do_not_belong_to_the_model_are_named_with_their_reading)
 TEST(images_whose_pixel_data_are_damaged_are_named_by_a_check)
 {
     FILE *file;
-    foreign_survey(1, "1 0 0 0", 0);
+    foreign_upright(1);
     file = fopen(test_path("survey/images/03.png"), "r+b");
     CHECK(file && fseek(file, 300, SEEK_SET) == 0 && fputs("another", file) >= 0 && fclose(file) == 0);
     CHECK(foreign_check() == 0);
-    CHECK_TEXT(test_said.warning, "03.png: the image of");
-    CHECK_TEXT(test_said.warning, "training would go on without it");
+    CHECK_WARNED("03.png: the image of");
+    CHECK_WARNED("training would go on without it");
     test_write("survey/images/03.png", "no image");
     test_listen();
     CHECK(foreign_check() == 0);
@@ -173,10 +175,10 @@ TEST(images_are_compared_before_training_too)
 {
     oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
     options.train.iterations = 2;
-    foreign_survey(1, "1 0 0 0", 0);
+    foreign_upright(1);
     for (int i = 0; i < FOREIGN_VIEWS; i++) foreign_image(i, i, FOREIGN_TURNED);
-    CHECK_OK(job_test_run("out", &options));
-    CHECK_TEXT(test_said.warning, "better turned by 180 degrees");
+    job_test_done("out", &options);
+    CHECK_WARNED("better turned by 180 degrees");
     CHECK(job_test_has("out/run.json", "turned by 180 degrees"));
 }
 
@@ -190,7 +192,7 @@ static void *foreign_refuse(void *user, void *old, size_t size)
 TEST(images_are_compared_without_memory_with_an_error_and_no_leak)
 {
     long left;
-    foreign_survey(1, "1 0 0 0", 0);
+    foreign_upright(1);
     foreign_image(3, 3, FOREIGN_TURNED);
     for (long allowed = 0; allowed < 400; allowed += 29) {
         oxl_context_options options = oxl_context_options_default();
@@ -213,8 +215,8 @@ TEST(poses_without_tracks_in_another_convention_are_named)
 {
     foreign_survey(0, "0 1 0 0", 1); /* y up, z back */
     foreign_check();
-    CHECK_TEXT(test_said.warning, "poses and points do not fit; they would fit as: camera axes as in OpenGL");
-    CHECK_TEXT(test_said.warning, "fix: write the poses world to camera");
+    CHECK_WARNED("poses and points do not fit; they would fit as: camera axes as in OpenGL");
+    CHECK_WARNED("fix: write the poses world to camera");
 }
 
 /* The survey in a world whose x, y, z are z, x, y of the other: no rotation is its own inverse. */
@@ -232,8 +234,8 @@ static void foreign_other_world(struct text *points, const char *format)
 /* translation: of the camera at x; by numbers %.3f of -x, or, of its place, x */
 static void foreign_check_rotated(const char *rotation, int by_place)
 {
-    struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
-    foreign_survey(0, "1 0 0 0", 0);
+    OWNED_TEXT images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    foreign_upright(0);
     foreign_other_world(&points, "%d %.4f %.4f %.4f %d %d %d 0.5\n");
     for (int i = 0; i < FOREIGN_VIEWS; i++) {
         if (by_place)
@@ -242,8 +244,6 @@ static void foreign_check_rotated(const char *rotation, int by_place)
     }
     test_write("survey/sparse/0/points3D.txt", points.data);
     test_write("survey/sparse/0/images.txt", images.data);
-    text_free(&points);
-    text_free(&images);
     foreign_check();
 }
 
@@ -252,21 +252,21 @@ TEST(rotations_and_places_in_another_convention_are_named)
     foreign_check_rotated("0.5 -0.5 -0.5 -0.5", 0);
     CHECK(!test_said.warning[0]);
     foreign_check_rotated("0.5 0.5 0.5 0.5", 0);
-    CHECK_TEXT(test_said.warning, "they would fit as: rotations transposed (of camera to world)");
+    CHECK_WARNED("they would fit as: rotations transposed (of camera to world)");
     foreign_check_rotated("-0.5 -0.5 -0.5 0.5", 0);
-    CHECK_TEXT(test_said.warning, "they would fit as: quaternions as x y z w");
+    CHECK_WARNED("they would fit as: quaternions as x y z w");
     foreign_check_rotated("0.5 -0.5 -0.5 -0.5", 1);
-    CHECK_TEXT(test_said.warning, "they would fit as: the cameras' places as translations");
+    CHECK_WARNED("they would fit as: the cameras' places as translations");
     foreign_check_rotated("0.5 0.5 0.5 0.5", 1);
-    CHECK_TEXT(test_said.warning, "they would fit as: camera to world");
+    CHECK_WARNED("they would fit as: camera to world");
 }
 
 /* As transforms.json; the first `wrong` frames have the rotation `other`. */
 static void foreign_check_json(int wrong, const char *other)
 {
     static const char right[] = "[0, 0, -1, -4], [1, 0, 0, %.3f], [0, -1, 0, 0]";
-    struct text json = {.ctx = test_ctx}, points = {.ctx = test_ctx};
-    foreign_survey(0, "1 0 0 0", 0);
+    OWNED_TEXT json = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    foreign_upright(0);
     text_add(&points,
              "ply\nformat ascii 1.0\nelement vertex %d\nproperty int id\nproperty float x\nproperty float y\n"
              "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
@@ -284,8 +284,6 @@ static void foreign_check_json(int wrong, const char *other)
     test_write("survey/points.ply", points.data);
     test_write("survey/transforms.json", json.data);
     CHECK(rename(test_path("survey/sparse"), test_path("sparse")) == 0);
-    text_free(&points);
-    text_free(&json);
     foreign_check();
     CHECK(rename(test_path("sparse"), test_path("survey/sparse")) == 0);
 }
@@ -297,47 +295,41 @@ TEST(rotations_of_transforms_that_are_transposed_are_named)
     foreign_check_json(0, "");
     CHECK(!test_said.warning[0]);
     foreign_check_json(FOREIGN_VIEWS, transposed);
-    CHECK_TEXT(test_said.warning,
-               "they would fit as: rotations transposed (of world to camera) beside the cameras' places");
+    CHECK_WARNED("they would fit as: rotations transposed (of world to camera) beside the cameras' places");
     foreign_check_json(FOREIGN_VIEWS, opencv);
-    CHECK_TEXT(test_said.warning,
-               "they would fit as: rotations transposed (of world to camera, axes as in OpenCV)");
+    CHECK_WARNED("they would fit as: rotations transposed (of world to camera, axes as in OpenCV)");
     foreign_check_json(3, transposed);
-    CHECK_TEXT(
-        test_said.warning,
+    CHECK_WARNED(
         "3 of 10 images do not show the colours that the model's points have: 00.png (fits rotations transposed");
     foreign_check_json(6, "[0, 0, 1, -4], [1, 0, 0, %.3f], [0, 1, 0, 0]"); /* axes of OpenCV */
-    CHECK_TEXT(test_said.warning, "6 of 10 images do not show");
-    CHECK_TEXT(test_said.warning,
-               "02.png (fits camera axes as in OpenCV (y down, z ahead)), ...\nfix: write the poses ");
+    CHECK_WARNED("6 of 10 images do not show");
+    CHECK_WARNED("02.png (fits camera axes as in OpenCV (y down, z ahead)), ...\nfix: write the poses ");
 }
 
 TEST(points_far_from_all_cameras_are_said_not_to_fit)
 {
-    struct text points = {.ctx = test_ctx};
-    foreign_survey(0, "1 0 0 0", 0);
+    OWNED_TEXT points = {.ctx = test_ctx};
+    foreign_upright(0);
     for (int i = 0; i < 200; i++) text_add(&points, "%d %d 500 3 %d 9 9 0\n", i + 1, 1000 + i, i);
     test_write("survey/sparse/0/points3D.txt", points.data);
-    text_free(&points);
     foreign_check();
-    CHECK_TEXT(test_said.warning, "poses and points do not fit: 10 of 10 images have fewer than 8 points");
-    CHECK_TEXT(test_said.warning, "take points and poses of one model and one frame");
+    CHECK_WARNED("poses and points do not fit: 10 of 10 images have fewer than 8 points");
+    CHECK_WARNED("take points and poses of one model and one frame");
 }
 
 TEST(poses_without_points_start_from_points3D_ply_or_from_random_points)
 {
-    OWNED_SCENE *scene = NULL;
-    foreign_survey(0, "1 0 0 0", 0);
+    foreign_upright(0);
     CHECK(remove(test_path("survey/sparse/0/points3D.txt")) == 0);
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    OWNED_SCENE *scene = test_load("survey", NULL);
     CHECK(oxl_scene_point_count(scene) == 0);
-    CHECK_TEXT(test_said.warning, "there is no points3D.txt or .bin");
-    CHECK_TEXT(test_said.warning, "colmap point_triangulator");
+    CHECK_WARNED("there is no points3D.txt or .bin");
+    CHECK_WARNED("colmap point_triangulator");
     oxl_scene_free(test_ctx, scene);
     test_write("survey/sparse/0/points3D.ply",
                "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
                "property float z\nend_header\n0 0 1\n0 1 0\n");
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    scene = test_load("survey", NULL);
     CHECK(oxl_scene_point_count(scene) == 2);
 }
 
@@ -349,7 +341,7 @@ TEST(points_of_a_ply_stand_for_a_dummy_point_and_for_no_others)
                               "property float z\nend_header\n1 2 3\n4 5 6\n7 8 9\n";
     OWNED_COLMAP c = {0};
     const char *folder;
-    foreign_survey(1, "1 0 0 0", 0);
+    foreign_upright(1);
     test_write("survey/sparse/0/points3D.ply", ply);
     folder = test_path("survey/sparse/0");
     CHECK_OK(colmap_read(test_ctx, folder, &c));
@@ -358,8 +350,7 @@ TEST(points_of_a_ply_stand_for_a_dummy_point_and_for_no_others)
     test_write("survey/sparse/0/points3D.txt", "1 0 0 0 0 0 0 0\n");
     CHECK_OK(colmap_read(test_ctx, folder, &c));
     CHECK(c.point_count == 3 && c.point[0].position[0] == 1 && c.point[2].id == 2);
-    CHECK_TEXT(test_said.warning,
-               "the 3 points of points3D.ply are read; points3D.txt or .bin there holds 1");
+    CHECK_WARNED("the 3 points of points3D.ply are read; points3D.txt or .bin there holds 1");
 }
 
 /* Writes a PNG of 16-bit grey: one of 8-bit grey with alpha, which has as many bytes per pixel, with another
@@ -375,13 +366,13 @@ static void foreign_write_png16(const char *path, const uint16_t *grey, int widt
     png[24] = 16, png[25] = 0; /* bits, colour [RFC 2083] */
     sum = codec_png_checksum(png + 12, 17);
     for (int k = 0; k < 4; k++) png[29 + k] = (unsigned char)(sum >> (24 - 8 * k));
-    CHECK_OK(os_write_file(test_ctx, path, png, (size_t)size));
+    test_write_bytes(path, png, (size_t)size);
     codec_free(test_ctx, png);
 }
 
 TEST(wide_images_of_twelve_bits_are_said_to_be_dark)
 {
-    foreign_survey(1, "1 0 0 0", 0);
+    foreign_upright(1);
     for (int i = 0; i < FOREIGN_VIEWS; i++) {
         uint16_t grey[FOREIGN_WIDTH * FOREIGN_HEIGHT];
         for (int k = 0; k < FOREIGN_WIDTH * FOREIGN_HEIGHT; k++)
@@ -389,8 +380,8 @@ TEST(wide_images_of_twelve_bits_are_said_to_be_dark)
         foreign_write_png16(test_path("survey/images/%02d.png", i), grey, FOREIGN_WIDTH, FOREIGN_HEIGHT);
     }
     foreign_check();
-    CHECK_TEXT(test_said.warning, "the brightest value of the 16-bit images is");
-    CHECK_TEXT(test_said.warning, "mogrify -evaluate multiply 16");
+    CHECK_WARNED("the brightest value of the 16-bit images is");
+    CHECK_WARNED("mogrify -evaluate multiply 16");
 }
 
 static float foreign_mask(int i, int kind, enum foreign_place place)
@@ -414,15 +405,15 @@ static void foreign_masks(const char *folder, int kind, int count)
 
 TEST(masks_that_ignore_most_points_or_nothing_are_said_to)
 {
-    foreign_survey(1, "1 0 0 0", 0);
+    foreign_upright(1);
     foreign_masks("masks", 0, FOREIGN_VIEWS);
     foreign_check();
-    CHECK_TEXT(test_said.warning, "% of the points that images show lie where their masks are black");
-    CHECK_TEXT(test_said.warning, "exchange black and white");
+    CHECK_WARNED("% of the points that images show lie where their masks are black");
+    CHECK_WARNED("exchange black and white");
     CHECK(!strstr(test_said.warning, "no black pixel"));
     foreign_masks("masks", 2, FOREIGN_VIEWS);
     foreign_check();
-    CHECK_TEXT(test_said.warning, "the masks have no black pixel");
+    CHECK_WARNED("the masks have no black pixel");
     foreign_masks("masks", 1, 1);
     test_listen();
     foreign_check();
@@ -431,11 +422,11 @@ TEST(masks_that_ignore_most_points_or_nothing_are_said_to)
 
 TEST(principal_points_of_another_size_are_said_to_be)
 {
-    foreign_survey(1, "1 0 0 0", 0);
+    foreign_upright(1);
     test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 160 112 120 120 20 14\n");
     CHECK(foreign_check() == FOREIGN_VIEWS);
-    CHECK_TEXT(test_said.warning, "better with the principal point in the middle");
-    CHECK_TEXT(test_said.warning, "width and height of one size");
+    CHECK_WARNED("better with the principal point in the middle");
+    CHECK_WARNED("width and height of one size");
 }
 
 TEST(files_of_other_programs_in_the_place_of_a_model_are_named)
@@ -449,7 +440,7 @@ TEST(files_of_other_programs_in_the_place_of_a_model_are_named)
         test_write(test_path("f%zu/%s", i, files[i][0]), "x");
         CHECK_ERROR(oxl_check(test_ctx, test_path("f%zu", i), NULL, &s), OXL_ERR_INPUT, files[i][1]);
     }
-    foreign_survey(1, "1 0 0 0", 0);
+    foreign_upright(1);
     CHECK_ERROR(oxl_check(test_ctx, test_path("survey/images"), NULL, &s), OXL_ERR_INPUT,
                 "/.. is a survey: name that");
 }
@@ -458,7 +449,7 @@ TEST(files_that_a_cloud_or_git_has_not_fetched_are_said)
 {
     static const char pointer[] = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 123\n";
     oxl_survey s;
-    foreign_survey(1, "1 0 0 0", 0);
+    foreign_upright(1);
     test_write("survey/images/02.png", "");
     test_write("survey/images/03.png", pointer);
     for (int view = 2; view < 4; view++) {
@@ -492,9 +483,8 @@ static const unsigned char foreign_exif[] = {'M', 'M', 0, 42, 0, 0, 0, 8, 0, 1, 
 static void foreign_add_orientation(const char *path)
 {
     enum { HEAD = 33 };
-    struct os_file_map map;
     unsigned char *all, *chunk;
-    CHECK_OK(os_read_file(test_ctx, path, &map));
+    OWNED_FILE map = test_file(path);
     all = calloc(map.size + 12 + sizeof foreign_exif, 1);
     chunk = all + HEAD;
     memcpy(all, map.data, HEAD);
@@ -502,8 +492,7 @@ static void foreign_add_orientation(const char *path)
     memcpy(chunk + 4, "eXIf", 4);
     memcpy(chunk + 8, foreign_exif, sizeof foreign_exif);
     memcpy(chunk + 12 + sizeof foreign_exif, map.data + HEAD, map.size - HEAD);
-    CHECK_OK(os_write_file(test_ctx, path, all, map.size + 12 + sizeof foreign_exif));
-    os_release_file(test_ctx, &map);
+    test_write_bytes(path, all, map.size + 12 + sizeof foreign_exif);
     free(all);
 }
 
@@ -516,7 +505,7 @@ TEST(headers_of_jpeg_state_size_and_orientation)
     memcpy(file + 12, foreign_exif, sizeof foreign_exif);
     memcpy(file + 12 + sizeof foreign_exif, frame, sizeof frame);
     test_write("head.jpg", "");
-    CHECK_OK(os_write_file(test_ctx, test_path("head.jpg"), file, 12 + sizeof foreign_exif + sizeof frame));
+    test_write_bytes("head.jpg", file, 12 + sizeof foreign_exif + sizeof frame);
     CHECK_OK(image_read_header(test_ctx, test_path("head.jpg"), &header));
     CHECK(header.width == 0x304 && header.height == 0x102 && header.bits == 8 && header.orientation == 6);
 }
@@ -532,13 +521,11 @@ TEST(images_are_turned_by_their_exif_orientation_where_the_camera_is_upright)
     const oxl_camera to = {.width = 24, .height = 16, .fx = 20, .fy = 20, .cx = 12, .cy = 8};
     struct training_image image;
     struct image_header header;
-    oxl_image stored;
-    CHECK_OK(oxl_image_create(test_ctx, 16, 24, &stored));
+    OWNED_IMAGE stored = test_image(16, 24);
     for (int i = 0; i < 3 * 16 * 24; i++)
         stored.rgb[i] = i % (16 * 24) < 16 * 12 ? 1 : 0; /* the upper half is white */
     test_write("turned/.keep", "");
-    CHECK_OK(oxl_image_write(test_ctx, test_path("turned/a.png"), &stored));
-    oxl_image_free(test_ctx, &stored);
+    test_write_image("turned/a.png", &stored);
     CHECK(image_load_training(test_ctx, test_path("turned/a.png"), NULL, NULL, &upright, &to, &image) ==
           OXL_ERR_INPUT);
     foreign_add_orientation(test_path("turned/a.png"));
@@ -552,25 +539,22 @@ TEST(images_are_turned_by_their_exif_orientation_where_the_camera_is_upright)
 
 TEST(images_of_many_cameras_all_have_their_size_on_disk)
 {
-    struct text cameras = {.ctx = test_ctx}, images = {.ctx = test_ctx};
-    OWNED_SCENE *scene = NULL;
-    foreign_survey(1, "1 0 0 0", 0);
+    OWNED_TEXT cameras = {.ctx = test_ctx}, images = {.ctx = test_ctx};
+    foreign_upright(1);
     for (int i = 0; i < FOREIGN_VIEWS; i++) {
         text_add(&cameras, "%d PINHOLE 320 224 240 240 160 112\n", i + 1);
         text_add(&images, "%d 1 0 0 0 %d 0 4 %d %02d.png\n\n", i + 1, i, i + 1, i);
     }
     test_write("survey/sparse/0/cameras.txt", cameras.data);
     test_write("survey/sparse/0/images.txt", images.data);
-    text_free(&cameras);
-    text_free(&images);
-    scene = test_load("survey", NULL);
+    OWNED_SCENE *scene = test_load("survey", NULL);
     for (int i = 0; i < FOREIGN_VIEWS; i++) CHECK(oxl_scene_view(scene, i)->camera.width == FOREIGN_WIDTH);
 }
 
 /* Copies an image of the survey, encoded again as the name of the copy says. */
 static void foreign_copy(const char *from, const char *to)
 {
-    oxl_image image;
+    OWNED_IMAGE image;
     char path[80];
     char *jpeg = NULL;
     size_t size = 0;
@@ -579,44 +563,38 @@ static void foreign_copy(const char *from, const char *to)
     snprintf(path, sizeof path, "survey/images/%s", to);
     if (strstr(to, ".jpg")) {
         CHECK_OK(oxl_image_to_jpeg(test_ctx, &image, 80, &jpeg, &size));
-        CHECK_OK(os_write_file(test_ctx, test_path(path), jpeg, size));
+        test_write_bytes(path, jpeg, size);
         oxl_text_free(test_ctx, jpeg);
-    } else CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
-    oxl_image_free(test_ctx, &image);
+    } else test_write_image(path, &image);
 }
 
 TEST(images_of_a_camera_have_the_size_of_most_and_others_are_named)
 {
-    OWNED_SCENE *scene = NULL;
-    foreign_survey(1, "1 0 0 0", 0);
+    foreign_upright(1);
     foreign_write("survey/images/00.png", FOREIGN_WIDTH / 4, FOREIGN_HEIGHT / 4, foreign_pixel, 0, 0);
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    OWNED_SCENE *scene = test_load("survey", NULL);
     for (int i = 0; i < FOREIGN_VIEWS; i++) CHECK(oxl_scene_view(scene, i)->camera.width == FOREIGN_WIDTH);
-    CHECK_TEXT(test_said.warning,
-               "1 images differ in size from most images of their camera, and are scaled to that size: "
-               "00.png (40 x 28 px, most have 160 x 112)");
+    CHECK_WARNED("1 images differ in size from most images of their camera, and are scaled to that size: "
+                 "00.png (40 x 28 px, most have 160 x 112)");
 }
 
 TEST(copies_of_images_are_named_and_stay_on_one_side_of_the_split)
 {
-    OWNED_SCENE *scene = NULL;
-    struct text more = {.ctx = test_ctx};
-    struct os_file_map file;
-    foreign_survey(1, "1 0 0 0", 0);
-    CHECK_OK(os_read_file(test_ctx, test_path("survey/sparse/0/images.txt"), &file));
+    OWNED_TEXT more = {.ctx = test_ctx};
+    foreign_upright(1);
+    struct os_file_map file = test_file("survey/sparse/0/images.txt");
     text_add(&more,
              "%.*s90 1 0 0 0 0 0 4 1 00 copy.jpg\n\n91 1 0 0 0 -5.2 .0001 4 1 other.png\n\n"
              "92 1 0 0 0 -9.1 0 4 1 07 copy.png\n\n",
              (int)file.size, file.data);
     os_release_file(test_ctx, &file);
     test_write("survey/sparse/0/images.txt", more.data);
-    text_free(&more);
     foreign_copy("00.png", "00 copy.jpg");
     foreign_copy("07.png", "07 copy.png");
     foreign_copy("01.png", "other.png"); /* of the same pose as 04.png, and not the same image */
     test_listen();
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
-    CHECK_TEXT(test_said.warning, "2 images are copies of other images, such as 00.png of 00 copy.jpg");
+    OWNED_SCENE *scene = test_load("survey", NULL);
+    CHECK_WARNED("2 images are copies of other images, such as 00.png of 00 copy.jpg");
     CHECK(!strcmp(oxl_scene_view(scene, 1)->name, "00.png"));
     for (int i = 0; i < oxl_scene_view_count(scene); i++) {
         const char *name = oxl_scene_view(scene, i)->name;
@@ -627,19 +605,17 @@ TEST(copies_of_images_are_named_and_stay_on_one_side_of_the_split)
 TEST(images_without_a_pose_of_their_own_are_left_out_and_named)
 {
     for (int tracks = 0; tracks < 2; tracks++) {
-        oxl_scene *scene = NULL;
         foreign_blind = 1u << 2 | 1u << 7;
-        foreign_survey(tracks, "1 0 0 0", 0);
+        foreign_upright(tracks);
         foreign_blind = 0;
         job_test_replace(test_path("survey/sparse/0/images.txt"), "3 1 0 0 0 -2.600 0 4 1",
                          "3 1 0 0 0 0 0 0 1");
         job_test_replace(test_path("survey/sparse/0/images.txt"), "8 1 0 0 0 -9.100 0 4 1",
                          "8 1 0 0 0 0 0 0 1");
-        CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+        OWNED_SCENE *scene = test_load("survey", NULL);
         CHECK(oxl_scene_view_count(scene) == FOREIGN_VIEWS - 2);
-        CHECK_TEXT(test_said.warning, "2 of 10 images have the pose 1 0 0 0 0 0 0 and see no point");
-        CHECK_TEXT(test_said.warning, "left out: 02.png, 07.png");
-        oxl_scene_free(test_ctx, scene);
+        CHECK_WARNED("2 of 10 images have the pose 1 0 0 0 0 0 0 and see no point");
+        CHECK_WARNED("left out: 02.png, 07.png");
     }
 }
 
@@ -648,7 +624,7 @@ TEST(images_without_a_pose_of_their_own_are_left_out_and_named)
 TEST(images_that_the_model_does_not_have_are_counted)
 {
     oxl_survey s;
-    foreign_survey(1, "1 0 0 0", 0);
+    foreign_upright(1);
     foreign_image(80, 1, FOREIGN_UPRIGHT);
     foreign_image(81, 2, FOREIGN_UPRIGHT);
     test_write("survey/images/cam1/x.JPG", "");
@@ -668,7 +644,7 @@ TEST(folders_named_from_here_or_from_the_survey_are_used)
 {
     oxl_scene_options o = oxl_scene_options_default();
     oxl_scene *scene = NULL;
-    foreign_survey(1, "1 0 0 0", 0);
+    foreign_upright(1);
     CHECK(os_rename(test_path("survey/images"), test_path("survey/photos")) == 0);
     CHECK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "the first image of the model may be in ");
@@ -676,7 +652,7 @@ TEST(folders_named_from_here_or_from_the_survey_are_used)
     o.masks = "photos", o.sparse = "sparse";
     for (int i = 0; i < 2; i++) {
         o.images = i ? "photos" : test_path("survey/photos");
-        CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene));
+        scene = test_load("survey", &o);
         CHECK(strcmp(scene->images, test_path("survey/photos")) == 0 && scene->masks);
         oxl_scene_free(test_ctx, scene);
     }
@@ -693,14 +669,13 @@ TEST(folders_named_from_here_or_from_the_survey_are_used)
 
 static const char *foreign_transforms(const char *members)
 {
-    struct text t = {.ctx = test_ctx};
+    OWNED_TEXT t = {.ctx = test_ctx};
     test_write("survey/images/.keep", "");
     for (int i = 0; i < 2; i++) foreign_image(i, i, FOREIGN_UPRIGHT);
     text_add(&t,
              "{\"w\": 160, \"h\": 112, \"fl_x\": 120, \"fl_y\": 120, \"k1\": 0.1, %s, " FOREIGN_FRAMES "}",
              members);
     test_write("survey/transforms.json", t.data);
-    text_free(&t);
     test_listen();
     return test_path("survey");
 }
@@ -719,14 +694,13 @@ TEST(transforms_say_fisheye_in_the_words_of_instant_ngp)
 
 TEST(transforms_masks_are_used_and_missing_ones_counted)
 {
-    OWNED_SCENE *scene = NULL;
     const struct training_image *image;
     foreign_transforms("\"a\": 1");
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
-    CHECK_TEXT(test_said.warning, "1 of the 1 masks that transforms.json names by mask_path are not there");
+    OWNED_SCENE *scene = test_load("survey", NULL);
+    CHECK_WARNED("1 of the 1 masks that transforms.json names by mask_path are not there");
     oxl_scene_free(test_ctx, scene);
     foreign_masks("own", 1, 1);
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    scene = test_load("survey", NULL);
     image = scene_image(test_ctx, scene, 0);
     CHECK(image && image->mask && image->mask[image->width * (image->height - 3)] == 0);
     CHECK(scene_image(test_ctx, scene, 1) != NULL);
@@ -737,7 +711,7 @@ TEST(transforms_members_that_are_not_read_are_named_once)
     OWNED_COLMAP c = {0};
     foreign_transforms("\"fisheye_crop_radius\": 5, \"aabb_scale\": 16");
     CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
-    CHECK_TEXT(test_said.warning, "this content of the file is not used: fisheye_crop_radius\n");
+    CHECK_WARNED("this content of the file is not used: fisheye_crop_radius\n");
 }
 
 TEST(transforms_with_two_focal_lengths_take_the_one_that_a_camera_has)
@@ -753,7 +727,7 @@ TEST(transforms_with_two_focal_lengths_take_the_one_that_a_camera_has)
         {"\"millimetres\": 1, \"camera_angle_x\": 1.176", 120, 1},
     };
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
-        struct colmap c;
+        OWNED_COLMAP c;
         foreign_transforms(cases[i].members);
         if (strstr(cases[i].members, "millimetres"))
             job_test_replace(test_path("survey/transforms.json"), "\"fl_x\": 120, \"fl_y\": 120",
@@ -762,19 +736,15 @@ TEST(transforms_with_two_focal_lengths_take_the_one_that_a_camera_has)
         CHECK(fabs(c.camera->parameter[0] - cases[i].focal) < 0.1 &&
               fabs(c.camera->parameter[1] - cases[i].focal) < 0.1);
         CHECK(cases[i].warns == (strstr(test_said.warning, "follow from camera_angle_x") != NULL));
-        colmap_free(test_ctx, &c);
     }
 }
 
 TEST(focal_lengths_that_cannot_be_are_named)
 {
-    oxl_scene *scene = NULL;
-    foreign_survey(1, "1 0 0 0", 0);
+    foreign_upright(1);
     test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 160 112 24 24 80 56\n");
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
-    CHECK_TEXT(test_said.warning,
-               "cameras.txt:1: the focal length of camera 1 is 24, 24 px, for images of 160 x 112");
-    oxl_scene_free(test_ctx, scene);
+    OWNED_SCENE *scene = test_load("survey", NULL);
+    CHECK_WARNED("cameras.txt:1: the focal length of camera 1 is 24, 24 px, for images of 160 x 112");
 }
 
 TEST(transforms_are_read_without_the_points_that_they_name)
@@ -783,7 +753,7 @@ TEST(transforms_are_read_without_the_points_that_they_name)
     foreign_transforms("\"ply_file_path\": \"C:\\\\old\\\\p.ply\"");
     CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
     CHECK(c.image_count == 2 && c.point_count == 0);
-    CHECK_TEXT(test_said.warning, "ply_file_path names C/old/p.ply, which is not there");
+    CHECK_WARNED("ply_file_path names C/old/p.ply, which is not there");
     colmap_free(test_ctx, &c);
     test_write("survey/p.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
                                "property float z\nend_header\n1 2 3\n");
@@ -794,8 +764,8 @@ TEST(transforms_are_read_without_the_points_that_they_name)
 
 static int foreign_first_red(const char *type, const char *rows)
 {
-    struct text t = {.ctx = test_ctx};
-    struct colmap c;
+    OWNED_TEXT t = {.ctx = test_ctx};
+    OWNED_COLMAP c;
     int red = -1;
     foreign_transforms("\"ply_file_path\": \"p.ply\"");
     text_add(
@@ -804,10 +774,8 @@ static int foreign_first_red(const char *type, const char *rows)
         "property %s green\nproperty %s blue\nend_header\n%s",
         type, type, type, rows);
     test_write("survey/p.ply", t.data);
-    text_free(&t);
     CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
     if (c.point_count == 2) red = c.point[0].rgb[0];
-    colmap_free(test_ctx, &c);
     return red;
 }
 
@@ -855,28 +823,24 @@ TEST(models_keep_infinite_opacities_and_widths_of_zero)
 
 TEST(models_of_alphas_and_sizes_in_the_place_of_logits_and_logarithms_are_said)
 {
-    OWNED_MODEL m = {0};
-    CHECK_OK(oxl_model_create(test_ctx, 200, 0, &m));
+    OWNED_MODEL m = test_model(200, 0);
     for (int k = 0; k < 3; k++) { /* raw, then alphas, then sizes */
-        oxl_model back;
+        OWNED_MODEL back;
         for (int i = 0; i < 200; i++) {
             m.plane[OXL_ROTATION][i] = 1;
             m.plane[OXL_OPACITY][i] = k == 1 ? (float)i / 200 : 0.05f * (float)(i - 100);
             for (int a = 0; a < 3; a++)
                 m.plane[OXL_LOG_SCALE + a][i] = k == 2 ? 0.001f * (float)(i + 1) : -3 - 0.01f * (float)i;
         }
-        CHECK_OK(oxl_model_write(test_ctx, test_path("m.ply"), &m));
+        test_write_model("m.ply", &m);
         test_listen();
         test_read_model("m.ply", &back);
-        oxl_model_free(test_ctx, &back);
         if (k == 0) CHECK(!strstr(test_said.warning, "all values"));
         if (k == 1)
-            CHECK_TEXT(
-                test_said.warning,
+            CHECK_WARNED(
                 "opacities look like alphas; logits, log(alpha / (1 - alpha)), are read, and all values are from 0 to 0.995");
         if (k == 2)
-            CHECK_TEXT(
-                test_said.warning,
+            CHECK_WARNED(
                 "scales look like sizes; their logarithms are read, and all values are from 0.001 to 0.2");
     }
 }
@@ -910,7 +874,7 @@ TEST(models_of_mip_splatting_get_their_filter_and_other_columns_are_named)
     CHECK_OK(oxl_model_read(test_ctx, test_write("mip.ply", head), &m));
     for (int i = 0; i < 3; i++) CHECK_CLOSE(m.plane[OXL_LOG_SCALE + i][0], 0.5 * log(2.0), 1e-6);
     CHECK_CLOSE(1 / (1 + exp(-m.plane[OXL_OPACITY][0])), 0.5 / sqrt(8.0), 1e-6);
-    CHECK_TEXT(test_said.warning, "this content of the file is not used: confidence\n");
+    CHECK_WARNED("this content of the file is not used: confidence\n");
 }
 
 TEST(models_that_are_text_or_have_logarithms_of_widths_are_said)
@@ -925,10 +889,10 @@ TEST(models_that_are_text_or_have_logarithms_of_widths_are_said)
     test_listen();
     for (int i = 0; i < 3; i++) memcpy(splat + 12 + 4 * i, &log_width, 4);
     memset(splat + 24, 200, 8);
-    CHECK_OK(os_write_file(test_ctx, test_path("log.splat"), splat, sizeof splat));
+    test_write_bytes("log.splat", splat, sizeof splat);
     CHECK_OK(oxl_model_read(test_ctx, test_path("log.splat"), &m));
     CHECK(m.count == 1 && m.plane[OXL_LOG_SCALE][0] == -4);
-    CHECK_TEXT(test_said.warning, "are read as logarithms");
+    CHECK_WARNED("are read as logarithms");
 }
 
 TEST(models_are_known_by_their_bytes_and_names_in_any_case)
@@ -939,7 +903,7 @@ TEST(models_are_known_by_their_bytes_and_names_in_any_case)
         test_write("M.PLY",
                    FOREIGN_PLY(FOREIGN_DC, "1 0 0 0 0 0 0 0 0 0 1 0 0 0\n2 0 0 0 0 0 0 0 0 0 1 0 0 0\n")),
         &m));
-    CHECK_OK(oxl_model_write(test_ctx, test_path("A.SPZ"), &m));
+    test_write_model("A.SPZ", &m);
     test_read_model("A.SPZ", &again);
     oxl_model_free(test_ctx, &again);
     CHECK(os_rename(test_path("A.SPZ"), test_path("a.ply")) == 0);
@@ -957,14 +921,14 @@ TEST(models_are_known_by_their_bytes_and_names_in_any_case)
 TEST(spz_keeps_the_precision_of_the_scene_beside_a_far_gaussian)
 {
     enum { ROWS = 200 };
-    OWNED_MODEL m = {0}, again = {0};
+    OWNED_MODEL again = {0};
     test_listen();
-    CHECK_OK(oxl_model_create(test_ctx, ROWS, 0, &m));
+    OWNED_MODEL m = test_model(ROWS, 0);
     for (int i = 0; i < ROWS; i++) m.plane[OXL_MEAN][i] = (float)(i / 97.0), m.plane[OXL_ROTATION][i] = 1;
     m.plane[OXL_MEAN][ROWS - 1] = 3e7f;
     m.plane[OXL_LOG_SCALE][ROWS - 1] = 10;
-    CHECK_OK(oxl_model_write(test_ctx, test_path("far.spz"), &m));
-    CHECK_TEXT(test_said.warning, "1 of 200 Gaussians are beyond the format's range");
+    test_write_model("far.spz", &m);
+    CHECK_WARNED("1 of 200 Gaussians are beyond the format's range");
     test_read_model("far.spz", &again);
     for (int i = 0; i + 1 < ROWS && again.count == ROWS; i++)
         CHECK(fabs(again.plane[OXL_MEAN][i] - m.plane[OXL_MEAN][i]) < 1e-5);
@@ -978,28 +942,26 @@ TEST(spz_keeps_the_precision_of_the_scene_beside_a_far_gaussian)
 TEST(training_from_a_model_of_another_frame_is_said)
 {
     oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
-    oxl_model m;
-    foreign_survey(1, "1 0 0 0", 0);
-    CHECK_OK(oxl_model_create(test_ctx, 100, 0, &m));
+    foreign_upright(1);
+    OWNED_MODEL m = test_model(100, 0);
     for (int i = 0; i < 100; i++) {
         m.plane[OXL_MEAN][i] = 900 + (float)i / 100, m.plane[OXL_MEAN + 1][i] = (float)(i % 7) / 7;
         m.plane[OXL_LOG_SCALE][i] = m.plane[OXL_LOG_SCALE + 1][i] = m.plane[OXL_LOG_SCALE + 2][i] = -3;
         m.plane[OXL_ROTATION][i] = 1;
     }
-    CHECK_OK(oxl_model_write(test_ctx, test_path("from.ply"), &m));
-    oxl_model_free(test_ctx, &m);
+    test_write_model("from.ply", &m);
     o.from = test_path("from.ply"), o.train.iterations = 1;
     job_test_run("out", &o);
-    CHECK_TEXT(test_said.warning, "from.ply does not seem to cover the survey");
+    CHECK_WARNED("from.ply does not seem to cover the survey");
 }
 
 TEST(a_folder_of_masks_under_another_name_is_said_not_to_be_used)
 {
-    foreign_survey(1, "1 0 0 0", 0);
+    foreign_upright(1);
     test_write("survey/mask/00.png", "");
     foreign_check();
-    CHECK_TEXT(test_said.warning, "survey/mask is not used: masks are in ");
-    CHECK_TEXT(test_said.warning, "fix: --masks ");
+    CHECK_WARNED("survey/mask is not used: masks are in ");
+    CHECK_WARNED("fix: --masks ");
 }
 
 /* ---------------- a finished result */
@@ -1011,8 +973,8 @@ TEST(a_finished_result_stays_when_its_survey_has_another_name)
     char named[600];
     int64_t before;
     o.train.iterations = 2;
-    foreign_survey(1, "1 0 0 0", 0);
-    CHECK_OK(job_test_run("out", &o));
+    foreign_upright(1);
+    job_test_done("out", &o);
     before = os_modified(test_path("out/scene.ply"));
     snprintf(named, sizeof named, "%s/../survey/", test_path("survey"));
     CHECK_OK(oxl_job_resume(test_ctx, named, test_path("out"), &resumed, &run));

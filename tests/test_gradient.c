@@ -58,7 +58,7 @@ static void gradient_lobed_scene(struct wide *r, int count, int lobes, int degre
 
 static void gradient_to_model(const struct wide *r, oxl_model *m)
 {
-    CHECK_OK(oxl_model_create(test_ctx, r->count, r->sh_degree, m));
+    *m = test_model(r->count, r->sh_degree);
     for (int k = 0; k < oxl_model_planes(m); k++)
         for (size_t i = 0; i < m->count; i++) m->plane[k][i] = (float)r->plane[k][i];
     CHECK_OK(model_set_lobes(test_ctx, m, r->lobes));
@@ -73,7 +73,7 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
     float drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
     oxl_adam adam = {.beta = RENDERER_BETAS, .step = 1};
     OWNED_WIDE r = {0};
-    OWNED_MODEL gradient = {0}, old = {0};
+    OWNED_MODEL old = {0};
     struct trained_model m;
     struct renderer_nonfinite aside;
     gradient_lobed_scene(&r, 40, 19, 0);
@@ -83,7 +83,7 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)gradient_weight(i);
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = k == OXL_LOBE ? 0.025f : 0.005f;
     CHECK_OK(model_trained_begin(test_ctx, &m));
-    CHECK_OK(oxl_model_create(test_ctx, 40, 0, &gradient));
+    OWNED_MODEL gradient = test_model(40, 0);
     OWNED_RENDERER *renderer = test_renderer();
     CHECK_OK(renderer_forward(test_ctx, renderer, &m.model, &camera, &options));
     CHECK_OK(renderer_backward(test_ctx, renderer, drgb, &gradient));
@@ -113,14 +113,13 @@ static void gradient_stepped(const struct wide *r, int way, struct trained_model
                                  .veiling_light = {0.2f, 0.3f, 0.4f}};
     float drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
     oxl_adam adam = {.beta = RENDERER_BETAS, .step = 1};
-    OWNED_MODEL gradient = {0};
     oxl_model moments[2] = {{0}, {0}};
     struct renderer_nonfinite aside;
     gradient_to_model(r, &m->model);
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)gradient_weight(i);
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 0.005f;
     CHECK_OK(model_trained_begin(test_ctx, m));
-    CHECK_OK(oxl_model_create(test_ctx, 40, 0, &gradient));
+    OWNED_MODEL gradient = test_model(40, 0);
     OWNED_RENDERER *renderer = test_renderer();
     renderer_settings(renderer)->medium = murky;
     CHECK_OK(renderer_forward(test_ctx, renderer, &m->model, &camera, &options));

@@ -47,13 +47,12 @@ static void image_append_png(struct text *t, const uint8_t *rows, int w, int h, 
 static const char *image_test_file(const char *name, int w, int h)
 {
     const char *path = test_path(name);
-    struct text file = {.ctx = test_ctx};
+    OWNED_TEXT file = {.ctx = test_ctx};
     uint8_t *bytes = oxl_alloc(test_ctx, (size_t)w * h, 3);
     for (int i = 0; i < w * h; i++)
         for (int c = 0; c < 3; c++) bytes[3 * i + c] = image_pattern(i % w, i / w, c);
     image_append_png(&file, bytes, w, h, 3);
-    CHECK_OK(os_write_file(test_ctx, path, file.data, file.size));
-    text_free(&file);
+    test_write_bytes(path, file.data, file.size);
     oxl_free(test_ctx, bytes);
     return path;
 }
@@ -62,19 +61,18 @@ static const char *image_test_file(const char *name, int w, int h)
 static const char *image_mask(const char *name, int w, int h, const char *drawing)
 {
     const char *path = test_path(name);
-    struct text file = {.ctx = test_ctx};
+    OWNED_TEXT file = {.ctx = test_ctx};
     uint8_t bytes[64];
     for (int i = 0; i < w * h; i++) bytes[i] = drawing[i] == '#' ? 0 : 255;
     image_append_png(&file, bytes, w, h, 1);
-    CHECK_OK(os_write_file(test_ctx, path, file.data, file.size));
-    text_free(&file);
+    test_write_bytes(path, file.data, file.size);
     return path;
 }
 
 static const char *image_bytes(const char *name, const char *bytes, size_t size)
 {
     const char *path = test_path(name);
-    CHECK_OK(os_write_file(test_ctx, path, bytes, size));
+    test_write_bytes(path, bytes, size);
     return path;
 }
 
@@ -86,11 +84,11 @@ static oxl_camera image_camera(int w, int h)
 
 TEST(image_png_comes_back_as_it_was_written)
 {
-    OWNED_IMAGE a = {0}, b = {0};
+    OWNED_IMAGE b = {0};
     const char *path = test_path("a.png");
-    CHECK_OK(oxl_image_create(test_ctx, 37, 11, &a));
+    OWNED_IMAGE a = test_image(37, 11);
     for (int i = 0; i < 3 * 37 * 11; i++) a.rgb[i] = (float)(i % 256) / 255.0f;
-    CHECK_OK(oxl_image_write(test_ctx, path, &a));
+    test_write_image(path, &a);
     CHECK_OK(oxl_image_read(test_ctx, path, &b));
     CHECK(b.width == 37 && b.height == 11 && !b.weight);
     CHECK(memcmp(a.rgb, b.rgb, 3 * 37 * 11 * sizeof(float)) == 0);
@@ -134,14 +132,13 @@ TEST(image_colours_that_a_palette_has_not_are_black)
 TEST(image_write_clamps_and_paints_not_a_number_black)
 {
     const float in[4] = {-3, NAN, 7, INFINITY}, out[4] = {0, 0, 1, 1};
-    oxl_image a, b;
-    CHECK_OK(oxl_image_create(test_ctx, 4, 1, &a));
+    OWNED_IMAGE b;
+    oxl_image a = test_image(4, 1);
     for (int c = 0; c < 3; c++) memcpy(a.rgb + 4 * c, in, sizeof in);
-    CHECK_OK(oxl_image_write(test_ctx, test_path("a.png"), &a));
+    test_write_image("a.png", &a);
     CHECK_OK(oxl_image_read(test_ctx, test_path("a.png"), &b));
     for (int i = 0; i < 12; i++) CHECK(b.rgb[i] == out[i % 4]);
     oxl_image_free(test_ctx, &a);
-    oxl_image_free(test_ctx, &b);
     CHECK(oxl_image_write(test_ctx, test_path("b.png"), &a) == OXL_ERR_USAGE);
     CHECK(oxl_image_create(test_ctx, 0, 5, &a) == OXL_ERR_USAGE);
 }
@@ -209,7 +206,7 @@ static const char *const image_kinds[] = {"tests/data/baseline.jpg", "tests/data
 TEST(image_cut_anywhere_is_refused)
 {
     for (size_t k = 0; k < OXL_COUNT(image_kinds); k++) {
-        struct os_file_map whole;
+        OWNED_FILE whole;
         oxl_image image;
         int taken = 0;
         CHECK_OK(oxl_image_read(test_ctx, image_kinds[k], &image));
@@ -223,14 +220,13 @@ TEST(image_cut_anywhere_is_refused)
             oxl_image_free(test_ctx, &image);
         }
         CHECK(taken == 0);
-        os_release_file(test_ctx, &whole);
     }
 }
 
 /* The decoder compares no checksum: some of these would be other pixels without a word. */
 TEST(image_png_with_a_changed_byte_is_refused)
 {
-    struct os_file_map whole;
+    OWNED_FILE whole;
     OWNED_MEMORY char *bytes = NULL;
     CHECK_OK(os_read_file(test_ctx, "tests/data/photo.png", &whole));
     bytes = oxl_alloc(test_ctx, whole.size, 1);
@@ -239,12 +235,11 @@ TEST(image_png_with_a_changed_byte_is_refused)
         bytes[60 + i * (whole.size - 80) / 60] ^= 1;
         image_refused(image_bytes("changed.png", bytes, whole.size), "fix: ");
     }
-    os_release_file(test_ctx, &whole);
 }
 
 TEST(image_png_that_was_cut_is_found_by_its_chunks_alone)
 {
-    struct os_file_map whole;
+    OWNED_FILE whole;
     int w, h;
     CHECK_OK(os_read_file(test_ctx, "tests/data/photo.png", &whole));
     CHECK_OK(image_size(test_ctx, "tests/data/photo.png", &w, &h));
@@ -252,7 +247,6 @@ TEST(image_png_that_was_cut_is_found_by_its_chunks_alone)
         const char *path = image_bytes("cut.png", whole.data, whole.size * part / 8);
         CHECK_ERROR(image_size(test_ctx, path, &w, &h), OXL_ERR_INPUT, "it ends too early");
     }
-    os_release_file(test_ctx, &whole);
 }
 
 /* Where a marker stands in a JPEG. */
@@ -268,7 +262,7 @@ TEST(image_jpeg_that_would_overrun_the_decoder_is_refused)
     /* a table before the frame header, its 16 counts beyond the end of its segment */
     static const char early[] =
         "\xff\xd8\xff\xc4\x00\x03\x00\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff";
-    struct os_file_map whole;
+    OWNED_FILE whole;
     OWNED_MEMORY char *bytes = NULL;
     ptrdiff_t frame, length;
     image_refused(image_bytes("early.jpg", early, sizeof early - 1), "a Huffman table is damaged");
@@ -282,14 +276,13 @@ TEST(image_jpeg_that_would_overrun_the_decoder_is_refused)
     length = 2 + ((unsigned char)bytes[frame + 2] << 8 | (unsigned char)bytes[frame + 3]);
     memcpy(bytes + frame + length, whole.data + frame, whole.size - (size_t)frame);
     image_refused(image_bytes("frames.jpg", bytes, whole.size + (size_t)length), "two frame headers");
-    os_release_file(test_ctx, &whole);
 }
 
 TEST(image_jpeg_whose_scan_has_no_table_is_refused)
 {
     static const char *const kinds[] = {"tests/data/baseline.jpg", "tests/data/progressive.jpg"};
     for (size_t k = 0; k < OXL_COUNT(kinds); k++) {
-        struct os_file_map whole;
+        OWNED_FILE whole;
         char *bytes, *scan;
         CHECK_OK(os_read_file(test_ctx, kinds[k], &whole));
         bytes = oxl_alloc(test_ctx, 2 * whole.size, 1);
@@ -300,14 +293,13 @@ TEST(image_jpeg_whose_scan_has_no_table_is_refused)
         scan[6] = 0x33;
         image_refused(image_bytes("scan.jpg", bytes, whole.size), "a scan has no Huffman table");
         oxl_free(test_ctx, bytes);
-        os_release_file(test_ctx, &whole);
     }
 }
 
 TEST(image_with_flipped_bits_is_read_or_refused_without_a_crash)
 {
     for (size_t k = 0; k < OXL_COUNT(image_kinds); k++) {
-        struct os_file_map whole;
+        OWNED_FILE whole;
         OWNED_MEMORY char *bytes = NULL;
         CHECK_OK(os_read_file(test_ctx, image_kinds[k], &whole));
         bytes = oxl_alloc(test_ctx, whole.size, 1);
@@ -321,7 +313,6 @@ TEST(image_with_flipped_bits_is_read_or_refused_without_a_crash)
             CHECK(rc == OXL_OK || rc == OXL_ERR_INPUT);
             CHECK((rc == OXL_OK) == (image.rgb != NULL));
         }
-        os_release_file(test_ctx, &whole);
     }
 }
 
@@ -331,10 +322,10 @@ TEST(image_jpeg_of_another_coding_is_not_called_damaged)
     static const char arithmetic[] = "\xff\xd8\xff\xc9\0\x0b\x08\0\x10\0\x10\x01\x01\x11\0\xff\xd9",
                       lossless[] = "\xff\xd8\xff\xc3\0\x0b\x08\0\x10\0\x10\x01\x01\x11\0\xff\xd9";
     int w, h;
-    CHECK_OK(os_write_file(test_ctx, test_path("a.jpg"), arithmetic, sizeof arithmetic - 1));
+    test_write_bytes("a.jpg", arithmetic, sizeof arithmetic - 1);
     CHECK_ERROR(image_size(test_ctx, test_path("a.jpg"), &w, &h), OXL_ERR_INPUT,
                 "a JPEG with arithmetic coding");
-    CHECK_OK(os_write_file(test_ctx, test_path("a.jpg"), lossless, sizeof lossless - 1));
+    test_write_bytes("a.jpg", lossless, sizeof lossless - 1);
     CHECK_ERROR(image_size(test_ctx, test_path("a.jpg"), &w, &h), OXL_ERR_INPUT, "a JPEG with lossless");
 }
 
@@ -573,8 +564,7 @@ TEST(image_halved_is_means_of_four_and_drops_an_odd_edge)
 /* 64 x 48 px of the pattern; alpha: a column's index x 4, so that most are in between. */
 static const char *image_with_alpha(const char *name)
 {
-    oxl_image image;
-    CHECK_OK(oxl_image_create(test_ctx, 64, 48, &image));
+    OWNED_IMAGE image = test_image(64, 48);
     image.weight = oxl_alloc(test_ctx, 64 * 48, sizeof *image.weight);
     for (int i = 0; i < 64 * 48; i++) {
         for (int c = 0; c < 3; c++)
@@ -582,7 +572,6 @@ static const char *image_with_alpha(const char *name)
         image.weight[i] = (float)(i % 64 * 4) / 255.0f;
     }
     CHECK_OK(oxl_image_write_alpha(test_ctx, test_path(name), &image));
-    oxl_image_free(test_ctx, &image);
     return test_path(name);
 }
 

@@ -9,8 +9,8 @@
 static oxl_result inputs_read(int what, const char *path)
 {
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_model model = {0};
-    oxl_scene *scene = NULL;
+    OWNED_MODEL model = {0};
+    OWNED_SCENE *scene = NULL;
     struct pixels pixels = {0};
     oxl_result rc;
     options.images = path;
@@ -20,8 +20,6 @@ static oxl_result inputs_read(int what, const char *path)
     case 2: rc = oxl_scene_load(test_ctx, job_test_survey(), &options, &scene); break;
     default: rc = image_decode(test_ctx, path, 3, &pixels);
     }
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
     image_pixels_free(test_ctx, &pixels);
     return rc;
 }
@@ -44,7 +42,7 @@ static void inputs_compress(const char *path, const char *as)
     static const char packed[] =
         "\037\213\010\000\000\000\000\000\000\003\001 \000\337\377ply\012format ascii 1.0\012end_header\012\246\024\340\020 \000\000\000";
     if (path) CHECK(unlink(path) == 0);
-    CHECK_OK(os_write_file(test_ctx, as, packed, sizeof packed - 1));
+    test_write_bytes(as, packed, sizeof packed - 1);
 }
 
 TEST(a_file_that_gzip_wrote_is_refused_with_gunzip_whatever_its_name)

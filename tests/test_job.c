@@ -21,7 +21,7 @@ oxl_result job_test_image(const char *path, int view)
 const char *job_test_survey_of(int count)
 {
     const int across = count / 6;
-    struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    OWNED_TEXT images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
     test_write("survey/images/.keep", "");
     test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 48 32 40 40 24 16\n");
     for (int i = 0; i < JOB_VIEWS; i++) {
@@ -33,8 +33,6 @@ const char *job_test_survey_of(int count)
                  -1.25 + 0.5 * (i / across), 240 * i / count);
     test_write("survey/sparse/0/images.txt", images.data ? images.data : "");
     test_write("survey/sparse/0/points3D.txt", points.data ? points.data : "");
-    text_free(&images);
-    text_free(&points);
     return test_path("survey");
 }
 
@@ -52,23 +50,21 @@ oxl_job_options job_test_options(void)
 
 int job_test_has(const char *file, const char *words)
 {
-    OWNED_FILE map = {0};
     if (!test_has(file)) return 0;
-    CHECK_OK(os_read_file(test_ctx, test_path(file), &map));
+    OWNED_FILE map = test_file(file);
     return strstr(map.data, words) != NULL;
 }
 
 /* The first `from` in a file becomes `to`. */
 void job_test_replace(const char *file, const char *from, const char *to)
 {
-    OWNED_FILE map = {0};
     OWNED_TEXT t = {.ctx = test_ctx};
     const char *at;
-    CHECK_OK(os_read_file(test_ctx, test_path(file), &map));
+    OWNED_FILE map = test_file(file);
     at = strstr(map.data, from);
     CHECK(at != NULL);
     text_add(&t, "%.*s%s%s", (int)(at - map.data), map.data, to, at + strlen(from));
-    CHECK_OK(os_write_file(test_ctx, test_path(file), t.data, t.size));
+    test_write_bytes(file, t.data, t.size);
 }
 
 int job_test_progress(void *user, const oxl_progress *p)
@@ -90,19 +86,23 @@ oxl_result job_test_run(const char *out, const oxl_job_options *options)
     return job_test_watched(out, options, NULL);
 }
 
+void job_test_done(const char *out, const oxl_job_options *options)
+{
+    CHECK_OK(job_test_run(out, options));
+}
+
 /* Of the training views the one nearest to their centre, whatever the block or the run was before. */
 TEST(job_begins_viewers_at_a_training_view)
 {
     const oxl_job_options options = job_test_options();
     const char *survey = job_test_survey();
     oxl_scene_options load = oxl_scene_options_default();
-    OWNED_SCENE *scene = NULL;
     OWNED_MODEL model = {0};
     int same = 0;
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     test_read_model("out/scene.ply", &model);
     load.test_every = 8;
-    CHECK_OK(oxl_scene_load(test_ctx, survey, &load, &scene));
+    OWNED_SCENE *scene = test_load(survey, &load);
     for (int v = 0; scene && v < oxl_scene_view_count(scene); v++) {
         const oxl_camera *c = &oxl_scene_view(scene, v)->camera;
         double away = fabs(model.view[0] - c->fx / OXL_MAX(c->width, c->height));
@@ -122,7 +122,7 @@ TEST(job_begins_viewers_at_a_training_view)
 TEST(job_writes_model_metrics_log_renders_and_last_run_json)
 {
     const oxl_job_options options = job_test_options();
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(test_has("out/scene.ply"));
     CHECK(job_test_has("out/metrics.json", "\"split\": \"test\""));
     CHECK(job_test_has("out/metrics.json", "\"peak_rss_bytes\": "));
@@ -139,17 +139,15 @@ TEST(job_writes_model_metrics_log_renders_and_last_run_json)
 TEST(job_log_holds_no_iteration_twice)
 {
     oxl_job_options options = job_test_options();
-    struct os_file_map map = {0};
     int last = 0;
     options.train.iterations = 400;
-    CHECK_OK(job_test_run("out", &options));
-    CHECK_OK(os_read_file(test_ctx, test_path("out/blocks/000/log.csv"), &map));
+    job_test_done("out", &options);
+    OWNED_FILE map = test_file("out/blocks/000/log.csv");
     for (const char *at = strchr(map.data, '\n'); at && at[1]; at = strchr(at + 1, '\n')) {
         CHECK(atoi(at + 1) > last);
         last = atoi(at + 1);
     }
     CHECK(last == 400);
-    os_release_file(test_ctx, &map);
 }
 
 TEST(job_that_is_finished_is_not_done_again_but_another_is)
@@ -179,8 +177,8 @@ TEST(job_that_is_stopped_keeps_its_model_and_does_not_count_as_finished)
 {
     oxl_job_options options = job_test_options();
     struct job_test_watch watch = {0, 5};
-    oxl_model model = {0};
-    CHECK_OK(job_test_run("out", &options));
+    OWNED_MODEL model = {0};
+    job_test_done("out", &options);
     test_ctx->options.seed = 2; /* another job in the same folder */
     options.restart = 1;
     CHECK(job_test_watched("out", &options, &watch) == OXL_ERR_INTERRUPTED);
@@ -189,7 +187,6 @@ TEST(job_that_is_stopped_keeps_its_model_and_does_not_count_as_finished)
     CHECK(model.count >= 60);
     CHECK(job_test_has("out/run.json", "\"finished\": false"));
     CHECK(!test_has("out/metrics.json"));
-    oxl_model_free(test_ctx, &model);
     watch = (struct job_test_watch){0, -1};
     options.restart = 0;
     CHECK_OK(job_test_watched("out", &options, &watch));
@@ -200,9 +197,8 @@ TEST(job_that_is_stopped_keeps_its_model_and_does_not_count_as_finished)
 
 static int job_test_same(const char *a, const char *b)
 {
-    OWNED_FILE x = {0}, y = {0};
-    CHECK_OK(os_read_file(test_ctx, test_path(a), &x));
-    CHECK_OK(os_read_file(test_ctx, test_path(b), &y));
+    OWNED_FILE x = test_file(a);
+    OWNED_FILE y = test_file(b);
     return x.size == y.size && x.size > 0 && !memcmp(x.data, y.data, x.size);
 }
 
@@ -219,9 +215,9 @@ static oxl_job_options job_test_blocks(void)
 TEST(job_by_blocks_gives_the_same_bytes_in_one_process_and_in_many)
 {
     oxl_job_options options = job_test_blocks();
-    CHECK_OK(job_test_run("whole", &options));
+    job_test_done("whole", &options);
     CHECK(test_has("whole/partition.txt") && test_has("whole/blocks/001/model.ply"));
-    for (options.block = 1; options.block >= 0; options.block--) CHECK_OK(job_test_run("parts", &options));
+    for (options.block = 1; options.block >= 0; options.block--) job_test_done("parts", &options);
     CHECK(!test_has("parts/scene.ply"));
     CHECK_OK(oxl_merge(test_ctx, test_path("parts"), NULL));
     CHECK(job_test_same("whole/scene.ply", "parts/scene.ply"));
@@ -231,16 +227,13 @@ TEST(job_by_blocks_gives_the_same_bytes_in_one_process_and_in_many)
 
 static double job_test_psnr(const char *model_path)
 {
-    oxl_model model;
-    oxl_scene *scene = NULL;
+    OWNED_MODEL model;
     oxl_metrics m = {0};
     test_read_model(model_path, &model);
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    OWNED_SCENE *scene = test_load("survey", NULL);
     oxl_model_move_origin(&model, oxl_scene_origin(scene));
     CHECK_OK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_TRAIN, &m));
     oxl_metrics_free(test_ctx, &m);
-    oxl_scene_free(test_ctx, scene);
-    oxl_model_free(test_ctx, &model);
     return m.psnr;
 }
 
@@ -257,8 +250,8 @@ TEST(job_in_blocks_is_about_as_good_as_in_one_for_the_same_work)
     oxl_job_options options = job_test_blocks(), one = job_test_options();
     one.renders = 0;
     one.train.iterations = options.train.iterations = 240;
-    CHECK_OK(job_test_run("one", &one));
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("one", &one);
+    job_test_done("out", &options);
     CHECK(job_test_has("out/metrics.json", "\"iterations\": 240,"));
     CHECK(job_test_psnr("out/scene.ply") > job_test_psnr("one/scene.ply") - 2);
     CHECK(!test_has("out/blocks/000/checkpoint.oxl") && !os_is_folder(test_path("out/blocks/decoded")));
@@ -273,7 +266,7 @@ TEST(job_in_blocks_lets_the_merged_model_grow_to_what_its_blocks_have_left_of_th
     options.train.densify_every = 1 << 20; /* none in a block */
     options.train.densify_gradient = 1e-12f;
     options.train.max_gaussians = 67;
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     for (int b = 0; b < 2; b++) {
         CHECK_OK(oxl_model_read(test_ctx, PATH(test_path("out"), "blocks/%03d/model.ply", b), &model));
         blocks += model.count;
@@ -287,9 +280,9 @@ TEST(job_reads_decoded_images_from_files_and_ends_in_the_same_bytes)
 {
     oxl_job_options options = job_test_options();
     options.scene.image_cache_bytes = 1; /* memory holds one: files hold the rest */
-    CHECK_OK(job_test_run("small", &options));
+    job_test_done("small", &options);
     options.scene.image_cache_bytes = 1 << 30;
-    CHECK_OK(job_test_run("large", &options));
+    job_test_done("large", &options);
     CHECK(job_test_same("small/scene.ply", "large/scene.ply"));
 }
 
@@ -297,7 +290,7 @@ TEST(job_merge_names_the_block_that_is_missing)
 {
     oxl_job_options options = job_test_blocks();
     options.block = 0;
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK_ERROR(oxl_merge(test_ctx, test_path("out"), NULL), OXL_ERR_INPUT, "blocks/001");
     CHECK_SAYS("--block 1");
 }
@@ -309,7 +302,7 @@ TEST(job_in_blocks_that_is_stopped_anywhere_ends_in_the_same_bytes)
     options.train.iterations = 40;
     /* a block begins with the coarse model's gains, not with those that the one before has left */
     options.train.exposure = OXL_ON;
-    CHECK_OK(job_test_run("whole", &options));
+    job_test_done("whole", &options);
     for (size_t i = 0; i < sizeof stops / sizeof *stops; i++) {
         struct job_test_watch watch = {0, stops[i]};
         char out[32], scene[48];
@@ -317,7 +310,7 @@ TEST(job_in_blocks_that_is_stopped_anywhere_ends_in_the_same_bytes)
         snprintf(scene, sizeof scene, "%s/scene.ply", out);
         CHECK(job_test_watched(out, &options, &watch) == OXL_ERR_INTERRUPTED);
         CHECK(!test_has(scene));
-        CHECK_OK(job_test_run(out, &options));
+        job_test_done(out, &options);
         CHECK(job_test_same("whole/scene.ply", scene));
     }
 }
@@ -326,14 +319,12 @@ TEST(job_in_blocks_of_a_wholly_black_survey_ends_with_a_model)
 {
     oxl_job_options options = job_test_blocks();
     job_test_survey();
-    oxl_image black = {0};
     options.train.iterations = 200;
-    CHECK_OK(oxl_image_create(test_ctx, JOB_WIDTH, JOB_HEIGHT, &black));
+    OWNED_IMAGE black = test_image(JOB_WIDTH, JOB_HEIGHT);
     for (int i = 0; i < JOB_VIEWS; i++) {
-        CHECK_OK(oxl_image_write(test_ctx, test_path("survey/images/%d.png", i), &black));
+        test_write_image(test_path("survey/images/%d.png", i), &black);
     }
-    oxl_image_free(test_ctx, &black);
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(test_has("out/scene.ply"));
 }
 
@@ -341,32 +332,28 @@ TEST(job_in_blocks_of_a_wholly_black_survey_ends_with_a_model)
 TEST(job_in_blocks_grows_to_what_memory_holds_of_the_merged_model)
 {
     oxl_job_options options = job_test_blocks(), limited;
-    oxl_scene *scene = NULL;
     struct cost_load load;
-    struct partition p;
+    OWNED_PARTITION p;
     OWNED_MODEL model = {0};
     options.train.iterations = 120;
     options.train.densify_gradient = 1e-12f;
     options.train.max_gaussians = 400;
     CHECK_OK(oxl_partition(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &options.scene, &scene));
+    OWNED_SCENE *scene = test_load("survey", &options.scene);
     load = cost_load_of_scene(scene);
     limited = options;
     for (limited.ram = (size_t)1e7; budget_max_gaussians(&load, &limited) < 150;) limited.ram += 1000;
-    oxl_scene_free(test_ctx, scene);
     CHECK_OK(partition_read(test_ctx, test_path("out/partition.txt"), &p));
     p.memory = (double)limited.ram;
     CHECK_OK(partition_write(test_ctx, test_path("out/partition.txt"), &p));
-    partition_free(test_ctx, &p);
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     test_read_model("out/blocks/whole/model.ply", &model);
     CHECK(model.count > 100 && model.count <= 150);
 }
 
 static double job_test_figure(const char *out, const char *name)
 {
-    OWNED_FILE json = {0};
-    CHECK_OK(os_read_file(test_ctx, test_path("%s/metrics.json", out), &json));
+    OWNED_FILE json = test_file(test_path("%s/metrics.json", out));
     return oxl_json_number(json.data, name);
 }
 
@@ -374,7 +361,6 @@ static double job_test_figure(const char *out, const char *name)
  * well. Returns how much better it does so than scene_clear.ply, dB. */
 static double job_test_shows_viewers(const char *out)
 {
-    OWNED_FILE json = {0};
     const char *standard;
     char scene[64], clear[64];
     oxl_metrics plain;
@@ -383,7 +369,7 @@ static double job_test_shows_viewers(const char *out)
     CHECK(test_has(clear) && os_is_file(test_path("%s/imaging.txt", out)));
     plain = job_test_evaluate(scene, 0);
     CHECK(job_test_evaluate(scene, 1).psnr == plain.psnr);
-    CHECK_OK(os_read_file(test_ctx, test_path("%s/metrics.json", out), &json));
+    OWNED_FILE json = test_file(test_path("%s/metrics.json", out));
     standard = oxl_json_member(json.data, "standard");
     CHECK_CLOSE(oxl_json_number(json.data, "psnr"), job_test_evaluate(clear, 1).psnr, 1e-9);
     CHECK_CLOSE(oxl_json_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
@@ -448,12 +434,12 @@ TEST(job_in_blocks_with_gains_alone_writes_a_model_for_viewers_and_resumes_it)
     const oxl_job_options options = job_test_gains_in_blocks();
     int left = 5;
     const oxl_callback stop = {job_test_stop_viewers, &left};
-    CHECK_OK(job_test_run("whole", &options));
+    job_test_done("whole", &options);
     CHECK(job_test_shows_viewers("whole") > 0.01);
     CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("stopped"), &options, &stop) ==
           OXL_ERR_INTERRUPTED);
     CHECK(left == 0);
-    CHECK_OK(job_test_run("stopped", &options));
+    job_test_done("stopped", &options);
     CHECK(job_test_same("whole/scene.ply", "stopped/scene.ply"));
     CHECK(job_test_same("whole/scene_clear.ply", "stopped/scene_clear.ply"));
 }
@@ -474,7 +460,7 @@ TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
     CHECK_SAYS("survey:\n  iterations: 12 there, 13 here\nfix: "); /* and nothing else */
     CHECK(test_has("out/blocks/000/checkpoint.oxl"));
     options.restart = 1;
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(job_test_has("out/run.json", "\"iterations_done\": 13"));
 }
 
@@ -483,7 +469,7 @@ TEST(job_knows_a_survey_that_was_moved_and_does_not_overwrite_the_finished_model
     oxl_job_options options = job_test_options();
     struct job_test_watch watch = {0, -1};
     const oxl_callback callback = {job_test_progress, &watch};
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(rename(test_path("survey"), test_path("moved")) == 0);
     CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &options, &callback));
     CHECK(watch.calls == 0);
@@ -497,7 +483,7 @@ TEST(job_keeps_what_the_log_said_also_over_an_interruption)
     const oxl_job_options options = job_test_options();
     struct job_test_watch watch = {0, 5};
     CHECK(job_test_watched("out", &options, &watch) == OXL_ERR_INTERRUPTED);
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(job_test_has("out/run.json", "{\"level\": \"info\", \"text\": \"images "));
     CHECK(job_test_has("out/run.json", "blocks       1, of"));
     CHECK(!job_test_has("out/run.json", "resumed after iteration"));
@@ -530,7 +516,7 @@ TEST(job_resume_finds_the_options_that_a_run_was_given)
     given.train.lr_sh = 1e-3f;
     given.seed = 77;
     given.scene.images = test_path("survey/images");
-    CHECK_OK(job_test_run("out", &given));
+    job_test_done("out", &given);
     CHECK_OK(oxl_job_resume(test_ctx, survey, test_path("out"), &found, &run));
     CHECK(found.train.iterations == 12 && found.scene.max_side == 40 && found.train.lr_sh == 1e-3f &&
           found.seed == 77);
@@ -547,7 +533,7 @@ TEST(job_without_held_out_views_evaluates_training_views_and_says_so)
     oxl_job_options options = job_test_options();
     options.scene.test_every = 0;
     options.renders = 0;
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(job_test_has("out/metrics.json", "\"split\": \"train\""));
     CHECK(job_test_has("out/metrics.json", "\"training\": {\"count\": 9, \"of\": 9, ")); /* not 6 */
     CHECK(!os_is_folder(test_path("out/renders")));
@@ -596,11 +582,10 @@ TEST(renders_of_depth_are_floats_in_the_unit_and_grey)
 {
     static const char head[] = "Pf\n3 2\n";
     float depth[6] = {0, 1, 2, -1, 3, 2}, grey[18];
-    OWNED_FILE pfm = {0};
     render_depth_grey(depth, 6, 2, grey);
     CHECK(depth[1] == 2 && depth[3] == 0 && grey[0] == 0 && grey[2] == 0.5f && grey[6 + 4] == 0.4f);
     CHECK_OK(oxl_write_pfm(test_ctx, test_path("a.pfm"), depth, 3, 2));
-    CHECK_OK(os_read_file(test_ctx, test_path("a.pfm"), &pfm));
+    OWNED_FILE pfm = test_file("a.pfm");
     CHECK(pfm.size > sizeof depth && memcmp(pfm.data, head, strlen(head)) == 0);
     CHECK(!memcmp(pfm.data + pfm.size - sizeof depth, depth + 3, 3 * sizeof *depth));
     CHECK(!memcmp(pfm.data + pfm.size - 3 * sizeof *depth, depth, 3 * sizeof *depth));
@@ -679,20 +664,18 @@ TEST(job_leaves_out_images_that_cannot_be_read_and_counts_them)
 {
     oxl_job_options options = job_test_options();
     job_test_survey();
-    oxl_image mask;
     test_write("survey/images/4.png", "no image");
     test_write("survey/images/2.png", "nor this");
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/masks")));
-    CHECK_OK(oxl_image_create(test_ctx, 8, 8, &mask));
-    CHECK_OK(oxl_image_write(test_ctx, test_path("survey/masks/3.png"), &mask)); /* all of it black */
-    oxl_image_free(test_ctx, &mask);
-    CHECK_OK(job_test_run("out", &options));
+    test_make_folder("survey/masks");
+    OWNED_IMAGE mask = test_image(8, 8);
+    test_write_image("survey/masks/3.png", &mask); /* all of it black */
+    job_test_done("out", &options);
     CHECK(job_test_has("out/metrics.json", "\"images_left_out\": 3"));
     CHECK(job_test_has("out/metrics.json", "\"steps_skipped\": 0"));
     CHECK(job_test_has("out/blocks/000/block.json", "\"images_left_out\": 3"));
     CHECK(job_test_has("out/blocks/000/block.json", "the mask is all black at"));
     CHECK(remove(test_path("out/run.json")) == 0 && remove(test_path("out/scene.ply")) == 0);
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(job_test_has("out/run.json", "trained without 3 images"));
 }
 
@@ -707,7 +690,7 @@ TEST(job_has_as_many_gaussians_as_were_asked_for_also_in_blocks)
         options.restart = 1;
         if (k % 2) options.train.keep = (oxl_keep){OXL_KEEP_COUNT, 30};
         else options.train.max_gaussians = 30;
-        CHECK_OK(job_test_run("out", &options));
+        job_test_done("out", &options);
         test_read_model("out/scene.ply", &model);
         CHECK(k < 2 ? model.count == 30 || (k == 0 && model.count < 30)
                     : model.count > 20 && model.count < 38);
@@ -719,7 +702,7 @@ TEST(job_completes_when_a_held_out_image_cannot_be_read)
     oxl_job_options options = job_test_options();
     job_test_survey();
     test_write("survey/images/8.png", "no image");
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(job_test_has("out/metrics.json", "\"count\": 1"));
     CHECK(test_has("out/renders/8.png.png") && !test_has("out/renders/8.png.image.png"));
     CHECK(job_test_has("out/run.json", "\"finished\": true"));
@@ -735,7 +718,7 @@ TEST(job_writes_a_standard_model_beside_one_with_lobes)
     OWNED_MODEL model = {0}, standard = {0};
     options.train.dog = OXL_DOG_ALL;
     options.train.sh_degree = 1;
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     test_read_model("out/scene.ply", &model);
     test_read_model("out/scene_standard.ply", &standard);
     CHECK(model.lobes == model.count && model.sh_degree == 1);
@@ -746,26 +729,24 @@ TEST(job_writes_a_standard_model_beside_one_with_lobes)
     job_test_replace("out/run.json", "\"finished\": true", "\"finished\": false");
     CHECK(os_remove(test_path("out/blocks/000/model_standard.ply")) == 0 &&
           rename(test_path("out/scene_standard.ply"), test_path("first.ply")) == 0);
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(job_test_same("out/scene_standard.ply", "first.ply"));
 }
 
 /* Held-out views of the survey by a model of OUT, with the imaging.txt beside it or with none. */
 oxl_metrics job_test_evaluate(const char *model, int imaging)
 {
-    oxl_scene *scene = NULL;
-    oxl_model read = {0};
+    OWNED_SCENE *scene = NULL;
+    OWNED_MODEL read = {0};
     oxl_metrics m = {0}, out;
     oxl_scene_options o = oxl_scene_options_default();
     o.test_every = oxl_job_options_default(OXL_PRESET_DRAFT).scene.test_every;
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene));
+    scene = test_load("survey", &o);
     test_read_model(model, &read);
     if (imaging) CHECK_OK(test_read_imaging(scene, test_path(model)));
     CHECK_OK(oxl_evaluate(test_ctx, &read, scene, imaging ? &test_imaging : NULL, OXL_SPLIT_TEST, &m));
     out = m;
     oxl_metrics_free(test_ctx, &m);
-    oxl_model_free(test_ctx, &read);
-    oxl_scene_free(test_ctx, scene);
     return out;
 }
 
@@ -776,13 +757,12 @@ TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt
     NEEDS_PART(medium);
     NEEDS_PART(lamp);
     oxl_job_options options = job_test_options();
-    OWNED_FILE clear = {0};
     oxl_metrics full, plain, gains;
     options.train.lamp = options.train.medium = OXL_ON;
     options.train.dog = OXL_DOG_ALL;
     options.train.iterations = 60;
     photometry_test_make("survey", SYNTH_3C);
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     full = job_test_evaluate("out/scene_clear.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
     gains = job_test_evaluate("out/scene.ply", 1);
     CHECK(full.psnr > 0 && fabs(full.psnr - plain.psnr) > 1e-6);
@@ -792,14 +772,12 @@ TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt
     for (int i = 0; i < 4; i++) { /* in whatever format, it has the medium in its colours */
         static const char *const names[] = {"out/scene_clear.ply", "out/scene.ply", "out/scene.spz",
                                             "out/scene_standard.splat"};
-        oxl_scene *scene = NULL;
         oxl_scene_options o = oxl_scene_options_default();
-        CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene));
+        OWNED_SCENE *scene = test_load("survey", &o);
         CHECK_OK(test_read_imaging(scene, test_path(names[i])));
         CHECK(test_imaging.medium.on == (i == 0));
-        oxl_scene_free(test_ctx, scene);
     }
-    CHECK_OK(os_read_file(test_ctx, test_path("out/scene_clear.ply"), &clear));
+    OWNED_FILE clear = test_file("out/scene_clear.ply");
     CHECK(job_test_figure("out", "bytes") == (double)clear.size);
     CHECK(test_has("out/renders/IMG_00000.png.clear.png"));
     CHECK(!job_test_same("out/renders/IMG_00000.png.clear.png", "out/renders/IMG_00000.png.png"));
@@ -815,7 +793,7 @@ TEST(job_with_gains_alone_writes_a_model_for_viewers_that_needs_none)
     options.train.exposure = OXL_ON;
     options.train.lamp = options.train.medium = OXL_OFF;
     options.train.iterations = 60;
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(test_has("out/blocks/000/model_standard.ply"));
     CHECK(job_test_shows_viewers("out") != 0);
     plain = job_test_evaluate("out/scene.ply", 0).psnr;
@@ -835,7 +813,7 @@ TEST(job_with_a_lamp_and_no_medium_shows_even_light_in_scene_ply_and_refines_not
     options.train.medium = OXL_OFF;
     options.train.sh_degree = 3;
     options.train.iterations = 60;
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     full = job_test_evaluate("out/scene.ply", 1).psnr, plain = job_test_evaluate("out/scene.ply", 0).psnr;
     CHECK(fabs(full - plain) > 1e-6);
     CHECK_CLOSE(job_test_figure("out", "psnr"), full, 1e-9);
@@ -848,7 +826,7 @@ TEST(job_says_in_run_json_what_was_decided_and_why)
 {
     NEEDS_PART(ucd);
     oxl_job_options options = job_test_options();
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(job_test_has("out/run.json", "\"decisions\": {\"partition\": {\"chosen\": \"none\", "));
     CHECK(job_test_has("out/run.json", "\"ucd\": {\"chosen\": \"off\", \"evidence\": \"no points are seen"));
 }
@@ -869,28 +847,27 @@ TEST(job_starts_from_a_model_of_any_format_and_notices_when_it_changes)
     struct job_test_watch watch = {0, 5};
     uint8_t keep[200];
     char from[512];
-    oxl_model model;
+    OWNED_MODEL model;
     job_test_survey();
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     test_read_model("out/scene.ply", &model);
     CHECK(model.count <= 200);
     oxl_model_move_origin(&model, (double[3]){0, 0, 0}); /* as another trainer's has it */
     for (size_t i = 0; i < model.count; i++) keep[i] = i < 30;
     model_keep_rows(&model, keep);
-    for (size_t i = 0; i < OXL_COUNT(names); i++)
-        CHECK_OK(oxl_model_write(test_ctx, test_path(names[i]), &model));
+    for (size_t i = 0; i < OXL_COUNT(names); i++) test_write_model(names[i], &model);
     for (size_t i = 0; i < OXL_COUNT(names); i++) {
         OWNED_MODEL found = {0};
         snprintf(from, sizeof from, "%s", test_path(names[i]));
         options.from = from;
         options.restart = 1;
-        CHECK_OK(job_test_run("other", &options));
+        job_test_done("other", &options);
         test_read_model("other/scene.ply", &found);
         CHECK(found.count >= 30 && found.count < 60); /* the points are 60 */
     }
     CHECK(job_test_watched("changed", &options, &watch) == OXL_ERR_INTERRUPTED);
     model.plane[OXL_OPACITY][0] += 1;
-    CHECK_OK(oxl_model_write(test_ctx, options.from, &model));
+    test_write_model(options.from, &model);
     options.restart = 0;
     CHECK_ERROR(job_test_run("changed", &options), OXL_ERR_USAGE, "  start: \"");
     options.partition.block_points = 40;
@@ -900,7 +877,6 @@ TEST(job_starts_from_a_model_of_any_format_and_notices_when_it_changes)
         CHECK((strstr(oxl_error_text(test_ctx), from) != NULL) ==
               ((oxl_option_at(i)->use & OXL_OPTION_ONE_BLOCK) != 0));
     }
-    oxl_model_free(test_ctx, &model);
 }
 
 /* ---------------- the library and the command */
@@ -927,7 +903,7 @@ TEST(job_of_one_block_writes_what_the_library_does_byte_for_byte)
         CHECK_OK(oxl_train(test_ctx, scene, o, NULL, &trained));
         CHECK(trained.finished && trained.iterations == 60);
         CHECK((trained.viewer.count > 0) == (k < 3));
-        CHECK_OK(oxl_make_folder(test_ctx, test_path("library")));
+        test_make_folder("library");
         CHECK_OK(oxl_trained_write(test_ctx, test_path("library"), scene, &trained));
         for (int f = 0; f < 4; f++) {
             static const char *const files[] = {"scene.ply", "scene_clear.ply", "scene_standard.ply",

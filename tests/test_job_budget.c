@@ -89,7 +89,7 @@ TEST(budget_of_a_job_is_kept_and_one_too_small_is_refused_at_once)
     CHECK(job_test_run("out", &options) == OXL_ERR_BUDGET);
     CHECK(!test_has("out/scene.ply") && strstr(oxl_error_text(test_ctx), "fix: --ram ") != NULL);
     options.ram = (size_t)2 << 30;
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(job_test_has("out/metrics.json", "\"predicted_memory_bytes\": "));
     CHECK(job_test_has("out/metrics.json", "\"peak_rss_bytes\": "));
 }
@@ -112,16 +112,16 @@ TEST(budget_of_steps_of_a_large_survey_is_kept_in_run_json_and_its_run_is_found_
     struct job_test_watch watch = {0, -1};
     oxl_job_options options = job_test_options();
     options.iterations_for = 3; /* of 9 images */
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(job_test_has("out/run.json", "\"iterations\": 36,"));
     CHECK(job_test_has("out/blocks/000/log.csv", "\n36,"));
     CHECK_OK(job_test_watched("out", &options, &watch));
     CHECK(watch.calls == 0);
     options.block = 0;
     options.partition.blocks = 2;
-    CHECK_OK(job_test_run("parts", &options));
+    job_test_done("parts", &options);
     options.block = 1; /* reads run.json, not the survey */
-    CHECK_OK(job_test_run("parts", &options));
+    job_test_done("parts", &options);
     CHECK_OK(oxl_merge(test_ctx, test_path("parts"), NULL));
     CHECK(job_test_has("parts/metrics.json", "\"iterations\": 36,"));
 }
@@ -227,7 +227,7 @@ TEST(budget_predicts_the_gaussians_of_a_scene_without_points)
     oxl_survey survey;
     char points[600];
     snprintf(points, sizeof points, "%s/sparse/0/points3D.txt", path);
-    CHECK_OK(os_write_file(test_ctx, points, "# none\n", 7));
+    test_write_bytes(points, "# none\n", 7);
     o.train.max_gaussians = 100000;
     CHECK_OK(oxl_check(test_ctx, path, &o, &survey));
     CHECK(survey.gaussians >= SCENE_START_RANDOM && survey.gaussians < 10.0 * SCENE_START_RANDOM);

@@ -16,7 +16,7 @@ static void jsurvey_colmap(const char *camera, struct colmap *out)
 /* Writes COLMAP's rows as the other program would. */
 static void jsurvey_write_nerfstudio(const struct colmap *c, const char *intrinsics)
 {
-    struct text t = {.ctx = test_ctx};
+    OWNED_TEXT t = {.ctx = test_ctx};
     text_add(&t, "{%s,\n\"ply_file_path\": \"points.ply\", \"frames\": [", intrinsics);
     for (size_t i = 0; i < c->image_count; i++) {
         double r[9];
@@ -32,7 +32,6 @@ static void jsurvey_write_nerfstudio(const struct colmap *c, const char *intrins
     }
     text_add(&t, "]}\n");
     test_write("ns/transforms.json", t.data);
-    text_free(&t);
     test_write(
         "ns/points.ply",
         "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
@@ -174,12 +173,11 @@ TEST(nerfstudio_that_is_wrong_is_refused_with_the_frame)
         {JSURVEY_MATRIX("images/a.png", "[-1,0,0,0],[0,1,0,0],[0,0,1,0]"), /* mirrored */
          "found no rotation for transform_matrix, expected columns of length 1 at right angles, and right-handed"},
     };
-    struct colmap c;
+    OWNED_COLMAP c;
     test_write("good/transforms.json", whole);
     CHECK_OK(json_survey_read(test_ctx, test_path("good"), "transforms.json", NULL, &c));
     CHECK(c.image_count == 1 && c.point_count == 0 && c.camera[0].parameter[2] == 32 &&
           strcmp(c.names, "a.png") == 0);
-    colmap_free(test_ctx, &c);
     for (size_t size = 0; size + 1 < sizeof whole; size++) {
         char cut[sizeof whole];
         memcpy(cut, whole, size);
@@ -296,14 +294,13 @@ TEST(json_cursor_reads_what_is_there_and_nothing_else)
 
 static void jsurvey_write_image(const char *name, int width, int height)
 {
-    OWNED_IMAGE image = {0};
-    CHECK_OK(oxl_image_create(test_ctx, width, height, &image));
+    OWNED_IMAGE image = test_image(width, height);
     /* No two images are copies of each other. */
     for (int i = 0; i < 3 * width * height; i++)
         image.rgb[i] = (float)(checksum_add(CHECKSUM_SEED + (uint64_t)i, name, strlen(name)) % 256) / 255;
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("blender/train")));
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("blender/test")));
-    CHECK_OK(oxl_image_write(test_ctx, test_path(name), &image));
+    test_make_folder("blender/train");
+    test_make_folder("blender/test");
+    test_write_image(name, &image);
 }
 
 /* NeRF synthetic's layout: 24 x 16 px, three images to train on, two to hold out. */
@@ -328,11 +325,10 @@ TEST(nerf_synthetic_trains_on_its_train_file_and_holds_out_its_test_or_val_file)
     static const char *const names[] = {"test/r_0.png", "test/r_1.png", "train/r.2.png", "train/r_0.png",
                                         "train/r_1.JPG"};
     for (size_t k = 0; k < OXL_COUNT(held_out); k++) { /* with both, test is held out */
-        oxl_scene *scene = NULL;
         jsurvey_write_blender(held_out[k]);
         if (k == 1)
             test_write("blender/transforms_val.json", "{\"frames\": [" JSURVEY_AT("./train/r_0") "]}");
-        CHECK_OK(oxl_scene_load(test_ctx, test_path("blender"), NULL, &scene));
+        OWNED_SCENE *scene = test_load("blender", NULL);
         CHECK(scene && oxl_scene_view_count(scene) == 5 && scene->stats.test_views == 2);
         for (int i = 0; scene && i < oxl_scene_view_count(scene); i++) {
             const oxl_view *view = oxl_scene_view(scene, i);
@@ -340,7 +336,6 @@ TEST(nerf_synthetic_trains_on_its_train_file_and_holds_out_its_test_or_val_file)
             CHECK(view->camera.width == 24 && view->camera.height == 16);
             CHECK_CLOSE(view->camera.fx, 12, 1e-9);
         }
-        oxl_scene_free(test_ctx, scene);
     }
 }
 
@@ -392,21 +387,17 @@ TEST(nerf_synthetic_of_any_of_its_files_is_read)
 TEST(survey_of_held_out_images_is_evaluated_and_not_trained_on)
 {
     oxl_train_options options = oxl_train_options_default(OXL_PRESET_DRAFT);
-    oxl_scene *scene = NULL;
-    oxl_model model = {0};
     oxl_metrics metrics = {0};
     oxl_trained trained = {0};
     CHECK(jsurvey_splits("test"));
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("blender"), NULL, &scene));
-    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    OWNED_SCENE *scene = test_load("blender", NULL);
+    OWNED_MODEL model = test_model(1, 0);
     CHECK_OK(oxl_evaluate(test_ctx, &model, scene, NULL, OXL_SPLIT_TEST, &metrics));
     CHECK(metrics.count == 2);
     options.iterations = 2;
     CHECK(oxl_train(test_ctx, scene, &options, NULL, &trained) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "there is no training view: all 2 images that exist are held out");
     oxl_metrics_free(test_ctx, &metrics);
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* ---------------- LLFF */
@@ -426,7 +417,7 @@ static void jsurvey_write_array(const char *head, int size, int rows, double wid
             memcpy(&bits, &value, sizeof bits);
             if (size == 8) bytes_put(at, bits, 8);
         }
-    CHECK_OK(os_write_file(test_ctx, test_path("llff/poses_bounds.npy"), file, (size_t)(at - file)));
+    test_write_bytes("llff/poses_bounds.npy", file, (size_t)(at - file));
 }
 
 #define LLFF_HEAD "{'descr': '<f8', 'fortran_order': False, 'shape': (2, 17), }"
@@ -435,12 +426,10 @@ static void jsurvey_write_llff(const char *folder, const char *const name[2], in
 {
     for (int i = 0; i < 2; i++) {
         char path[80];
-        oxl_image image;
-        CHECK_OK(oxl_image_create(test_ctx, width, OXL_MAX(12 * width / 1604, 1), &image));
+        OWNED_IMAGE image = test_image(width, OXL_MAX(12 * width / 1604, 1));
         snprintf(path, sizeof path, "llff/%s/%s", folder, name[i]);
         test_write(path, "");
-        CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
-        oxl_image_free(test_ctx, &image);
+        test_write_image(path, &image);
     }
 }
 
@@ -457,12 +446,11 @@ TEST(llff_is_read_for_the_images_in_name_order_of_the_largest_folder_of_1600_px)
         static const char *const asked[] = {NULL, "images_4", "images"};
         const double width = asked[k / 2] ? k / 2 == 1 ? 401 : 1604 : 802;
         uint64_t sum[2] = {0};
-        oxl_scene *scene = NULL;
         options.images = asked[k / 2];
         jsurvey_write_array(k % 2 ? "{'descr': '<f4', 'fortran_order': False, 'shape': (2L, 17L), }"
                                   : LLFF_HEAD,
                             k % 2 ? 4 : 8, 2, 1604);
-        CHECK_OK(oxl_scene_load(test_ctx, test_path("llff"), &options, &scene));
+        OWNED_SCENE *scene = test_load("llff", &options);
         CHECK(oxl_scene_view_count(scene) == 2);
         for (int i = 0; i < 2; i++) {
             const oxl_view *view = oxl_scene_view(scene, i);
@@ -481,7 +469,6 @@ TEST(llff_is_read_for_the_images_in_name_order_of_the_largest_folder_of_1600_px)
         scene->colmap.image[1].range[0] = 0.6; /* Another range is another survey. */
         CHECK_OK(survey_checksum(test_ctx, scene, &sum[1]));
         CHECK(sum[0] != sum[1]);
-        oxl_scene_free(test_ctx, scene);
     }
 }
 

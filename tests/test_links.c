@@ -8,21 +8,19 @@
 
 static int links_holds(const char *path, const char *text)
 {
-    struct os_file_map map = {0};
     int same;
     if (!os_is_file(path)) return 0;
-    CHECK_OK(os_read_file(test_ctx, path, &map));
+    OWNED_FILE map = test_file(path);
     same = map.size == strlen(text) && !memcmp(map.data, text, map.size);
-    os_release_file(test_ctx, &map);
     return same;
 }
 
 TEST(a_folder_given_by_the_user_may_be_a_link)
 {
     const oxl_job_options options = job_test_options();
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("disk")));
+    test_make_folder("disk");
     CHECK(symlink(test_path("disk"), test_path("out")) == 0);
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(test_has("disk/scene.ply"));
 }
 
@@ -32,7 +30,7 @@ TEST(a_lock_that_is_a_link_or_a_pipe_is_refused_and_stays)
     struct stat s;
     test_write("victim", "secret");
     CHECK(chmod(test_path("victim"), 0600) == 0);
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("out")));
+    test_make_folder("out");
     for (int kind = 0; kind < 3; kind++) {
         const char *path = test_path("out/.lock");
         if (kind == 0) CHECK(symlink(test_path("victim"), path) == 0);
@@ -53,7 +51,7 @@ TEST(a_temporary_name_that_is_a_link_is_replaced_and_its_target_stays)
     test_write("victim", "keep");
     CHECK(symlink(test_path("victim"), test_path("a.%ld.tmp", (long)getpid())) == 0);
     CHECK(symlink(test_path("victim"), test_path("report.html.%ld.tmp", (long)getpid())) == 0);
-    CHECK_OK(os_write_file(test_ctx, test_path("a"), "new", 3));
+    test_write_bytes("a", "new", 3);
     file = oxl_create_beside(test_path("report.html"), temporary, sizeof temporary);
     CHECK(file && fputs("new", file) >= 0 && fclose(file) == 0);
     CHECK(links_holds(test_path("a"), "new") && links_holds(temporary, "new"));
@@ -65,10 +63,10 @@ TEST(a_file_that_is_a_link_is_replaced_and_its_target_stays)
     oxl_job_options options = job_test_options();
     options.restart = 1; /* without, a model that no run wrote is kept */
     test_write("victim", "keep");
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("out")));
+    test_make_folder("out");
     CHECK(symlink(test_path("victim"), test_path("out/scene.ply")) == 0);
     CHECK(symlink(test_path("victim"), test_path("out/metrics.json")) == 0);
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(links_holds(test_path("victim"), "keep") && job_test_has("out/scene.ply", "ply\n"));
 }
 
@@ -87,7 +85,7 @@ TEST(a_folder_of_the_survey_is_not_taken_for_the_output)
     CHECK(job_test_run("survey/images", &options) == OXL_ERR_USAGE);
     CHECK(!test_has("survey/.lock") && !os_is_folder(test_path("survey/images/blocks")));
     options.scene.images = NULL;
-    CHECK_OK(job_test_run("survey/out", &options));
+    job_test_done("survey/out", &options);
 }
 
 TEST(a_block_of_a_partition_is_not_cut_in_its_own_place)
@@ -109,7 +107,7 @@ TEST(a_model_that_no_run_wrote_is_replaced_with_restart_alone)
     CHECK_ERROR(job_test_run("out", &options), OXL_ERR_USAGE, "without the run.json");
     CHECK(links_holds(test_path("out/scene.ply"), "of another program"));
     options.restart = 1;
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(!links_holds(test_path("out/scene.ply"), "of another program"));
 }
 
@@ -134,7 +132,7 @@ TEST(decoded_images_are_removed_by_the_names_that_a_run_gives_them)
     options.scene.image_cache_bytes = 1;
     test_write("out/blocks/decoded/photo", "keep");
     test_write("out/blocks/decoded/0123456789abcdef.7.tmp", "of a killed run");
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(test_has("out/blocks/decoded/photo"));
     CHECK(!test_has("out/blocks/decoded/0123456789abcdef.7.tmp"));
 }

@@ -23,8 +23,7 @@ static void merge_test_partition(struct partition *p, struct partition_block blo
 /* The world's coordinates are local + origin; every other plane identifies the row. */
 static oxl_model merge_test_cloud(size_t count, int degree, const double origin[3])
 {
-    oxl_model m;
-    CHECK_OK(oxl_model_create(test_ctx, count, degree, &m));
+    oxl_model m = test_model(count, degree);
     memcpy(m.origin, origin, sizeof m.origin);
     for (int p = 0; p < oxl_model_planes(&m); p++)
         for (size_t i = 0; i < count; i++)
@@ -35,8 +34,7 @@ static oxl_model merge_test_cloud(size_t count, int degree, const double origin[
 
 static oxl_model merge_test_empty(const double origin[3])
 {
-    oxl_model m;
-    CHECK_OK(oxl_model_create(test_ctx, 0, 0, &m));
+    oxl_model m = test_model(0, 0);
     memcpy(m.origin, origin, sizeof m.origin);
     return m;
 }

@@ -15,8 +15,8 @@ static void metrics_noise(uint32_t state, float *out, int count)
 /* Noise, and the same with a quarter of other noise mixed in. */
 static void metrics_pair(oxl_image *a, oxl_image *b)
 {
-    CHECK_OK(oxl_image_create(test_ctx, METRICS_TEST_W, METRICS_TEST_H, a));
-    CHECK_OK(oxl_image_create(test_ctx, METRICS_TEST_W, METRICS_TEST_H, b));
+    *a = test_image(METRICS_TEST_W, METRICS_TEST_H);
+    *b = test_image(METRICS_TEST_W, METRICS_TEST_H);
     metrics_noise(1, a->rgb, METRICS_TEST_N);
     metrics_noise(2, b->rgb, METRICS_TEST_N);
     for (int i = 0; i < METRICS_TEST_N; i++) b->rgb[i] = (float)(0.75 * a->rgb[i] + 0.25 * b->rgb[i]);
@@ -78,10 +78,9 @@ static void metrics_smooth(oxl_image *image)
 
 static double metrics_test_ms_ssim(int width, int height, int masked)
 {
-    oxl_image a, b;
     double value = 0;
-    CHECK_OK(oxl_image_create(test_ctx, width, height, &a));
-    CHECK_OK(oxl_image_create(test_ctx, width, height, &b));
+    OWNED_IMAGE a = test_image(width, height);
+    OWNED_IMAGE b = test_image(width, height);
     metrics_noise(1, a.rgb, 3 * width * height);
     metrics_noise(2, b.rgb, 3 * width * height);
     metrics_smooth(&a);
@@ -91,8 +90,6 @@ static double metrics_test_ms_ssim(int width, int height, int masked)
         for (int i = 0; i < width * height; i++) b.weight[i] = i % width < 30 && i / width < 20 ? 0.0f : 1.0f;
     }
     CHECK_OK(oxl_ms_ssim(test_ctx, &a, &b, &value));
-    oxl_image_free(test_ctx, &a);
-    oxl_image_free(test_ctx, &b);
     return value;
 }
 
@@ -107,10 +104,9 @@ TEST(metrics_ms_ssim_agrees_with_an_independent_implementation_at_any_size)
 
 TEST(metrics_ms_ssim_of_less_than_a_window_is_ssim_and_of_opposites_zero)
 {
-    OWNED_IMAGE a = {0}, b = {0};
     double ssim, multi;
-    CHECK_OK(oxl_image_create(test_ctx, 40, 10, &a));
-    CHECK_OK(oxl_image_create(test_ctx, 40, 10, &b));
+    OWNED_IMAGE a = test_image(40, 10);
+    OWNED_IMAGE b = test_image(40, 10);
     metrics_noise(1, a.rgb, 1200);
     metrics_noise(2, b.rgb, 1200);
     CHECK_OK(oxl_ssim(test_ctx, &a, &b, &ssim));
@@ -118,8 +114,8 @@ TEST(metrics_ms_ssim_of_less_than_a_window_is_ssim_and_of_opposites_zero)
     CHECK(multi == ssim);
     oxl_image_free(test_ctx, &a);
     oxl_image_free(test_ctx, &b);
-    CHECK_OK(oxl_image_create(test_ctx, 30, 30, &a));
-    CHECK_OK(oxl_image_create(test_ctx, 30, 30, &b));
+    a = test_image(30, 30);
+    b = test_image(30, 30);
     metrics_noise(1, a.rgb, 2700);
     for (int i = 0; i < 2700; i++) b.rgb[i] = 1 - a.rgb[i]; /* contrast times structure is below 0 */
     CHECK_OK(oxl_ms_ssim(test_ctx, &a, &b, &multi));
@@ -210,12 +206,11 @@ static oxl_scene *metrics_scene(const oxl_model *model, oxl_view view[2])
 
 TEST(metrics_evaluate_each_view_of_a_split_and_write_json)
 {
-    OWNED_MODEL model = {0};
     oxl_view view[2];
     OWNED_SCENE *scene = NULL;
     oxl_metrics m;
     OWNED_TEXT json = {.ctx = test_ctx};
-    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    OWNED_MODEL model = test_model(1, 0);
     for (int k = 0; k < 3; k++) model.plane[OXL_LOG_SCALE + k][0] = -1;
     model.plane[OXL_SH][0] = 1;
     scene = metrics_scene(&model, view);
@@ -260,8 +255,8 @@ TEST(structure_of_transposed_images_is_the_same)
     oxl_image wide[2], tall[2];
     double of_wide, of_tall;
     for (int k = 0; k < 2; k++) {
-        CHECK_OK(oxl_image_create(test_ctx, W, H, &wide[k]));
-        CHECK_OK(oxl_image_create(test_ctx, H, W, &tall[k]));
+        wide[k] = test_image(W, H);
+        tall[k] = test_image(H, W);
         for (int i = 0; i < 3 * W * H; i++) {
             const int c = i / (W * H), y = i % (W * H) / W, x = i % W;
             wide[k].rgb[i] = 0.5f + 0.4f * (float)sin(0.3 * x + 0.07 * x * y + k * (0.2 + 0.001 * x * x) + c);
@@ -300,10 +295,10 @@ TEST(structure_does_not_depend_on_brightness_and_is_none_of_a_glow)
 
 TEST(explained_is_zero_of_the_light_alone_and_counts_what_it_leaves)
 {
-    OWNED_IMAGE a = {0}, b = {0}, light = {0};
+    OWNED_IMAGE a = {0}, b = {0};
     double left = 0, error = 0;
     metrics_pair(&a, &b);
-    CHECK_OK(oxl_image_create(test_ctx, METRICS_TEST_W, METRICS_TEST_H, &light));
+    OWNED_IMAGE light = test_image(METRICS_TEST_W, METRICS_TEST_H);
     for (int i = 0; i < METRICS_TEST_N; i++) {
         light.rgb[i] = 1 + (float)(i % METRICS_TEST_W) / METRICS_TEST_W;
         b.rgb[i] = 0.2f * light.rgb[i] * (i % 2 ? 1.05f : 0.95f);

@@ -11,8 +11,7 @@ static double model_test_unit(uint64_t i, uint64_t a)
 /* All rows different, as raw as a trained model's. */
 static oxl_model model_test_random(size_t count, int degree)
 {
-    oxl_model m;
-    CHECK_OK(oxl_model_create(test_ctx, count, degree, &m));
+    oxl_model m = test_model(count, degree);
     for (int p = 0; p < oxl_model_planes(&m); p++)
         for (size_t i = 0; i < count; i++) m.plane[p][i] = (float)(8 * model_test_unit(i, (uint64_t)p) - 4);
     return m;
@@ -32,8 +31,7 @@ static int model_test_same(const oxl_model *a, const oxl_model *b)
 
 static struct os_file_map model_test_file(const char *path)
 {
-    struct os_file_map map = {0};
-    CHECK_OK(os_read_file(test_ctx, path, &map));
+    struct os_file_map map = test_file(path);
     return map;
 }
 
@@ -55,8 +53,7 @@ static oxl_point *model_test_points(size_t count)
 TEST(model_planes_are_aligned_and_padded_with_identity_rows_to_whole_packs)
 {
     for (size_t count = 0; count < 70; count += 23) {
-        oxl_model m;
-        CHECK_OK(oxl_model_create(test_ctx, count, 2, &m));
+        oxl_model m = test_model(count, 2);
         CHECK(m.count == count && m.capacity >= OXL_MAX(count, (size_t)16) && m.capacity % 16 == 0);
         CHECK(oxl_model_planes(&m) == 38 && m.plane[37] && !m.plane[38]);
         for (int p = 0; p < 38; p++) {
@@ -194,7 +191,7 @@ TEST(model_lobes_come_back_from_a_ply_and_nowhere_else)
     OWNED_MODEL m = model_test_lobed(300, 3, 77), same = {0}, plain = {0};
     struct os_file_map a, b;
     m.origin[1] = 0.1;
-    CHECK_OK(oxl_model_write(test_ctx, test_path("m.ply"), &m));
+    test_write_model("m.ply", &m);
     test_read_model("m.ply", &same);
     CHECK(same.lobes == 77 && model_test_same(&same, &m) && model_test_same_lobes(&same, &m));
     a = model_test_file(test_path("m.ply"));
@@ -203,19 +200,19 @@ TEST(model_lobes_come_back_from_a_ply_and_nowhere_else)
     CHECK(strstr(a.data, "scale_factor_2\nend_header\n") && strstr(a.data, "comment dog: "));
     os_release_file(test_ctx, &a);
     test_listen();
-    CHECK_OK(oxl_model_write(test_ctx, test_path("m_standard.ply"), &m));
-    CHECK_TEXT(test_said.all, "second lobes of 77 of 300");
+    test_write_model("m_standard.ply", &m);
+    CHECK_LOGGED("second lobes of 77 of 300");
     test_said.all[0] = 0;
     CHECK_OK(model_copy(test_ctx, &m, &plain));
     model_drop_lobes(&plain);
-    CHECK_OK(oxl_model_write(test_ctx, test_path("plain.ply"), &plain));
+    test_write_model("plain.ply", &plain);
     CHECK(!test_said.all[0]);
     a = model_test_file(test_path("m_standard.ply"));
     b = model_test_file(test_path("plain.ply"));
     CHECK(a.size == b.size && !memcmp(a.data, b.data, a.size) && !strstr(b.data, "dog"));
     os_release_file(test_ctx, &a);
     os_release_file(test_ctx, &b);
-    CHECK_OK(oxl_model_write(test_ctx, test_path("m.splat"), &m));
+    test_write_model("m.splat", &m);
     m.plane[OXL_LOBE + 2][70] = INFINITY;
     CHECK_ERROR(oxl_model_write(test_ctx, test_path("m.ply"), &m), OXL_ERR_FAILED,
                 "column scale_factor_1 of row 70");
@@ -373,7 +370,7 @@ TEST(model_from_points_that_almost_coincide_has_a_floor_of_one_percent_of_the_me
 {
     enum { N = 4000 };
     oxl_point *points = model_test_points(N);
-    oxl_model m;
+    OWNED_MODEL m;
     double least = 1e9, median;
     float sorted[N];
     for (int i = 0; i < 1500; i++)
@@ -388,7 +385,6 @@ TEST(model_from_points_that_almost_coincide_has_a_floor_of_one_percent_of_the_me
     CHECK(sorted[1499] == (float)least && sorted[1500] > (float)least);
     median = sorted[N / 2];
     CHECK_CLOSE(least, median + log(0.01), 1e-5);
-    oxl_model_free(test_ctx, &m);
     oxl_free(test_ctx, points);
 }
 
@@ -436,15 +432,14 @@ static void model_test_header(struct text *t, size_t rows, const char *origin)
 TEST(model_write_gives_exactly_the_standard_header_and_248_bytes_a_gaussian)
 {
     const char *path = test_path("m.ply");
-    OWNED_MODEL m = {0};
-    struct os_file_map file;
+    OWNED_FILE file;
     OWNED_TEXT header = {.ctx = test_ctx};
-    CHECK_OK(oxl_model_create(test_ctx, 3, 1, &m));
+    OWNED_MODEL m = test_model(3, 1);
     m.origin[0] = 500000.25;
     m.origin[1] = -4200000.1;
     /* row 1 holds: planes numbered p as the value p + 100 */
     for (int p = 0; p < oxl_model_planes(&m); p++) m.plane[p][1] = (float)(p + 100);
-    CHECK_OK(oxl_model_write(test_ctx, path, &m));
+    test_write_model(path, &m);
     file = model_test_file(path);
     model_test_header(&header, 3, "500000.25 -4200000.1 0");
     CHECK(header.size < 10240 && file.size == header.size + 3 * 248);
@@ -466,7 +461,6 @@ TEST(model_write_gives_exactly_the_standard_header_and_248_bytes_a_gaussian)
             CHECK(bytes_u32(row + 4 * c) == wanted);
         }
     }
-    os_release_file(test_ctx, &file);
 }
 
 TEST(model_read_gives_back_every_bit_that_was_written)
@@ -480,7 +474,7 @@ TEST(model_read_gives_back_every_bit_that_was_written)
         m.origin[0] = 0.1;
         m.origin[1] = 1.0 / 3;
         m.origin[2] = -123456789.123456789;
-        CHECK_OK(oxl_model_write(test_ctx, path, &m));
+        test_write_model(path, &m);
         CHECK_OK(oxl_model_read(test_ctx, path, &standard));
         CHECK(standard.sh_degree == 3 && model_test_same(&standard, &m));
         CHECK_OK(model_file_write_ply(test_ctx, path, &m, degree));
@@ -493,8 +487,8 @@ TEST(model_write_refuses_values_that_are_not_finite_and_leaves_the_old_file)
 {
     const char *path = test_path("m.ply");
     OWNED_MODEL m = model_test_random(20, 1);
-    struct os_file_map file;
-    CHECK_OK(os_write_file(test_ctx, path, "old", 3));
+    OWNED_FILE file;
+    test_write_bytes(path, "old", 3);
     m.plane[OXL_SH + 3 * 2 + 1][7] = NAN; /* coefficient 2 of green: f_rest_4 of a file of degree 1 */
     CHECK_ERROR(oxl_model_write(test_ctx, path, &m), OXL_ERR_FAILED, "of row 7 is");
     CHECK_SAYS("column f_rest_16");
@@ -508,7 +502,6 @@ TEST(model_write_refuses_values_that_are_not_finite_and_leaves_the_old_file)
     CHECK(oxl_model_write(test_ctx, path, &m) == OXL_ERR_FAILED);
     file = model_test_file(path);
     CHECK(file.size == 3);
-    os_release_file(test_ctx, &file);
 }
 
 TEST(model_write_wants_a_known_extension)
@@ -557,7 +550,7 @@ TEST(model_read_drops_rows_that_are_not_finite_and_says_how_many)
             "3 0 0 0 0 0 0 0 0 1 0 0 0 0\n"),
         &m));
     CHECK(m.count == 2 && m.not_finite == 3 && m.plane[0][0] == 1 && m.plane[0][1] == 3);
-    CHECK_TEXT(test_said.all, "3 of 5 Gaussians hold values");
+    CHECK_LOGGED("3 of 5 Gaussians hold values");
     for (size_t i = 2; i < m.capacity; i++) CHECK(m.plane[0][i] == 0 && m.plane[OXL_ROTATION][i] == 1);
 }
 
@@ -599,8 +592,8 @@ TEST(model_read_ignores_an_origin_that_is_no_origin)
                    "property float opacity\nend_header\n"),
         &m));
     CHECK(m.count == 0 && m.origin[0] == 0 && m.origin[1] == 0 && m.origin[2] == 0);
-    CHECK_TEXT(test_said.all, "origin of species");
-    CHECK_TEXT(test_said.all, "holds no Gaussians");
+    CHECK_LOGGED("origin of species");
+    CHECK_LOGGED("holds no Gaussians");
     oxl_model_free(test_ctx, &m);
     CHECK_OK(oxl_model_read(
         test_ctx,
@@ -609,7 +602,7 @@ TEST(model_read_ignores_an_origin_that_is_no_origin)
                    "property float opacity\nend_header\n"),
         &m));
     CHECK(m.origin[0] == 0 && m.origin[1] == 0);
-    CHECK_TEXT(test_said.all, "expected origin X Y Z, each within 1e+15");
+    CHECK_LOGGED("expected origin X Y Z, each within 1e+15");
 }
 
 /* ---------------- .splat */
@@ -625,9 +618,8 @@ TEST(model_splat_file_has_the_32_byte_layout_and_the_most_visible_first)
                                              /* 0 .6 0 -.8 */
                                              128, 205, 128, 26};
     const char *path = test_path("m.splat");
-    struct os_file_map file;
-    OWNED_MODEL m = {0};
-    CHECK_OK(oxl_model_create(test_ctx, 3, 1, &m));
+    OWNED_FILE file;
+    OWNED_MODEL m = test_model(3, 1);
     for (int i = 0; i < 3; i++) {
         const float mean[3] = {1, -2, 3}, rotation[4] = {0, 3, 0, -4}, sh[3] = {9, -9, 0.01f};
         m.plane[OXL_MEAN + i][1] = mean[i];
@@ -638,7 +630,7 @@ TEST(model_splat_file_has_the_32_byte_layout_and_the_most_visible_first)
     }
     m.plane[OXL_LOG_SCALE][0] = -1; /* the least volume */
     m.plane[OXL_OPACITY][2] = 1;
-    CHECK_OK(oxl_model_write(test_ctx, path, &m));
+    test_write_model(path, &m);
     file = model_test_file(path);
     CHECK(file.size == 96);
     if (file.size == 96) {
@@ -647,14 +639,13 @@ TEST(model_splat_file_has_the_32_byte_layout_and_the_most_visible_first)
         CHECK((unsigned char)file.data[27] == 186 && (unsigned char)file.data[64 + 27] == 128);
         CHECK((unsigned char)file.data[28] == 255); /* w = 1 */
     }
-    os_release_file(test_ctx, &file);
 }
 
 TEST(model_splat_bytes_survive_reading_and_writing_at_their_ends_too)
 {
     const char *path = test_path("m.splat");
     unsigned char bytes[256 * 32];
-    struct os_file_map file;
+    OWNED_FILE file;
     OWNED_MODEL m = {0};
     memset(bytes, 0, sizeof bytes);
     for (int i = 0; i < 256; i++) {
@@ -667,13 +658,12 @@ TEST(model_splat_bytes_survive_reading_and_writing_at_their_ends_too)
         p[28] = 255;
         p[29] = p[30] = p[31] = 128;
     }
-    CHECK_OK(os_write_file(test_ctx, path, bytes, sizeof bytes));
+    test_write_bytes(path, bytes, sizeof bytes);
     CHECK_OK(oxl_model_read(test_ctx, path, &m));
     CHECK(m.count == 256 && m.sh_degree == 0);
-    CHECK_OK(oxl_model_write(test_ctx, path, &m));
+    test_write_model(path, &m);
     file = model_test_file(path);
     CHECK(file.size == sizeof bytes && !memcmp(file.data, bytes, sizeof bytes));
-    os_release_file(test_ctx, &file);
 }
 
 TEST(model_splat_of_no_rows_zero_scale_or_zero_rotation_is_repaired_and_a_cut_file_refused)
@@ -684,14 +674,14 @@ TEST(model_splat_of_no_rows_zero_scale_or_zero_rotation_is_repaired_and_a_cut_fi
     test_listen();
     memset(bytes + 28, 128, 4);
     bytes[32 + 15] = 0xbf; /* a scale of -0.5 */
-    CHECK_OK(os_write_file(test_ctx, path, bytes, 64));
+    test_write_bytes(path, bytes, 64);
     CHECK_OK(oxl_model_read(test_ctx, path, &m));
     CHECK(m.count == 1);
-    CHECK_TEXT(test_said.all, "1 of 2 Gaussians hold");
+    CHECK_LOGGED("1 of 2 Gaussians hold");
     CHECK_CLOSE(m.plane[OXL_LOG_SCALE][0], log(FLT_MIN), 1e-5);
     CHECK(m.plane[OXL_ROTATION][0] == 1 && m.plane[OXL_OPACITY][0] < -5);
     oxl_model_free(test_ctx, &m);
-    CHECK_OK(os_write_file(test_ctx, path, bytes, 33));
+    test_write_bytes(path, bytes, 33);
     CHECK(oxl_model_read(test_ctx, path, &m) == OXL_ERR_INPUT && !m.memory);
     CHECK_SAYS("33 bytes, expected a multiple of 32");
 }
@@ -714,8 +704,7 @@ TEST(model_read_refuses_more_lobes_than_vertices_before_any_memory_is_taken)
 TEST(model_is_in_the_same_place_relative_to_another_origin)
 {
     const double origin[3] = {5e5, -2, 0.25};
-    OWNED_MODEL m = {0};
-    CHECK_OK(oxl_model_create(test_ctx, 20, 0, &m));
+    OWNED_MODEL m = test_model(20, 0);
     for (size_t i = 0; i < 20; i++) m.plane[OXL_MEAN][i] = (float)i;
     m.origin[0] = 5e5 + 8, m.origin[1] = -2;
     oxl_model_move_origin(&m, origin);

@@ -5,8 +5,7 @@
 /* Rows of every kind: far and near, opaque and faint, any rotation; harmonics of all bands. */
 static oxl_model formats_test_model(size_t count, int degree)
 {
-    oxl_model m;
-    CHECK_OK(oxl_model_create(test_ctx, count, degree, &m));
+    oxl_model m = test_model(count, degree);
     for (int p = 0; p < oxl_model_planes(&m); p++)
         for (size_t i = 0; i < count; i++) {
             const double x = 2 * random_unit(random_bits(7, i, (uint64_t)p)) - 1;
@@ -49,7 +48,7 @@ TEST(spz_gives_back_what_was_written_to_its_steps)
     for (int degree = 0; degree <= 3; degree++) {
         OWNED_MODEL m = formats_test_model(300, degree), back = {0};
         double worst[6];
-        CHECK_OK(oxl_model_write(test_ctx, test_path("m.spz"), &m));
+        test_write_model("m.spz", &m);
         test_read_model("m.spz", &back);
         CHECK(back.count == m.count && back.sh_degree == degree && back.lobes == 0);
         CHECK(memcmp(back.origin, m.origin, sizeof m.origin) == 0);
@@ -129,7 +128,7 @@ TEST(models_files_hold_what_is_rendered_beside_gaussians)
         if (m.has_background) memcpy(m.background, (float[3]){1, 0.25f, 0}, sizeof m.background);
         for (int k = 0; k < 13 && i & 8; k++) m.view[k] = k < 10 ? 0.75 - 0.125 * k : 6700000.0625 + k;
         oxl_model_rescale(&m, 0.4051);
-        CHECK_OK(oxl_model_write(test_ctx, test_path(files[i / 16]), &m));
+        test_write_model(test_path(files[i / 16]), &m);
         test_read_model(files[i / 16], &back);
         CHECK(back.count == 5 && back.scale == 0.4051 && back.antialias == m.antialias);
         CHECK(!memcmp(back.origin, m.origin, sizeof m.origin) && !memcmp(back.view, m.view, sizeof m.view));
@@ -154,10 +153,9 @@ static void formats_test_refused(const char *name, const void *data, size_t size
 TEST(spz_that_is_cut_or_damaged_is_refused_with_a_fix)
 {
     OWNED_MODEL m = formats_test_model(30, 1);
-    OWNED_FILE map = {0};
     OWNED_MEMORY char *copy = NULL;
-    CHECK_OK(oxl_model_write(test_ctx, test_path("m.spz"), &m));
-    CHECK_OK(os_read_file(test_ctx, test_path("m.spz"), &map));
+    test_write_model("m.spz", &m);
+    OWNED_FILE map = test_file("m.spz");
     copy = oxl_alloc(test_ctx, map.size, 1);
     for (size_t size = 0; size < map.size; size += 3) {
         formats_test_refused("cut.spz", map.data, size);

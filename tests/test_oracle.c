@@ -295,12 +295,12 @@ static double oracle_run_float(struct oracle_scene *s, double *drgb)
 {
     const size_t values = 3 * (size_t)s->width * (size_t)s->height;
     oxl_render_options options = oxl_render_options_default();
-    oxl_model m, gradient;
-    oxl_image image;
+    OWNED_MODEL gradient;
+    OWNED_IMAGE image;
     float *narrow = malloc(values * sizeof *narrow);
     double loss;
     if (!narrow) abort();
-    CHECK_OK(oxl_model_create(test_ctx, s->w.count, s->sh_degree, &m));
+    OWNED_MODEL m = test_model(s->w.count, s->sh_degree);
     CHECK_OK(model_set_lobes(test_ctx, &m, s->w.lobes));
     for (int k = 0; k < OXL_PLANES; k++)
         for (int i = 0; s->w.plane[k] && i < (k < OXL_LOBE ? s->count : (int)s->w.lobes); i++)
@@ -315,9 +315,6 @@ static double oracle_run_float(struct oracle_scene *s, double *drgb)
     for (int k = 0; k < OXL_PLANES; k++)
         for (int i = 0; s->w.plane[k] && i < (k < OXL_LOBE ? s->count : (int)s->w.lobes); i++)
             s->w.gradient[k][i] = gradient.plane[k][i];
-    oxl_image_free(test_ctx, &image);
-    oxl_model_free(test_ctx, &m);
-    oxl_model_free(test_ctx, &gradient);
     free(narrow);
     return loss;
 }

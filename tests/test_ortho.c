@@ -35,7 +35,7 @@ static oxl_scene *ortho_test_made(double angle, const double sign[3])
         for (int k = 0; k < 9; k++) view[i].camera.rotation[k] *= sign[k % 3];
         frame_place(&view[i].camera,
                     (double[]){sign[0] * eyes[i][0], sign[1] * eyes[i][1], sign[2] * eyes[i][2]});
-        CHECK_OK(oxl_image_create(test_ctx, 40, 30, &image[i]));
+        image[i] = test_image(40, 30);
     }
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 2, points, 30, &scene));
     for (int i = 0; i < 2; i++) oxl_image_free(test_ctx, &image[i]);
@@ -252,12 +252,11 @@ static void ortho_test_pixel(const double p[3], int min_views, const double far[
                              int *red)
 {
     OWNED_SCENE *scene = ortho_test_scene();
-    OWNED_MODEL model = {0};
     struct arguments a = {.out = test_path("map"), .pixel = 0.05, .min_views = min_views};
     const double ground[3] = {p[0], p[1], fmin(p[2], 0)};
     const uint8_t *t, *tie;
     uint32_t x, y;
-    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &model));
+    OWNED_MODEL model = test_model(2, 0);
     ortho_test_gaussian(scene, &model, 0, ground, (float[]){1, 1, 0.01f}, 0);
     ortho_test_gaussian(scene, &model, 1, p, (float[]){0.1f, 0.1f, 0.1f}, 1.7f);
     /* every fifth point is at the speck's height, so that they do not contradict it */
@@ -329,14 +328,13 @@ TEST(surface_is_confirmed_by_clear_images_of_that_depth_that_points_do_not_contr
                {{0, 0, 0}, 3, 100, 1, 0, 2, 2, 0, 0}};
     for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
         OWNED_SCENE *scene = ortho_test_scene();
-        OWNED_MODEL model = {0};
         const double place[3] = {5.05, 2.05, -1};
         const struct surface_list both = {.count = 2, .view = {0, 1}};
         struct surface s;
         struct surface_vote vote;
         double p[3], speck[3] = {5.05, 2.05, -0.95};
         vector_add(place, 1, row[i].ground, p);
-        CHECK_OK(oxl_model_create(test_ctx, 2, 0, &model));
+        OWNED_MODEL model = test_model(2, 0);
         ortho_test_gaussian(scene, &model, 0, p,
                             (float[]){(float)row[i].size, (float)row[i].size, row[i].size > 1 ? 0.01f : 0.1f},
                             0);
@@ -364,10 +362,9 @@ TEST(unseen_gaussians_are_removed_and_no_training_view_changes)
 {
     static const double place[5][3] = {{3, 2, 0}, {3, 2, 6}, {8, 2, 0}, {20, 2, 0}, {2, 2, 0}};
     OWNED_SCENE *scene = ortho_test_scene();
-    OWNED_MODEL model = {0};
     OWNED_IMAGE before = {0}, after = {0};
     size_t dropped = 0;
-    CHECK_OK(oxl_model_create(test_ctx, 5, 0, &model));
+    OWNED_MODEL model = test_model(5, 0);
     for (int i = 0; i < 5; i++) {
         ortho_test_gaussian(scene, &model, (size_t)i, place[i], (float[]){0.1f, 0.1f, 0.1f},
                             i == 4 ? -9 : (float)i);
@@ -386,10 +383,9 @@ TEST(unseen_gaussians_are_removed_and_no_training_view_changes)
 TEST(surface_lists_every_view_that_has_a_place_of_the_sphere_in_its_image)
 {
     OWNED_SCENE *scene = ortho_test_turned(0.6);
-    OWNED_MODEL model = {0};
     struct surface s;
     int any = 0, spared = 0;
-    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    OWNED_MODEL model = test_model(1, 0);
     CHECK_OK(surface_open(test_ctx, &model, scene, 1000, &s));
     for (int i = 0; i < 2000; i++) {
         const double centre[3] = {i % 41 - 20, i % 37 - 18, i % 7 - 3},
@@ -415,7 +411,7 @@ static void ortho_test_ground(oxl_scene *scene, oxl_model *model)
 {
     for (int i = 0; i < 30; i++)
         scene->point[i].position[2] = -4 + 0.01 * (i % 3) - oxl_scene_origin(scene)[2];
-    CHECK_OK(oxl_model_create(test_ctx, 201, 0, model));
+    *model = test_model(201, 0);
     ortho_test_gaussian(scene, model, 0, (double[]){5, 2, -4}, (float[]){10, 10, 0.01f}, 0);
     for (int i = 0; i < 200; i++)
         ortho_test_gaussian(scene, model, (size_t)i + 1,
@@ -642,8 +638,8 @@ static void ortho_test_photo(const char *name, int is_big, const double place[3]
             ortho_test_put(t + to + 8 * k + 4, is_big, i == 5 || k == 2 ? 1e6 : 1, 4);
         }
     }
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("survey/images")));
-    CHECK_OK(os_write_file(test_ctx, test_path("survey/images/%s", name), file, sizeof file));
+    test_make_folder("survey/images");
+    test_write_bytes(test_path("survey/images/%s", name), file, sizeof file);
 }
 
 /* Places in UTM by PROJ, gdaltransform. */
@@ -693,7 +689,7 @@ TEST(gps_turns_a_survey_into_utm_metres_with_up_without_what_is_off)
         frame_place(&view[i].camera, eye);
         if (i == 5) place[2] += 60;
         ortho_test_photo(names[i], i % 2, place);
-        CHECK_OK(oxl_image_create(test_ctx, 40, 30, &image[i]));
+        image[i] = test_image(40, 30);
     }
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 8, points, 30, &scene));
     for (int i = 0; i < 8; i++) oxl_image_free(test_ctx, &image[i]);
@@ -851,8 +847,7 @@ TEST(control_points_have_their_residuals)
 
 TEST(scale_of_a_model_moves_means_scales_and_origin)
 {
-    OWNED_MODEL model = {0};
-    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    OWNED_MODEL model = test_model(1, 0);
     model.plane[OXL_MEAN][0] = 3, model.plane[OXL_LOG_SCALE][0] = 1, model.origin[2] = 5;
     oxl_model_rescale(&model, 2);
     CHECK_CLOSE(model.plane[OXL_MEAN][0], 6, 1e-6);

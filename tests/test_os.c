@@ -23,21 +23,18 @@ static int os_entries(const char *name)
 
 static int os_file_holds(const char *path, const char *text)
 {
-    struct os_file_map file;
     int same;
-    CHECK_OK(os_read_file(test_ctx, path, &file));
+    OWNED_FILE file = test_file(path);
     same = file.data && file.size == strlen(text) && memcmp(file.data, text, file.size + 1) == 0;
-    os_release_file(test_ctx, &file);
     return same;
 }
 
 TEST(os_a_written_file_reads_back_with_a_zero_behind_it)
 {
     const char *path = test_path("a");
-    CHECK_OK(os_write_file(test_ctx, path, "one\0two", 7));
+    test_write_bytes(path, "one\0two", 7);
     {
-        struct os_file_map file;
-        CHECK_OK(os_read_file(test_ctx, path, &file));
+        struct os_file_map file = test_file(path);
         CHECK(file.size == 7 && memcmp(file.data, "one\0two", 8) == 0);
         os_release_file(test_ctx, &file);
         CHECK(!file.data && file.size == 0);
@@ -47,7 +44,7 @@ TEST(os_a_written_file_reads_back_with_a_zero_behind_it)
 TEST(os_an_empty_file_is_no_error)
 {
     const char *path = test_path("a");
-    CHECK_OK(os_write_file(test_ctx, path, NULL, 0));
+    test_write_bytes(path, NULL, 0);
     CHECK(os_is_file(path) && os_file_holds(path, ""));
 }
 
@@ -129,8 +126,8 @@ TEST(os_a_folder_is_not_read_as_a_file)
 
 TEST(os_folders_are_made_with_their_parents_and_twice)
 {
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("a/b//c/")));
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("a/b/c")));
+    test_make_folder("a/b//c/");
+    test_make_folder("a/b/c");
     CHECK(os_is_folder(test_path("a/b/c")) && !test_has("a/b/c"));
 }
 
@@ -145,7 +142,7 @@ TEST(os_a_listing_names_every_entry_but_the_folder_itself)
 {
     test_write("one", "");
     test_write("two words", "");
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("three")));
+    test_make_folder("three");
     CHECK(os_entries("two words") == 103);
     CHECK(os_entries("three") == 103);
     CHECK_ERROR(os_list_folder(test_ctx, test_path("nothing"), os_count_entry, NULL), OXL_ERR_IO, "/nothing");

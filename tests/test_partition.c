@@ -29,7 +29,7 @@ static int partition_test_sees(const struct partition_test *t, int view, int poi
 
 static const char *partition_test_survey(const char *name, const struct partition_test *t)
 {
-    struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    OWNED_TEXT images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
     int *next = calloc((size_t)(t->views * t->views), sizeof *next);
     for (int v = 0; v < t->views * t->views; v++) {
         double c[2];
@@ -53,8 +53,6 @@ static const char *partition_test_survey(const char *name, const struct partitio
     test_write(test_path("%s/sparse/0/cameras.txt", name), "1 SIMPLE_RADIAL 640 480 500.5 320 240 0.01\n");
     test_write(test_path("%s/sparse/0/images.txt", name), images.data);
     test_write(test_path("%s/sparse/0/points3D.txt", name), points.data);
-    text_free(&images);
-    text_free(&points);
     free(next);
     return test_path(name);
 }
@@ -62,9 +60,8 @@ static const char *partition_test_survey(const char *name, const struct partitio
 oxl_scene *partition_test_load(const char *path)
 {
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene *scene = NULL;
     options.read_images = 0;
-    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    oxl_scene *scene = test_load(path, &options);
     return scene;
 }
 
@@ -309,7 +306,7 @@ TEST(partition_file_reads_back_to_the_same_bits_and_does_not_depend_on_threads)
               memcmp(q.origin, p.origin, sizeof p.origin) == 0);
         CHECK(memcmp(q.extent, p.extent, sizeof p.extent) == 0);
         for (int b = 0; b < p.block_count; b++) CHECK(memcmp(&q.block[b], &p.block[b], sizeof *p.block) == 0);
-        CHECK_OK(os_read_file(test_ctx, test_path("partition.txt"), &files[i]));
+        files[i] = test_file("partition.txt");
     }
     CHECK(files[0].size == files[1].size && memcmp(files[0].data, files[1].data, files[0].size) == 0);
     CHECK_TEXT(files[0].data, " -inf ");

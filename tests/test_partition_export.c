@@ -91,19 +91,18 @@ TEST(partition_export_of_a_binary_survey_says_the_same)
     OWNED_SCENE *scene = partition_test_reef_scene(2);
     oxl_scene_options options = oxl_scene_options_default();
     struct colmap c, part;
-    struct partition p, q;
+    OWNED_PARTITION p, q;
     char binary[300];
     options.read_images = 0;
     CHECK_OK(colmap_read(test_ctx, test_path("reef/sparse/0"), &c));
     snprintf(binary, sizeof binary, "%s", test_path("reef_binary"));
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("reef_binary/sparse")));
+    test_make_folder("reef_binary/sparse");
     binary_write(test_path("reef_binary/sparse"), &c, test_path("reef/sparse/0"));
     colmap_free(test_ctx, &c);
     p = partition_test_cut(scene, 600, OXL_CUT_BALANCED);
     CHECK_OK(partition_export(test_ctx, &p, test_path("text")));
-    partition_free(test_ctx, &p);
     oxl_scene_free(test_ctx, scene);
-    CHECK_OK(oxl_scene_load(test_ctx, binary, &options, &scene));
+    scene = test_load(binary, &options);
     q = partition_test_cut(scene, 600, OXL_CUT_BALANCED);
     CHECK_OK(partition_export(test_ctx, &q, test_path("binary")));
     CHECK(q.block_count >= 3);
@@ -115,15 +114,14 @@ TEST(partition_export_of_a_binary_survey_says_the_same)
         colmap_free(test_ctx, &c);
         colmap_free(test_ctx, &part);
     }
-    partition_free(test_ctx, &q);
 }
 
 TEST(partition_links_images_and_refuses_to_leave_blocks_of_an_earlier_one)
 {
     oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
     oxl_partition_report report;
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("reef/images/dive1")));
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("reef/masks")));
+    test_make_folder("reef/images/dive1");
+    test_make_folder("reef/masks");
     oxl_scene_free(test_ctx, partition_test_reef_scene(2));
     options.scene.read_images = 0;
     options.partition.blocks = 5;
@@ -144,15 +142,13 @@ TEST(partition_drawing_shows_both_sides_of_a_3d_survey_and_holds_numbers_alone)
     for (int flat = 0; flat < 2; flat++) {
         OWNED_SCENE *scene = partition_test_reef_scene(flat ? 2 : 30);
         OWNED_PARTITION p = partition_test_cut(scene, 300, OXL_CUT_BALANCED);
-        struct os_file_map file;
         int boxes = 0;
         CHECK_OK(partition_draw(test_ctx, &p, test_path("a.svg")));
-        CHECK_OK(os_read_file(test_ctx, test_path("a.svg"), &file));
+        OWNED_FILE file = test_file("a.svg");
         CHECK(strncmp(file.data, "<svg xmlns=", 11) == 0 && file.size < 500000 && file.size > 10000);
         for (const char *at = file.data; (at = strstr(at, "<rect x='")); at++) boxes++;
         CHECK(boxes == p.block_count * (flat ? 1 : 2));
         CHECK(!strstr(file.data, "nan") && !strstr(file.data, "inf "));
-        os_release_file(test_ctx, &file);
     }
 }
 

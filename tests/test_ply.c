@@ -31,7 +31,7 @@ static struct ply_test_file ply_test_binary(int big_endian, const char *header)
 static const char *ply_test_save(const char *name, const struct ply_test_file *f)
 {
     const char *path = test_path(name);
-    CHECK_OK(os_write_file(test_ctx, path, f->bytes, f->size));
+    test_write_bytes(path, f->bytes, f->size);
     return path;
 }
 

@@ -195,16 +195,15 @@ TEST(poses_that_are_off_by_a_pixel_are_found)
     oxl_camera truth[POSES_VIEWS];
     OWNED_SCENE *scene = poses_noisy_scene(0.02, 0.03, truth);
     oxl_train_options options = train_options(300);
-    OWNED_MODEL model = {0};
     double before, psnr;
     NEEDS_PART(poses);
     before = poses_error(scene, truth);
-    CHECK_OK(test_train(scene, &options, NULL, &model));
+    OWNED_MODEL model = test_trained(scene, &options);
     CHECK(poses_error(scene, truth) == before);
     psnr = train_psnr(scene, &model);
     oxl_model_free(test_ctx, &model);
     options.poses = OXL_ON;
-    CHECK_OK(test_train(scene, &options, NULL, &model));
+    model = test_trained(scene, &options);
     CHECK(poses_error(scene, truth) < 0.5 * before);
     CHECK(train_psnr(scene, &model) > psnr + 1);
 }
@@ -218,7 +217,7 @@ TEST(poses_of_a_run_stopped_at_any_step_end_in_the_same_bytes)
     OWNED_MODEL model = {0};
     NEEDS_PART(poses);
     c.options.poses = OXL_ON;
-    CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
+    c.whole = test_trained(c.scene, &c.options);
     memcpy(whole, test_imaging.pose, sizeof whole);
     CHECK(pose_is_moved(whole[0]));
     checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);

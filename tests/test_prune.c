@@ -103,14 +103,11 @@ TEST(prune_knows_counts_and_sizes_and_leaves_what_is_small_enough)
 TEST(model_row_bytes_are_those_of_the_file)
 {
     for (int degree = 0; degree <= 3; degree++) {
-        struct os_file_map file;
-        OWNED_MODEL m = {0};
-        CHECK_OK(oxl_model_create(test_ctx, 1000, degree, &m));
+        OWNED_MODEL m = test_model(1000, degree);
         CHECK_OK(model_file_write_ply(test_ctx, test_path("m.ply"), &m, degree));
-        CHECK_OK(os_read_file(test_ctx, test_path("m.ply"), &file));
+        OWNED_FILE file = test_file("m.ply");
         CHECK(file.size <= PRUNE_FILE + 1000 * model_row_bytes(degree) &&
               file.size > 1000 * model_row_bytes(degree));
-        os_release_file(test_ctx, &file);
     }
 }
 
@@ -164,13 +161,12 @@ TEST(prune_select_takes_the_lowest_and_of_equals_the_first)
 static int prune_run_case(struct prune_case *c, const struct prune *p)
 {
     const oxl_render_options options = oxl_render_options_default();
-    struct renderer *r;
+    OWNED_RENDERER *r;
     uint8_t keep[128];
     int right = 0;
     CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(
         prune_choose(test_ctx, p, &(struct prune_of){r, c->scene, &options, &c->trained.model}, 64, keep));
-    renderer_free(test_ctx, r);
     for (int k = 0; k < TRAINED_PARTS; k++) model_keep_rows(model_trained_part(&c->trained, k), keep);
     CHECK(c->trained.model.count == 64 && c->trained.mean.count == 64 && c->trained.square.count == 64);
     for (int i = 0; i < 64; i++) {

@@ -45,7 +45,7 @@ static double raster_difference(struct wide *w)
 
 static void raster_to_model(const struct wide *w, oxl_model *m)
 {
-    CHECK_OK(oxl_model_create(test_ctx, w->count, 0, m));
+    *m = test_model(w->count, 0);
     CHECK_OK(model_set_lobes(test_ctx, m, w->lobes));
     for (int k = 0; k < OXL_PLANES; k++)
         for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++)
@@ -57,11 +57,10 @@ static struct renderer *raster_draw(const struct wide *w)
 {
     const oxl_render_options options = oxl_render_options_default();
     struct renderer *r;
-    oxl_model m;
+    OWNED_MODEL m;
     raster_to_model(w, &m);
     CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(renderer_forward(test_ctx, r, &m, &w->camera, &options));
-    oxl_model_free(test_ctx, &m);
     return r;
 }
 
@@ -226,8 +225,8 @@ TEST(renderer_score_adds_up_and_does_not_depend_on_threads_or_vectors)
         {0, 0, 4}};
     const int threads = test_ctx->threads, isa = test_ctx->isa;
     struct wide r;
-    struct renderer *renderer;
-    oxl_model m;
+    OWNED_RENDERER *renderer;
+    OWNED_MODEL m;
     oxl_render_options options = oxl_render_options_default();
     static double drgb[3 * SCORE_WIDTH * SCORE_HEIGHT], exact[SCORE_COUNT];
     static float narrow[3 * SCORE_WIDTH * SCORE_HEIGHT], score[3][SCORE_COUNT];
@@ -255,8 +254,6 @@ TEST(renderer_score_adds_up_and_does_not_depend_on_threads_or_vectors)
         total += exact[i], off += fabs(score[0][i] - exact[i]);
     }
     CHECK(off < 1e-3 * total); /* a decision that falls the other way in float moves a pixel's share */
-    renderer_free(test_ctx, renderer);
-    oxl_model_free(test_ctx, &m);
     wide_free(&r);
 }
 
@@ -284,7 +281,7 @@ TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_w
     const oxl_render_options options = oxl_render_options_default();
     static float ones[3 * DROP_SIDE * DROP_SIDE];
     OWNED_WIDE w = {0};
-    OWNED_MODEL m = {0}, gradient = {0};
+    OWNED_MODEL m = {0};
     float peak[DROP_COUNT];
     int shown[DROP_COUNT], before = 0, after = 0;
     size_t only = 0;
@@ -308,7 +305,7 @@ TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_w
     while (only < DROP_COUNT && !renderer_row_visible(r, only)) only++;
     for (size_t i = 0; i < DROP_COUNT; i++) m.plane[OXL_OPACITY][i] = i == only ? -1 : -20;
     sum = raster_dropped_sum(r, &m, &camera, 0.5); /* alone, of alpha = 2 o G: dL / dlogit = (1 - o) L */
-    CHECK_OK(oxl_model_create(test_ctx, m.count, m.sh_degree, &gradient));
+    OWNED_MODEL gradient = test_model(m.count, m.sh_degree);
     CHECK_OK(renderer_backward(test_ctx, r, ones, &gradient));
     CHECK(sum > 1);
     CHECK_CLOSE(gradient.plane[OXL_OPACITY][only], sum * vecmath_sigmoid(1), 1e-4 * sum);
@@ -320,11 +317,10 @@ TEST(raster_shows_the_background_where_there_is_nothing)
 {
     const oxl_camera camera = {20, 10, 30, 30, 10, 5, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
     oxl_render_options options = oxl_render_options_default();
-    OWNED_MODEL m = {0};
     OWNED_IMAGE image = {0};
     float depth[200];
     options.background[2] = 0.75f;
-    CHECK_OK(oxl_model_create(test_ctx, 0, 0, &m));
+    OWNED_MODEL m = test_model(0, 0);
     CHECK_OK(oxl_render(test_ctx, &m, &camera, &options, &image, depth));
     CHECK(image.rgb[0] == 0 && image.rgb[400] == 0.75f && image.rgb[599] == 0.75f && depth[7] == 0);
 }
@@ -342,7 +338,7 @@ static struct raster_result raster_run(int threads, int isa, int lobes)
     const oxl_camera camera = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
     const int threads_before = test_ctx->threads, isa_before = test_ctx->isa;
     struct wide r;
-    oxl_model m;
+    OWNED_MODEL m;
     struct raster_result out;
     static float drgb[3 * 113 * 71];
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)random_unit(random_bits(3, i, 0)) - 0.5f;
@@ -354,7 +350,6 @@ static struct raster_result raster_run(int threads, int isa, int lobes)
     CHECK_OK(oxl_render_backward(test_ctx, &m, &camera, &options, drgb, &out.gradient));
     test_ctx->threads = threads_before;
     test_ctx->isa = isa_before;
-    oxl_model_free(test_ctx, &m);
     wide_free(&r);
     return out;
 }

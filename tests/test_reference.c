@@ -190,7 +190,7 @@ static void reference_make(const struct reference_scene *e, struct wide *w)
 
 static void reference_to_model(const struct wide *w, oxl_model *m)
 {
-    CHECK_OK(oxl_model_create(test_ctx, w->count, w->sh_degree, m));
+    *m = test_model(w->count, w->sh_degree);
     CHECK_OK(model_set_lobes(test_ctx, m, w->lobes));
     m->antialias = w->antialias;
     for (int k = 0; k < OXL_PLANES; k++)
@@ -369,8 +369,8 @@ TEST(reference_image_and_every_gradient_agree_on_all_kinds_of_scenes)
     for (size_t n = 0; n < 2 * OXL_COUNT(REFERENCE_SCENES); n++) {
         const struct reference_scene *e = &REFERENCE_SCENES[n / 2];
         struct reference_case c;
-        oxl_model gradient;
-        oxl_image image;
+        OWNED_MODEL gradient;
+        OWNED_IMAGE image;
         double rendered, derived;
         test_case = e->what;
         reference_open(e, n % 2, &c);
@@ -381,8 +381,6 @@ TEST(reference_image_and_every_gradient_agree_on_all_kinds_of_scenes)
         CHECK_CLOSE(rendered, 0, REFERENCE_IMAGE);
         CHECK_CLOSE(derived, 0, REFERENCE_GRADIENT);
         CHECK(2 * c.solid > (size_t)(e->width * e->height));
-        oxl_model_free(test_ctx, &gradient);
-        oxl_image_free(test_ctx, &image);
         reference_close(&c);
     }
 }
@@ -427,8 +425,8 @@ TEST(reference_rows_in_view_and_their_gradients_on_the_image_agree)
 {
     for (size_t n = 0; n < 2 * OXL_COUNT(REFERENCE_SCENES); n++) {
         struct reference_case c;
-        struct renderer *r;
-        oxl_model gradient;
+        OWNED_RENDERER *r;
+        OWNED_MODEL gradient;
         double worst = 0, largest = 1e-30;
         int other = 0;
         reference_open(&REFERENCE_SCENES[n / 2], n % 2, &c);
@@ -444,8 +442,6 @@ TEST(reference_rows_in_view_and_their_gradients_on_the_image_agree)
         }
         CHECK(other == 0);
         CHECK_CLOSE(worst / largest, 0, REFERENCE_GRADIENT);
-        renderer_free(test_ctx, r);
-        oxl_model_free(test_ctx, &gradient);
         reference_close(&c);
     }
 }
@@ -526,9 +522,9 @@ TEST(reference_steps_of_adam_agree)
     const struct reference_scene scene = {"", reference_as_it_is, 0, 64, 48, ROWS, 20, 0};
     oxl_adam adam = {.beta = RENDERER_BETAS};
     struct renderer_nonfinite aside;
-    struct renderer *r;
+    OWNED_RENDERER *r;
     struct reference_case c;
-    oxl_model gradient;
+    OWNED_MODEL gradient;
     struct trained_model t;
     static double x[OXL_PLANES][ROWS], mean[OXL_PLANES][ROWS], square[OXL_PLANES][ROWS];
     reference_open(&scene, 0, &c);
@@ -557,8 +553,6 @@ TEST(reference_steps_of_adam_agree)
     for (int k = 0; k < OXL_PLANES; k++)
         for (size_t i = 0; c.w.plane[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++)
             CHECK_CLOSE(t.model.plane[k][i], x[k][i], 1e-4 * STEPS * adam.rate[k] + 1e-5 * fabs(x[k][i]));
-    renderer_free(test_ctx, r);
-    oxl_model_free(test_ctx, &gradient);
     model_trained_free(test_ctx, &t);
     reference_close(&c);
 }
@@ -588,7 +582,7 @@ static void reference_density_rows(oxl_model *m, double extent, double *gradient
     static const double opacities[3] = {0.99 * 0.005, 1.01 * 0.005, 0.5},
                         gradients[4] = {1e-5, 0.99 * 2e-4, 1.01 * 2e-4, 1e-3};
     static const double scales[5] = {0.99 * 0.01, 1.01 * 0.01, 0.03, 0.99 * 0.1, 1.01 * 0.1};
-    CHECK_OK(oxl_model_create(test_ctx, REFERENCE_ROWS, 0, m));
+    *m = test_model(REFERENCE_ROWS, 0);
     for (int i = 0; i < REFERENCE_ROWS; i++) {
         const double o = opacities[i % 3], scale = scales[i / 3 % 5] * extent;
         gradient[i] = gradients[i / 15];
@@ -659,7 +653,7 @@ TEST(reference_children_of_opaque_gaussians_have_a_finite_logit)
     struct trained_model m;
     struct density *d;
     struct density_change change;
-    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &m.model));
+    m.model = test_model(1, 0);
     CHECK_OK(model_trained_begin(test_ctx, &m));
     m.model.plane[OXL_OPACITY][0] = 60;
     CHECK_OK(density_create(test_ctx, &d));
@@ -676,7 +670,7 @@ TEST(reference_children_of_opaque_gaussians_have_a_finite_logit)
 TEST(reference_opacities_are_reset_to_a_hundredth)
 {
     struct trained_model m;
-    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &m.model));
+    m.model = test_model(2, 0);
     CHECK_OK(model_trained_begin(test_ctx, &m));
     m.model.plane[OXL_OPACITY][0] = 3, m.model.plane[OXL_OPACITY][1] = -5;
     density_reset_opacity(&m, 1.0f / 255);

@@ -25,10 +25,9 @@ static char *report_test_page(void)
 
 static void report_test_picture(const char *name, float grey)
 {
-    OWNED_IMAGE image = {0};
-    CHECK_OK(oxl_image_create(test_ctx, 24, 16, &image));
+    OWNED_IMAGE image = test_image(24, 16);
     for (int i = 0; i < 3 * 24 * 16; i++) image.rgb[i] = grey;
-    CHECK_OK(oxl_image_write(test_ctx, test_path(name), &image));
+    test_write_image(name, &image);
 }
 
 /* Two blocks; the worst view's name is as bad as a name can be. */
@@ -66,7 +65,7 @@ TEST(report_escapes_every_name_and_asks_the_network_for_nothing)
 {
     char *page;
     report_test_run();
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("out/renders")));
+    test_make_folder("out/renders");
     report_test_picture("out/renders/<b>&\".jpg.png", 0.5f);
     report_test_picture("out/renders/<b>&\".jpg.image.png", 0.75f);
     page = report_test_page();
@@ -229,7 +228,7 @@ TEST(report_shows_dark_images_brighter_and_says_by_how_much)
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
         char *page;
         report_test_run();
-        CHECK_OK(oxl_make_folder(test_ctx, test_path("out/renders")));
+        test_make_folder("out/renders");
         report_test_picture("out/renders/fine.png.png", cases[i].grey / 2);
         report_test_picture("out/renders/fine.png.image.png", cases[i].grey);
         page = report_test_page();

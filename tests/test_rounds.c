@@ -4,8 +4,7 @@
 /* Random Gaussians in front of a camera at the origin that looks along z. */
 static oxl_model rounds_test_model(size_t count, uint64_t seed, size_t lobes)
 {
-    oxl_model m;
-    CHECK_OK(oxl_model_create(test_ctx, count, 1, &m));
+    oxl_model m = test_model(count, 1);
     CHECK_OK(model_set_lobes(test_ctx, &m, lobes));
     for (size_t i = 0; i < count; i++) {
         for (int k = 0; k < oxl_model_planes(&m); k++)
@@ -59,17 +58,16 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
         const oxl_camera camera = rounds_test_camera(64, 48);
         struct medium medium = rounds_test_medium;
         oxl_render_options o = oxl_render_options_default();
-        oxl_model own = rounds_test_model(50, 1, 20 * lobes), context = rounds_test_model(70, 2, 30 * lobes),
-                  all, g1, g2;
+        oxl_model own = rounds_test_model(50, 1, 20 * lobes), context = rounds_test_model(70, 2, 30 * lobes);
         float *slope = rounds_test_slope(&camera);
-        struct renderer *a = NULL, *b = NULL;
+        OWNED_RENDERER *a = NULL, *b = NULL;
         const float *x, *y;
         float s1[120] = {0}, s2[120] = {0};
-        CHECK_OK(oxl_model_create(test_ctx, 0, 0, &all));
+        oxl_model all = test_model(0, 0);
         CHECK_OK(merge_rows(test_ctx, &own, NULL, &all));
         CHECK_OK(merge_rows(test_ctx, &context, NULL, &all));
-        CHECK_OK(oxl_model_create(test_ctx, own.count, 1, &g1));
-        CHECK_OK(oxl_model_create(test_ctx, all.count, 1, &g2));
+        oxl_model g1 = test_model(own.count, 1);
+        oxl_model g2 = test_model(all.count, 1);
         CHECK_OK(renderer_create(test_ctx, &a));
         CHECK_OK(renderer_create(test_ctx, &b));
         renderer_set_context(a, &context);
@@ -102,8 +100,6 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
             CHECK_OK(renderer_image(test_ctx, a, &x));
             CHECK(rounds_test_largest_difference(x, y, 3 * 64 * 48) < 1e-5);
         }
-        renderer_free(test_ctx, a);
-        renderer_free(test_ctx, b);
         oxl_free(test_ctx, slope);
         oxl_model_free(test_ctx, &own), oxl_model_free(test_ctx, &context), oxl_model_free(test_ctx, &all);
         oxl_model_free(test_ctx, &g1), oxl_model_free(test_ctx, &g2);
@@ -114,7 +110,7 @@ TEST(window_shows_the_same_pixels_as_the_image_and_its_loss_the_same_slopes)
 {
     const oxl_camera full = rounds_test_camera(64, 48);
     oxl_camera part = full;
-    oxl_model m = rounds_test_model(80, 3, 0), g1, g2;
+    oxl_model m = rounds_test_model(80, 3, 0);
     oxl_render_options o = oxl_render_options_default();
     const struct lamp lamp = {.view = -1,
                               .shape = {0.3f, -0.4f, 0.2f, 0.1f, -0.5f, 0.3f, 0.2f, 0.1f, -0.3f, 0.2f}};
@@ -127,8 +123,8 @@ TEST(window_shows_the_same_pixels_as_the_image_and_its_loss_the_same_slopes)
     double most = 0, largest = 0;
     part.width = 32, part.height = 32;
     part.cx -= x0, part.cy -= y0;
-    CHECK_OK(oxl_model_create(test_ctx, m.count, 1, &g1));
-    CHECK_OK(oxl_model_create(test_ctx, m.count, 1, &g2));
+    oxl_model g1 = test_model(m.count, 1);
+    oxl_model g2 = test_model(m.count, 1);
     CHECK_OK(renderer_create(test_ctx, &a));
     CHECK_OK(renderer_create(test_ctx, &b));
     renderer_settings(a)->window = (struct renderer_window){64, 48, 16, 16};
@@ -169,7 +165,7 @@ TEST(window_counts_a_view_for_growth_only_of_gaussians_whose_centre_it_shows)
 {
     const oxl_camera full = rounds_test_camera(64, 48);
     oxl_camera part = full;
-    oxl_model m = rounds_test_model(200, 4, 0);
+    OWNED_MODEL m = rounds_test_model(200, 4, 0);
     oxl_render_options o = oxl_render_options_default();
     float *image = oxl_calloc(test_ctx, 3 * 64 * 48, sizeof *image), gradient[200] = {0},
           views[2][200] = {{0}};
@@ -196,7 +192,6 @@ TEST(window_counts_a_view_for_growth_only_of_gaussians_whose_centre_it_shows)
     }
     CHECK(counted > 5 && cut > 5);
     for (int k = 0; k < 2; k++) renderer_free(test_ctx, r[k]);
-    oxl_model_free(test_ctx, &m);
     oxl_free(test_ctx, image);
 }
 

@@ -5,7 +5,7 @@
  * 1 apart along x, from `base` on. Written to the test's folder under `name`. */
 const char *scene_survey(const char *name, int n, double base, int with_files)
 {
-    struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    OWNED_TEXT images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
     text_add(&images, "# images\n");
     for (int i = n - 1; i >= 0; i--) /* not in the order of names */
         text_add(&images, "%d 1 0 0 0 %.17g 0 0 1 img%02d.png\n1 2 %d\n", 10 + i, -(base + i), i, 1);
@@ -17,21 +17,23 @@ const char *scene_survey(const char *name, int n, double base, int with_files)
     test_write(test_path("%s/sparse/0/cameras.txt", name), "1 PINHOLE 32 24 40 40 16 12\n");
     test_write(test_path("%s/sparse/0/images.txt", name), images.data);
     test_write(test_path("%s/sparse/0/points3D.txt", name), points.data);
-    text_free(&images);
-    text_free(&points);
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("%s/images", name)));
+    test_make_folder(test_path("%s/images", name));
     for (int i = 0; i < n && with_files; i++) {
-        OWNED_IMAGE image = {0};
-        CHECK_OK(oxl_image_create(test_ctx, 32, 24, &image));
+        OWNED_IMAGE image = test_image(32, 24);
         for (int k = 0; k < 3 * 32 * 24; k++) image.rgb[k] = (float)(i + 1) / 255.0f;
-        CHECK_OK(oxl_image_write(test_ctx, test_path("%s/images/img%02d.png", name, i), &image));
+        test_write_image(test_path("%s/images/img%02d.png", name, i), &image);
     }
     return test_path(name);
 }
 
+static const char *scene_usual(int n)
+{
+    return scene_survey("s", n, 0, 1);
+}
+
 TEST(scene_of_a_file_that_was_cut_is_refused_unless_it_is_allowed)
 {
-    const char *path = scene_survey("s", 3, 0, 1);
+    const char *path = scene_usual(3);
     oxl_scene_options options = oxl_scene_options_default();
     OWNED_SCENE *scene = NULL;
     test_write(
@@ -41,22 +43,21 @@ TEST(scene_of_a_file_that_was_cut_is_refused_unless_it_is_allowed)
     CHECK_SAYS("fewer rows than its header announces");
     CHECK_SAYS("--force");
     options.allow_truncated = 1;
-    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    scene = test_load(path, &options);
     CHECK(oxl_scene_view_count(scene) == 1);
 }
 
 TEST(scene_does_not_depend_on_the_order_of_lines)
 {
-    const char *path = scene_survey("s", 3, 0, 1);
-    OWNED_SCENE *a = NULL, *b = NULL;
-    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &a));
+    const char *path = scene_usual(3);
+    OWNED_SCENE *a = test_load(path, NULL);
     test_write("s/sparse/0/images.txt",
                "10 1 0 0 0 0 0 0 1 img00.png\n1 2 1\n12 1 0 0 0 -2 0 0 1 img02.png\n1 2 1\n"
                "11 1 0 0 0 -1 0 0 1 img01.png\n1 2 1\n");
     test_write("s/sparse/0/points3D.txt",
                "3 2 0 10 20 20 30 0.5 10 0 11 0 12 0\n1 0 0 10 0 20 30 0.5 10 0 11 0 12 0\n"
                "4 3 1 10 30 20 30 0.5 10 0 11 0 12 0\n2 1 1 10 10 20 30 0.5 10 0 11 0 12 0\n");
-    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &b));
+    OWNED_SCENE *b = test_load(path, NULL);
     CHECK(oxl_scene_point_count(a) == 4 && oxl_scene_point_count(b) == 4);
     for (int i = 0; i < 4; i++) {
         const oxl_point *x = oxl_scene_points(a) + i, *y = oxl_scene_points(b) + i;
@@ -67,7 +68,7 @@ TEST(scene_does_not_depend_on_the_order_of_lines)
 
 TEST(scene_views_are_sorted_by_name_and_every_eighth_is_for_the_test)
 {
-    const char *path = scene_survey("s", 17, 0, 1);
+    const char *path = scene_usual(17);
     const struct scene_stats *stats;
     test_listen();
     OWNED_SCENE *scene = test_load(path, NULL);
@@ -93,9 +94,8 @@ TEST(scene_far_from_zero_loses_nothing)
 {
     const double far = 4200000.25; /* UTM */
     const char *near_path = scene_survey("near", 9, 0, 1), *far_path = scene_survey("far", 9, far, 1);
-    OWNED_SCENE *a = NULL, *b = NULL;
-    CHECK_OK(oxl_scene_load(test_ctx, near_path, NULL, &a));
-    CHECK_OK(oxl_scene_load(test_ctx, far_path, NULL, &b));
+    OWNED_SCENE *a = test_load(near_path, NULL);
+    OWNED_SCENE *b = test_load(far_path, NULL);
     CHECK_CLOSE(oxl_scene_origin(b)[0] - oxl_scene_origin(a)[0], far, 1e-9);
     CHECK(fabs(oxl_scene_points(b)->position[0]) < 10);
     for (int i = 0; i < 4; i++)
@@ -139,19 +139,18 @@ TEST(scene_extent_is_that_of_3dgs_and_an_outlier_camera_does_not_change_it)
     scene.view_count = 10;
     CHECK_OK(stats_camera_radius(test_ctx, &scene, &robust));
     CHECK_CLOSE(robust, 4, 1e-12);
-    CHECK_TEXT(test_said.all, "1 cameras are far from all others");
+    CHECK_LOGGED("1 cameras are far from all others");
 }
 
 /* Two thirds of the points in front of the cameras were seen by none of them: haze. */
 TEST(scene_depths_are_of_points_that_were_seen)
 {
-    const char *path = scene_survey("s", 9, 0, 1);
-    struct text points = {.ctx = test_ctx};
+    const char *path = scene_usual(9);
+    OWNED_TEXT points = {.ctx = test_ctx};
     for (int i = 0; i < 4; i++) text_add(&points, "%d %d 0 10 1 2 3 0.5 11 0 12 0\n", i, i);
     for (int i = 4; i < 12; i++)
         text_add(&points, "%d %d 0 30 1 2 3 0.5 10 0\n", i, i); /* image 10 is for the test */
     test_write("s/sparse/0/points3D.txt", points.data);
-    text_free(&points);
     OWNED_SCENE *scene = test_load(path, NULL);
     CHECK_CLOSE(scene_depth_quantile(scene, 0), 10, 1e-9);
     CHECK_CLOSE(scene_depth_quantile(scene, 1), 10, 1e-9);
@@ -161,7 +160,7 @@ TEST(scene_depths_are_of_points_that_were_seen)
 /* Two sites far apart, each seen by its own cameras from 10 away. */
 TEST(scene_extent_follows_the_depths_however_far_apart_two_sites_are)
 {
-    const char *path = scene_survey("s", 9, 0, 1);
+    const char *path = scene_usual(9);
     struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
     for (int i = 0; i < 9; i++)
         text_add(&images, "%d 1 0 0 0 %d 0 0 1 img%02d.png\n1 2 1\n", 10 + i, i < 5 ? -i : -i - 5000, i);
@@ -191,7 +190,7 @@ TEST(scene_without_points_is_reported_and_gets_random_ones_in_view)
     test_write("s/sparse/0/points3D.txt", "# none\n");
     test_listen();
     OWNED_SCENE *scene = test_load(path, NULL);
-    CHECK_TEXT(test_said.all, "no points");
+    CHECK_LOGGED("no points");
     CHECK(oxl_scene_point_count(scene) == 0 && oxl_scene_near_plane(scene) > 0);
     CHECK_CLOSE(oxl_scene_origin(scene)[0], 104, 1e-9);  /* the median camera */
     CHECK_CLOSE(oxl_scene_extent(scene), 1.1 * 3, 1e-9); /* training views stand at 101..107 */
@@ -209,15 +208,14 @@ TEST(scene_without_points_is_reported_and_gets_random_ones_in_view)
 
 TEST(scene_missing_images_are_left_out_up_to_the_stated_fraction)
 {
-    const char *path = scene_survey("s", 8, 0, 1);
+    const char *path = scene_usual(8);
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene *scene;
     remove(test_path("s/images/img02.png"));
     remove(test_path("s/images/img05.png"));
     test_listen();
-    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    oxl_scene *scene = test_load(path, NULL);
     CHECK(oxl_scene_view_count(scene) == 6 && scene->stats.images_missing == 2);
-    CHECK_TEXT(test_said.all, "images, and are left out: img02.png, img05.png");
+    CHECK_LOGGED("images, and are left out: img02.png, img05.png");
     CHECK(scene_image(test_ctx, scene, 2)->rgb[0] == 4); /* img03: its own pose and image */
     CHECK_CLOSE(oxl_scene_view(scene, 2)->camera.translation[0] -
                     oxl_scene_view(scene, 0)->camera.translation[0],
@@ -233,19 +231,18 @@ TEST(scene_missing_images_are_left_out_up_to_the_stated_fraction)
 /* Files that go while a model is evaluated: one of eight is left out, three are more than a quarter. */
 TEST(scene_images_that_go_missing_are_left_out_of_an_evaluation_up_to_that_fraction)
 {
-    const char *path = scene_survey("s", 8, 0, 1);
+    const char *path = scene_usual(8);
     oxl_scene_options options = oxl_scene_options_default();
     oxl_metrics metrics;
-    OWNED_MODEL model = {0};
     options.test_every = 0;
     options.image_cache_bytes = 1;
     test_listen();
     OWNED_SCENE *scene = test_load(path, &options);
-    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    OWNED_MODEL model = test_model(1, 0);
     remove(test_path("s/images/img02.png"));
     CHECK_OK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_TRAIN, &metrics));
     CHECK(metrics.count == 7);
-    CHECK_TEXT(test_said.all, "img02.png");
+    CHECK_LOGGED("img02.png");
     oxl_metrics_free(test_ctx, &metrics);
     remove(test_path("s/images/img03.png"));
     remove(test_path("s/images/img05.png"));
@@ -254,7 +251,7 @@ TEST(scene_images_that_go_missing_are_left_out_of_an_evaluation_up_to_that_fract
 
 TEST(scene_refuses_two_poses_for_one_image)
 {
-    const char *path = scene_survey("s", 4, 0, 1);
+    const char *path = scene_usual(4);
     oxl_scene *scene;
     test_write("s/sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 img00.png\n\n2 1 0 0 0 1 0 0 1 img01.png\n\n"
                                         "3 1 0 0 0 2 0 0 1 img00.png\n\n");
@@ -276,14 +273,14 @@ TEST(scene_points_without_colours_are_said_to_have_none_and_do_not_start_black)
         {"0 1 0", 0, 0, ""}};
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
         char points[200];
-        const char *path = scene_survey("s", 2, 0, 1);
+        const char *path = scene_usual(2);
         const int grey = cases[i].first;
         snprintf(points, sizeof points, "1 0 0 10 %d %d %d 0.5 10 0 11 0\n2 1 0 10 %s 0.5 10 0 11 0\n", grey,
                  grey, grey, cases[i].second);
         test_write("s/sparse/0/points3D.txt", points);
         test_listen();
         OWNED_SCENE *scene = test_load(path, NULL);
-        CHECK_TEXT(test_said.all, cases[i].said);
+        CHECK_LOGGED(cases[i].said);
         CHECK(oxl_scene_points(scene)[0].rgb[1] == cases[i].starts);
         CHECK(oxl_scene_points(scene)[1].rgb[1] == (i == 2 ? 1 : cases[i].starts));
     }
@@ -295,13 +292,12 @@ static int scene_found(const char *const *files, const char *const *names)
     const oxl_scene_options all = {.missing_images = 1, .max_side = 0, .test_every = 0, .read_images = 1};
     static int surveys;
     char folder[40];
-    struct text t = {.ctx = test_ctx};
-    oxl_scene *scene = NULL;
+    OWNED_TEXT t = {.ctx = test_ctx};
+    OWNED_SCENE *scene = NULL;
     int found;
     snprintf(folder, sizeof folder, "named%d", surveys++);
     for (int i = 0; names[i]; i++) text_add(&t, "%d 1 0 0 0 0 0 %d 1 %s\n1 1 -1\n", i + 1, i, names[i]);
     test_write(test_path("%s/sparse/images.txt", folder), t.data);
-    text_free(&t);
     test_write(test_path("%s/sparse/cameras.txt", folder), "1 PINHOLE 16 16 16 16 8 8\n");
     test_write(test_path("%s/sparse/points3D.txt", folder), "");
     for (int i = 0; files[i]; i++) {
@@ -309,7 +305,6 @@ static int scene_found(const char *const *files, const char *const *names)
     }
     found =
         oxl_scene_load(test_ctx, test_path(folder), &all, &scene) == OXL_OK ? oxl_scene_view_count(scene) : 0;
-    oxl_scene_free(test_ctx, scene);
     return found;
 }
 #define SCENE_NAMES(...) ((const char *const[]){__VA_ARGS__, NULL})
@@ -351,8 +346,7 @@ TEST(scene_takes_no_file_that_two_names_or_another_image_may_mean)
 TEST(scene_takes_the_sub_model_with_most_images)
 {
     oxl_scene_options options = oxl_scene_options_default();
-    OWNED_SCENE *scene = NULL;
-    const char *path = scene_survey("s", 3, 0, 1);
+    const char *path = scene_usual(3);
     options.read_images = 0;
     test_write("s/sparse/1/cameras.txt", "1 PINHOLE 32 24 40 40 16 12\n");
     test_write("s/sparse/1/points3D.txt", "");
@@ -360,12 +354,12 @@ TEST(scene_takes_the_sub_model_with_most_images)
         "s/sparse/1/images.txt",
         "1 1 0 0 0 0 0 0 1 a\n\n2 1 0 0 0 0 0 0 1 b\n\n3 1 0 0 0 0 0 0 1 c\n\n4 1 0 0 0 0 0 0 1 d\n\n");
     test_listen();
-    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    OWNED_SCENE *scene = test_load(path, &options);
     CHECK(oxl_scene_view_count(scene) == 4);
-    CHECK_TEXT(test_said.all, "2 sub-models found");
+    CHECK_LOGGED("2 sub-models found");
     oxl_scene_free(test_ctx, scene);
     options.sparse = test_path("s/sparse/0");
-    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    scene = test_load(path, &options);
     CHECK(oxl_scene_view_count(scene) == 3);
 }
 
@@ -415,11 +409,10 @@ TEST(scene_poses_and_cameras_that_cannot_be_are_refused)
 TEST(scene_images_in_memory_stay_within_the_cache)
 {
     const size_t one = 3 * 32 * 24;
-    const char *path = scene_survey("s", 5, 0, 1);
+    const char *path = scene_usual(5);
     oxl_scene_options options = oxl_scene_options_default();
-    OWNED_SCENE *scene = NULL;
     options.image_cache_bytes = 2 * one;
-    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    OWNED_SCENE *scene = test_load(path, &options);
     for (int i = 0; i < 40; i++) {
         const int view = (int)(random_bits(1, (uint64_t)i, 0) % 5);
         const struct training_image *image = scene_image(test_ctx, scene, view);
@@ -427,7 +420,7 @@ TEST(scene_images_in_memory_stay_within_the_cache)
         CHECK(scene->cache->held <= 2 * one);
     }
     oxl_scene_free(test_ctx, scene);
-    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    scene = test_load(path, &options);
     scene_image(test_ctx, scene, 0);
     scene_image(test_ctx, scene, 1);
     scene_image(test_ctx, scene, 0);
@@ -436,7 +429,7 @@ TEST(scene_images_in_memory_stay_within_the_cache)
     CHECK(!scene->cache->image[0].rgb && scene->cache->image[1].rgb && scene->cache->image[2].rgb);
     oxl_scene_free(test_ctx, scene);
     options.image_cache_bytes = 0; /* the one that was asked for stays all the same */
-    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    scene = test_load(path, &options);
     CHECK(scene_image(test_ctx, scene, 3)->rgb[0] == 4 && scene->cache->held == one);
 }
 
@@ -468,12 +461,11 @@ TEST(scene_reads_images_ahead_into_the_cache_and_no_further)
 {
     enum { VIEWS = 7, ONE = 3 * 32 * 24 };
     const int order[VIEWS] = {3, 1, 6, 0, 2, 5, 4}, threads = test_ctx->threads;
-    const char *path = scene_survey("s", VIEWS, 0, 1);
+    const char *path = scene_usual(VIEWS);
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene *scene;
     test_ctx->threads = 4;
     test_ctx->options.reallocate = scene_reallocate_watched;
-    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    oxl_scene *scene = test_load(path, &options);
     scene_images_ahead(test_ctx, scene, order, VIEWS);
     CHECK(scene->cache->held == 4 * ONE); /* one on each thread */
     for (int i = 0; i < VIEWS; i++) CHECK((scene->cache->image[order[i]].rgb != NULL) == (i < 4));
@@ -486,7 +478,7 @@ TEST(scene_reads_images_ahead_into_the_cache_and_no_further)
 
     /* a quarter of it, two images and what decoding takes, may be on its way */
     options.image_cache_bytes = 16 * ONE;
-    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    scene = test_load(path, &options);
     scene_images_ahead(test_ctx, scene, order, VIEWS);
     CHECK(scene->cache->held == 2 * ONE);
     scene_set_cache(scene, 4 * ONE - 1);
@@ -505,26 +497,24 @@ TEST(scene_images_read_ahead_are_the_last_to_leave_the_cache)
 {
     enum { VIEWS = 20, ONE = 3 * 32 * 24 };
     const int ahead[2] = {17, 18}, threads = test_ctx->threads;
-    const char *path = scene_survey("s", VIEWS, 0, 1);
+    const char *path = scene_usual(VIEWS);
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene *scene;
     test_ctx->threads = 2;
     options.image_cache_bytes = 16 * ONE;
-    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    OWNED_SCENE *scene = test_load(path, &options);
     for (int i = 0; i < 16; i++) scene_image(test_ctx, scene, i);
     scene_images_ahead(test_ctx, scene, ahead, 2);
     CHECK(scene->cache->held == 14 * ONE && scene->cache->image[17].rgb && scene->cache->image[18].rgb &&
           scene->cache->image[11].rgb && !scene->cache->image[12].rgb);
     for (int i = 10; i < 16; i++) scene_image(test_ctx, scene, i);
     CHECK(scene->cache->image[17].rgb && scene->cache->image[18].rgb && scene->cache->held == 16 * ONE);
-    oxl_scene_free(test_ctx, scene);
     test_ctx->threads = threads;
 }
 
 TEST(scene_image_that_is_corrupt_is_named_when_it_is_asked_for_and_the_rest_goes_on)
 {
     const int order[3] = {1, 0, 2}, threads = test_ctx->threads;
-    const char *path = scene_survey("s", 3, 0, 1);
+    const char *path = scene_usual(3);
     oxl_image image;
     test_write("s/images/img01.png", "no image");
     test_ctx->threads = 3;
@@ -545,13 +535,12 @@ TEST(scene_image_that_is_corrupt_is_named_when_it_is_asked_for_and_the_rest_goes
 
 TEST(scene_masks_are_found_by_name_with_or_without_the_extension)
 {
-    const char *path = scene_survey("s", 4, 0, 1);
-    oxl_image image;
-    CHECK_OK(oxl_image_create(test_ctx, 2, 1, &image));
+    const char *path = scene_usual(4);
+    oxl_image image = test_image(2, 1);
     for (int c = 0; c < 3; c++) image.rgb[2 * c + 1] = 1; /* the left half is black */
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("s/masks")));
-    CHECK_OK(oxl_image_write(test_ctx, test_path("s/masks/img00.png.png"), &image));
-    CHECK_OK(oxl_image_write(test_ctx, test_path("s/masks/img02.png"), &image));
+    test_make_folder("s/masks");
+    test_write_image("s/masks/img00.png.png", &image);
+    test_write_image("s/masks/img02.png", &image);
     oxl_image_free(test_ctx, &image);
     OWNED_SCENE *scene = test_load(path, NULL);
     CHECK(scene->stats.masks == 2);
@@ -567,19 +556,18 @@ TEST(scene_masks_are_found_by_name_with_or_without_the_extension)
 
 TEST(scene_images_are_reduced_to_the_longer_side_asked_for)
 {
-    const char *path = scene_survey("s", 2, 0, 1);
+    const char *path = scene_usual(2);
     oxl_scene_options options = oxl_scene_options_default();
-    OWNED_SCENE *scene = NULL;
     const oxl_camera *c;
     options.max_side = 16;
-    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    OWNED_SCENE *scene = test_load(path, &options);
     c = &oxl_scene_view(scene, 0)->camera;
     CHECK(c->width == 16 && c->height == 12 && c->fx == 20 && c->fy == 20 && c->cx == 8 && c->cy == 6);
     CHECK(scene_image(test_ctx, scene, 0)->width == 16 && scene_image(test_ctx, scene, 0)->rgb[0] == 1);
     oxl_scene_free(test_ctx, scene);
     test_write("s/sparse/0/cameras.txt",
                "1 PINHOLE 320 240 400 400 160 120\n"); /* the files were made 10 x smaller */
-    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    scene = test_load(path, NULL);
     c = &oxl_scene_view(scene, 0)->camera;
     CHECK(c->width == 32 && c->height == 24 && c->fx == 40 && c->cx == 16);
 }
@@ -593,7 +581,7 @@ TEST(scene_from_arrays_is_sorted_and_keeps_what_it_was_given)
     for (int i = 0; i < 3; i++) {
         view[i] = (oxl_view){.name = i == 0 ? "c" : i == 1 ? "a" : "b", .is_test = i == 2};
         view[i].camera = (oxl_camera){4, 2, 4, 4, 2, 1, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {i, 0, 0}};
-        CHECK_OK(oxl_image_create(test_ctx, 4, 2, &image[i]));
+        image[i] = test_image(4, 2);
         for (int k = 0; k < 24; k++) image[i].rgb[k] = (float)(10 * i + k) / 255.0f;
     }
     image[1].weight = oxl_calloc(test_ctx, 8, sizeof(float));
@@ -627,17 +615,16 @@ static void *scene_failing_reallocate(void *user, void *old, size_t size)
 
 TEST(scene_frees_all_memory_when_any_allocation_fails)
 {
-    const char *path = scene_survey("s", 3, 0, 1);
+    const char *path = scene_usual(3);
     int failures = 0;
     test_ctx->options.reallocate = scene_failing_reallocate;
     for (long n = 0; n < 400; n++) {
-        oxl_scene *scene;
+        OWNED_SCENE *scene;
         oxl_result rc;
         scene_allocations_left = n;
         rc = oxl_scene_load(test_ctx, path, NULL, &scene);
         if (rc == OXL_OK && !scene_image(test_ctx, scene, 0)) rc = OXL_ERR_MEMORY;
         scene_allocations_left = LONG_MAX;
-        oxl_scene_free(test_ctx, scene);
         if (rc == OXL_OK) break;
         failures++;
     }
@@ -665,9 +652,8 @@ static void scene_make_transparent(const char *name, int n, int from, int to)
 {
     for (int i = 0; i < n; i++) {
         char path[128];
-        OWNED_IMAGE image = {0};
         snprintf(path, sizeof path, "%s/images/img%02d.png", name, i);
-        CHECK_OK(oxl_image_create(test_ctx, 32, 24, &image));
+        OWNED_IMAGE image = test_image(32, 24);
         image.weight = oxl_calloc(test_ctx, 32 * 24, sizeof *image.weight);
         for (int k = 0; k < 3 * 32 * 24; k++) image.rgb[k] = 0.2f;
         for (int k = 0; k < 32 * 24; k++) image.weight[k] = k % 32 >= from && k % 32 < to;
@@ -689,7 +675,7 @@ TEST(scene_masks_transparent_pixels_where_points_are_and_composites_them_elsewhe
         test_listen();
         OWNED_SCENE *scene = test_load(path, NULL);
         CHECK(scene->transparent == 3 && scene->alpha_masks == cases[k].masks);
-        CHECK_TEXT(test_said.all, cases[k].masks ? "images are masked: " : "images are composited over");
+        CHECK_LOGGED(cases[k].masks ? "images are masked: " : "images are composited over");
         CHECK_OK(oxl_scene_image(test_ctx, scene, 0, NULL, &image));
         CHECK((image.weight != NULL) == cases[k].masks);
         CHECK(cases[k].masks || (image.rgb[0] == 1 && image.rgb[16] == 51 / 255.0f));
@@ -719,15 +705,14 @@ TEST(scene_alpha_is_what_the_option_says)
 /* Cameras on a circle look at a red ball of radius 1 in the middle; transparent elsewhere. */
 static const char *scene_ball(int transparent)
 {
-    struct text images = {.ctx = test_ctx};
+    OWNED_TEXT images = {.ctx = test_ctx};
     test_write("ball/sparse/0/cameras.txt", "1 PINHOLE 32 32 32 32 16 16\n");
     test_write("ball/sparse/0/points3D.txt", "# none\n");
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("ball/images")));
+    test_make_folder("ball/images");
     for (int i = 0; i < 12; i++) {
         const double half = i * 3.14159265358979 / 12;
-        OWNED_IMAGE image = {0};
         text_add(&images, "%d %.17g 0 %.17g 0 0 0 5 1 %02d.png\n\n", i + 1, cos(half), sin(half), i);
-        CHECK_OK(oxl_image_create(test_ctx, 32, 32, &image));
+        OWNED_IMAGE image = test_image(32, 32);
         image.weight = oxl_calloc(test_ctx, 32 * 32, sizeof *image.weight);
         for (int k = 0; k < 32 * 32; k++) {
             const double x = k % 32 - 15.5, y = k / 32 - 15.5;
@@ -737,18 +722,16 @@ static const char *scene_ball(int transparent)
         CHECK_OK(oxl_image_write_alpha(test_ctx, test_path("ball/images/%02d.png", i), &image));
     }
     test_write("ball/sparse/0/images.txt", images.data);
-    text_free(&images);
     return test_path("ball");
 }
 
 TEST(scene_without_points_starts_within_the_outlines_of_its_images)
 {
     for (int transparent = 0; transparent < 2; transparent++) { /* all of it: the outlines are of no use */
-        oxl_scene *scene = NULL;
         oxl_point *points = NULL;
         size_t found = 0;
         int outside = 0;
-        CHECK_OK(oxl_scene_load(test_ctx, scene_ball(transparent), NULL, &scene));
+        OWNED_SCENE *scene = test_load(scene_ball(transparent), NULL);
         CHECK_OK(scene_start_points(test_ctx, scene, 300, &points, &found));
         CHECK(found == 300);
         for (size_t i = 0; i < found && !transparent; i++) {
@@ -760,6 +743,5 @@ TEST(scene_without_points_starts_within_the_outlines_of_its_images)
         CHECK(outside <= 6);
         CHECK(!transparent || points[0].rgb[1] == SCENE_GREY);
         oxl_free(test_ctx, points);
-        oxl_scene_free(test_ctx, scene);
     }
 }

@@ -28,7 +28,7 @@ static void seam_test_create(struct seam_test *t)
                                .rotation = {0, 1, 0, -1, 0, 0, 0, 0, 1}, /* camera x = world y */
                                .translation = {0.5, 0.25, 3}};
     t->camera = camera;
-    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &t->model));
+    t->model = test_model(1, 0);
     t->model.plane[OXL_MEAN + 2][0] = 2;
     t->model.plane[OXL_LOG_SCALE + 0][0] = t->model.plane[OXL_LOG_SCALE + 1][0] = 5;
     t->model.plane[OXL_LOG_SCALE + 2][0] = -9;
@@ -49,7 +49,7 @@ static struct seam seam_test_run(const struct seam_test *t, float error, int fir
 {
     oxl_view view[2] = {{"a", t->camera, 1}, {"b", t->camera, 0}};
     oxl_image image[2];
-    oxl_scene *scene = NULL;
+    OWNED_SCENE *scene = NULL;
     struct seam seam = {0};
     for (int v = 0; v < 2; v++) CHECK_OK(oxl_render(test_ctx, &t->model, &t->camera, NULL, &image[v], NULL));
     for (int i = 0; i < 3 * SEAM_TEST_W * SEAM_TEST_H; i++)
@@ -58,7 +58,6 @@ static struct seam seam_test_run(const struct seam_test *t, float error, int fir
     scene->origin[1] = 100; /* the border is at world y = 99.5, and the camera at local y = -0.5 */
     CHECK_OK(seam_measure(test_ctx, &t->partition, &t->model, scene, NULL, OXL_SPLIT_TEST, &seam));
     for (int v = 0; v < 2; v++) oxl_image_free(test_ctx, &image[v]);
-    oxl_scene_free(test_ctx, scene);
     return seam;
 }
 

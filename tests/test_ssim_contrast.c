@@ -18,7 +18,7 @@ static oxl_scene *ssim_contrast_test_scene(float level)
                                       : "c",
                              {W, H, 50, 50, W / 2, H / 2, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {v, 0, 4}},
                              0};
-        CHECK_OK(oxl_image_create(test_ctx, W, H, &image[v]));
+        image[v] = test_image(W, H);
         for (int i = 0; i < 3 * W * H; i++)
             image[v].rgb[i] = 0.4f + 0.001f * (float)(i % W) + (i / W % 2 ? level : -level);
     }
@@ -57,22 +57,19 @@ static double ssim_contrast_test_learned(const synth_options *survey, int stereo
     oxl_scene_options truth = oxl_scene_options_default();
     char clean[600];
     oxl_metrics metrics;
-    oxl_scene *scene;
-    oxl_model model;
     double learned;
     o.stereo = stereo;
     o.densify_every = 50;
     o.lamp = OXL_ON;
-    CHECK_OK(oxl_scene_load(test_ctx, survey->out, NULL, &scene));
-    CHECK_OK(test_train(scene, &o, NULL, &model));
+    oxl_scene *scene = test_load(survey->out, NULL);
+    OWNED_MODEL model = test_trained(scene, &o);
     oxl_scene_free(test_ctx, scene);
     snprintf(clean, sizeof clean, "%s/truth/clean", survey->out);
     truth.images = clean;
-    CHECK_OK(oxl_scene_load(test_ctx, survey->out, &truth, &scene));
+    scene = test_load(survey->out, &truth);
     CHECK_OK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_ALL, &metrics));
     learned = metrics.structure;
     oxl_metrics_free(test_ctx, &metrics);
-    oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
     return learned;
 }

@@ -24,26 +24,23 @@ static double stereo_test_texture(double x, double y, int seed)
 /* What the view at (view, 0, 0) sees of a wall 10 in front of it. */
 static void stereo_test_write_image(int view, int seed)
 {
-    oxl_image image;
     char path[64];
-    CHECK_OK(oxl_image_create(test_ctx, STEREO_TEST_WIDTH, STEREO_TEST_HEIGHT, &image));
+    OWNED_IMAGE image = test_image(STEREO_TEST_WIDTH, STEREO_TEST_HEIGHT);
     for (int i = 0; i < STEREO_TEST_WIDTH * STEREO_TEST_HEIGHT; i++)
         for (int c = 0; c < 3; c++)
             image.rgb[c * STEREO_TEST_WIDTH * STEREO_TEST_HEIGHT + i] =
                 (float)stereo_test_texture(view + (i % STEREO_TEST_WIDTH + 0.5 - 160) / 40,
                                            (i / STEREO_TEST_WIDTH + 0.5 - 120) / 40, seed);
     snprintf(path, sizeof path, "stereo/images/img%02d.png", view);
-    CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
-    oxl_image_free(test_ctx, &image);
+    test_write_image(path, &image);
 }
 
 /* Points of the wall, but for those nearer than `hole` to (1.5, 0); `same`: all images show one texture. */
 static oxl_scene *stereo_test_scene(double hole, int same)
 {
     const char *path = scene_survey("stereo", STEREO_TEST_VIEWS, 0, 0);
-    struct text points = {.ctx = test_ctx};
+    OWNED_TEXT points = {.ctx = test_ctx};
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene *scene;
     for (int i = 0; i < 230 * 130; i++) {
         const double x = i % 230 * 0.05 - 4, y = i / 230 * 0.05 - 3.2;
         if (hypot(x - 1.5, y) >= hole)
@@ -51,9 +48,8 @@ static oxl_scene *stereo_test_scene(double hole, int same)
     }
     test_write("stereo/sparse/0/points3D.txt", points.data ? points.data : "# none\n");
     test_write("stereo/sparse/0/cameras.txt", "1 PINHOLE 320 240 400 400 160 120\n");
-    text_free(&points);
     for (int i = 0; i < STEREO_TEST_VIEWS; i++) stereo_test_write_image(i, same ? 0 : i);
-    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    oxl_scene *scene = test_load(path, &options);
     return scene;
 }
 
@@ -61,7 +57,7 @@ static oxl_scene *stereo_test_scene(double hole, int same)
 TEST(stereo_points_are_on_the_surface_that_views_agree_on)
 {
     for (int k = 0; k < 2; k++) {
-        oxl_scene *scene = stereo_test_scene(k ? 100 : 0.8, 1);
+        OWNED_SCENE *scene = stereo_test_scene(k ? 100 : 0.8, 1);
         const double *origin = oxl_scene_origin(scene);
         oxl_point *point;
         size_t count, inside = 0, wrong = 0;
@@ -80,25 +76,23 @@ TEST(stereo_points_are_on_the_surface_that_views_agree_on)
         CHECK(inside > 50);
         CHECK(wrong <= count / 100);
         oxl_free(test_ctx, point);
-        oxl_scene_free(test_ctx, scene);
     }
 }
 
 TEST(stereo_makes_no_points_where_views_do_not_agree)
 {
-    oxl_scene *scene = stereo_test_scene(0.8, 0);
+    OWNED_SCENE *scene = stereo_test_scene(0.8, 0);
     oxl_point *point;
     size_t count;
     CHECK_OK(stereo_points(test_ctx, scene, 10000, &point, &count));
     CHECK(count <= 10);
     oxl_free(test_ctx, point);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(stereo_makes_at_most_so_many_points_the_same_on_any_threads)
 {
     static const size_t most[] = {500, 7, 1, 0};
-    oxl_scene *scene = stereo_test_scene(0.8, 1);
+    OWNED_SCENE *scene = stereo_test_scene(0.8, 1);
     oxl_point *point, *other;
     size_t count, others;
     for (size_t k = 0; k < OXL_COUNT(most); k++) {
@@ -109,14 +103,13 @@ TEST(stereo_makes_at_most_so_many_points_the_same_on_any_threads)
         CHECK(others == count && memcmp(point, other, count * sizeof *point) == 0);
         OXL_FREE(test_ctx, point, other);
     }
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* An image that cannot be read is left out when its turn comes in training: it must not end the run before. */
 TEST(stereo_leaves_out_images_that_cannot_be_read)
 {
     for (int removed = 0; removed < 2; removed++) {
-        oxl_scene *scene = stereo_test_scene(0.8, 1);
+        OWNED_SCENE *scene = stereo_test_scene(0.8, 1);
         oxl_point *point;
         size_t count;
         if (removed) CHECK(remove(test_path("stereo/images/img02.png")) == 0);
@@ -124,6 +117,5 @@ TEST(stereo_leaves_out_images_that_cannot_be_read)
         CHECK_OK(stereo_points(test_ctx, scene, 10000, &point, &count));
         CHECK(count > 0);
         oxl_free(test_ctx, point);
-        oxl_scene_free(test_ctx, scene);
     }
 }

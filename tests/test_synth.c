@@ -39,7 +39,7 @@ static void synth_test_read(const synth_options *o, struct synth_test_read *r)
     *r = (struct synth_test_read){.seen = {0}};
     synth_test_make(o, &r->survey);
     r->seen = colmap_observe(PATH(o->out, "sparse/0"), &r->survey);
-    CHECK_OK(os_read_file(test_ctx, PATH(o->out, "truth/outliers.txt"), &r->outliers));
+    r->outliers = test_file(PATH(o->out, "truth/outliers.txt"));
 }
 
 static void synth_test_release(struct synth_test_read *r)
@@ -185,10 +185,9 @@ static float *synth_test_depth(const synth_options *o, const char *name)
 {
     const size_t count = (size_t)o->width * (size_t)o->height;
     float *depth = malloc(count * sizeof *depth);
-    struct os_file_map map = {0};
     char path[600], header[64];
     snprintf(path, sizeof path, "%s/truth/depth/%.9s.pfm", o->out, name);
-    CHECK_OK(os_read_file(test_ctx, path, &map));
+    OWNED_FILE map = test_file(path);
     snprintf(header, sizeof header, "Pf\n%d %d\n-1.0\n", o->width, o->height);
     CHECK(map.size == strlen(header) + 4 * count && memcmp(map.data, header, strlen(header)) == 0);
     for (size_t i = 0; depth && i < count && map.size == strlen(header) + 4 * count; i++) {
@@ -198,7 +197,6 @@ static float *synth_test_depth(const synth_options *o, const char *name)
         const uint32_t bits = b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 24;
         memcpy(&depth[at], &bits, 4);
     }
-    os_release_file(test_ctx, &map);
     return depth;
 }
 
@@ -397,22 +395,22 @@ TEST(lint_flags_images_that_are_blurred_or_badly_exposed_beside_their_neighbours
     for (int k = 0; k < 3; k++) { /* blurred along x, darker, brighter */
         char name[80];
         const size_t n = 120 * 80;
-        OWNED_IMAGE image = {0}, soft = {0};
+        OWNED_IMAGE image = {0};
         snprintf(name, sizeof name, "synth/images/%s", names[k]);
         CHECK_OK(oxl_image_read(test_ctx, test_path(name), &image));
-        CHECK_OK(oxl_image_create(test_ctx, 120, 80, &soft));
+        OWNED_IMAGE soft = test_image(120, 80);
         for (size_t i = 0; i < 3 * n; i++) {
             float sum = 0;
             for (int d = 0; d < 7; d++) sum += image.rgb[OXL_MIN(i + (size_t)d - OXL_MIN(i, 3), 3 * n - 1)];
             soft.rgb[i] = k == 0 ? sum / 7 : image.rgb[i] * (k == 1 ? 0.4f : 1.7f);
         }
-        CHECK_OK(oxl_image_write(test_ctx, test_path(name), &soft));
+        test_write_image(name, &soft);
     }
     CHECK_OK(oxl_check_quality(test_ctx, out, NULL, &s));
     CHECK(s.blurred == 1 && s.badly_exposed == 2);
-    CHECK_TEXT(test_said.warning, "1 image is less sharp than the images beside it: IMG_00007.png");
-    CHECK_TEXT(test_said.warning, "1 image is much darker than the images beside it: IMG_00014.png");
-    CHECK_TEXT(test_said.warning, "1 image is much brighter than the images beside it: IMG_00021.png");
+    CHECK_WARNED("1 image is less sharp than the images beside it: IMG_00007.png");
+    CHECK_WARNED("1 image is much darker than the images beside it: IMG_00014.png");
+    CHECK_WARNED("1 image is much brighter than the images beside it: IMG_00021.png");
     test_listen();
     CHECK_OK(oxl_check(test_ctx, out, NULL, &s)); /* headers alone */
     CHECK(s.blurred == 0 && test_said.warning[0] == 0);
@@ -426,7 +424,6 @@ TEST(synth_pose_noise_turns_and_moves_the_exported_poses_alone)
     OWNED_COLMAP exact = {0}, noisy = {0};
     double turn = 0, move = 0;
     char rows[2000];
-    struct os_file_map truth;
     int found = 0;
     o.write_images = 0, o.views = 30;
     synth_test_make(&o, &exact);
@@ -451,13 +448,12 @@ TEST(synth_pose_noise_turns_and_moves_the_exported_poses_alone)
     CHECK_CLOSE(sqrt(turn) * 57.29578, 0.2, 0.04);
     CHECK(sqrt(move) > 0.002 && sqrt(move) < 0.02); /* 0.2 % of some metres */
     snprintf(rows, sizeof rows, "%s/truth/poses.txt", o.out);
-    CHECK_OK(os_read_file(test_ctx, rows, &truth));
+    OWNED_FILE truth = test_file(rows);
     snprintf(rows, sizeof rows, " %.9f %.9f %.9f", exact.image[0].translation[0],
              exact.image[0].translation[1], exact.image[0].translation[2]);
     for (size_t i = 0; i + strlen(rows) < truth.size && !found; i++)
         found = memcmp((const char *)truth.data + i, rows, strlen(rows)) == 0;
     CHECK(found);
-    os_release_file(test_ctx, &truth);
 }
 
 /* ---------------- layouts of published scenes */
@@ -470,7 +466,7 @@ static double synth_test_train(const char *path, oxl_scene **scene)
     oxl_metrics metrics;
     double psnr;
     options.iterations = 40, options.stereo = 0; /* The medium is found by tracks, which NeRF has not. */
-    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, scene));
+    *scene = test_load(path, NULL);
     CHECK_OK(oxl_train(test_ctx, *scene, &options, NULL, &trained));
     CHECK_OK(oxl_evaluate(test_ctx, &trained.model, *scene, trained.imaging, OXL_SPLIT_TEST, &metrics));
     psnr = metrics.psnr;
@@ -498,17 +494,17 @@ static void synth_test_same_poses(const oxl_scene *a, const oxl_scene *b)
 TEST(synth_layouts_of_nerf_and_llff_are_read_and_trained_as_that_of_colmap)
 {
     synth_options o = synth_test_options("llff");
-    oxl_scene *colmap, *nerf, *llff, *bare;
+    OWNED_SCENE *colmap, *nerf;
     double psnr;
     o.views = 9, o.layout = SYNTH_LLFF, o.points = 500, o.water = SYNTH_AIR;
     CHECK_OK(synth_run(test_ctx, &o));
     o.out = test_path("nerf"), o.layout = SYNTH_NERF;
     CHECK_OK(synth_run(test_ctx, &o));
     CHECK(os_is_file(test_path("nerf/test/IMG_00008.png")) && !os_is_folder(test_path("nerf/sparse")));
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("llff"), NULL, &llff));
+    OWNED_SCENE *llff = test_load("llff", NULL);
     CHECK(llff->stats.mean_track > 1 && scene_depth_range(llff, 0));
     os_rename(test_path("llff/sparse"), test_path("llff/other"));
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("llff"), NULL, &bare));
+    OWNED_SCENE *bare = test_load("llff", NULL);
     CHECK(bare->stats.points == 0);
     os_rename(test_path("llff/other"), test_path("llff/sparse"));
     os_remove(test_path("llff/poses_bounds.npy"));
@@ -518,8 +514,4 @@ TEST(synth_layouts_of_nerf_and_llff_are_read_and_trained_as_that_of_colmap)
     synth_test_same_poses(colmap, llff);
     synth_test_same_poses(colmap, bare);
     synth_test_same_poses(colmap, nerf);
-    oxl_scene_free(test_ctx, colmap);
-    oxl_scene_free(test_ctx, nerf);
-    oxl_scene_free(test_ctx, llff);
-    oxl_scene_free(test_ctx, bare);
 }

@@ -4,13 +4,12 @@
 
 TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
 {
-    oxl_scene *scene = NULL;
     struct track_depth d = {0};
     struct depth_point point[DEPTH_POINTS], again[DEPTH_POINTS];
     int count, same;
     size_t kept = 0;
     photometry_test_make("depth_tracks", SYNTH_3C);
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_tracks"), NULL, &scene));
+    oxl_scene *scene = test_load("depth_tracks", NULL);
     CHECK_OK(track_depth_begin(test_ctx, &d, scene, NULL));
     for (int v = 0; v < oxl_scene_view_count(scene); v++) {
         const oxl_view *view = oxl_scene_view(scene, v);

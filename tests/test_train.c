@@ -12,7 +12,7 @@ struct density_case {
 static struct density_case density_case(const float gradient[4])
 {
     struct density_case c;
-    CHECK_OK(oxl_model_create(test_ctx, 4, 1, &c.trained.model));
+    c.trained.model = test_model(4, 1);
     CHECK_OK(model_trained_begin(test_ctx, &c.trained));
     CHECK_OK(density_create(test_ctx, &c.density));
     CHECK_OK(density_clear(test_ctx, c.density, 4));
@@ -68,7 +68,7 @@ TEST(density_control_needs_memory_for_the_new_rows_alone)
     size_t before;
     memory_weigh_start();
     CHECK_OK(density_create(test_ctx, &density));
-    CHECK_OK(oxl_model_create(test_ctx, ROWS, 3, &t.model));
+    t.model = test_model(ROWS, 3);
     CHECK_OK(model_trained_begin(test_ctx, &t));
     CHECK_OK(density_clear(test_ctx, density, ROWS));
     for (int i = 0; i < ROWS; i++) {
@@ -245,10 +245,9 @@ static void density_observe_two(struct density *d)
 {
     const oxl_camera camera = {32, 32, 40, 40, 16, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
     const oxl_render_options options = oxl_render_options_default();
-    OWNED_MODEL model = {0}, gradient = {0};
     OWNED_MEMORY float *drgb = oxl_calloc(test_ctx, 3 * 32 * 32, sizeof *drgb);
-    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &model));
-    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &gradient));
+    OWNED_MODEL model = test_model(2, 0);
+    OWNED_MODEL gradient = test_model(2, 0);
     OWNED_RENDERER *r = test_renderer();
     for (int i = 0; i < 2; i++) {
         model.plane[OXL_MEAN][i] = i ? 1.0f : -0.2f;
@@ -296,12 +295,11 @@ TEST(density_bands_are_filled_by_camera_depth_and_survive_an_archive)
 oxl_scene *train_scene_of(int views, double shine)
 {
     enum { SIDE = 48, GRID = 12 };
-    oxl_model truth;
     oxl_view view[16] = {{0}};
     oxl_image image[16] = {{0}};
     oxl_point point[GRID * GRID];
     oxl_scene *scene = NULL;
-    CHECK_OK(oxl_model_create(test_ctx, GRID * GRID, 1, &truth));
+    OWNED_MODEL truth = test_model(GRID * GRID, 1);
     for (int i = 0; i < GRID * GRID; i++) {
         for (int k = 3; k < 12; k++)
             truth.plane[OXL_SH + k][i] =
@@ -334,7 +332,6 @@ oxl_scene *train_scene_of(int views, double shine)
     }
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, point, GRID * GRID, &scene));
     for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
-    oxl_model_free(test_ctx, &truth);
     return scene;
 }
 
@@ -387,9 +384,9 @@ TEST(train_learns_views_that_it_has_not_seen)
 {
     OWNED_SCENE *scene = train_scene(7);
     oxl_train_options options = train_options(300);
-    OWNED_MODEL start = {0}, model = {0};
+    OWNED_MODEL start = {0};
     start = test_points(scene, 0);
-    CHECK_OK(test_train(scene, &options, NULL, &model));
+    OWNED_MODEL model = test_trained(scene, &options);
     CHECK(train_psnr(scene, &start) < 15);
     CHECK(train_psnr(scene, &model) > 25);
     CHECK(model.sh_degree == 1 || !test_has_part("sh_degree"));
@@ -411,7 +408,7 @@ TEST(train_gives_the_same_bytes_with_1_2_and_7_threads)
     for (int i = 0; i < 3; i++) {
         test_ctx->threads = i == 0 ? 1 : i == 1 ? 2 : 7;
         options.densify_until = 0.9f;
-        CHECK_OK(test_train(scene, &options, NULL, &model[i]));
+        model[i] = test_trained(scene, &options);
     }
     CHECK(model[0].count != oxl_scene_point_count(scene));
     CHECK(train_same(&model[0], &model[1]) && train_same(&model[0], &model[2]));
@@ -422,10 +419,9 @@ TEST(train_depends_on_the_seed)
 {
     OWNED_SCENE *scene = train_scene(7);
     oxl_train_options options = train_options(20);
-    OWNED_MODEL a = {0}, b = {0};
-    CHECK_OK(test_train(scene, &options, NULL, &a));
+    OWNED_MODEL a = test_trained(scene, &options);
     test_ctx->options.seed = 2;
-    CHECK_OK(test_train(scene, &options, NULL, &b));
+    OWNED_MODEL b = test_trained(scene, &options);
     CHECK(!train_same(&a, &b));
 }
 
@@ -487,13 +483,12 @@ TEST(train_without_points_starts_from_random_ones)
     oxl_train_options options = train_options(3);
     oxl_view view[4];
     oxl_image image[4];
-    OWNED_MODEL model = {0};
     for (int v = 0; v < 4; v++) {
         view[v] = *oxl_scene_view(with, v);
         CHECK_OK(oxl_scene_image(test_ctx, with, v, NULL, &image[v]));
     }
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 4, NULL, 0, &scene));
-    CHECK_OK(test_train(scene, &options, NULL, &model));
+    OWNED_MODEL model = test_trained(scene, &options);
     CHECK(model.count > 1000);
     for (int v = 0; v < 4; v++) oxl_image_free(test_ctx, &image[v]);
 }
@@ -523,9 +518,9 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
     o[5].alpha_min = 0.04f;
     for (int i = 0; i < 6; i++) {
         test_ctx->threads = 1;
-        CHECK_OK(test_train(scene, &o[i], NULL, &model[i]));
+        model[i] = test_trained(scene, &o[i]);
         test_ctx->threads = 3;
-        CHECK_OK(test_train(scene, &o[i], NULL, &again));
+        again = test_trained(scene, &o[i]);
         CHECK(train_same(&model[i], &again));
         CHECK(i == 0 || !train_same(&model[i], &model[0]) || (i == 2 && !test_has_part("sh_degree")));
         /* without the larger rates of short runs it learns less */
@@ -598,14 +593,13 @@ TEST(train_refuses_second_lobes_while_gaussians_are_still_split)
 static oxl_adam train_adam_params_at(int step, int iterations, float short_run_exponent, float cooldown)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_STANDARD);
-    oxl_scene *scene = train_scene(2);
+    OWNED_SCENE *scene = train_scene(2);
     const struct train t = {.ctx = test_ctx, .scene = scene, .options = &o, .step = step};
     oxl_adam adam;
     o.iterations = iterations;
     o.short_run_exponent = short_run_exponent;
     o.cooldown = cooldown;
     adam = schedule_adam_params(&t);
-    oxl_scene_free(test_ctx, scene);
     return adam;
 }
 
@@ -708,7 +702,7 @@ TEST(train_knows_which_share_of_the_gaussians_a_view_shows)
     oxl_train_options o = train_options(10);
     struct train t = {
         .ctx = test_ctx, .survey = train_scene(14), .options = &o, .decisions = {.ctx = test_ctx}};
-    oxl_scene *scene = (oxl_scene *)t.survey;
+    OWNED_SCENE *scene = (oxl_scene *)t.survey;
     size_t shown = 0;
     for (int i = 0; i < 14; i += 2) scene->view[i].camera.translation[0] += 1000;
     CHECK_OK(train_begin(&t));
@@ -732,7 +726,6 @@ TEST(train_knows_which_share_of_the_gaussians_a_view_shows)
         train_end(&part);
     }
     CHECK_CLOSE(all, t.shown, 1e-12);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(train_counts_every_contribution_from_four_fifths_of_the_run_on_with_or_without_cooldown)
@@ -794,16 +787,15 @@ TEST(train_with_terms_that_add_nothing_gives_the_same_bytes)
     OWNED_SCENE *scene = train_scene(7);
     oxl_train_options o = train_options(60);
     const oxl_terms terms[] = {{.pixels = train_no_pixels}, {.parameters = train_no_parameters}};
-    oxl_model plain, with;
+    oxl_model with;
     o.dog = OXL_DOG_ALL;
-    CHECK_OK(test_train(scene, &o, NULL, &plain));
+    OWNED_MODEL plain = test_trained(scene, &o);
     for (int k = 0; k < 2; k++) {
         o.terms = &terms[k];
-        CHECK_OK(test_train(scene, &o, NULL, &with));
+        with = test_trained(scene, &o);
         CHECK(train_same(&plain, &with));
         oxl_model_free(test_ctx, &with);
     }
-    oxl_model_free(test_ctx, &plain);
 }
 
 /* Drives red down: d/dx of the mean of red is 1 / pixels. */
@@ -836,13 +828,12 @@ TEST(train_follows_terms_on_pixels_and_on_parameters)
     OWNED_SCENE *scene = train_scene(7);
     oxl_train_options o = train_options(60);
     const oxl_terms red = {.pixels = train_red}, opacity = {.parameters = train_opacity};
-    OWNED_MODEL plain = {0}, less_red = {0}, clear = {0};
     o.densify_until = 0;
-    CHECK_OK(test_train(scene, &o, NULL, &plain));
+    OWNED_MODEL plain = test_trained(scene, &o);
     o.terms = &red;
-    CHECK_OK(test_train(scene, &o, NULL, &less_red));
+    OWNED_MODEL less_red = test_trained(scene, &o);
     o.terms = &opacity;
-    CHECK_OK(test_train(scene, &o, NULL, &clear));
+    OWNED_MODEL clear = test_trained(scene, &o);
     CHECK(train_mean_of(&less_red, OXL_SH) < train_mean_of(&plain, OXL_SH) - 0.1);
     CHECK_CLOSE(train_mean_of(&less_red, OXL_SH + 1), train_mean_of(&plain, OXL_SH + 1), 0.05);
     CHECK(train_mean_of(&clear, OXL_OPACITY) < train_mean_of(&plain, OXL_OPACITY) - 0.5);
@@ -863,31 +854,26 @@ static void train_halve(void *user, const oxl_model *model, const float *gradien
 
 TEST(train_follows_a_density_rule)
 {
-    oxl_scene *scene = train_scene(7);
+    OWNED_SCENE *scene = train_scene(7);
     oxl_train_options o = train_options(60);
     int times = 0;
     const oxl_terms terms = {.density = train_halve, .user = &times};
     const size_t points = oxl_scene_point_count(scene);
-    oxl_model plain, halved;
     o.densify_until = 0.8f, o.densify_every = 15, o.densify_gradient = 1e-5f;
-    CHECK_OK(test_train(scene, &o, NULL, &plain));
+    OWNED_MODEL plain = test_trained(scene, &o);
     o.terms = &terms;
-    CHECK_OK(test_train(scene, &o, NULL, &halved));
+    OWNED_MODEL halved = test_trained(scene, &o);
     CHECK(times > 1 && plain.count > points);
     CHECK(halved.count == (points + 1) / 2);
-    oxl_model_free(test_ctx, &plain);
-    oxl_model_free(test_ctx, &halved);
-    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(train_starts_from_a_model_in_its_own_origin)
 {
-    oxl_scene *scene = train_scene(7);
+    OWNED_SCENE *scene = train_scene(7);
     oxl_train_options o = train_options(1);
     const double away[3] = {100, -50, 7};
-    oxl_model from;
     oxl_trained t;
-    CHECK_OK(oxl_model_create(test_ctx, 0, 0, &from));
+    oxl_model from = test_model(0, 0);
     o.from = &from;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &t) == OXL_ERR_USAGE);
     oxl_model_free(test_ctx, &from);
@@ -905,5 +891,4 @@ TEST(train_starts_from_a_model_in_its_own_origin)
     }
     oxl_trained_free(test_ctx, &t);
     oxl_model_free(test_ctx, &from);
-    oxl_scene_free(test_ctx, scene);
 }

@@ -58,8 +58,7 @@ TEST(nonfinite_pixel_skips_one_step_only)
         nonfinite_test_step_with_pixel(&c, steps ? INFINITY : NAN);
         CHECK(train_same(&c.t.trained.model, &c.before));
         CHECK(c.t.nonfinite.steps == 1 && c.t.nonfinite.cleared == 0 && c.t.nonfinite.rows == 0);
-        CHECK_TEXT(test_said.warning,
-                   steps ? "step 2: the loss of v02.png is not finite" : "step 1: the loss of v02.png");
+        CHECK_WARNED(steps ? "step 2: the loss of v02.png is not finite" : "step 1: the loss of v02.png");
         c.t.step++;
         CHECK_OK(train_step(&c.t));
         CHECK(c.t.nonfinite.steps == 1 && nonfinite_test_model_is_finite(&c.t.trained.model) &&
@@ -81,9 +80,7 @@ TEST(nonfinite_gaussian_is_named_and_removed_and_the_others_are_trained)
             CHECK_OK(train_step(&c.t));
         }
         CHECK(c.t.nonfinite.steps <= 1 && c.t.nonfinite.rows <= 15);
-        if (k == 0)
-            CHECK_TEXT(test_said.warning,
-                       "a value of Gaussian 77 is not finite; its step is skipped, 1 cleared");
+        if (k == 0) CHECK_WARNED("a value of Gaussian 77 is not finite; its step is skipped, 1 cleared");
         for (size_t i = 0; i < c.t.trained.model.count; i++)
             bad += !model_row_is_finite(&c.t.trained.model, i);
         /* one that no view can see harms none, and goes at the end */
@@ -101,9 +98,8 @@ TEST(nonfinite_gradient_skips_the_step_of_that_gaussian_only)
     struct renderer_nonfinite aside;
     struct renderer_loss loss;
     oxl_adam adam = {.beta = RENDERER_BETAS};
-    OWNED_MODEL gradient = {0};
     nonfinite_test_begin(&c, 3);
-    CHECK_OK(oxl_model_create(test_ctx, c.t.trained.model.count, c.t.trained.model.sh_degree, &gradient));
+    OWNED_MODEL gradient = test_model(c.t.trained.model.count, c.t.trained.model.sh_degree);
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 0.01f;
     adam.step = ++c.t.step;
     CHECK_OK(step_load_image(&c.t, 2));
@@ -119,8 +115,7 @@ TEST(nonfinite_gradient_skips_the_step_of_that_gaussian_only)
     CHECK(c.t.trained.model.plane[OXL_SH][39] != c.before.plane[OXL_SH][39] &&
           c.t.trained.model.plane[OXL_SH][42] != c.before.plane[OXL_SH][42]);
     nonfinite_of_rows(test_ctx, &c.t.nonfinite, c.t.step, "v02.png", aside, &c.t.trained);
-    CHECK_TEXT(test_said.warning,
-               "step 4: v02.png: a value of Gaussian 40 and 1 more is not finite; its step is skipped, 0");
+    CHECK_WARNED("step 4: v02.png: a value of Gaussian 40 and 1 more is not finite; its step is skipped, 0");
     CHECK(c.t.nonfinite.rows == 2 && c.t.nonfinite.cleared == 0 &&
           nonfinite_test_model_is_finite(&c.t.trained.model) &&
           nonfinite_test_model_is_finite(&c.t.trained.mean));
@@ -131,27 +126,25 @@ TEST(nonfinite_counts_are_logged_at_the_end_and_recorded)
 {
     const oxl_nonfinite f = {1, 2, 3, 4, 5};
     oxl_nonfinite back = f, end = f;
-    OWNED_MODEL m = {0};
     test_listen();
     nonfinite_add(&back, &f);
     CHECK(back.images == 2 && back.degenerate == 10);
-    CHECK_OK(oxl_model_create(test_ctx, 3, 0, &m));
+    OWNED_MODEL m = test_model(3, 0);
     m.plane[OXL_ROTATION][0] = 0;
     m.plane[OXL_LOG_SCALE + 1][1] = -90;
     m.plane[OXL_SH][2] = NAN;
     CHECK_OK(nonfinite_end(test_ctx, &end, &m));
     CHECK(m.count == 2 && end.cleared == 5 && end.degenerate == 2);
-    CHECK_TEXT(test_said.warning,
-               "not finite: 2 steps and 3 steps of single Gaussians skipped, 5 Gaussians cleared");
-    CHECK_TEXT(test_said.warning, "1 images could not be read and were left out");
-    CHECK_TEXT(test_said.warning, "2 Gaussians have a zero quaternion");
+    CHECK_WARNED("not finite: 2 steps and 3 steps of single Gaussians skipped, 5 Gaussians cleared");
+    CHECK_WARNED("1 images could not be read and were left out");
+    CHECK_WARNED("2 Gaussians have a zero quaternion");
 }
 
 /* A state with one thing changed that no run would write, and a right checksum. */
 TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
 {
     for (int fault = 0; fault < 8; fault++) {
-        struct text log = {.ctx = test_ctx}, notes = {.ctx = test_ctx};
+        OWNED_TEXT log = {.ctx = test_ctx}, notes = {.ctx = test_ctx};
         struct train_task place = {
             .store = checkpoint_in(test_folder(), "key"), .log = &log, .notes = &notes};
         struct nonfinite_test_case c, again;
@@ -175,7 +168,5 @@ TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
         checkpoint_remove(place.store.folder);
         nonfinite_test_free(&c);
         nonfinite_test_free(&again);
-        text_free(&log);
-        text_free(&notes);
     }
 }

@@ -25,7 +25,7 @@ static struct checkpoint_case checkpoint_case(void)
     struct checkpoint_case c = checkpoint_of(train_scene(7), train_options(130));
     c.options.coarse = 0.5f;
     c.options.densify_until = 0.9f; /* at 100: rows, moments and statistics change shape */
-    CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
+    c.whole = test_trained(c.scene, &c.options);
     return c;
 }
 
@@ -100,13 +100,11 @@ static void checkpoint_change_byte(const char *path, long at)
 
 static void checkpoint_cut(const char *path, size_t size)
 {
-    struct os_file_map map;
     FILE *file;
-    CHECK_OK(os_read_file(test_ctx, path, &map));
+    OWNED_FILE map = test_file(path);
     file = fopen(path, "wb");
     CHECK(file && fwrite(map.data, 1, OXL_MIN(size, map.size), file) > 0);
     if (file) fclose(file);
-    os_release_file(test_ctx, &map);
 }
 
 /* Damaged in each of several places: the run starts again. */
@@ -147,9 +145,9 @@ static void checkpoint_numbers(struct archive *a, void *user)
 
 TEST(checkpoint_that_counts_more_than_it_holds_is_refused)
 {
-    OWNED_MODEL model = {0}, other = {0};
+    OWNED_MODEL other = {0};
     int found = 0;
-    CHECK_OK(oxl_model_create(test_ctx, 3, 0, &model));
+    OWNED_MODEL model = test_model(3, 0);
     model.count = SIZE_MAX / 4096; /* a count from elsewhere, and a right checksum */
     {
         struct archive a = {.ctx = test_ctx, .reading = 1, .path = "small", .left = 100};

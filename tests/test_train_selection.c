@@ -6,7 +6,7 @@
 static void selection_test_check_stops(struct checkpoint_case *c, const int *stops, size_t count)
 {
     OWNED_MODEL model = {0};
-    CHECK_OK(test_train(c->scene, &c->options, NULL, &c->whole));
+    c->whole = test_trained(c->scene, &c->options);
     for (size_t i = 0; i < count; i++) {
         CHECK(checkpoint_run(c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
         oxl_model_free(test_ctx, &model);

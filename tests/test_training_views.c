@@ -6,8 +6,7 @@ enum { TVIEWS = 24, TVIEWS_W = 96, TVIEWS_H = 64, TVIEWS_GAUSSIANS = 600 };
 /* A flat field of blobs seen from a grid of cameras 4 above it. */
 static oxl_model tviews_model(void)
 {
-    oxl_model m;
-    CHECK_OK(oxl_model_create(test_ctx, TVIEWS_GAUSSIANS, 0, &m));
+    oxl_model m = test_model(TVIEWS_GAUSSIANS, 0);
     for (size_t i = 0; i < m.count; i++) {
         for (int k = 0; k < 3; k++) {
             m.plane[OXL_MEAN + k][i] =
@@ -137,7 +136,7 @@ TEST(training_views_displaced_by_an_amount_that_changes_over_the_image_are_named
     double least = 0, most = 0;
     test_listen();
     CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 20 * TVIEWS, NULL, &t, NULL));
-    CHECK_TEXT(test_said.all, "training image v08 is rendered displaced by ");
+    CHECK_LOGGED("training image v08 is rendered displaced by ");
     CHECK(sscanf(test_said.all, "warning: training image v08 is rendered displaced by %lf to %lf", &least,
                  &most) == 2);
     CHECK(least < 0.5 && most > 5 && most < 6.5); /* 0.1 rad of the half diagonal of 58 px */
@@ -179,7 +178,7 @@ TEST(training_views_of_a_short_run_are_judged_by_evenly_spaced_ones)
     test_listen();
     CHECK_OK(training_views_check(test_ctx, &m, scene, &test_imaging, 10 * TVIEWS, NULL, &t, NULL));
     CHECK_TEXT(t.data, "\"training\": {\"count\": 12, \"of\": 24, \"flagged\": 0, ");
-    CHECK_TEXT(test_said.all, "12 of 24 training views are evaluated, evenly spaced: one per 20 iterations");
+    CHECK_LOGGED("12 of 24 training views are evaluated, evenly spaced: one per 20 iterations");
     for (int v = 0; v < TVIEWS; v++) {
         char name[24];
         snprintf(name, sizeof name, "\"name\": \"v%02d\"", v);

@@ -22,19 +22,17 @@ static void wall_draw(oxl_image *image, double z, double beta)
  * points would say that contrast grows with depth. */
 static oxl_scene *wall_scene(double beta)
 {
-    struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    OWNED_TEXT images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene *scene = NULL;
     test_write("survey/images/.keep", "");
     test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 160 120 100 100 80 60\n");
     for (int v = 0; v < WALL_VIEWS; v++) {
-        OWNED_IMAGE image = {0};
         char name[64];
         snprintf(name, sizeof name, "survey/images/v%02d.png", v);
         text_add(&images, "%d 1 0 0 0 0 0 %d.%02d 1 v%02d.png\n\n", v + 1, 4 + v / 4, v % 4 * 25, v);
-        CHECK_OK(oxl_image_create(test_ctx, WALL_WIDTH, WALL_HEIGHT, &image));
+        OWNED_IMAGE image = test_image(WALL_WIDTH, WALL_HEIGHT);
         wall_draw(&image, 4 + 0.25 * v, beta);
-        CHECK_OK(oxl_image_write(test_ctx, test_path(name), &image));
+        test_write_image(name, &image);
     }
     for (int p = 0; p < WALL_POINTS; p++) {
         text_add(&points, "%d ", p + 1);
@@ -47,10 +45,8 @@ static oxl_scene *wall_scene(double beta)
     }
     test_write("survey/sparse/0/images.txt", images.data);
     test_write("survey/sparse/0/points3D.txt", points.data);
-    text_free(&images);
-    text_free(&points);
     options.auto_mask = 0; /* The middle of a wall that the camera moves towards stays where it is. */
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &options, &scene));
+    oxl_scene *scene = test_load("survey", &options);
     return scene;
 }
 

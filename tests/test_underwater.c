@@ -93,7 +93,7 @@ static struct renderer_loss exposure_loss(struct renderer *r, oxl_scene *scene, 
 {
     oxl_render_options o = oxl_render_options_default();
     struct renderer_loss loss;
-    oxl_image image;
+    OWNED_IMAGE image;
     float gain[3];
     for (int c = 0; c < 3; c++) gain[c] = (float)exp(log_gain[c]);
     CHECK_OK(oxl_scene_image(test_ctx, scene, 1, NULL, &image));
@@ -101,7 +101,6 @@ static struct renderer_loss exposure_loss(struct renderer *r, oxl_scene *scene, 
     renderer_settings(r)->gain = gain;
     CHECK_OK(renderer_loss(test_ctx, r, image.rgb, NULL, 0.2f, &loss));
     renderer_complete_loss(r, &loss);
-    oxl_image_free(test_ctx, &image);
     return loss;
 }
 
@@ -159,16 +158,15 @@ TEST(exposure_of_known_gains_is_recovered_and_helps_views_that_were_held_out)
     NEEDS_PART(exposure);
     OWNED_SCENE *scene = exposure_scene(14, 0.2f);
     oxl_train_options options = train_options(600);
-    OWNED_MODEL model = {0};
     const struct oxl_imaging *m;
     double off, sum = 0, error = 0, square = 0;
     int n = 0;
     options.exposure = OXL_OFF;
-    CHECK_OK(test_train(scene, &options, NULL, &model));
+    OWNED_MODEL model = test_trained(scene, &options);
     off = train_psnr(scene, &model);
     oxl_model_free(test_ctx, &model);
     options.exposure = OXL_ON;
-    CHECK_OK(test_train(scene, &options, NULL, &model));
+    model = test_trained(scene, &options);
     CHECK(train_psnr(scene, &model) > off + 0.5);
     m = &test_imaging;
     for (int c = 0; c < 3; c++) CHECK_CLOSE(imaging_mean(m, c), 0, 1e-6);
@@ -187,11 +185,10 @@ TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
 {
     OWNED_SCENE *scene = train_scene(14);
     oxl_train_options options = train_options(1000);
-    OWNED_MODEL off = {0}, automatic = {0};
     options.exposure = OXL_OFF;
-    CHECK_OK(test_train(scene, &options, NULL, &off));
+    OWNED_MODEL off = test_trained(scene, &options);
     options.exposure = OXL_AUTO;
-    CHECK_OK(test_train(scene, &options, NULL, &automatic));
+    OWNED_MODEL automatic = test_trained(scene, &options);
     CHECK(!test_imaging.on && train_same(&off, &automatic));
 }
 
@@ -224,7 +221,7 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
     OWNED_MODEL model = {0};
     OWNED_IMAGING whole = {0};
     c.options.exposure = OXL_ON;
-    CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
+    c.whole = test_trained(c.scene, &c.options);
     CHECK_OK(imaging_create(test_ctx, 14, &whole));
     imaging_copy(&test_imaging, &whole);
     CHECK(whole.on);
@@ -351,7 +348,7 @@ static void photometry_test_scale(const synth_options *o, const char *survey, in
     CHECK_OK(oxl_image_read(test_ctx, test_path(path), &image));
     for (int i = 0; i < 3 * o->width * o->height; i++)
         image.rgb[i] *= (float)factor[i / (o->width * o->height)];
-    CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
+    test_write_image(path, &image);
 }
 
 TEST(photometry_of_tracks_in_air_finds_neither_medium_nor_lamp_nor_gains)
@@ -469,7 +466,7 @@ TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
         CHECK_OK(oxl_image_read(test_ctx, test_path(path), &image));
         for (int i = 0; i < 3 * o.width * o.height; i++)
             image.rgb[i] *= (float)exp(0.4 * (2.0 * (i % o.width + 0.5) / o.width - 1) - 0.4);
-        CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
+        test_write_image(path, &image);
     }
     photometry_test_measure("lamps", &p);
     CHECK_CLOSE(p.shape[2][0] - p.shape[1][0], 0.4, 0.04);
@@ -502,14 +499,10 @@ TEST(photometry_of_more_images_than_it_fits_takes_as_many_of_each_camera_of_a_st
 static int photometry_test_warns(const char *survey)
 {
     oxl_train_options o = train_options(1);
-    oxl_scene *scene;
-    oxl_model model;
     o.medium = o.exposure = OXL_AUTO;
     test_listen();
-    CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), NULL, &scene));
-    CHECK_OK(test_train(scene, &o, NULL, &model));
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
+    OWNED_SCENE *scene = test_load(survey, NULL);
+    OWNED_MODEL model = test_trained(scene, &o);
     return strstr(test_said.warning, "exposure is correlated with the range") != NULL;
 }
 
@@ -571,7 +564,7 @@ TEST(exposure_that_is_refused_leaves_a_lamp_fitted_without_it_unless_that_hides_
             oxl_train_options options = train_options(10);
             options.exposure = k ? OXL_AUTO : OXL_OFF, options.lamp = OXL_AUTO, options.medium = OXL_OFF;
             OWNED_SCENE *scene = test_load("apart", NULL);
-            CHECK_OK(test_train(scene, &options, NULL, &model[k]));
+            model[k] = test_trained(scene, &options);
             CHECK(!test_imaging.on && test_imaging.lamps == (k || !large));
         }
         CHECK(train_same(&model[0], &model[1]) == !large);
@@ -615,12 +608,11 @@ static void photometry_test_clear(const char *survey, double mean[3])
 {
     oxl_train_options o = train_options(150);
     const oxl_render_options render = oxl_render_options_default();
-    OWNED_MODEL model = {0};
     OWNED_IMAGE image = {0};
     size_t pixels;
     o.medium = OXL_AUTO, o.exposure = o.lamp = OXL_OFF;
     OWNED_SCENE *scene = test_load(survey, NULL);
-    CHECK_OK(test_train(scene, &o, NULL, &model));
+    OWNED_MODEL model = test_trained(scene, &o);
     CHECK(test_imaging.medium.on);
     CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 7)->camera, &render, &image, NULL));
     pixels = (size_t)image.width * (size_t)image.height;
@@ -674,11 +666,11 @@ TEST(medium_gradient_of_the_centres_agrees_with_finite_differences)
     const size_t n = 3 * (size_t)camera->width * (size_t)camera->height;
     OWNED_MEMORY float *drgb = oxl_alloc(test_ctx, n, sizeof *drgb);
     struct medium m = imaging_test_murky;
-    OWNED_MODEL model = {0}, gradient = {0};
+    OWNED_MODEL model = {0};
     for (size_t i = 0; i < n; i++) drgb[i] = (float)(random_unit(random_bits(1, i, 0)) - 0.3);
     OWNED_RENDERER *r = test_renderer();
     model = test_points(scene, 1);
-    CHECK_OK(oxl_model_create(test_ctx, model.count, 1, &gradient));
+    OWNED_MODEL gradient = test_model(model.count, 1);
     medium_score(r, camera, &model, &m, drgb);
     CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
     { /* all moved away from the eye and grown alike: the image stays, but for the medium */
@@ -708,9 +700,8 @@ TEST(medium_baked_into_the_colours_is_the_mean_over_the_views_that_see_a_row)
                                   .lamps = 1,
                                   .lamp = {{.view = -1, .shape = {0.3f, -0.2f, 0.1f, 0.15f, -0.1f}}}};
     const struct medium *m = &imaging.medium;
-    OWNED_MODEL model = {0};
     int unseen = 0, by_some = 0;
-    CHECK_OK(oxl_model_create(test_ctx, 60, 0, &model));
+    OWNED_MODEL model = test_model(60, 0);
     for (size_t i = 0; i < model.count; i++)
         for (int a = 0; a < 3; a++)
             model.plane[OXL_MEAN + a][i] = (float)(5 * random_unit(random_bits(8, i, (uint64_t)a)) - 2.5);
@@ -757,11 +748,10 @@ TEST(medium_baked_into_the_colours_is_the_mean_over_the_views_that_see_a_row)
 TEST(medium_alone_shows_its_veil)
 {
     OWNED_SCENE *scene = train_scene(3);
-    OWNED_MODEL model = {0};
     const float *rgb;
     oxl_render_options o = oxl_render_options_default();
     OWNED_RENDERER *r = test_renderer();
-    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    OWNED_MODEL model = test_model(1, 0);
     model.plane[OXL_OPACITY][0] = -20;
     renderer_settings(r)->medium = imaging_test_murky;
     CHECK_OK(renderer_forward(test_ctx, r, &model, &oxl_scene_view(scene, 0)->camera, &o));
@@ -820,7 +810,7 @@ static struct depth_case depth_case_begin(void)
     c.drgb = oxl_calloc(test_ctx, 3 * (size_t)c.camera->width * (size_t)c.camera->height, sizeof *c.drgb);
     CHECK_OK(renderer_create(test_ctx, &c.r));
     c.model = test_points(c.scene, 0);
-    CHECK_OK(oxl_model_create(test_ctx, c.model.count, 0, &c.gradient));
+    c.gradient = test_model(c.model.count, 0);
     c.in_front = oxl_alloc(test_ctx, c.model.count, 1);
     for (int i = 0; i < 3; i++)
         c.point[i] = (struct depth_point){(float)(8 + (c.camera->width - 16) / 2 * i) + 0.5f,
@@ -891,14 +881,13 @@ TEST(depth_loss_changes_nothing_but_opacities_in_front_of_points_in_its_step_wit
 {
     struct depth_case c = depth_case_begin();
     double elsewhere = 0, behind = 0, in_front = 0;
-    oxl_model beside;
     for (size_t j = 0; j < c.model.count; j++) {
         *(c.in_front[j] ? &in_front : &behind) += fabs((double)c.gradient.plane[OXL_OPACITY][j]);
         for (int p = 0; p < OXL_SH; p++)
             if (p != OXL_OPACITY) elsewhere += fabs((double)c.gradient.plane[p][j]);
     }
     CHECK(in_front > 0.02 && elsewhere == 0 && behind == 0);
-    CHECK_OK(oxl_model_create(test_ctx, c.model.count, 0, &beside));
+    OWNED_MODEL beside = test_model(c.model.count, 0);
     renderer_set_context(c.r, &c.front);
     depth_case_step(&c, 3, &beside);
     renderer_set_context(c.r, NULL);
@@ -906,7 +895,6 @@ TEST(depth_loss_changes_nothing_but_opacities_in_front_of_points_in_its_step_wit
         CHECK(beside.plane[OXL_OPACITY][j] == c.gradient.plane[OXL_OPACITY][j]);
     depth_case_step(&c, 0, &beside);
     for (size_t j = 0; j < c.model.count; j++) CHECK(beside.plane[OXL_OPACITY][j] == 0);
-    oxl_model_free(test_ctx, &beside);
     depth_case_end(&c);
 }
 
@@ -915,13 +903,12 @@ TEST(medium_a_run_that_is_stopped_ends_in_the_same_bytes)
     NEEDS_PART(medium);
     static const int stops[] = {1, 80};
     struct checkpoint_case c;
-    oxl_scene *scene;
     OWNED_MODEL model = {0};
     struct medium whole;
     photometry_test_make("survey", SYNTH_3C);
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    oxl_scene *scene = test_load("survey", NULL);
     c = checkpoint_of(scene, train_options(130));
-    CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
+    c.whole = test_trained(c.scene, &c.options);
     whole = test_imaging.medium;
     CHECK(whole.on);
     checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);
@@ -962,12 +949,12 @@ TEST(lamp_gradients_of_all_terms_and_of_the_gaussians_agree_with_finite_differen
 {
     OWNED_SCENE *scene = train_scene(3);
     struct lamp lamp = lamp_of(-1);
-    OWNED_MODEL model = {0}, gradient = {0};
+    OWNED_MODEL model = {0};
     double d[LAMP_TERMS], slope = 0, plus, minus;
     const float h = 4e-3f;
     OWNED_RENDERER *r = test_renderer();
     model = test_points(scene, 0);
-    CHECK_OK(oxl_model_create(test_ctx, model.count, 0, &gradient));
+    OWNED_MODEL gradient = test_model(model.count, 0);
     memcpy(d, lamp_loss(r, scene, &model, &lamp).dlamp, sizeof d);
     CHECK_OK(renderer_backward(test_ctx, r, NULL, &gradient));
     for (int t = 0; t < LAMP_TERMS; t++) {
@@ -1000,7 +987,7 @@ static void imaging_test_gradients(int isa, int threads, oxl_model *gradient, do
     test_ctx->isa = isa, test_ctx->threads = threads;
     OWNED_RENDERER *r = test_renderer();
     OWNED_MODEL model = test_points(scene, 1);
-    CHECK_OK(oxl_model_create(test_ctx, model.count, 1, gradient));
+    *gradient = test_model(model.count, 1);
     renderer_settings(r)->medium = imaging_test_murky;
     renderer_settings(r)->lamp = &lamp;
     loss = exposure_loss(r, scene, &model, log_gain);
@@ -1062,14 +1049,13 @@ TEST(lamp_of_each_camera_is_trained_on_its_own_views_and_shown_in_them)
     const struct lamp lamp[2] = {{-1, {0.4f, 0, 0, 0, 0.1f}}, {-1, {-0.4f, 0, 0, 0, 0, 0.1f}}};
     OWNED_SCENE *scene = lamp_scene(16, lamp, 2);
     oxl_train_options options = train_options(500);
-    OWNED_MODEL model = {0};
     double off;
     options.lamp = options.medium = OXL_OFF;
-    CHECK_OK(test_train(scene, &options, NULL, &model));
+    OWNED_MODEL model = test_trained(scene, &options);
     off = train_psnr(scene, &model);
     oxl_model_free(test_ctx, &model);
     options.lamp = OXL_ON;
-    CHECK_OK(test_train(scene, &options, NULL, &model));
+    model = test_trained(scene, &options);
     CHECK(train_psnr(scene, &model) > off + 3);
     CHECK(test_imaging.lamps == 2 && imaging_lamp(&test_imaging, scene, 3)->view < 0);
     for (int v = 3; v < 5; v++)
@@ -1085,7 +1071,7 @@ TEST(lamp_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
     OWNED_MODEL model = {0};
     struct oxl_imaging whole = {0};
     c.options.lamp = OXL_ON;
-    CHECK_OK(test_train(c.scene, &c.options, NULL, &c.whole));
+    c.whole = test_trained(c.scene, &c.options);
     whole.medium = test_imaging.medium, whole.lamp[0] = test_imaging.lamp[0];
     CHECK(whole.lamp[0].shape[1] != 0);
     checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);
@@ -1113,12 +1099,10 @@ TEST(lamp_of_a_stereo_pair_is_one_for_each_folder_or_prefix)
 /* The first line of a file that begins so. */
 static const char *blocks_test_line(const char *file, const char *word, char line[300])
 {
-    struct os_file_map map = {0};
     const char *at;
-    CHECK_OK(os_read_file(test_ctx, test_path(file), &map));
+    OWNED_FILE map = test_file(file);
     at = map.data ? strstr(map.data, word) : NULL;
     snprintf(line, 300, "%.*s", at ? (int)strcspn(at, "\r\n") : 0, at ? at : "");
-    os_release_file(test_ctx, &map);
     return line;
 }
 
@@ -1149,7 +1133,7 @@ TEST(medium_and_lamp_of_blocks_are_the_coarse_model_s_and_show_the_images)
     const oxl_job_options o = blocks_test_options();
     const char *word[2] = {"bD 0.3", "lamp all "};
     char line[2][300];
-    CHECK_OK(job_test_run("out", &o));
+    job_test_done("out", &o);
     for (int k = 0; k < 2; k++) {
         CHECK(strlen(blocks_test_line("out/blocks/coarse/imaging.txt", word[k], line[0])) > 20);
         CHECK(!strcmp(line[0], blocks_test_line("out/blocks/000/imaging.txt", word[k], line[1])));

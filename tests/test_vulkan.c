@@ -2031,11 +2031,10 @@ DEVICE_TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus)
 DEVICE_TEST(vulkan_times_the_steps_of_a_forecast)
 {
     const oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
-    oxl_scene *scene = train_scene(5);
+    OWNED_SCENE *scene = train_scene(5);
     double seconds = 0;
     CHECK_OK(cost_seconds(device, scene, &o, &seconds));
     CHECK(seconds > 0);
-    oxl_scene_free(test_ctx, scene);
 }
 
 /* A run of this survey up to its first step. */
@@ -2169,7 +2168,7 @@ static void vulkan_refuse(enum vulkan_pass pass)
 static int vulkan_first_step(int allocations, int falls_back)
 {
     oxl_train_options options;
-    oxl_scene *scene = train_scene(9);
+    OWNED_SCENE *scene = train_scene(9);
     struct train t;
     vulkan_begin_train(&t, &options, scene);
     t.step = 1;
@@ -2179,7 +2178,6 @@ static int vulkan_first_step(int allocations, int falls_back)
     CHECK_OK(step_flush(&t));
     CHECK(t.last_loss > 0 && t.last_loss < 1 && renderer_has_device(t.renderer) == !falls_back);
     train_end(&t);
-    oxl_scene_free(test_ctx, scene);
     return allocations - vulkan_fault_AllocateMemory.after;
 }
 
@@ -2339,12 +2337,12 @@ TEST(vulkan_without_a_device_is_reported_in_one_line)
     oxl_context *ctx;
     oxl_camera camera = {
         .width = 8, .height = 8, .fx = 8, .fy = 8, .cx = 4, .cy = 4, .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
-    oxl_model model;
+    OWNED_MODEL model;
     oxl_image image;
 #ifdef OXL_VULKAN
     setenv("OXL_VULKAN_LIBRARY", "no-such-library.so", 1);
 #endif
-    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    model = test_model(1, 0);
     options.backend = OXL_BACKEND_VULKAN;
     CHECK_OK(oxl_context_create(&options, &ctx));
     CHECK(oxl_backend_begin(ctx) == OXL_ERR_FAILED);
@@ -2357,7 +2355,6 @@ TEST(vulkan_without_a_device_is_reported_in_one_line)
     CHECK(strcmp(oxl_backend_name(ctx), "cpu") == 0);
     oxl_image_free(ctx, &image);
     oxl_context_free(ctx);
-    oxl_model_free(test_ctx, &model);
 #ifdef OXL_VULKAN
     unsetenv("OXL_VULKAN_LIBRARY");
 #endif

@@ -4,14 +4,12 @@
 /* Changes the byte at a fraction of a file, its last `rest` bytes left out. */
 static void working_damage(const char *path, double at, size_t rest)
 {
-    struct os_file_map map = {0};
     OWNED_MEMORY char *copy = NULL;
-    CHECK_OK(os_read_file(test_ctx, path, &map));
+    OWNED_FILE map = test_file(path);
     copy = oxl_alloc(test_ctx, map.size + 1, 1);
     memcpy(copy, map.data, map.size);
     copy[(size_t)(at * (double)(map.size - rest - 1))] ^= 1;
-    CHECK_OK(os_write_file(test_ctx, path, copy, map.size));
-    os_release_file(test_ctx, &map);
+    test_write_bytes(path, copy, map.size);
 }
 
 static int working_same(const char *a, const char *b)
@@ -24,8 +22,7 @@ static int working_same(const char *a, const char *b)
 
 static oxl_scene *working_scene(void)
 {
-    oxl_scene *scene = NULL;
-    CHECK_OK(oxl_scene_load(test_ctx, job_test_survey(), NULL, &scene));
+    oxl_scene *scene = test_load(job_test_survey(), NULL);
     return scene;
 }
 
@@ -37,7 +34,7 @@ TEST(imaging_file_with_a_zero_byte_or_another_checksum_is_refused)
     OWNED_SCENE *scene = working_scene();
     struct oxl_imaging m = {0};
     const char *path = test_path("imaging.txt");
-    CHECK_OK(os_write_file(test_ctx, path, zero, sizeof zero - 1));
+    test_write_bytes(path, zero, sizeof zero - 1);
     CHECK_ERROR(imaging_read(test_ctx, path, scene, &m), OXL_ERR_INPUT,
                 "imaging.txt:1: found a byte of value 0");
     CHECK_OK(imaging_create(test_ctx, oxl_scene_view_count(scene), &m));
@@ -123,13 +120,13 @@ TEST(a_model_that_is_lost_or_damaged_before_the_result_is_trained_again)
     oxl_job_options options = job_test_options();
     options.renders = 0;
     options.train.dog = OXL_DOG_ALL;
-    CHECK_OK(job_test_run("ref", &options));
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("ref", &options);
+    job_test_done("out", &options);
     for (int k = 0; k < 3; k++) {
         CHECK(remove(test_path("out/run.json")) == 0 && remove(test_path("out/scene.ply")) == 0);
         if (k < 2) working_damage(test_path("%s", files[k]), 0.9, 0);
         else CHECK(remove(test_path("%s", files[1])) == 0);
-        CHECK_OK(job_test_run("out", &options));
+        job_test_done("out", &options);
         CHECK(working_same(test_path("out/scene.ply"), test_path("ref/scene.ply")));
         CHECK(working_same(test_path("out/scene_standard.ply"), test_path("ref/scene_standard.ply")));
     }
@@ -169,7 +166,7 @@ TEST(a_run_whose_images_vanish_stops_and_continues_when_they_are_back)
                 "training images cannot be read");
     CHECK(!job_test_has("out/run.json", "\"finished\": true"));
     CHECK(rename(test_path("gone"), test_path("survey/images")) == 0);
-    CHECK_OK(job_test_run("out", &options));
+    job_test_done("out", &options);
     CHECK(job_test_has("out/metrics.json", "\"images_left_out\": 0"));
 }
 
@@ -182,7 +179,7 @@ TEST(rates_of_0_train_without_a_number_that_is_not_finite)
     for (int k = 1; k < 4; k++) {
         if (k & 1) options.train.lr_position = 0;
         if (k & 2) options.train.lr_position_final = 0;
-        CHECK_OK(job_test_run("out", &options));
+        job_test_done("out", &options);
         CHECK(job_test_has("out/metrics.json", "\"gaussians_cleared\": 0"));
     }
 }
@@ -190,25 +187,22 @@ TEST(rates_of_0_train_without_a_number_that_is_not_finite)
 TEST(api_refuses_views_cameras_focal_lengths_and_presets_that_are_none)
 {
     oxl_scene *scene = NULL;
-    oxl_model model = {0}, gradient = {0};
+    oxl_model gradient = {0};
     oxl_camera camera = {0, 16, 20, 20, 8, 8, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 2}};
     oxl_view view = {"v", {8, 8, 0, 20, 4, 4, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 2}}, 0};
-    oxl_image image = {0};
     double start[3], direction[3];
     float rgb[3 * 256] = {0};
     scene = working_scene();
     CHECK(oxl_scene_ray(test_ctx, scene, -1, 1, 1, start, direction) == OXL_ERR_USAGE);
     CHECK(oxl_scene_ray(test_ctx, scene, 9, 1, 1, start, direction) == OXL_ERR_USAGE);
     oxl_scene_free(test_ctx, scene);
-    CHECK_OK(oxl_model_create(test_ctx, 4, 0, &model));
+    OWNED_MODEL model = test_model(4, 0);
     CHECK(oxl_render_backward(test_ctx, &model, &camera, NULL, rgb, &gradient) == OXL_ERR_USAGE);
-    CHECK_OK(oxl_image_create(test_ctx, 8, 8, &image));
+    OWNED_IMAGE image = test_image(8, 8);
     CHECK_ERROR(oxl_scene_from_arrays(test_ctx, &view, &image, 1, NULL, 0, &scene), OXL_ERR_USAGE,
                 "focal lengths");
-    oxl_image_free(test_ctx, &image);
     oxl_model_rescale(&model, NAN), oxl_model_rescale(&model, 0);
     CHECK(model.scale == 0 && model.plane[OXL_MEAN][0] == 0);
-    oxl_model_free(test_ctx, &model);
     for (int k = -1; k < 100; k += 4) {
         const oxl_job_options o = oxl_job_options_default((oxl_preset)k);
         CHECK((oxl_job_options_check(test_ctx, &o) == OXL_OK) == (k >= 0 && k <= 2));
@@ -248,7 +242,7 @@ TEST(a_finished_run_is_not_taken_for_that_of_other_images_masks_poses_cameras_or
         char out[8];
         job_test_survey();
         snprintf(out, sizeof out, "out%d", (int)k);
-        CHECK_OK(job_test_run(out, &options));
+        job_test_done(out, &options);
         if (k == 1) test_write("survey/masks/.keep", "");
         if (k < 2) CHECK_OK(job_test_image(test_path(path), 7));
         else job_test_replace(path, changed[k][1], changed[k][2]);
