@@ -36,8 +36,7 @@ struct prune_case prune_two_patches(int many, int few, float low)
         image[v] = test_image(SIDE, SIDE);
         for (int i = 0; i < 3 * SIDE * SIDE; i++) image[v].rgb[i] = (float)(i % SIDE) / SIDE;
     }
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, many + few, NULL, 0, &c.scene));
-    for (int v = 0; v < many + few; v++) oxl_image_free(test_ctx, &image[v]);
+    c.scene = test_scene(view, image, many + few, NULL, 0);
     return c;
 }
 

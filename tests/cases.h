@@ -67,6 +67,7 @@ struct prune_case {
 };
 /* cases.c */
 void prune_case_free(struct prune_case *c);
+#define OWNED_PRUNE_CASE __attribute__((cleanup(prune_case_free))) struct prune_case
 struct prune_case prune_two_patches(int many, int few, float low);
 
 /* test_scene.c */
@@ -97,6 +98,7 @@ struct checkpoint_case {
 };
 /* test_train_resume.c */
 void checkpoint_case_free(struct checkpoint_case *c);
+#define OWNED_CHECKPOINT_CASE __attribute__((cleanup(checkpoint_case_free))) struct checkpoint_case
 struct checkpoint_case checkpoint_of(oxl_scene *scene, oxl_train_options options);
 oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int until, oxl_model *out);
 /* Stops the run after each of these steps, and then ends it. */

@@ -107,6 +107,15 @@ oxl_scene *test_load(const char *survey, const oxl_scene_options *options)
     return scene;
 }
 
+oxl_scene *test_scene(const oxl_view *view, oxl_image *image, int views, const oxl_point *point,
+                      size_t points)
+{
+    oxl_scene *scene = NULL;
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, point, points, &scene));
+    for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
+    return scene;
+}
+
 struct os_file_map test_file(const char *file)
 {
     struct os_file_map map;

@@ -118,6 +118,9 @@ int test_has(const char *file);
 void test_read_model(const char *file, oxl_model *out);
 /* Loads a survey; options may be NULL. */
 oxl_scene *test_load(const char *survey, const oxl_scene_options *options);
+/* A scene of these views, whose images are freed. */
+oxl_scene *test_scene(const oxl_view *view, oxl_image *image, int views, const oxl_point *point,
+                      size_t points);
 struct os_file_map test_file(const char *file);
 struct renderer *test_renderer(void);
 oxl_image test_image(int width, int height);

@@ -65,7 +65,7 @@ TEST(antialias_of_a_run_is_that_of_its_model_resumed_or_not)
 {
     NEEDS_PART(antialias);
     oxl_train_options options = train_options(40);
-    struct checkpoint_case c;
+    OWNED_CHECKPOINT_CASE c;
     OWNED_MODEL first = {0}, second = {0};
     options.antialias = 1;
     c = checkpoint_of(train_scene(6), options);
@@ -74,5 +74,4 @@ TEST(antialias_of_a_run_is_that_of_its_model_resumed_or_not)
     CHECK(checkpoint_run(&c, "key", 15, &first) == OXL_ERR_INTERRUPTED);
     CHECK_OK(checkpoint_run(&c, "key", -1, &second));
     CHECK(second.antialias == 1 && train_same(&second, &c.whole));
-    checkpoint_case_free(&c);
 }

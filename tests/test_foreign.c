@@ -680,15 +680,21 @@ static const char *foreign_transforms(const char *members)
     return test_path("survey");
 }
 
+static struct colmap foreign_read(const char *members)
+{
+    struct colmap c;
+    if (members) foreign_transforms(members);
+    CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
+    return c;
+}
+
 TEST(transforms_say_fisheye_in_the_words_of_instant_ngp)
 {
     OWNED_COLMAP c = {0};
-    foreign_transforms("\"is_fisheye\": true");
-    CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
+    c = foreign_read("\"is_fisheye\": true");
     CHECK(!strcmp(camera_model_at(c.camera->model)->name, "OPENCV_FISHEYE") && c.camera->parameter[4] == 0.1);
     colmap_free(test_ctx, &c);
-    foreign_transforms("\"is_fisheye\": false");
-    CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
+    c = foreign_read("\"is_fisheye\": false");
     CHECK(!strcmp(camera_model_at(c.camera->model)->name, "FULL_OPENCV"));
 }
 
@@ -709,8 +715,7 @@ TEST(transforms_masks_are_used_and_missing_ones_counted)
 TEST(transforms_members_that_are_not_read_are_named_once)
 {
     OWNED_COLMAP c = {0};
-    foreign_transforms("\"fisheye_crop_radius\": 5, \"aabb_scale\": 16");
-    CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
+    c = foreign_read("\"fisheye_crop_radius\": 5, \"aabb_scale\": 16");
     CHECK_WARNED("this content of the file is not used: fisheye_crop_radius\n");
 }
 
@@ -732,7 +737,7 @@ TEST(transforms_with_two_focal_lengths_take_the_one_that_a_camera_has)
         if (strstr(cases[i].members, "millimetres"))
             job_test_replace(test_path("survey/transforms.json"), "\"fl_x\": 120, \"fl_y\": 120",
                              "\"fl_x\": 3, \"fl_y\": 3");
-        CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
+        c = foreign_read(NULL);
         CHECK(fabs(c.camera->parameter[0] - cases[i].focal) < 0.1 &&
               fabs(c.camera->parameter[1] - cases[i].focal) < 0.1);
         CHECK(cases[i].warns == (strstr(test_said.warning, "follow from camera_angle_x") != NULL));
@@ -750,14 +755,13 @@ TEST(focal_lengths_that_cannot_be_are_named)
 TEST(transforms_are_read_without_the_points_that_they_name)
 {
     struct colmap c;
-    foreign_transforms("\"ply_file_path\": \"C:\\\\old\\\\p.ply\"");
-    CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
+    c = foreign_read("\"ply_file_path\": \"C:\\\\old\\\\p.ply\"");
     CHECK(c.image_count == 2 && c.point_count == 0);
     CHECK_WARNED("ply_file_path names C/old/p.ply, which is not there");
     colmap_free(test_ctx, &c);
     test_write("survey/p.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
                                "property float z\nend_header\n1 2 3\n");
-    CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
+    c = foreign_read(NULL);
     CHECK(c.point_count == 1);
     colmap_free(test_ctx, &c);
 }
@@ -774,7 +778,7 @@ static int foreign_first_red(const char *type, const char *rows)
         "property %s green\nproperty %s blue\nend_header\n%s",
         type, type, type, rows);
     test_write("survey/p.ply", t.data);
-    CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
+    c = foreign_read(NULL);
     if (c.point_count == 2) red = c.point[0].rgb[0];
     return red;
 }

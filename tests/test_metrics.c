@@ -183,7 +183,6 @@ TEST(metrics_are_the_same_with_any_number_of_threads)
 static oxl_scene *metrics_scene(const oxl_model *model, oxl_view view[2])
 {
     oxl_image image[2];
-    oxl_scene *scene = NULL;
     /* z 1, 2, 2.5 */
     oxl_point point[3] = {
         {.position = {-0.4, 0, -2}}, {.position = {0.9, 0, -1}}, {.position = {0, 0, -0.5}}};
@@ -199,9 +198,7 @@ static oxl_scene *metrics_scene(const oxl_model *model, oxl_view view[2])
                                       .translation = {0.1 * i, 0, 3}};
         CHECK_OK(oxl_render(test_ctx, model, &view[i].camera, NULL, &image[i], NULL));
     }
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 2, point, 3, &scene));
-    for (int i = 0; i < 2; i++) oxl_image_free(test_ctx, &image[i]);
-    return scene;
+    return test_scene(view, image, 2, point, 3);
 }
 
 TEST(metrics_evaluate_each_view_of_a_split_and_write_json)

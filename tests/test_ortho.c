@@ -22,7 +22,6 @@ static oxl_scene *ortho_test_made(double angle, const double sign[3])
     oxl_view view[2];
     oxl_image image[2] = {{0}, {0}};
     oxl_point points[30];
-    oxl_scene *scene = NULL;
     for (int i = 0; i < 30; i++) points[i] = (oxl_point){{i % 6 * 2., i / 6, 0.01 * (i % 3)}, 1, {9, 9, 9}};
     for (int i = 0; i < 90; i++) points[i / 3].position[i % 3] *= sign[i % 3];
     for (int i = 0; i < 2; i++) {
@@ -37,9 +36,7 @@ static oxl_scene *ortho_test_made(double angle, const double sign[3])
                     (double[]){sign[0] * eyes[i][0], sign[1] * eyes[i][1], sign[2] * eyes[i][2]});
         image[i] = test_image(40, 30);
     }
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 2, points, 30, &scene));
-    for (int i = 0; i < 2; i++) oxl_image_free(test_ctx, &image[i]);
-    return scene;
+    return test_scene(view, image, 2, points, 30);
 }
 
 static oxl_scene *ortho_test_turned(double angle)

@@ -182,31 +182,29 @@ static int prune_run_case(struct prune_case *c, const struct prune *p)
 
 TEST(prune_drops_the_faint_before_the_opaque)
 {
-    struct prune_case c = prune_two_patches(4, 4, -2);
+    OWNED_PRUNE_CASE c = prune_two_patches(4, 4, -2);
     struct prune p;
     int faint = 0;
     prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 4000, 2000, 8, 248);
     prune_run_case(&c, &p);
     for (int i = 0; i < 64; i++) faint += c.trained.model.plane[OXL_OPACITY][i] < 0;
     CHECK(faint == 0);
-    prune_case_free(&c);
 }
 
 /* With more views than a pass takes, rows that its sample does not show are kept. */
 TEST(prune_scores_use_the_sampled_views_only)
 {
-    struct prune_case c = prune_two_patches(10, 1, -2); /* the last view alone sees the right patch */
+    OWNED_PRUNE_CASE c = prune_two_patches(10, 1, -2); /* the last view alone sees the right patch */
     struct prune p;
     prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 4000, 2000, 11, 248);
     p.views = 6; /* every second one: 0, 2, .. 10; after the first drop 1, 3, .. 9 */
     p.drops = 1;
     CHECK(prune_run_case(&c, &p) == 64);
-    prune_case_free(&c);
 }
 
 TEST(prune_scores_are_the_same_with_any_threads)
 {
-    struct prune_case c = prune_two_patches(3, 2, -2);
+    OWNED_PRUNE_CASE c = prune_two_patches(3, 2, -2);
     const oxl_render_options options = oxl_render_options_default();
     const int threads = test_ctx->threads;
     float score[2][128];
@@ -220,7 +218,6 @@ TEST(prune_scores_are_the_same_with_any_threads)
     }
     test_ctx->threads = threads;
     CHECK(memcmp(score[0], score[1], sizeof score[0]) == 0 && score[0][1] > score[0][0] && score[0][0] > 0);
-    prune_case_free(&c);
 }
 
 /* Scores and the last densification see opacities that have recovered: 1000 iterations or 2.5 % of the run

@@ -11,7 +11,6 @@ static oxl_scene *ssim_contrast_test_scene(float level)
     oxl_view view[N];
     oxl_image image[N];
     oxl_point point[1] = {{.position = {0, 0, 0}}};
-    oxl_scene *scene = NULL;
     for (int v = 0; v < N; v++) {
         view[v] = (oxl_view){v == 0   ? "a"
                              : v == 1 ? "b"
@@ -22,9 +21,7 @@ static oxl_scene *ssim_contrast_test_scene(float level)
         for (int i = 0; i < 3 * W * H; i++)
             image[v].rgb[i] = 0.4f + 0.001f * (float)(i % W) + (i / W % 2 ? level : -level);
     }
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, N, point, 1, &scene));
-    for (int v = 0; v < N; v++) oxl_image_free(test_ctx, &image[v]);
-    return scene;
+    return test_scene(view, image, N, point, 1);
 }
 
 TEST(ssim_contrast_follows_faint_images_alone)

@@ -33,6 +33,7 @@ static void density_case_free(struct density_case *c)
     model_trained_free(test_ctx, &c->trained);
     density_free(test_ctx, c->density);
 }
+#define DENSITY_CASE __attribute__((cleanup(density_case_free))) struct density_case
 
 static struct density_change density_run(struct density_case *c, struct density_rules rules)
 {
@@ -43,7 +44,7 @@ static struct density_change density_run(struct density_case *c, struct density_
 
 TEST(density_splits_rows_of_large_gradient_in_two_beside_each_other_with_new_moments)
 {
-    struct density_case c = density_case((float[]){1, 1, 0, 0});
+    DENSITY_CASE c = density_case((float[]){1, 1, 0, 0});
     const struct density_change d = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1});
     const float *x = c.trained.model.plane[OXL_MEAN];
     CHECK(d.split == 2 && d.removed == 0 && c.trained.model.count == 6 && c.trained.mean.count == 6);
@@ -55,7 +56,6 @@ TEST(density_splits_rows_of_large_gradient_in_two_beside_each_other_with_new_mom
     for (int i = 0; i < 6; i++)
         CHECK(c.trained.mean.plane[0][i] == (i < 4 ? 0 : 7) &&
               c.trained.square.plane[5][i] == (i < 4 ? 0 : 7));
-    density_case_free(&c);
 }
 
 TEST(density_control_needs_memory_for_the_new_rows_alone)
@@ -94,7 +94,7 @@ TEST(density_control_needs_memory_for_the_new_rows_alone)
 static void density_render_needle(float opacity, int with_children, float red[32 * 48])
 {
     const oxl_camera camera = {48, 32, 40, 40, 24, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
-    struct density_case c = density_case((float[]){1, 0, 0, 0});
+    DENSITY_CASE c = density_case((float[]){1, 0, 0, 0});
     static const float row[] = {0, 0, 4, -1, -1.6f, -2.3f, 0.9f, 0.1f, 0.2f, 0.4f};
     OWNED_IMAGE image = {0};
     for (int i = 0; i < 4; i++)
@@ -106,7 +106,6 @@ static void density_render_needle(float opacity, int with_children, float red[32
         CHECK(density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1}).split == 1);
     CHECK_OK(oxl_render(test_ctx, &c.trained.model, &camera, NULL, &image, NULL));
     memcpy(red, image.rgb, 32 * 48 * sizeof *red);
-    density_case_free(&c);
 }
 
 /* Sum of alpha, mean, variances, largest difference of a pixel. What is lost: the image below alpha 1/255,
@@ -135,7 +134,7 @@ TEST(density_split_keeps_opacity_place_and_covariance_of_the_rendered_image)
 
 TEST(density_with_lobes_removes_rows_in_their_order_and_refuses_to_grow)
 {
-    struct density_case c = density_case((float[]){0, 0, 0, 0});
+    DENSITY_CASE c = density_case((float[]){0, 0, 0, 0});
     struct density_change d;
     struct density_rules rules = {.gradient = 0.5, .extent = 1};
     for (int k = 0; k < TRAINED_PARTS; k++)
@@ -152,47 +151,43 @@ TEST(density_with_lobes_removes_rows_in_their_order_and_refuses_to_grow)
     c.density->gradient[1] = 1, c.density->views[1] = 1;
     CHECK(test_density(test_ctx, c.density, &c.trained, &rules, &d) == OXL_ERR_USAGE);
     CHECK(c.trained.model.count == 2);
-    density_case_free(&c);
 }
 
 TEST(density_removes_faint_and_nonfinite_rows)
 {
-    struct density_case c = density_case((float[]){0, 0, 0, 1});
+    DENSITY_CASE c = density_case((float[]){0, 0, 0, 1});
     struct density_change d;
     c.trained.model.plane[OXL_OPACITY][0] = -6; /* 0.0025 */
     c.trained.model.plane[OXL_MEAN + 1][1] = INFINITY;
     c.trained.model.plane[OXL_SH + 11][3] = NAN; /* although its gradient would have it grow */
     d = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1});
     CHECK(d.removed == 3 && c.trained.model.count == 1 && c.trained.model.plane[OXL_MEAN][0] == 2);
-    density_case_free(&c);
 }
 
 /* Removed, as Kerbl has it, the far water of a turbid survey goes with them, and nothing is left to grow
  * there. */
 TEST(density_splits_large_rows_whatever_their_gradient_but_only_after_a_reset)
 {
-    struct density_case c = density_case((float[]){0, 0, 0, 0});
+    DENSITY_CASE c = density_case((float[]){0, 0, 0, 0});
     struct density_rules rules = {.gradient = 0.5, .extent = 1};
     struct density_change d = density_run(&c, rules);
     CHECK(d.removed == 0 && d.split == 0);
     rules.split_large = 1;
     d = density_run(&c, rules);
     CHECK(d.removed == 0 && d.split == 2 && c.trained.model.count == 6);
-    density_case_free(&c);
 }
 
 TEST(density_cap_splits_the_largest_gradients)
 {
-    struct density_case c = density_case((float[]){1, 4, 2, 3});
+    DENSITY_CASE c = density_case((float[]){1, 4, 2, 3});
     const struct density_change d =
         density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1, .cap = 6});
     CHECK(c.trained.model.count == 6 && d.split == 2);
-    density_case_free(&c);
 }
 
 TEST(density_reset_lowers_opacity_to_a_hundredth_and_clears_its_moments)
 {
-    struct density_case c = density_case((float[]){0, 0, 0, 0});
+    DENSITY_CASE c = density_case((float[]){0, 0, 0, 0});
     c.trained.model.plane[OXL_OPACITY][1] = -5.5f;
     density_reset_opacity(&c.trained, 0);
     CHECK_CLOSE(1 / (1 + exp(-c.trained.model.plane[OXL_OPACITY][0])), 0.01, 1e-6);
@@ -201,7 +196,6 @@ TEST(density_reset_lowers_opacity_to_a_hundredth_and_clears_its_moments)
     CHECK_CLOSE(1 / (1 + exp(-c.trained.model.plane[OXL_OPACITY][3])), 0.102, 1e-6); /* still seen */
     CHECK(c.trained.model.plane[OXL_OPACITY][1] == -5.5f && c.trained.mean.plane[OXL_OPACITY][2] == 0 &&
           c.trained.mean.plane[OXL_MEAN][2] == 7);
-    density_case_free(&c);
 }
 
 /* Rows 0, 1, 2 seen with the same gradient, from near, from the middle and from afar. */
@@ -221,23 +215,21 @@ static struct density_case density_banded_case(void)
 TEST(density_weights_count_by_the_depth_at_which_a_row_was_seen)
 {
     for (int i = 0; i < 3; i++) { /* the threshold is met by nobody; by the far one; by the middle one too */
-        struct density_case c = density_banded_case();
+        DENSITY_CASE c = density_banded_case();
         const struct density_change d = density_run(
             &c, (struct density_rules){
                     .gradient = 0.5, .f_mid = i > 1 ? 2 : 1, .f_far = i > 0 ? 2 : 1.9, .extent = 1});
         CHECK(d.split == (size_t)i); /* rows 1 and 2 */
-        density_case_free(&c);
     }
 }
 
 TEST(density_mean_gradient_is_unweighted)
 {
-    struct density_case c = density_banded_case();
+    DENSITY_CASE c = density_banded_case();
     c.density->gradient_far[0] = 0.75f; /* seen once more, from afar */
     c.density->views[0] = 2;
     CHECK(density_mean_gradient(c.density, 0) == 0.5 && density_mean_gradient(c.density, 2) == 0.25);
     CHECK(density_mean_gradient(c.density, 3) == 0);
-    density_case_free(&c);
 }
 
 /* Two Gaussians side by side, 1 and 5 away, rendered and compared with nothing. */
@@ -298,7 +290,6 @@ oxl_scene *train_scene_of(int views, double shine)
     oxl_view view[16] = {{0}};
     oxl_image image[16] = {{0}};
     oxl_point point[GRID * GRID];
-    oxl_scene *scene = NULL;
     OWNED_MODEL truth = test_model(GRID * GRID, 1);
     for (int i = 0; i < GRID * GRID; i++) {
         for (int k = 3; k < 12; k++)
@@ -330,9 +321,7 @@ oxl_scene *train_scene_of(int views, double shine)
                              v == 3};
         CHECK_OK(oxl_render(test_ctx, &truth, &view[v].camera, NULL, &image[v], NULL));
     }
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, point, GRID * GRID, &scene));
-    for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
-    return scene;
+    return test_scene(view, image, views, point, GRID * GRID);
 }
 
 oxl_scene *train_scene(int views)
@@ -346,7 +335,6 @@ oxl_scene *train_scene_changed(int views, const char *const *names,
                                const void *how)
 {
     OWNED_SCENE *plain = train_scene(views);
-    oxl_scene *scene = NULL;
     oxl_view view[16] = {{0}};
     oxl_image image[16] = {{0}};
     for (int v = 0; v < views; v++) {
@@ -355,10 +343,7 @@ oxl_scene *train_scene_changed(int views, const char *const *names,
         CHECK_OK(oxl_scene_image(test_ctx, plain, v, NULL, &image[v]));
         if (change) change(how, plain, v, &image[v]);
     }
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, oxl_scene_points(plain),
-                                   oxl_scene_point_count(plain), &scene));
-    for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
-    return scene;
+    return test_scene(view, image, views, oxl_scene_points(plain), oxl_scene_point_count(plain));
 }
 
 oxl_train_options train_options(int iterations)
@@ -752,7 +737,7 @@ TEST(train_keeps_less_momentum_the_shorter_the_run_and_kerbls_from_7000_iteratio
 TEST(train_grows_sooner_where_a_scene_has_no_points)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
-    struct prune_case none = prune_two_patches(4, 3, 0.5f);
+    OWNED_PRUNE_CASE none = prune_two_patches(4, 3, 0.5f);
     OWNED_SCENE *some = train_scene(4);
     CHECK(oxl_scene_point_count(none.scene) == 0 && o.densify_gradient == 5.5e-4f);
     CHECK(schedule_densify_gradient(some, &o) == 5.5e-4f);
@@ -761,7 +746,6 @@ TEST(train_grows_sooner_where_a_scene_has_no_points)
     CHECK(schedule_densify_gradient(none.scene, &o) == 2e-4f);
     o.densify_gradient = 1e-4f;
     CHECK(schedule_densify_gradient(none.scene, &o) == 1e-4f);
-    prune_case_free(&none);
 }
 
 /* ---------------- terms of one's own */

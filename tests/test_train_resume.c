@@ -65,16 +65,15 @@ void checkpoint_stops(struct checkpoint_case *c, const int *stop, size_t stops, 
 TEST(checkpoint_a_run_stopped_at_any_step_ends_in_the_same_bytes)
 {
     static const int stops[] = {1, 29, 99, 100, 101};
-    struct checkpoint_case c = checkpoint_case();
+    OWNED_CHECKPOINT_CASE c = checkpoint_case();
     OWNED_MODEL model = {0};
     checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);
     CHECK(c.whole.count != oxl_scene_point_count(c.scene) && train_same(&model, &c.whole));
-    checkpoint_case_free(&c);
 }
 
 TEST(checkpoint_keeps_the_callers_log)
 {
-    struct checkpoint_case c = checkpoint_case();
+    OWNED_CHECKPOINT_CASE c = checkpoint_case();
     OWNED_MODEL model = {0};
     text_add(&c.log, "iteration,loss\n");
     CHECK(checkpoint_run(&c, "key", 5, &model) == OXL_ERR_INTERRUPTED);
@@ -82,7 +81,6 @@ TEST(checkpoint_keeps_the_callers_log)
     text_free(&c.log);
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
     CHECK_TEXT(c.log.data ? c.log.data : "", "iteration,loss\n");
-    checkpoint_case_free(&c);
 }
 
 static void checkpoint_change_byte(const char *path, long at)
@@ -111,7 +109,7 @@ static void checkpoint_cut(const char *path, size_t size)
 TEST(checkpoint_that_is_damaged_is_noticed)
 {
     static const long places[] = {0, 30, 5000, -1, -20};
-    struct checkpoint_case c = checkpoint_case();
+    OWNED_CHECKPOINT_CASE c = checkpoint_case();
     OWNED_MODEL model = {0};
     for (size_t i = 0; i <= OXL_COUNT(places); i++) {
         checkpoint_remove(test_folder());
@@ -124,17 +122,15 @@ TEST(checkpoint_that_is_damaged_is_noticed)
     }
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
     CHECK(train_same(&model, &c.whole));
-    checkpoint_case_free(&c);
 }
 
 TEST(checkpoint_of_another_key_is_left_aside)
 {
-    struct checkpoint_case c = checkpoint_case();
+    OWNED_CHECKPOINT_CASE c = checkpoint_case();
     OWNED_MODEL model = {0};
     CHECK(checkpoint_run(&c, "key", 10, &model) == OXL_ERR_INTERRUPTED);
     oxl_model_free(test_ctx, &model);
     CHECK(checkpoint_run(&c, "other", 1, &model) == OXL_ERR_INTERRUPTED && c.first == 1);
-    checkpoint_case_free(&c);
 }
 
 static void checkpoint_numbers(struct archive *a, void *user)

@@ -20,7 +20,7 @@ TEST(selection_corrects_depth_weights_within_the_run_and_a_stopped_run_ends_in_t
 {
     NEEDS_PART(ucd);
     static const int stops[] = {60, 62, 64, 90, 119, 200};
-    struct checkpoint_case c = checkpoint_of(train_scene(14), train_options(240));
+    OWNED_CHECKPOINT_CASE c = checkpoint_of(train_scene(14), train_options(240));
     c.options.sh_degree = 0;
     c.options.densify_every = 3; /* 21 densifications from step 60 to 120 */
     c.options.densify_gradient = 8e-3f;
@@ -29,5 +29,4 @@ TEST(selection_corrects_depth_weights_within_the_run_and_a_stopped_run_ends_in_t
     selection_test_check_stops(&c, stops, OXL_COUNT(stops));
     CHECK(strstr(c.decisions.data, ", corrected by 2 pairs of costs\"") != NULL);
     CHECK(!strstr(c.decisions.data, "f_mid 1.50") || !strstr(c.decisions.data, "f_far 2.00"));
-    checkpoint_case_free(&c);
 }

@@ -101,7 +101,7 @@ TEST(contrast_is_left_at_the_image_where_it_is_stopped)
 
 TEST(contrast_of_a_scene_without_tracks_is_not_measured)
 {
-    struct prune_case c = prune_two_patches(3, 2, 0);
+    OWNED_PRUNE_CASE c = prune_two_patches(3, 2, 0);
     struct contrast contrast;
     struct ucd u;
     CHECK_OK(contrast_measure(test_ctx, c.scene, &contrast));
@@ -109,7 +109,6 @@ TEST(contrast_of_a_scene_without_tracks_is_not_measured)
     u = ucd_of(c.scene, OXL_UCD_AUTO, 1);
     CHECK(!u.on);
     CHECK_TEXT(u.reason, "no points are seen from several depths");
-    prune_case_free(&c);
 }
 
 /* ---------------- whether */

@@ -217,7 +217,7 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
 {
     NEEDS_PART(exposure);
     static const int stops[] = {5, 99, 100, 101, 320};
-    struct checkpoint_case c = checkpoint_of(exposure_scene(14, 0.3f), train_options(1000));
+    OWNED_CHECKPOINT_CASE c = checkpoint_of(exposure_scene(14, 0.3f), train_options(1000));
     OWNED_MODEL model = {0};
     OWNED_IMAGING whole = {0};
     c.options.exposure = OXL_ON;
@@ -228,7 +228,6 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
     checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);
     CHECK(train_same(&model, &c.whole));
     CHECK(memcmp(whole.log_gain, test_imaging.log_gain, 3 * 14 * sizeof *whole.log_gain) == 0);
-    checkpoint_case_free(&c);
 }
 
 /* ---------------- the file */
@@ -317,10 +316,18 @@ TEST(synth_exposure_and_lamp_are_what_truth_says)
 
 /* ---------------- photometry of tracks */
 
-static void photometry_test_measure(const char *survey, struct photometry *p)
+static void photometry_test_free(struct photometry *p)
+{
+    photometry_free(test_ctx, p);
+}
+#define PHOTOMETRY __attribute__((cleanup(photometry_test_free))) struct photometry
+
+static struct photometry photometry_test_measure(const char *survey)
 {
     OWNED_SCENE *scene = test_load(survey, NULL);
-    CHECK_OK(photometry_measure(test_ctx, scene, PHOTOMETRY_ALL, p));
+    struct photometry p;
+    CHECK_OK(photometry_measure(test_ctx, scene, PHOTOMETRY_ALL, &p));
+    return p;
 }
 
 static synth_options photometry_test_options(const char *name, enum synth_type water)
@@ -353,11 +360,9 @@ static void photometry_test_scale(const synth_options *o, const char *survey, in
 
 TEST(photometry_of_tracks_in_air_finds_neither_medium_nor_lamp_nor_gains)
 {
-    struct photometry p;
     photometry_test_make("air", SYNTH_AIR);
-    photometry_test_measure("air", &p);
+    PHOTOMETRY p = photometry_test_measure("air");
     CHECK(p.points > 50 && p.parts == 0);
-    photometry_free(test_ctx, &p);
 }
 
 /* synth's shape, less its mean over a grid, as the polynomial's is. */
@@ -365,11 +370,10 @@ TEST(photometry_of_a_lamp_in_air_finds_its_shape_and_no_medium)
 {
     enum { N = 16 };
     synth_options o = photometry_test_options("lit", SYNTH_AIR);
-    struct photometry p;
     double truth[N * N], mean = 0, error = 0, square = 0;
     o.lamp = 0;
     synth_test_make(&o, NULL);
-    photometry_test_measure("lit", &p);
+    PHOTOMETRY p = photometry_test_measure("lit");
     CHECK(p.parts == PHOTOMETRY_LAMP);
     for (int i = 0; i < N * N; i++) {
         truth[i] =
@@ -382,7 +386,6 @@ TEST(photometry_of_a_lamp_in_air_finds_its_shape_and_no_medium)
         error += pow(lamp_log_gain(p.shape[0], x, y) - truth[i] + mean, 2);
     }
     CHECK(sqrt(square) / N > 0.1 && error < 0.05 * square);
-    photometry_free(test_ctx, &p);
 }
 
 /* Along a strip a lamp's slope across it may as well be the ground's colours: their prior decides. Its images
@@ -409,11 +412,11 @@ TEST(photometry_along_a_strip_keeps_the_slope_of_the_lamp_and_its_colour_out_of_
 TEST(photometry_of_a_medium_that_is_refused_leaves_lamp_and_gains_as_if_none_had_been_fitted)
 {
     synth_options o = synth_test_options("faint");
-    struct photometry p, alone;
+    PHOTOMETRY alone;
     o.views = 14, o.width = 96, o.height = 64, o.water = SYNTH_II, o.threads = 0;
     o.noise = 3, o.lamp = 0, o.exposure_jitter = 0.3;
     synth_test_make(&o, NULL);
-    photometry_test_measure("faint", &p);
+    PHOTOMETRY p = photometry_test_measure("faint");
     OWNED_SCENE *scene = test_load("faint", NULL);
     CHECK(scene_depth_span(scene) < SCENE_DEPTH_SPAN_MIN);
     CHECK(p.without[0] > 1.1 * p.with_medium && p.without[0] < 1.3 * p.with_medium);
@@ -422,8 +425,6 @@ TEST(photometry_of_a_medium_that_is_refused_leaves_lamp_and_gains_as_if_none_had
     for (int t = 0; t < LAMP_TERMS; t++) CHECK_CLOSE(p.shape[0][t], alone.shape[0][t], 0.01);
     for (int i = 0; i < 3 * oxl_scene_view_count(scene); i++)
         CHECK_CLOSE(p.log_gain[i], alone.log_gain[i], 0.01);
-    photometry_free(test_ctx, &p);
-    photometry_free(test_ctx, &alone);
 }
 
 /* Red that water has taken, and a view without light, say nothing about gains: what the others say is the same. */
@@ -431,11 +432,10 @@ TEST(photometry_judges_gains_by_the_channels_and_views_that_are_in_the_fit)
 {
     static const double no_red[3] = {0.001, 0.5, 0.5}, brighter[3] = {1, 1.5, 1.5}, none[3] = {0, 0, 0};
     synth_options o = photometry_test_make("deep", SYNTH_AIR);
-    struct photometry p;
     int unseen = 0;
     for (int v = 0; v < o.views; v++) photometry_test_scale(&o, "deep", v, v == 3 ? none : no_red);
     photometry_test_scale(&o, "deep", 6, brighter);
-    photometry_test_measure("deep", &p);
+    PHOTOMETRY p = photometry_test_measure("deep");
     CHECK(p.parts == PHOTOMETRY_GAINS);
     CHECK(p.unexplained > 0.405 / sqrt(12.0) && p.unexplained < 0.405 / sqrt(8.0));
     CHECK(p.brightness > 0.1 && p.brightness < 0.4);
@@ -444,7 +444,6 @@ TEST(photometry_judges_gains_by_the_channels_and_views_that_are_in_the_fit)
         unseen += p.fitted[v] == 0;
     }
     CHECK(unseen == 3); /* the view without light, and two held out */
-    photometry_free(test_ctx, &p);
 }
 
 /* The right images of stereo pairs get a ramp; without it both cameras have the same shape. */
@@ -454,7 +453,7 @@ TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
     struct photometry p;
     o.views = 28, o.stereo = 0.3, o.lamp = 0;
     synth_test_make(&o, NULL);
-    photometry_test_measure("lamps", &p);
+    p = photometry_test_measure("lamps");
     CHECK(p.parts & PHOTOMETRY_LAMP);
     CHECK(memcmp(p.shape[1], p.shape[2], sizeof p.shape[1]) == 0);
     photometry_free(test_ctx, &p);
@@ -468,7 +467,7 @@ TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
             image.rgb[i] *= (float)exp(0.4 * (2.0 * (i % o.width + 0.5) / o.width - 1) - 0.4);
         test_write_image(path, &image);
     }
-    photometry_test_measure("lamps", &p);
+    p = photometry_test_measure("lamps");
     CHECK_CLOSE(p.shape[2][0] - p.shape[1][0], 0.4, 0.04);
     photometry_free(test_ctx, &p);
 }
@@ -577,10 +576,9 @@ TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
 {
     static const double factor[3] = {0.4, 0.5, 0.6};
     synth_options o = photometry_test_options("tracks", SYNTH_7C);
-    struct photometry p, scaled;
     o.exposure_jitter = 0.4;
     synth_test_make(&o, NULL);
-    photometry_test_measure("tracks", &p);
+    PHOTOMETRY p = photometry_test_measure("tracks");
     CHECK(p.parts & PHOTOMETRY_MEDIUM && p.parts & PHOTOMETRY_GAINS);
     for (int c = 0; c < 3; c++) {
         static const double direct[3] = {.478, .494, .693}, veil[3] = {.18, .43, .27};
@@ -589,7 +587,7 @@ TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
         CHECK_CLOSE(p.veiling_light[c], veil[c], 0.15 * veil[c]);
     }
     for (int v = 0; v < o.views; v++) photometry_test_scale(&o, "tracks", v, factor);
-    photometry_test_measure("tracks", &scaled);
+    PHOTOMETRY scaled = photometry_test_measure("tracks");
     CHECK(scaled.parts == p.parts);
     for (int c = 0; c < 3; c++) {
         CHECK_CLOSE(scaled.attenuation[c], p.attenuation[c], 0.03 * p.attenuation[c]);
@@ -599,8 +597,6 @@ TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
         for (int v = 0; v < o.views - 2; v++) /* the last ones see no more tracks */
             CHECK_CLOSE(scaled.log_gain[3 * v + c], p.log_gain[3 * v + c], 0.05);
     }
-    photometry_free(test_ctx, &p);
-    photometry_free(test_ctx, &scaled);
 }
 
 /* Mean of each channel of a view without the medium, after a short run. */
@@ -844,6 +840,7 @@ static void depth_case_end(struct depth_case *c)
     renderer_free(test_ctx, c->r);
     oxl_scene_free(test_ctx, c->scene);
 }
+#define DEPTH_CASE __attribute__((cleanup(depth_case_end))) struct depth_case
 
 /* How the sum of depth_hidden changes with the opacity of one of the rows in front, or with all (row
  * SIZE_MAX). */
@@ -864,7 +861,7 @@ static double depth_slope(struct depth_case *c, size_t row)
 
 TEST(depth_loss_lowers_the_opacity_in_front_of_points_by_its_exact_gradient)
 {
-    struct depth_case c = depth_case_begin();
+    DEPTH_CASE c = depth_case_begin();
     double largest = 0, all = 0;
     for (size_t j = 0, row = 0; j < c.model.count; row += c.in_front[j++]) {
         const double d = (double)c.gradient.plane[OXL_OPACITY][j];
@@ -874,12 +871,11 @@ TEST(depth_loss_lowers_the_opacity_in_front_of_points_by_its_exact_gradient)
     }
     CHECK(largest > 0.02);
     CHECK_CLOSE(all, depth_slope(&c, SIZE_MAX), 0.01 * all); /* no point is missed */
-    depth_case_end(&c);
 }
 
 TEST(depth_loss_changes_nothing_but_opacities_in_front_of_points_in_its_step_with_a_context_or_without)
 {
-    struct depth_case c = depth_case_begin();
+    DEPTH_CASE c = depth_case_begin();
     double elsewhere = 0, behind = 0, in_front = 0;
     for (size_t j = 0; j < c.model.count; j++) {
         *(c.in_front[j] ? &in_front : &behind) += fabs((double)c.gradient.plane[OXL_OPACITY][j]);
@@ -895,14 +891,13 @@ TEST(depth_loss_changes_nothing_but_opacities_in_front_of_points_in_its_step_wit
         CHECK(beside.plane[OXL_OPACITY][j] == c.gradient.plane[OXL_OPACITY][j]);
     depth_case_step(&c, 0, &beside);
     for (size_t j = 0; j < c.model.count; j++) CHECK(beside.plane[OXL_OPACITY][j] == 0);
-    depth_case_end(&c);
 }
 
 TEST(medium_a_run_that_is_stopped_ends_in_the_same_bytes)
 {
     NEEDS_PART(medium);
     static const int stops[] = {1, 80};
-    struct checkpoint_case c;
+    OWNED_CHECKPOINT_CASE c;
     OWNED_MODEL model = {0};
     struct medium whole;
     photometry_test_make("survey", SYNTH_3C);
@@ -913,7 +908,6 @@ TEST(medium_a_run_that_is_stopped_ends_in_the_same_bytes)
     CHECK(whole.on);
     checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);
     CHECK(train_same(&model, &c.whole) && memcmp(&whole, &test_imaging.medium, sizeof whole) == 0);
-    checkpoint_case_free(&c);
 }
 
 /* ---------------- the lamp */
@@ -1067,7 +1061,7 @@ TEST(lamp_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
     NEEDS_PART(lamp);
     static const int stops[] = {9, 10, 11, 60};
     const struct lamp lamp = lamp_of(-1);
-    struct checkpoint_case c = checkpoint_of(lamp_scene(7, &lamp, 1), train_options(130));
+    OWNED_CHECKPOINT_CASE c = checkpoint_of(lamp_scene(7, &lamp, 1), train_options(130));
     OWNED_MODEL model = {0};
     struct oxl_imaging whole = {0};
     c.options.lamp = OXL_ON;
@@ -1078,7 +1072,6 @@ TEST(lamp_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
     CHECK(train_same(&model, &c.whole));
     CHECK(memcmp(&whole.medium, &test_imaging.medium, sizeof whole.medium) == 0);
     CHECK(memcmp(&whole.lamp[0], &test_imaging.lamp[0], sizeof whole.lamp[0]) == 0);
-    checkpoint_case_free(&c);
 }
 
 TEST(lamp_of_a_stereo_pair_is_one_for_each_folder_or_prefix)
