@@ -14,8 +14,6 @@
 
 /* Plans with this fraction of the budget: predictions are right within about 10 %. */
 #define BUDGET_MARGIN 0.9
-/* Limits the fraction of the budget for decoded images: others are read from files (docs/SCALE.md). */
-#define BUDGET_CACHE 0.1
 /* Makes room in a block for this factor of the Gaussians that it starts with, or for
  * BUDGET_EXPECTED, if that is less. */
 #define BUDGET_GROWTH 1.25
@@ -29,12 +27,6 @@
 /* Limits the SH degree if memory is short: more Gaussians are worth more than
  * degree 3 (docs/log/SCALE.md). */
 #define BUDGET_SH 1
-
-OXL_INTERNAL size_t budget_cache(const oxl_job_options *o)
-{
-    return o->ram ? OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram))
-                  : o->scene.image_cache_bytes;
-}
 
 static int budget_is_limited(const oxl_job_options *o)
 {
@@ -66,7 +58,7 @@ OXL_INTERNAL int budget_limit_gaussians(const struct cost_load *load, oxl_job_op
     const double most = (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
     double gaussians;
     if (!budget_is_limited(o)) return 1;
-    o->scene.image_cache_bytes = budget_cache(o);
+    o->scene.image_cache_bytes = cost_cache(o);
     gaussians = OXL_MIN(most, budget_max_gaussians(load, o));
     if (o->train.sh_degree < 0 && gaussians < floor(budget_wanted(o, load))) {
         o->train.sh_degree = BUDGET_SH;

@@ -21,6 +21,8 @@
 #define COST_DEVICE_ROOM 1.25    /* those that grow with the Gaussians are reserved by a quarter more */
 #define COST_STEPS_PER_IMAGE \
     700 /* most iterations of a preset for an image: more overfit (docs/log/TRAINING.md) */
+/* Limits the fraction of the budget for decoded images: others are read from files (docs/SCALE.md). */
+#define COST_CACHE 0.1
 #define COST_TIMED_SECONDS 1.0 /* after which no more steps are timed */
 enum {
     COST_STEPS = 10,      /* timed, */
@@ -83,11 +85,17 @@ static int cost_may_refine(const oxl_train_options *o)
     return o->exposure != OXL_OFF || o->medium != OXL_OFF || o->dog != OXL_DOG_OFF;
 }
 
+OXL_INTERNAL size_t cost_cache(const oxl_job_options *o)
+{
+    return o->ram ? OXL_MIN(o->scene.image_cache_bytes, (size_t)(COST_CACHE * (double)o->ram))
+                  : o->scene.image_cache_bytes;
+}
+
 OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load *load, double gaussians)
 {
     const int degree = o->train.sh_degree < 0 ? 3 : o->train.sh_degree;
     const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
-    const double cache = image_cache_bytes((double)budget_cache(o), load->pixels, load->largest_file);
+    const double cache = image_cache_bytes((double)cost_cache(o), load->pixels, load->largest_file);
     const double depths = parts_bytes(&o->train, (double)load->observations, load->views);
     /* Counts sets of planes: parameters and two moments; a model for viewers is refined beside the one that
      * it begins with. */

@@ -67,7 +67,7 @@ OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
     oxl_result rc = OXL_OK;
     if (!os_is_folder(folder)) { /* Leaves the decision to the process that has made the folder. */
         const int wanted =
-            job->scene && (job->partition.block_count > 1 || bytes > (double)budget_cache(&job->options));
+            job->scene && (job->partition.block_count > 1 || bytes > (double)cost_cache(&job->options));
         if (wanted) rc = oxl_make_folder(job->ctx, folder);
         if (rc == OXL_OK && wanted && os_disk_free(folder) < JOB_DISK * bytes) os_remove_folder(folder);
     }

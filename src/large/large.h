@@ -106,6 +106,7 @@ OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene);
 OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int block);
 /* Predicts the Gaussians at the end of a run. */
 OXL_INTERNAL double cost_gaussians(const oxl_job_options *options, const struct cost_load *load);
+OXL_INTERNAL size_t cost_cache(const oxl_job_options *o); /* bytes of decoded images */
 /* Predicts the peak memory in bytes of a run that ends with `gaussians`. */
 OXL_INTERNAL double cost_memory(const oxl_job_options *options, const struct cost_load *load,
                                 double gaussians);
@@ -125,7 +126,6 @@ OXL_INTERNAL oxl_result cost_seconds(oxl_context *ctx, const oxl_scene *scene, c
 /* Sets image cache, SH degree and the limit of Gaussians so that the load fits options->ram and
  * options->device_ram (0: no limit); returns 0 if it cannot. */
 OXL_INTERNAL int budget_fit(const struct cost_load *load, oxl_job_options *o);
-OXL_INTERNAL size_t budget_cache(const oxl_job_options *o); /* bytes of decoded images */
 /* Returns the most Gaussians of a run that fit both limits. */
 OXL_INTERNAL double budget_max_gaussians(const struct cost_load *load, const oxl_job_options *o);
 /* Fits, as budget_fit, a model that may have fewer Gaussians than the survey has points. */
