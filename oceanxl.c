@@ -103,6 +103,7 @@
 #include "src/render/backend.c" /* selects the CPU or Vulkan */
 
 /* images compared */
+#include "src/evaluate/planes.c"    /* planes, blurred by a Gaussian window */
 #include "src/evaluate/metrics.c"   /* two images compared: PSNR, SSIM, MS-SSIM */
 #include "src/evaluate/structure.c" /* the same whatever their contrast: correlation of their detail */
 #include "src/evaluate/align.c"     /* a camera moved onto its image */

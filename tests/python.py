@@ -115,7 +115,8 @@ def test_images_depth_and_alpha_are_of_one_surface():
 def test_gradients_agree_with_finite_differences():
     model, view = train(), scene.views[3]
     y, x, c = np.mgrid[:64, :96, :3]
-    weight = np.sin(x / 9 + y / 11 + c).astype(np.float32)  # smooth: with noise the edges of Gaussians, which no gradient has, are as large as the slope
+    # Smooth: under noise the edges of Gaussians, which no gradient contains, reach a tenth of the slope.
+    weight = np.sin(x / 9 + y / 11 + c).astype(np.float32)
     gradient = oxl.render_backward(model, view, weight)
     for name in ("means", "scales", "opacities", "sh"):
         values, exact = getattr(model, name), getattr(gradient, name)

@@ -23,8 +23,10 @@ OXL_INTERNAL double metrics_decibel(double error, double weight);
 OXL_INTERNAL oxl_result metrics_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *ssim,
                                      double *ms_ssim);
 
+/* ---------------- planes.c */
+
 enum { PLANES = 7, PLANES_HALF_MAX = 24 /* px; of a window */ };
-struct planes {
+struct planes { /* Holds the work of one comparison of images. */
     int width, height;
     size_t size;           /* pixels */
     double *plane[PLANES]; /* (H,W) */
@@ -34,6 +36,7 @@ struct planes_window { /* A Gaussian of 2 half + 1 px; outside of the image is b
     double sigma;
     int half, reflects;
 };
+/* Allocates planes of the size of an image, not cleared; planes_free takes them back. */
 OXL_INTERNAL oxl_result planes_begin(oxl_context *ctx, const oxl_image *of, struct planes *p);
 OXL_INTERNAL void planes_free(oxl_context *ctx, struct planes *p);
 /* Blurs a plane, along y and then along x. */
