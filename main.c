@@ -179,22 +179,6 @@ static oxl_result run_report(oxl_context *ctx, const struct arguments *a)
     return rc;
 }
 
-static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
-{
-    oxl_partition_report report = {0};
-    oxl_result rc;
-    console_catch_signals();
-    rc = oxl_partition(ctx, a->path[0], a->out, &a->job, &report);
-    if (rc == OXL_OK) {
-        info_print_blocks(stdout, &report);
-        print_format(stdout,
-                     "\nblocks    %s/blocks\nlist      %s/partition.txt\nmap       %s/partition.svg\n",
-                     a->out, a->out, a->out);
-    }
-    oxl_partition_report_free(ctx, &report);
-    return rc;
-}
-
 /* The file of a model that train left: scene.ply is for viewers, and so for orthomosaics and flights, but where
  * it lacks gains alone; scene_clear.ply, where there is one, gives the images with imaging.txt. */
 static const char *model_file(oxl_context *ctx, const struct arguments *a, char *path, size_t size)
@@ -425,7 +409,6 @@ static oxl_result run_command(oxl_context *ctx, const struct arguments *a, struc
     case COMMAND_MEASURE: return run_measure(ctx, a);
     case COMMAND_INFO: return a->devices ? run_devices(ctx) : info_print(ctx, stdout, a->path[0], a->json);
     case COMMAND_CONVERT: return run_convert(ctx, a);
-    case COMMAND_PARTITION: return run_partition(ctx, a);
     case COMMAND_MERGE: return run_merge(ctx, a, console);
     case COMMAND_REPORT: return run_report(ctx, a);
     default: return OXL_ERR_USAGE;

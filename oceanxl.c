@@ -147,30 +147,28 @@
 #include "src/checks/hypotheses.c" /* tells whether images, poses and points belong together, and if not, how they would */
 
 /* what one model in memory does not need: memory and time predicted, blocks */
-#include "src/large/partition.h"        /* shared by these files */
-#include "src/large/partition_axes.c"   /* principal axes, the frame of the partition */
-#include "src/large/partition_cut.c"    /* where a box is cut */
-#include "src/large/partition_make.c"   /* how many blocks, and the plan of them */
-#include "src/large/partition_file.c"   /* partition.txt */
-#include "src/large/partition_svg.c"    /* partition.svg */
-#include "src/large/partition_export.c" /* blocks as COLMAP text exports */
-#include "src/large/merge.c"            /* merge the models of blocks */
-#include "src/large/cost.c"             /* predicted Gaussians, memory and time of training */
-#include "src/large/budget.c"           /* --ram: limits that fit a memory budget */
-#include "src/large/os_job_posix.c"     /* the operating system: locks, links, peak memory */
-#include "src/large/os_job_windows.c"   /* the same on Windows */
-#include "src/large/os_job.c"           /* on top of them: links refused, locks */
-#include "src/large/lock.c"             /* one process at a time writes to a folder */
-#include "src/large/checkpoint.c"       /* a run's state in a file, for resuming */
-#include "src/large/block.c"            /* training of one block in its folder */
-#include "src/large/job_state.h"        /* shared by the files of a job */
-#include "src/large/job_state.c"        /* names in OUT, the survey, progress, the blocks' models */
-#include "src/large/block_plan.c"       /* windows, steps and budget of each block */
-#include "src/large/blocks.c"           /* several blocks trained as one model */
+#include "src/large/partition.h"      /* shared by these files */
+#include "src/large/partition_axes.c" /* principal axes, the frame of the partition */
+#include "src/large/partition_cut.c"  /* where a box is cut */
+#include "src/large/partition_make.c" /* how many blocks, and the plan of them */
+#include "src/large/partition_file.c" /* partition.txt */
+#include "src/large/partition_svg.c"  /* partition.svg */
+#include "src/large/merge.c"          /* merge the models of blocks */
+#include "src/large/cost.c"           /* predicted Gaussians, memory and time of training */
+#include "src/large/budget.c"         /* --ram: limits that fit a memory budget */
+#include "src/large/os_job_posix.c"   /* the operating system: locks, peak memory */
+#include "src/large/os_job_windows.c" /* the same on Windows */
+#include "src/large/os_job.c"         /* on top of them: links refused, locks */
+#include "src/large/lock.c"           /* one process at a time writes to a folder */
+#include "src/large/checkpoint.c"     /* a run's state in a file, for resuming */
+#include "src/large/block.c"          /* training of one block in its folder */
+#include "src/large/job_state.h"      /* shared by the files of a job */
+#include "src/large/job_state.c"      /* names in OUT, the survey, progress, the blocks' models */
+#include "src/large/block_plan.c"     /* windows, steps and budget of each block */
+#include "src/large/blocks.c"         /* several blocks trained as one model */
 
 /* the whole job */
 #include "src/job/survey_report.c"   /* content of a survey and predicted cost of training */
-#include "src/job/partition_job.c"   /* the command `partition` */
 #include "src/job/survey_checksum.c" /* whether the files are those of an earlier run */
 #include "src/job/manifest.c"        /* run.json: all inputs of a result */
 #include "src/job/out_folder.c"      /* folders that a run may not write to */

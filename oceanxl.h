@@ -195,7 +195,7 @@ typedef struct oxl_scene_options {
     int test_every;
     size_t image_cache_bytes; /* memory for decoded images; others are decoded when needed (1 GiB) */
     double missing_images;    /* fail if more than this fraction of the images is missing on disk (0.25) */
-    int read_images;          /* 0: read the COLMAP model only, for check and partition (1) */
+    int read_images;          /* 0: read the COLMAP model only (1) */
     /* 1: a text file with fewer rows than its header states is read; 0: OXL_ERR_INPUT (0) */
     int allow_truncated;
 } oxl_scene_options;

@@ -1,8 +1,7 @@
 /* oceanxl_job.h - survey folder in, output folder out: what the program oceanxl needs beside the library in
  * oceanxl.h.
  *
- * The whole job (oxl_job_run), its options by name, the partition into blocks, predictions, and results as
- * JSON.
+ * The whole job (oxl_job_run), its options by name, predictions, and results as JSON.
  * The conventions are those of oceanxl.h.
  */
 #ifndef OCEANXL_JOB_H
@@ -197,26 +196,6 @@ OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *mo
 OXL_API oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out,
                                const oxl_job_options *options, const oxl_callback *callback);
 
-/* ---------------- the partition of a survey */
-
-typedef struct oxl_block {
-    size_t points, start_points;  /* inside the block; these, and what its views see beside */
-    int base_views, border_views; /* views by overlap [OceanXL sec. 3.1] */
-    double memory;                /* predicted, as in oxl_survey */
-} oxl_block;
-
-typedef struct oxl_partition_report {
-    int block_count;
-    oxl_block *block;
-} oxl_partition_report;
-
-/* Cuts the survey in folder `scene` into blocks and writes to folder `out`: blocks/KKK/ as COLMAP text
- * exports, partition.txt and partition.svg. report may be NULL; options may be NULL: the draft preset. The
- * image folder may be missing; if it exists, views without an image are left out, as in training.
- * OXL_ERR_BUDGET: no partition fits options->ram. */
-OXL_API oxl_result oxl_partition(oxl_context *ctx, const char *scene, const char *out,
-                                 const oxl_job_options *options, oxl_partition_report *report);
-OXL_API void oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report);
 /* The last stage of oxl_job_run: merges the finished blocks of the run in folder `out` into scene.ply and
  * evaluates it. callback may be NULL. */
 OXL_API oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *callback);
@@ -290,8 +269,8 @@ OXL_API const char *oxl_json_number_text(char out[48], double value);
 
 /* Locks a folder against writing by other processes until it is unlocked or this process ends; creates the
  * folder if it is missing.
- * OXL_ERR_FAILED: another process holds the lock, and the text names it. oxl_job_run, oxl_merge and
- * oxl_partition lock OUT themselves. */
+ * OXL_ERR_FAILED: another process holds the lock, and the text names it. oxl_job_run and
+ * oxl_merge lock OUT themselves. */
 typedef struct oxl_lock oxl_lock;
 OXL_API oxl_result oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out);
 OXL_API void oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock); /* *lock may be NULL */

@@ -204,7 +204,6 @@ def OTHERS(model, to='x'):
             command('render', model, 's', '-o', to + '/o', '--ortho'),
             command('render', model, 's', '-o', to + '/f', '--flight', 'orbit', '--frames', 6),
             *[command('convert', model + '/scene.ply', to + '/scene.' + e) for e in ('spz', 'splat', 'glb', 'ply')],
-            command('partition', 's', '-o', to + '/p', '--block-points', 200),
             command('synth', '-o', to + '/y', '--views', 6, '--size', '96x64', '--points', 300), command('eval', model, 's')]
 
 def kind_disk():
@@ -301,14 +300,14 @@ def kind_folders():
     for out in ('afile', 'afile/x', '/dev/null', '/dev/null/x', '/proc/x', '/nonexistent\x00x'[:12] + '/y', 'a' * 300,
             '/'.join(['b' * 200] * 30)):
         for c in (train(out), command('render', 'ref_one', 's', '-o', out), command('render', 'ref_one', 's', '-o', out, '--ortho'),
-                command('partition', 's', '-o', out), command('synth', '-o', out, '--views', 6, '--size', '96x64', '--points', 300),
+                command('synth', '-o', out, '--views', 6, '--size', '96x64', '--points', 300),
                 command('convert', 'ref_one/scene.ply', out + '/m.spz')):
             check(f'{c[1]} to {out[:30]!r}', c, refuse='nonexist' not in out)
     if read('afile') != b'mine\n':
         fault('folders', 'afile', 'changed', [], '')
     wipe('/nonexistent', '/nonexisten', '/nonexistenx')
     for out in ('s', 's/', './s/.', 's/images', 's/sparse', 's/sparse/0', 's/images/x', work, '.'):
-        for c in (train(out), command('render', 'ref_one', 's', '-o', out), command('partition', 's', '-o', out),
+        for c in (train(out), command('render', 'ref_one', 's', '-o', out),
                 command('synth', '-o', out, '--views', 6, '--size', '96x64', '--points', 300),
                 command('render', 'ref_one', 's', '-o', out, '--ortho')):
             r = run(c)
@@ -416,7 +415,7 @@ def kind_together():
         b = rnd.choice([a, train('t2', '--seed', 9), train('t2', '--restart'), command('render', 't2', 's', '-o', 't2/renders'),
                 command('report', 't2'), command('convert', 't2/scene.ply', 't2/scene.spz'), command('eval', 't2', 's'),
                 command('merge', 't2'), train('t2/blocks/000'), train('t2', *MODES[mode], '--block', '1'),
-                command('partition', 's', '-o', 't2'), command('render', 't2', 's', '-o', 't2', '--ortho')])
+                command('render', 't2', 's', '-o', 't2', '--ortho')])
         p = subprocess.Popen(a, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=env)
         time.sleep(rnd.uniform(0, 0.9) * span)
         r2 = run(b)
@@ -428,7 +427,7 @@ def kind_together():
         if r1.rc == 0 and b[1] == 'train' and ('--seed' not in b):
             same('together', name, r1, 't2', mode)
         r = run(a)
-        if '--seed' not in b and '--block' not in b and (b[1] != 'partition'):
+        if '--seed' not in b and '--block' not in b:
             judge('together', name + ', again', r) and same('together', name + ', again', r, 't2', mode)
     for c in OTHERS('ref_one'):
         for k in range(2):
@@ -440,7 +439,7 @@ def kind_together():
                 judge('together', f'3 x {c[1]} {c[-1]}', Ran(c, p.returncode, '', err.decode(errors='replace')))
             first = {f: read('x/' + f) for f in all_files('x')}
             run(c)
-            if first != {f: read('x/' + f) for f in all_files('x')} and c[1] != 'partition':
+            if first != {f: read('x/' + f) for f in all_files('x')}:
                 fault('together', f'3 x {c[1]}', 'other files than of one', c, '')
 
 def change(survey, how):

@@ -17,13 +17,12 @@ struct cli_memory {
     int refused;              /* 1: an allocation would have exceeded the limit */
 };
 
-/* ---------------- info.c: statistics of a model, tables of a partition */
+/* ---------------- info.c: statistics of a model */
 
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
 /* Before a model is converted, refuses a place where imaging.txt would apply a medium twice, or not at all, and
  * copies the imaging.txt of a model that is not for viewers there, unless one is there. */
 oxl_result info_convert_imaging(oxl_context *ctx, const char *from, const char *to);
-void info_print_blocks(FILE *to, const oxl_partition_report *report);
 
 /* ---------------- output.c: text and files independent of the locale */
 
@@ -253,7 +252,6 @@ enum command {
     COMMAND_TRAIN,
     COMMAND_MERGE,
     COMMAND_CHECK,
-    COMMAND_PARTITION,
     COMMAND_RENDER,
     COMMAND_CLOUD,
     COMMAND_COMPARE,

@@ -362,8 +362,7 @@ int console_main(int argc, char **argv, const struct program *program)
     rc = oxl_context_create(&options, &ctx);
     if (rc == OXL_OK) rc = oxl_backend_begin(ctx);
     if (rc == OXL_OK) rc = program->run(ctx, &a, &console);
-    if (rc == OXL_ERR_INTERRUPTED &&
-        (a.command == COMMAND_PARTITION || a.command == COMMAND_RENDER || a.command == COMMAND_SYNTH))
+    if (rc == OXL_ERR_INTERRUPTED && (a.command == COMMAND_RENDER || a.command == COMMAND_SYNTH))
         console_error("", "the command was interrupted\nfix: run the same command again");
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) rc = console_fail(&console, rc, oxl_error_text(ctx));
     oxl_context_free(ctx);

@@ -36,8 +36,7 @@ static const struct {
     {"renders/, training_views/",
      "NAME.png and NAME.image.png of each held-out view and of the worst training views; NAME.clear.png without lamp and medium, where a medium is fitted."},
     {"partition.txt, partition.svg", "blocks of a cut survey."},
-    {"blocks/KKK/",
-     "of each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained; of `partition`: a COLMAP text export."},
+    {"blocks/KKK/", "of each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained."},
     {"blocks/coarse/", "the coarse model, with which blocks begin; blocks/whole/: the merged model."},
 };
 

@@ -1,5 +1,5 @@
-/* info.c - prints statistics of a model (number of Gaussians, position, size, opacity, nonfinite values) and
- * tables of a partition; keeps imaging.txt with a model that is converted. */
+/* info.c - prints statistics of a model (number of Gaussians, position, size, opacity, nonfinite values); keeps
+ * imaging.txt with a model that is converted. */
 #include "cli.h"
 
 #include <math.h>
@@ -166,26 +166,4 @@ oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json)
     free(sorted);
     oxl_model_free(ctx, &model);
     return rc;
-}
-
-/* ---------------- a partition */
-
-enum { INFO_BLOCKS = 60 }; /* most blocks that are printed; partition.txt has them all */
-
-void info_print_blocks(FILE *to, const oxl_partition_report *r)
-{
-    double points = 0, views = 0, most_points = 0, most_views = 0;
-    fprintf(to, "%6s %10s %10s %6s %7s %11s\n", "block", "points", "starts", "base", "border", "memory");
-    for (int i = 0; i < r->block_count; i++) {
-        const oxl_block *k = &r->block[i];
-        const double seen_by = k->base_views + k->border_views;
-        points += (double)k->points, views += seen_by;
-        most_points = fmax(most_points, (double)k->points), most_views = fmax(most_views, seen_by);
-        if (i < INFO_BLOCKS)
-            fprintf(to, "%6d %10zu %10zu %6d %7d %11s\n", i, k->points, k->start_points, k->base_views,
-                    k->border_views, OUTPUT_SIZE(k->memory));
-    }
-    if (r->block_count > INFO_BLOCKS) fprintf(to, "   ... and %d more\n", r->block_count - INFO_BLOCKS);
-    fprintf(to, "\nlargest / mean: %.3f of the points, %.3f of the views\n",
-            most_points * r->block_count / points, most_views * r->block_count / fmax(views, 1));
 }

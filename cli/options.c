@@ -26,13 +26,6 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
                        "Checks a survey: what train reads of it, predicted memory and time.",
                        "oceanxl check survey",
                        "Exit code 3: it cannot be trained; the message gives the reason."},
-    [COMMAND_PARTITION] =
-        {"partition", 1, 1, "SCENE -o OUT",
-         "Cuts a survey into blocks of equal work, each a COLMAP text export.",
-         "oceanxl partition survey -o out",
-         "OUT gets blocks/000/ and so on, which COLMAP and other trainers open, partition.txt, and partition.svg to look at.\n"
-         "It takes the options of train, so that partition and train --block K can be given one list. Options that change neither the\n"
-         "blocks nor the prediction have no effect here."},
     [COMMAND_RENDER] =
         {"render", 2, 1, "MODEL SCENE -o DIR",
          "Renders a model from the cameras of a survey, from above, or along a flight.",
@@ -100,7 +93,7 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
 #define STUDIES (IN(ABLATE) | IN(TRADEOFF) | IN(RESULTS))
 /* Commands that accept all options of train, with or without effect, so that only
  * the command's name changes. */
-#define TRAINS (IN(TRAIN) | IN(CHECK) | IN(PARTITION))
+#define TRAINS (IN(TRAIN) | IN(CHECK))
 #define DRAWS (IN(TRAIN) | IN(CHECK) | IN(MERGE) | IN(RENDER) | IN(CLOUD) | IN(COMPARE) | IN(EVAL) | STUDIES)
 #define EVERYWHERE (~0u)
 #define LEAST 1e-9 /* Limits, in metres, a length that may not be 0. */
@@ -155,7 +148,7 @@ ROW("frame", "auto|world|survey", CHOICE, frame, 0, 2, ADVANCED, IN(RENDER) | IN
 ROW("flight", "none|orbit|survey", CHOICE, flight, 0, 2, BASIC, IN(RENDER), "Views", "render the frames of a flight instead, around the centre or along the cameras: frame_00000.png, ..."),
 ROW("frames", "N", INT, frames, 0, 2147483647, BASIC, IN(RENDER), "Views", "number of frames of the flight"),
 ROW("scale", "METRES", DOUBLE, scale, LEAST, MOST, BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD) | IN(CONVERT) | IN(REPORT), "Views", "metres per unit of the survey, as printed by measure: depths, heights, positions, models and the report's lengths get metres"),
-ROW("o", "FOLDER", TEXT, out, 0, 0, BASIC, IN(TRAIN) | IN(RENDER) | IN(CLOUD) | IN(COMPARE) | IN(SYNTH) | IN(PARTITION) | STUDIES, "Program", "output folder, created if missing; of cloud: the file"),
+ROW("o", "FOLDER", TEXT, out, 0, 0, BASIC, IN(TRAIN) | IN(RENDER) | IN(CLOUD) | IN(COMPARE) | IN(SYNTH) | STUDIES, "Program", "output folder, created if missing; of cloud: the file"),
 ROW("json", NULL, FLAG, json, 0, 1, BASIC, IN(TRAIN) | IN(CHECK) | IN(EVAL) | IN(INFO), "Program", "print results on standard output as JSON"),
 ROW("quality", NULL, FLAG, quality, 0, 1, BASIC, IN(CHECK), "Program", "read every image, and name those that are more blurred, darker or brighter than their neighbours"),
 ROW("control", "FILE", TEXT, control, 0, 0, BASIC, IN(CHECK), "Program", "also compare control points with the places where the cameras see them; a line is NAME,X,Y,Z,IMG,X,Y,IMG,X,Y: world coordinates, and pixels in two images or more"),

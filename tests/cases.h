@@ -35,9 +35,6 @@ void colmap_observed_free(struct colmap_observed *o);
 int colmap_same(const struct colmap *a, const struct colmap *b);
 oxl_result colmap_try(const char *cameras, const char *images, const char *points, struct colmap *out);
 
-/* test_colmap_binary.c */
-void binary_write(const char *folder, const struct colmap *c, const char *text);
-
 enum { JOB_VIEWS = 9, JOB_WIDTH = 48, JOB_HEIGHT = 32 };
 struct job_test_watch {
     int calls, stop_at;
@@ -55,11 +52,6 @@ int job_test_progress(void *user, const oxl_progress *p);
 void job_test_replace(const char *file, const char *from, const char *to);
 const char *job_test_survey(void);
 const char *job_test_survey_of(int points);
-
-/* test_partition.c */
-oxl_scene *partition_test_load(const char *path);
-struct partition partition_test_cut(const oxl_scene *scene, int block_points, oxl_cut cut);
-oxl_scene *partition_test_reef_scene(double flat);
 
 struct prune_case {
     oxl_scene *scene;

@@ -197,7 +197,7 @@ promise max_time_stops_in_good_order 0 "scene.ply" "$program" train survey -o sh
 promise ctrl_c_leaves_a_model 130 "holds the current model" ctrl_c "$program" train survey -o stopped --iterations 20000 --max-time 20s
 promise a_second_run_in_a_folder_is_refused 1 "busy is in use by process" beside "$program" train survey -o busy --iterations 60
 promise a_second_run_that_starts_anew_is_refused_too 1 "busy is in use by process" beside "$program" train survey -o busy --iterations 60 --restart
-for command in "merge busy" "partition survey -o busy" "ablate survey -o busy" "tradeoff survey -o busy" "train survey -o busy --block 0"; do
+for command in "merge busy" "ablate survey -o busy" "tradeoff survey -o busy" "train survey -o busy --block 0"; do
     promise "while_another_trains_is_refused_$(echo $command | tr ' /' '__')" 1 "in use by process" beside "$program" $command
 done
 promise the_lock_of_a_killed_run_is_taken_over 0 "" "$program" train survey -o busy --iterations 20 --restart
@@ -206,7 +206,6 @@ promise more_threads_than_processors_are_not_used 0 "processor" on_stderr "$prog
 promise openmp_s_number_of_threads_is_limited_too 0 "1000 threads requested" on_stderr env OMP_NUM_THREADS=1000 "$program" check survey
 promise blocks_of_one_point_are_refused 2 "more than the 14 training views" on_stderr "$program" train survey -o points --block-points 1
 promise a_signal_before_training_stops_the_run 130 "interrupted before anything was trained" on_stderr stopped_early "$program" train long -o early
-promise partition_stops_in_good_order 130 "interrupted" on_stderr stopped_early "$program" partition long -o early
 promise nothing_was_trained_then 1 "" test -e early/blocks
 if env --default-signal=HUP true 2>/dev/null; then # the caller may ignore SIGHUP
     promise hangup_saves_as_ctrl_c_does 130 "the state is saved" on_stderr with_signal HUP env --default-signal=HUP "$program" train survey -o hung --iterations 1000000 --max-time 3m
@@ -322,13 +321,10 @@ promise convert_says_that_gains_are_another_models 0 "belongs to another model" 
 promise convert_to_splat_warns_of_the_origin 0 ", the origin" on_stderr "$program" convert out/scene.ply scene.splat
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply
-promise partition_says_how_even_the_blocks_are 0 "largest / mean" on_stdout "$program" partition survey -o cut --block-points 250
-promise partition_writes_list_and_drawing 0 "<svg" sh -c 'test -s cut/partition.txt && head -c 100 cut/partition.svg'
-promise a_block_is_a_survey_of_its_own 0 " 0 held out" "$program" check cut/blocks/001 --test-every 0
-promise partition_takes_the_options_of_train 0 "" "$program" partition survey -o cut --block-points 250 --seed 3 --exposure off
+promise check_counts_the_blocks_with_the_options_of_train 0 "blocks       4, as set" "$program" check survey --block-points 250 --seed 3 --exposure off
 promise help_all_lists_what_stands_in_place_of_a_command 0 "--options-page" on_stdout "$program" --help all
 promise help_breaks_the_line_after_a_long_option 0 "" sh -c "'$program' synth --help all | grep -qF -x '  --water none|I|IA|IB|II|III|1C|3C|5C|7C|9C'"
-promise partition_none_is_one_block 0 "blocks       1, of" "$program" partition survey -o whole --block-points 9 --partition none --verbose
+promise partition_none_is_one_block 0 "blocks       1, as set" "$program" check survey --block-points 9 --partition none
 promise ablate_compares_rows 0 "V1 +BSP against 3DGS, midpoint" on_stdout "$program" ablate survey -o ablation --rows 3dgs,v1 --iterations 20 --block-points 250 --threads 1 --quiet
 promise ablate_keeps_each_run 0 "ablation,survey,v1,1," sh -c 'test -s ablation/survey/3dgs-seed1/scene.ply && test -s ablation/survey/v1-seed1/scene.ply && test -s ablation/ablate.md && cat ablation/ablate.csv'
 promise ablate_counts_the_memory_of_each_training 0 "" awk -F, 'NR > 1 { n++; if (!($13 > 1e6 && $13 < 1e9)) exit 1 } END { exit n != 2 }' ablation/ablate.csv

@@ -32,7 +32,7 @@ static void binary_put_reals(FILE *file, const double *value, int count)
 
 /* As COLMAP writes it, with the 2D points of the model in the folder `text`, rows the other way round: its
  * order is that of a hash table. */
-void binary_write(const char *folder, const struct colmap *c, const char *text)
+static void binary_write(const char *folder, const struct colmap *c, const char *text)
 {
     struct colmap_observed o = colmap_observe(text, c);
     FILE *cameras = binary_file(folder, "cameras.bin"), *images = binary_file(folder, "images.bin"),

@@ -126,19 +126,26 @@ TEST(budget_of_steps_of_a_large_survey_is_kept_in_run_json_and_its_run_is_found_
     CHECK(job_test_has("parts/metrics.json", "\"iterations\": 36,"));
 }
 
-TEST(budget_is_what_partition_predicts_with)
+TEST(budget_cuts_into_blocks_that_are_predicted_to_fit)
 {
     oxl_job_options options = job_test_options();
-    oxl_partition_report free = {0}, limited = {0};
+    struct cost_load load;
+    OWNED_PARTITION p = {0};
     options.train.max_gaussians = 300000;
     options.train.iterations = 3000;
-    CHECK_OK(oxl_partition(test_ctx, job_test_survey_of(30000), test_path("free"), &options, &free));
+    job_test_survey_of(30000);
+    OWNED_SCENE *scene = test_load("survey", &options.scene);
+    load = cost_load_of_scene(scene);
     /* not less than the tests hold, which is more with a sanitizer */
-    options.ram = (size_t)OXL_MAX(0.9 * free.block[0].memory, 1.5 * (double)os_peak_rss());
-    CHECK_OK(oxl_partition(test_ctx, test_path("survey"), test_path("limited"), &options, &limited));
-    for (int k = 0; k < limited.block_count; k++) CHECK(limited.block[k].memory <= (double)options.ram);
-    oxl_partition_report_free(test_ctx, &free);
-    oxl_partition_report_free(test_ctx, &limited);
+    options.ram = (size_t)OXL_MAX(0.9 * cost_memory(&options, &load, cost_gaussians(&options, &load)),
+                                  1.5 * (double)os_peak_rss());
+    CHECK_OK(budget_partition(test_ctx, scene, &options, &p));
+    for (int k = 0; k < p.block_count; k++) {
+        oxl_job_options fitted = options;
+        load = cost_load_of_block(&p, k);
+        CHECK(budget_fit(&load, &fitted));
+        CHECK(cost_memory(&fitted, &load, cost_gaussians(&fitted, &load)) <= (double)options.ram);
+    }
 }
 
 TEST(budget_counts_of_lamp_and_medium_the_depths_of_tracks_alone)

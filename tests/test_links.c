@@ -74,30 +74,17 @@ TEST(a_folder_of_the_survey_is_not_taken_for_the_output)
 {
     static const char *const folders[] = {"survey", "survey/images", "survey/sparse", "survey/sparse/0"};
     oxl_job_options options = job_test_options();
-    const char *survey = job_test_survey();
+    job_test_survey();
     for (size_t k = 0; k < OXL_COUNT(folders); k++) {
         char path[64];
         snprintf(path, sizeof path, "%s/./", folders[k]);
         CHECK_ERROR(job_test_run(path, &options), OXL_ERR_USAGE, "survey/out");
-        CHECK(oxl_partition(test_ctx, survey, test_path(path), &options, NULL) == OXL_ERR_USAGE);
     }
     options.scene.images = test_path("survey/images");
     CHECK(job_test_run("survey/images", &options) == OXL_ERR_USAGE);
     CHECK(!test_has("survey/.lock") && !os_is_folder(test_path("survey/images/blocks")));
     options.scene.images = NULL;
     job_test_done("survey/out", &options);
-}
-
-TEST(a_block_of_a_partition_is_not_cut_in_its_own_place)
-{
-    const oxl_job_options options = job_test_options();
-    const char *survey = job_test_survey();
-    CHECK_OK(oxl_partition(test_ctx, survey, test_path("out"), &options, NULL));
-    CHECK(oxl_partition(test_ctx, test_path("out/blocks/000"), test_path("out"), &options, NULL) ==
-          OXL_ERR_USAGE);
-    CHECK_ERROR(oxl_job_run(test_ctx, test_path("out/blocks/000"), test_path("out"), &options, NULL),
-                OXL_ERR_USAGE, "is a block of");
-    CHECK_OK(oxl_job_run(test_ctx, test_path("out/blocks/000"), test_path("out/trained"), &options, NULL));
 }
 
 TEST(a_model_that_no_run_wrote_is_replaced_with_restart_alone)

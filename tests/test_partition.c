@@ -57,7 +57,7 @@ static const char *partition_test_survey(const char *name, const struct partitio
     return test_path(name);
 }
 
-oxl_scene *partition_test_load(const char *path)
+static oxl_scene *partition_test_load(const char *path)
 {
     oxl_scene_options options = oxl_scene_options_default();
     options.read_images = 0;
@@ -65,7 +65,7 @@ oxl_scene *partition_test_load(const char *path)
     return scene;
 }
 
-struct partition partition_test_cut(const oxl_scene *scene, int block_points, oxl_cut cut)
+static struct partition partition_test_cut(const oxl_scene *scene, int block_points, oxl_cut cut)
 {
     oxl_partition_options o = oxl_partition_options_default();
     struct partition p;
@@ -125,7 +125,7 @@ static void partition_test_reef(struct partition_test *t, double *p, double flat
         (struct partition_test){.p = p, .n = PARTITION_TEST_POINTS, .views = 8, .high = {40, 25}, .reach = 8};
 }
 
-oxl_scene *partition_test_reef_scene(double flat)
+static oxl_scene *partition_test_reef_scene(double flat)
 {
     static double p[3 * PARTITION_TEST_POINTS];
     struct partition_test t;
@@ -321,4 +321,19 @@ TEST(partition_file_that_is_damaged_is_refused_with_a_reason)
                 OXL_ERR_INPUT, "checksum");
     CHECK_SAYS("\nfix: ");
     CHECK(p.block == NULL && p.block_count == 0);
+}
+
+TEST(partition_drawing_shows_both_sides_of_a_3d_survey_and_holds_numbers_alone)
+{
+    for (int flat = 0; flat < 2; flat++) {
+        OWNED_SCENE *scene = partition_test_reef_scene(flat ? 2 : 30);
+        OWNED_PARTITION p = partition_test_cut(scene, 300, OXL_CUT_BALANCED);
+        int boxes = 0;
+        CHECK_OK(partition_draw(test_ctx, &p, test_path("a.svg")));
+        OWNED_FILE file = test_file("a.svg");
+        CHECK(strncmp(file.data, "<svg xmlns=", 11) == 0 && file.size < 500000 && file.size > 10000);
+        for (const char *at = file.data; (at = strstr(at, "<rect x='")); at++) boxes++;
+        CHECK(boxes == p.block_count * (flat ? 1 : 2));
+        CHECK(!strstr(file.data, "nan") && !strstr(file.data, "inf "));
+    }
 }

@@ -4,7 +4,7 @@
 #     examples/cluster/local.sh SCENE OUT [options of oceanxl train]
 #     JOBS=4 THREADS=8 examples/cluster/local.sh survey out --preset standard
 #
-# JOBS blocks at once (2), each with THREADS threads (its share of the cores): mind the memory, which `oceanxl partition` predicts for
+# JOBS blocks at once (2), each with THREADS threads (its share of the cores): mind the memory, which --ram limits for
 # a block. Run it again after a Ctrl-C or a power cut: finished blocks stand, the others go on from their checkpoints.
 set -eu
 [ $# -ge 2 ] || { sed -n '2,8s/^# \{0,1\}//p' "$0" >&2; exit 2; }
@@ -15,8 +15,8 @@ jobs=${JOBS:-2}
 threads=${THREADS:-$(($(getconf _NPROCESSORS_ONLN) / jobs))}
 [ "$threads" -ge 1 ] || threads=1
 
-"$oceanxl" partition "$scene" -o "$out" "$@"
-blocks=$(grep -c '^[0-9]' "$out/partition.txt")
+blocks=$("$oceanxl" check "$scene" "$@" | sed -n 's/^blocks *\([0-9]*\),.*/\1/p')
+[ "$blocks" ] || exit 1
 
 # xargs fails when one of them does, and set -e then leaves before the merge
 seq 0 $((blocks - 1)) | xargs -P "$jobs" -I '{}' "$oceanxl" train "$scene" -o "$out" --block '{}' --threads "$threads" --quiet "$@"

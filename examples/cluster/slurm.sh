@@ -5,7 +5,7 @@
 #     CPUS=16 MEM=16G TIME=8:00:00 examples/cluster/slurm.sh survey out --preset paper
 #
 # CPUS, MEM and TIME are for one block (2, Slurm's own, Slurm's own); account and partition go by SBATCH_ACCOUNT and SBATCH_PARTITION.
-# SCENE and OUT must lie where every node sees them. Prints the ids of the array and of the merge.
+# SCENE and OUT must lie where every node sees them. Give --blocks or --ram: without them the first node's free memory decides on blocks. Prints the ids of the array and of the merge.
 #
 # A task may be requeued or killed at any time: the program goes on from its last checkpoint (a minute old at most) when it is run
 # again. Shortly before TIME is over the task stops in good order and puts itself into the queue again. Running this script again
@@ -46,11 +46,12 @@ shift 2
 OCEANXL=${OCEANXL:-$(command -v oceanxl)} || { echo 'slurm.sh: oceanxl is not in the PATH. fix: OCEANXL=/where/it/is/oceanxl' >&2; exit 2; }
 export OCEANXL
 
-"$OCEANXL" partition "$scene" -o "$out" "$@"
+blocks=$("$OCEANXL" check "$scene" "$@" | sed -n 's/^blocks *\([0-9]*\),.*/\1/p')
+[ "$blocks" ] || exit 1
+mkdir -p "$out"
 log="$out/slurm-%A_%a.log"
 # --signal=B: the script is told, not the program
 common="--parsable --export=ALL --open-mode=append --requeue --signal=B:USR1@120 --cpus-per-task=${CPUS:-2} ${MEM:+--mem=$MEM} ${TIME:+--time=$TIME}"
-blocks=$(grep -c '^[0-9]' "$out/partition.txt")
 
 # shellcheck disable=SC2086 # the common options are words
 array=$(sbatch $common --job-name=oceanxl-block --output="$log" --array=0-$((blocks - 1)) \

@@ -2,8 +2,7 @@
  * that no run wrote.
  *
  * Both would lose files that cannot be made again: points of transforms.json that are named scene.ply, the
- * block of a partition that is cut anew in its own place, the model, the report or the blocks of another
- * program.
+ * model, the report or the blocks of another program.
  */
 #include "job.h"
 #include "../formats/formats.h"
@@ -26,11 +25,6 @@ OXL_INTERNAL oxl_result out_check_inputs(oxl_context *ctx, const char *out, cons
                 "%s holds the %s, which the output could replace\nfix: use a folder of its own, such as "
                 "-o %s",
                 out, inputs[i].holds, SHELL_WORD(PATH(scene, "out")));
-    if (os_is_same(PATH(scene, ".."), PATH(out, "blocks")))
-        return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "%s is a block of %s, which the output would replace\nfix: name another folder "
-                        "by -o",
-                        scene, out);
     return OXL_OK;
 }
 

@@ -65,7 +65,6 @@ OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int 
     const struct partition_plan *plan = p->plan;
     const struct partition_block *b = &p->block[block];
     const struct scene_stats *stats = &plan->scene->stats;
-    const int views = oxl_scene_view_count(plan->scene);
     const double size = (double)OXL_MAX(b->points, (size_t)1);
     struct cost_load load = {
         .points = b->points,
@@ -73,9 +72,8 @@ OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int 
         .schedule_pixels = schedule_pixels(plan->scene) * size / (double)OXL_MAX(stats->points, (size_t)1),
         .survey = (sizeof(struct colmap_point) + sizeof(oxl_point)) * (double)(stats->points - b->points),
         .context = OXL_MAX(0, (double)b->start_points / size - 1)};
-    for (int v = 0; v < views; v++)
-        if (plan->role[(size_t)block * (size_t)views + (size_t)v] != PARTITION_OUT)
-            cost_add_view(&load, plan->scene, v);
+    for (int v = 0; v < oxl_scene_view_count(plan->scene); v++)
+        if (partition_has_view(p, block, v)) cost_add_view(&load, plan->scene, v);
     return load;
 }
 

@@ -21,7 +21,7 @@ static inline int partition_contains(const struct partition_box *box, const doub
 struct partition_block {
     struct partition_box box;    /* the boxes of all blocks are disjoint and cover all space */
     struct partition_box finite; /* `box` clipped to the trimmed extents of the points */
-    /* points inside `box`; points in the wider box or seen by its views, which an export has */
+    /* points inside `box`; these, and others that its views see */
     size_t points, start_points;
     int base_views, border_views; /* training views by overlap [OceanXL sec. 3.1, BlockGaussian] */
 };
@@ -33,7 +33,7 @@ struct partition {
     double memory; /* bytes; memory of a process for which the number of blocks was chosen; 0: no limit */
     int block_count;
     struct partition_block *block;
-    /* block of each point and view, for the export; NULL if the partition was read from partition.txt */
+    /* block of each point and view; NULL if the partition was read from partition.txt */
     struct partition_plan *plan;
 };
 OXL_INTERNAL void partition_to_frame(const struct partition *p, const double world[3], double out[3]);
@@ -51,10 +51,9 @@ OXL_INTERNAL void partition_free_plan(oxl_context *ctx, struct partition *p);
 OXL_INTERNAL oxl_result partition_write(oxl_context *ctx, const char *path, const struct partition *p);
 OXL_INTERNAL oxl_result partition_read(oxl_context *ctx, const char *path, struct partition *out);
 
-/* Writes partition.svg and, last, partition.txt into folder `out`. partition_export first writes blocks/KKK,
- * COLMAP text exports for other programs, and needs p as partition_make left it. (partition_export.c) */
+/* Writes partition.svg and, last, partition.txt into folder `out`; needs p as partition_make left it
+ * (partition_svg.c). */
 OXL_INTERNAL oxl_result partition_save(oxl_context *ctx, const struct partition *p, const char *out);
-OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partition *p, const char *out);
 
 /* ---------------- checkpoint.c: files of a run's state */
 

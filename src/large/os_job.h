@@ -9,9 +9,6 @@
  * run.json.PID.tmp and all names that end in .png.PID.tmp. No other process may be writing there. */
 OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder, const char *names);
 
-/* Creates a symbolic link at `path` to the folder `target`, and replaces only a
- * link; returns 0 if it failed. */
-OXL_INTERNAL int os_link(const char *target, const char *path);
 /* Returns 1 if both paths exist and lead to one file or folder. */
 OXL_INTERNAL int os_is_same(const char *a, const char *b);
 OXL_INTERNAL double os_disk_free(const char *folder); /* bytes; 0: unknown */

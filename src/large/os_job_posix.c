@@ -17,15 +17,6 @@ OXL_INTERNAL int os_is_same(const char *a, const char *b)
     return stat(a, &x) == 0 && stat(b, &y) == 0 && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
 }
 
-OXL_INTERNAL int os_link(const char *target, const char *path)
-{
-    char here[PATH_LENGTH] = "";
-    struct stat s;
-    if (target[0] != '/' && !getcwd(here, sizeof here)) return 0;
-    if (lstat(path, &s) == 0 && S_ISLNK(s.st_mode)) unlink(path);
-    return symlink(PATH(here, "%s", target), path) == 0;
-}
-
 OXL_INTERNAL int os_make_one_folder(const char *path)
 {
     return mkdir(path, 0777);

@@ -26,12 +26,6 @@ OXL_INTERNAL int os_is_same(const char *a, const char *b)
            x.nFileIndexHigh == y.nFileIndexHigh && x.nFileIndexLow == y.nFileIndexLow;
 }
 
-OXL_INTERNAL int os_link(const char *target, const char *path)
-{
-    (void)target, (void)path; /* Makes no links, which need rights that programs rarely have. */
-    return 0;
-}
-
 OXL_INTERNAL int os_make_one_folder(const char *path)
 {
     wchar_t wide[OS_PATH_MAX];

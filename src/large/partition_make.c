@@ -21,17 +21,14 @@ OXL_INTERNAL int partition_has_view(const struct partition *p, int block, int vi
     return view >= 0 && p->plan->role[(size_t)block * views + (size_t)view] != PARTITION_OUT;
 }
 
-OXL_INTERNAL int partition_starts_from(const struct partition *p, int block, size_t point)
+/* Returns 1 if the block starts from the point: it is its own, or a view of the block sees it. */
+static int partition_starts_from(const struct partition *p, int block, size_t point)
 {
-    const struct partition_plan *plan = p->plan;
-    const struct colmap *c = scene_colmap(plan->scene);
+    const struct colmap *c = scene_colmap(p->plan->scene);
     const struct colmap_point *from = &c->point[point];
-    const uint8_t *role = plan->role + (size_t)block * (size_t)oxl_scene_view_count(plan->scene);
-    int found = plan->owner[point] == block;
-    for (uint32_t k = 0; k < from->track_count && !found; k++) {
-        const int view = plan->view_of[c->track[from->first_track + k].image_row];
-        found = view >= 0 && role[view] != PARTITION_OUT;
-    }
+    int found = p->plan->owner[point] == block;
+    for (uint32_t k = 0; k < from->track_count && !found; k++)
+        found = partition_has_view(p, block, p->plan->view_of[c->track[from->first_track + k].image_row]);
     return found;
 }
 

@@ -85,3 +85,10 @@ OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition 
     text_free(&t);
     return rc;
 }
+
+OXL_INTERNAL oxl_result partition_save(oxl_context *ctx, const struct partition *p, const char *out)
+{
+    oxl_result rc = oxl_make_folder(ctx, out);
+    if (rc == OXL_OK) rc = partition_draw(ctx, p, PATH(out, "partition.svg"));
+    return rc == OXL_OK ? partition_write(ctx, PATH(out, "partition.txt"), p) : rc;
+}
