@@ -108,7 +108,7 @@ int frame_bounds(const struct frame *f, const oxl_scene *scene, double low[2], d
 
 struct geotiff {
     int width, height;
-    int floats;              /* bands of floats; 0: bytes of red, green, blue, alpha */
+    int bands;               /* 3: red, green, blue, which become bytes with alpha; else floats */
     double pixel, corner[2]; /* size of a pixel; x and y of the top-left pixel's outer corner */
     int epsg;                /* code of a projected CRS; 0: none */
     const double *reference; /* (2) latitude and longitude in degrees of (0, 0); NULL: not known */
@@ -122,9 +122,8 @@ struct geotiff_crs {
     char words[256];
 };
 void geotiff_crs(const struct geotiff *g, struct geotiff_crs *out);
-/* Writes a raster as a GeoTIFF. data (height,width,4): bytes of RGBA, alpha 0 or 255; or (height,width,floats),
- * NaN: no data. */
-oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotiff *g, const void *data);
+/* Writes a raster as a GeoTIFF. data (bands,height,width): colours 0..1; NaN: no data. */
+oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotiff *g, const float *data);
 
 /* ---------------- flight.c: frames along a path */
 

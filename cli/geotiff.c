@@ -109,28 +109,38 @@ static void geotiff_place(struct geotiff_file *f, const struct geotiff *g)
 static void geotiff_describe(struct geotiff_file *f, const struct geotiff *g)
 {
     static const double bytes[4] = {8, 8, 8, 8}, wide[2] = {32, 32}, floating[2] = {3, 3};
-    const double extra[1] = {g->floats ? 0 : 2}; /* 2: alpha, not multiplied in */
-    const size_t bands = g->floats ? (size_t)g->floats : 4;
+    const int is_colour = g->bands == 3;
+    const double extra[1] = {is_colour ? 2 : 0}; /* 2: alpha, not multiplied in */
+    const size_t bands = is_colour ? 4 : (size_t)g->bands;
     geotiff_tag_one(f, 256, TIFF_LONG, g->width);
     geotiff_tag_one(f, 257, TIFF_LONG, g->height);
-    geotiff_tag(f, 258, TIFF_SHORT, g->floats ? wide : bytes, bands); /* BitsPerSample */
+    geotiff_tag(f, 258, TIFF_SHORT, is_colour ? bytes : wide, bands); /* BitsPerSample */
     geotiff_tag_one(f, 259, TIFF_SHORT, 1);                           /* Compression: none */
-    geotiff_tag_one(f, 262, TIFF_SHORT, g->floats ? 1 : 2); /* PhotometricInterpretation: grey, RGB */
-    geotiff_tag_one(f, 273, TIFF_LONG, GEOTIFF_HEAD);       /* StripOffsets */
-    geotiff_tag_one(f, 277, TIFF_SHORT, (double)bands);     /* SamplesPerPixel */
-    geotiff_tag_one(f, 278, TIFF_LONG, g->height);          /* RowsPerStrip */
-    geotiff_tag_one(f, 279, TIFF_LONG, f->pixels);          /* StripByteCounts */
-    if (g->floats != 1)
-        geotiff_tag(f, 338, TIFF_SHORT, extra, bands - (g->floats ? 1 : 3)); /* ExtraSamples */
-    if (g->floats) geotiff_tag(f, 339, TIFF_SHORT, floating, bands);         /* SampleFormat */
+    geotiff_tag_one(f, 262, TIFF_SHORT, is_colour ? 2 : 1);      /* PhotometricInterpretation: grey, RGB */
+    geotiff_tag_one(f, 273, TIFF_LONG, GEOTIFF_HEAD);            /* StripOffsets */
+    geotiff_tag_one(f, 277, TIFF_SHORT, (double)bands);          /* SamplesPerPixel */
+    geotiff_tag_one(f, 278, TIFF_LONG, g->height);               /* RowsPerStrip */
+    geotiff_tag_one(f, 279, TIFF_LONG, f->pixels);               /* StripByteCounts */
+    if (g->bands > 1) geotiff_tag(f, 338, TIFF_SHORT, extra, 1); /* ExtraSamples */
+    if (!is_colour) geotiff_tag(f, 339, TIFF_SHORT, floating, bands); /* SampleFormat */
     geotiff_place(f, g);
-    if (g->floats) geotiff_tag_text(f, 42113, "nan"); /* GDAL_NODATA */
+    if (!is_colour) geotiff_tag_text(f, 42113, "nan"); /* GDAL_NODATA */
 }
 
-oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotiff *g, const void *data)
+/* Adds a pixel: bytes of RGBA, or its floats. */
+static void geotiff_pixel(const struct geotiff *g, const float *value, size_t plane, struct output *t)
 {
-    struct geotiff_file f = {.pixels = 4 * (size_t)(g->floats ? g->floats : 1) * (size_t)g->width *
-                                       (size_t)g->height};
+    for (int k = 0; k < g->bands; k++, value += plane) {
+        if (g->bands != 3) output_real(t, (double)*value, 4);
+        else output_integer(t, isnan(*value) ? 0 : (uint64_t)(255 * *value + 0.5f), 1);
+        if (k == 2) output_integer(t, isnan(*value) ? 0 : 255, 1);
+    }
+}
+
+oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotiff *g, const float *data)
+{
+    const size_t plane = (size_t)g->width * (size_t)g->height;
+    struct geotiff_file f = {.pixels = 4 * (g->bands == 3 ? 1 : (size_t)g->bands) * plane};
     int written;
     if ((double)f.pixels > GEOTIFF_MOST)
         return oxl_fail(ctx, OXL_ERR_USAGE,
@@ -141,12 +151,7 @@ oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotif
     output_open(&f.out, path);
     output_bytes(&f.out, "II*\0", 4);
     output_integer(&f.out, GEOTIFF_HEAD + f.pixels + f.value.used, 4);
-    for (size_t i = 0; i < f.pixels; i += 4) { /* a height as an integer: little endian on any machine */
-        uint32_t bits;
-        memcpy(&bits, (const char *)data + i, 4);
-        if (g->floats) output_integer(&f.out, bits, 4);
-        else output_bytes(&f.out, (const char *)data + i, 4);
-    }
+    for (size_t i = 0; i < plane; i++) geotiff_pixel(g, data + i, plane, &f.out);
     output_bytes(&f.out, f.value.data, f.value.used);
     output_integer(&f.out, (uint64_t)f.tags, 2);
     output_bytes(&f.out, f.directory.data, f.directory.used);

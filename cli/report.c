@@ -186,8 +186,8 @@ static void report_draw_map(struct report *r, const struct map *m, const oxl_ima
         const oxl_view *view = oxl_scene_view(m->scene, v);
         double at[2];
         frame_eye(&view->camera, eye);
-        at[0] = (frame_along(&m->frame, eye, 0) - m->corner[0]) / m->pixel;
-        at[1] = (m->corner[1] - frame_along(&m->frame, eye, 1)) / m->pixel;
+        similarity_apply(&m->to, eye, eye);
+        at[0] = (eye[0] - m->corner[0]) / m->pixel, at[1] = (m->corner[1] - eye[1]) / m->pixel;
         for (int d = 0; d < 2; d++) low[d] = fmin(low[d], at[d] - 8), high[d] = fmax(high[d], at[d] + 8);
         output_add(&circles, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"3\"%s><title>%S</title></circle>\n", at[0],
                    at[1], view->is_test ? " class=\"test\"" : "", view->name);
@@ -225,13 +225,13 @@ static void report_map(struct report *r, const struct map *m)
         "images, or none. White: cameras of training views, yellow: of held-out views.</figcaption>"
         "</figure>\n<p>%s %s a pixel of the images on the ground, %s square %s of ground. %.0f %% of the "
         "ground that any image shows is in %d or more; %.0f %% has a surface clear enough for a height. ",
-        REPORT_VIEWS, REPORT_LENGTH(m->sampling * r->unit), r->words,
-        REPORT_LENGTH(m->area * r->unit * r->unit), r->words, 100 * m->covered, REPORT_VIEWS, 100 * m->high);
+        REPORT_VIEWS, REPORT_LENGTH(m->sampling), r->words, REPORT_LENGTH(m->area), r->words,
+        100 * m->covered, REPORT_VIEWS, 100 * m->high);
     if (m->off.median > 0 && m->distance > 0)
         output_add(t,
                    "Heights differ from the survey's points by %s %s in the median, %.2f %% of the cameras' "
                    "distance. ",
-                   REPORT_LENGTH(m->off.median * r->unit), r->words, 100 * m->off.median / m->distance);
+                   REPORT_LENGTH(m->off.median), r->words, 100 * m->off.median / m->distance);
     if (m->down < MAP_DOWN)
         output_add(
             t,
@@ -275,7 +275,7 @@ static void report_ground(struct report *r)
     if (r->scene && oxl_context_create(NULL, &m.ctx) == OXL_OK &&
         oxl_scene_load(m.ctx, r->scene, &options, &scene) == OXL_OK &&
         oxl_model_read(m.ctx, path, &model) == OXL_OK) {
-        m.scene = scene;
+        m.scene = scene, m.to = similarity_of_world(scene, r->unit);
         oxl_model_move_origin(&model, oxl_scene_origin(scene));
         if (surface_open(m.ctx, &model, scene, SURFACE_SIDE, &surface) == OXL_OK &&
             map_make(&m, &model, FRAME_AUTO, side) == OXL_OK) {

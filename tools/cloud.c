@@ -15,11 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum {
-    CLOUD_CHECKED = 100000, /* most points of the survey that the cloud is compared with */
-    LAS_HEADER = 375,
-    LAS_RECORD = 26 + 12
-};
+enum { LAS_HEADER = 375, LAS_RECORD = 26 + 12 };
 #define CLOUD_EDGE 0.05 /* fraction of the depth by which neighbours on one surface differ at most */
 
 /* ---------------- points of a view */
@@ -31,13 +27,14 @@ struct cloud_view {
 };
 
 /* Sets the unit normal on the camera's side from the depths around; towards the camera where they are no surface. */
-static void cloud_normal(const struct sheet *t, size_t at, const double p[3], float normal[3])
+static void cloud_normal(const struct surface_view *v, size_t at, const double p[3], float normal[3])
 {
-    const int width = t->width, x = (int)(at % (size_t)width), y = (int)(at / (size_t)width);
+    const struct sheet *t = &v->sheet;
+    const int width = t->camera.width, x = (int)(at % (size_t)width), y = (int)(at / (size_t)width);
     double end[4][3], n[3], length;
     for (int k = 0; k < 4; k++) { /* left, right, above, below */
         const int u = x + (k == 1) * 2 - (k == 0) * 2, w = y + (k == 3) * 2 - (k == 2) * 2;
-        const int is_inside = u >= 0 && w >= 0 && u < width && w < t->height;
+        const int is_inside = u >= 0 && w >= 0 && u < width && w < t->camera.height;
         const float z = is_inside ? fabsf(t->depth[w * width + u]) : 0;
         if (fabsf(z - t->depth[at]) <= (float)CLOUD_EDGE * t->depth[at])
             sheet_place(t, u + 0.5, w + 0.5, (double)z, end[k]);
@@ -46,7 +43,7 @@ static void cloud_normal(const struct sheet *t, size_t at, const double p[3], fl
     vector_add(end[1], -1, end[0], end[0]);
     vector_add(end[3], -1, end[2], end[2]);
     frame_cross(end[2], end[0], n); /* right, down and ahead are right-handed: this is towards the camera */
-    if (!(frame_length(n) > 0)) vector_add(t->from, -1, p, n);
+    if (!(frame_length(n) > 0)) vector_add(v->eye, -1, p, n);
     length = frame_length(n);
     for (int k = 0; k < 3; k++) normal[k] = (float)(n[k] / length);
 }
@@ -60,7 +57,7 @@ static void cloud_take(void *user, size_t at, const double p[3], const struct su
     memcpy(out->place, p, sizeof out->place);
     memcpy(out->rgb, view->rgb + 3 * at, 3);
     out->views = (unsigned char)(v->confirms < 255 ? v->confirms : 255);
-    cloud_normal(&view->sheet, at, p, out->normal);
+    cloud_normal(view, at, p, out->normal);
 }
 
 oxl_result cloud_make(const struct surface *s, int enough, struct cloud *out)
@@ -68,7 +65,7 @@ oxl_result cloud_make(const struct surface *s, int enough, struct cloud *out)
     *out = (struct cloud){0};
     for (int v = 0; v < s->views; v++) {
         const struct sheet *t = &s->view[v].sheet;
-        const size_t pixels = (size_t)t->width * (size_t)t->height, before = out->count;
+        const size_t pixels = (size_t)t->camera.width * (size_t)t->camera.height, before = out->count;
         struct cloud_view c = {s, v, enough, product_room(pixels, sizeof *c.point)};
         unsigned char *skip = product_room(pixels, 1);
         struct cloud_point *all;
@@ -96,21 +93,11 @@ void cloud_free(struct cloud *c)
     *c = (struct cloud){0};
 }
 
-/* Measures how far every second point of the survey is from the surface through its nearest point of the cloud. */
-static struct deviation cloud_compare(const struct surface *s, const struct cloud *c)
+/* How far a place is from the surface through its nearest point of the cloud. */
+static double cloud_off(const void *user, const double p[3])
 {
-    const size_t count = oxl_scene_point_count(s->scene), stride = 2 * (1 + count / 2 / CLOUD_CHECKED);
-    double *off = product_room(count, sizeof *off);
-    struct deviation d;
-    struct near near;
-    size_t n = 0, all = 0;
-    near_open(&near, c, PRODUCT_GROSS * s->distance);
-    for (size_t i = 1; i < count; i += stride, all++)
-        if (near_find(&near, oxl_scene_points(s->scene)[i].position, &off[n])) off[n] = fabs(off[n]), n++;
-    d = product_deviation(off, n, all, s->distance);
-    free(off);
-    free(near.key);
-    return d;
+    double off;
+    return near_find(user, p, &off) ? fabs(off) : NAN;
 }
 
 /* ---------------- files */
@@ -278,16 +265,23 @@ oxl_result cloud_write(const struct product *p, const oxl_model *model)
     step = a->mesh ? a->pixel > 0 ? a->pixel / p->world.scale : 2 * s.sampling : s.sampling;
     if (rc == OXL_OK && a->mesh) rc = mesh_make(&s, a->min_views, step, &c);
     if (rc == OXL_OK) {
-        const struct deviation d = cloud_compare(&s, &c);
+        const double distance = s.distance * p->world.scale;
+        struct deviation d;
+        struct near near;
         cloud_move(&c, &p->world);
+        near_open(&near, &c, PRODUCT_GROSS * distance);
+        d = product_deviation(p->scene, &p->world, distance, cloud_off, &near);
+        free(near.key);
         output_open(&t, a->out);
         form[kind].put(p, &c, &t);
         if (!output_close(&t))
             rc = oxl_fail(p->ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", a->out);
         else
-            print_format(p->to, "cloud     %s, %zu points about %.3g %s apart, %zu triangles\n", a->out,
-                         c.count, step * p->world.scale, p->words, c.triangles);
-        if (rc == OXL_OK) product_say(p, &d, s.distance);
+            print_format(p->to,
+                         a->mesh ? "mesh      %s, %zu points about %.3g %s apart, %zu triangles\n"
+                                 : "cloud     %s, %zu points about %.3g %s apart\n",
+                         a->out, c.count, step * p->world.scale, p->words, c.triangles);
+        if (rc == OXL_OK) product_say(p, &d, distance);
     }
     cloud_free(&c);
     surface_close(&s);

@@ -38,11 +38,11 @@ struct compare {
     struct cloud cloud[2];
     struct similarity move; /* of the second survey to the first */
     double overlap;         /* share of the second's places with a match */
-    double noise;           /* standard deviation of the registration, units */
+    double noise;           /* standard deviation of the registration, in the map's unit as all below */
     struct map map[2];
     size_t cells, filled; /* filled: cells that have the mean of those around */
-    float *difference;    /* (cells) second less first, units; NaN: none */
-    float *level;         /* (cells) units; of detection; behind `difference` */
+    float *difference;    /* (cells) second less first; NaN: none */
+    float *level;         /* (cells) of detection; behind `difference` */
     signed char *sign;    /* (cells) of a significant change; 0: none */
     size_t *place;        /* (cells) scratch: of a changed place */
 };
@@ -83,25 +83,17 @@ static double compare_approach(const struct compare *c, struct similarity *move,
 /* The k-th try: 0: worlds as they are; else principal axes on principal axes, turned by eighths. */
 static struct similarity compare_guess(const struct compare *c, int k)
 {
-    const oxl_scene *a = c->surface[0].scene, *b = c->surface[1].scene;
-    struct similarity s = {1, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
-    const double x = cos((k - 1) * 0.7853981633974483), y = sin((k - 1) * 0.7853981633974483);
-    struct frame f[2];
-    double turned[3];
-    vector_add(oxl_scene_origin(b), -1, oxl_scene_origin(a), s.move);
-    if (k == 0) return s;
-    frame_choose(a, FRAME_SURVEY_AXES, &f[0]);
-    frame_choose(b, FRAME_SURVEY_AXES, &f[1]);
-    s.scale = c->surface[0].distance / c->surface[1].distance;
-    for (int i = 0; i < 9; i++) {
-        const double right = f[0].axis[0][i / 3], up = f[0].axis[1][i / 3];
-        s.rotation[i] = (x * right + y * up) * f[1].axis[0][i % 3] +
-                        (x * up - y * right) * f[1].axis[1][i % 3] +
-                        f[0].axis[2][i / 3] * f[1].axis[2][i % 3];
+    const double angle = fmax(k - 1, 0) * 0.7853981633974483, x = cos(angle), y = sin(angle);
+    const struct similarity turn = {1, {x, -y, 0, y, x, 0, 0, 0, 1}, {0, 0, 0}};
+    struct similarity own[2], back, turned;
+    for (int i = 0; i < 2; i++) {
+        const oxl_scene *scene = c->surface[i].scene;
+        struct frame f;
+        frame_choose(scene, FRAME_SURVEY_AXES, &f);
+        own[i] = k ? similarity_of_frame(&f, 1 / c->surface[i].distance) : similarity_of_world(scene, 1);
     }
-    frame_to_camera(s.rotation, f[1].centre, turned);
-    vector_add(f[0].centre, -s.scale, turned, s.move);
-    return s;
+    back = similarity_inverse(&own[0]), turned = similarity_compose(&turn, &own[1]);
+    return similarity_compose(&back, &turned);
 }
 
 static oxl_result compare_register(struct compare *c)
@@ -113,7 +105,7 @@ static oxl_result compare_register(struct compare *c)
         if (share > best) best = share, c->move = move;
     }
     c->overlap = compare_approach(c, &c->move, COMPARE_PASSES, &left);
-    c->noise = left / sqrt(c->surface[0].views + c->surface[1].views);
+    c->noise = c->p->world.scale * left / sqrt(c->surface[0].views + c->surface[1].views);
     if (c->overlap >= COMPARE_OVERLAP) return OXL_OK;
     return oxl_fail(
         c->p->ctx, OXL_ERR_INPUT,
@@ -124,29 +116,31 @@ static oxl_result compare_register(struct compare *c)
 
 /* ---------------- both heights on one grid */
 
-/* Maps both surveys, the second on the first's grid, moved into its own coordinates. */
+/* Maps both surveys, the second on the first's grid. */
 static oxl_result compare_map(struct compare *c, oxl_model *model[2])
 {
-    const struct arguments *a = c->p->a;
-    const struct similarity back = similarity_inverse(&c->move);
+    const struct product *p = c->p;
+    const enum frame_kind kind = p->has_gps ? FRAME_WORLD_AXES : (enum frame_kind)p->a->frame;
     struct map *m = c->map;
     oxl_result rc;
-    for (int i = 0; i < 2; i++)
-        m[i] = (struct map){.ctx = c->p->ctx,
-                            .scene = c->surface[i].scene,
-                            .surface = &c->surface[i],
-                            .enough = a->min_views};
-    m[0].world = c->p->has_gps ? &c->p->world : NULL;
-    m[0].pixel = fmax(a->pixel / c->p->world.scale,
-                      fmax(c->surface[0].sampling, c->move.scale * c->surface[1].sampling));
-    rc = map_make(&m[0], model[0], (enum frame_kind)a->frame, 0);
-    if (rc != OXL_OK) return rc;
-    m[1].is_placed = 1, m[1].width = m[0].width, m[1].height = m[0].height;
-    m[1].pixel = m[0].pixel * back.scale;
-    for (int d = 0; d < 2; d++) m[1].corner[d] = m[0].corner[d] * back.scale;
-    similarity_apply(&back, m[0].frame.centre, m[1].frame.centre);
-    for (int d = 0; d < 3; d++) frame_to_camera(back.rotation, m[0].frame.axis[d], m[1].frame.axis[d]);
-    return map_make(&m[1], model[1], FRAME_AUTO, 0);
+    m[0] = (struct map){.ctx = p->ctx,
+                        .scene = c->surface[0].scene,
+                        .surface = &c->surface[0],
+                        .to = p->world,
+                        .enough = p->a->min_views};
+    m[0].pixel = fmax(p->a->pixel,
+                      p->world.scale * fmax(c->surface[0].sampling, c->move.scale * c->surface[1].sampling));
+    rc = map_make(&m[0], model[0], kind, 0);
+    m[1] = (struct map){.ctx = p->ctx,
+                        .scene = c->surface[1].scene,
+                        .surface = &c->surface[1],
+                        .to = similarity_compose(&m[0].to, &c->move),
+                        .enough = p->a->min_views,
+                        .pixel = m[0].pixel,
+                        .width = m[0].width,
+                        .height = m[0].height,
+                        .corner = {m[0].corner[0], m[0].corner[1]}};
+    return rc == OXL_OK ? map_make(&m[1], model[1], kind, 0) : rc;
 }
 
 /* Reads "X,Y;X,Y;..." into room for all numbers. Returns their count; 0: it is no polygon of three corners or more. */
@@ -174,22 +168,21 @@ static int compare_is_inside(const double *number, int count, double x, double y
 /* Map coordinates of a cell's place, which may lie between cells. */
 static double compare_along(const struct map *m, int axis, double cell)
 {
-    return m->corner[axis] + (axis ? -1 : 1) * (cell + 0.5) * m->pixel + m->shift[axis];
+    return m->corner[axis] + (axis ? -1 : 1) * (cell + 0.5) * m->pixel;
 }
 
 static void compare_subtract(struct compare *c, const double *polygon, int corners)
 {
     const struct map *a = &c->map[0], *b = &c->map[1];
-    const double unit = c->p->world.scale;
     c->cells = (size_t)a->width * (size_t)a->height;
     c->difference = product_room(2 * c->cells, sizeof *c->difference), c->level = c->difference + c->cells;
     c->sign = product_room(c->cells, 1);
     c->place = product_room(c->cells, sizeof *c->place);
     for (size_t i = 0; i < c->cells; i++) {
-        const double x = compare_along(a, 0, (double)(i % (size_t)a->width)) * unit,
-                     y = compare_along(a, 1, (double)(i / (size_t)a->width)) * unit,
-                     sigma[3] = {(double)a->sigma[i], c->move.scale * (double)b->sigma[i], c->noise};
-        c->difference[i] = (float)(c->move.scale * (double)b->level[i] - (double)a->level[i]);
+        const double x = compare_along(a, 0, (double)(i % (size_t)a->width)),
+                     y = compare_along(a, 1, (double)(i / (size_t)a->width)),
+                     sigma[3] = {(double)a->sigma[i], (double)b->sigma[i], c->noise};
+        c->difference[i] = b->level[i] - a->level[i];
         c->level[i] = (float)(COMPARE_LEVEL * frame_length(sigma));
         if (isnan(c->difference[i]) || !compare_is_inside(polygon, corners, x, y))
             c->difference[i] = c->level[i] = NAN;
@@ -229,18 +222,18 @@ struct compare_row {
     int sign;
 };
 
-/* Sums the listed cells in units of files. */
+/* Sums the listed cells. */
 static struct compare_row compare_sum(const struct compare *c, const size_t *cell, size_t count, int sign)
 {
     const struct map *m = &c->map[0];
-    const double unit = c->p->world.scale, side = m->pixel * unit, n = fmax(1, (double)count);
+    const double side = m->pixel, n = fmax(1, (double)count);
     struct compare_row row = {.sign = sign};
     double *v = row.value;
     for (size_t i = 0; i < count; i++) {
-        const double d = (double)c->difference[cell[i]] * unit;
+        const double d = (double)c->difference[cell[i]];
         v[X] += (double)(cell[i] % (size_t)m->width) / n, v[Y] += (double)(cell[i] / (size_t)m->width) / n;
         v[NET] += d * side * side;
-        v[DOUBT] += pow((double)c->level[cell[i]] * unit, 2);
+        v[DOUBT] += pow((double)c->level[cell[i]], 2);
         if (fabs(d) > fabs(v[MOST])) v[MOST] = d;
         if (!c->sign[cell[i]]) continue;
         v[CHANGED] += side * side;
@@ -248,9 +241,8 @@ static struct compare_row compare_sum(const struct compare *c, const size_t *cel
     }
     v[AREA] = (double)count * side * side;
     /* what cells share, and what they do not */
-    v[DOUBT] =
-        side * side * sqrt(v[DOUBT] * fmin(COMPARE_LINKED, n) + pow(n * COMPARE_LEVEL * c->noise * unit, 2));
-    for (int d = 0; d < 2; d++) v[d] = compare_along(m, d, v[d]) * unit;
+    v[DOUBT] = side * side * sqrt(v[DOUBT] * fmin(COMPARE_LINKED, n) + pow(n * COMPARE_LEVEL * c->noise, 2));
+    for (int d = 0; d < 2; d++) v[d] = compare_along(m, d, v[d]);
     return row;
 }
 
@@ -325,9 +317,7 @@ static oxl_result compare_draw(const struct compare *c)
 
 static oxl_result compare_write_rasters(struct compare *c)
 {
-    oxl_result rc;
-    for (size_t i = 0; i < 2 * c->cells; i++) c->difference[i] *= (float)c->p->world.scale;
-    rc = map_raster(&c->map[0], c->p, "difference.tif", c->difference, 2);
+    oxl_result rc = map_raster(&c->map[0], c->p, "difference.tif", c->difference, 2);
     for (size_t i = 0; i < c->cells; i++)
         if (!c->sign[i]) c->difference[i] = NAN;
     return rc == OXL_OK ? map_raster(&c->map[0], c->p, "significant.tif", c->difference, 1) : rc;
@@ -363,8 +353,7 @@ static void compare_table(const struct compare *c, const struct compare_row *row
         t,
         "# oceanxl comparison: %s %% of the second survey lie on the first; registration: scale %s, uncertain by "
         "%s %s. ",
-        OUTPUT_FIXED(100 * c->overlap, 1), OUTPUT_FIXED(c->move.scale, 5),
-        OUTPUT_FIXED(c->noise * c->p->world.scale, 5), words);
+        OUTPUT_FIXED(100 * c->overlap, 1), OUTPUT_FIXED(c->move.scale, 5), OUTPUT_FIXED(c->noise, 5), words);
     output_add(
         t,
         "%s square %s have both heights (%zu cells filled from around), %s of them changed significantly, at %d places. ",

@@ -47,40 +47,19 @@ size_t map_next(const struct map *m, size_t at, int k)
 
 /* ---------------- the map's place */
 
-/* The map's heights as a sheet, seen along the frame's above axis. */
-static struct sheet map_sheet(const struct map *m)
+/* Chooses the axes, the pixel size and the bounds of the map, and refuses what cannot be mapped. Pixel corners lie at
+ * multiples of the pixel size. */
+static oxl_result map_place(struct map *m, enum frame_kind kind, int side)
 {
-    struct sheet t = {.width = m->width, .height = m->height, .is_parallel = 1, .depth = m->level};
-    vector_add(m->frame.centre, m->corner[0], m->frame.axis[0], t.from);
-    vector_add(t.from, m->corner[1], m->frame.axis[1], t.from);
-    vector_add(t.step[0], m->pixel, m->frame.axis[0], t.step[0]);
-    vector_add(t.step[1], -m->pixel, m->frame.axis[1], t.step[1]);
-    memcpy(t.step[2], m->frame.axis[2], sizeof t.step[2]);
-    return t;
-}
-
-/* Chooses the frame, the pixel size and the bounds of the map, and refuses what cannot be mapped. Pixel corners lie at
- * multiples of the pixel size in map coordinates. */
-static oxl_result map_open(struct map *m, const struct surface *s, enum frame_kind kind, int side)
-{
-    struct frame *f = &m->frame;
-    double bound[2][2], longest;
+    struct frame f;
+    double bound[2][2] = {{0}}, centre[3], longest;
     int size[2];
-    if (!m->is_placed) frame_choose(m->scene, kind, f);
-    if (m->world && !m->is_placed) memcpy(f->axis, m->world->rotation, sizeof f->axis), f->is_world = 1;
-    m->top = -HUGE_VAL, m->distance = s->distance, m->sampling = s->sampling;
-    for (int i = 0; i < s->views; i++) {
-        m->top = fmax(m->top, frame_along(f, s->view[i].sheet.from, 2));
-        m->down -= vector_dot(s->view[i].camera.rotation + 6, f->axis[2]) / s->views;
-    }
-    if (m->is_placed) return OXL_OK;
-    if (f->is_world) vector_add(f->centre, 1, oxl_scene_origin(m->scene), m->shift);
-    if (m->world) {
-        similarity_apply(m->world, f->centre, m->shift);
-        for (int d = 0; d < 3; d++) m->shift[d] /= m->world->scale;
-    }
-    frame_bounds(f, m->scene, bound[0], bound[1]);
-    longest = fmax(bound[1][0] - bound[0][0], bound[1][1] - bound[0][1]);
+    frame_choose(m->scene, kind, &f);
+    m->is_world = f.is_world;
+    if (!m->is_world) m->to = similarity_of_frame(&f, m->to.scale);
+    memcpy(f.axis, m->to.rotation, sizeof f.axis);
+    frame_bounds(&f, m->scene, bound[0], bound[1]);
+    longest = m->to.scale * fmax(bound[1][0] - bound[0][0], bound[1][1] - bound[0][1]);
     if (!(longest > 0))
         return oxl_fail(m->ctx, OXL_ERR_INPUT,
                         "map: all points lie in one place\nfix: export the survey again");
@@ -89,14 +68,48 @@ static oxl_result map_open(struct map *m, const struct surface *s, enum frame_ki
     if (longest / m->pixel > MAP_SIDE_MAX)
         return oxl_fail(m->ctx, OXL_ERR_USAGE,
                         "map: it would have more than %d px a side\nfix: use a larger --pixel", MAP_SIDE_MAX);
+    similarity_apply(&m->to, f.centre, centre);
     for (int d = 0; d < 2; d++) {
-        const double first = floor((bound[0][d] + m->shift[d]) / m->pixel),
-                     last = ceil((bound[1][d] + m->shift[d]) / m->pixel);
+        const double first = floor((centre[d] + m->to.scale * bound[0][d]) / m->pixel),
+                     last = ceil((centre[d] + m->to.scale * bound[1][d]) / m->pixel);
         size[d] = (int)(last - first);
-        m->corner[d] = (d ? last : first) * m->pixel - m->shift[d];
+        m->corner[d] = (d ? last : first) * m->pixel;
     }
     m->width = size[0], m->height = size[1];
     return OXL_OK;
+}
+
+/* Sets the camera that sees the map from its highest camera on, along parallel rays. */
+static oxl_result map_open(struct map *m, enum frame_kind kind, int side)
+{
+    const struct surface *s = m->surface;
+    struct similarity back;
+    oxl_result rc = OXL_OK;
+    double eye[3];
+    m->distance = s->distance * m->to.scale, m->sampling = s->sampling * m->to.scale;
+    if (!m->width) rc = map_place(m, kind, side);
+    back = similarity_inverse(&m->to);
+    m->sheet = (struct sheet){.camera = {m->width,
+                                         m->height,
+                                         1 / (back.scale * m->pixel),
+                                         1 / (back.scale * m->pixel),
+                                         0.5 * m->width,
+                                         0.5 * m->height,
+                                         {0},
+                                         {0}},
+                              .parallel = s->distance};
+    for (int k = 0; k < 9; k++) m->sheet.camera.rotation[k] = (k < 3 ? 1 : -1) * m->to.rotation[k];
+    m->top = -HUGE_VAL;
+    for (int i = 0; i < s->views; i++) {
+        similarity_apply(&m->to, s->view[i].eye, eye);
+        m->top = fmax(m->top, eye[2]);
+        m->down -= vector_dot(s->view[i].sheet.camera.rotation + 6, m->to.rotation + 6) / s->views;
+    }
+    eye[0] = m->corner[0] + 0.5 * m->width * m->pixel, eye[1] = m->corner[1] - 0.5 * m->height * m->pixel,
+    eye[2] = m->top;
+    similarity_apply(&back, eye, eye);
+    frame_place(&m->sheet.camera, eye);
+    return rc;
 }
 
 /* ---------------- rendering */
@@ -104,27 +117,27 @@ static oxl_result map_open(struct map *m, const struct surface *s, enum frame_ki
 /* Renders colours and heights by bands of rows; sigma has the depths yet, which are negative where they are not clear. */
 static oxl_result map_draw(struct map *m, const oxl_model *model)
 {
-    const struct sheet t = map_sheet(m);
     oxl_result rc = OXL_OK;
     m->level = product_room(map_pixels(m), sizeof *m->level);
     m->colour = product_room(3 * map_pixels(m), sizeof *m->colour);
-    m->sigma = product_room(map_pixels(m), sizeof *m->sigma);
+    m->sigma = m->sheet.depth = product_room(map_pixels(m), sizeof *m->sigma);
     m->views = product_room(map_pixels(m), sizeof *m->views);
     m->seen = product_room(map_pixels(m), 1);
     for (int y = 0; y < m->height && rc == OXL_OK; y += MAP_ROWS) {
-        const int rows = m->height - y < MAP_ROWS ? m->height - y : MAP_ROWS;
-        const size_t first = (size_t)y * (size_t)m->width, plane = (size_t)rows * (size_t)m->width;
-        oxl_camera c = {m->width, rows, 1 / m->pixel, 1 / m->pixel, 0.5 * m->width, 0.5 * rows, {0}, {0}};
+        struct sheet band = m->sheet;
+        oxl_camera *c = &band.camera;
+        const size_t first = (size_t)y * (size_t)m->width;
+        size_t plane;
         oxl_image image = {0};
-        double eye[3];
-        for (int k = 0; k < 9; k++) c.rotation[k] = (k < 3 ? 1 : -1) * m->frame.axis[k / 3][k % 3];
-        sheet_place(&t, c.cx, y + c.cy, m->top, eye);
-        frame_place(&c, eye);
-        rc = product_render(m->ctx, model, &c, 0, m->distance, &image, m->sigma + first);
+        if (m->height - y < MAP_ROWS) c->height = m->height - y;
+        else c->height = MAP_ROWS;
+        plane = (size_t)c->height * (size_t)c->width, band.depth += first;
+        c->translation[1] += (c->cy - y - 0.5 * c->height) / c->fy, c->cy = 0.5 * c->height;
+        rc = sheet_render(m->ctx, model, 0, &band, &image);
         for (size_t i = 0; i < 3 * plane && rc == OXL_OK; i++) {
             const size_t at = first + i % plane;
-            const float z = fabsf(m->sigma[at]);
-            m->level[at] = z > 0 ? (float)(m->top - (double)z) : NAN;
+            const double z = fabs((double)m->sigma[at]);
+            m->level[at] = z > 0 ? (float)(m->top - m->to.scale * z) : NAN;
             m->colour[i / plane * map_pixels(m) + at] = z > 0 ? fminf(fmaxf(image.rgb[i], 0), 1) : NAN;
         }
         oxl_image_free(m->ctx, &image);
@@ -141,8 +154,8 @@ static double map_sigma(const struct map *m, const struct surface_vote *v, doubl
 {
     const double n = v->confirms, straight = frame_length(v->ray) / n,
                  parallax = sqrt(fmax(2 * (1 - straight), 1e-4)), spread = sqrt(v->off2 / n) * distance,
-                 open = v->footprint / parallax / sqrt(n),
-                 upright = vector_dot(v->ray, m->frame.axis[2]) / (n * straight);
+                 open = m->to.scale * v->footprint / parallax / sqrt(n),
+                 upright = vector_dot(v->ray, m->to.rotation + 6) / (n * straight);
     double step = 0; /* largest to a neighbour; fmax leaves out NaN */
     for (int k = 1; k < 9; k += 2)
         step = fmax(step, fabs((double)(m->level[map_next(m, at, k)] - m->level[at])));
@@ -154,20 +167,21 @@ static double map_sigma(const struct map *m, const struct surface_vote *v, doubl
 static void map_take_vote(void *user, size_t at, const double p[3], const struct surface_vote *v)
 {
     struct map *m = user;
+    double distance;
     (void)p;
     m->seen[at] = (unsigned char)((v->sees > 0) + (v->sees >= m->enough));
     for (size_t k = 0; k < 3 && v->sees < m->enough; k++) m->colour[k * map_pixels(m) + at] = NAN;
     if (!(m->sigma[at] > 0 && surface_holds(v, m->enough))) return;
     m->views[at] = (unsigned short)(v->confirms < 65535 ? v->confirms : 65535);
-    m->sigma[at] = (float)map_sigma(m, v, v->footprint * m->surface->view[v->nearest].camera.fx, at);
+    distance = v->footprint * m->surface->view[v->nearest].sheet.camera.fx;
+    m->sigma[at] = (float)map_sigma(m, v, m->to.scale * distance, at);
 }
 
 /* Keeps the heights that the views confirm, and measures the ground. */
 static oxl_result map_confirm(struct map *m)
 {
-    const struct sheet sheet = map_sheet(m);
     size_t any = 0, covered = 0, high = 0;
-    surface_ask_sheet(m->surface, &sheet, NULL, map_take_vote, m);
+    surface_ask_sheet(m->surface, &m->sheet, NULL, map_take_vote, m);
     for (size_t at = 0; at < map_pixels(m); at++) {
         if (!m->views[at]) m->level[at] = m->sigma[at] = NAN;
         any += m->seen[at] > 0, covered += m->seen[at] > 1, high += m->views[at] > 0;
@@ -182,23 +196,13 @@ static oxl_result map_confirm(struct map *m)
     return OXL_OK;
 }
 
-/* Compares the heights with every second point: those that did not help to choose them. */
-static void map_compare_points(struct map *m)
+/* How far a height is from that of a point. */
+static double map_off(const void *user, const double p[3])
 {
-    const size_t count = oxl_scene_point_count(m->scene);
-    double *off = product_room(count, sizeof *off);
-    size_t n = 0, inside = 0;
-    for (size_t i = 1; i < count; i += 2) {
-        const double *p = oxl_scene_points(m->scene)[i].position;
-        const double x = floor((frame_along(&m->frame, p, 0) - m->corner[0]) / m->pixel),
-                     y = floor((m->corner[1] - frame_along(&m->frame, p, 1)) / m->pixel);
-        if (!(x >= 0 && y >= 0 && x < m->width && y < m->height)) continue;
-        off[n] =
-            fabs((double)m->level[(size_t)y * (size_t)m->width + (size_t)x] - frame_along(&m->frame, p, 2));
-        inside++, n += !isnan(off[n]);
-    }
-    m->off = product_deviation(off, n, inside, m->distance);
-    free(off);
+    const struct map *m = user;
+    const double x = floor((p[0] - m->corner[0]) / m->pixel), y = floor((m->corner[1] - p[1]) / m->pixel);
+    if (!(x >= 0 && y >= 0 && x < m->width && y < m->height)) return -1;
+    return fabs((double)m->level[(size_t)y * (size_t)m->width + (size_t)x] - p[2]);
 }
 
 /* ---------------- pinholes, smoothing */
@@ -253,25 +257,19 @@ static void map_smooth(struct map *m)
 
 oxl_result map_make(struct map *m, const oxl_model *model, enum frame_kind kind, int side)
 {
-    struct surface own = {0};
-    const int is_own = !m->surface;
-    oxl_result rc = OXL_OK;
+    oxl_result rc;
     if (oxl_scene_point_count(m->scene) < 3)
         return oxl_fail(
             m->ctx, OXL_ERR_INPUT,
             "map: the survey has no points, so its vertical axis is unknown\nfix: export points3D as well");
-    if (is_own) rc = surface_open(m->ctx, model, m->scene, SURFACE_SIDE, m->surface = &own);
-    if (rc == OXL_OK) rc = map_open(m, m->surface, kind, side);
+    rc = map_open(m, kind, side);
     if (rc == OXL_OK) rc = map_draw(m, model);
     if (rc == OXL_OK) rc = map_confirm(m);
-    if (rc == OXL_OK) {
-        m->filled = map_fill(m, m->colour, 3, MAP_PINHOLE);
-        map_smooth(m);
-        map_compare_points(m);
-    }
-    surface_close(&own);
-    if (is_own) m->surface = NULL;
-    return rc;
+    if (rc != OXL_OK) return rc;
+    m->filled = map_fill(m, m->colour, 3, MAP_PINHOLE);
+    map_smooth(m);
+    m->off = product_deviation(m->scene, &m->to, m->distance, map_off, m);
+    return OXL_OK;
 }
 
 void map_free(struct map *m)
@@ -288,74 +286,41 @@ void map_free(struct map *m)
 oxl_result map_raster(const struct map *m, const struct product *p, const char *name, const float *plane,
                       int bands)
 {
-    const size_t pixels = map_pixels(m), wide = (size_t)bands;
     struct geotiff g = p->place;
-    float *out = product_room(pixels * wide, sizeof *out);
-    unsigned char *byte = (unsigned char *)out;
     char path[4200];
-    oxl_result rc;
-    g.width = m->width, g.height = m->height, g.pixel = m->pixel * p->world.scale;
-    g.floats = bands == 3 ? 0 : bands;
-    for (int d = 0; d < 2; d++) g.corner[d] = (m->corner[d] + m->shift[d]) * p->world.scale;
-    if (!m->frame.is_world) g.citation = "oceanxl: along the axes in frame.txt", g.reference = NULL;
-    for (size_t i = 0; i < pixels * wide; i++) {
-        const float value = plane[i % wide * pixels + i / wide];
-        if (bands != 3) out[i] = value;
-        else if (!isnan(value)) byte[4 * (i / 3) + i % 3] = (unsigned char)(255 * value + 0.5f);
-        if (bands == 3) byte[4 * (i / 3) + 3] = isnan(value) ? 0 : 255;
-    }
+    g.width = m->width, g.height = m->height, g.pixel = m->pixel, g.bands = bands;
+    memcpy(g.corner, m->corner, sizeof g.corner);
+    if (!m->is_world) g.citation = "oceanxl: along the axes in frame.txt", g.reference = NULL;
     snprintf(path, sizeof path, "%s/%s", p->a->out, name);
-    rc = geotiff_write(m->ctx, path, &g, out);
-    free(out);
-    return rc;
-}
-
-/* Turns heights into those of files, and writes them with their certainty. */
-static oxl_result map_write_heights(struct map *m, const struct product *p)
-{
-    float *certainty = product_room(2 * map_pixels(m), sizeof *certainty);
-    oxl_result rc;
-    for (size_t i = 0; i < map_pixels(m); i++) {
-        m->level[i] = (float)(((double)m->level[i] + m->shift[2]) * p->world.scale);
-        certainty[i] = (float)(m->sigma[i] * p->world.scale), certainty[map_pixels(m) + i] = m->views[i];
-    }
-    rc = map_raster(m, p, "height.tif", m->level, 1);
-    if (rc == OXL_OK) rc = map_raster(m, p, "certainty.tif", certainty, 2);
-    free(certainty);
-    return rc;
+    return geotiff_write(m->ctx, path, &g, plane);
 }
 
 /* Writes the 3 x 4 matrix from the survey's coordinates to the map's x, y and height. */
 static oxl_result map_write_frame(const struct map *m, const struct product *p)
 {
+    const struct similarity world = similarity_of_world(m->scene, 1), back = similarity_inverse(&world),
+                            to = similarity_compose(&m->to, &back);
     struct output t = {0};
-    double centre[3];
-    vector_add(m->frame.centre, 1, oxl_scene_origin(m->scene), centre);
     output_add(&t, "# oceanxl map: x, y and height = this matrix times the survey's X, Y, Z, 1\n");
-    for (int d = 0; d < 3; d++) {
-        const double *axis = m->frame.axis[d],
-                     row[4] = {axis[0], axis[1], axis[2], m->shift[d] - vector_dot(axis, centre)};
-        for (int k = 0; k < 4; k++)
-            output_add(&t, k < 3 ? "%s " : "%s\n",
-                       oxl_json_number_text((char[48]){0}, row[k] * p->world.scale));
-    }
+    for (int k = 0; k < 12; k++)
+        output_add(&t, k % 4 < 3 ? "%s " : "%s\n",
+                   oxl_json_number_text((char[48]){0}, k % 4 < 3 ? to.scale * to.rotation[k / 4 * 3 + k % 4]
+                                                                 : to.move[k / 4]));
     return product_save(p, &t, "frame.txt");
 }
 
 static void map_say(const struct map *m, const struct product *p)
 {
-    const double unit = p->world.scale;
     print_format(p->to, "map       %s/ortho.tif, height.tif and certainty.tif, %d x %d px of %.6g %s, %s\n",
-                 p->a->out, m->width, m->height, m->pixel * unit, p->words,
-                 m->world ? "in UTM"
-                 : m->frame.is_world
-                     ? "in the world's x and y"
-                     : "along the survey's principal axes, which frame.txt has (--frame world: "
-                       "the world's)");
+                 p->a->out, m->width, m->height, m->pixel, p->words,
+                 p->has_gps    ? "in UTM"
+                 : m->is_world ? "in the world's x and y"
+                               : "along the survey's principal axes, which frame.txt has (--frame world: "
+                                 "the world's)");
     print_format(
         p->to,
         "ground    %.4g square %s; of what any view sees %d or more see %.1f %%, %.1f %% have a height\n",
-        m->area * unit * unit, p->words, m->enough, 100 * m->covered, 100 * m->high);
+        m->area, p->words, m->enough, 100 * m->covered, 100 * m->high);
     if (m->filled)
         print_format(p->to,
                      "filled    %zu pixels in holes of about %d px, whose views are 0 in certainty.tif\n",
@@ -371,24 +336,38 @@ static void map_say(const struct map *m, const struct product *p)
 oxl_result map_write(const struct product *p, const oxl_model *model)
 {
     static const char *const files[] = {"ortho.tif", "height.tif", "certainty.tif", "frame.txt"};
+    const enum frame_kind kind = p->has_gps ? FRAME_WORLD_AXES : (enum frame_kind)p->a->frame;
+    struct surface s = {0};
     struct map m = {.ctx = p->ctx,
                     .scene = p->scene,
-                    .world = p->has_gps ? &p->world : NULL,
-                    .pixel = p->a->pixel / p->world.scale,
+                    .surface = &s,
+                    .to = p->world,
+                    .pixel = p->a->pixel,
                     .enough = p->a->min_views,
                     .smooth = p->a->smooth};
+    float *certainty = NULL;
+    struct frame f;
     oxl_result rc = product_folder(p, files, 4);
-    frame_choose(p->scene, (enum frame_kind)p->a->frame, &m.frame);
-    if (rc == OXL_OK && p->a->epsg && !m.frame.is_world)
+    frame_choose(p->scene, kind, &f);
+    if (rc == OXL_OK && p->a->epsg && !f.is_world)
         rc = oxl_fail(m.ctx, OXL_ERR_USAGE,
                       "map: --epsg names the system of the world's coordinates, but the map is along the "
                       "survey's own axes\nfix: use --frame world if the survey is georeferenced, else "
                       "georeference it first (docs/GUIDE.md, 5)");
-    if (rc == OXL_OK) rc = map_make(&m, model, (enum frame_kind)p->a->frame, 0);
-    if (rc == OXL_OK) map_say(&m, p);
-    if (rc == OXL_OK) rc = map_write_frame(&m, p);
+    if (rc == OXL_OK) rc = surface_open(m.ctx, model, m.scene, SURFACE_SIDE, &s);
+    if (rc == OXL_OK) rc = map_make(&m, model, kind, 0);
+    if (rc == OXL_OK) {
+        map_say(&m, p);
+        rc = map_write_frame(&m, p);
+        certainty = product_room(2 * map_pixels(&m), sizeof *certainty);
+        memcpy(certainty, m.sigma, map_pixels(&m) * sizeof *certainty);
+        for (size_t i = 0; i < map_pixels(&m); i++) certainty[map_pixels(&m) + i] = m.views[i];
+    }
     if (rc == OXL_OK) rc = map_raster(&m, p, "ortho.tif", m.colour, 3);
-    if (rc == OXL_OK) rc = map_write_heights(&m, p);
+    if (rc == OXL_OK) rc = map_raster(&m, p, "height.tif", m.level, 1);
+    if (rc == OXL_OK) rc = map_raster(&m, p, "certainty.tif", certainty, 2);
+    free(certainty);
     map_free(&m);
+    surface_close(&s);
     return rc;
 }

@@ -90,13 +90,19 @@ static size_t mesh_find(const struct mesh *m, const int at[3], int corner)
            (size_t)((to[0] % MESH_SIDE * MESH_SIDE + to[1] % MESH_SIDE) * MESH_SIDE + to[2] % MESH_SIDE);
 }
 
-static void mesh_sample(const struct mesh *m, const struct surface_list *list, size_t sample)
+static void mesh_place(const struct mesh *m, size_t sample, double out[3])
+{
+    int at[3];
+    mesh_lattice(m, sample, at);
+    for (int k = 0; k < 3; k++) out[k] = m->low[k] + at[k] * m->cell;
+}
+
+static void mesh_sample(const struct mesh *m, const struct surface_list *list, size_t sample,
+                        const double p[3])
 {
     const double reach = MESH_TRUNCATE * m->cell;
-    double sum = 0, rgb[3] = {0, 0, 0}, p[3];
-    int views = 0, near = 0, lattice[3];
-    mesh_lattice(m, sample, lattice);
-    for (int k = 0; k < 3; k++) p[k] = m->low[k] + lattice[k] * m->cell;
+    double sum = 0, rgb[3] = {0, 0, 0};
+    int views = 0, near = 0;
     for (int i = 0; i < list->count; i++) {
         const struct surface_view *v = &m->s->view[list->view[i]];
         double at[2], off;
@@ -119,13 +125,11 @@ static void mesh_sample_blocks(struct mesh *m)
     m->distance[m->samples] = NAN;
 #pragma omp parallel for schedule(dynamic)
     for (size_t b = 0; b < m->blocks; b++) {
+        double place[MESH_BLOCK][3];
         struct surface_list list;
-        int at[3];
-        double centre[3];
-        mesh_lattice(m, b * MESH_BLOCK, at);
-        for (int k = 0; k < 3; k++) centre[k] = m->low[k] + (at[k] + 0.5 * MESH_SIDE) * m->cell;
-        surface_find(m->s, centre, 0.87 * MESH_SIDE * m->cell, &list);
-        for (size_t i = 0; i < MESH_BLOCK; i++) mesh_sample(m, &list, b * MESH_BLOCK + i);
+        for (size_t i = 0; i < MESH_BLOCK; i++) mesh_place(m, b * MESH_BLOCK + i, place[i]);
+        surface_find(m->s, place, MESH_BLOCK, &list);
+        for (size_t i = 0; i < MESH_BLOCK; i++) mesh_sample(m, &list, b * MESH_BLOCK + i, place[i]);
     }
 }
 

@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+enum { PRODUCT_CHECKED = 100000 }; /* most points of the survey that a surface is compared with */
+
 void *product_room(size_t count, size_t size)
 {
     void *room = calloc(count + 1, size);
@@ -33,43 +35,52 @@ void vector_add(const double a[3], double by, const double b[3], double out[3])
     for (int k = 0; k < 3; k++) out[k] = a[k] + by * b[k];
 }
 
-struct deviation product_deviation(double *off, size_t count, size_t all, double distance)
+struct deviation product_deviation(const oxl_scene *scene, const struct similarity *to, double distance,
+                                   double (*off)(const void *user, const double p[3]), const void *user)
 {
-    struct deviation d = {product_quantile(off, count, 0.5), product_quantile(off, count, 0.9), 0,
-                          (double)(all - count) / (double)all};
-    for (size_t i = 0; i < count; i++) d.gross += (off[i] > PRODUCT_GROSS * distance) / (double)count;
+    const size_t points = oxl_scene_point_count(scene), stride = 2 * (1 + points / 2 / PRODUCT_CHECKED);
+    double *by = product_room(points, sizeof *by), all = 0;
+    struct deviation d = {0};
+    size_t n = 0;
+    for (size_t i = 1; i < points; i += stride) {
+        double p[3];
+        similarity_apply(to, oxl_scene_points(scene)[i].position, p);
+        by[n] = off(user, p);
+        all += !(by[n] < 0), d.gross += by[n] > PRODUCT_GROSS * distance, n += by[n] >= 0;
+    }
+    d.median = product_quantile(by, n, 0.5), d.most = product_quantile(by, n, 0.9);
+    d.gross /= (double)n, d.none = 1 - (double)n / all;
+    free(by);
     return d;
 }
 
 void product_say(const struct product *p, const struct deviation *d, double distance)
 {
-    const double unit = p->world.scale;
     if (isnan(d->median)) return;
     print_format(
         p->to,
         "deviation from every second point of the survey: %.3g %s in the median, 90 %% less than %.3g: %.2f and %.2f %% "
         "of the cameras' distance, %.2f %% more than %.0f %%; nothing at %.1f %% of them\n",
-        d->median * unit, p->words, d->most * unit, 100 * d->median / distance, 100 * d->most / distance,
-        100 * d->gross, 100 * PRODUCT_GROSS, 100 * d->none);
+        d->median, p->words, d->most, 100 * d->median / distance, 100 * d->most / distance, 100 * d->gross,
+        100 * PRODUCT_GROSS, 100 * d->none);
 }
 
 oxl_result product_open(oxl_context *ctx, const oxl_scene *scene, const char *survey,
                         const struct arguments *a, FILE *to, struct product *p)
 {
-    const double unit = a->scale > 0 ? a->scale : 1, *reference = oxl_scene_reference(scene);
+    const double *reference = oxl_scene_reference(scene);
     *p = (struct product){
         .ctx = ctx,
         .scene = scene,
         .a = a,
         .to = to,
-        .world = {unit, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0}},
+        .world = similarity_of_world(scene, a->scale > 0 ? a->scale : 1),
         .has_gps = a->gps,
         .words = a->scale > 0 || a->gps ? "metres" : "units",
         .place = {.epsg = a->epsg,
                   .reference = a->scale > 0 ? NULL : reference,
                   .citation = "oceanxl: coordinates of the survey's world, height along its z",
                   .is_metric = a->scale > 0}};
-    vector_add(p->world.move, unit, oxl_scene_origin(scene), p->world.move);
     if (a->gps && (a->epsg || a->scale > 0))
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "--gps finds the CRS and the scale itself\nfix: leave --epsg and --scale out");
@@ -99,13 +110,4 @@ oxl_result product_save(const struct product *p, struct output *t, const char *n
     return output_save(t, path)
                ? OXL_OK
                : oxl_fail(p->ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", path);
-}
-
-oxl_result product_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
-                          double near_plane, double parallel, oxl_image *out, float *depth)
-{
-    oxl_render_options o = oxl_render_options_default();
-    o.near_plane = (float)near_plane, o.parallel = (float)parallel;
-    memcpy(o.background, model->background, sizeof o.background);
-    return oxl_render(ctx, model, camera, &o, out, depth);
 }

@@ -94,6 +94,32 @@ struct similarity similarity_inverse(const struct similarity *s)
     return out;
 }
 
+struct similarity similarity_compose(const struct similarity *a, const struct similarity *b)
+{
+    struct similarity out = {.scale = a->scale * b->scale};
+    for (int i = 0; i < 27; i++)
+        out.rotation[i / 3] += a->rotation[i / 9 * 3 + i % 3] * b->rotation[i % 3 * 3 + i / 3 % 3];
+    similarity_apply(a, b->move, out.move);
+    return out;
+}
+
+struct similarity similarity_of_world(const oxl_scene *scene, double scale)
+{
+    struct similarity out = {.scale = scale, .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    vector_add(out.move, scale, oxl_scene_origin(scene), out.move);
+    return out;
+}
+
+struct similarity similarity_of_frame(const struct frame *f, double scale)
+{
+    struct similarity out = {.scale = scale};
+    double centre[3];
+    memcpy(out.rotation, f->axis, sizeof f->axis);
+    similarity_apply(&out, f->centre, centre);
+    vector_add(out.move, -1, centre, out.move);
+    return out;
+}
+
 static void similarity_of_quaternion(const double q[4], double r[9])
 {
     for (int i = 0; i < 3; i++)

@@ -71,22 +71,25 @@ static oxl_camera surface_camera(const oxl_camera *full, int side)
     return c;
 }
 
+oxl_result sheet_render(oxl_context *ctx, const oxl_model *model, double near_plane, const struct sheet *t,
+                        oxl_image *out)
+{
+    oxl_render_options o = oxl_render_options_default();
+    o.near_plane = (float)near_plane, o.parallel = (float)t->parallel;
+    memcpy(o.background, model->background, sizeof o.background);
+    return oxl_render(ctx, model, &t->camera, &o, out, t->depth);
+}
+
 static oxl_result surface_render(struct surface *s, const oxl_model *model, struct surface_view *v)
 {
-    const oxl_camera *c = &v->camera;
-    const size_t pixels = (size_t)c->width * (size_t)c->height;
+    const size_t pixels = (size_t)v->sheet.camera.width * (size_t)v->sheet.camera.height;
     oxl_image image = {0};
     oxl_result rc;
-    v->sheet = (struct sheet){.width = c->width, .height = c->height};
-    frame_eye(c, v->sheet.from);
-    for (int k = 0; k < 3; k++) {
-        v->sheet.step[0][k] = c->rotation[k] / c->fx, v->sheet.step[1][k] = c->rotation[3 + k] / c->fy;
-        v->sheet.step[2][k] = c->rotation[6 + k] - c->cx * v->sheet.step[0][k] - c->cy * v->sheet.step[1][k];
-    }
+    frame_eye(&v->sheet.camera, v->eye);
     v->sheet.depth = product_room(pixels, sizeof *v->sheet.depth);
     v->rgb = product_room(pixels, 3);
     v->guess = product_room(pixels, 1);
-    rc = product_render(s->ctx, model, c, oxl_scene_near_plane(s->scene), 0, &image, v->sheet.depth);
+    rc = sheet_render(s->ctx, model, oxl_scene_near_plane(s->scene), &v->sheet, &image);
     for (size_t i = 0; i < 3 * pixels && rc == OXL_OK; i++)
         v->rgb[i] = (unsigned char)(255 * fminf(fmaxf(image.rgb[i % 3 * pixels + i / 3], 0), 1) + 0.5f);
     if (rc == OXL_OK) surface_find_plain(&image, v->guess);
@@ -97,7 +100,7 @@ static oxl_result surface_render(struct surface *s, const oxl_model *model, stru
 /* Returns the median of |depth| where there is one; NaN: nowhere. */
 static double surface_median(const struct sheet *t)
 {
-    const size_t pixels = (size_t)t->width * (size_t)t->height;
+    const size_t pixels = (size_t)t->camera.width * (size_t)t->camera.height;
     double *z = product_room(pixels / 7 + 1, sizeof *z), median;
     size_t n = 0;
     for (size_t i = 0; i < pixels; i += 7)
@@ -113,7 +116,7 @@ static void surface_measure(struct surface *s)
     double *z = product_room(2 * (size_t)s->views, sizeof *z), *side = z + s->views;
     size_t n = 0;
     for (int i = 0; i < s->views; i++) {
-        z[n] = surface_median(&s->view[i].sheet), side[n] = z[n] / s->view[i].camera.fx;
+        z[n] = surface_median(&s->view[i].sheet), side[n] = z[n] / s->view[i].sheet.camera.fx;
         n += z[n] > 0;
     }
     if (n > 0) s->distance = product_quantile(z, n, 0.5), s->sampling = product_quantile(side, n, 0.5);
@@ -127,8 +130,8 @@ static void surface_measure(struct surface *s)
 static void surface_doubt(const oxl_scene *scene, struct surface_view *v)
 {
     const oxl_point *point = oxl_scene_points(scene);
-    const size_t points = oxl_scene_point_count(scene), width = (size_t)v->camera.width,
-                 height = (size_t)v->camera.height, pixels = width * height;
+    const size_t points = oxl_scene_point_count(scene), width = (size_t)v->sheet.camera.width,
+                 height = (size_t)v->sheet.camera.height, pixels = width * height;
     unsigned *all = product_room(2 * pixels, sizeof *all), *agree = all + pixels;
     size_t n = 0, pixel;
     double reach, at[2];
@@ -171,7 +174,7 @@ oxl_result surface_open(oxl_context *ctx, const oxl_model *model, const oxl_scen
         struct surface_view *v = &s->view[s->views];
         if (oxl_scene_view(scene, i)->is_test) continue;
         s->views++;
-        v->camera = surface_camera(&oxl_scene_view(scene, i)->camera, side);
+        v->sheet.camera = surface_camera(&oxl_scene_view(scene, i)->camera, side);
         rc = surface_render(s, model, v);
     }
     if (rc != OXL_OK) return rc;
@@ -207,24 +210,36 @@ double surface_project(const oxl_camera *c, const double p[3], double at[2])
 
 double surface_pixel(const struct surface_view *v, const double p[3], double at[2], size_t *pixel)
 {
-    const double z = surface_project(&v->camera, p, at);
-    if (!(z > 0 && at[0] >= 0 && at[0] < v->camera.width && at[1] >= 0 && at[1] < v->camera.height)) return 0;
-    *pixel = (size_t)at[1] * (size_t)v->camera.width + (size_t)at[0];
+    const oxl_camera *c = &v->sheet.camera;
+    const double z = surface_project(c, p, at);
+    if (!(z > 0 && at[0] >= 0 && at[0] < c->width && at[1] >= 0 && at[1] < c->height)) return 0;
+    *pixel = (size_t)at[1] * (size_t)c->width + (size_t)at[0];
     return z;
 }
 
 void sheet_place(const struct sheet *t, double x, double y, double depth, double out[3])
 {
-    const double by = t->is_parallel ? 1 : depth;
+    const oxl_camera *c = &t->camera;
+    const double by = t->parallel > 0 ? 1 : depth,
+                 at[3] = {by * (x - c->cx) / c->fx - c->translation[0],
+                          by * (y - c->cy) / c->fy - c->translation[1], depth - c->translation[2]};
     for (int k = 0; k < 3; k++)
-        out[k] = t->from[k] + by * (x * t->step[0][k] + y * t->step[1][k]) + depth * t->step[2][k];
+        out[k] = c->rotation[k] * at[0] + c->rotation[3 + k] * at[1] + c->rotation[6 + k] * at[2];
 }
 
-void surface_find(const struct surface *s, const double centre[3], double radius, struct surface_list *list)
+void surface_find(const struct surface *s, double (*place)[3], size_t count, struct surface_list *list)
 {
+    double low[3], high[3], half[3], centre[3], radius;
+    for (size_t i = 0; i < 3 * count; i++) {
+        const double x = place[i / 3][i % 3];
+        low[i % 3] = i < 3 ? x : fmin(low[i % 3], x), high[i % 3] = i < 3 ? x : fmax(high[i % 3], x);
+    }
+    vector_add(high, -1, low, half);
+    vector_add(low, 0.5, half, centre);
+    radius = 0.5 * frame_length(half);
     list->count = 0;
     for (int i = 0; i < s->views && list->count < SURFACE_LISTED; i++) {
-        const oxl_camera *c = &s->view[i].camera;
+        const oxl_camera *c = &s->view[i].sheet.camera;
         double at[2];
         const double z = surface_project(c, centre, at), by = radius / (z - radius);
         const double u = by * (c->fx + fabs(at[0] - c->cx)), v = by * (c->fy + fabs(at[1] - c->cy)); /* px */
@@ -240,9 +255,10 @@ static double surface_depth(const struct sheet *t, const double at[2], size_t ne
     const int x = (int)floor(at[0] - 0.5), y = (int)floor(at[1] - 0.5);
     const double own = fabs((double)t->depth[nearest]), u = at[0] - 0.5 - x, w = at[1] - 0.5 - y;
     double sum = 0;
-    if (x < 0 || y < 0 || x + 1 >= t->width || y + 1 >= t->height) return own;
+    if (x < 0 || y < 0 || x + 1 >= t->camera.width || y + 1 >= t->camera.height) return own;
     for (int k = 0; k < 4; k++) {
-        const double z = fabs((double)t->depth[(size_t)(y + k / 2) * (size_t)t->width + (size_t)(x + k % 2)]);
+        const double z =
+            fabs((double)t->depth[(size_t)(y + k / 2) * (size_t)t->camera.width + (size_t)(x + k % 2)]);
         if (fabs(z - own) > SURFACE_AGREES * own) return own;
         sum += z * (k % 2 ? u : 1 - u) * (k / 2 ? w : 1 - w);
     }
@@ -252,9 +268,9 @@ static double surface_depth(const struct sheet *t, const double at[2], size_t ne
 static void surface_confirm(const struct surface_view *v, int view, const double p[3], double z, double own,
                             struct surface_vote *out)
 {
-    const double off = (own - z) / z, footprint = z / v->camera.fx;
+    const double off = (own - z) / z, footprint = z / v->sheet.camera.fx;
     double away[3];
-    vector_add(v->sheet.from, -1, p, away);
+    vector_add(v->eye, -1, p, away);
     out->confirms++;
     out->off2 += off * off;
     vector_add(out->ray, 1 / frame_length(away), away, out->ray);
@@ -294,28 +310,24 @@ void surface_ask_sheet(const struct surface *s, const struct sheet *t, const uns
                        void *user)
 {
     enum { SIDE = 32 }; /* px; of a tile, whose places are asked of the same views */
-    const int across = (t->width + SIDE - 1) / SIDE, tiles = across * ((t->height + SIDE - 1) / SIDE);
+    const int width = t->camera.width, height = t->camera.height, across = (width + SIDE - 1) / SIDE,
+              tiles = across * ((height + SIDE - 1) / SIDE);
 #pragma omp parallel for schedule(dynamic)
     for (int tile = 0; tile < tiles; tile++) {
-        double low[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, high[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, half[3];
-        struct surface_list list = {.count = -1};
-        for (int i = 0; i < 2 * SIDE * SIDE; i++) { /* first the box of the places, then the places */
-            const int x = tile % across * SIDE + i % SIDE, y = tile / across * SIDE + i / SIDE % SIDE;
-            const size_t at = (size_t)y * (size_t)t->width + (size_t)x;
-            struct surface_vote vote;
-            double p[3];
-            if (x >= t->width || y >= t->height || isnan(t->depth[at]) || (skip && skip[at])) continue;
-            sheet_place(t, x + 0.5, y + 0.5, (double)t->depth[at], p);
-            for (int k = 0; k < 3 && i < SIDE * SIDE; k++)
-                low[k] = fmin(low[k], p[k]), high[k] = fmax(high[k], p[k]);
-            if (i < SIDE * SIDE) continue;
-            if (list.count < 0) {
-                vector_add(high, -1, low, half);
-                vector_add(low, 0.5, half, low);
-                surface_find(s, low, 0.5 * frame_length(half), &list);
-            }
-            vote = surface_ask(s, &list, p);
-            take(user, at, p, &vote);
+        double place[SIDE * SIDE][3];
+        size_t pixel[SIDE * SIDE], count = 0;
+        struct surface_list list;
+        for (int i = 0; i < SIDE * SIDE; i++) {
+            const int x = tile % across * SIDE + i % SIDE, y = tile / across * SIDE + i / SIDE;
+            const size_t at = (size_t)y * (size_t)width + (size_t)x;
+            if (x >= width || y >= height || !(fabsf(t->depth[at]) > 0) || (skip && skip[at])) continue;
+            sheet_place(t, x + 0.5, y + 0.5, fabs((double)t->depth[at]), place[count]);
+            pixel[count++] = at;
+        }
+        if (count > 0) surface_find(s, place, count, &list);
+        for (size_t i = 0; i < count; i++) {
+            const struct surface_vote vote = surface_ask(s, &list, place[i]);
+            take(user, pixel[i], place[i], &vote);
         }
     }
 }
@@ -329,13 +341,11 @@ static void surface_take_seen(void *user, size_t at, const double p[3], const st
 double surface_gap(struct surface *s, const oxl_model *model, const oxl_camera *camera, const char **where)
 {
     static const char *const names[] = {"upper left", "upper right", "lower left", "lower right"};
-    struct surface_view v = {.camera = surface_camera(camera, SURFACE_GAP_SIDE)};
-    const int width = v.camera.width, height = v.camera.height, pixels = width * height;
+    struct surface_view v = {.sheet.camera = surface_camera(camera, SURFACE_GAP_SIDE)};
+    const int width = v.sheet.camera.width, height = v.sheet.camera.height, pixels = width * height;
     const oxl_result rc = surface_render(s, model, &v);
     unsigned char *seen = product_room((size_t)pixels, 1);
     int missing[4] = {0, 0, 0, 0}, all = 0, most = 0;
-    for (int i = 0; i < pixels; i++)
-        v.sheet.depth[i] = fabsf(v.sheet.depth[i]) > 0 ? fabsf(v.sheet.depth[i]) : NAN;
     if (rc == OXL_OK) surface_ask_sheet(s, &v.sheet, NULL, surface_take_seen, seen);
     for (int i = 0; i < pixels; i++)
         if (!seen[i]) all++, missing[(2 * (i / width) >= height ? 2 : 0) + (2 * (i % width) >= width)]++;

@@ -21,6 +21,10 @@ struct similarity {
 };
 void similarity_apply(const struct similarity *s, const double p[3], double out[3]);
 struct similarity similarity_inverse(const struct similarity *s);
+struct similarity similarity_compose(const struct similarity *a, const struct similarity *b); /* a after b */
+/* From local coordinates to the survey's world, and along the axes of a frame from its centre, times `scale`. */
+struct similarity similarity_of_world(const oxl_scene *scene, double scale);
+struct similarity similarity_of_frame(const struct frame *f, double scale);
 struct match {
     double from[3], to[3], off, weight; /* off: what is left of it */
 };
@@ -43,8 +47,10 @@ struct deviation {
         none; /* most: of 90 %; shares: beyond PRODUCT_GROSS; of points without a surface */
 };
 #define PRODUCT_GROSS 0.05 /* of the cameras' distance */
-/* Sorts the distances of `count` points, of `all`; NaN: nothing to compare. */
-struct deviation product_deviation(double *off, size_t count, size_t all, double distance);
+/* Asks `off` how far each of these points, moved by `to`, is from it; NaN: it has nothing there; negative: the point is
+ * not counted. distance: the cameras'. */
+struct deviation product_deviation(const oxl_scene *scene, const struct similarity *to, double distance,
+                                   double (*off)(const void *user, const double p[3]), const void *user);
 
 struct product {
     oxl_context *ctx;
@@ -63,9 +69,6 @@ oxl_result product_open(oxl_context *ctx, const oxl_scene *scene, const char *su
 oxl_result product_folder(const struct product *p, const char *const *names, int count);
 oxl_result product_save(const struct product *p, struct output *t, const char *name); /* to -o */
 void product_say(const struct product *p, const struct deviation *d, double distance);
-/* Renders the model on its own background. parallel: as in oxl_render_options. */
-oxl_result product_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
-                          double near_plane, double parallel, oxl_image *out, float *depth);
 
 /* ---------------- gps.c: the world that the photos' GPS says */
 
@@ -77,19 +80,22 @@ oxl_result gps_fit(const struct product *p, const char *survey, struct similarit
 
 /* ---------------- surface.c: the surface that the training views agree on */
 
-/* Pixels with depths. The place of x, y px and a depth is from + t (x step[0] + y step[1]) + depth step[2]; t is 1 where
- * rays are parallel, else the depth. */
+/* A camera's pixels with depths. */
 struct sheet {
-    int width, height, is_parallel;
-    double from[3], step[3][3];
-    float *depth; /* (height,width) as of oxl_render: negative where it is not clear; 0, NaN: none */
+    oxl_camera camera;
+    double parallel; /* as in oxl_render_options: 0: the rays meet in the camera */
+    float *depth;    /* (height,width) as of oxl_render: negative where it is not clear; 0, NaN: none */
 };
+/* Finds the place that x, y px has at a depth. */
 void sheet_place(const struct sheet *t, double x, double y, double depth, double out[3]);
+/* Renders the model on its own background: out is created, the sheet's depths are set. */
+oxl_result sheet_render(oxl_context *ctx, const oxl_model *model, double near_plane, const struct sheet *t,
+                        oxl_image *out);
 
 /* A training view as the model shows it, at the surface's resolution. */
 struct surface_view {
-    oxl_camera camera;
     struct sheet sheet;
+    double eye[3];        /* the camera's centre */
     unsigned char *rgb;   /* (height,width,3) */
     unsigned char *guess; /* (height,width) not 0: the depth is a guess */
 };
@@ -128,8 +134,8 @@ struct surface_list {
 double surface_project(const oxl_camera *c, const double p[3], double at[2]);
 /* As surface_project, with the index of the pixel; returns 0 for a place that is not in the image. */
 double surface_pixel(const struct surface_view *v, const double p[3], double at[2], size_t *pixel);
-/* Lists the views that may have places of a sphere in their image. */
-void surface_find(const struct surface *s, const double centre[3], double radius, struct surface_list *list);
+/* Lists the views that may have any of the places, which lie close together, in their image. */
+void surface_find(const struct surface *s, double (*place)[3], size_t count, struct surface_list *list);
 struct surface_vote surface_ask(const struct surface *s, const struct surface_list *list, const double p[3]);
 /* Returns 1 where `enough` views or more confirm the place, and fewer pass it. */
 int surface_holds(const struct surface_vote *v, int enough);
@@ -144,28 +150,29 @@ void surface_ask_sheet(const struct surface *s, const struct sheet *t, const uns
 struct map {
     oxl_context *ctx;
     const oxl_scene *scene;
-    struct surface *surface;        /* NULL: map_make opens one */
-    const struct similarity *world; /* to the world of the photos' GPS; NULL: the survey's world */
-    double pixel;                   /* units; side of a pixel; 0: the median ground sampling distance */
-    int enough;                     /* training views that must see a place */
-    int smooth;                     /* passes that smooth heights and keep edges */
-    int is_placed; /* 1: frame, corner, width and height are given: another survey's map, turned into this one */
-    struct frame frame;
-    double corner[2]; /* units; outer corner of the top-left pixel, along right and up from the centre */
-    double shift[3];  /* units; map coordinates of the frame's centre */
-    double top;       /* units; height of the highest camera above the frame's centre */
+    struct surface *surface;
+    /* from local coordinates to the map's x, y and height, whose unit all lengths here have; at first the world's, which
+     * map_make replaces by the survey's own axes if it chooses these */
+    struct similarity to;
+    double pixel;              /* side of a pixel; 0: the median ground sampling distance */
+    int enough;                /* training views that must see a place */
+    int smooth;                /* passes that smooth heights and keep edges */
+    int width, height;         /* 0: they and the corner are chosen */
+    double corner[2];          /* outer corner of the top-left pixel */
+    int is_world;              /* 1: the map is along the axes that `to` had at first */
+    double top;                /* height of the highest camera */
+    struct sheet sheet;        /* the map's camera */
     double distance, sampling; /* of the surface */
     double down;               /* mean over the views of the cosine between their axis and straight down */
-    int width, height;
-    float *colour;         /* (3,height,width) 0..1; NaN: none */
-    float *level;          /* (height,width) units; height above the centre; NaN: none */
-    float *sigma;          /* (height,width) units; standard deviation of level; NaN: none */
-    unsigned short *views; /* (height,width) views that confirm the height */
-    unsigned char *seen;   /* (height,width) 1: any view sees the place; 2: enough do */
-    size_t filled;         /* pixels whose colour is their neighbours' */
-    /* square units; shares of the ground that any training view sees: seen by enough; with a height */
+    float *colour;             /* (3,height,width) 0..1; NaN: none */
+    float *level;              /* (height,width) height; NaN: none */
+    float *sigma;              /* (height,width) standard deviation of level; NaN: none */
+    unsigned short *views;     /* (height,width) views that confirm the height */
+    unsigned char *seen;       /* (height,width) 1: any view sees the place; 2: enough do */
+    size_t filled;             /* pixels whose colour is their neighbours' */
+    /* of the ground that two views share; shares of the ground that any training view sees: seen by enough; with a height */
     double area, covered, high;
-    struct deviation off; /* units; of the heights */
+    struct deviation off; /* of the heights */
 };
 #define MAP_DOWN 0.5 /* cosine of 60 degrees: below it, the views do not show the ground from above */
 /* Makes the map. side: px, at most; 0: as many as the pixel size requires. map_free frees it, also on error. */
@@ -175,7 +182,7 @@ void map_free(struct map *m);
 size_t map_next(const struct map *m, size_t at, int k);
 /* Fills NaN of planes (bands,height,width) that have 5 known neighbours with their mean. Returns their number. */
 size_t map_fill(const struct map *m, float *plane, int bands, int passes);
-/* Writes planes, or where there are three colours, to the file `name` in -o. Units are multiplied. */
+/* Writes planes, or where there are three colours, to the file `name` in -o. */
 oxl_result map_raster(const struct map *m, const struct product *p, const char *name, const float *plane,
                       int bands);
 /* Writes ortho.tif, height.tif, certainty.tif and frame.txt to -o. */
