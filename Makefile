@@ -115,7 +115,7 @@ $(BUILD)/test_list.h: FORCE
 	@cmp -s $(BUILD)/test_list.new $@ || mv $(BUILD)/test_list.new $@
 
 # The reference and the kernels in double: units of their own, see tests/wide.h.
-WIDE := $(BUILD)/tests/wide_splat.o $(BUILD)/tests/wide_kernels.o
+WIDE := $(BUILD)/tests/wide_splat.o $(BUILD)/tests/wide_kernels.o $(BUILD)/tests/wide_scenes.o
 TEST_CFLAGS = $(if $(filter -O3,$(CFLAGS)),-O1,$(CFLAGS)) # of the tests themselves: they are to be built fast
 TEST_O := $(patsubst %.c,$(BUILD)/%.o,tests/test.c tests/cases.c $(TESTS))
 $(BUILD)/tests/test.o: $(BUILD)/test_list.h

@@ -1,6 +1,16 @@
 /* cases.c - scenes that several test files share. */
 #include "test.h"
 
+int test_same_model(const oxl_model *a, const oxl_model *b)
+{
+    int same = a->count == b->count && a->sh_degree == b->sh_degree && a->lobes == b->lobes;
+    for (int k = 0; same && k < OXL_PLANES; k++) {
+        const size_t rows = k >= OXL_LOBE ? a->lobes : k < oxl_model_planes(a) ? a->count : 0;
+        same = rows == 0 || !memcmp(a->plane[k], b->plane[k], rows * sizeof(float));
+    }
+    return same;
+}
+
 /* Two patches of 64 equal Gaussians each: `many` views look at the left one, `few` at the right one; they
  * share nothing. */
 

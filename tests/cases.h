@@ -58,6 +58,7 @@ struct prune_case {
     struct trained_model trained;
 };
 /* cases.c */
+int test_same_model(const oxl_model *a, const oxl_model *b); /* 1: the same bytes */
 void prune_case_free(struct prune_case *c);
 #define OWNED_PRUNE_CASE __attribute__((cleanup(prune_case_free))) struct prune_case
 struct prune_case prune_two_patches(int many, int few, float low);
@@ -72,7 +73,6 @@ synth_options synth_test_options(const char *name);
 /* test_train.c */
 oxl_train_options train_options(int iterations);
 double train_psnr(oxl_scene *scene, const oxl_model *model);
-int train_same(const oxl_model *a, const oxl_model *b);
 oxl_scene *train_scene(int views);
 /* train_scene with other names (NULL: the same), and images as `change` leaves them (NULL: the same). */
 oxl_scene *train_scene_changed(int views, const char *const *names,

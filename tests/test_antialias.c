@@ -73,5 +73,5 @@ TEST(antialias_of_a_run_is_that_of_its_model_resumed_or_not)
     CHECK(c.whole.antialias == 1);
     CHECK(checkpoint_run(&c, "key", 15, &first) == OXL_ERR_INTERRUPTED);
     CHECK_OK(checkpoint_run(&c, "key", -1, &second));
-    CHECK(second.antialias == 1 && train_same(&second, &c.whole));
+    CHECK(second.antialias == 1 && test_same_model(&second, &c.whole));
 }

@@ -2,34 +2,6 @@
 #include "test.h"
 #include "wide.h"
 
-enum { POSES_WIDTH = 14, POSES_HEIGHT = 11 };
-
-static double poses_random(uint64_t seed, uint64_t i)
-{
-    return 2 * random_unit(random_bits(seed, i, 0)) - 1;
-}
-
-/* Wide soft Gaussians, as in test_gradient.c: the image is smooth in the pose. */
-static void poses_smooth_scene(struct wide *r, int count, int lobes, int degree)
-{
-    oxl_camera camera = {.width = POSES_WIDTH, .height = POSES_HEIGHT, .fx = 12, .fy = 13, .cx = 6, .cy = 6};
-    camera_rotation_from_quaternion((double[4]){0.95, 0.1, -0.15, 0.2}, camera.rotation);
-    camera.translation[0] = 0.1, camera.translation[1] = -0.05, camera.translation[2] = 3;
-    wide_create(r, &camera, (size_t)count, (size_t)lobes, degree);
-    for (int i = 0; i < count; i++)
-        for (int k = 0; k < OXL_PLANES; k++) {
-            const double u = poses_random(5, (uint64_t)(i * OXL_PLANES + k));
-            if (r->plane[k] && (k < OXL_LOBE || i < lobes))
-                r->plane[k][i] = k < OXL_LOG_SCALE  ? 0.3 * u
-                                 : k < OXL_ROTATION ? 0.5 + 0.3 * u
-                                 : k < OXL_OPACITY  ? u + (k == OXL_ROTATION)
-                                 : k < OXL_SH       ? -1 + 0.5 * u
-                                 : k < OXL_SH + 3   ? 0.5 + 0.5 * u
-                                 : k < OXL_LOBE     ? 0.1 * u
-                                                    : -(k == OXL_LOBE) + 0.3 * u;
-        }
-}
-
 /* The camera with all Gaussians turned about its centre by w, and its centre moved. */
 static oxl_camera poses_moved(const oxl_camera *from, const double at[POSE_SUMS])
 {
@@ -49,11 +21,13 @@ static oxl_camera poses_moved(const oxl_camera *from, const double at[POSE_SUMS]
     return c;
 }
 
+enum { POSES_VALUES = 3 * WIDE_SMOOTH_WIDTH * WIDE_SMOOTH_HEIGHT };
+
 static double poses_loss(struct wide *r)
 {
     double sum = 0;
     kernels_forward(r);
-    for (size_t i = 0; i < 3 * POSES_WIDTH * POSES_HEIGHT; i++) sum += poses_random(6, i) * r->rgb[i];
+    for (size_t i = 0; i < POSES_VALUES; i++) sum += wide_random(6, i, 0) * r->rgb[i];
     return sum;
 }
 
@@ -62,8 +36,8 @@ static double poses_worst(struct wide *r)
 {
     const oxl_camera camera = r->camera;
     const double h = 1e-4;
-    double drgb[3 * POSES_WIDTH * POSES_HEIGHT], worst = 0, scale = 0;
-    for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = poses_random(6, i);
+    double drgb[POSES_VALUES], worst = 0, scale = 0;
+    for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = wide_random(6, i, 0);
     kernels_backward(r, drgb);
     for (int k = 0; k < POSE_SUMS; k++) {
         double f[4];
@@ -85,7 +59,7 @@ TEST(poses_gradient_agrees_with_finite_differences)
     for (int degree = 0; degree <= 3; degree += 3)
         for (int lobes = 0; lobes <= 4; lobes += 4) {
             OWNED_WIDE r = {0};
-            poses_smooth_scene(&r, 6, lobes, degree);
+            wide_smooth(&r, 6, lobes, degree, 12, 0.3);
             CHECK(kernels_forward(&r) == 6);
             CHECK(poses_worst(&r) < 1e-8);
             r.antialias = 1;
@@ -96,8 +70,7 @@ TEST(poses_gradient_agrees_with_finite_differences)
 TEST(poses_gradient_is_exact_where_the_frustum_clamp_holds)
 {
     OWNED_WIDE r = {0};
-    poses_smooth_scene(&r, 4, 0, 1);
-    r.camera.fx = r.camera.fy = 600; /* all of them lie outside */
+    wide_smooth(&r, 4, 0, 1, 600, 0.3); /* all of them lie outside */
     CHECK(poses_worst(&r) < 1e-8);
 }
 
@@ -167,7 +140,7 @@ static oxl_scene *poses_noisy_scene(double turn, double move, oxl_camera truth[P
         double at[POSE_TERMS];
         truth[v] = scene->view[v].camera;
         for (int k = 0; k < POSE_TERMS; k++)
-            at[k] = (k < 3 ? turn : move) * poses_random(21, (uint64_t)(POSE_TERMS * v + k));
+            at[k] = (k < 3 ? turn : move) * wide_random(21, (size_t)v, (size_t)k);
         if (!scene->view[v].is_test) pose_apply(&truth[v], at, &scene->view[v].camera);
     }
     return scene;
@@ -221,6 +194,6 @@ TEST(poses_of_a_run_stopped_at_any_step_end_in_the_same_bytes)
     memcpy(whole, test_imaging.pose, sizeof whole);
     CHECK(pose_is_moved(whole[0]));
     checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);
-    CHECK(train_same(&model, &c.whole) && memcmp(whole, test_imaging.pose, sizeof whole) == 0);
+    CHECK(test_same_model(&model, &c.whole) && memcmp(whole, test_imaging.pose, sizeof whole) == 0);
     checkpoint_case_free(&c);
 }

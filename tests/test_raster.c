@@ -10,23 +10,14 @@
  * get second lobes of every kind, up to four times as wide. */
 static void raster_scene(struct wide *w, int count, int lobes, int width, int height)
 {
+    static const struct wide_range range[] = {
+        {OXL_LOG_SCALE, 0, 4}, {OXL_ROTATION, -3, 3}, {OXL_OPACITY, 0, 1}, {OXL_SH, 0, 6},
+        {OXL_LOBE, 0, 1},      {OXL_LOBE + 1, 0, 4},  {OXL_PLANES, 0.4, 1}};
     const oxl_camera camera = {
         width, height, 50, 50, width / 2.0, height / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
     wide_create(w, &camera, (size_t)count, (size_t)lobes, 0);
-    for (int i = 0; i < count; i++)
-        for (int k = 0; k < OXL_SH + 3; k++) {
-            const double u = 2 * random_unit(random_bits(25, (uint64_t)i, (uint64_t)k)) - 1;
-            w->plane[k][i] = (float)(k < OXL_LOG_SCALE  ? 4 * u
-                                     : k < OXL_ROTATION ? -3 + 3 * u
-                                     : k < OXL_OPACITY  ? u
-                                     : k < OXL_SH       ? 6 * u
-                                                        : u);
-        }
-    for (int i = 0; i < lobes; i++)
-        for (int k = OXL_LOBE; k < OXL_PLANES; k++) {
-            const double u = 2 * random_unit(random_bits(26, (uint64_t)i, (uint64_t)k)) - 1;
-            w->plane[k][i] = (float)(k == OXL_LOBE ? 4 * u : 0.4 + u);
-        }
+    wide_scatter(w, 25, range);
+    wide_to_float(w);
 }
 
 /* The largest difference between what the kernels draw and what splat.c does; w has what the kernels drew. */
@@ -43,33 +34,15 @@ static double raster_difference(struct wide *w)
     return worst;
 }
 
-static void raster_to_model(const struct wide *w, oxl_model *m)
-{
-    *m = test_model(w->count, 0);
-    CHECK_OK(model_set_lobes(test_ctx, m, w->lobes));
-    for (int k = 0; k < OXL_PLANES; k++)
-        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++)
-            m->plane[k][i] = (float)w->plane[k][i];
-}
-
 /* The view as the float kernels have it when they have rendered it; the caller frees it. */
 static struct renderer *raster_draw(const struct wide *w)
 {
     const oxl_render_options options = oxl_render_options_default();
-    struct renderer *r;
+    struct renderer *r = test_renderer();
     OWNED_MODEL m;
-    raster_to_model(w, &m);
-    CHECK_OK(renderer_create(test_ctx, &r));
+    CHECK_OK(wide_to_model(test_ctx, w, &m));
     CHECK_OK(renderer_forward(test_ctx, r, &m, &w->camera, &options));
     return r;
-}
-
-TEST(binning_loses_no_pixel_of_any_splat)
-{
-    OWNED_WIDE w = {0};
-    raster_scene(&w, 600, 0, 61, 47);
-    CHECK(kernels_forward(&w) > 100);
-    CHECK_CLOSE(raster_difference(&w), 0, 1e-11);
 }
 
 /* Pixel centres of a row of blocks may lie to both sides of the contour's tip: then a block holds no pixel
@@ -100,11 +73,13 @@ TEST(binning_lists_few_blocks_that_no_pixel_needs)
     CHECK(listed < 1.01 * lit);
 }
 
-TEST(binning_loses_no_pixel_of_either_lobe)
+TEST(binning_loses_no_pixel_of_any_splat_or_of_either_lobe)
 {
-    OWNED_WIDE w = {0};
+    OWNED_WIDE w = {0}, plain = {0};
     OWNED_RENDERER *r = NULL;
     int alone = 0;
+    raster_scene(&plain, 600, 0, 61, 47);
+    CHECK_CLOSE(raster_difference(&plain), 0, 1e-11);
     raster_scene(&w, 600, 350, 61, 47);
     /* o < 1/255: only its second lobe could show, and that is fainter */
     for (int i = 0; i < 40; i++) w.plane[OXL_OPACITY][i] = -5.6;
@@ -178,16 +153,6 @@ TEST(binning_lists_each_tile_in_depth_order_with_ties_by_row)
         }
 }
 
-TEST(raster_draws_images_of_odd_sizes)
-{
-    static const int size[][2] = {{1, 1}, {1, 300}, {300, 1}, {17, 15}, {16, 16}, {5, 33}};
-    for (size_t n = 0; n < OXL_COUNT(size); n++) {
-        OWNED_WIDE w = {0};
-        raster_scene(&w, 200, 0, size[n][0], size[n][1]);
-        CHECK_CLOSE(raster_difference(&w), 0, 1e-11);
-    }
-}
-
 /* ---------------- the score */
 
 enum { SCORE_COUNT = 600, SCORE_WIDTH = 61, SCORE_HEIGHT = 47 };
@@ -220,25 +185,20 @@ TEST(raster_score_is_the_sum_of_squared_slopes_of_every_pixel)
 /* The float kernels against double, and against itself with other threads and another vector width. */
 TEST(renderer_score_adds_up_and_does_not_depend_on_threads_or_vectors)
 {
-    const oxl_camera camera = {
-        SCORE_WIDTH, SCORE_HEIGHT, 50, 50, SCORE_WIDTH / 2.0, SCORE_HEIGHT / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1},
-        {0, 0, 4}};
     const int threads = test_ctx->threads, isa = test_ctx->isa;
-    struct wide r;
-    OWNED_RENDERER *renderer;
+    OWNED_WIDE r = {0};
+    OWNED_RENDERER *renderer = test_renderer();
     OWNED_MODEL m;
     oxl_render_options options = oxl_render_options_default();
     static double drgb[3 * SCORE_WIDTH * SCORE_HEIGHT], exact[SCORE_COUNT];
     static float narrow[3 * SCORE_WIDTH * SCORE_HEIGHT], score[3][SCORE_COUNT];
     double total = 0, off = 0;
-    memset(exact, 0, sizeof exact), memset(score, 0, sizeof score);
     raster_score_case(&r, 0, drgb);
     kernels_score(&r, drgb, exact);
     for (size_t i = 0; i < OXL_COUNT(narrow); i++) narrow[i] = (float)drgb[i];
     for (int c = 0; c < 3; c++) options.background[c] = (float)r.background[c];
-    raster_to_model(&r, &m);
-    CHECK_OK(renderer_create(test_ctx, &renderer));
-    CHECK_OK(renderer_forward(test_ctx, renderer, &m, &camera, &options));
+    CHECK_OK(wide_to_model(test_ctx, &r, &m));
+    CHECK_OK(renderer_forward(test_ctx, renderer, &m, &r.camera, &options));
     test_ctx->threads = 1;
     CHECK_OK(renderer_score(test_ctx, renderer, narrow, score[0]));
     test_ctx->threads = 7;
@@ -254,7 +214,6 @@ TEST(renderer_score_adds_up_and_does_not_depend_on_threads_or_vectors)
         total += exact[i], off += fabs(score[0][i] - exact[i]);
     }
     CHECK(off < 1e-3 * total); /* a decision that falls the other way in float moves a pixel's share */
-    wide_free(&r);
 }
 
 /* ---------------- dropout */
@@ -277,7 +236,6 @@ static double raster_dropped_sum(struct renderer *r, const oxl_model *m, const o
 
 TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_with_the_gradient_of_that)
 {
-    const oxl_camera camera = {DROP_SIDE, DROP_SIDE, 50, 50, 32, 32, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
     const oxl_render_options options = oxl_render_options_default();
     static float ones[3 * DROP_SIDE * DROP_SIDE];
     OWNED_WIDE w = {0};
@@ -287,14 +245,14 @@ TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_w
     size_t only = 0;
     double sum;
     raster_scene(&w, DROP_COUNT, 0, DROP_SIDE, DROP_SIDE);
-    raster_to_model(&w, &m);
+    CHECK_OK(wide_to_model(test_ctx, &w, &m));
     for (int i = 0; i < 3 * DROP_SIDE * DROP_SIDE; i++) ones[i] = 1;
     OWNED_RENDERER *r = test_renderer();
     renderer_use_cpu(r);
-    CHECK_OK(renderer_forward(test_ctx, r, &m, &camera, &options));
+    CHECK_OK(renderer_forward(test_ctx, r, &m, &w.camera, &options));
     for (size_t i = 0; i < DROP_COUNT; i++)
         shown[i] = renderer_row_visible(r, i), peak[i] = r->splat[i].peak, before += shown[i];
-    (void)raster_dropped_sum(r, &m, &camera, 0.5);
+    (void)raster_dropped_sum(r, &m, &w.camera, 0.5);
     for (size_t i = 0; i < DROP_COUNT; i++) {
         if (!renderer_row_visible(r, i)) continue;
         CHECK(shown[i]);
@@ -304,7 +262,7 @@ TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_w
     CHECK(after > 0.4 * before && after < 0.6 * before);
     while (only < DROP_COUNT && !renderer_row_visible(r, only)) only++;
     for (size_t i = 0; i < DROP_COUNT; i++) m.plane[OXL_OPACITY][i] = i == only ? -1 : -20;
-    sum = raster_dropped_sum(r, &m, &camera, 0.5); /* alone, of alpha = 2 o G: dL / dlogit = (1 - o) L */
+    sum = raster_dropped_sum(r, &m, &w.camera, 0.5); /* alone, of alpha = 2 o G: dL / dlogit = (1 - o) L */
     OWNED_MODEL gradient = test_model(m.count, m.sh_degree);
     CHECK_OK(renderer_backward(test_ctx, r, ones, &gradient));
     CHECK(sum > 1);
@@ -332,25 +290,38 @@ struct raster_result {
     oxl_model gradient;
 };
 
+enum { RASTER_WIDTH = 113, RASTER_HEIGHT = 71, RASTER_VALUES = 3 * RASTER_WIDTH * RASTER_HEIGHT };
+
+/* Looks past the middle. */
+static void raster_run_scene(struct wide *w, int count, int lobes, oxl_model *m)
+{
+    raster_scene(w, count, lobes, RASTER_WIDTH, RASTER_HEIGHT);
+    w->camera.cx = 60, w->camera.cy = 30;
+    CHECK_OK(wide_to_model(test_ctx, w, m));
+}
+
+static struct raster_result raster_of(const oxl_model *m, const oxl_camera *camera)
+{
+    struct raster_result out;
+    static float drgb[RASTER_VALUES];
+    for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)random_unit(random_bits(3, i, 0)) - 0.5f;
+    CHECK_OK(oxl_render(test_ctx, m, camera, NULL, &out.image, NULL));
+    CHECK_OK(oxl_render_backward(test_ctx, m, camera, NULL, drgb, &out.gradient));
+    return out;
+}
+
 static struct raster_result raster_run(int threads, int isa, int lobes)
 {
-    oxl_render_options options = oxl_render_options_default();
-    const oxl_camera camera = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
     const int threads_before = test_ctx->threads, isa_before = test_ctx->isa;
-    struct wide r;
+    OWNED_WIDE w = {0};
     OWNED_MODEL m;
     struct raster_result out;
-    static float drgb[3 * 113 * 71];
-    for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)random_unit(random_bits(3, i, 0)) - 0.5f;
-    raster_scene(&r, 3000, lobes, 113, 71);
-    raster_to_model(&r, &m);
+    raster_run_scene(&w, 3000, lobes, &m);
     test_ctx->threads = threads;
     test_ctx->isa = isa;
-    CHECK_OK(oxl_render(test_ctx, &m, &camera, &options, &out.image, NULL));
-    CHECK_OK(oxl_render_backward(test_ctx, &m, &camera, &options, drgb, &out.gradient));
+    out = raster_of(&m, &w.camera);
     test_ctx->threads = threads_before;
     test_ctx->isa = isa_before;
-    wide_free(&r);
     return out;
 }
 
@@ -358,26 +329,24 @@ static struct raster_result raster_run(int threads, int isa, int lobes)
 static double raster_mean_difference(const oxl_image *a, const double *b)
 {
     double sum = 0;
-    for (int i = 0; i < 3 * 113 * 71; i++) sum += fabs(a->rgb[i] - b[i]) / (3 * 113 * 71);
+    for (int i = 0; i < RASTER_VALUES; i++) sum += fabs(a->rgb[i] - b[i]) / RASTER_VALUES;
     return sum;
 }
 
 TEST(render_option_alpha_min_is_what_the_kernels_get_and_at_least_1_of_255)
 {
     oxl_render_options options = oxl_render_options_default();
-    const oxl_camera camera = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
     OWNED_WIDE r = {0};
     OWNED_MODEL m = {0};
     oxl_image image[3]; /* asked for 1/255, 0, 0.05 */
-    raster_scene(&r, 1000, 0, 113, 71);
-    r.camera = camera, r.near_plane = options.near_plane, r.alpha_min = 0.05;
-    raster_to_model(&r, &m);
+    raster_run_scene(&r, 1000, 0, &m);
+    r.near_plane = options.near_plane, r.alpha_min = 0.05;
     for (int i = 0; i < 3; i++) {
         options.alpha_min = i == 0 ? options.alpha_min : i == 1 ? 0 : 0.05f;
-        CHECK_OK(oxl_render(test_ctx, &m, &camera, &options, &image[i], NULL));
+        CHECK_OK(oxl_render(test_ctx, &m, &r.camera, &options, &image[i], NULL));
     }
     kernels_forward(&r);
-    CHECK(memcmp(image[0].rgb, image[1].rgb, sizeof(float) * 3 * 113 * 71) == 0);
+    CHECK(memcmp(image[0].rgb, image[1].rgb, sizeof(float) * RASTER_VALUES) == 0);
     CHECK(raster_mean_difference(&image[2], r.rgb) < 2e-5);
     CHECK(raster_mean_difference(&image[0], r.rgb) > 1e-3);
     for (int i = 0; i < 3; i++) oxl_image_free(test_ctx, &image[i]);
@@ -391,12 +360,8 @@ static void raster_result_free(struct raster_result *a)
 
 static int raster_same(const struct raster_result *a, const struct raster_result *b)
 {
-    int same = !memcmp(a->image.rgb, b->image.rgb, sizeof(float) * 3 * 113 * 71);
-    for (int k = 0; k < oxl_model_planes(&a->gradient); k++)
-        same &= !memcmp(a->gradient.plane[k], b->gradient.plane[k], sizeof(float) * a->gradient.count);
-    for (int k = OXL_LOBE; same && a->gradient.lobes && k < OXL_PLANES; k++)
-        same &= !memcmp(a->gradient.plane[k], b->gradient.plane[k], sizeof(float) * a->gradient.lobes);
-    return same;
+    return !memcmp(a->image.rgb, b->image.rgb, sizeof(float) * RASTER_VALUES) &&
+           test_same_model(&a->gradient, &b->gradient);
 }
 
 TEST(image_and_gradient_are_the_same_bytes_with_1_2_and_7_threads)
@@ -431,8 +396,8 @@ TEST(base_instruction_set_differs_by_rounding_alone)
 {
     struct raster_result best = raster_run(1, test_ctx->isa, 900), base = raster_run(1, ISA_BASE, 900);
     int off = 0;
-    for (int i = 0; i < 3 * 113 * 71; i++) off += fabsf(best.image.rgb[i] - base.image.rgb[i]) > 1e-5f;
-    CHECK(off < 3 * 113 * 71 / 500);
+    for (int i = 0; i < RASTER_VALUES; i++) off += fabsf(best.image.rgb[i] - base.image.rgb[i]) > 1e-5f;
+    CHECK(off < RASTER_VALUES / 500);
     raster_result_free(&best);
     raster_result_free(&base);
 }
@@ -440,24 +405,17 @@ TEST(base_instruction_set_differs_by_rounding_alone)
 /* One invisible row with a lobe sends the whole image through the passes for mixed batches. */
 TEST(plain_splats_have_the_same_bytes_beside_lobed_ones)
 {
-    const oxl_camera camera = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
-    static float drgb[3 * 113 * 71];
-    OWNED_WIDE r = {0};
+    OWNED_WIDE w = {0};
     OWNED_MODEL m = {0};
     struct raster_result plain, beside;
-    for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)random_unit(random_bits(3, i, 0)) - 0.5f;
-    raster_scene(&r, 3000, 0, 113, 71);
-    raster_to_model(&r, &m);
+    raster_run_scene(&w, 3000, 0, &m);
     m.plane[OXL_MEAN + 2][0] = -50;
-    CHECK_OK(oxl_render(test_ctx, &m, &camera, NULL, &plain.image, NULL));
-    CHECK_OK(oxl_render_backward(test_ctx, &m, &camera, NULL, drgb, &plain.gradient));
+    plain = raster_of(&m, &w.camera);
     CHECK_OK(model_set_lobes(test_ctx, &m, 1));
-    CHECK_OK(oxl_render(test_ctx, &m, &camera, NULL, &beside.image, NULL));
-    CHECK_OK(oxl_render_backward(test_ctx, &m, &camera, NULL, drgb, &beside.gradient));
+    beside = raster_of(&m, &w.camera);
     CHECK(beside.gradient.lobes == 1 && beside.gradient.plane[OXL_LOBE][0] == 0);
-    CHECK(!memcmp(plain.image.rgb, beside.image.rgb, sizeof drgb));
-    for (int k = 0; k < oxl_model_planes(&m); k++)
-        CHECK(!memcmp(plain.gradient.plane[k], beside.gradient.plane[k], m.count * sizeof(float)));
+    beside.gradient.lobes = 0;
+    CHECK(raster_same(&plain, &beside));
     raster_result_free(&plain);
     raster_result_free(&beside);
 }

@@ -12,7 +12,7 @@
 
 struct reference_scene {
     const char *what;
-    void (*make)(struct wide *w, double value); /* changes the mixed scene */
+    void (*make)(struct wide *w, double value); /* changes the mixed scene; NULL: as it is */
     double value;
     int width, height, count, lobes, degree;
 };
@@ -23,54 +23,15 @@ struct reference_scene {
 
 static double reference_random(size_t i, size_t k)
 {
-    return 2 * random_unit(random_bits(41, i, k)) - 1;
+    return wide_random(41, i, k);
 }
 
-/* A value of plane k is mean + spread u, u random in -1..1; a range holds the planes from the last one's end
- * on. */
-struct reference_range {
-    int end;
-    double mean, spread;
-    const char *name;
-};
-
-static const struct reference_range *reference_range(const struct reference_range *range, int k)
-{
-    while (k >= range->end) range++;
-    return range;
-}
-
-static const struct reference_range REFERENCE_MIXED[] = {
-    {OXL_LOG_SCALE, 0, 1.5, "mean"},           {OXL_ROTATION, -2.2, 1.2, "log_scale"},
-    {OXL_OPACITY, 0, 1, "rotation"},           {OXL_SH, 0, 3, "opacity"},
-    {OXL_SH + 3, 0.3, 1, "sh of degree 0"},    {OXL_LOBE, 0, 0.3, "sh"},
-    {OXL_LOBE + 1, -0.5, 2, "lobe's opacity"}, {OXL_PLANES, 0.2, 0.7, "lobe's scale"}};
-
-/* Gaussians of all sizes and shapes, before a camera that is turned and looks past their middle; odd
- * principal point. */
-static void reference_mixed(const struct reference_scene *e, struct wide *w)
-{
-    oxl_camera c = {e->width, e->height, 58, 61, e->width * 0.46, e->height * 0.55, {0}, {0.1, -0.05, 3.2}};
-    camera_rotation_from_quaternion((double[4]){0.95, 0.1, -0.15, 0.2}, c.rotation);
-    wide_create(w, &c, (size_t)e->count, (size_t)e->lobes, e->degree);
-    for (int ch = 0; ch < 3; ch++) w->background[ch] = 0.25f * (float)(ch + 1);
-    for (int k = 0; k < OXL_PLANES; k++)
-        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) {
-            const struct reference_range *range = reference_range(REFERENCE_MIXED, k);
-            w->plane[k][i] = range->mean + range->spread * reference_random(i, (size_t)k);
-        }
-}
-
-static void reference_as_it_is(struct wide *w, double value)
-{
-    (void)w, (void)value;
-}
-
-static void reference_fill(struct wide *w, int first, int end, double mean, double spread)
+/* Planes first..end-1: value and up to spread more or less. */
+static void reference_fill(struct wide *w, int first, int end, double value, double spread)
 {
     for (int k = first; k < end; k++)
         for (size_t i = 0; i < w->count; i++)
-            w->plane[k][i] = mean + spread * reference_random(i, (size_t)k + 100);
+            w->plane[k][i] = value + spread * reference_random(i, (size_t)k + 100);
 }
 
 /* log_scale */
@@ -108,7 +69,7 @@ static void reference_near(struct wide *w, double spread)
 /* Centres far to the side, past the clamp of the Jacobian, and so wide that they reach into the image. */
 static void reference_aside(struct wide *w, double slope)
 {
-    camera_rotation_from_quaternion((double[4]){1, 0, 0, 0}, w->camera.rotation);
+    wide_look_ahead(w);
     reference_size(w, log(slope) + 0.3);
     for (size_t i = 0; i < w->count; i++)
         w->plane[OXL_MEAN + i % 2][i] += (i % 4 < 2 ? 3.2 : -3.2) * slope * (i % 2 ? 0.7 : 1);
@@ -119,9 +80,9 @@ static void reference_dark(struct wide *w, double log_factor)
 {
     for (size_t i = 0; i < w->lobes; i++) {
         w->plane[OXL_MEAN][i] *= 0.1, w->plane[OXL_MEAN + 1][i] *= 0.1;
-        w->plane[OXL_LOBE][i] = 4;
-        for (int a = 1; a < 4; a++) w->plane[OXL_LOBE + a][i] = log_factor;
     }
+    wide_fill(w, OXL_LOBE, OXL_LOBE + 1, 4);
+    wide_fill(w, OXL_LOBE + 1, OXL_PLANES, log_factor);
     reference_opacity(w, 1.5);
 }
 
@@ -129,8 +90,7 @@ static void reference_dark(struct wide *w, double log_factor)
 static void reference_dots(struct wide *w, double log_scale)
 {
     reference_size(w, log_scale);
-    for (size_t i = 0; i < w->lobes; i++)
-        for (int a = 1; a < 4; a++) w->plane[OXL_LOBE + a][i] = -1.5 - log_scale;
+    wide_fill(w, OXL_LOBE + 1, OXL_PLANES, -1.5 - log_scale);
 }
 
 static void reference_colour(struct wide *w, double mean)
@@ -140,8 +100,7 @@ static void reference_colour(struct wide *w, double mean)
 
 static void reference_quaternion(struct wide *w, double length)
 {
-    for (int k = OXL_ROTATION; k < OXL_OPACITY; k++)
-        for (size_t i = 0; i < w->count; i++) w->plane[k][i] *= length;
+    wide_multiply(w, OXL_ROTATION, OXL_OPACITY, length);
 }
 
 /* One behind the other, most of them never seen: pixels end. */
@@ -153,15 +112,15 @@ static void reference_layers(struct wide *w, double logit)
 
 static const struct reference_scene REFERENCE_SCENES[] = {
     /* what, make, value, width, height, count, lobes, degree */
-    {"mixed, degree 0", reference_as_it_is, 0, 64, 48, 200, 0, 0},
-    {"mixed, degree 1", reference_as_it_is, 0, 61, 47, 200, 0, 1},
-    {"mixed, degree 2", reference_as_it_is, 0, 64, 48, 200, 0, 2},
-    {"mixed, degree 3", reference_as_it_is, 0, 33, 70, 200, 0, 3},
-    {"every second with a second lobe", reference_as_it_is, 0, 64, 48, 200, 100, 1},
-    {"all with a second lobe", reference_as_it_is, 0, 50, 40, 200, 200, 3},
-    {"one pixel", reference_as_it_is, 0, 1, 1, 100, 50, 1},
-    {"a column of pixels", reference_as_it_is, 0, 1, 90, 100, 50, 1},
-    {"a row of pixels", reference_as_it_is, 0, 90, 1, 100, 50, 1},
+    {"mixed, degree 0", NULL, 0, 64, 48, 200, 0, 0},
+    {"mixed, degree 1", NULL, 0, 61, 47, 200, 0, 1},
+    {"mixed, degree 2", NULL, 0, 64, 48, 200, 0, 2},
+    {"mixed, degree 3", NULL, 0, 33, 70, 200, 0, 3},
+    {"every second with a second lobe", NULL, 0, 64, 48, 200, 100, 1},
+    {"all with a second lobe", NULL, 0, 50, 40, 200, 200, 3},
+    {"one pixel", NULL, 0, 1, 1, 100, 50, 1},
+    {"a column of pixels", NULL, 0, 1, 90, 100, 50, 1},
+    {"a row of pixels", NULL, 0, 90, 1, 100, 50, 1},
     {"tiny", reference_size, -9, 64, 48, 200, 50, 1},
     {"huge", reference_size, 4, 64, 48, 60, 20, 1},
     {"needles and plates", reference_thin, 1e4, 64, 48, 100, 30, 1},
@@ -178,24 +137,12 @@ static const struct reference_scene REFERENCE_SCENES[] = {
 };
 
 /* What the float kernels will read is what the reference reads. */
-static void reference_make(const struct reference_scene *e, struct wide *w)
+static void reference_make(const struct reference_scene *e, int antialias, struct wide *w)
 {
-    reference_mixed(e, w);
-    e->make(w, e->value);
-    w->near_plane = (float)w->near_plane;
-    for (int k = 0; k < OXL_PLANES; k++)
-        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++)
-            w->plane[k][i] = (float)w->plane[k][i];
-}
-
-static void reference_to_model(const struct wide *w, oxl_model *m)
-{
-    *m = test_model(w->count, w->sh_degree);
-    CHECK_OK(model_set_lobes(test_ctx, m, w->lobes));
-    m->antialias = w->antialias;
-    for (int k = 0; k < OXL_PLANES; k++)
-        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++)
-            m->plane[k][i] = (float)w->plane[k][i];
+    wide_mixed(w, e->width, e->height, e->count, e->lobes, e->degree);
+    if (e->make) e->make(w, e->value);
+    w->antialias = antialias;
+    wide_to_float(w);
 }
 
 /* ---------------- reference/splat.c itself */
@@ -214,25 +161,6 @@ static double reference_dot(struct wide *w)
     return sum;
 }
 
-/* Wide soft Gaussians, so that no decision lies near and the image is smooth in every parameter. */
-static void reference_smooth(struct wide *w, double spread)
-{
-    const struct reference_range smooth[] = {{OXL_LOG_SCALE, 0, spread, "mean"},
-                                             {OXL_ROTATION, 0.5, 0.3, "log_scale"},
-                                             {OXL_ROTATION + 1, 1, 1, "w"},
-                                             {OXL_OPACITY, 0, 1, "x y z"},
-                                             {OXL_SH, -1, 0.5, "opacity"},
-                                             {OXL_SH + 3, 0.5, 0.5, "sh of degree 0"},
-                                             {OXL_LOBE, 0, 0.1, "sh"},
-                                             {OXL_LOBE + 1, -1, 0.3, "lobe's opacity"},
-                                             {OXL_PLANES, 0, 0.3, "lobe's scale"}};
-    for (int k = 0; k < OXL_PLANES; k++)
-        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) {
-            const struct reference_range *range = reference_range(smooth, k);
-            w->plane[k][i] = range->mean + range->spread * reference_random(i, (size_t)k);
-        }
-}
-
 /* Central differences of fourth order, for every parameter. */
 static void reference_check_differences(struct wide *w, double bound)
 {
@@ -244,7 +172,7 @@ static void reference_check_differences(struct wide *w, double bound)
     splat_backward(w, drgb);
     for (int k = 0; k < OXL_PLANES; k++) {
         double worst = 0, largest = 0;
-        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) {
+        for (size_t i = 0; i < wide_rows(w, k); i++) {
             const double h = 1e-3;
             double *x = &w->plane[k][i], was = *x, f[4];
             for (int n = 0; n < 4; n++) *x = was + h * (n < 2 ? n - 2 : n - 1), f[n] = reference_dot(w);
@@ -259,74 +187,33 @@ static void reference_check_differences(struct wide *w, double bound)
 
 TEST(reference_gradients_agree_with_finite_differences)
 {
-    const struct reference_scene scene = {"", reference_as_it_is, 0, 14, 11, 6, 4, 3};
     OWNED_WIDE w = {0};
-    reference_mixed(&scene, &w);
-    w.camera.fx = 12, w.camera.fy = 13;
-    reference_smooth(&w, 0.3);
+    wide_smooth(&w, 6, 4, 3, 12, 0.3);
     for (w.antialias = 0; w.antialias < 2; w.antialias++) reference_check_differences(&w, 1e-7);
 }
 
 /* A field of view so narrow that most centres lie past the clamp of the Jacobian. */
 TEST(reference_gradients_are_exact_where_the_jacobian_is_clamped)
 {
-    const struct reference_scene scene = {"", reference_as_it_is, 0, 14, 11, 5, 2, 1};
     OWNED_WIDE w = {0};
-    reference_mixed(&scene, &w);
-    w.camera.fx = w.camera.fy = 150;
-    reference_smooth(&w, 1.5);
+    wide_smooth(&w, 5, 2, 1, 150, 1.5);
     reference_check_differences(&w, 1e-6);
 }
 
 TEST(reference_training_lowers_the_loss)
 {
-    const struct reference_scene scene = {"", reference_as_it_is, 0, 48, 36, 60, 0, 0},
-                                 other = {"", reference_as_it_is, 0, 48, 36, 60, 20, 0};
     OWNED_WIDE truth = {0}, start = {0};
-    reference_mixed(&scene, &truth);
-    reference_mixed(&other, &start);
-    for (int k = OXL_SH; k < OXL_SH + 3; k++)
-        for (size_t i = 0; i < start.count; i++) start.plane[k][i] = 0;
+    wide_mixed(&truth, 48, 36, 60, 0, 0);
+    wide_mixed(&start, 48, 36, 60, 20, 0);
+    wide_fill(&start, OXL_SH, OXL_SH + 3, 0);
     CHECK(splat_train(&truth, &start, 300) < 0.4);
 }
 
 /* ---------------- images and gradients */
 
-/* The largest difference outside of fragile pixels, as a share of the largest value. */
-static double reference_image_error(const struct wide *w, const oxl_image *image, const char *fragile)
-{
-    const int n = w->camera.width * w->camera.height;
-    double worst = 0, largest = 1;
-    for (int i = 0; i < 3 * n; i++) {
-        if (!fragile[i % n] && !(fabs(image->rgb[i] - w->rgb[i]) <= worst))
-            worst = fabs(image->rgb[i] - w->rgb[i]);
-        largest = OXL_MAX(largest, w->rgb[i]);
-    }
-    return worst / largest;
-}
-
-/* The largest difference of a plane as a share of its largest value, but for what is a hundredth of the
- * largest of all: there float's noise shows. */
-static double reference_gradient_error(const struct wide *w, const oxl_model *gradient)
-{
-    double worst[OXL_PLANES] = {0}, largest[OXL_PLANES] = {0}, all = 1e-30, error = 0;
-    for (int k = 0; k < OXL_PLANES; k++)
-        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) {
-            const double off = fabs(gradient->plane[k][i] - w->gradient[k][i]);
-            if (!(off <= worst[k])) worst[k] = off; /* not a number counts */
-            largest[k] = OXL_MAX(largest[k], fabs(w->gradient[k][i]));
-            all = OXL_MAX(all, largest[k]);
-        }
-    for (int k = 0; k < OXL_PLANES; k++) {
-        const double e = worst[k] / OXL_MAX(largest[k], 0.01 * all);
-        if (!(e <= error)) error = e;
-    }
-    return error;
-}
-
-/* A scene, rendered and differentiated by splat.c, and what the kernels take. */
+/* A scene, rendered and differentiated by splat.c (w); what the kernels make of it is put into `got`. */
 struct reference_case {
-    struct wide w;
+    struct wide w, got;
     oxl_model m;
     oxl_render_options options;
     char *fragile; /* (H,W) */
@@ -338,14 +225,13 @@ static void reference_open(const struct reference_scene *e, int antialias, struc
 {
     const size_t pixels = (size_t)e->width * (size_t)e->height;
     double *wide = wide_array(3 * pixels);
-    c->fragile = malloc(pixels);
-    c->drgb = malloc(3 * pixels * sizeof *c->drgb);
+    c->fragile = wide_array(pixels);
+    c->drgb = wide_array(3 * pixels);
     c->options = oxl_render_options_default();
     c->solid = 0;
-    if (!c->fragile || !c->drgb) abort();
-    reference_make(e, &c->w);
-    c->w.antialias = antialias;
-    reference_to_model(&c->w, &c->m);
+    reference_make(e, antialias, &c->w);
+    reference_make(e, antialias, &c->got);
+    CHECK_OK(wide_to_model(test_ctx, &c->w, &c->m));
     for (int ch = 0; ch < 3; ch++) c->options.background[ch] = (float)c->w.background[ch];
     c->options.near_plane = (float)c->w.near_plane;
     splat_fragile(&c->w, c->fragile);
@@ -359,28 +245,91 @@ static void reference_open(const struct reference_scene *e, int antialias, struc
 
 static void reference_close(struct reference_case *c)
 {
-    wide_free(&c->w);
+    wide_free(&c->w), wide_free(&c->got);
     oxl_model_free(test_ctx, &c->m);
     free(c->fragile), free(c->drgb);
 }
 
-TEST(reference_image_and_every_gradient_agree_on_all_kinds_of_scenes)
+/* Not a number counts. */
+static void reference_raise(double *most, double value)
+{
+    if (!(value <= *most)) *most = value;
+}
+
+/* The largest difference of the images outside of fragile pixels, as a share of the largest value, or of 1. */
+static double reference_image_error(const struct reference_case *c)
+{
+    const int n = c->w.camera.width * c->w.camera.height;
+    double worst = 0, largest = 1;
+    for (int i = 0; i < 3 * n; i++) {
+        if (!c->fragile[i % n]) reference_raise(&worst, fabs(c->got.rgb[i] - c->w.rgb[i]));
+        largest = OXL_MAX(largest, fabs(c->w.rgb[i]));
+    }
+    return worst / largest;
+}
+
+/* The largest difference of a plane as a share of its largest value, or of `least` of the largest of all: below
+ * a hundredth of that float's noise shows. */
+static double reference_gradient_error(const struct reference_case *c, double least)
+{
+    double worst[OXL_PLANES] = {0}, largest[OXL_PLANES] = {0}, all = 1e-30, error = 0;
+    for (int k = 0; k < OXL_PLANES; k++)
+        for (size_t i = 0; i < wide_rows(&c->w, k); i++) {
+            const double wanted = c->w.gradient[k][i];
+            reference_raise(&worst[k], fabs(c->got.gradient[k][i] - wanted));
+            largest[k] = OXL_MAX(largest[k], fabs(wanted));
+            all = OXL_MAX(all, largest[k]);
+        }
+    for (int k = 0; k < OXL_PLANES; k++)
+        reference_raise(&error, worst[k] / OXL_MAX(largest[k], OXL_MAX(1e-30, least * all)));
+    return error;
+}
+
+/* What the float kernels draw and derive. */
+static void reference_run_float(struct reference_case *c, struct renderer *r)
+{
+    const size_t values = 3 * (size_t)c->w.camera.width * (size_t)c->w.camera.height;
+    const float *rgb;
+    OWNED_MODEL gradient;
+    wide_fill(&c->got, 0, OXL_PLANES, 0); /* rows out of view are not written */
+    CHECK_OK(wide_to_model(test_ctx, &c->got, &gradient));
+    CHECK_OK(renderer_forward(test_ctx, r, &c->m, &c->w.camera, &c->options));
+    CHECK_OK(renderer_image(test_ctx, r, &rgb));
+    for (size_t i = 0; i < values; i++) c->got.rgb[i] = rgb[i];
+    CHECK_OK(renderer_backward(test_ctx, r, c->drgb, &gradient));
+    for (int k = 0; k < OXL_PLANES; k++)
+        for (size_t i = 0; i < wide_rows(&c->w, k); i++) c->got.gradient[k][i] = gradient.plane[k][i];
+}
+
+/* What density control and the step of rows in view go by. A row whose box ends within 0.1 px of the
+ * outermost pixel centres may be either: the kernels' boxes are a little wider than the contour. */
+static void reference_check_rows(const struct reference_case *c, struct renderer *r)
+{
+    double worst = 0, largest = 1e-30;
+    int other = 0;
+    for (size_t i = 0; i < c->w.count; i++) {
+        const double length = renderer_row_visible(r, i) ? renderer_mean_gradient(r, i) : 0;
+        other += fabs(c->w.inside[i]) > 0.1 && renderer_row_visible(r, i) != (c->w.inside[i] > 0);
+        worst = OXL_MAX(worst, fabs(length - c->w.dmean2d[i]));
+        largest = OXL_MAX(largest, c->w.dmean2d[i]);
+    }
+    CHECK(other == 0);
+    CHECK_CLOSE(worst / largest, 0, REFERENCE_GRADIENT);
+}
+
+TEST(reference_image_rows_in_view_and_every_gradient_agree_on_all_kinds_of_scenes)
 {
     for (size_t n = 0; n < 2 * OXL_COUNT(REFERENCE_SCENES); n++) {
         const struct reference_scene *e = &REFERENCE_SCENES[n / 2];
+        OWNED_RENDERER *r = test_renderer();
         struct reference_case c;
-        OWNED_MODEL gradient;
-        OWNED_IMAGE image;
-        double rendered, derived;
         test_case = e->what;
         reference_open(e, n % 2, &c);
-        CHECK_OK(oxl_render(test_ctx, &c.m, &c.w.camera, &c.options, &image, NULL));
-        CHECK_OK(oxl_render_backward(test_ctx, &c.m, &c.w.camera, &c.options, c.drgb, &gradient));
-        rendered = reference_image_error(&c.w, &image, c.fragile);
-        derived = reference_gradient_error(&c.w, &gradient);
-        CHECK_CLOSE(rendered, 0, REFERENCE_IMAGE);
-        CHECK_CLOSE(derived, 0, REFERENCE_GRADIENT);
+        reference_run_float(&c, r);
+        CHECK_CLOSE(reference_image_error(&c), 0, REFERENCE_IMAGE);
+        CHECK_CLOSE(reference_gradient_error(&c, 0.01), 0, REFERENCE_GRADIENT);
         CHECK(2 * c.solid > (size_t)(e->width * e->height));
+        reference_check_rows(&c, r);
         reference_close(&c);
     }
 }
@@ -389,89 +338,44 @@ TEST(reference_image_and_every_gradient_agree_on_all_kinds_of_scenes)
 TEST(reference_agrees_with_the_kernels_in_double)
 {
     for (size_t n = 0; n < 2 * OXL_COUNT(REFERENCE_SCENES); n++) {
+        const struct reference_scene *e = &REFERENCE_SCENES[n / 2];
+        const size_t values = 3 * (size_t)e->width * (size_t)e->height;
+        double *drgb = wide_array(values);
         struct reference_case c;
-        double *drgb, *gradient[OXL_PLANES] = {0}, *rgb, worst = 0, most = 1;
-        size_t values;
-        reference_open(&REFERENCE_SCENES[n / 2], n % 2, &c);
-        values = 3 * (size_t)c.w.camera.width * (size_t)c.w.camera.height;
-        drgb = wide_array(values), rgb = c.w.rgb, c.w.rgb = wide_array(values);
+        reference_open(e, n % 2, &c);
         for (size_t i = 0; i < values; i++) drgb[i] = c.drgb[i];
-        for (int k = 0; k < OXL_PLANES; k++)
-            if (c.w.plane[k]) gradient[k] = c.w.gradient[k], c.w.gradient[k] = wide_array(c.w.count);
-        kernels_backward(&c.w, drgb);
-        for (size_t i = 0; i < values; i++) {
-            if (!c.fragile[i % (values / 3)]) worst = OXL_MAX(worst, fabs(c.w.rgb[i] - rgb[i]));
-            most = OXL_MAX(most, fabs(rgb[i]));
-        }
-        CHECK_CLOSE(worst / most, 0, 1e-9);
-        for (int k = 0; k < OXL_PLANES; k++) {
-            worst = 0, most = 1e-30;
-            for (size_t i = 0; gradient[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++) {
-                worst = OXL_MAX(worst, fabs(c.w.gradient[k][i] - gradient[k][i]));
-                most = OXL_MAX(most, fabs(gradient[k][i]));
-            }
-            CHECK_CLOSE(worst / most, 0, 1e-7);
-            free(gradient[k]);
-        }
-        free(drgb), free(rgb);
+        kernels_backward(&c.got, drgb);
+        CHECK_CLOSE(reference_image_error(&c), 0, 1e-9);
+        CHECK_CLOSE(reference_gradient_error(&c, 0), 0, 1e-7);
+        free(drgb);
         reference_close(&c);
     }
 }
 
-/* What density control and the step of rows in view go by. A row whose box ends within 0.1 px of the
- * outermost pixel centres may be either:
- * the kernels' boxes are a little wider than the contour. */
-TEST(reference_rows_in_view_and_their_gradients_on_the_image_agree)
+static void reference_half_unturned(struct wide *w, double w_of_quaternion)
 {
-    for (size_t n = 0; n < 2 * OXL_COUNT(REFERENCE_SCENES); n++) {
-        struct reference_case c;
-        OWNED_RENDERER *r;
-        OWNED_MODEL gradient;
-        double worst = 0, largest = 1e-30;
-        int other = 0;
-        reference_open(&REFERENCE_SCENES[n / 2], n % 2, &c);
-        reference_to_model(&c.w, &gradient);
-        CHECK_OK(renderer_create(test_ctx, &r));
-        CHECK_OK(renderer_forward(test_ctx, r, &c.m, &c.w.camera, &c.options));
-        CHECK_OK(renderer_backward(test_ctx, r, c.drgb, &gradient));
-        for (size_t i = 0; i < c.w.count; i++) {
-            const double length = renderer_row_visible(r, i) ? renderer_mean_gradient(r, i) : 0;
-            other += fabs(c.w.inside[i]) > 0.1 && renderer_row_visible(r, i) != (c.w.inside[i] > 0);
-            worst = OXL_MAX(worst, fabs(length - c.w.dmean2d[i]));
-            largest = OXL_MAX(largest, c.w.dmean2d[i]);
-        }
-        CHECK(other == 0);
-        CHECK_CLOSE(worst / largest, 0, REFERENCE_GRADIENT);
-        reference_close(&c);
-    }
+    for (int k = OXL_ROTATION; k < OXL_OPACITY; k++)
+        for (size_t i = 0; i < w->count; i += 2) w->plane[k][i] = k == OXL_ROTATION ? w_of_quaternion : 0;
 }
 
 /* Half of them shorter than a float's inverse can say, which counts as unturned; the other half just long
  * enough. */
 TEST(reference_rotations_of_the_shortest_quaternions_agree)
 {
-    const struct reference_scene scene = {"", reference_as_it_is, 0, 64, 48, 100, 0, 0};
-    OWNED_WIDE w = {0}, m_of = {0};
-    OWNED_MODEL m = {0};
-    OWNED_IMAGE image = {0};
-    char fragile[64 * 48];
-    oxl_render_options options = oxl_render_options_default();
-    reference_mixed(&scene, &w);
-    reference_mixed(&scene, &m_of);
-    for (size_t i = 0; i < w.count; i++) {
+    const struct reference_scene scene = {"", reference_half_unturned, 1, 64, 48, 100, 0, 0};
+    OWNED_RENDERER *r = test_renderer();
+    struct reference_case c;
+    reference_open(&scene, 0, &c);
+    for (size_t i = 0; i < c.w.count; i++) {
         double longest = 0;
-        for (int k = OXL_ROTATION; k < OXL_OPACITY; k++) longest = OXL_MAX(longest, fabs(w.plane[k][i]));
-        for (int k = OXL_ROTATION; k < OXL_OPACITY; k++) {
-            m_of.plane[k][i] *= (i % 2 ? 1.3e-38 : 1.1e-38) / longest;
-            if (i % 2 == 0) w.plane[k][i] = k == OXL_ROTATION;
-        }
+        for (int k = OXL_ROTATION; k < OXL_OPACITY; k++) longest = OXL_MAX(longest, fabs(c.w.plane[k][i]));
+        for (int k = OXL_ROTATION; k < OXL_OPACITY; k++)
+            c.m.plane[k][i] = (float)(i % 2 ? 1.3e-38 * c.w.plane[k][i] / longest
+                                            : 1.1e-38 * reference_random(i, (size_t)k));
     }
-    reference_to_model(&m_of, &m);
-    splat_forward(&w);
-    splat_fragile(&w, fragile);
-    for (int c = 0; c < 3; c++) options.background[c] = (float)w.background[c];
-    CHECK_OK(oxl_render(test_ctx, &m, &w.camera, &options, &image, NULL));
-    CHECK_CLOSE(reference_image_error(&w, &image, fragile), 0, REFERENCE_IMAGE);
+    reference_run_float(&c, r);
+    CHECK_CLOSE(reference_image_error(&c), 0, REFERENCE_IMAGE);
+    reference_close(&c);
 }
 
 /* ---------------- the loss */
@@ -518,30 +422,25 @@ TEST(reference_loss_and_its_gradient_agree)
  * counts, to 1. */
 TEST(reference_steps_of_adam_agree)
 {
-    enum { STEPS = 60, ROWS = 60 };
-    const struct reference_scene scene = {"", reference_as_it_is, 0, 64, 48, ROWS, 20, 0};
+    enum { STEPS = 60 };
+    const struct reference_scene scene = {"", NULL, 0, 64, 48, 60, 20, 0};
     oxl_adam adam = {.beta = RENDERER_BETAS};
     struct renderer_nonfinite aside;
-    OWNED_RENDERER *r;
+    OWNED_RENDERER *r = test_renderer();
     struct reference_case c;
     OWNED_MODEL gradient;
     struct trained_model t;
-    static double x[OXL_PLANES][ROWS], mean[OXL_PLANES][ROWS], square[OXL_PLANES][ROWS];
+    double **x = c.w.plane, **mean = c.got.plane, **square = c.got.gradient;
     reference_open(&scene, 0, &c);
-    reference_to_model(&c.w, &gradient);
-    reference_to_model(&c.w, &t.model);
+    wide_fill(&c.got, 0, OXL_PLANES, 0);
+    CHECK_OK(wide_to_model(test_ctx, &c.w, &gradient));
+    CHECK_OK(wide_to_model(test_ctx, &c.w, &t.model));
     CHECK_OK(model_trained_begin(test_ctx, &t));
-    memset(mean, 0, sizeof mean), memset(square, 0, sizeof square);
-    CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(renderer_forward(test_ctx, r, &t.model, &c.w.camera, &c.options));
-    for (int k = 0; k < OXL_PLANES; k++) {
-        adam.rate[k] = (float)splat_learning_rate(k, 3, 0.5);
-        for (size_t i = 0; c.w.plane[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++)
-            x[k][i] = c.w.plane[k][i];
-    }
+    for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = (float)splat_learning_rate(k, 3, 0.5);
     for (adam.step = 1; adam.step <= STEPS; adam.step++) {
         for (int k = 0; k < OXL_PLANES; k++)
-            for (size_t i = 0; c.w.plane[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++) {
+            for (size_t i = 0; i < wide_rows(&c.w, k); i++) {
                 const double g = 0.3 + reference_random(i, (size_t)(k + 100 * adam.step));
                 gradient.plane[k][i] = (float)(i % 2 ? g : g * exp(-(double)(i % 37)));
                 if (renderer_row_visible(r, i))
@@ -551,10 +450,74 @@ TEST(reference_steps_of_adam_agree)
         CHECK_OK(renderer_step(test_ctx, r, &t, &gradient, &adam, &aside));
     }
     for (int k = 0; k < OXL_PLANES; k++)
-        for (size_t i = 0; c.w.plane[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++)
+        for (size_t i = 0; i < wide_rows(&c.w, k); i++)
             CHECK_CLOSE(t.model.plane[k][i], x[k][i], 1e-4 * STEPS * adam.rate[k] + 1e-5 * fabs(x[k][i]));
     model_trained_free(test_ctx, &t);
     reference_close(&c);
+}
+
+/* ---------------- a step after the backward pass, or one that ends it */
+
+enum { STEP_ROWS = 40, STEP_LOBES = 19, STEP_UNSEEN = 3, STEP_EARLY = 0, STEP_LATE, STEP_PUBLIC, STEP_WAYS };
+
+/* The model, and what it is after a step whose gradient comes from the backward pass or from the step itself, or
+ * by oxl_adam_step. */
+static void reference_step(int way, oxl_model *before, struct trained_model *after)
+{
+    const oxl_render_options options = oxl_render_options_default();
+    const struct medium murky = {.on = 1,
+                                 .attenuation = {0.1f, 0.2f, 0.3f},
+                                 .backscatter = {0.1f, 0.1f, 0.1f},
+                                 .veiling_light = {0.2f, 0.3f, 0.4f}};
+    float drgb[3 * WIDE_SMOOTH_WIDTH * WIDE_SMOOTH_HEIGHT];
+    oxl_adam adam = {.beta = RENDERER_BETAS, .step = 1};
+    OWNED_WIDE w = {0};
+    oxl_model moments[2] = {{0}, {0}};
+    struct renderer_nonfinite aside;
+    wide_smooth(&w, STEP_ROWS, STEP_LOBES, 0, 12, 0.3);
+    w.plane[OXL_MEAN + 2][STEP_UNSEEN] = -50;
+    CHECK_OK(wide_to_model(test_ctx, &w, before));
+    CHECK_OK(wide_to_model(test_ctx, &w, &after->model));
+    for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)reference_weight(i);
+    for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = k == OXL_LOBE ? 0.025f : 0.005f;
+    CHECK_OK(model_trained_begin(test_ctx, after));
+    OWNED_MODEL gradient = test_model(STEP_ROWS, 0);
+    OWNED_RENDERER *r = test_renderer();
+    renderer_settings(r)->medium = murky;
+    CHECK_OK(renderer_forward(test_ctx, r, &after->model, &w.camera, &options));
+    memset(gradient.plane[OXL_ROTATION], 0, STEP_ROWS * sizeof(float));
+    CHECK_OK(renderer_backward(test_ctx, r, drgb, way == STEP_LATE ? NULL : &gradient));
+    CHECK(gradient.lobes == (way == STEP_LATE ? 0 : STEP_LOBES));
+    if (way == STEP_PUBLIC) CHECK_OK(oxl_adam_step(test_ctx, &after->model, &gradient, moments, &adam));
+    else CHECK_OK(renderer_step(test_ctx, r, after, way ? NULL : &gradient, &adam, &aside));
+    for (int k = 0; k < 2; k++) oxl_model_free(test_ctx, &moments[k]);
+}
+
+TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
+{
+    OWNED_MODEL old;
+    struct trained_model m;
+    reference_step(STEP_EARLY, &old, &m);
+    for (int k = OXL_LOBE; k < OXL_PLANES; k++) {
+        const double rate = k == OXL_LOBE ? 0.025 : 0.005;
+        for (int i = 0; i < STEP_LOBES; i++)
+            CHECK_CLOSE(fabs(m.model.plane[k][i] - old.plane[k][i]), i == STEP_UNSEEN ? 0 : rate,
+                        1e-4 * rate);
+        for (int i = STEP_LOBES; i < 32; i++) CHECK(m.model.plane[k][i] == 0);
+    }
+    CHECK(m.model.plane[OXL_OPACITY][25] != old.plane[OXL_OPACITY][25]);
+    model_trained_free(test_ctx, &m);
+}
+
+TEST(a_step_gives_the_same_bytes_whether_it_ends_the_backward_pass_or_a_loop_of_ones_own_makes_it)
+{
+    struct trained_model m[STEP_WAYS];
+    for (int way = 0; way < STEP_WAYS; way++) {
+        OWNED_MODEL old;
+        reference_step(way, &old, &m[way]);
+        CHECK(test_same_model(&m[0].model, &m[way].model) && !test_same_model(&m[way].model, &old));
+    }
+    for (int way = 0; way < STEP_WAYS; way++) model_trained_free(test_ctx, &m[way]);
 }
 
 TEST(reference_learning_rates_are_the_papers)

@@ -377,14 +377,6 @@ TEST(train_learns_views_that_it_has_not_seen)
     CHECK(model.sh_degree == 1 || !test_has_part("sh_degree"));
 }
 
-int train_same(const oxl_model *a, const oxl_model *b)
-{
-    int same = a->count == b->count && a->sh_degree == b->sh_degree;
-    for (int k = 0; same && k < oxl_model_planes(a); k++)
-        same = !memcmp(a->plane[k], b->plane[k], a->count * sizeof(float));
-    return same;
-}
-
 TEST(train_gives_the_same_bytes_with_1_2_and_7_threads)
 {
     OWNED_SCENE *scene = train_scene(7);
@@ -396,7 +388,7 @@ TEST(train_gives_the_same_bytes_with_1_2_and_7_threads)
         model[i] = test_trained(scene, &options);
     }
     CHECK(model[0].count != oxl_scene_point_count(scene));
-    CHECK(train_same(&model[0], &model[1]) && train_same(&model[0], &model[2]));
+    CHECK(test_same_model(&model[0], &model[1]) && test_same_model(&model[0], &model[2]));
     for (int i = 0; i < 3; i++) oxl_model_free(test_ctx, &model[i]);
 }
 
@@ -407,7 +399,7 @@ TEST(train_depends_on_the_seed)
     OWNED_MODEL a = test_trained(scene, &options);
     test_ctx->options.seed = 2;
     OWNED_MODEL b = test_trained(scene, &options);
-    CHECK(!train_same(&a, &b));
+    CHECK(!test_same_model(&a, &b));
 }
 
 static int train_stop_at_7(void *user, const oxl_progress *progress)
@@ -506,8 +498,8 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
         model[i] = test_trained(scene, &o[i]);
         test_ctx->threads = 3;
         again = test_trained(scene, &o[i]);
-        CHECK(train_same(&model[i], &again));
-        CHECK(i == 0 || !train_same(&model[i], &model[0]) || (i == 2 && !test_has_part("sh_degree")));
+        CHECK(test_same_model(&model[i], &again));
+        CHECK(i == 0 || !test_same_model(&model[i], &model[0]) || (i == 2 && !test_has_part("sh_degree")));
         /* without the larger rates of short runs it learns less */
         CHECK(train_psnr(scene, &model[i]) > train_psnr(scene, &model[0]) - (i == 3 ? 7 : 2));
         oxl_model_free(test_ctx, &again);
@@ -777,7 +769,7 @@ TEST(train_with_terms_that_add_nothing_gives_the_same_bytes)
     for (int k = 0; k < 2; k++) {
         o.terms = &terms[k];
         with = test_trained(scene, &o);
-        CHECK(train_same(&plain, &with));
+        CHECK(test_same_model(&plain, &with));
         oxl_model_free(test_ctx, &with);
     }
 }

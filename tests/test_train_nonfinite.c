@@ -56,13 +56,13 @@ TEST(nonfinite_pixel_skips_one_step_only)
     for (int steps = 0; steps < 2; steps++) {
         nonfinite_test_begin(&c, steps);
         nonfinite_test_step_with_pixel(&c, steps ? INFINITY : NAN);
-        CHECK(train_same(&c.t.trained.model, &c.before));
+        CHECK(test_same_model(&c.t.trained.model, &c.before));
         CHECK(c.t.nonfinite.steps == 1 && c.t.nonfinite.cleared == 0 && c.t.nonfinite.rows == 0);
         CHECK_WARNED(steps ? "step 2: the loss of v02.png is not finite" : "step 1: the loss of v02.png");
         c.t.step++;
         CHECK_OK(train_step(&c.t));
         CHECK(c.t.nonfinite.steps == 1 && nonfinite_test_model_is_finite(&c.t.trained.model) &&
-              !train_same(&c.t.trained.model, &c.before));
+              !test_same_model(&c.t.trained.model, &c.before));
         nonfinite_test_free(&c);
     }
 }

@@ -68,7 +68,7 @@ TEST(checkpoint_a_run_stopped_at_any_step_ends_in_the_same_bytes)
     OWNED_CHECKPOINT_CASE c = checkpoint_case();
     OWNED_MODEL model = {0};
     checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);
-    CHECK(c.whole.count != oxl_scene_point_count(c.scene) && train_same(&model, &c.whole));
+    CHECK(c.whole.count != oxl_scene_point_count(c.scene) && test_same_model(&model, &c.whole));
 }
 
 TEST(checkpoint_keeps_the_callers_log)
@@ -121,7 +121,7 @@ TEST(checkpoint_that_is_damaged_is_noticed)
         oxl_model_free(test_ctx, &model);
     }
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
-    CHECK(train_same(&model, &c.whole));
+    CHECK(test_same_model(&model, &c.whole));
 }
 
 TEST(checkpoint_of_another_key_is_left_aside)
@@ -152,7 +152,7 @@ TEST(checkpoint_that_counts_more_than_it_holds_is_refused)
     model.count = 3;
     CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", checkpoint_numbers, &model));
     CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", checkpoint_numbers, &other, &found));
-    CHECK(found && train_same(&model, &other));
+    CHECK(found && test_same_model(&model, &other));
 }
 
 #ifndef _WIN32

@@ -13,7 +13,7 @@ static void selection_test_check_stops(struct checkpoint_case *c, const int *sto
     }
     text_free(&c->decisions);
     CHECK_OK(checkpoint_run(c, "key", -1, &model));
-    CHECK(train_same(&model, &c->whole) && model.lobes == c->whole.lobes);
+    CHECK(test_same_model(&model, &c->whole) && model.lobes == c->whole.lobes);
 }
 
 TEST(selection_corrects_depth_weights_within_the_run_and_a_stopped_run_ends_in_the_same_bytes)

@@ -189,7 +189,7 @@ TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
     OWNED_MODEL off = test_trained(scene, &options);
     options.exposure = OXL_AUTO;
     OWNED_MODEL automatic = test_trained(scene, &options);
-    CHECK(!test_imaging.on && train_same(&off, &automatic));
+    CHECK(!test_imaging.on && test_same_model(&off, &automatic));
 }
 
 /* Both cameras jump together, or only the right ones do. */
@@ -226,7 +226,7 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
     imaging_copy(&test_imaging, &whole);
     CHECK(whole.on);
     checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);
-    CHECK(train_same(&model, &c.whole));
+    CHECK(test_same_model(&model, &c.whole));
     CHECK(memcmp(whole.log_gain, test_imaging.log_gain, 3 * 14 * sizeof *whole.log_gain) == 0);
 }
 
@@ -566,7 +566,7 @@ TEST(exposure_that_is_refused_leaves_a_lamp_fitted_without_it_unless_that_hides_
             model[k] = test_trained(scene, &options);
             CHECK(!test_imaging.on && test_imaging.lamps == (k || !large));
         }
-        CHECK(train_same(&model[0], &model[1]) == !large);
+        CHECK(test_same_model(&model[0], &model[1]) == !large);
         for (int k = 0; k < 2; k++) oxl_model_free(test_ctx, &model[k]);
     }
 }
@@ -907,7 +907,7 @@ TEST(medium_a_run_that_is_stopped_ends_in_the_same_bytes)
     whole = test_imaging.medium;
     CHECK(whole.on);
     checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);
-    CHECK(train_same(&model, &c.whole) && memcmp(&whole, &test_imaging.medium, sizeof whole) == 0);
+    CHECK(test_same_model(&model, &c.whole) && memcmp(&whole, &test_imaging.medium, sizeof whole) == 0);
 }
 
 /* ---------------- the lamp */
@@ -1069,7 +1069,7 @@ TEST(lamp_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
     whole.medium = test_imaging.medium, whole.lamp[0] = test_imaging.lamp[0];
     CHECK(whole.lamp[0].shape[1] != 0);
     checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);
-    CHECK(train_same(&model, &c.whole));
+    CHECK(test_same_model(&model, &c.whole));
     CHECK(memcmp(&whole.medium, &test_imaging.medium, sizeof whole.medium) == 0);
     CHECK(memcmp(&whole.lamp[0], &test_imaging.lamp[0], sizeof whole.lamp[0]) == 0);
 }

@@ -372,19 +372,11 @@ static void vulkan_compare_models(const oxl_model *a, const oxl_model *b, double
             CHECK_CLOSE(vulkan_distance(a->plane[k], b->plane[k], vulkan_rows(a, k)).relative, 0, bound);
 }
 
-static void vulkan_same_model(const oxl_model *a, const oxl_model *b)
-{
-    CHECK(a->count == b->count && a->lobes == b->lobes);
-    for (int k = 0; k < OXL_PLANES; k++)
-        if (vulkan_rows(a, k))
-            CHECK(memcmp(a->plane[k], b->plane[k], vulkan_rows(a, k) * sizeof(float)) == 0);
-}
-
 static void vulkan_same_trained(const struct trained_model *a, const struct trained_model *b)
 {
-    vulkan_same_model(&a->model, &b->model);
-    vulkan_same_model(&a->mean, &b->mean);
-    vulkan_same_model(&a->square, &b->square);
+    CHECK(test_same_model(&a->model, &b->model));
+    CHECK(test_same_model(&a->mean, &b->mean));
+    CHECK(test_same_model(&a->square, &b->square));
 }
 
 /* (rows) of the last view: which are seen; their splats. */
@@ -1840,7 +1832,7 @@ DEVICE_TEST(vulkan_renders_the_same_whole_and_in_parts)
         whole = image;
         if (k) vulkan_check_many_parts(r, &m, &camera, whole);
     }
-    vulkan_same_model(&gradient[0], &gradient[1]);
+    CHECK(test_same_model(&gradient[0], &gradient[1]));
 }
 
 /* Nine in ten pairs are in three of many tiles: no submission draws more than a part of the pairs and one
@@ -2025,7 +2017,7 @@ DEVICE_TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus)
     for (int k = 0; k < 3; k++) CHECK_OK(vulkan_train(vulkan_ctx(k > 0), &t[k]));
     CHECK_CLOSE(t[1].psnr, t[0].psnr, 0.1);
     CHECK(t[0].model.lobes > 0 && t[1].model.lobes > 0 && t[1].psnr == t[2].psnr);
-    vulkan_same_model(&t[1].model, &t[2].model);
+    CHECK(test_same_model(&t[1].model, &t[2].model));
 }
 
 DEVICE_TEST(vulkan_times_the_steps_of_a_forecast)
@@ -2114,7 +2106,7 @@ DEVICE_TEST(vulkan_run_of_a_lost_device_continues_from_an_intact_checkpoint)
     vulkan_close_now();
     device->options.backend = OXL_BACKEND_VULKAN;
     CHECK_OK(vulkan_train(device, &t));
-    vulkan_same_model(&straight.model, &t.model);
+    CHECK(test_same_model(&straight.model, &t.model));
 }
 
 /* A run that one device began is not continued by another. */
@@ -2229,7 +2221,7 @@ DEVICE_TEST(vulkan_learns_gains_of_images_as_the_cpu_does)
     for (int i = 0; i < 18; i++) CHECK_CLOSE(t[1].gain[i], t[0].gain[i], 0.002);
     for (int k = 2; k < 4; k++) {
         CHECK(memcmp(t[1].gain, t[k].gain, sizeof t[1].gain) == 0);
-        vulkan_same_model(&t[1].model, &t[k].model);
+        CHECK(test_same_model(&t[1].model, &t[k].model));
     }
 }
 

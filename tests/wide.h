@@ -6,7 +6,7 @@
  *     source is
  *
  * Each is a translation unit of its own (wide_splat.c, wide_kernels.c), so that their names and those of the
- * library do not meet.
+ * library do not meet. wide_scenes.c makes the scenes.
  */
 #ifndef TEST_WIDE_H
 #define TEST_WIDE_H
@@ -36,6 +36,33 @@ void wide_create(struct wide *w, const oxl_camera *camera, size_t count, size_t 
 void wide_free(struct wide *w);
 #define OWNED_WIDE __attribute__((cleanup(wide_free))) struct wide
 void *wide_array(size_t count); /* of doubles, zeros */
+
+/* ---------------- scenes */
+
+size_t wide_rows(const struct wide *w, int plane); /* 0: w has no such plane */
+double wide_random(int seed, size_t i, size_t k);  /* in -1..1 */
+/* A value of plane k is mean + spread wide_random(seed, row, k); a range holds the planes from the last one's
+ * end on. */
+struct wide_range {
+    int end;
+    double mean, spread;
+};
+void wide_scatter(struct wide *w, int seed, const struct wide_range *range);
+void wide_fill(struct wide *w, int first, int end, double value);
+void wide_multiply(struct wide *w, int first, int end, double factor);
+void wide_look_ahead(struct wide *w); /* the camera is not turned */
+void wide_to_float(struct wide *w);   /* rounds what the float kernels will read */
+oxl_result wide_to_model(oxl_context *ctx, const struct wide *w, oxl_model *out);
+
+/* Gaussians of all sizes and shapes, before a camera that is turned and looks past their middle; odd
+ * principal point. */
+void wide_mixed(struct wide *w, int width, int height, int count, int lobes, int sh_degree);
+/* Wide soft Gaussians, so that no decision lies near and the image is smooth in every parameter; spread: of
+ * the positions. */
+enum { WIDE_SMOOTH_WIDTH = 14, WIDE_SMOOTH_HEIGHT = 11 };
+void wide_smooth(struct wide *w, int count, int lobes, int sh_degree, double focal, double spread);
+
+/* ---------------- rendering */
 
 void splat_forward(struct wide *w);
 size_t kernels_forward(struct wide *w); /* returns how many Gaussians are in view */
