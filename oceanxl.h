@@ -381,10 +381,8 @@ OXL_API oxl_result oxl_ms_ssim(oxl_context *ctx, const oxl_image *a, const oxl_i
 
 /* Normalised correlation of the detail of a and b, whatever their brightness and contrast. Detail is the grey
  * image blurred by a Gaussian of 1 px, less the one blurred by 6 px. 1: the same structure; 0: none, such as
- * a veil; NaN: b has no more detail than the rounding to 8 bits. map (H,W), or NULL, receives the correlation
- * around each pixel, under a Gaussian of 6 px. */
-OXL_API oxl_result oxl_structure(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out,
-                                 float *map);
+ * a veil; NaN: b has no more detail than the rounding to 8 bits. */
+OXL_API oxl_result oxl_structure(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
 /* below it a view has no structure, in reports and messages */
 #define OXL_STRUCTURE_NONE 0.5
 

@@ -132,9 +132,9 @@ FUNCTIONS = {"oxl_context_options_default": [oxl_context_options], "oxl_context_
     POINTER(oxl_image), POINTER(c_double)], "oxl_cc_psnr": [c_int, c_void_p, POINTER(oxl_image), POINTER(oxl_image), POINTER(c_double)],
     "oxl_ssim": [c_int, c_void_p, POINTER(oxl_image), POINTER(oxl_image), POINTER(c_double)], "oxl_ms_ssim": [c_int, c_void_p,
     POINTER(oxl_image), POINTER(oxl_image), POINTER(c_double)], "oxl_structure": [c_int, c_void_p, POINTER(oxl_image), POINTER(oxl_image),
-    POINTER(c_double), POINTER(c_float)], "oxl_evaluate": [c_int, c_void_p, POINTER(oxl_model), c_void_p, c_void_p, c_int,
-    POINTER(oxl_metrics)], "oxl_metrics_free": [None, c_void_p, POINTER(oxl_metrics)], "oxl_train_options_default": [oxl_train_options,
-    c_int], "oxl_train_options_check": [c_int, c_void_p, POINTER(oxl_train_options)], "oxl_train": [c_int, c_void_p, c_void_p,
+    POINTER(c_double)], "oxl_evaluate": [c_int, c_void_p, POINTER(oxl_model), c_void_p, c_void_p, c_int, POINTER(oxl_metrics)],
+    "oxl_metrics_free": [None, c_void_p, POINTER(oxl_metrics)], "oxl_train_options_default": [oxl_train_options, c_int],
+    "oxl_train_options_check": [c_int, c_void_p, POINTER(oxl_train_options)], "oxl_train": [c_int, c_void_p, c_void_p,
     POINTER(oxl_train_options), POINTER(oxl_callback), POINTER(oxl_trained)], "oxl_trained_free": [None, c_void_p, POINTER(oxl_trained)],
     "oxl_trained_write": [c_int, c_void_p, c_char_p, c_void_p, POINTER(oxl_trained)], "oxl_adam_at": [oxl_adam, c_void_p,
     POINTER(oxl_train_options), c_int], "oxl_adam_step": [c_int, c_void_p, POINTER(oxl_model), POINTER(oxl_model), POINTER(oxl_model),
@@ -487,7 +487,7 @@ def metrics(image, reference, weight=None):
     for name in ("psnr", "cc_psnr", "ssim", "ms_ssim"):
         _context().call(getattr(lib, f"oxl_{name}"), byref(a), byref(b), byref(value))
         out[name] = value.value
-    _context().call(lib.oxl_structure, byref(a), byref(b), byref(value), None)
+    _context().call(lib.oxl_structure, byref(a), byref(b), byref(value))
     return dict(out, structure=value.value)
 
 

@@ -102,7 +102,7 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
     if (rc == OXL_OK) rc = oxl_psnr(ctx, rendered, image, &row->psnr);
     if (rc == OXL_OK && p->shown) return oxl_ssim(ctx, rendered, image, &row->ssim);
     if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, rendered, image, &row->cc_psnr);
-    if (rc == OXL_OK) rc = oxl_structure(ctx, rendered, image, &row->structure, NULL);
+    if (rc == OXL_OK) rc = oxl_structure(ctx, rendered, image, &row->structure);
     if (rc == OXL_OK) rc = evaluate_explained(ctx, p, rendered, image, row);
     return rc == OXL_OK && p->whole ? metrics_ssim(ctx, rendered, image, &row->ssim, &row->ms_ssim) : rc;
 }

@@ -14,8 +14,8 @@
 #include "evaluate.h"
 #include "../core/vecmath.h"
 
-enum { STRUCTURE_FINE = 1, STRUCTURE_COARSE = 6, STRUCTURE_LOCAL = 6 }; /* px; LOCAL: of the map */
-enum { STRUCTURE_REACH = 4 };                                           /* reach of a window, in sigma */
+enum { STRUCTURE_FINE = 1, STRUCTURE_COARSE = 6 }; /* px */
+enum { STRUCTURE_REACH = 4 };                      /* reach of a window, in sigma */
 /* Counts a band of a smaller mean square as the rounding of images to 8 bits: (1/255)^2 / 12. */
 #define STRUCTURE_NOISE 1.2816e-6
 #define STRUCTURE_DARK 1e-20 /* Keeps a product of mean squares from 0, against division by it. */
@@ -85,24 +85,7 @@ static double structure_products(const struct structure_work *s, double product[
     return counted;
 }
 
-/* Computes the correlation of the bands around each pixel; NaN: the image has no detail there. */
-static void structure_map(oxl_context *ctx, const struct structure_work *s, float *map)
-{
-    const size_t pixels = s->p.size;
-    double *product = s->plane[0], *blurred[3] = {s->plane[1], s->plane[2], NULL};
-    for (int k = 0; k < 2; k++) {
-        for (size_t i = 0; i < pixels; i++) product[i] = s->band[k][i] * s->band[k][i];
-        structure_blur(ctx, s, STRUCTURE_LOCAL, product, blurred[k]);
-    }
-    for (size_t i = 0; i < pixels; i++) product[i] = s->band[0][i] * s->band[1][i];
-    structure_blur(ctx, s, STRUCTURE_LOCAL, product, s->band[0]);
-    for (size_t i = 0; i < pixels; i++)
-        map[i] = blurred[1][i] > STRUCTURE_NOISE
-                     ? (float)(s->band[0][i] / sqrt(blurred[0][i] * blurred[1][i] + STRUCTURE_DARK))
-                     : NAN;
-}
-
-oxl_result oxl_structure(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out, float *map)
+oxl_result oxl_structure(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
 {
     struct structure_work s;
     double product[3];
@@ -115,7 +98,6 @@ oxl_result oxl_structure(oxl_context *ctx, const oxl_image *a, const oxl_image *
     structure_band(ctx, &s, b, s.band[1]);
     if (structure_products(&s, product) > 0 && product[1] > STRUCTURE_NOISE)
         *out = product[2] / sqrt(product[0] * product[1] + STRUCTURE_DARK);
-    if (map) structure_map(ctx, &s, map);
     planes_free(ctx, &s.p);
     return OXL_OK;
 }
