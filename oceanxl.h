@@ -374,10 +374,6 @@ OXL_API oxl_result oxl_cc_psnr(oxl_context *ctx, const oxl_image *a, const oxl_i
 /* SSIM [Wang 2004]: 11 x 11 Gaussian window, sigma 1.5 px, zero padding, C1 = 0.01^2, C2 = 0.03^2, mean over
  * the channels. */
 OXL_API oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
-/* MS-SSIM [Wang 2003]: 5 scales, per channel, windows inside the image only. An image with a shorter side
- * below 176 px has the scales that hold a window, with exponents normalised to sum 1; below 11 px the result
- * is SSIM. */
-OXL_API oxl_result oxl_ms_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
 
 /* Normalised correlation of the detail of a and b, whatever their brightness and contrast. Detail is the grey
  * image blurred by a Gaussian of 1 px, less the one blurred by 6 px. 1: the same structure; 0: none, such as
@@ -391,7 +387,7 @@ typedef enum oxl_split { OXL_SPLIT_TEST = 0, OXL_SPLIT_TRAIN, OXL_SPLIT_ALL } ox
 
 typedef struct oxl_view_metrics {
     int view; /* index in the scene */
-    double psnr, cc_psnr, ssim, ms_ssim;
+    double psnr, cc_psnr, ssim;
     double plain_psnr; /* PSNR of the render at mean exposure: without the image's exposure gains and lamp */
     /* from the pose at which the image fits best, of a held-out view, where training refined poses; else
      * NaN */
@@ -403,8 +399,8 @@ typedef struct oxl_view_metrics {
 } oxl_view_metrics;
 
 typedef struct oxl_metrics {
-    double psnr, cc_psnr, ssim, ms_ssim, plain_psnr; /* means over the views; 0 without views */
-    double aligned_psnr, aligned_ssim;               /* NaN: not measured */
+    double psnr, cc_psnr, ssim, plain_psnr; /* means over the views; 0 without views */
+    double aligned_psnr, aligned_ssim;      /* NaN: not measured */
     /* means over the views that have them, and the least; NaN: no view has */
     double structure, explained, structure_least;
     int no_structure; /* views below OXL_STRUCTURE_NONE */

@@ -48,7 +48,7 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
          "Pixels are those of the original images, their top-left pixel's centre is 0.5,0.5. The scale goes to render and convert."},
     [COMMAND_EVAL] =
         {"eval", 2, 0, "MODEL SCENE",
-         "Compares a model with images: PSNR, cc-PSNR (without exposure), SSIM and MS-SSIM, for each view and in the mean.",
+         "Compares a model with images: PSNR, cc-PSNR (without exposure) and SSIM, for each view and in the mean.",
          "oceanxl eval out/scene.ply survey",
          "The images are those that train held out, unless --split says otherwise.\n"
          "examples/lpips.py compares the renders of a run with their images by LPIPS."},

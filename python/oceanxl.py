@@ -80,11 +80,11 @@ oxl_model._fields_ = [("count", c_size_t), ("capacity", c_size_t), ("lobes", c_s
     c_int), ("antialias", c_int), ("view", c_double * 13), ("not_finite", c_size_t)]
 oxl_render_options._fields_ = [("background", c_float * 3), ("sh_degree", c_int), ("near_plane", c_float), ("alpha_min", c_float),
     ("parallel", c_float)]
-oxl_view_metrics._fields_ = [("view", c_int), ("psnr", c_double), ("cc_psnr", c_double), ("ssim", c_double), ("ms_ssim", c_double),
-    ("plain_psnr", c_double), ("aligned_psnr", c_double), ("aligned_ssim", c_double), ("structure", c_double), ("explained", c_double)]
-oxl_metrics._fields_ = [("psnr", c_double), ("cc_psnr", c_double), ("ssim", c_double), ("ms_ssim", c_double), ("plain_psnr", c_double),
-    ("aligned_psnr", c_double), ("aligned_ssim", c_double), ("structure", c_double), ("explained", c_double), ("structure_least", c_double),
-    ("no_structure", c_int), ("count", c_int), ("views", POINTER(oxl_view_metrics))]
+oxl_view_metrics._fields_ = [("view", c_int), ("psnr", c_double), ("cc_psnr", c_double), ("ssim", c_double), ("plain_psnr", c_double),
+    ("aligned_psnr", c_double), ("aligned_ssim", c_double), ("structure", c_double), ("explained", c_double)]
+oxl_metrics._fields_ = [("psnr", c_double), ("cc_psnr", c_double), ("ssim", c_double), ("plain_psnr", c_double), ("aligned_psnr", c_double),
+    ("aligned_ssim", c_double), ("structure", c_double), ("explained", c_double), ("structure_least", c_double), ("no_structure", c_int),
+    ("count", c_int), ("views", POINTER(oxl_view_metrics))]
 oxl_keep._fields_ = [("kind", c_int), ("value", c_double)]
 oxl_ucd._fields_ = [("mode", c_int), ("f_mid", c_float), ("f_far", c_float), ("learn", c_int)]
 oxl_terms._fields_ = [("pixels", CFUNCTYPE(c_double, c_void_p, POINTER(oxl_image), POINTER(oxl_image), POINTER(c_float))), ("parameters",
@@ -130,15 +130,14 @@ FUNCTIONS = {"oxl_context_options_default": [oxl_context_options], "oxl_context_
     POINTER(oxl_image), POINTER(c_float)], "oxl_render_backward": [c_int, c_void_p, POINTER(oxl_model), POINTER(oxl_camera),
     POINTER(oxl_render_options), POINTER(c_float), POINTER(oxl_model)], "oxl_psnr": [c_int, c_void_p, POINTER(oxl_image),
     POINTER(oxl_image), POINTER(c_double)], "oxl_cc_psnr": [c_int, c_void_p, POINTER(oxl_image), POINTER(oxl_image), POINTER(c_double)],
-    "oxl_ssim": [c_int, c_void_p, POINTER(oxl_image), POINTER(oxl_image), POINTER(c_double)], "oxl_ms_ssim": [c_int, c_void_p,
-    POINTER(oxl_image), POINTER(oxl_image), POINTER(c_double)], "oxl_structure": [c_int, c_void_p, POINTER(oxl_image), POINTER(oxl_image),
-    POINTER(c_double)], "oxl_evaluate": [c_int, c_void_p, POINTER(oxl_model), c_void_p, c_void_p, c_int, POINTER(oxl_metrics)],
-    "oxl_metrics_free": [None, c_void_p, POINTER(oxl_metrics)], "oxl_train_options_default": [oxl_train_options, c_int],
-    "oxl_train_options_check": [c_int, c_void_p, POINTER(oxl_train_options)], "oxl_train": [c_int, c_void_p, c_void_p,
-    POINTER(oxl_train_options), POINTER(oxl_callback), POINTER(oxl_trained)], "oxl_trained_free": [None, c_void_p, POINTER(oxl_trained)],
-    "oxl_trained_write": [c_int, c_void_p, c_char_p, c_void_p, POINTER(oxl_trained)], "oxl_adam_at": [oxl_adam, c_void_p,
-    POINTER(oxl_train_options), c_int], "oxl_adam_step": [c_int, c_void_p, POINTER(oxl_model), POINTER(oxl_model), POINTER(oxl_model),
-    POINTER(oxl_adam)]}
+    "oxl_ssim": [c_int, c_void_p, POINTER(oxl_image), POINTER(oxl_image), POINTER(c_double)], "oxl_structure": [c_int, c_void_p,
+    POINTER(oxl_image), POINTER(oxl_image), POINTER(c_double)], "oxl_evaluate": [c_int, c_void_p, POINTER(oxl_model), c_void_p, c_void_p,
+    c_int, POINTER(oxl_metrics)], "oxl_metrics_free": [None, c_void_p, POINTER(oxl_metrics)], "oxl_train_options_default":
+    [oxl_train_options, c_int], "oxl_train_options_check": [c_int, c_void_p, POINTER(oxl_train_options)], "oxl_train": [c_int, c_void_p,
+    c_void_p, POINTER(oxl_train_options), POINTER(oxl_callback), POINTER(oxl_trained)], "oxl_trained_free": [None, c_void_p,
+    POINTER(oxl_trained)], "oxl_trained_write": [c_int, c_void_p, c_char_p, c_void_p, POINTER(oxl_trained)], "oxl_adam_at": [oxl_adam,
+    c_void_p, POINTER(oxl_train_options), c_int], "oxl_adam_step": [c_int, c_void_p, POINTER(oxl_model), POINTER(oxl_model),
+    POINTER(oxl_model), POINTER(oxl_adam)]}
 # ---- end of what is generated
 for _name, (_result, *_arguments) in FUNCTIONS.items():
     getattr(lib, _name).restype, getattr(lib, _name).argtypes = _result, _arguments
@@ -482,9 +481,9 @@ def render_backward(model, view, dimage):
 
 
 def metrics(image, reference, weight=None):
-    """PSNR (dB), colour-corrected PSNR, SSIM, MS-SSIM and structure of an image against another; weight 0: pixels that do not count."""
+    """PSNR (dB), colour-corrected PSNR, SSIM and structure of an image against another; weight 0: pixels that do not count."""
     a, b, out, value = _image(image), _image(reference, weight), {}, c_double()
-    for name in ("psnr", "cc_psnr", "ssim", "ms_ssim"):
+    for name in ("psnr", "cc_psnr", "ssim"):
         _context().call(getattr(lib, f"oxl_{name}"), byref(a), byref(b), byref(value))
         out[name] = value.value
     _context().call(lib.oxl_structure, byref(a), byref(b), byref(value))

@@ -100,11 +100,11 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
     if (p->whole || p->shown) rc = oxl_psnr(ctx, rendered, image, &row->plain_psnr);
     if (rc == OXL_OK) rc = evaluate_light(ctx, &p->of, row->view, rendered);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, rendered, image, &row->psnr);
-    if (rc == OXL_OK && p->shown) return oxl_ssim(ctx, rendered, image, &row->ssim);
-    if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, rendered, image, &row->cc_psnr);
+    if (rc == OXL_OK && (p->whole || p->shown)) rc = oxl_ssim(ctx, rendered, image, &row->ssim);
+    if (rc != OXL_OK || p->shown) return rc;
+    rc = oxl_cc_psnr(ctx, rendered, image, &row->cc_psnr);
     if (rc == OXL_OK) rc = oxl_structure(ctx, rendered, image, &row->structure);
-    if (rc == OXL_OK) rc = evaluate_explained(ctx, p, rendered, image, row);
-    return rc == OXL_OK && p->whole ? metrics_ssim(ctx, rendered, image, &row->ssim, &row->ms_ssim) : rc;
+    return rc == OXL_OK ? evaluate_explained(ctx, p, rendered, image, row) : rc;
 }
 
 /* Measures a held-out view again from the pose at which its image fits best, if poses of
@@ -174,7 +174,6 @@ static void evaluate_sum_up(oxl_metrics *m)
         m->plain_psnr += v->plain_psnr / m->count;
         m->cc_psnr += v->cc_psnr / m->count;
         m->ssim += v->ssim / m->count;
-        m->ms_ssim += v->ms_ssim / m->count;
         m->aligned_psnr += v->aligned_psnr / m->count;
         m->aligned_ssim += v->aligned_ssim / m->count;
         if (!isnan(v->explained)) m->explained += v->explained, explained++;

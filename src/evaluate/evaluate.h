@@ -19,10 +19,6 @@ SIMD_INLINE double metrics_shown(float v)
 /* Returns the PSNR of weighted squared errors; NaN without weight. */
 OXL_INTERNAL double metrics_decibel(double error, double weight);
 
-/* Computes SSIM, and unless ms_ssim is NULL MS-SSIM, which begins with the same windows. */
-OXL_INTERNAL oxl_result metrics_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *ssim,
-                                     double *ms_ssim);
-
 /* ---------------- planes.c */
 
 enum { PLANES = 7, PLANES_HALF_MAX = 24 /* px; of a window */ };
@@ -75,8 +71,8 @@ OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, i
 /* Evaluates plain_psnr, psnr and ssim of a model; other values are not set. */
 OXL_INTERNAL oxl_result evaluate_shown(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                        const struct oxl_imaging *imaging, oxl_split split, oxl_metrics *out);
-/* Evaluates `most` views of a split at most, evenly spaced, without ssim (NaN), ms_ssim, plain_psnr
- * and alignment, in a third of the time. */
+/* Evaluates `most` views of a split at most, evenly spaced, without ssim (NaN), plain_psnr and
+ * alignment, in a third of the time. */
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                        const struct oxl_imaging *imaging, oxl_split split, int most,
                                        oxl_metrics *out);
