@@ -308,20 +308,19 @@ static oxl_result run_compare(oxl_context *ctx, const struct arguments *a)
 
 static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
 {
-    printf("%8s %8s %8s %9s %9s  view\n", "PSNR dB", "cc-PSNR", "SSIM", "structure", "explained");
+    printf("%8s %8s %8s %9s  view\n", "PSNR dB", "cc-PSNR", "SSIM", "structure");
     for (int i = 0; i < m->count; i++) {
         const oxl_view_metrics *v = &m->views[i];
-        printf("%8.3f %8.3f %8.5f %9.4f %9.3f", v->psnr, v->cc_psnr, v->ssim, v->structure, v->explained);
+        printf("%8.3f %8.3f %8.5f %9.4f", v->psnr, v->cc_psnr, v->ssim, v->structure);
         print_format(stdout, "  %s\n", oxl_scene_view(scene, v->view)->name);
     }
-    printf("%8.3f %8.3f %8.5f %9.4f %9.3f", m->psnr, m->cc_psnr, m->ssim, m->structure, m->explained);
+    printf("%8.3f %8.3f %8.5f %9.4f", m->psnr, m->cc_psnr, m->ssim, m->structure);
     printf("  mean of %d\n", m->count);
     printf(
         "the lowest structure of a view is %.4f; structure is below %.1f in %d views; PSNR at mean exposure is %.3f dB\n",
         m->structure_least, OXL_STRUCTURE_NONE, m->no_structure, m->plain_psnr);
     puts("cc-PSNR is PSNR after one factor per channel and view: it ignores exposure and white balance.\n"
-         "structure is the correlation of detail between image and rendering: 1 is identical, 0 is haze.\n"
-         "explained is the gain in dB over a view that has exposure and lamp alone, without detail.");
+         "structure is the correlation of detail between image and rendering: 1 is identical, 0 is haze.");
 }
 
 static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)

@@ -393,16 +393,13 @@ typedef struct oxl_view_metrics {
      * NaN */
     double aligned_psnr, aligned_ssim;
     double structure; /* of oxl_structure; NaN: the image has no detail */
-    /* dB: variance that is left of the image when gains and lamp are fitted to it as the light on an even
-     * surface, over the squared error; NaN: there is none */
-    double explained;
 } oxl_view_metrics;
 
 typedef struct oxl_metrics {
     double psnr, cc_psnr, ssim, plain_psnr; /* means over the views; 0 without views */
     double aligned_psnr, aligned_ssim;      /* NaN: not measured */
     /* means over the views that have them, and the least; NaN: no view has */
-    double structure, explained, structure_least;
+    double structure, structure_least;
     int no_structure; /* views below OXL_STRUCTURE_NONE */
     int count;
     oxl_view_metrics *views; /* (count) */

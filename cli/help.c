@@ -29,7 +29,7 @@ static const struct {
      "the model without its medium, or the one that needs gains where images differ by gains alone; and "
      "the parameters of exposure, lamp, medium and poses. eval and render use both files."},
     {"metrics.json",
-     "psnr, cc_psnr, ssim, structure, explained of held-out views, each and mean; psnr, cc_psnr, structure, explained of training views, flag (misfit, exposure, no structure); gaussians, bytes, seconds, iterations, peak_rss_bytes."},
+     "psnr, cc_psnr, ssim, structure of held-out views, each and mean; psnr, cc_psnr, structure of training views, flag (misfit, exposure, no structure); gaussians, bytes, seconds, iterations, peak_rss_bytes."},
     {"run.json",
      "version, options (\"job\"), what rendered (\"backend\"), the survey, decisions with evidence, log lines."},
     {"report.html", "one page: charts, map, worst views."},

@@ -224,33 +224,3 @@ TEST(structure_does_not_depend_on_brightness_and_is_none_of_a_glow)
     CHECK(oxl_structure(test_ctx, &b, &a, &value) == OXL_ERR_USAGE);
     a.width++;
 }
-
-TEST(explained_is_zero_of_the_light_alone_and_counts_what_it_leaves)
-{
-    OWNED_IMAGE a = {0}, b = {0};
-    double left = 0, error = 0;
-    metrics_pair(&a, &b);
-    OWNED_IMAGE light = test_image(METRICS_TEST_W, METRICS_TEST_H);
-    for (int i = 0; i < METRICS_TEST_N; i++) {
-        light.rgb[i] = 1 + (float)(i % METRICS_TEST_W) / METRICS_TEST_W;
-        b.rgb[i] = 0.2f * light.rgb[i] * (i % 2 ? 1.05f : 0.95f);
-        a.rgb[i] = 0.2f * light.rgb[i];
-    }
-    CHECK_CLOSE(structure_explained(&a, &b, &light), 0, 0.02);
-    for (int i = 0; i < METRICS_TEST_N; i++) a.rgb[i] = 0.2f * light.rgb[i] * (i % 2 ? 1.045f : 0.955f);
-    CHECK_CLOSE(structure_explained(&a, &b, &light), 20, 0.02);
-    memcpy(a.rgb, b.rgb, METRICS_TEST_N * sizeof(float));
-    CHECK(structure_explained(&a, &b, &light) == 100);
-    for (int i = 0; i < METRICS_TEST_N; i++) light.rgb[i] = 1; /* without a lamp: the variance */
-    for (int c = 0; c < 3; c++) {
-        const int n = METRICS_TEST_W * METRICS_TEST_H;
-        double mean = 0;
-        for (int i = 0; i < n; i++) mean += b.rgb[c * n + i] / n;
-        for (int i = 0; i < n; i++) {
-            left += (b.rgb[c * n + i] - mean) * (b.rgb[c * n + i] - mean);
-            error += 0.01 * 0.01;
-        }
-    }
-    for (int i = 0; i < METRICS_TEST_N; i++) a.rgb[i] = b.rgb[i] + 0.01f;
-    CHECK_CLOSE(structure_explained(&a, &b, &light), 10 * log10(left / error), 1e-3);
-}

@@ -79,20 +79,6 @@ struct evaluate_pass {
     int missing;        /* images whose files are gone */
 };
 
-/* Computes row->explained against the light alone: a white scene through the view's lamp and gains. */
-static oxl_result evaluate_explained(oxl_context *ctx, const struct evaluate_pass *p,
-                                     const oxl_image *rendered, const oxl_image *image, oxl_view_metrics *row)
-{
-    oxl_image light = {0};
-    oxl_result rc = oxl_image_create(ctx, image->width, image->height, &light);
-    for (size_t i = 0; rc == OXL_OK && i < 3 * (size_t)image->width * (size_t)image->height; i++)
-        light.rgb[i] = 1;
-    if (rc == OXL_OK) rc = evaluate_light(ctx, &p->of, row->view, &light);
-    if (rc == OXL_OK) row->explained = structure_explained(rendered, image, &light);
-    oxl_image_free(ctx, &light);
-    return rc;
-}
-
 static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass *p, oxl_image *rendered,
                                    const oxl_image *image, oxl_view_metrics *row)
 {
@@ -103,8 +89,7 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
     if (rc == OXL_OK && (p->whole || p->shown)) rc = oxl_ssim(ctx, rendered, image, &row->ssim);
     if (rc != OXL_OK || p->shown) return rc;
     rc = oxl_cc_psnr(ctx, rendered, image, &row->cc_psnr);
-    if (rc == OXL_OK) rc = oxl_structure(ctx, rendered, image, &row->structure);
-    return rc == OXL_OK ? evaluate_explained(ctx, p, rendered, image, row) : rc;
+    return rc == OXL_OK ? oxl_structure(ctx, rendered, image, &row->structure) : rc;
 }
 
 /* Measures a held-out view again from the pose at which its image fits best, if poses of
@@ -165,7 +150,7 @@ static oxl_result evaluate_add_view(oxl_context *ctx, struct evaluate_pass *p, i
 /* Averages the values over the views that have them. */
 static void evaluate_sum_up(oxl_metrics *m)
 {
-    int with = 0, explained = 0;
+    int with = 0;
     m->structure_least = NAN;
     m->aligned_psnr = m->aligned_ssim = m->count ? 0 : NAN;
     for (int i = 0; i < m->count; i++) {
@@ -176,14 +161,12 @@ static void evaluate_sum_up(oxl_metrics *m)
         m->ssim += v->ssim / m->count;
         m->aligned_psnr += v->aligned_psnr / m->count;
         m->aligned_ssim += v->aligned_ssim / m->count;
-        if (!isnan(v->explained)) m->explained += v->explained, explained++;
         if (isnan(v->structure)) continue;
         m->structure += v->structure;
         m->structure_least = with++ ? OXL_MIN(m->structure_least, v->structure) : v->structure;
         m->no_structure += v->structure < OXL_STRUCTURE_NONE;
     }
     m->structure = with ? m->structure / with : NAN;
-    m->explained = explained ? m->explained / explained : NAN;
 }
 
 /* Evaluates the views of a split. */

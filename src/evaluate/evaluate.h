@@ -18,7 +18,6 @@ SIMD_INLINE double metrics_shown(float v)
 }
 /* Returns the PSNR of weighted squared errors; NaN without weight. */
 OXL_INTERNAL double metrics_decibel(double error, double weight);
-
 /* ---------------- planes.c */
 
 enum { PLANES = 7, PLANES_HALF_MAX = 24 /* px; of a window */ };
@@ -38,12 +37,6 @@ OXL_INTERNAL void planes_free(oxl_context *ctx, struct planes *p);
 /* Blurs a plane, along y and then along x. */
 OXL_INTERNAL void planes_blur(oxl_context *ctx, const struct planes *p, const struct planes_window *window,
                               const double *in, double *out);
-
-/* ---------------- structure.c */
-
-/* Returns oxl_view_metrics.explained. light: (3,H,W) image of a white scene, before clamping. */
-OXL_INTERNAL double structure_explained(const oxl_image *rendered, const oxl_image *image,
-                                        const oxl_image *light);
 
 /* ---------------- align.c */
 

@@ -5,14 +5,9 @@
  * the channels is band-passed (Gaussian of 1 px less Gaussian of 6 px, reflected at the edges), and the
  * normalised correlation of the two bands is taken: 1 the same structure, 0 none.
  *
- * The other measure stays in decibels but takes the image's own contrast as its scale: the variance that is
- * left of the image once the light, a lamp's shape and the gains, is fitted to it, over the squared error.
- * 0 dB: a smooth ground under that light would do as well.
- *
  * Invariant: pixels are summed in order, so the result does not depend on the number of threads.
  */
 #include "evaluate.h"
-#include "../core/vecmath.h"
 
 enum { STRUCTURE_FINE = 1, STRUCTURE_COARSE = 6 }; /* px */
 enum { STRUCTURE_REACH = 4 };                      /* reach of a window, in sigma */
@@ -100,30 +95,4 @@ oxl_result oxl_structure(oxl_context *ctx, const oxl_image *a, const oxl_image *
         *out = product[2] / sqrt(product[0] * product[1] + STRUCTURE_DARK);
     planes_free(ctx, &s.p);
     return OXL_OK;
-}
-
-/* ---------------- decibels of the image's own contrast */
-
-/* Divides the squared error by the image's contrast: the rest of the image after its channels
- * are fitted by the light. */
-OXL_INTERNAL double structure_explained(const oxl_image *rendered, const oxl_image *image,
-                                        const oxl_image *light)
-{
-    const size_t pixels = (size_t)image->width * (size_t)image->height;
-    double error = 0, contrast = 0;
-    for (size_t c = 0; c < 3; c++) {
-        const float *x = rendered->rgb + c * pixels, *y = image->rgb + c * pixels,
-                    *l = light->rgb + c * pixels;
-        double ll = 0, ly = 0;
-        for (size_t i = 0; i < pixels; i++) {
-            const double w = image->weight ? image->weight[i] : 1;
-            ll += w * l[i] * l[i], ly += w * l[i] * metrics_shown(y[i]);
-        }
-        for (size_t i = 0; i < pixels; i++) {
-            const double w = image->weight ? image->weight[i] : 1, v = metrics_shown(y[i]);
-            const double e = metrics_shown(x[i]) - v, rest = v - (ll > 0 ? ly / ll : 0) * l[i];
-            error += w * e * e, contrast += w * rest * rest;
-        }
-    }
-    return contrast > 0 ? metrics_decibel(error, contrast) : NAN;
 }

@@ -4,13 +4,13 @@
 #include "job.h"
 
 /* Counts the values that are always written, and all; the others are left out if they are NaN. */
-enum { METRICS_ALWAYS = 6, METRICS_WRITTEN = 8 };
+enum { METRICS_ALWAYS = 5, METRICS_WRITTEN = 7 };
 
 /* Adds values as members of a JSON object, separated by `between`. */
 static void metrics_json_add_values(struct text *t, const char *between, const double values[METRICS_WRITTEN])
 {
-    static const char *const names[] = {"psnr",      "cc_psnr",   "ssim",         "plain_psnr",
-                                        "structure", "explained", "aligned_psnr", "aligned_ssim"};
+    static const char *const names[] = {"psnr",      "cc_psnr",      "ssim",        "plain_psnr",
+                                        "structure", "aligned_psnr", "aligned_ssim"};
     for (int i = 0; i < METRICS_WRITTEN; i++)
         if (i < METRICS_ALWAYS || !isnan(values[i]))
             text_add(t, "%s\"%s\": %s", i ? between : "", names[i], NUMBER(values[i]));
@@ -21,8 +21,7 @@ OXL_INTERNAL oxl_result metrics_json_add(struct text *t, const oxl_scene *scene,
     text_add(t, "  ");
     metrics_json_add_values(t, ",\n  ",
                             (double[METRICS_WRITTEN]){m->psnr, m->cc_psnr, m->ssim, m->plain_psnr,
-                                                      m->structure, m->explained, m->aligned_psnr,
-                                                      m->aligned_ssim});
+                                                      m->structure, m->aligned_psnr, m->aligned_ssim});
     text_add(t, ",\n  \"structure_least\": %s,\n  \"no_structure\": %d,\n", NUMBER(m->structure_least),
              m->no_structure);
     text_add(t, "  \"count\": %d,\n  \"views\": [", m->count);
@@ -33,8 +32,7 @@ OXL_INTERNAL oxl_result metrics_json_add(struct text *t, const oxl_scene *scene,
         text_add(t, ", ");
         metrics_json_add_values(t, ", ",
                                 (double[METRICS_WRITTEN]){v->psnr, v->cc_psnr, v->ssim, v->plain_psnr,
-                                                          v->structure, v->explained, v->aligned_psnr,
-                                                          v->aligned_ssim});
+                                                          v->structure, v->aligned_psnr, v->aligned_ssim});
         text_add(t, "}");
     }
     text_add(t, "%s]\n", m->count ? "\n  " : "");
