@@ -1,7 +1,8 @@
 /* metrics.c - compares two images: PSNR, with and without the image's exposure, and SSIM.
  *
- * Source: SSIM of Wang et al. 2004 with the window of 3DGS (11 x 11 Gaussian of sigma 1.5, zero padding). It is
- * written plainly and in double, independent of the training loss in loss.c, so that tests can compare the two.
+ * Source: SSIM of Wang et al. 2004 with the window of 3DGS (11 x 11 Gaussian of sigma 1.5, zero padding).
+ * It is written plainly and in double, independent of the training loss in loss.c, so that tests can compare
+ * the two.
  *
  * Invariant: pixels are summed in order, so the result does not depend on the number of threads.
  */
