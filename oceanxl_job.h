@@ -117,12 +117,11 @@ typedef struct oxl_option {
     oxl_option_tier tier;
     unsigned use;
     const char *group, *help; /* help: with the unit, without the default */
-    const char *alias;        /* former name, still accepted; after '=': another name; NULL: none */
 } oxl_option;
 
 OXL_API int oxl_option_count(void);
 OXL_API const oxl_option *oxl_option_at(int index);          /* 0 .. count - 1; 0 is the preset */
-OXL_API const oxl_option *oxl_option_find(const char *name); /* by name or former name; NULL: none */
+OXL_API const oxl_option *oxl_option_find(const char *name); /* NULL: none */
 /* Parses text into the option's field; text of folders is borrowed. On OXL_ERR_USAGE the field is unchanged,
  * and error, which may be NULL, names the option, the value found, the values allowed and a fix. */
 OXL_API oxl_result oxl_option_set(const oxl_option *option, void *options, const char *text, char *error,

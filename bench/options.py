@@ -12,7 +12,7 @@ random.seed(seed)
 work = tempfile.mkdtemp()
 os.chdir(work)
 SKIP = {"images", "sparse", "masks", "from", "block", "device", "backend", "progress", "max-time", "ram",
-        "iterations", "total-iterations", "force", "dry-run", "help", "json", "restart", "threads", "quiet", "preset", "renders"}
+        "iterations", "force", "dry-run", "help", "json", "restart", "threads", "quiet", "preset", "renders"}
 SPECIAL = {  # values that are no number or word of a list
     "ucd": ["off", "on", "auto", "0.5,3", "1,1,fixed", "auto,2,2", "100,100"],
     "keep": ["all", "0.01", "0.5", "1", "5", "100KB", "1"],

@@ -93,21 +93,13 @@ static int find_command(const char *word, struct arguments *a)
 
 /* ---------------- parsing */
 
-/* Finds the option of the command that `word` names, or returns -1; writes a note about a former name. */
+/* Finds the option of the command that `word` names, or returns -1. */
 static int find_option(const char *word, struct arguments *a)
 {
     char name[40];
     for (int i = 0; i < cli_option_count(); i++) {
-        const oxl_option *o = cli_option_at(i);
         if (!cli_option_is_of(i, a->command)) continue;
-        if (strcmp(word, cli_option_word(o, name)) == 0) return i;
-        if (!o->alias || strncmp(word, "--", 2) != 0 ||
-            strcmp(word + 2, o->alias + (o->alias[0] == '=')) != 0)
-            continue;
-        if (o->alias[0] == '=') return i;
-        snprintf(a->note, sizeof a->note,
-                 "--%s is the former name of %s; the next release will not accept it", o->alias, name);
-        return i;
+        if (strcmp(word, cli_option_word(cli_option_at(i), name)) == 0) return i;
     }
     return -1;
 }

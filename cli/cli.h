@@ -287,8 +287,7 @@ struct arguments {
     oxl_job_options job; /* defaults of the preset, replaced by what was given */
     /* text of each option of the job, in the order of the library's table; NULL: not given */
     const char *given[CLI_JOB_OPTIONS];
-    /* note: an option was given by its former name; error: what is wrong; "": nothing */
-    char note[160], error[512];
+    char error[512]; /* what is wrong; "": nothing */
 };
 struct arguments arguments_default(void);
 

@@ -346,7 +346,6 @@ int console_main(int argc, char **argv, const struct program *program)
     console.verbose = a.verbose;
     console.json = a.progress_json;
     console.live = !console.json && oxl_is_terminal(2);
-    if (a.note[0]) console_log(&console, OXL_LOG_WARNING, a.note);
     options.log = console_log;
     options.stopped = is_stopped;
     options.user = &console;

@@ -194,24 +194,20 @@ static void help_entry(FILE *to, int page, const char *name, const char *what)
     manual_lines(to, "", what);
 }
 
-/* Prints "HELP (default; range). Advanced. Also --NAME." Leaves out a former name, which the
- * warning about its use has. */
+/* Prints "HELP (default; range). Advanced." */
 static void help_full_option(FILE *to, int page, int index)
 {
-    const char *const quote = page ? "`" : "";
     static const char *const tiers[] = {"", " Advanced.", " Expert."};
     const oxl_option *o = cli_option_at(index);
     const int has_range =
         o->kind == OXL_OPTION_INT || o->kind == OXL_OPTION_FLOAT || o->kind == OXL_OPTION_DOUBLE;
-    char name[100], standard[HELP_DEFAULT], range[40] = "", alias[60] = "", text[1000];
+    char name[100], standard[HELP_DEFAULT], range[40] = "", text[1000];
     help_default(index, standard);
     /* Leaves out a range that says nothing: none, a huge one, or 0 to 1. */
     if (has_range && o->high > o->low && o->high < 1e6 && !(o->low == 0 && o->high == 1))
         snprintf(range, sizeof range, "; %g to %g", o->low, o->high);
-    if (o->alias && o->alias[0] == '=')
-        snprintf(alias, sizeof alias, " Also %s--%s%s.", quote, o->alias + 1, quote);
-    snprintf(text, sizeof text, standard[0] ? "%s (%s%s).%s%s" : "%s%.0s%.0s.%s%s", o->help, standard, range,
-             tiers[o->tier], alias);
+    snprintf(text, sizeof text, standard[0] ? "%s (%s%s).%s" : "%s%.0s%.0s.%s", o->help, standard, range,
+             tiers[o->tier]);
     help_entry(to, page, help_option_text(o, name), text);
 }
 

@@ -122,8 +122,6 @@ promise options_page_is_short 0 "" sh -c "test \$('$program' --options-page | wc
 promise readme_has_lines_of_140_columns_at_most 0 "" awk 'length($0) > 140 { print FILENAME ":" FNR; exit 1 }' "$docs/../README.md"
 promise help_shows_basic_options 0 "" sh -c "'$program' train --help | grep -q -- --iterations && ! '$program' train --help | grep -q -- --lr-scale"
 promise help_all_shows_every_option 0 "--lr-scale" on_stdout "$program" train --help all
-promise total_iterations_is_another_name_of_iterations 3 "nowhere" on_stderr "$program" check nowhere --total-iterations 5
-promise former_names_are_read_with_a_warning 3 "--split is the former name of --cut" on_stderr "$program" check nowhere --split midpoint
 promise no_iterations_is_refused_for_that_alone 2 "option --iterations: found '0', expected a whole number from 1" on_stderr "$program" train survey -o out --iterations 0
 promise man_page_has_no_warning_of_groff 0 "" sh -c "! command -v groff || test -z \"\$('$program' --man | groff -man -ww -Tascii 2>&1 >/dev/null)\""
 mkdir -p alone && cp "$program" alone/oceanxl

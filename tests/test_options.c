@@ -1,5 +1,4 @@
-/* test_options.c - the table of options: what it promises of defaults, texts, ranges, former names and
- * run.json. */
+/* test_options.c - the table of options: what it promises of defaults, texts, ranges and run.json. */
 #include "test.h"
 
 TEST(options_have_names_of_their_own_and_one_place_each_in_run_json)
@@ -8,10 +7,7 @@ TEST(options_have_names_of_their_own_and_one_place_each_in_run_json)
     for (int i = 0; i < oxl_option_count(); i++) {
         const oxl_option *o = oxl_option_at(i);
         CHECK(oxl_option_find(o->name) == o && strlen(o->name) < 32 && o->group && o->help);
-        for (int k = 0; k < i; k++) {
-            CHECK(oxl_option_at(k)->at != o->at || k == 0);
-            CHECK(!o->alias || !oxl_option_at(k)->alias || strcmp(o->alias, oxl_option_at(k)->alias) != 0);
-        }
+        for (int k = 0; k < i; k++) CHECK(oxl_option_at(k)->at != o->at || k == 0);
     }
     CHECK(!oxl_option_find("no-such-option"));
 }
@@ -169,11 +165,6 @@ TEST(options_check_names_the_one_that_is_out_of_range)
     o.train.cooldown = NAN;
     CHECK_ERROR(oxl_train_options_check(test_ctx, &o.train), OXL_ERR_USAGE,
                 "cooldown is nan, expected a number from 0 to 1");
-}
-
-TEST(options_read_their_former_names)
-{
-    CHECK(oxl_option_find("split") == oxl_option_find("cut"));
 }
 
 /* Another value than the default's for every option of the result. */

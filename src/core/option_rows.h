@@ -1,7 +1,7 @@
 /* option_rows.h - defines words for rows of the table of options, for options.c and the parts of training,
  * which add rows of their own. A row is
  *
- *     {name, value, kind, field, lowest, highest, default, tier, use, group, help, former name}
+ *     {name, value, kind, field, lowest, highest, default, tier, use, group, help}
  */
 #ifndef OXL_OPTION_ROWS_H
 #define OXL_OPTION_ROWS_H

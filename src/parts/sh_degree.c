@@ -38,7 +38,7 @@ static oxl_result sh_degree_before_step(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option sh_degree_options[] = {
-{"sh-degree", "auto|0..3", OXL_OPTION_INT, OPTION_AT(train.sh_degree), 0, 3, PRESETS("auto", "auto", "3"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "degree of spherical harmonics (view-dependent colour); auto: 3, or 1 where memory is short", NULL},
+{"sh-degree", "auto|0..3", OXL_OPTION_INT, OPTION_AT(train.sh_degree), 0, 3, PRESETS("auto", "auto", "3"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "degree of spherical harmonics (view-dependent colour); auto: 3, or 1 where memory is short"},
 {0}};
 /* clang-format on */
 

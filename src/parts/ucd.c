@@ -231,7 +231,7 @@ static void ucd_record(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option ucd_options[] = {
-{"ucd", "off|on|auto|MID,FAR", OXL_OPTION_UCD, OPTION_AT(train.ucd), 0, 0, PRESETS("auto", "auto", "1.5,2"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Scene content", "gradient weights of the middle and far depth band; at equal count -0.6 to +0.3 dB. on: 1.5 and 2; MID,FAR: these, corrected by SPSA during the run; MID,FAR,fixed: not corrected; auto: on if contrast fades with depth; auto,MID,FAR: the same with these weights", NULL},
+{"ucd", "off|on|auto|MID,FAR", OXL_OPTION_UCD, OPTION_AT(train.ucd), 0, 0, PRESETS("auto", "auto", "1.5,2"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Scene content", "gradient weights of the middle and far depth band; at equal count -0.6 to +0.3 dB. on: 1.5 and 2; MID,FAR: these, corrected by SPSA during the run; MID,FAR,fixed: not corrected; auto: on if contrast fades with depth; auto,MID,FAR: the same with these weights"},
 {0}};
 /* clang-format on */
 
