@@ -443,15 +443,11 @@ typedef struct oxl_keep {
 } oxl_keep;
 
 /* Underwater-Compensated Densification: more Gaussians where water reduces contrast [OceanXL eq. 2]. */
-typedef enum oxl_ucd_mode {
+typedef enum oxl_ucd {
     OXL_UCD_OFF = 0,
-    OXL_UCD_ON,
-    OXL_UCD_AUTO /* on if the images' contrast falls with depth */
-} oxl_ucd_mode;
-typedef struct oxl_ucd {
-    oxl_ucd_mode mode;
-    float f_mid, f_far; /* gradient weights of the mid and far third of depth; 1 <= mid <= far <= 5 */
-    int learn;          /* 1: corrected during training by SPSA; 0: fixed */
+    OXL_UCD_ON,    /* gradient weights 1.5 and 2 of the mid and far third of depth */
+    OXL_UCD_AUTO,  /* the same if the images' contrast falls with depth */
+    OXL_UCD_SEARCH /* on, and corrected during training by SPSA */
 } oxl_ucd;
 
 /* What becomes of a Gaussian where the model is densified. */
@@ -514,7 +510,7 @@ typedef struct oxl_train_options {
     /* Gaussians are split above this mean |dL/d(u, v)|, of the splat's centre, in units of half an image
      * (0.00055, 0.0002, 0.0002) */
     float densify_gradient;
-    oxl_ucd ucd;         /* depth weights of this gradient (AUTO, AUTO, ON with learn) */
+    oxl_ucd ucd;         /* depth weights of this gradient (AUTO, AUTO, SEARCH) */
     oxl_keep keep;       /* Gaussians that pruning keeps (ALL, ALL, FRACTION 0.5) */
     oxl_switch exposure; /* a log gain per channel and training image (AUTO) */
     /* a light that moves with the camera: a smooth gain over the image, falloff with distance (AUTO) */

@@ -84,7 +84,6 @@ typedef enum oxl_option_kind {                    /* what the field holds, and i
                                /* const char *; sets all options of the job to the preset's defaults */
                                OXL_OPTION_PRESET,
                                /* oxl_ucd: on, off, auto; 1.5,2 (on, corrected); 1.5,2,fixed; auto,1.5,2 */
-                               OXL_OPTION_UCD,
                                /* oxl_keep: 0.5, 400000, 80MB (B, KB, MB, GB, TB; KiB...), auto, all */
                                OXL_OPTION_KEEP,
 } oxl_option_kind;

@@ -14,7 +14,7 @@ os.chdir(work)
 SKIP = {"images", "sparse", "masks", "from", "block", "device", "backend", "progress", "max-time", "ram",
         "iterations", "force", "dry-run", "help", "json", "restart", "threads", "quiet", "preset", "renders"}
 SPECIAL = {  # values that are no number or word of a list
-    "ucd": ["off", "on", "auto", "0.5,3", "1,1,fixed", "auto,2,2", "100,100"],
+    "ucd": ["off", "on", "auto", "search", "100,100"],
     "keep": ["all", "0.01", "0.5", "1", "5", "100KB", "1"],
     "background": ["auto", "0,0,0", "1,1,1", "0.5,0,1"], "image-cache": ["1", "10K", "1G"], "alpha-min": ["0", "0.05", "1/255"],
 }

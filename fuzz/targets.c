@@ -284,8 +284,7 @@ static oxl_train_options fuzz_train_options(void)
     options.sh_degree = 1;
     options.densify_every = 2;
     options.densify_until = 0.9f;
-    options.ucd.mode = OXL_UCD_ON;
-    options.ucd.learn = 1;
+    options.ucd = OXL_UCD_SEARCH;
     options.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
     options.dog = OXL_DOG_SELECTIVE;
     options.max_gaussians = 50;

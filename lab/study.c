@@ -91,7 +91,9 @@ static oxl_result study_job(const struct study *s, int row, int seed, oxl_job_op
     if (r->iterations > 0)
         job->train.iterations = (int)fmax(1, r->iterations * s->base.train.iterations + 0.5);
     rc = study_set_options(s->ctx, r, job);
-    if (!r->preset) job->train.ucd.learn = s->base.train.ucd.learn; /* rows differ by the mode alone */
+    /* rows differ by whether depth is weighted, not by how the weights are found */
+    if (!r->preset && job->train.ucd == OXL_UCD_ON && s->base.train.ucd == OXL_UCD_SEARCH)
+        job->train.ucd = OXL_UCD_SEARCH;
     if (like < 0) return rc;
     if (r->equal == STUDY_GAUSSIANS) {
         job->train.densify_gradient *= STUDY_DENSER;

@@ -48,22 +48,22 @@ globals().update({'OXL_OK': 0, 'OXL_ERR_FAILED': 1, 'OXL_ERR_USAGE': 2, 'OXL_ERR
     2, 'OXL_MEAN': 0, 'OXL_LOG_SCALE': 3, 'OXL_ROTATION': 6, 'OXL_OPACITY': 10, 'OXL_SH': 11, 'OXL_LOBE': 59, 'OXL_PLANES': 63,
     'OXL_SPLIT_TEST': 0, 'OXL_SPLIT_TRAIN': 1, 'OXL_SPLIT_ALL': 2, 'OXL_DOG_OFF': 0, 'OXL_DOG_SELECTIVE': 1, 'OXL_DOG_ALL': 2, 'OXL_OFF': 0,
     'OXL_ON': 1, 'OXL_AUTO': 2, 'OXL_PRESET_DRAFT': 0, 'OXL_PRESET_STANDARD': 1, 'OXL_PRESET_PAPER': 2, 'OXL_KEEP_ALL': 0,
-    'OXL_KEEP_FRACTION': 1, 'OXL_KEEP_COUNT': 2, 'OXL_KEEP_BYTES': 3, 'OXL_UCD_OFF': 0, 'OXL_UCD_ON': 1, 'OXL_UCD_AUTO': 2, 'OXL_REMOVE': 0,
-    'OXL_KEEP': 1, 'OXL_SPLIT': 2, 'OXL_STAGE_BLOCK': 0, 'OXL_STAGE_COARSE': 1, 'OXL_STAGE_MERGED': 2, 'OXL_VERSION': '0.1.0',
-    'OXL_STRUCTURE_NONE': 0.5})
+    'OXL_KEEP_FRACTION': 1, 'OXL_KEEP_COUNT': 2, 'OXL_KEEP_BYTES': 3, 'OXL_UCD_OFF': 0, 'OXL_UCD_ON': 1, 'OXL_UCD_AUTO': 2,
+    'OXL_UCD_SEARCH': 3, 'OXL_REMOVE': 0, 'OXL_KEEP': 1, 'OXL_SPLIT': 2, 'OXL_STAGE_BLOCK': 0, 'OXL_STAGE_COARSE': 1, 'OXL_STAGE_MERGED': 2,
+    'OXL_VERSION': '0.1.0', 'OXL_STRUCTURE_NONE': 0.5})
 WORDS = {'oxl_result': {'ok': 0, 'err_failed': 1, 'err_usage': 2, 'err_input': 3, 'err_io': 4, 'err_memory': 5, 'err_budget': 6,
     'err_interrupted': 7}, 'oxl_log_level': {'error': 0, 'warning': 1, 'info': 2, 'debug': 3}, 'oxl_backend': {'cpu': 0, 'auto': 1,
     'vulkan': 2}, 'oxl_alpha': {'auto': 0, 'composite': 1, 'mask': 2}, 'oxl_split': {'test': 0, 'train': 1, 'all': 2}, 'oxl_dog': {'off': 0,
     'selective': 1, 'all': 2}, 'oxl_switch': {'off': 0, 'on': 1, 'auto': 2}, 'oxl_preset': {'draft': 0, 'standard': 1, 'paper': 2},
-    'oxl_keep_kind': {'all': 0, 'fraction': 1, 'count': 2, 'bytes': 3}, 'oxl_ucd_mode': {'off': 0, 'on': 1, 'auto': 2}, 'oxl_change':
-    {'remove': 0, 'keep': 1, 'split': 2}, 'oxl_stage': {'block': 0, 'coarse': 1, 'merged': 2}}
+    'oxl_keep_kind': {'all': 0, 'fraction': 1, 'count': 2, 'bytes': 3}, 'oxl_ucd': {'off': 0, 'on': 1, 'auto': 2, 'search': 3},
+    'oxl_change': {'remove': 0, 'keep': 1, 'split': 2}, 'oxl_stage': {'block': 0, 'coarse': 1, 'merged': 2}}
 CHOICES = {'oxl_context_options.backend': 'oxl_backend', 'oxl_scene_options.alpha': 'oxl_alpha', 'oxl_keep.kind': 'oxl_keep_kind',
-    'oxl_ucd.mode': 'oxl_ucd_mode', 'oxl_train_options.exposure': 'oxl_switch', 'oxl_train_options.lamp': 'oxl_switch',
+    'oxl_train_options.ucd': 'oxl_ucd', 'oxl_train_options.exposure': 'oxl_switch', 'oxl_train_options.lamp': 'oxl_switch',
     'oxl_train_options.medium': 'oxl_switch', 'oxl_train_options.poses': 'oxl_switch', 'oxl_train_options.dog': 'oxl_dog',
     'oxl_progress.stage': 'oxl_stage'}
 globals().update((name, type(name, (Structure,), {})) for name in ('oxl_context_options', 'oxl_image', 'oxl_camera', 'oxl_view',
-    'oxl_point', 'oxl_scene_options', 'oxl_model', 'oxl_render_options', 'oxl_view_metrics', 'oxl_metrics', 'oxl_keep', 'oxl_ucd',
-    'oxl_terms', 'oxl_train_options', 'oxl_nonfinite', 'oxl_progress', 'oxl_callback', 'oxl_trained', 'oxl_adam'))
+    'oxl_point', 'oxl_scene_options', 'oxl_model', 'oxl_render_options', 'oxl_view_metrics', 'oxl_metrics', 'oxl_keep', 'oxl_terms',
+    'oxl_train_options', 'oxl_nonfinite', 'oxl_progress', 'oxl_callback', 'oxl_trained', 'oxl_adam'))
 oxl_context_options._fields_ = [("threads", c_int), ("seed", c_uint64), ("reallocate", CFUNCTYPE(c_void_p, c_void_p, c_void_p, c_size_t)),
     ("log", CFUNCTYPE(None, c_void_p, c_int, c_char_p)), ("stopped", CFUNCTYPE(c_int, c_void_p)), ("user", c_void_p), ("backend", c_int),
     ("device", c_int), ("device_ram", c_size_t), ("command_line", c_int)]
@@ -86,7 +86,6 @@ oxl_metrics._fields_ = [("psnr", c_double), ("cc_psnr", c_double), ("ssim", c_do
     ("aligned_ssim", c_double), ("structure", c_double), ("structure_least", c_double), ("no_structure", c_int), ("count", c_int), ("views",
     POINTER(oxl_view_metrics))]
 oxl_keep._fields_ = [("kind", c_int), ("value", c_double)]
-oxl_ucd._fields_ = [("mode", c_int), ("f_mid", c_float), ("f_far", c_float), ("learn", c_int)]
 oxl_terms._fields_ = [("pixels", CFUNCTYPE(c_double, c_void_p, POINTER(oxl_image), POINTER(oxl_image), POINTER(c_float))), ("parameters",
     CFUNCTYPE(c_double, c_void_p, POINTER(oxl_model), POINTER(oxl_model))), ("density", CFUNCTYPE(None, c_void_p, POINTER(oxl_model),
     POINTER(c_float), POINTER(c_float), POINTER(c_uint8))), ("user", c_void_p)]
@@ -94,7 +93,7 @@ oxl_train_options._fields_ = [("iterations", c_int), ("sh_degree", c_int), ("max
     ("background", c_float * 3), ("ssim_weight", c_float), ("coarse", c_float), ("dropout", c_float), ("alpha_min", c_float),
     ("lr_position", c_float), ("lr_position_final", c_float), ("lr_scale", c_float), ("lr_rotation", c_float), ("lr_sh0", c_float),
     ("lr_sh", c_float), ("short_run_exponent", c_float), ("cooldown", c_float), ("densify_until", c_float), ("densify_every", c_int),
-    ("densify_gradient", c_float), ("ucd", oxl_ucd), ("keep", oxl_keep), ("exposure", c_int), ("lamp", c_int), ("medium", c_int), ("poses",
+    ("densify_gradient", c_float), ("ucd", c_int), ("keep", oxl_keep), ("exposure", c_int), ("lamp", c_int), ("medium", c_int), ("poses",
     c_int), ("antialias", c_int), ("stereo", c_int), ("dog", c_int), ("terms", POINTER(oxl_terms)), ("from", POINTER(oxl_model)),
     ("survey_iterations", c_int), ("experimental", c_float * 4)]
 oxl_nonfinite._fields_ = [("images", c_size_t), ("steps", c_size_t), ("rows", c_size_t), ("cleared", c_size_t), ("degenerate", c_size_t)]

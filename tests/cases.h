@@ -104,9 +104,7 @@ synth_options photometry_test_make(const char *name, enum synth_type water);
 /* ---------------- internal to modules of src/ */
 
 /* src/core/options.c */
-oxl_ucd option_default_ucd(void);
 int option_read_keep(const char *text, oxl_keep *out);
-int option_read_ucd(const char *text, oxl_ucd *out);
 /* src/large/block_plan.c */
 double plan_best_rectangle(const double *value, int width, int height, struct image_window *best);
 /* src/job/render_files.c */

@@ -130,8 +130,7 @@ static void extreme_print_long_run(oxl_context *ctx, const char *folder)
     options.out = path, options.water = SYNTH_9C, options.views = 16, options.width = 64, options.height = 48,
     options.points = 600;
     train.iterations = EXTREME_LONG;
-    train.ucd.mode = OXL_UCD_ON;
-    train.ucd.learn = 1;
+    train.ucd = OXL_UCD_SEARCH;
     train.dog = OXL_DOG_SELECTIVE;
     train.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
     if (synth_run(ctx, &options) != OXL_OK) extreme_fail(oxl_error_text(ctx));

@@ -193,7 +193,7 @@ def test_errors_name_value_and_fix():
         train(iteration=5)
     with raises(ValueError, "fast", "draft, standard, paper"):
         train(preset="fast")
-    with raises(ValueError, "oxl_ucd.mode", "maybe"):
+    with raises(ValueError, "oxl_train_options.ucd", "maybe"):
         train(ucd="maybe")
     with raises(oxl.Error, "iterations"):
         train(iterations=-1)

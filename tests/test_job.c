@@ -654,8 +654,7 @@ TEST(run_numbers_that_no_option_can_hold_are_not_taken)
         "{\n  \"job\": {\"cut\": 77, \"ucd\": -1, \"iterations\": 3e9, \"ram\": -1, \"keep\": nan, \"max_side\": 900}\n}\n");
     CHECK_OK(manifest_read(test_ctx, test_folder(), &run));
     manifest_options(&run, &o);
-    CHECK(o.partition.cut == plain.partition.cut && o.train.ucd.mode == plain.train.ucd.mode &&
-          o.ram == plain.ram);
+    CHECK(o.partition.cut == plain.partition.cut && o.train.ucd == plain.train.ucd && o.ram == plain.ram);
     CHECK(o.train.iterations == plain.train.iterations && o.train.keep.kind == plain.train.keep.kind &&
           o.scene.max_side == 900);
     manifest_free(test_ctx, &run);

@@ -20,7 +20,7 @@ static oxl_job_options memory_options(void)
     oxl_job_options o = job_test_options();
     o.train.densify_every = 3;
     o.train.densify_gradient = 1e-6f;
-    o.train.ucd.mode = OXL_UCD_AUTO;
+    o.train.ucd = OXL_UCD_AUTO;
     o.train.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.7};
     o.train.dog = OXL_DOG_ALL;
     o.train.sh_degree = 1;

@@ -48,7 +48,7 @@ TEST(options_of_parts_in_preset_paper_are_those_of_the_paper)
     NEEDS_PART(lobes);
     NEEDS_PART(sh_degree);
     CHECK(o.sh_degree == 3);
-    CHECK(o.ucd.mode == OXL_UCD_ON && o.ucd.f_mid == 1.5f && o.ucd.f_far == 2 && o.ucd.learn == 1);
+    CHECK(o.ucd == OXL_UCD_SEARCH);
     CHECK(o.keep.kind == OXL_KEEP_FRACTION && o.keep.value == 0.5 && o.dog == OXL_DOG_SELECTIVE);
 }
 
@@ -147,7 +147,7 @@ TEST(options_that_cannot_be_are_refused_with_value_found_value_expected_and_a_fi
     options_test_refusal("max-time", "20q", "a time, e.g. 90s");
     options_test_refusal_of("lobes", "dog", "some", "expected off|selective|all");
     options_test_refusal("densify-gradient", "1.#IND", "a number"); /* not a number in files */
-    options_test_refusal_of("ucd", "ucd", "3,2", "MID,FAR");
+    options_test_refusal_of("ucd", "ucd", "3,2", "off|on|auto|search");
     options_test_refusal_of("prune", "keep", "0", "FRACTION");
     options_test_refusal_of("prune", "keep", "97350650T", "FRACTION"); /* more bytes than any option takes */
     options_test_refusal("background", "0,0,2", "auto|R,G,B");
@@ -170,9 +170,9 @@ TEST(options_check_names_the_one_that_is_out_of_range)
 /* Another value than the default's for every option of the result. */
 static oxl_job_options options_test_others(void)
 {
-    static const char *const texts[] = {
-        "1.25,3,fixed", "12345678B", "85%", "true",      "2",         "0.04",        "0.0003", "0.2", "4G",
-        "paper",        "midpoint",  "3d",  "quantiles", "selective", "0.1,0.2,0.3", "on",     "off", "mask"};
+    static const char *const texts[] = {"search",    "12345678B", "85%",         "true",  "2",        "0.04",
+                                        "0.0003",    "0.2",       "4G",          "paper", "midpoint", "3d",
+                                        "quantiles", "selective", "0.1,0.2,0.3", "on",    "off",      "mask"};
     oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
     const oxl_job_options plain = o;
     for (int i = 1; i < oxl_option_count(); i++) {
@@ -226,7 +226,7 @@ TEST(options_in_run_json_are_read_back_every_one)
     manifest_describe(&again, &paths, survey, &read);
     CHECK(strcmp(again.data, line.data) == 0 && strcmp(paths.data, inputs.data) == 0);
     if (test_has_part("prune")) CHECK_TEXT(line.data, "\"keep\": \"12345678B\"");
-    if (test_has_part("ucd")) CHECK_TEXT(line.data, "\"ucd\": \"1.25,3,fixed\"");
+    if (test_has_part("ucd")) CHECK_TEXT(line.data, "\"ucd\": \"search\"");
     manifest_free(test_ctx, &run);
 }
 

@@ -6,11 +6,11 @@
 #include "../cli/report_page.c"
 #include "../cli/report_views.c"
 
-#define REPORT_TEST_JOB                                                                                          \
-    "\"inputs\": {\"scene\": \"no <where> & 'here'\", \"images_folder\": null, \"masks_folder\": \"m & n\"}, "   \
-    "\"job\": {\"version\": \"0\", \"seed\": 3, \"iterations\": 12, "                                            \
-    "\"sh_degree\": 3, \"ucd\": \"1.5,3,fixed\", \"keep\": 0.5, \"dog\": \"selective\", \"partition\": \"2d\", " \
-    "\"cut\": \"midpoint\", \"coarse\": 0.125, \"cooldown\": 0.5, \"alpha_min\": 0.04, \"lr_sh\": 0.001, "       \
+#define REPORT_TEST_JOB                                                                                        \
+    "\"inputs\": {\"scene\": \"no <where> & 'here'\", \"images_folder\": null, \"masks_folder\": \"m & n\"}, " \
+    "\"job\": {\"version\": \"0\", \"seed\": 3, \"iterations\": 12, "                                          \
+    "\"sh_degree\": 3, \"ucd\": \"search\", \"keep\": 0.5, \"dog\": \"selective\", \"partition\": \"2d\", "    \
+    "\"cut\": \"midpoint\", \"coarse\": 0.125, \"cooldown\": 0.5, \"alpha_min\": 0.04, \"lr_sh\": 0.001, "     \
     "\"densify_gradient\": 4e-4, \"max_gaussians\": 0}"
 
 /* The page of the test's folder OUT, in memory to be freed. */
@@ -108,7 +108,7 @@ static void report_test_command(const char *page)
         {NULL, " --seed 3 --masks &#39;m &amp; n&#39; --partition 2d --cut midpoint"},
         {NULL, " --coarse 0.125 --cooldown 0.5 --alpha-min 0.04 --lr-sh 0.001"},
         {"sh_degree", " --sh-degree 3"},
-        {"ucd", " --ucd 1.5,3,fixed"},
+        {"ucd", " --ucd search"},
         {"prune", " --keep 0.5"},
         {"lobes", " --dog selective"}};
     for (size_t i = 0; i < OXL_COUNT(words); i++)

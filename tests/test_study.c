@@ -204,12 +204,11 @@ TEST(ablate_rows_differ_by_what_the_paper_switches_and_nothing_else)
     oxl_job_options job[5];
     s->value[3][0][STUDY_BYTES] = 123456, s->value[1][0][STUDY_GAUSSIANS] = 789;
     for (int r = 0; r < 5; r++) CHECK_OK(study_job(s, r, 1, &job[r]));
-    CHECK(job[0].seed == 1 && job[0].partition.cut == OXL_CUT_MIDPOINT &&
-          job[0].train.ucd.mode == OXL_UCD_OFF);
+    CHECK(job[0].seed == 1 && job[0].partition.cut == OXL_CUT_MIDPOINT && job[0].train.ucd == OXL_UCD_OFF);
     CHECK(job[0].train.keep.kind == OXL_KEEP_ALL && job[0].train.dog == OXL_DOG_OFF);
-    CHECK(job[1].partition.cut == OXL_CUT_BALANCED && job[1].train.ucd.mode == OXL_UCD_ON &&
+    CHECK(job[1].partition.cut == OXL_CUT_BALANCED && job[1].train.ucd == OXL_UCD_ON &&
           job[1].train.keep.kind == OXL_KEEP_ALL);
-    CHECK(job[2].train.max_gaussians == 789 && job[2].train.ucd.mode == OXL_UCD_OFF);
+    CHECK(job[2].train.max_gaussians == 789 && job[2].train.ucd == OXL_UCD_OFF);
     CHECK(job[3].train.keep.value == 0.5 && job[3].train.dog == OXL_DOG_SELECTIVE);
     CHECK(job[4].train.keep.kind == OXL_KEEP_BYTES && job[4].train.keep.value == 123456 &&
           job[4].train.dog == OXL_DOG_OFF);

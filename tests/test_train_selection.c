@@ -24,8 +24,7 @@ TEST(selection_corrects_depth_weights_within_the_run_and_a_stopped_run_ends_in_t
     c.options.sh_degree = 0;
     c.options.densify_every = 3; /* 21 densifications from step 60 to 120 */
     c.options.densify_gradient = 8e-3f;
-    c.options.ucd.mode = OXL_UCD_ON;
-    c.options.ucd.learn = 1;
+    c.options.ucd = OXL_UCD_SEARCH;
     selection_test_check_stops(&c, stops, OXL_COUNT(stops));
     CHECK(strstr(c.decisions.data, ", corrected by 2 pairs of costs\"") != NULL);
     CHECK(!strstr(c.decisions.data, "f_mid 1.50") || !strstr(c.decisions.data, "f_far 2.00"));

@@ -36,9 +36,9 @@ static oxl_scene *wall_scene(double beta)
     }
     for (int p = 0; p < WALL_POINTS; p++) {
         text_add(&points, "%d ", p + 1);
-        text_add_number(&points, 0.85 * (p % 7 - 3));
+        text_add(&points, "%s", NUMBER(0.85 * (p % 7 - 3)));
         text_add(&points, " ");
-        text_add_number(&points, 0.85 * (p / 7 - 2));
+        text_add(&points, "%s", NUMBER(0.85 * (p / 7 - 2)));
         text_add(&points, " 0 128 128 128 0.5");
         for (int v = 0; v < (p % 7 > 2 ? WALL_VIEWS : WALL_VIEWS / 2); v++) text_add(&points, " %d 0", v + 1);
         text_add(&points, "\n");
@@ -62,13 +62,10 @@ TEST(contrast_decay_follows_the_water_and_not_the_texture_of_points)
     }
 }
 
-static struct ucd ucd_of(oxl_scene *scene, oxl_ucd_mode mode, int learn)
+static struct ucd ucd_of(oxl_scene *scene, oxl_ucd mode)
 {
-    oxl_ucd options = option_default_ucd();
     struct ucd u;
-    options.mode = mode;
-    options.learn = learn;
-    CHECK_OK(ucd_begin(test_ctx, &u, scene, &options));
+    CHECK_OK(ucd_begin(test_ctx, &u, scene, mode));
     return u;
 }
 
@@ -106,7 +103,7 @@ TEST(contrast_of_a_scene_without_tracks_is_not_measured)
     struct ucd u;
     CHECK_OK(contrast_measure(test_ctx, c.scene, &contrast));
     CHECK(!contrast.measured);
-    u = ucd_of(c.scene, OXL_UCD_AUTO, 1);
+    u = ucd_of(c.scene, OXL_UCD_AUTO);
     CHECK(!u.on);
     CHECK_TEXT(u.reason, "no points are seen from several depths");
 }
@@ -117,7 +114,7 @@ TEST(ucd_auto_is_off_in_clear_water_and_on_where_contrast_falls_with_depth)
 {
     for (int turbid = 0; turbid < 2; turbid++) {
         OWNED_SCENE *scene = wall_scene(turbid ? 0.2 : 0);
-        struct ucd u = ucd_of(scene, OXL_UCD_AUTO, 1);
+        struct ucd u = ucd_of(scene, OXL_UCD_AUTO);
         char text[400];
         ucd_describe(&u, text, sizeof text);
         CHECK(u.on == turbid);
@@ -135,14 +132,14 @@ TEST(ucd_auto_wants_contrast_to_fall_by_a_fifth_beyond_its_error)
 TEST(ucd_bands_are_thirds_of_the_largest_depth_without_outliers)
 {
     OWNED_SCENE *scene = wall_scene(0.3);
-    struct ucd u = ucd_of(scene, OXL_UCD_ON, 1);
+    struct ucd u = ucd_of(scene, OXL_UCD_SEARCH);
     CHECK(fabs(u.z_near - 6.75 / 3) < 0.1 && fabs(u.z_far - 4.5) < 0.2);
 }
 
 TEST(ucd_keeps_fixed_weights_and_says_so)
 {
     OWNED_SCENE *scene = wall_scene(0.2);
-    struct ucd u = ucd_of(scene, OXL_UCD_ON, 0);
+    struct ucd u = ucd_of(scene, OXL_UCD_ON);
     double f[2];
     char text[400];
     for (int i = 0; i < 40; i++) {
@@ -153,26 +150,6 @@ TEST(ucd_keeps_fixed_weights_and_says_so)
     ucd_describe(&u, text, sizeof text);
     CHECK_TEXT(text, "f_mid 1.50, from");
     CHECK_TEXT(text, "f_far 2.00, fixed");
-}
-
-TEST(ucd_options_are_words_or_two_weights_in_order)
-{
-    static const char *const wrong[] = {"",      "maybe",  "2",     "2,1",   "0.5,1",
-                                        "1.5;2", "1.5,2,", "1.5,6", "1,nan", "1.5,2,x"};
-    oxl_ucd o;
-    CHECK(option_read_ucd("auto", &o));
-    CHECK(o.mode == OXL_UCD_AUTO && !o.learn && o.f_mid == 1.5f && o.f_far == 2);
-    CHECK(option_read_ucd("off", &o));
-    CHECK(o.mode == OXL_UCD_OFF);
-    CHECK(option_read_ucd("on", &o));
-    CHECK(o.mode == OXL_UCD_ON && !o.learn);
-    CHECK(option_read_ucd("3,4", &o));
-    CHECK(o.mode == OXL_UCD_ON && o.learn && o.f_mid == 3 && o.f_far == 4);
-    CHECK(option_read_ucd("1,1,fixed", &o));
-    CHECK(o.mode == OXL_UCD_ON && !o.learn && o.f_mid == 1 && o.f_far == 1);
-    for (size_t i = 0; i < OXL_COUNT(wrong); i++) {
-        CHECK(!option_read_ucd(wrong[i], &o));
-    }
 }
 
 /* ---------------- the search */

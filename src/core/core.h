@@ -135,8 +135,6 @@ struct text {
 };
 OXL_INTERNAL void text_add(struct text *t, const char *format, ...) OXL_PRINTF(2, 3);
 OXL_INTERNAL void text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
-/* Adds a number as text that parses to the same value; "null" if it is not finite. */
-OXL_INTERNAL void text_add_number(struct text *t, double value);
 /* Adds a number as a member of a JSON object, on a line of its own. */
 OXL_INTERNAL void text_add_member(struct text *t, const char *name, double value);
 OXL_INTERNAL void text_free(struct text *t);
@@ -185,7 +183,6 @@ OXL_INTERNAL const char *number_text(char out[NUMBER_TEXT_MAX], double value);
 
 /* ---------------- options.c: the table of options; other functions are public */
 
-#define UCD_CAP 5.0 /* Limits the depth weight of UCD. */
 /* Turns the options off whose `use` has this flag. */
 OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag);
 

@@ -278,31 +278,6 @@ static int option_choice(const char *words, const char *text, int *out)
     return 0;
 }
 
-OXL_INTERNAL oxl_ucd option_default_ucd(void)
-{
-    return (oxl_ucd){.mode = OXL_UCD_AUTO, .f_mid = 1.5f, .f_far = 2.0f};
-}
-
-/* Parses on, off or auto: the defaults, fixed; two weights 1 <= F_MID <= F_FAR <= UCD_CAP as 1.5,2: on,
- * corrected during the run, with ",fixed" not; after "auto,": automatic with these. */
-OXL_INTERNAL int option_read_ucd(const char *text, oxl_ucd *out)
-{
-    const char *at = text, *end = text + strlen(text);
-    double mid = 0, back = 0;
-    oxl_ucd ucd = option_default_ucd();
-    int is_ok = strcmp(text, "auto") == 0 || strcmp(text, "on") == 0 || strcmp(text, "off") == 0;
-    if (strncmp(text, "auto", 4) != 0) ucd.mode = strcmp(text, "off") == 0 ? OXL_UCD_OFF : OXL_UCD_ON;
-    if (strncmp(text, "auto,", 5) == 0) at += 5;
-    if (!is_ok && parse_double(&at, end, &mid) && *at++ == ',' && parse_double(&at, end, &back)) {
-        ucd.f_mid = (float)mid;
-        ucd.f_far = (float)back;
-        ucd.learn = strcmp(at, ",fixed") != 0;
-        is_ok = (!*at || !ucd.learn) && mid >= 1 && back >= mid && back <= UCD_CAP;
-    }
-    if (is_ok) *out = ucd;
-    return is_ok;
-}
-
 OXL_INTERNAL int option_read_keep(const char *text, oxl_keep *out)
 {
     double value;
@@ -360,7 +335,6 @@ static int option_read(const oxl_option *o, const char *text, void *options)
     case OXL_OPTION_POINT: return option_three(text, field);
     case OXL_OPTION_SIZE: return option_read_size(o, text, field);
     case OXL_OPTION_PRESET: return option_read_preset(o, text, options);
-    case OXL_OPTION_UCD: return option_read_ucd(text, field);
     case OXL_OPTION_KEEP: return option_read_keep(text, field);
     default: break;
     }
@@ -423,22 +397,6 @@ oxl_result oxl_option_set(const oxl_option *option, void *options, const char *t
 }
 
 /* ---------------- a value to text */
-
-static void option_get_ucd(const oxl_ucd *ucd, char *out, size_t size)
-{
-    static const char *const modes[] = {"off", "on", "auto"};
-    const oxl_ucd plain = option_default_ucd();
-    char mid[NUMBER_TEXT_MAX], distant[NUMBER_TEXT_MAX];
-    if (ucd->mode == OXL_UCD_OFF ||
-        (ucd->f_mid == plain.f_mid && ucd->f_far == plain.f_far && ucd->learn == plain.learn)) {
-        snprintf(out, size, "%s", (unsigned)ucd->mode < OXL_COUNT(modes) ? modes[ucd->mode] : "unknown");
-        return;
-    }
-    format_float(mid, ucd->f_mid);
-    format_float(distant, ucd->f_far);
-    snprintf(out, size, "%s%s,%s%s", ucd->mode == OXL_UCD_AUTO ? "auto," : "", mid, distant,
-             ucd->learn ? "" : ",fixed");
-}
 
 static void option_get_keep(const oxl_keep *keep, char *out, size_t size)
 {
@@ -523,7 +481,6 @@ const char *oxl_option_get(const oxl_option *o, const void *options, char *out, 
     case OXL_OPTION_SIZE:
         snprintf(out, size, "%dx%d", ((const int *)field)[0], ((const int *)field)[1]);
         break;
-    case OXL_OPTION_UCD: option_get_ucd(field, out, size); break;
     case OXL_OPTION_KEEP: option_get_keep(field, out, size); break;
     default: option_get_number(o, field, out, size);
     }
@@ -536,7 +493,7 @@ const char *oxl_option_get(const oxl_option *o, const void *options, char *out, 
 static const char *option_off(const oxl_option *o)
 {
     if (o->kind == OXL_OPTION_KEEP) return "all";
-    return o->kind == OXL_OPTION_UCD || o->kind == OXL_OPTION_CHOICE ? "off" : "0";
+    return o->kind == OXL_OPTION_CHOICE ? "off" : "0";
 }
 
 OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag)

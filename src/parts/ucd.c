@@ -56,21 +56,20 @@ static void ucd_decide(struct ucd *u, const oxl_scene *scene)
             100 * (1 - vecmath_exp(-OXL_MAX(0, fade))), front, back, fade, error, c->points, UCD_FADE_MIN);
 }
 
-OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, const oxl_scene *scene,
-                                  const oxl_ucd *options)
+OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, const oxl_scene *scene, oxl_ucd mode)
 {
     const double z_max = scene_depth_quantile(scene, UCD_DEPTH_MAX);
     oxl_result rc = OXL_OK;
-    *u = (struct ucd){.on = options->mode == OXL_UCD_ON,
+    *u = (struct ucd){.on = mode == OXL_UCD_ON || mode == OXL_UCD_SEARCH,
+                      .learns = mode == OXL_UCD_SEARCH,
                       .z_near = z_max / 3,
                       .z_far = 2 * z_max / 3,
-                      .f = {options->f_mid, options->f_far},
-                      .prior = {options->f_mid, options->f_far},
+                      .f = {UCD_MID, UCD_FAR},
+                      .prior = {UCD_MID, UCD_FAR},
                       .seed = ctx->options.seed};
     snprintf(u->reason, sizeof u->reason, "as set");
-    if (options->mode == OXL_UCD_AUTO) rc = contrast_measure(ctx, scene, &u->contrast);
-    if (rc == OXL_OK && options->mode == OXL_UCD_AUTO) ucd_decide(u, scene);
-    u->learns = u->on && options->learn;
+    if (mode == OXL_UCD_AUTO) rc = contrast_measure(ctx, scene, &u->contrast);
+    if (rc == OXL_OK && mode == OXL_UCD_AUTO) ucd_decide(u, scene);
     ucd_restart(u);
     return rc;
 }
@@ -181,10 +180,10 @@ static oxl_result ucd_part_begin(struct train *t, void *state)
 {
     struct ucd *u = state;
     char words[320];
-    oxl_result rc = ucd_begin(t->ctx, u, t->scene, &t->options->ucd);
+    oxl_result rc = ucd_begin(t->ctx, u, t->scene, t->options->ucd);
     if (rc != OXL_OK) return rc;
     ucd_describe(u, words, sizeof words);
-    if (t->options->ucd.mode != OXL_UCD_OFF) selection_log(t, "depth weights", u->on, words);
+    if (t->options->ucd != OXL_UCD_OFF) selection_log(t, "depth weights", u->on, words);
     if (u->on) rc = density_set_bands(t->ctx, t->density, t->trained.model.count, u->z_near, u->z_far);
     return rc;
 }
@@ -231,7 +230,7 @@ static void ucd_record(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option ucd_options[] = {
-{"ucd", "off|on|auto|MID,FAR", OXL_OPTION_UCD, OPTION_AT(train.ucd), 0, 0, PRESETS("auto", "auto", "1.5,2"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Scene content", "gradient weights of the middle and far depth band; at equal count -0.6 to +0.3 dB. on: 1.5 and 2; MID,FAR: these, corrected by SPSA during the run; MID,FAR,fixed: not corrected; auto: on if contrast fades with depth; auto,MID,FAR: the same with these weights"},
+{"ucd", "off|on|auto|search", OXL_OPTION_CHOICE, OPTION_AT(train.ucd), 0, 3, PRESETS("auto", "auto", "search"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Scene content", "gradient weights of the middle and far depth band; at equal count -0.6 to +0.3 dB. on: 1.5 and 2; search: these, corrected by SPSA during the run; auto: on if contrast fades with depth"},
 {0}};
 /* clang-format on */
 

@@ -8,6 +8,9 @@
 /* Cost of a doubling of the Gaussians, in log loss: about what it gains in four densifications
  * (docs/log/TRAINING.md). */
 #define UCD_GROWTH 0.02
+#define UCD_MID 1.5        /* gradient weight of the middle third of depth [OceanXL sec. 4] */
+#define UCD_FAR 2.0        /* gradient weight of the far third */
+#define UCD_CAP 5.0        /* bounds a weight while it is searched */
 #define UCD_PRECISION 0.2  /* of the prior: half of it in log loss for a weight 1 away */
 #define UCD_OFFSET_MAX 1.0 /* limit of a single pair's distance from the prior */
 #define UCD_SHIFT 0.5      /* of a point from the estimate: differences over less are lost in noise */
@@ -33,8 +36,7 @@ struct ucd {
 /* Sets whether it is on, and the limits of the bands. Logs nothing; ucd_describe gives the text. */
 /* Returns 1 if the log of contrast falls by so much, with that standard error, that depth is weighted. */
 OXL_INTERNAL int ucd_fades(double fade, double error);
-OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, const oxl_scene *scene,
-                                  const oxl_ucd *options);
+OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, const oxl_scene *scene, oxl_ucd mode);
 OXL_INTERNAL void ucd_describe(const struct ucd *u, char *out, size_t size);
 OXL_INTERNAL void ucd_observe(struct ucd *u, double loss); /* call after each step */
 /* Returns f_mid and f_far of this densification. */
