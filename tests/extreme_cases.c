@@ -37,15 +37,9 @@ struct extreme_result {
     struct extreme_error part[EXTREME_PARTS];
 };
 
-struct extreme_scene {
-    oxl_camera camera;
-    oxl_model model;
-    float near_plane;
-};
-
 struct extreme {
     const char *what;
-    void (*make)(struct extreme_scene *s, double value); /* changes the ordinary scene */
+    void (*make)(struct wide *w, double value); /* changes the ordinary scene; NULL: as it is */
     double value;
     int count, degree, lobes;
     double image, gradient; /* asserted: the largest errors */
@@ -54,7 +48,7 @@ struct extreme {
 
 static double extreme_random(size_t i, size_t k)
 {
-    return 2 * random_unit(random_bits(31, i, k)) - 1;
+    return wide_random(31, i, k);
 }
 
 /* ---------------- scenes */
@@ -65,194 +59,167 @@ static void extreme_fail(const char *what)
     abort();
 }
 
+static void extreme_must(oxl_context *ctx, oxl_result rc)
+{
+    if (rc != OXL_OK) extreme_fail(oxl_error_text(ctx));
+}
+
 /* Gaussians of a tenth of the image's width and all shapes, 3 away. */
-static void extreme_ordinary(oxl_context *ctx, const struct extreme *e, struct extreme_scene *s)
+static void extreme_ordinary(const struct extreme *e, struct wide *w)
 {
-    *s = (struct extreme_scene){.near_plane = 0.25f};
-    s->camera = (oxl_camera){64, 48, 60, 66, 31, 25, {0}, {0.05, -0.1, 3}};
-    camera_rotation_from_quaternion((double[4]){0.95, 0.1, -0.15, 0.2}, s->camera.rotation);
-    if (oxl_model_create(ctx, (size_t)e->count, e->degree, &s->model) != OXL_OK ||
-        model_set_lobes(ctx, &s->model, (size_t)e->lobes) != OXL_OK)
-        extreme_fail("no memory for a model");
-    for (int k = 0; k < oxl_model_planes(&s->model); k++)
-        for (size_t i = 0; i < s->model.count; i++) {
-            const double u = extreme_random(i, (size_t)k);
-            s->model.plane[k][i] = (float)(k < OXL_LOG_SCALE  ? 1.2 * u
-                                           : k < OXL_ROTATION ? -2 + u
-                                           : k < OXL_OPACITY  ? u
-                                           : k < OXL_SH       ? 0.5 + 1.5 * u
-                                           : k < OXL_SH + 3   ? 0.5 + u
-                                                              : 0.2 * u);
-        }
-    for (int k = OXL_LOBE; k < OXL_PLANES; k++)
-        for (size_t i = 0; i < s->model.lobes; i++)
-            s->model.plane[k][i] = (float)((k == OXL_LOBE ? -2 : 0.4) + 0.3 * extreme_random(i, (size_t)k));
-}
-
-static void extreme_nothing(struct extreme_scene *s, double value)
-{
-    (void)s, (void)value;
-}
-
-static void extreme_fill(struct extreme_scene *s, int first, int end, double value)
-{
-    for (int k = first; k < end; k++)
-        for (size_t i = 0; i < s->model.count; i++) s->model.plane[k][i] = (float)value;
+    static const struct wide_range ordinary[] = {
+        {OXL_LOG_SCALE, 0, 1.2}, {OXL_ROTATION, -2, 1}, {OXL_OPACITY, 0, 1},     {OXL_SH, 0.5, 1.5},
+        {OXL_SH + 3, 0.5, 1},    {OXL_LOBE, 0, 0.2},    {OXL_LOBE + 1, -2, 0.3}, {OXL_PLANES, 0.4, 0.3}};
+    oxl_camera camera = {64, 48, 60, 66, 31, 25, {0}, {0.05, -0.1, 3}};
+    camera_rotation_from_quaternion((double[4]){0.95, 0.1, -0.15, 0.2}, camera.rotation);
+    wide_create(w, &camera, (size_t)e->count, (size_t)e->lobes, e->degree);
+    w->near_plane = 0.25;
+    wide_scatter(w, 31, ordinary);
+    wide_to_float(w);
 }
 
 /* Not quite round, or there would be no gradient of the rotation to compare. */
-static void extreme_size(struct extreme_scene *s, double size)
+static void extreme_size(struct wide *w, double size)
 {
-    for (int a = 0; a < 3; a++)
-        extreme_fill(s, OXL_LOG_SCALE + a, OXL_LOG_SCALE + a + 1, log(size) + 0.3 * a);
+    for (int a = 0; a < 3; a++) wide_fill(w, OXL_LOG_SCALE + a, OXL_LOG_SCALE + a + 1, log(size) + 0.3 * a);
 }
 
 /* Needles (long along one axis) or, of a negative value, discs. */
-static void extreme_thin(struct extreme_scene *s, double ratio)
+static void extreme_thin(struct wide *w, double ratio)
 {
-    extreme_fill(s, OXL_LOG_SCALE, OXL_ROTATION, ratio > 0 ? -log(ratio) : 0);
-    extreme_fill(s, OXL_LOG_SCALE, OXL_LOG_SCALE + 1, ratio > 0 ? 0 : log(-ratio) * -1);
+    wide_fill(w, OXL_LOG_SCALE, OXL_ROTATION, ratio > 0 ? -log(ratio) : 0);
+    wide_fill(w, OXL_LOG_SCALE, OXL_LOG_SCALE + 1, ratio > 0 ? 0 : -log(-ratio));
 }
 
-static void extreme_opacity(struct extreme_scene *s, double logit)
+static void extreme_opacity(struct wide *w, double logit)
 {
-    extreme_fill(s, OXL_OPACITY, OXL_OPACITY + 1, logit);
+    wide_fill(w, OXL_OPACITY, OXL_OPACITY + 1, logit);
 }
 
 /* Wide walls one behind the other, facing the camera. */
-static void extreme_layers(struct extreme_scene *s, double logit)
+static void extreme_layers(struct wide *w, double logit)
 {
-    camera_rotation_from_quaternion((double[4]){1, 0, 0, 0}, s->camera.rotation);
-    extreme_opacity(s, logit);
-    extreme_size(s, 3);
-    for (size_t i = 0; i < s->model.count; i++) s->model.plane[OXL_MEAN + 2][i] = (float)(0.002 * (double)i);
+    wide_look_ahead(w);
+    extreme_opacity(w, logit);
+    extreme_size(w, 3);
+    for (size_t i = 0; i < w->count; i++) w->plane[OXL_MEAN + 2][i] = 0.002 * (double)i;
 }
 
 /* One Gaussian, at this distance past the near plane in units of the last place. */
-static void extreme_near(struct extreme_scene *s, double steps)
+static void extreme_near(struct wide *w, double steps)
 {
-    camera_rotation_from_quaternion((double[4]){1, 0, 0, 0}, s->camera.rotation);
-    memset(s->camera.translation, 0, sizeof s->camera.translation);
-    for (size_t i = 0; i < s->model.count; i++) {
-        s->model.plane[OXL_MEAN][i] *= 0.1f, s->model.plane[OXL_MEAN + 1][i] *= 0.1f;
-        s->model.plane[OXL_MEAN + 2][i] = nextafterf(s->near_plane, (float)steps * 100);
-        if (steps == 0) s->model.plane[OXL_MEAN + 2][i] = s->near_plane;
-    }
-    extreme_size(s, 0.02);
+    const float at = steps == 0 ? (float)w->near_plane : nextafterf((float)w->near_plane, (float)steps * 100);
+    wide_look_ahead(w);
+    memset(w->camera.translation, 0, sizeof w->camera.translation);
+    wide_multiply(w, OXL_MEAN, OXL_MEAN + 2, 0.1);
+    wide_fill(w, OXL_MEAN + 2, OXL_MEAN + 3, at);
+    extreme_size(w, 0.02);
 }
 
 /* Centres at this x/z, far to the side, so wide that they reach into the image. */
-static void extreme_aside(struct extreme_scene *s, double slope)
+static void extreme_aside(struct wide *w, double slope)
 {
-    camera_rotation_from_quaternion((double[4]){1, 0, 0, 0}, s->camera.rotation);
-    for (size_t i = 0; i < s->model.count; i++)
-        s->model.plane[OXL_MEAN][i] = (float)(3 * slope + s->model.plane[OXL_MEAN][i]);
-    extreme_size(s, slope);
+    wide_look_ahead(w);
+    for (size_t i = 0; i < w->count; i++) w->plane[OXL_MEAN][i] += 3 * slope;
+    extreme_size(w, slope);
 }
 
-static void extreme_view_angle(struct extreme_scene *s, double degrees)
+/* Straight ahead with this focal length; the positions grow or shrink with what is in view. */
+static void extreme_ahead(struct wide *w, double focal, double spread)
 {
-    const double half = degrees / 360 * 3.141592653589793;
-    camera_rotation_from_quaternion((double[4]){1, 0, 0, 0}, s->camera.rotation);
-    s->camera.translation[0] = s->camera.translation[1] = 0;
-    s->camera.fx = s->camera.fy = 32 / tan(half);
-    for (int k = 0; k < 2; k++)
-        for (size_t i = 0; i < s->model.count; i++)
-            s->model.plane[OXL_MEAN + k][i] *= (float)OXL_MIN(tan(half) * 2, 6);
-    if (degrees < 10) extreme_size(s, 0.3 * tan(half));
+    wide_look_ahead(w);
+    w->camera.fx = w->camera.fy = focal;
+    w->camera.translation[0] = w->camera.translation[1] = 0;
+    wide_multiply(w, OXL_MEAN, OXL_MEAN + 2, spread);
 }
 
-static void extreme_focal(struct extreme_scene *s, double focal)
+static void extreme_view_angle(struct wide *w, double degrees)
 {
-    camera_rotation_from_quaternion((double[4]){1, 0, 0, 0}, s->camera.rotation);
-    s->camera.fx = s->camera.fy = focal;
-    s->camera.translation[0] = s->camera.translation[1] = 0;
-    for (int k = 0; k < 2; k++)
-        for (size_t i = 0; i < s->model.count; i++) s->model.plane[OXL_MEAN + k][i] *= (float)(60 / focal);
-    extreme_size(s, 12 / focal);
+    const double slope = tan(degrees / 360 * 3.141592653589793);
+    extreme_ahead(w, 32 / slope, OXL_MIN(slope * 2, 6));
+    if (degrees < 10) extreme_size(w, 0.3 * slope);
 }
 
-static void extreme_picture(struct extreme_scene *s, int width, int height)
+static void extreme_focal(struct wide *w, double focal)
+{
+    extreme_ahead(w, focal, 60 / focal);
+    extreme_size(w, 12 / focal);
+}
+
+static void extreme_picture(struct wide *w, int width, int height)
 {
     const double scale = OXL_MAX(width, height) / 64.0;
-    s->camera.width = width, s->camera.height = height;
-    s->camera.cx = width / 2.0, s->camera.cy = height / 2.0;
-    s->camera.fx *= scale, s->camera.fy *= scale;
+    wide_resize(w, width, height);
+    w->camera.cx = width / 2.0, w->camera.cy = height / 2.0;
+    w->camera.fx *= scale, w->camera.fy *= scale;
 }
 
-static void extreme_pixel(struct extreme_scene *s, double value)
+static void extreme_pixel(struct wide *w, double value)
 {
-    extreme_picture(s, 1, (int)value);
+    extreme_picture(w, 1, (int)value);
 }
 
-static void extreme_wide_picture(struct extreme_scene *s, double value)
+static void extreme_wide_picture(struct wide *w, double value)
 {
-    extreme_picture(s, (int)value, 5464);
+    extreme_picture(w, (int)value, 5464);
 }
 
 /* Model and camera this far from the origin along each axis: what scene.c's own origin spares us. */
-static void extreme_far(struct extreme_scene *s, double offset)
+static void extreme_far(struct wide *w, double offset)
 {
     for (int a = 0; a < 3; a++) {
-        for (size_t i = 0; i < s->model.count; i++) s->model.plane[OXL_MEAN + a][i] += (float)offset;
-        for (int b = 0; b < 3; b++) s->camera.translation[a] -= s->camera.rotation[3 * a + b] * offset;
+        for (size_t i = 0; i < w->count; i++) w->plane[OXL_MEAN + a][i] += offset;
+        for (int b = 0; b < 3; b++) w->camera.translation[a] -= w->camera.rotation[3 * a + b] * offset;
     }
 }
 
-static void extreme_unit(struct extreme_scene *s, double unit)
+static void extreme_unit(struct wide *w, double unit)
 {
+    wide_multiply(w, OXL_MEAN, OXL_LOG_SCALE, unit);
     for (int a = 0; a < 3; a++) {
-        for (size_t i = 0; i < s->model.count; i++) {
-            s->model.plane[OXL_MEAN + a][i] *= (float)unit;
-            s->model.plane[OXL_LOG_SCALE + a][i] += (float)log(unit);
-        }
-        s->camera.translation[a] *= unit;
+        for (size_t i = 0; i < w->count; i++) w->plane[OXL_LOG_SCALE + a][i] += log(unit);
+        w->camera.translation[a] *= unit;
     }
-    s->near_plane *= (float)unit;
+    w->near_plane *= unit;
 }
 
-static void extreme_quaternion(struct extreme_scene *s, double length)
+static void extreme_quaternion(struct wide *w, double length)
 {
-    for (int k = 0; k < 4; k++)
-        for (size_t i = 0; i < s->model.count; i++)
-            s->model.plane[OXL_ROTATION + k][i] = (float)(length * s->model.plane[OXL_ROTATION + k][i]);
+    wide_multiply(w, OXL_ROTATION, OXL_OPACITY, length);
 }
 
-static void extreme_in_one_place(struct extreme_scene *s, double x)
+static void extreme_in_one_place(struct wide *w, double x)
 {
-    extreme_fill(s, OXL_MEAN, OXL_LOG_SCALE, x);
+    wide_fill(w, OXL_MEAN, OXL_LOG_SCALE, x);
 }
 
-static void extreme_in_a_row(struct extreme_scene *s, double step)
+static void extreme_in_a_row(struct wide *w, double step)
 {
     for (int a = 0; a < 3; a++)
-        for (size_t i = 0; i < s->model.count; i++)
-            s->model.plane[OXL_MEAN + a][i] = (float)(step * ((double)i - (double)s->model.count / 2));
+        for (size_t i = 0; i < w->count; i++)
+            w->plane[OXL_MEAN + a][i] = step * ((double)i - (double)w->count / 2);
 }
 
 /* All on one tile, each fainter than a pixel can show twice over. */
-static void extreme_crowd(struct extreme_scene *s, double logit)
+static void extreme_crowd(struct wide *w, double logit)
 {
-    s->camera.width = s->camera.height = 16;
-    s->camera.cx = s->camera.cy = 8;
-    s->camera.fx = s->camera.fy = 15;
-    extreme_opacity(s, logit);
+    extreme_picture(w, 16, 16);
+    w->camera.fx = w->camera.fy = 15;
+    extreme_opacity(w, logit);
 }
 
 /* Second lobes that take away nearly all, over a wider area: alpha is negative around each centre. */
-static void extreme_dark_lobes(struct extreme_scene *s, double scale_factor)
+static void extreme_dark_lobes(struct wide *w, double scale_factor)
 {
-    for (size_t i = 0; i < s->model.lobes; i++) {
-        s->model.plane[OXL_LOBE][i] = 5;
-        for (int a = 1; a < 4; a++) s->model.plane[OXL_LOBE + a][i] = (float)log(scale_factor);
-    }
-    extreme_opacity(s, -1);
+    wide_fill(w, OXL_LOBE, OXL_LOBE + 1, 5);
+    wide_fill(w, OXL_LOBE + 1, OXL_PLANES, log(scale_factor));
+    extreme_opacity(w, -1);
 }
 
 /* Bounds are about four times what was measured, so that another instruction set has room. 4e-3: a decision
  * fell the other way. */
 static const struct extreme EXTREMES[] = {
-    {"ordinary: 200 Gaussians, 64 x 48 px", extreme_nothing, 0, 200, 2, 60, 5e-6, 2e-5, 0},
+    {"ordinary: 200 Gaussians, 64 x 48 px", NULL, 0, 200, 2, 60, 5e-6, 2e-5, 0},
     {"scales of 1e-7", extreme_size, 1e-7, 100, 1, 0, 2e-5, 5e-5, 0},
     {"scales of 1e4, the camera inside", extreme_size, 1e4, 20, 1, 0, 5e-6, 1e-4, 0},
     {"scales of e^-80", extreme_size, 1.8e-35, 50, 0, 0, 2e-5, 5e-5, 0},
@@ -290,15 +257,6 @@ static const struct extreme EXTREMES[] = {
 
 /* ---------------- the two precisions */
 
-static void extreme_widen(const struct extreme_scene *s, struct wide *w)
-{
-    wide_create(w, &s->camera, s->model.count, s->model.lobes, s->model.sh_degree);
-    w->near_plane = s->near_plane;
-    for (int k = 0; k < OXL_PLANES; k++)
-        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++)
-            w->plane[k][i] = s->model.plane[k][i];
-}
-
 struct extreme_sums {
     double most_off, most, off, all;
     int finite;
@@ -306,7 +264,7 @@ struct extreme_sums {
 
 static void extreme_compare(struct extreme_sums *s, const float *narrow, const double *wide, size_t n)
 {
-    for (size_t i = 0; narrow && wide && i < n; i++) {
+    for (size_t i = 0; i < n; i++) {
         const double off = fabs((double)narrow[i] - wide[i]);
         s->finite &= fabsf(narrow[i]) <= FLT_MAX && fabs(wide[i]) <= DBL_MAX;
         s->most_off = OXL_MAX(s->most_off, off);
@@ -328,55 +286,44 @@ static struct extreme_error extreme_planes(const oxl_model *narrow, const struct
 {
     struct extreme_sums sums = {.finite = 1};
     for (int k = first; k < end; k++)
-        extreme_compare(&sums, narrow->plane[k], wide->gradient[k],
-                        k < OXL_LOBE ? narrow->count : narrow->lobes);
+        extreme_compare(&sums, narrow->plane[k], wide->gradient[k], wide_rows(wide, k));
     return extreme_error(&sums, EXTREME_UNDERFLOW);
-}
-
-static void extreme_measure(oxl_context *ctx, const struct extreme_scene *s, struct extreme_result *out)
-{
-    const size_t values = 3 * (size_t)s->camera.width * (size_t)s->camera.height;
-    struct extreme_sums image = {.finite = 1};
-    struct wide wide;
-    struct renderer *narrow = NULL;
-    oxl_render_options options = oxl_render_options_default();
-    oxl_model gradient = {0};
-    float *drgb = oxl_alloc(ctx, values, sizeof *drgb);
-    double *drgb_f64 = wide_array(values);
-    options.near_plane = s->near_plane;
-    if (!drgb || renderer_create(ctx, &narrow) != OXL_OK || model_copy(ctx, &s->model, &gradient) != OXL_OK ||
-        renderer_forward(ctx, narrow, &s->model, &s->camera, &options) != OXL_OK)
-        extreme_fail(oxl_error_text(ctx));
-    for (size_t i = 0; i < values; i++) drgb_f64[i] = drgb[i] = (float)extreme_random(i, 99);
-    for (int k = 0; k < OXL_PLANES; k++)
-        if (gradient.plane[k])
-            memset(gradient.plane[k], 0, (k < OXL_LOBE ? gradient.count : gradient.lobes) * sizeof(float));
-    if (renderer_backward(ctx, narrow, drgb, &gradient) != OXL_OK) extreme_fail(oxl_error_text(ctx));
-    extreme_widen(s, &wide);
-    kernels_backward(&wide, drgb_f64);
-    extreme_compare(&image, narrow->rgb, wide.rgb, values);
-    out->rendered = narrow->bins.visible_count;
-    out->part[EXTREME_IMAGE] = extreme_error(&image, EXTREME_UNDERFLOW);
-    out->part[EXTREME_POSITION] = extreme_planes(&gradient, &wide, OXL_MEAN, OXL_LOG_SCALE);
-    out->part[EXTREME_SCALE] = extreme_planes(&gradient, &wide, OXL_LOG_SCALE, OXL_ROTATION);
-    out->part[EXTREME_ROTATION] = extreme_planes(&gradient, &wide, OXL_ROTATION, OXL_OPACITY);
-    out->part[EXTREME_OPACITY] = extreme_planes(&gradient, &wide, OXL_OPACITY, OXL_SH);
-    out->part[EXTREME_COLOUR] = extreme_planes(&gradient, &wide, OXL_SH, oxl_model_planes(&s->model));
-    out->part[EXTREME_LOBE] = extreme_planes(&gradient, &wide, OXL_LOBE, OXL_PLANES);
-    wide_free(&wide);
-    renderer_free(ctx, narrow);
-    oxl_model_free(ctx, &gradient);
-    oxl_free(ctx, drgb);
-    free(drgb_f64);
 }
 
 static void extreme_run(oxl_context *ctx, const struct extreme *e, struct extreme_result *out)
 {
-    struct extreme_scene s;
-    extreme_ordinary(ctx, e, &s);
-    e->make(&s, e->value);
-    extreme_measure(ctx, &s, out);
-    oxl_model_free(ctx, &s.model);
+    static const int first[EXTREME_PARTS + 1] = {0,           OXL_MEAN, OXL_LOG_SCALE, OXL_ROTATION,
+                                                 OXL_OPACITY, OXL_SH,   OXL_LOBE,      OXL_PLANES};
+    OWNED_WIDE w = {0};
+    struct extreme_sums image = {.finite = 1};
+    struct renderer *narrow = NULL;
+    oxl_render_options options = oxl_render_options_default();
+    oxl_model model, gradient;
+    size_t values;
+    float *drgb;
+    double *drgb_f64;
+    extreme_ordinary(e, &w);
+    if (e->make) e->make(&w, e->value);
+    wide_to_float(&w);
+    values = 3 * (size_t)w.camera.width * (size_t)w.camera.height;
+    drgb = wide_array(values), drgb_f64 = wide_array(values);
+    for (size_t i = 0; i < values; i++) drgb_f64[i] = drgb[i] = (float)extreme_random(i, 99);
+    options.near_plane = (float)w.near_plane;
+    extreme_must(ctx, wide_to_model(ctx, &w, &model));
+    extreme_must(ctx, renderer_create(ctx, &narrow));
+    extreme_must(ctx, renderer_forward(ctx, narrow, &model, &w.camera, &options));
+    kernels_backward(&w, drgb_f64);
+    wide_fill(&w, 0, OXL_PLANES, 0); /* rows out of view get no gradient */
+    extreme_must(ctx, wide_to_model(ctx, &w, &gradient));
+    extreme_must(ctx, renderer_backward(ctx, narrow, drgb, &gradient));
+    extreme_compare(&image, narrow->rgb, w.rgb, values);
+    out->rendered = narrow->bins.visible_count;
+    out->part[EXTREME_IMAGE] = extreme_error(&image, EXTREME_UNDERFLOW);
+    for (int k = EXTREME_IMAGE + 1; k < EXTREME_PARTS; k++)
+        out->part[k] = extreme_planes(&gradient, &w, first[k], first[k + 1]);
+    renderer_free(ctx, narrow);
+    oxl_model_free(ctx, &model), oxl_model_free(ctx, &gradient);
+    free(drgb), free(drgb_f64);
 }
 
 /* 1: within the bounds and finite. */

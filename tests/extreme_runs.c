@@ -28,25 +28,23 @@ static void extreme_run_loss(oxl_context *ctx, const struct extreme_loss *e, dou
                              struct extreme_error *gradient)
 {
     const size_t n = 3 * (size_t)e->width * (size_t)e->height;
-    float *x = oxl_alloc(ctx, n, sizeof *x), *y = oxl_alloc(ctx, n, sizeof *y),
-          *dx = oxl_alloc(ctx, n, sizeof *dx);
+    float *x = wide_array(n), *y = wide_array(n), *dx = wide_array(n);
     double *x_f64 = wide_array(n), *y_f64 = wide_array(n), *dx_f64 = wide_array(n), exact;
     const struct loss_job job = {e->width, e->height, 0.2f, x, y, NULL, dx, 0};
     struct loss_scratch scratch = {0};
     struct renderer_loss narrow;
     struct extreme_sums sums = {.finite = 1};
-    if (!x || !y || !dx) extreme_fail("no memory");
     for (size_t i = 0; i < n; i++) {
         x_f64[i] = x[i] = (float)(e->x + e->ripple * extreme_random(i, 3));
         y_f64[i] = y[i] = (float)e->y;
     }
-    if (loss_forward_backward(ctx, &job, &scratch, &narrow) != OXL_OK) extreme_fail(oxl_error_text(ctx));
+    extreme_must(ctx, loss_forward_backward(ctx, &job, &scratch, &narrow));
     exact = kernels_loss(e->width, e->height, 0.2, x_f64, y_f64, NULL, dx_f64).total;
     extreme_compare(&sums, dx, dx_f64, n);
     *gradient = extreme_error(&sums, 0.8 / (double)n); /* no less than the pull of L1 */
     *value = fabs(narrow.total - exact);
     loss_free(ctx, &scratch);
-    oxl_free(ctx, x), oxl_free(ctx, y), oxl_free(ctx, dx);
+    free(x), free(y), free(dx);
     free(x_f64), free(y_f64), free(dx_f64);
 }
 
@@ -138,7 +136,7 @@ static const struct extreme_survey EXTREME_SURVEYS[] = {
 /* A coloured wall of EXTREME_GRID^2 patches. */
 static void extreme_wall(oxl_context *ctx, oxl_model *wall)
 {
-    if (oxl_model_create(ctx, EXTREME_GRID * EXTREME_GRID, 0, wall) != OXL_OK) extreme_fail("no memory");
+    extreme_must(ctx, oxl_model_create(ctx, EXTREME_GRID * EXTREME_GRID, 0, wall));
     for (int i = 0; i < EXTREME_GRID * EXTREME_GRID; i++) {
         wall->plane[OXL_MEAN][i] = 0.3f * (float)(i % EXTREME_GRID - EXTREME_GRID / 2);
         wall->plane[OXL_MEAN + 1][i] = 0.3f * (float)(i / EXTREME_GRID - EXTREME_GRID / 2);
@@ -169,15 +167,15 @@ static void extreme_write_images(oxl_context *ctx, const struct extreme_survey *
     char path[700];
     extreme_wall(ctx, &wall);
     snprintf(path, sizeof path, "%s/images", folder);
-    if (oxl_make_folder(ctx, path) != OXL_OK) extreme_fail(oxl_error_text(ctx));
+    extreme_must(ctx, oxl_make_folder(ctx, path));
     for (int v = 0; v < EXTREME_VIEWS; v++) {
         const oxl_camera camera = extreme_view(v, e->twins);
         oxl_image image;
-        if (oxl_render(ctx, &wall, &camera, NULL, &image, NULL) != OXL_OK) extreme_fail(oxl_error_text(ctx));
+        extreme_must(ctx, oxl_render(ctx, &wall, &camera, NULL, &image, NULL));
         for (int i = 0; i < 3 * EXTREME_SIDE * EXTREME_SIDE && e->paint >= 0; i++)
             image.rgb[i] = (float)e->paint;
         snprintf(path, sizeof path, "%s/images/%d.png", folder, v);
-        if (oxl_image_write(ctx, path, &image) != OXL_OK) extreme_fail(oxl_error_text(ctx));
+        extreme_must(ctx, oxl_image_write(ctx, path, &image));
         oxl_image_free(ctx, &image);
     }
     oxl_model_free(ctx, &wall);
@@ -187,14 +185,14 @@ static void extreme_write_text(oxl_context *ctx, const char *folder, const char 
 {
     char path[700];
     snprintf(path, sizeof path, "%s/%s", folder, name);
-    if (os_write_file(ctx, path, t->data, t->size) != OXL_OK) extreme_fail(oxl_error_text(ctx));
+    extreme_must(ctx, os_write_file(ctx, path, t->data, t->size));
 }
 
 /* The wall and its cameras as a COLMAP text export, in the world of this survey. */
 static void extreme_write_survey(oxl_context *ctx, const struct extreme_survey *e, const char *folder)
 {
     const int grid = EXTREME_GRID * EXTREME_GRID, points = e->points > 0 ? e->points : grid;
-    OWNED_TEXT cameras = {.ctx = ctx}, images = {.ctx = ctx}, cloud = {.ctx = ctx};
+    struct text cameras = {.ctx = ctx}, images = {.ctx = ctx}, cloud = {.ctx = ctx};
     extreme_write_images(ctx, e, folder);
     text_add(&cameras, "1 PINHOLE %d %d 42 42 20 20\n", EXTREME_SIDE, EXTREME_SIDE);
     for (int v = 0; v < EXTREME_VIEWS; v++) {
@@ -213,6 +211,7 @@ static void extreme_write_survey(oxl_context *ctx, const struct extreme_survey *
     extreme_write_text(ctx, folder, "cameras.txt", &cameras);
     extreme_write_text(ctx, folder, "images.txt", &images);
     extreme_write_text(ctx, folder, "points3D.txt", &cloud);
+    text_free(&cameras), text_free(&images), text_free(&cloud);
 }
 
 static int extreme_count_nonfinite(void *user, const oxl_progress *p)
@@ -239,14 +238,12 @@ static int extreme_train(oxl_context *ctx, const struct extreme_survey *e, const
     train.stereo = 0; /* A point that is rounded otherwise may fall into another place. */
     load.test_every = 0;
     extreme_write_survey(ctx, e, folder);
-    if (oxl_scene_load(ctx, folder, &load, &scene) != OXL_OK ||
-        train_run(ctx, scene, &train, &count, NULL, &model) != OXL_OK)
-        extreme_fail(oxl_error_text(ctx));
+    extreme_must(ctx, oxl_scene_load(ctx, folder, &load, &scene));
+    extreme_must(ctx, train_run(ctx, scene, &train, &count, NULL, &model));
     draw.near_plane = (float)oxl_scene_near_plane(scene);
     for (int v = 0; v < EXTREME_VIEWS; v++) {
         oxl_image image;
-        if (oxl_render(ctx, &model, &oxl_scene_view(scene, v)->camera, &draw, &image, NULL) != OXL_OK)
-            extreme_fail(oxl_error_text(ctx));
+        extreme_must(ctx, oxl_render(ctx, &model, &oxl_scene_view(scene, v)->camera, &draw, &image, NULL));
         memcpy(images + (size_t)v * values, image.rgb, values * sizeof *images);
         oxl_image_free(ctx, &image);
     }
@@ -270,9 +267,8 @@ static struct extreme_error extreme_run_survey(oxl_context *ctx, const struct ex
                                                const char *folder, const float *plain)
 {
     struct extreme_error error = {0};
-    float *images = oxl_alloc(ctx, EXTREME_VALUES, sizeof *images);
+    float *images = wide_array(EXTREME_VALUES);
     const int values = EXTREME_VALUES / EXTREME_VIEWS;
-    if (!images) extreme_fail("no memory");
     error.finite = extreme_train(ctx, e, folder, images);
     for (int v = 0; v < EXTREME_VIEWS; v++) {
         double sum = 0;
@@ -283,7 +279,7 @@ static struct extreme_error extreme_run_survey(oxl_context *ctx, const struct ex
         }
         error.mean = OXL_MAX(error.mean, sum);
     }
-    oxl_free(ctx, images);
+    free(images);
     return error;
 }
 

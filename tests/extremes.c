@@ -8,9 +8,7 @@
 #include "../lab/synth.c"
 #include "../lab/synth_export.c"
 #include "../cli/output.c"
-#include "../lab/synth_fish.c"
 #include "../lab/synth_light.c"
-#include "../lab/synth_own.c"
 #include "../lab/synth_trajectory.c"
 #include "../lab/synth_points.c"
 #include "../lab/synth_shade.c"
@@ -91,7 +89,7 @@ static void extreme_print_adams(oxl_context *ctx)
 
 static void extreme_print_surveys(oxl_context *ctx, const char *folder)
 {
-    float *plain = oxl_alloc(ctx, EXTREME_VALUES, sizeof *plain);
+    float *plain = wide_array(EXTREME_VALUES);
     char path[600];
     printf(
         "\n## Surveys: read from files, trained for %d iterations, rendered\n\n"
@@ -99,20 +97,21 @@ static void extreme_print_surveys(oxl_context *ctx, const char *folder)
         "most.\n\n"
         "| extreme | rendering | bound of the mean | holds |\n|---|---|---|---|\n",
         EXTREME_STEPS);
-    for (size_t i = 0; plain && i < OXL_COUNT(EXTREME_SURVEYS); i++) {
+    for (size_t i = 0; i < OXL_COUNT(EXTREME_SURVEYS); i++) {
         const struct extreme_survey *e = &EXTREME_SURVEYS[i];
         struct extreme_error error;
         snprintf(path, sizeof path, "%s/survey-%zu", folder, i);
         if (i == 0) extreme_train(ctx, e, path, plain);
         error = extreme_run_survey(ctx, e, path, plain);
         printf("| %s |", e->what);
-        if (e->image < 0) printf(" - |");
-        else extreme_print_cell(&error);
-        if (e->image < 0) printf(" finite |");
-        else printf(" %.0e |", e->image);
+        if (e->image < 0) printf(" - | finite |");
+        else {
+            extreme_print_cell(&error);
+            printf(" %.0e |", e->image);
+        }
         extreme_say_whether(extreme_survey_holds(e, &error));
     }
-    oxl_free(ctx, plain);
+    free(plain);
 }
 
 /* The paper's number of iterations on the most turbid water that synth knows. */
@@ -133,10 +132,9 @@ static void extreme_print_long_run(oxl_context *ctx, const char *folder)
     train.ucd = OXL_UCD_SEARCH;
     train.dog = OXL_DOG_SELECTIVE;
     train.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
-    if (synth_run(ctx, &options) != OXL_OK) extreme_fail(oxl_error_text(ctx));
-    if (oxl_scene_load(ctx, path, NULL, &scene) != OXL_OK ||
-        train_run(ctx, scene, &train, &count, NULL, &model) != OXL_OK)
-        extreme_fail(oxl_error_text(ctx));
+    extreme_must(ctx, synth_run(ctx, &options));
+    extreme_must(ctx, oxl_scene_load(ctx, path, NULL, &scene));
+    extreme_must(ctx, train_run(ctx, scene, &train, &count, NULL, &model));
     for (size_t i = 0; i < model.count; i++) finite &= model_row_is_finite(&model, i);
     finite &= found.steps == 0 && found.rows == 0 && found.cleared == 0;
     printf(

@@ -33,6 +33,7 @@ struct wide {
 
 /* The planes are 0, the rotations w = 1. Memory is malloc's; a test without it aborts. */
 void wide_create(struct wide *w, const oxl_camera *camera, size_t count, size_t lobes, int sh_degree);
+void wide_resize(struct wide *w, int width, int height); /* of the image */
 void wide_free(struct wide *w);
 #define OWNED_WIDE __attribute__((cleanup(wide_free))) struct wide
 void *wide_array(size_t count); /* of doubles, zeros */

@@ -18,7 +18,6 @@ void *wide_array(size_t count)
 
 void wide_create(struct wide *w, const oxl_camera *camera, size_t count, size_t lobes, int sh_degree)
 {
-    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
     *w = (struct wide){.camera = *camera,
                        .near_plane = 0.2,
                        .alpha_min = ALPHA_MIN,
@@ -31,17 +30,31 @@ void wide_create(struct wide *w, const oxl_camera *camera, size_t count, size_t 
         w->gradient[k] = wide_array(count);
     }
     for (size_t i = 0; i < count; i++) w->plane[OXL_ROTATION][i] = 1;
+    w->dmean2d = wide_array(count);
+    w->inside = wide_array(count);
+    wide_resize(w, camera->width, camera->height);
+}
+
+static void wide_free_image(struct wide *w)
+{
+    free(w->rgb), free(w->transmittance), free(w->depth);
+}
+
+void wide_resize(struct wide *w, int width, int height)
+{
+    const size_t pixels = (size_t)width * (size_t)height;
+    wide_free_image(w);
+    w->camera.width = width, w->camera.height = height;
     w->rgb = wide_array(3 * pixels);
     w->transmittance = wide_array(pixels);
     w->depth = wide_array(pixels);
-    w->dmean2d = wide_array(count);
-    w->inside = wide_array(count);
 }
 
 void wide_free(struct wide *w)
 {
     for (int k = 0; k < OXL_PLANES; k++) free(w->plane[k]), free(w->gradient[k]);
-    free(w->rgb), free(w->transmittance), free(w->depth), free(w->dmean2d), free(w->inside);
+    wide_free_image(w);
+    free(w->dmean2d), free(w->inside);
     *w = (struct wide){0};
 }
 
@@ -155,8 +168,7 @@ void splat_backward(struct wide *w, const double *drgb)
     for (int i = 0; i < 3 * s.pixels; i++) interleaved[i] = drgb[i % 3 * s.pixels + i / 3];
     render_backward(&s.model, &s.camera, s.splat, s.count, s.rgb, interleaved, ds, dg);
     for (int k = 0; k < OXL_PLANES; k++)
-        for (size_t i = 0; w->gradient[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++)
-            w->gradient[k][i] = ((double *)&dg[i])[k];
+        for (size_t i = 0; i < wide_rows(w, k); i++) w->gradient[k][i] = ((double *)&dg[i])[k];
     memset(w->dmean2d, 0, w->count * sizeof *w->dmean2d);
     for (int i = 0; i < s.count; i++)
         w->dmean2d[s.splat[i].row] =
