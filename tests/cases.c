@@ -3,7 +3,8 @@
 
 int test_same_model(const oxl_model *a, const oxl_model *b)
 {
-    int same = a->count == b->count && a->sh_degree == b->sh_degree && a->lobes == b->lobes;
+    int same = a->count == b->count && a->sh_degree == b->sh_degree && a->lobes == b->lobes &&
+               a->antialias == b->antialias;
     for (int k = 0; same && k < OXL_PLANES; k++) {
         const size_t rows = k >= OXL_LOBE ? a->lobes : k < oxl_model_planes(a) ? a->count : 0;
         same = rows == 0 || !memcmp(a->plane[k], b->plane[k], rows * sizeof(float));

@@ -80,6 +80,11 @@ oxl_scene *train_scene_changed(int views, const char *const *names,
                                               oxl_image *image),
                                const void *how);
 oxl_scene *train_scene_of(int views, double shine);
+/* As train_scene_changed, with images of a stereo pair's left and right camera in turn. */
+oxl_scene *train_scene_of_pairs(int views,
+                                void (*change)(const void *how, const oxl_scene *scene, int view,
+                                               oxl_image *image),
+                                const void *how);
 
 struct checkpoint_case {
     oxl_scene *scene;
@@ -93,8 +98,9 @@ void checkpoint_case_free(struct checkpoint_case *c);
 #define OWNED_CHECKPOINT_CASE __attribute__((cleanup(checkpoint_case_free))) struct checkpoint_case
 struct checkpoint_case checkpoint_of(oxl_scene *scene, oxl_train_options options);
 oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int until, oxl_model *out);
-/* Stops the run after each of these steps, and then ends it. */
-void checkpoint_stops(struct checkpoint_case *c, const int *stop, size_t stops, oxl_model *out);
+void checkpoint_stop_at(struct checkpoint_case *c, int step);
+/* The run (c->whole), stopped after each of these steps (to 0) and resumed, ends in the same model and imaging. */
+void checkpoint_check_stops(struct checkpoint_case *c, const int *stop);
 
 /* test_underwater.c */
 struct lamp lamp_of(int view);

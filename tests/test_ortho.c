@@ -49,6 +49,15 @@ static oxl_scene *ortho_test_scene(void)
     return ortho_test_turned(0);
 }
 
+#define OWNED_SURFACE __attribute__((cleanup(surface_close))) struct surface
+
+static struct surface ortho_test_surface(const oxl_model *model, const oxl_scene *scene, int side)
+{
+    struct surface s;
+    CHECK_OK(surface_open(test_ctx, model, scene, side, &s));
+    return s;
+}
+
 static void ortho_test_close(const double a[3], const double b[3], double within)
 {
     for (int k = 0; k < 3; k++) CHECK_CLOSE(a[k], b[k], within);
@@ -113,25 +122,7 @@ static const uint8_t *ortho_test_file(const char *path)
 
 static uint32_t ortho_test_integer(const uint8_t *at, int size)
 {
-    uint32_t value = 0;
-    for (int i = 0; i < size; i++) value |= (uint32_t)at[i] << 8 * i;
-    return value;
-}
-
-static double ortho_test_double(const uint8_t *at)
-{
-    const uint64_t bits = ortho_test_integer(at, 4) | (uint64_t)ortho_test_integer(at + 4, 4) << 32;
-    double value;
-    memcpy(&value, &bits, sizeof value);
-    return value;
-}
-
-static float ortho_test_float(const uint8_t *at)
-{
-    const uint32_t bits = ortho_test_integer(at, 4);
-    float value;
-    memcpy(&value, &bits, 4);
-    return value;
+    return (uint32_t)bytes_get(at, size);
 }
 
 /* The entry of a tag in the directory of a TIFF, or NULL. */
@@ -194,8 +185,8 @@ TEST(geotiff_has_its_place_its_system_and_every_pixel)
                   ortho_test_integer(t + at + 2 + 12 * i - 12, 2));
         CHECK(ortho_test_value(t, 279) == 4 * W * H && ortho_test_value(t, 273) + 4 * W * H <= at);
         CHECK(ortho_test_value(t, 256) == W && ortho_test_value(t, 257) == H);
-        CHECK(ortho_test_double(t + ortho_test_value(t, 33550)) == 0.25);
-        CHECK(ortho_test_double(tie + 24) == 500000.5 && ortho_test_double(tie + 32) == 6700001.25);
+        CHECK(bytes_double(t + ortho_test_value(t, 33550)) == 0.25);
+        CHECK(bytes_double(tie + 24) == 500000.5 && bytes_double(tie + 32) == 6700001.25);
         for (int i = 0; i < W * H; i++) {
             const uint8_t *at_pixel = ortho_test_at(t, (uint32_t)(i % W), (uint32_t)(i / W));
             if (k < 3) CHECK(memcmp(at_pixel, &height[i], 4) == 0);
@@ -211,8 +202,8 @@ TEST(geotiff_has_its_place_its_system_and_every_pixel)
         CHECK(ortho_test_key(keys, tags, 2048) == (k == 1 ? 4326 : 0) &&
               !ortho_test_tag(t, 34736) == (k != 1));
         if (k != 1) continue;
-        CHECK(ortho_test_double(t + ortho_test_value(t, 34736)) == -8.25);
-        CHECK(ortho_test_double(t + ortho_test_value(t, 34736) + 8) == 47.5);
+        CHECK(bytes_double(t + ortho_test_value(t, 34736)) == -8.25);
+        CHECK(bytes_double(t + ortho_test_value(t, 34736) + 8) == 47.5);
     }
 }
 
@@ -269,15 +260,14 @@ static void ortho_test_pixel(const double p[3], int min_views, const double far[
     t = ortho_test_file("map/ortho.tif"), tie = t + ortho_test_value(t, 33922);
     for (uint32_t d = 0; d < 2;
          d++) { /* the points reach 10 x 4 from the origin on: into the outermost pixels */
-        const double from =
-                         d ? far[1] + 4 - ortho_test_double(tie + 32) : ortho_test_double(tie + 24) - far[0],
+        const double from = d ? far[1] + 4 - bytes_double(tie + 32) : bytes_double(tie + 24) - far[0],
                      rest = from + 0.05 * ortho_test_value(t, 256 + d) - (d ? 4 : 10);
         CHECK(from <= 1e-9 && from > -0.05 && rest >= -1e-9 && rest < 0.05);
     }
-    x = (uint32_t)((p[0] + far[0] - ortho_test_double(tie + 24)) / 0.05);
-    y = (uint32_t)((ortho_test_double(tie + 32) - p[1] - far[1]) / 0.05);
+    x = (uint32_t)((p[0] + far[0] - bytes_double(tie + 24)) / 0.05);
+    y = (uint32_t)((bytes_double(tie + 32) - p[1] - far[1]) / 0.05);
     *alpha = ortho_test_at(t, x, y)[3], *red = ortho_test_at(t, x, y)[0];
-    *height = ortho_test_float(ortho_test_at(ortho_test_file("map/height.tif"), x, y)) - (float)far[2];
+    *height = bytes_float(ortho_test_at(ortho_test_file("map/height.tif"), x, y)) - (float)far[2];
     a.pixel = 1e-9;
     CHECK(ortho_test_write(scene, &model, &a, map_write) == OXL_ERR_USAGE);
 }
@@ -332,7 +322,6 @@ TEST(surface_is_confirmed_by_clear_images_of_that_depth_that_points_do_not_contr
         OWNED_SCENE *scene = ortho_test_scene();
         const double place[3] = {5.05, 2.05, -1};
         const struct surface_list both = {.count = 2, .view = {0, 1}};
-        struct surface s;
         struct surface_vote vote;
         double p[3], speck[3] = {5.05, 2.05, -0.95};
         vector_add(place, 1, row[i].ground, p);
@@ -349,11 +338,10 @@ TEST(surface_is_confirmed_by_clear_images_of_that_depth_that_points_do_not_contr
                                                    : k % 3 == 1 ? 1.5 + 0.2 * (k / 18)
                                                                 : row[i].points - 1) -
                                                   oxl_scene_origin(scene)[k % 3];
-        CHECK_OK(surface_open(test_ctx, &model, scene, 1000, &s));
+        OWNED_SURFACE s = ortho_test_surface(&model, scene, 1000);
         if (row[i].usual > 0) s.distance = row[i].usual;
         vector_add(place, -1, oxl_scene_origin(scene), p);
         vote = surface_ask(&s, &both, p);
-        surface_close(&s);
         CHECK(vote.sees == row[i].sees && vote.confirms == row[i].confirms && vote.passes == row[i].passes);
     }
 }
@@ -385,10 +373,9 @@ TEST(unseen_gaussians_are_removed_and_no_training_view_changes)
 TEST(surface_lists_every_view_that_has_a_place_of_the_sphere_in_its_image)
 {
     OWNED_SCENE *scene = ortho_test_turned(0.6);
-    struct surface s;
     int any = 0, spared = 0;
     OWNED_MODEL model = test_model(1, 0);
-    CHECK_OK(surface_open(test_ctx, &model, scene, 1000, &s));
+    OWNED_SURFACE s = ortho_test_surface(&model, scene, 1000);
     for (int i = 0; i < 2000; i++) {
         const double centre[3] = {i % 41 - 20, i % 37 - 18, i % 7 - 3},
                      p[3] = {centre[0] + 0.6, centre[1] - 0.5, centre[2] + 0.6};
@@ -406,7 +393,6 @@ TEST(surface_lists_every_view_that_has_a_place_of_the_sphere_in_its_image)
         }
     }
     CHECK(any > 40 && spared > 1000);
-    surface_close(&s);
 }
 
 /* A wall of specks on flat ground 9 below the cameras at x = 3 and 7, whose images are 7.2 wide there: of the map,
@@ -428,7 +414,7 @@ TEST(map_measures_the_ground_that_two_views_share_its_certainty_and_where_camera
 {
     static const double level[9] = {1, 0, 0, 0, 0, -1, 0, 1, 0};
     OWNED_SCENE *scene = ortho_test_scene();
-    struct surface s;
+    OWNED_SURFACE s = {0};
     struct map m = {.ctx = test_ctx,
                     .scene = scene,
                     .surface = &s,
@@ -438,7 +424,7 @@ TEST(map_measures_the_ground_that_two_views_share_its_certainty_and_where_camera
     OWNED_MODEL model = {0};
     size_t middle;
     ortho_test_ground(scene, &model);
-    CHECK_OK(surface_open(test_ctx, &model, scene, SURFACE_SIDE, &s));
+    s = ortho_test_surface(&model, scene, SURFACE_SIDE);
     CHECK_OK(map_make(&m, &model, FRAME_AUTO, 100));
     CHECK_CLOSE(m.sampling, 0.18, 0.001); /* 9 to the model's ground, by 50 px */
     CHECK_CLOSE(m.area, 12.8, 0.7);
@@ -454,10 +440,9 @@ TEST(map_measures_the_ground_that_two_views_share_its_certainty_and_where_camera
     map_free(&m);
     surface_close(&s);
     for (int v = 0; v < 2; v++) memcpy(scene->view[v].camera.rotation, level, sizeof level);
-    CHECK_OK(surface_open(test_ctx, &model, scene, SURFACE_SIDE, &s));
+    s = ortho_test_surface(&model, scene, SURFACE_SIDE);
     map_make(&wall, &model, FRAME_WORLD_AXES, 50);
     map_free(&wall);
-    surface_close(&s);
     CHECK_CLOSE(wall.down, 0, 1e-9);
 }
 
@@ -466,15 +451,13 @@ TEST(surface_says_what_of_a_view_no_training_view_shows_and_where)
 {
     OWNED_SCENE *scene = ortho_test_scene();
     OWNED_MODEL model = {0};
-    struct surface s;
     const char *where;
     ortho_test_ground(scene, &model);
     scene->view[1].is_test = 1;
-    CHECK_OK(surface_open(test_ctx, &model, scene, SURFACE_SIDE, &s));
+    OWNED_SURFACE s = ortho_test_surface(&model, scene, SURFACE_SIDE);
     CHECK_CLOSE(surface_gap(&s, &model, &oxl_scene_view(scene, 1)->camera, &where), 4 / 7.2, 0.02);
     CHECK(strstr(where, "right") != NULL);
     CHECK_CLOSE(surface_gap(&s, &model, &oxl_scene_view(scene, 0)->camera, &where), 0, 0.01);
-    surface_close(&s);
 }
 
 /* A hole of two pixels gets the mean of what is around; of a large one, its corners alone do; one in the map's corner
@@ -517,11 +500,11 @@ TEST(cloud_in_las_has_its_crs_its_scale_and_points_on_the_ground)
     CHECK(ortho_test_key(keys, ortho_test_integer(keys + 6, 2), 3072) == 32632);
     for (const uint8_t *p = t + first; p < t + first + 38 * (size_t)count; p += 38) {
         for (int k = 0; k < 3; k++) {
-            const double x = (int32_t)ortho_test_integer(p + 4 * k, 4) * ortho_test_double(t + 131 + 8 * k) +
-                             ortho_test_double(t + 155 + 8 * k);
+            const double x = (int32_t)ortho_test_integer(p + 4 * k, 4) * bytes_double(t + 131 + 8 * k) +
+                             bytes_double(t + 155 + 8 * k);
             CHECK(x > low[k] && x < high[k]);
         }
-        CHECK(p[17] == 2 && ortho_test_float(p + 34) > 0.9f);
+        CHECK(p[17] == 2 && bytes_float(p + 34) > 0.9f);
     }
 }
 
@@ -557,12 +540,11 @@ TEST(mesh_of_flat_ground_lies_on_it_faces_the_cameras_and_has_no_cracks)
 {
     OWNED_SCENE *scene = ortho_test_scene();
     OWNED_MODEL model = {0};
-    struct surface s;
     struct cloud c;
     double area = 0;
     int open = 0;
     ortho_test_ground(scene, &model);
-    CHECK_OK(surface_open(test_ctx, &model, scene, 320, &s));
+    OWNED_SURFACE s = ortho_test_surface(&model, scene, 320);
     CHECK_OK(cloud_make(&s, 2, &c));
     CHECK_OK(mesh_make(&s, 2, 0.2, &c));
     for (size_t i = 0; i < 3 * c.triangles; i++) {
@@ -579,7 +561,6 @@ TEST(mesh_of_flat_ground_lies_on_it_faces_the_cameras_and_has_no_cracks)
     }
     CHECK(area > 10 && area < 20 && c.triangles > MESH_SMALL && open < 120);
     cloud_free(&c);
-    surface_close(&s);
 }
 
 /* A hill of 30 x 30 cells is a change, with its volume; one of 8 x 8, and a difference within the level of detection,
@@ -786,23 +767,28 @@ static void ortho_test_pixels(const oxl_scene *scene, const double place[3], cha
     snprintf(out, 200, "a.png,%.9f,%.9f,b.png,%.9f,%.9f", at[0][0], at[0][1], at[1][0], at[1][1]);
 }
 
+static oxl_result ortho_test_measure(const oxl_scene *scene, const char *bar, double metres)
+{
+    FILE *to = fopen(test_path("said"), "ab");
+    const oxl_result rc = scale_measure(test_ctx, scene, bar, metres, to);
+    fclose(to);
+    return rc;
+}
+
 TEST(scale_bar_has_its_true_length)
 {
     OWNED_SCENE *scene = ortho_test_scene();
     const double end[2][3] = {{5, 2, 0}, {5, 2.5, 0}}; /* half a unit apart, at the rims of both */
     char pixels[2][200], bar[420];
-    FILE *to = fopen(test_path("said"), "wb+");
     for (int i = 0; i < 2; i++) ortho_test_pixels(scene, end[i], pixels[i]);
     snprintf(bar, sizeof bar, "%s:%s", pixels[0], pixels[1]);
-    CHECK_OK(scale_measure(test_ctx, scene, bar, 0.25, to));
-    CHECK_OK(scale_measure(test_ctx, scene, "5,2,0:5,2.5,0", 1.5, to));
-    fclose(to);
+    CHECK_OK(ortho_test_measure(scene, bar, 0.25));
+    CHECK_OK(ortho_test_measure(scene, "5,2,0:5,2.5,0", 1.5));
     ortho_test_said("end 2     5.000000 2.500000");
     ortho_test_said("scale     0.5");
     ortho_test_said("scale     3 metres");
-    CHECK_ERROR(scale_measure(test_ctx, scene, "a.png,1,2:b.png,1,2", 1, stderr), OXL_ERR_USAGE,
-                "visible in two images");
-    CHECK_ERROR(scale_measure(test_ctx, scene, "c.png,1,2,a.png,1,2:b.png,1,2", 1, stderr), OXL_ERR_USAGE,
+    CHECK_ERROR(ortho_test_measure(scene, "a.png,1,2:b.png,1,2", 1), OXL_ERR_USAGE, "visible in two images");
+    CHECK_ERROR(ortho_test_measure(scene, "c.png,1,2,a.png,1,2:b.png,1,2", 1), OXL_ERR_USAGE,
                 "no image is called 'c.png'");
 }
 
@@ -810,13 +796,11 @@ TEST(scale_bar_has_its_true_length)
 TEST(scale_of_several_bars_is_their_least_squares)
 {
     OWNED_SCENE *scene = ortho_test_scene();
-    FILE *to = fopen(test_path("said"), "wb+");
-    CHECK_OK(scale_measure(test_ctx, scene, "1,2,0:2,2,0=0.5;1,2,0:3,2,0=1.1", 0, to));
-    fclose(to);
+    CHECK_OK(ortho_test_measure(scene, "1,2,0:2,2,0=0.5;1,2,0:3,2,0=1.1", 0));
     ortho_test_said("scale     0.54 metres");
     ortho_test_said("bar 1     0.5 m, measured 0.54 m, residual -0.04 m: warning");
     ortho_test_said("bar 2     1.1 m, measured 1.08 m, residual 0.02 m\n");
-    CHECK(scale_measure(test_ctx, scene, "1,2,0:2,2,0=x", 0, stderr) == OXL_ERR_USAGE);
+    CHECK(ortho_test_measure(scene, "1,2,0:2,2,0=x", 0) == OXL_ERR_USAGE);
 }
 
 /* Rays that miss each other by a tenth of the cameras' distance, at the ends of a bar that is so long that
@@ -830,8 +814,7 @@ TEST(scale_bar_refuses_rays_that_miss_by_the_cameras_distance)
     ortho_test_pixels(scene, true_end, pixels);
     CHECK(sscanf(pixels, "a.png,%lf,%lf,b.png,%lf,%lf", &x[0], &y[0], &x[1], &y[1]) == 4);
     snprintf(bar, sizeof bar, "a.png,%.6f,%.6f,b.png,%.6f,%.6f:900,2,0", x[0], y[0] - 5, x[1], y[1] + 5);
-    CHECK_ERROR(scale_measure(test_ctx, scene, bar, 1, stderr), OXL_ERR_INPUT,
-                "of the camera's distance of 5");
+    CHECK_ERROR(ortho_test_measure(scene, bar, 1), OXL_ERR_INPUT, "of the camera's distance of 5");
 }
 
 /* A point 2 cm beside where the cameras see it, another 1 cm above; the world's origin is far. */

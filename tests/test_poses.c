@@ -183,17 +183,10 @@ TEST(poses_that_are_off_by_a_pixel_are_found)
 
 TEST(poses_of_a_run_stopped_at_any_step_end_in_the_same_bytes)
 {
-    static const int stops[] = {3, 30, 61};
-    oxl_camera truth[POSES_VIEWS];
-    struct checkpoint_case c = checkpoint_of(poses_noisy_scene(0.02, 0.03, truth), train_options(90));
-    double whole[POSES_VIEWS][POSE_TERMS];
-    OWNED_MODEL model = {0};
     NEEDS_PART(poses);
+    oxl_camera truth[POSES_VIEWS];
+    OWNED_CHECKPOINT_CASE c = checkpoint_of(poses_noisy_scene(0.02, 0.03, truth), train_options(90));
     c.options.poses = OXL_ON;
-    c.whole = test_trained(c.scene, &c.options);
-    memcpy(whole, test_imaging.pose, sizeof whole);
-    CHECK(pose_is_moved(whole[0]));
-    checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);
-    CHECK(test_same_model(&model, &c.whole) && memcmp(whole, test_imaging.pose, sizeof whole) == 0);
-    checkpoint_case_free(&c);
+    checkpoint_check_stops(&c, (const int[]){3, 30, 61, 0});
+    CHECK(pose_is_moved(test_imaging.pose[0]));
 }

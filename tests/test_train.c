@@ -346,6 +346,20 @@ oxl_scene *train_scene_changed(int views, const char *const *names,
     return test_scene(view, image, views, oxl_scene_points(plain), oxl_scene_point_count(plain));
 }
 
+oxl_scene *train_scene_of_pairs(int views,
+                                void (*change)(const void *how, const oxl_scene *scene, int view,
+                                               oxl_image *image),
+                                const void *how)
+{
+    static char text[16][16];
+    const char *name[16];
+    for (int v = 0; v < views; v++) {
+        snprintf(text[v], sizeof text[v], "%02d_%s.png", v / 2 + 1, v % 2 ? "right" : "left");
+        name[v] = text[v];
+    }
+    return train_scene_changed(views, name, change, how);
+}
+
 oxl_train_options train_options(int iterations)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);

@@ -25,7 +25,6 @@ static struct checkpoint_case checkpoint_case(void)
     struct checkpoint_case c = checkpoint_of(train_scene(7), train_options(130));
     c.options.coarse = 0.5f;
     c.options.densify_until = 0.9f; /* at 100: rows, moments and statistics change shape */
-    c.whole = test_trained(c.scene, &c.options);
     return c;
 }
 
@@ -53,22 +52,38 @@ oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int until,
     return rc;
 }
 
-void checkpoint_stops(struct checkpoint_case *c, const int *stop, size_t stops, oxl_model *out)
+void checkpoint_stop_at(struct checkpoint_case *c, int step)
 {
-    for (size_t i = 0; i < stops; i++) {
-        CHECK(checkpoint_run(c, "key", stop[i], out) == OXL_ERR_INTERRUPTED);
-        oxl_model_free(test_ctx, out);
-    }
-    CHECK_OK(checkpoint_run(c, "key", -1, out));
+    OWNED_MODEL model = {0};
+    CHECK(checkpoint_run(c, "key", step, &model) == OXL_ERR_INTERRUPTED);
+}
+
+static int checkpoint_same_imaging(const struct oxl_imaging *a, const struct oxl_imaging *b, size_t views)
+{
+    return a->on == b->on && memcmp(&a->medium, &b->medium, sizeof a->medium) == 0 &&
+           memcmp(a->lamp, b->lamp, sizeof a->lamp) == 0 &&
+           memcmp(a->log_gain, b->log_gain, 3 * views * sizeof *a->log_gain) == 0 &&
+           (!a->pose || memcmp(a->pose, b->pose, views * sizeof *a->pose) == 0);
+}
+
+void checkpoint_check_stops(struct checkpoint_case *c, const int *stop)
+{
+    const size_t views = (size_t)oxl_scene_view_count(c->scene);
+    OWNED_IMAGING whole = {0};
+    OWNED_MODEL model = {0};
+    c->whole = test_trained(c->scene, &c->options);
+    CHECK_OK(imaging_clone(test_ctx, &test_imaging, views, &whole));
+    for (; *stop; stop++) checkpoint_stop_at(c, *stop);
+    text_free(&c->decisions);
+    CHECK_OK(checkpoint_run(c, "key", -1, &model));
+    CHECK(test_same_model(&model, &c->whole) && checkpoint_same_imaging(&test_imaging, &whole, views));
 }
 
 TEST(checkpoint_a_run_stopped_at_any_step_ends_in_the_same_bytes)
 {
-    static const int stops[] = {1, 29, 99, 100, 101};
     OWNED_CHECKPOINT_CASE c = checkpoint_case();
-    OWNED_MODEL model = {0};
-    checkpoint_stops(&c, stops, OXL_COUNT(stops), &model);
-    CHECK(c.whole.count != oxl_scene_point_count(c.scene) && test_same_model(&model, &c.whole));
+    checkpoint_check_stops(&c, (const int[]){1, 29, 99, 100, 101, 0});
+    CHECK(c.whole.count != oxl_scene_point_count(c.scene));
 }
 
 TEST(checkpoint_keeps_the_callers_log)
@@ -76,8 +91,7 @@ TEST(checkpoint_keeps_the_callers_log)
     OWNED_CHECKPOINT_CASE c = checkpoint_case();
     OWNED_MODEL model = {0};
     text_add(&c.log, "iteration,loss\n");
-    CHECK(checkpoint_run(&c, "key", 5, &model) == OXL_ERR_INTERRUPTED);
-    oxl_model_free(test_ctx, &model);
+    checkpoint_stop_at(&c, 5);
     text_free(&c.log);
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
     CHECK_TEXT(c.log.data ? c.log.data : "", "iteration,loss\n");
@@ -88,7 +102,6 @@ static void checkpoint_change_byte(const char *path, long at)
     FILE *file = fopen(path, "r+b");
     int byte;
     CHECK(file != NULL);
-    if (!file) return;
     fseek(file, at, at < 0 ? SEEK_END : SEEK_SET);
     byte = fgetc(file);
     fseek(file, at, at < 0 ? SEEK_END : SEEK_SET);
@@ -98,11 +111,8 @@ static void checkpoint_change_byte(const char *path, long at)
 
 static void checkpoint_cut(const char *path, size_t size)
 {
-    FILE *file;
     OWNED_FILE map = test_file(path);
-    file = fopen(path, "wb");
-    CHECK(file && fwrite(map.data, 1, OXL_MIN(size, map.size), file) > 0);
-    if (file) fclose(file);
+    test_write_bytes(path, map.data, OXL_MIN(size, map.size));
 }
 
 /* Damaged in each of several places: the run starts again. */
@@ -113,14 +123,14 @@ TEST(checkpoint_that_is_damaged_is_noticed)
     OWNED_MODEL model = {0};
     for (size_t i = 0; i <= OXL_COUNT(places); i++) {
         checkpoint_remove(test_folder());
-        CHECK(checkpoint_run(&c, "key", 10, &model) == OXL_ERR_INTERRUPTED);
-        oxl_model_free(test_ctx, &model);
+        checkpoint_stop_at(&c, 10);
         if (i < OXL_COUNT(places)) checkpoint_change_byte(test_path("checkpoint.oxl"), places[i]);
         else checkpoint_cut(test_path("checkpoint.oxl"), 4000);
-        CHECK(checkpoint_run(&c, "key", 10, &model) == OXL_ERR_INTERRUPTED && c.first == 1);
-        oxl_model_free(test_ctx, &model);
+        checkpoint_stop_at(&c, 10);
+        CHECK(c.first == 1);
     }
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    c.whole = test_trained(c.scene, &c.options);
     CHECK(test_same_model(&model, &c.whole));
 }
 
@@ -128,8 +138,7 @@ TEST(checkpoint_of_another_key_is_left_aside)
 {
     OWNED_CHECKPOINT_CASE c = checkpoint_case();
     OWNED_MODEL model = {0};
-    CHECK(checkpoint_run(&c, "key", 10, &model) == OXL_ERR_INTERRUPTED);
-    oxl_model_free(test_ctx, &model);
+    checkpoint_stop_at(&c, 10);
     CHECK(checkpoint_run(&c, "other", 1, &model) == OXL_ERR_INTERRUPTED && c.first == 1);
 }
 
@@ -141,14 +150,12 @@ static void checkpoint_numbers(struct archive *a, void *user)
 
 TEST(checkpoint_that_counts_more_than_it_holds_is_refused)
 {
+    struct archive a = {.ctx = test_ctx, .reading = 1, .path = "small", .left = 100};
     OWNED_MODEL other = {0};
     int found = 0;
     OWNED_MODEL model = test_model(3, 0);
     model.count = SIZE_MAX / 4096; /* a count from elsewhere, and a right checksum */
-    {
-        struct archive a = {.ctx = test_ctx, .reading = 1, .path = "small", .left = 100};
-        CHECK(!archive_fits(&a, model.count, sizeof(float)) && a.rc == OXL_ERR_INPUT);
-    }
+    CHECK(!archive_fits(&a, model.count, sizeof(float)) && a.rc == OXL_ERR_INPUT);
     model.count = 3;
     CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", checkpoint_numbers, &model));
     CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", checkpoint_numbers, &other, &found));
