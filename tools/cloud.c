@@ -271,7 +271,7 @@ oxl_result cloud_write(const struct product *p, const oxl_model *model)
         cloud_move(&c, &p->world);
         near_open(&near, &c, PRODUCT_GROSS * distance);
         d = product_deviation(p->scene, &p->world, distance, cloud_off, &near);
-        free(near.key);
+        free(near.first);
         output_open(&t, a->out);
         form[kind].put(p, &c, &t);
         if (!output_close(&t))

@@ -71,7 +71,7 @@ static double compare_approach(const struct compare *c, struct similarity *move,
                 match[n].from[k] = from[k], match[n].to[k] = p[k] - match[n].off * (double)q->normal[k];
             n += q != NULL;
         }
-        free(near.key);
+        free(near.first);
         *left = similarity_weigh(match, n);
         if (!similarity_fit(match, n, move)) break;
         reach = fmax(0.8 * reach, 4 * c->surface[0].sampling);

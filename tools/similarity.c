@@ -1,7 +1,7 @@
 /* similarity.c - finds the nearest point of a cloud, and the similarity that moves one cloud onto another.
  *
- * Points are sorted by the cell of a cubic lattice, whose side is the largest distance asked for, so that a place's
- * neighbours are in the 27 cells around it.
+ * Points are listed by a hash of their cell of a cubic lattice, whose side is the largest distance asked for, so that a
+ * place's neighbours are in the 27 cells around it.
  *
  * The similarity of pairs is Horn's (1987): the rotation is the unit quaternion of the largest eigenvalue of a
  * 4 x 4 matrix of the pairs' products, and the scale the ratio of the spreads.
@@ -12,67 +12,43 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { NEAR_BITS = 21 };
 #define SIMILARITY_TUKEY 4.685 /* standard deviations from which on a residual has no weight (Huber 1981) */
 
 /* ---------------- nearest neighbours */
 
-struct near_key {
-    uint64_t cell;
-    uint32_t index;
-};
-
-static int near_compare(const void *a, const void *b)
+/* The hash of the cell that lies `step` from the place's, of 0 to 26; 13: its own. */
+static size_t near_cell(const struct near *n, const double p[3], int step)
 {
-    const struct near_key *x = a, *y = b;
-    if (x->cell != y->cell) return x->cell < y->cell ? -1 : 1;
-    return (x->index > y->index) - (x->index < y->index);
-}
-
-/* The cell that lies `step` from the place's, of 0 to 26; 13: its own. */
-static uint64_t near_cell(const struct near *n, const double p[3], int step)
-{
-    uint64_t cell = 0;
-    for (int k = 0; k < 3; k++, step /= 3) {
-        const double at = floor((p[k] - n->low[k]) / n->reach) + step % 3;
-        cell = cell << NEAR_BITS | (uint64_t)fmin(fmax(at, 0), (1 << NEAR_BITS) - 1);
-    }
-    return cell;
+    uint64_t hash = 0;
+    for (int k = 0; k < 3; k++, step /= 3)
+        hash = (hash ^ (uint64_t)(int64_t)(floor(p[k] / n->reach) + step % 3)) * 0x9e3779b97f4a7c15u;
+    return (size_t)(hash >> 32) & (n->cells - 1);
 }
 
 void near_open(struct near *n, const struct cloud *c, double reach)
 {
-    *n = (struct near){
-        .point = c->point, .count = c->count, .reach = reach, .low = {HUGE_VAL, HUGE_VAL, HUGE_VAL}};
-    n->key = product_room(c->count, sizeof *n->key);
-    for (size_t i = 0; i < 3 * c->count; i++)
-        n->low[i % 3] = fmin(n->low[i % 3], c->point[i / 3].place[i % 3]);
-    for (size_t i = 0; i < c->count; i++)
-        n->key[i] = (struct near_key){near_cell(n, c->point[i].place, 13), (uint32_t)i};
-    qsort(n->key, c->count, sizeof *n->key, near_compare);
+    *n = (struct near){.point = c->point, .reach = reach, .cells = 1};
+    while (n->cells < c->count) n->cells *= 2;
+    n->first = product_room(n->cells + c->count, sizeof *n->first), n->next = n->first + n->cells;
+    for (size_t i = c->count; i > 0; i--) {
+        uint32_t *first = &n->first[near_cell(n, c->point[i - 1].place, 13)];
+        n->next[i - 1] = *first, *first = (uint32_t)i;
+    }
 }
 
 const struct cloud_point *near_find(const struct near *n, const double p[3], double *off)
 {
     const struct cloud_point *best = NULL;
     double least = n->reach;
-    for (int k = 0; k < 27; k++) {
-        const uint64_t cell = near_cell(n, p, k);
-        size_t low = 0, high = n->count;
-        while (low < high) {
-            const size_t middle = low + (high - low) / 2;
-            if (n->key[middle].cell < cell) low = middle + 1;
-            else high = middle;
-        }
-        for (; low < n->count && n->key[low].cell == cell; low++) {
-            const struct cloud_point *q = &n->point[n->key[low].index];
+    for (int k = 0; k < 27; k++)
+        for (uint32_t i = n->first[near_cell(n, p, k)]; i; i = n->next[i - 1]) {
+            const struct cloud_point *q = &n->point[i - 1];
             double away[3];
             vector_add(p, -1, q->place, away);
             if (!(frame_length(away) < least)) continue;
             least = frame_length(away), best = q;
             *off = away[0] * q->normal[0] + away[1] * q->normal[1] + away[2] * q->normal[2];
         }
-    }
     return best;
 }
 

@@ -216,11 +216,12 @@ oxl_result mesh_make(const struct surface *s, int enough, double cell, struct cl
 
 struct near {
     const struct cloud_point *point;
-    size_t count;
-    double reach, low[3];
-    struct near_key *key; /* (count) */
+    double reach;
+    size_t cells;
+    uint32_t *first,
+        *next; /* (cells) (points) a point's number from 1, of a cell and behind a point; 0: none */
 };
-/* Sorts the points, which must outlive it, for near_find. */
+/* Lists the points, which must outlive it, for near_find; n->first is to be freed. */
 void near_open(struct near *n, const struct cloud *c, double reach);
 /* Returns the nearest point that is nearer than `reach`, and sets how far p is before the surface through it; NULL:
  * there is none. */
