@@ -70,18 +70,16 @@ static void print_resume(const struct arguments *a)
     fputc('\n', stderr);
 }
 
-static void print_results(const char *out, int json)
+static void print_results(const char *out)
 {
-    char *metrics = output_read(out, "metrics.json", NULL);
-    if (!metrics) print_format(stdout, "%s is not finished: run the same command again to resume\n", out);
-    else if (json) fputs(metrics, stdout);
+    if (!has_file(out, "metrics.json"))
+        print_format(stdout, "%s is not finished: run the same command again to resume\n", out);
     else {
         print_format(stdout, "model     %s/scene.ply\n", out);
         if (has_file(out, "scene_standard.ply"))
             print_format(stdout, "standard  %s/scene_standard.ply, for other viewers\n", out);
         print_format(stdout, "report    %s/report.html, beside metrics.json and renders\n", out);
     }
-    free(metrics);
 }
 
 /* Compares control points, and says whether the photos have GPS; without a log, as the check has told all. */
@@ -154,7 +152,7 @@ static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct 
     if (rc == OXL_OK && a->job.block < 0) rc = write_report(ctx, a->out);
     if (rc != OXL_OK) return rc;
     if (a->job.block >= 0) print_format(stdout, "block     %s/blocks/%03d\n", a->out, a->job.block);
-    else print_results(a->out, a->json);
+    else print_results(a->out);
     return rc;
 }
 
@@ -167,7 +165,7 @@ static oxl_result run_merge(oxl_context *ctx, const struct arguments *a, struct 
     console_clear(console);
     if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
     if (rc == OXL_OK) rc = write_report(ctx, a->path[0]);
-    if (rc == OXL_OK) print_results(a->path[0], 0);
+    if (rc == OXL_OK) print_results(a->path[0]);
     return rc;
 }
 

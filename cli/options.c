@@ -149,7 +149,7 @@ ROW("flight", "none|orbit|survey", CHOICE, flight, 0, 2, BASIC, IN(RENDER), "Vie
 ROW("frames", "N", INT, frames, 0, 2147483647, BASIC, IN(RENDER), "Views", "number of frames of the flight"),
 ROW("scale", "METRES", DOUBLE, scale, LEAST, MOST, BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD) | IN(CONVERT) | IN(REPORT), "Views", "metres per unit of the survey, as printed by measure: depths, heights, positions, models and the report's lengths get metres"),
 ROW("o", "FOLDER", TEXT, out, 0, 0, BASIC, IN(TRAIN) | IN(RENDER) | IN(CLOUD) | IN(COMPARE) | IN(SYNTH) | STUDIES, "Program", "output folder, created if missing; of cloud: the file"),
-ROW("json", NULL, FLAG, json, 0, 1, BASIC, IN(TRAIN) | IN(CHECK) | IN(EVAL) | IN(INFO), "Program", "print results on standard output as JSON"),
+ROW("json", NULL, FLAG, json, 0, 1, BASIC, IN(CHECK) | IN(EVAL) | IN(INFO), "Program", "print results on standard output as JSON"),
 ROW("quality", NULL, FLAG, quality, 0, 1, BASIC, IN(CHECK), "Program", "read every image, and name those that are more blurred, darker or brighter than their neighbours"),
 ROW("control", "FILE", TEXT, control, 0, 0, BASIC, IN(CHECK), "Program", "also compare control points with the places where the cameras see them; a line is NAME,X,Y,Z,IMG,X,Y,IMG,X,Y: world coordinates, and pixels in two images or more"),
 ROW("dry-run", NULL, FLAG, dry_run, 0, 1, BASIC, IN(TRAIN), "Program", "check the survey, the options and OUT, print predicted time and memory, write nothing"),
