@@ -19,6 +19,8 @@
 /* ---------------- the table */
 
 enum { OPTIONS_ITERATIONS = 1 }; /* the row that sets iterations_for, too */
+/* images that the presets' iterations are for: draft's and standard's, paper's */
+enum { OPTIONS_IMAGES = 170, OPTIONS_IMAGES_PAPER = 2800 };
 #define OPTION_BYTES_MAX 1e15
 #define OPTION_SEED_MAX 9007199254740992.0 /* 2^53: a double holds all below it */
 
@@ -27,7 +29,6 @@ static const oxl_option OPTIONS[] = {
 /* name, value, kind, field, lowest, highest, default, tier, use, group, help */
 {"preset", "draft|standard|paper", OXL_OPTION_PRESET, 0, 0, 0, PRESETS("draft", "standard", "paper"), OXL_TIER_BASIC, TRAINING, "Training", "sets the defaults of all other options. draft: fast; standard: longer; paper: the paper's method (BSP, UCD, pruning to half, selective lobes)"},
 {"iterations", "N", OXL_OPTION_INT, OPTION_AT(train.iterations), 1, INT_MAX, PRESETS("1200", "7000", "40000"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "training steps, one image each"},
-{"iterations-for", "N", OXL_OPTION_INT, OPTION_AT(iterations_for), 0, INT_MAX, PRESETS("170", "170", "2800"), OXL_TIER_ADVANCED, TRAINING, "Training", "number of images that the preset's iterations are meant for; more images raise the iterations in proportion, few images limit them to 700 per image; 0: neither; --iterations sets 0"},
 {"max-time", "TIME", OXL_OPTION_SECONDS, OPTION_AT(train.max_seconds), 0, 1e15, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "save the state and stop after this time, e.g. 90s, 20m or 8h; 0: no limit"},
 {"max-gaussians", "N", OXL_OPTION_INT, OPTION_AT(train.max_gaussians), 0, INT_MAX, EACH("0"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "most Gaussians in all blocks together; 0: one per 60 training pixels, at least one per point"},
 {"seed", "S", OXL_OPTION_SEED, OPTION_AT(seed), 0, 0, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "seed of all random choices; the same seed gives the same bytes; 0 means 1"},
@@ -135,6 +136,7 @@ oxl_job_options oxl_job_options_default(oxl_preset preset)
     o.preset = OPTIONS[0].preset[preset];
     for (int i = 1; (row = oxl_option_at(i)) != NULL; i++)
         if (row->preset[preset]) oxl_option_set(row, &o, row->preset[preset], NULL, 0);
+    o.iterations_for = preset == OXL_PRESET_PAPER ? OPTIONS_IMAGES_PAPER : OPTIONS_IMAGES;
     return o;
 }
 
