@@ -1,6 +1,6 @@
 /* model.c - creates, grows and copies planes of Gaussians, assigns second lobes, and initialises from points.
  *
- * Sources: Kerbl 2023 (initialisation); Friedman, Bentley & Finkel 1977 (k-d tree); Morton 1966 (Z-order).
+ * Sources: Kerbl 2023 (initialisation); Morton 1966 (Z-order).
  *
  * Invariant: one allocation holds all planes, each `capacity` floats long. Capacity is a multiple of
  * MODEL_PACK, so each plane starts on a 64-byte line and kernels may read and write whole packs of rows up to
@@ -364,25 +364,30 @@ static uint64_t model_spread_bits(uint64_t x) /* moves bit i to bit 3 i, for 21 
     return x;
 }
 
+/* Finds the box around points: low x y z, high x y z. */
+static void model_bound(const struct model_key *key, size_t count, double box[6])
+{
+    for (int a = 0; a < 3; a++) {
+        box[a] = box[3 + a] = key[0].point->position[a];
+        for (size_t i = 1; i < count; i++) {
+            box[a] = OXL_MIN(box[a], key[i].point->position[a]);
+            box[3 + a] = OXL_MAX(box[3 + a], key[i].point->position[a]);
+        }
+    }
+}
+
 /* Sorts points by the Morton code of cubic cells, 2^21 along the longest side of the bounding box. */
 static void model_sort_by_code(const oxl_point *points, size_t count, struct model_key *key)
 {
-    double low[3], side = 0;
-    for (int a = 0; a < 3; a++) {
-        double high = low[a] = points[0].position[a];
-        for (size_t i = 1; i < count; i++) {
-            low[a] = OXL_MIN(low[a], points[i].position[a]);
-            high = OXL_MAX(high, points[i].position[a]);
-        }
-        side = OXL_MAX(side, high - low[a]);
-    }
-    for (size_t i = 0; i < count; i++) {
-        key[i] = (struct model_key){0, &points[i]};
+    double box[6], side = 0;
+    for (size_t i = 0; i < count; i++) key[i] = (struct model_key){0, &points[i]};
+    model_bound(key, count, box);
+    for (int a = 0; a < 3; a++) side = OXL_MAX(side, box[3 + a] - box[a]);
+    for (size_t i = 0; i < count; i++)
         for (int a = 0; a < 3 && side > 0; a++) {
-            const double cell = (points[i].position[a] - low[a]) / side * 2097151.0; /* 2^21 - 1 */
+            const double cell = (points[i].position[a] - box[a]) / side * 2097151.0; /* 2^21 - 1 */
             key[i].code |= model_spread_bits((uint64_t)cell) << a;
         }
-    }
     qsort(key, count, sizeof *key, model_compare_keys);
 }
 
@@ -398,70 +403,25 @@ static size_t model_drop_coincident(struct model_key *key, size_t count)
 
 /* ---------------- start from points: the 3 nearest neighbours
  *
- * A balanced k-d tree without pointers: the median of [first, end) is in its middle, and divides along
- * split[middle].
+ * Points in Z-order need no other tree: the halves of their list, and the halves of these, are near in space,
+ * so each has a box, which shows whether it can hold a neighbour. Node k has the nodes 2 k and 2 k + 1.
  */
 
 enum { MODEL_LEAF = 8, MODEL_NEIGHBOURS = 3 };
 
-struct model_site {
-    double x[3];
-    size_t row;
-};
-
 struct model_tree {
-    struct model_site *site;
-    uint8_t *split; /* axis of the cut at each median */
+    struct model_key *key; /* (count) in Z-order */
+    double (*box)[6];      /* (count / 2 + 2) of the nodes, from 1 */
     size_t count;
 };
 
-static int model_longest_axis(const struct model_site *site, size_t first, size_t end)
+static void model_build_tree(const struct model_tree *tree, size_t node, size_t first, size_t end)
 {
-    double longest = -1;
-    int axis = 0;
-    for (int a = 0; a < 3; a++) {
-        double low = site[first].x[a], high = low;
-        for (size_t i = first + 1; i < end; i++) {
-            low = OXL_MIN(low, site[i].x[a]);
-            high = OXL_MAX(high, site[i].x[a]);
-        }
-        if (high - low > longest) {
-            longest = high - low;
-            axis = a;
-        }
-    }
-    return axis;
-}
-
-/* Selects as Hoare 1961: afterwards no site in [first, nth) is greater, and none in (nth, end) less, than
- * site[nth] along axis. Equal values stop both scans, so that coincident points do not slow it down. */
-static void model_select(struct model_site *site, size_t first, size_t end, size_t nth, int axis)
-{
-    while (end - first > 1) {
-        /* Avoids the last value as pivot, so that both parts are smaller. */
-        const double pivot = site[first + (end - first - 1) / 2].x[axis];
-        size_t i = first, j = end - 1;
-        for (;;) {
-            while (site[i].x[axis] < pivot) i++;
-            while (site[j].x[axis] > pivot) j--;
-            if (i >= j) break;
-            OXL_SWAP(struct model_site, site[i], site[j]);
-            i++, j--;
-        }
-        if (nth <= j) end = j + 1;
-        else first = j + 1;
-    }
-}
-
-static void model_build_tree(struct model_tree *tree, size_t first, size_t end)
-{
-    while (end - first > MODEL_LEAF) {
-        const size_t middle = first + (end - first) / 2;
-        tree->split[middle] = (uint8_t)model_longest_axis(tree->site, first, end);
-        model_select(tree->site, first, end, middle, tree->split[middle]);
-        model_build_tree(tree, first, middle);
-        first = middle + 1;
-    }
+    const size_t middle = first + (end - first) / 2;
+    model_bound(tree->key + first, end - first, tree->box[node]);
+    if (end - first <= MODEL_LEAF) return;
+    model_build_tree(tree, 2 * node, first, middle);
+    model_build_tree(tree, 2 * node + 1, middle, end);
 }
 
 /* Holds squared distances in ascending order, so that their sum does not depend on the search order. */
@@ -471,51 +431,55 @@ struct model_nearest {
     double distance[MODEL_NEIGHBOURS];
 };
 
-static void model_update_nearest(struct model_nearest *n, const struct model_site *site, size_t index)
+/* Returns the square of the distance to a box, which rounding does not make more than that to a point in it;
+ * a point is a box, too. */
+static double model_distance(const struct model_nearest *n, const double low[3], const double high[3])
 {
-    const double dx = site->x[0] - n->x[0], dy = site->x[1] - n->x[1], dz = site->x[2] - n->x[2];
-    double d = dx * dx + dy * dy + dz * dz;
-    if (index == n->self) return;
-    for (int k = 0; k < MODEL_NEIGHBOURS; k++)
-        if (d < n->distance[k]) {
-            const double further = n->distance[k];
-            n->distance[k] = d;
-            d = further;
-        }
+    double sum = 0;
+    for (int a = 0; a < 3; a++) {
+        const double off = n->x[a] - OXL_CLAMP(n->x[a], low[a], high[a]);
+        sum += off * off;
+    }
+    return sum;
 }
 
-static void model_search_nearest(const struct model_tree *tree, size_t first, size_t end,
+static void model_update_nearest(struct model_nearest *n, const double x[3])
+{
+    double d = model_distance(n, x, x);
+    for (int k = 0; k < MODEL_NEIGHBOURS; k++)
+        if (d < n->distance[k]) OXL_SWAP(double, d, n->distance[k]);
+}
+
+/* Searches the half first that is nearer in Z-order. */
+static void model_search_nearest(const struct model_tree *tree, size_t node, size_t first, size_t end,
                                  struct model_nearest *n)
 {
-    while (end - first > MODEL_LEAF) {
-        const size_t middle = first + (end - first) / 2;
-        const int axis = tree->split[middle];
-        const double beyond = n->x[axis] - tree->site[middle].x[axis];
-        if (beyond < 0) model_search_nearest(tree, first, middle, n);
-        else model_search_nearest(tree, middle + 1, end, n);
-        /* Leaves the other side, which is farther than all three. */
-        if (beyond * beyond >= n->distance[MODEL_NEIGHBOURS - 1]) return;
-        model_update_nearest(n, &tree->site[middle], middle);
-        if (beyond < 0) first = middle + 1;
-        else end = middle;
-    }
-    for (size_t i = first; i < end; i++) model_update_nearest(n, &tree->site[i], i);
+    const size_t middle = first + (end - first) / 2;
+    const double *box = tree->box[node];
+    if (model_distance(n, box, box + 3) >= n->distance[MODEL_NEIGHBOURS - 1]) return;
+    for (size_t i = first; i < end && end - first <= MODEL_LEAF; i++)
+        if (i != n->self) model_update_nearest(n, tree->key[i].point->position);
+    if (end - first <= MODEL_LEAF) return;
+    if (n->self < middle) model_search_nearest(tree, 2 * node, first, middle, n);
+    model_search_nearest(tree, 2 * node + 1, middle, end, n);
+    if (n->self >= middle) model_search_nearest(tree, 2 * node, first, middle, n);
 }
 
-/* Computes square[row], the mean squared distance to the nearest three points, or to fewer if there are
+/* Computes square (count), the mean squared distance to the nearest three points, or to fewer if there are
  * fewer; 0 for a single point. */
 static void model_neighbour_distances(oxl_context *ctx, const struct model_tree *tree, double *square)
 {
     const int neighbours = (int)OXL_MIN(tree->count - 1, (size_t)MODEL_NEIGHBOURS);
     const int64_t count = (int64_t)tree->count;
+    model_build_tree(tree, 1, 0, tree->count);
 #pragma omp parallel for num_threads(ctx->threads) schedule(dynamic, 1024)
     for (int64_t i = 0; i < count; i++) {
         struct model_nearest n = {
-            .x = tree->site[i].x, .self = (size_t)i, .distance = {INFINITY, INFINITY, INFINITY}};
+            .x = tree->key[i].point->position, .self = (size_t)i, .distance = {INFINITY, INFINITY, INFINITY}};
         double sum = 0;
-        model_search_nearest(tree, 0, tree->count, &n);
+        model_search_nearest(tree, 1, 0, tree->count, &n);
         for (int k = 0; k < neighbours; k++) sum += n.distance[k];
-        square[tree->site[i].row] = neighbours ? sum / neighbours : 0;
+        square[i] = neighbours ? sum / neighbours : 0;
     }
     (void)ctx;
 }
@@ -568,35 +532,21 @@ static void model_fill(oxl_model *model, const struct model_key *key, const doub
     }
 }
 
-/* Computes width (tree->count), the log widths of the points. */
-static oxl_result model_measure(oxl_context *ctx, const struct model_key *key, struct model_tree *tree,
-                                double *width)
-{
-    for (size_t i = 0; i < tree->count; i++) {
-        memcpy(tree->site[i].x, key[i].point->position, sizeof tree->site[i].x);
-        tree->site[i].row = i;
-    }
-    model_build_tree(tree, 0, tree->count);
-    model_neighbour_distances(ctx, tree, width);
-    return model_widths(ctx, width, tree->count);
-}
-
 oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count, int sh_degree,
                                  oxl_model *out)
 {
-    struct model_tree tree = {.site = oxl_alloc(ctx, count + 1, sizeof *tree.site),
-                              .split = oxl_alloc(ctx, count + 1, 1)};
-    struct model_key *key = oxl_alloc(ctx, count + 1, sizeof *key);
+    struct model_tree tree = {.key = oxl_alloc(ctx, count + 1, sizeof *tree.key),
+                              .box = oxl_alloc(ctx, count / 2 + 2, sizeof *tree.box)};
     double *width = oxl_alloc(ctx, count + 1, sizeof *width);
-    oxl_result rc =
-        key && tree.site && tree.split && width ? model_check_points(ctx, points, count) : OXL_ERR_MEMORY;
+    oxl_result rc = tree.key && tree.box && width ? model_check_points(ctx, points, count) : OXL_ERR_MEMORY;
     *out = (oxl_model){0};
-    if (rc == OXL_OK && count > 0) model_sort_by_code(points, count, key);
-    if (rc == OXL_OK) tree.count = model_drop_coincident(key, count);
+    if (rc == OXL_OK && count > 0) model_sort_by_code(points, count, tree.key);
+    if (rc == OXL_OK) tree.count = model_drop_coincident(tree.key, count);
     if (rc == OXL_OK) rc = oxl_model_create(ctx, tree.count, sh_degree, out);
-    if (rc == OXL_OK && count > 0) rc = model_measure(ctx, key, &tree, width);
-    if (rc == OXL_OK) model_fill(out, key, width);
-    OXL_FREE(ctx, width, tree.split, tree.site, key);
+    if (rc == OXL_OK && count > 0) model_neighbour_distances(ctx, &tree, width);
+    if (rc == OXL_OK && count > 0) rc = model_widths(ctx, width, tree.count);
+    if (rc == OXL_OK) model_fill(out, tree.key, width);
+    OXL_FREE(ctx, width, tree.box, tree.key);
     if (rc != OXL_OK) oxl_model_free(ctx, out);
     return rc;
 }
