@@ -8,6 +8,7 @@
  * one the fastest round more than the median.
  */
 #include "../oceanxl.c"
+#include "counts.h"
 
 enum { BENCH_ROUNDS = 21 };
 

@@ -15,6 +15,7 @@
  * blocks that the footprints ask for, pixel by pixel and splat by splat.
  */
 #include "../oceanxl.c"
+#include "counts.h"
 
 #ifndef OXL_VULKAN
 int main(void)

@@ -162,11 +162,6 @@ OXL_INTERNAL int renderer_row_visible(const struct renderer *r, size_t row);
 /* |dL/d(u,v)| in units of half an image */
 OXL_INTERNAL float renderer_mean_gradient(const struct renderer *r, size_t row);
 
-struct renderer_counts {                     /* of the last view */
-    size_t visible, pairs, subtiles, pixels; /* pixels: alpha evaluations inside the image */
-};
-OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r);
-
 /* ---------------- renderer.c: settings of the next view */
 
 OXL_INTERNAL int renderer_has_device(const struct renderer *r);
