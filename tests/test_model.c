@@ -215,7 +215,7 @@ TEST(model_lobes_come_back_from_a_ply_and_nowhere_else)
     test_write_model("m.splat", &m);
     m.plane[OXL_LOBE + 2][70] = INFINITY;
     CHECK_ERROR(oxl_model_write(test_ctx, test_path("m.ply"), &m), OXL_ERR_FAILED,
-                "column scale_factor_1 of row 70");
+                "row 70 holds a value");
 }
 
 #define MODEL_TEST_LOBED                                                                                                     \
@@ -489,12 +489,12 @@ TEST(model_write_refuses_values_that_are_not_finite_and_leaves_the_old_file)
     OWNED_MODEL m = model_test_random(20, 1);
     OWNED_FILE file;
     test_write_bytes(path, "old", 3);
-    m.plane[OXL_SH + 3 * 2 + 1][7] = NAN; /* coefficient 2 of green: f_rest_4 of a file of degree 1 */
-    CHECK_ERROR(oxl_model_write(test_ctx, path, &m), OXL_ERR_FAILED, "of row 7 is");
-    CHECK_SAYS("column f_rest_16");
+    m.plane[OXL_SH + 3 * 2 + 1][7] = NAN;
+    CHECK_ERROR(oxl_model_write(test_ctx, path, &m), OXL_ERR_FAILED,
+                "row 7 holds a value that is not finite");
     m.plane[OXL_SH + 3 * 2 + 1][7] = 0;
     m.plane[OXL_OPACITY][19] = -INFINITY;
-    CHECK_ERROR(oxl_model_write(test_ctx, path, &m), OXL_ERR_FAILED, "column opacity of row 19");
+    CHECK_ERROR(oxl_model_write(test_ctx, path, &m), OXL_ERR_FAILED, "row 19 holds");
     CHECK(oxl_model_write(test_ctx, test_path("m.splat"), &m) == OXL_ERR_FAILED);
     CHECK(!test_has("m.splat"));
     m.plane[OXL_OPACITY][19] = 0;

@@ -60,9 +60,8 @@ OXL_INTERNAL oxl_result model_file_drop_rows(oxl_context *ctx, const char *path,
  * degree writes fewer columns. */
 OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model,
                                              int file_degree);
-/* Fails if a value in the columns of a file of degree file_degree is not finite. */
-OXL_INTERNAL oxl_result model_write_check_finite(oxl_context *ctx, const char *path, const oxl_model *model,
-                                                 int file_degree);
+/* Fails if a value of the model is not finite. */
+OXL_INTERNAL oxl_result model_write_check_finite(oxl_context *ctx, const char *path, const oxl_model *model);
 
 /* ---------------- imaging_file.c: imaging.txt */
 

@@ -312,37 +312,23 @@ OXL_INTERNAL oxl_result model_file_read_ply(oxl_context *ctx, const char *path, 
 
 /* ---------------- PLY out */
 
-static oxl_result model_write_check_columns(oxl_context *ctx, const char *path, const oxl_model *model,
-                                            const struct model_file_column *column, int columns, size_t rows)
+OXL_INTERNAL oxl_result model_write_check_finite(oxl_context *ctx, const char *path, const oxl_model *model)
 {
-    for (int c = 0; c < columns; c++) {
-        const float *plane = column[c].plane < 0 ? NULL : model->plane[column[c].plane];
-        for (size_t i = 0; plane && i < rows; i++)
-            if (!(fabsf(plane[i]) <= FLT_MAX))
-                return oxl_fail(ctx, OXL_ERR_FAILED,
-                                "%s is not written: column %s of row %zu is %f, expected a finite "
-                                "number\nfix: remove such rows before writing",
-                                path, column[c].name, i, (double)plane[i]);
-    }
-    return OXL_OK;
-}
-
-OXL_INTERNAL oxl_result model_write_check_finite(oxl_context *ctx, const char *path, const oxl_model *model,
-                                                 int file_degree)
-{
-    struct model_file_column column[MODEL_FILE_COLUMNS], lobe[MODEL_LOBE_PLANES];
-    oxl_result rc;
+    size_t row = 0;
     if (!(fabs(model->origin[0]) + fabs(model->origin[1]) + fabs(model->origin[2]) <= DBL_MAX))
         return oxl_fail(
             ctx, OXL_ERR_FAILED,
             "%s is not written: the model's origin is not finite\nfix: correct the line 'comment origin' "
             "of the model that it was made from",
             path);
-    rc = model_write_check_columns(ctx, path, model, column,
-                                   model_file_columns(file_degree, model->sh_degree, column), model->count);
-    model_file_lobe_columns(lobe);
-    return rc == OXL_OK ? model_write_check_columns(ctx, path, model, lobe, MODEL_LOBE_PLANES, model->lobes)
-                        : rc;
+    while (row < model->count && model_row_is_finite(model, row)) row++;
+    return row == model->count
+               ? OXL_OK
+               : oxl_fail(
+                     ctx, OXL_ERR_FAILED,
+                     "%s is not written: row %zu holds a value that is not finite\nfix: remove such rows "
+                     "before writing",
+                     path, row);
 }
 
 static void model_write_element(struct text *t, const char *name, size_t rows,
@@ -375,7 +361,7 @@ OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path,
     struct model_file_column column[MODEL_FILE_COLUMNS], lobe[MODEL_LOBE_PLANES];
     const int columns = model_file_columns(file_degree, model->sh_degree, column);
     struct text t = {.ctx = ctx};
-    oxl_result rc = model_write_check_finite(ctx, path, model, file_degree);
+    oxl_result rc = model_write_check_finite(ctx, path, model);
     model_file_lobe_columns(lobe);
     text_add(&t, "ply\nformat binary_little_endian 1.0\n");
     model_write_comments(&t, "comment ", model);

@@ -323,7 +323,7 @@ OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_
     const size_t n = model->count, size = SPZ_HEADER + n * spz_row(3, model->sh_degree);
     unsigned char *data = size > INT_MAX ? NULL : oxl_calloc(ctx, size, 1);
     double *value = oxl_alloc(ctx, n + 1, sizeof *value);
-    oxl_result rc = model_write_check_finite(ctx, path, model, model->sh_degree);
+    oxl_result rc = model_write_check_finite(ctx, path, model);
     if (rc == OXL_OK && size > INT_MAX)
         rc = oxl_fail(ctx, OXL_ERR_FAILED,
                       "%s: SPZ stores 2 GB of data; this model exceeds that\nfix: write it as .ply", path);
