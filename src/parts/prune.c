@@ -149,18 +149,15 @@ OXL_INTERNAL oxl_result prune_score_view(oxl_context *ctx, const struct prune_of
         return prune_score_view(ctx, of, camera, pass, score);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int64_t i = 0; i < count; i++) {
-        score[i] += pass->one[i];
-        pass->views[i] += pass->one[i] > 0;
-    }
+    for (int64_t i = 0; i < count; i++) score[i] += pass->one[i];
     return OXL_OK;
 }
 
 /* Keeps rows that no sampled view sees: they may be visible in others. */
-static void prune_finish_scores(int all_views, size_t count, const float *views, float *score)
+static void prune_finish_scores(int all_views, size_t count, float *score)
 {
     for (size_t i = 0; i < count; i++) {
-        if (!all_views && views[i] == 0) score[i] = FLT_MAX;
+        if (!all_views && score[i] == 0) score[i] = FLT_MAX;
         if (!(score[i] <= FLT_MAX)) score[i] = 0;
     }
 }
@@ -170,11 +167,9 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, con
 {
     const size_t count = of->model->count;
     const oxl_scene *scene = of->scene;
-    struct prune_pass pass = {.one = oxl_alloc(ctx, count, sizeof *pass.one),
-                              .views = oxl_calloc(ctx, count, sizeof *pass.views)};
+    struct prune_pass pass = {.one = oxl_alloc(ctx, count, sizeof *pass.one)};
     int views = 0, index = 0, stride; /* of the views that score; each drop takes others */
-    oxl_result rc = OXL_OK;
-    if (!pass.one || !pass.views) rc = OXL_ERR_MEMORY;
+    oxl_result rc = pass.one ? OXL_OK : OXL_ERR_MEMORY;
     memset(score, 0, count * sizeof *score);
     for (int i = 0; i < oxl_scene_view_count(scene); i++) views += !oxl_scene_view(scene, i)->is_test;
     stride = (views + p->views - 1) / p->views;
@@ -184,8 +179,8 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, con
         rc = prune_mask_view(ctx, of->scene, i, &pass);
         if (rc == OXL_OK) rc = prune_score_view(ctx, of, &view->camera, &pass, score);
     }
-    if (rc == OXL_OK) prune_finish_scores(views <= p->views, count, pass.views, score);
-    OXL_FREE(ctx, pass.one, pass.views, pass.drgb);
+    if (rc == OXL_OK) prune_finish_scores(views <= p->views, count, score);
+    OXL_FREE(ctx, pass.one, pass.drgb);
     return rc;
 }
 

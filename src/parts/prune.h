@@ -44,7 +44,6 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, con
 OXL_INTERNAL void prune_select(const float *score, size_t count, size_t drop, uint8_t *keep);
 struct prune_pass { /* over the views */
     float *one;     /* (count) the score in the view at hand */
-    float *views;   /* (count) number of views with a contribution */
     float *drgb;    /* (3,H,W) weights of the pixels: dS/d(image) */
     size_t drgb_capacity;
 };
