@@ -214,8 +214,7 @@ TEST(model_lobes_come_back_from_a_ply_and_nowhere_else)
     os_release_file(test_ctx, &b);
     test_write_model("m.splat", &m);
     m.plane[OXL_LOBE + 2][70] = INFINITY;
-    CHECK_ERROR(oxl_model_write(test_ctx, test_path("m.ply"), &m), OXL_ERR_FAILED,
-                "row 70 holds a value");
+    CHECK_ERROR(oxl_model_write(test_ctx, test_path("m.ply"), &m), OXL_ERR_FAILED, "row 70 holds a value");
 }
 
 #define MODEL_TEST_LOBED                                                                                                     \

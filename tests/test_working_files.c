@@ -54,7 +54,7 @@ TEST(imaging_file_of_gains_has_them_alone_without_lamp_and_medium)
     static const char *const more[] = {"", "lamp all 1 2\n", "bD 1 2 3\nbB 1 2 3\nBinf 0.1 0.2 0.3\n"};
     for (size_t i = 0; i < OXL_COUNT(more); i++) {
         char content[200];
-        snprintf(content, sizeof content, "gain 1 1 1 1.png\n%s", more[i]);
+        snprintf(content, sizeof content, "# gains\ngain 1 1 1 1.png\n%s", more[i]);
         test_write("scene_clear.ply", "");
         test_write("imaging.txt", content);
         CHECK(oxl_has_gains_alone(test_ctx, test_path("scene.ply")) == (i == 0));

@@ -134,21 +134,18 @@ static int imaging_set_lamp(struct oxl_imaging *m, int view, const double *value
     return 1;
 }
 
-/* Takes what a line states; scene NULL: only that it does. Images of another block of the survey are not in
- * the scene, and skipped. */
-static int imaging_set(const oxl_scene *scene, struct oxl_imaging *m, enum imaging_kind kind, int view,
-                       const double *value)
+/* Takes what a line states. Images of another block of the survey are not in the scene, and skipped. */
+static int imaging_set(struct oxl_imaging *m, enum imaging_kind kind, int view, const double *value)
 {
     float *const medium[3] = {m->medium.attenuation, m->medium.backscatter, m->medium.veiling_light};
-    if (imaging_lines[kind].has_name && view < 0 && scene) return 1;
+    if (imaging_lines[kind].has_name && view < 0) return 1;
     if (kind == IMAGING_LAMP_ALL || kind == IMAGING_LAMP) return imaging_set_lamp(m, view, value);
-    m->on |= kind == IMAGING_GAIN;
-    if (kind == IMAGING_GAIN && scene) m->known[view] = 1;
+    if (kind == IMAGING_GAIN) m->on = m->known[view] = 1;
     for (int k = 0; k < imaging_lines[kind].count; k++) {
         if (kind <= IMAGING_VEIL) m->medium.on = 1, medium[kind][k] = (float)value[k];
         else if (kind == IMAGING_POSE && k < 3 && fabs(value[k]) > 1) return 0;
-        else if (kind == IMAGING_POSE && scene) m->pose[view][k] = value[k];
-        else if (scene) m->log_gain[3 * view + k] = (float)vecmath_log(value[k]);
+        else if (kind == IMAGING_POSE) m->pose[view][k] = value[k];
+        else m->log_gain[3 * view + k] = (float)vecmath_log(value[k]);
     }
     return 1;
 }
@@ -172,8 +169,8 @@ static int imaging_read_line(const char *at, const char *end, const oxl_scene *s
     }
     while (at < end && *at == ' ') at++;
     if (!line->has_name && at < end && *at != '\r') return 0;
-    return imaging_set(scene, m, (enum imaging_kind)(line - imaging_lines),
-                       line->has_name && scene ? imaging_find(scene, at, end) : -1, value);
+    return imaging_set(m, (enum imaging_kind)(line - imaging_lines),
+                       line->has_name ? imaging_find(scene, at, end) : -1, value);
 }
 
 static oxl_result imaging_read_lines(oxl_context *ctx, const char *path, const struct os_file_map *map,
@@ -184,7 +181,7 @@ static oxl_result imaging_read_lines(oxl_context *ctx, const char *path, const s
         stop = memchr(at, '\n', (size_t)(end - at));
         if (!stop) stop = end;
         number++;
-        if (scene && !m->pose && !strncmp(at, "pose", 4) &&
+        if (!m->pose && !strncmp(at, "pose", 4) &&
             !(m->pose = oxl_calloc(ctx, (size_t)m->views + 1, sizeof *m->pose)))
             return OXL_ERR_MEMORY;
         if (stop > at && *at != '#' && *at != '\r' && !imaging_read_line(at, stop, scene, m))
@@ -235,19 +232,17 @@ static int imaging_has_clear(const char *model_path)
     return os_is_file(PATH_BESIDE(model_path, "scene_clear.ply"));
 }
 
-/* Notes which terms the file beside the model has, whatever the survey; a damaged file is refused where it is
- * read. */
+/* Tells by the words that begin lines, whatever the survey; a damaged file is refused where it is read. */
 int oxl_has_gains_alone(oxl_context *ctx, const char *model_path)
 {
     const char *path = PATH_BESIDE(model_path, "imaging.txt");
-    struct oxl_imaging has = {0};
     struct os_file_map map = {0};
-    oxl_result rc;
+    int is_alone;
     if (!imaging_has_clear(model_path) || !os_is_file(path) || os_read_file(ctx, path, &map) != OXL_OK)
         return 0;
-    rc = imaging_read_lines(ctx, path, &map, NULL, &has);
+    is_alone = strstr(map.data, "\ngain ") && !strstr(map.data, "\nlamp ") && !strstr(map.data, "\nbD ");
     os_release_file(ctx, &map);
-    return rc == OXL_OK && imaging_is_gains_alone(&has);
+    return is_alone;
 }
 
 OXL_INTERNAL oxl_result imaging_read_beside(oxl_context *ctx, const char *model_path, const oxl_scene *scene,

@@ -40,30 +40,19 @@ OXL_INTERNAL void imaging_copy(const struct oxl_imaging *from, struct oxl_imagin
     to->medium = from->medium;
 }
 
-/* Copies an array of `size` bytes that *array points to; NULL stays. Returns 0 if there is no memory. */
-static int imaging_copy_array(oxl_context *ctx, void *array, size_t size)
-{
-    void *from, *to;
-    memcpy(&from, array, sizeof from);
-    to = from ? oxl_alloc(ctx, size + 1, 1) : NULL;
-    if (to) memcpy(to, from, size);
-    memcpy(array, &to, sizeof to);
-    return to || !from;
-}
-
 OXL_INTERNAL oxl_result imaging_clone(oxl_context *ctx, const struct oxl_imaging *from, size_t views,
                                       struct oxl_imaging *out)
 {
-    int has = 1;
-    *out = *from;
-    has &= imaging_copy_array(ctx, &out->log_gain, 3 * views * sizeof *out->log_gain);
-    has &= imaging_copy_array(ctx, &out->known, views * sizeof *out->known);
-    has &= imaging_copy_array(ctx, &out->camera, views * sizeof *out->camera);
-    has &= imaging_copy_array(ctx, &out->pose, views * sizeof *out->pose);
-    has &= imaging_copy_array(ctx, &out->partner, views * sizeof *out->partner);
-    if (has) return OXL_OK;
-    imaging_free(ctx, out);
-    return OXL_ERR_MEMORY;
+    oxl_result rc = imaging_create(ctx, from->views, out);
+    if (rc != OXL_OK) return rc;
+    if (from->views) imaging_copy(from, out);
+    out->lamps = from->lamps;
+    memcpy(out->lamp, from->lamp, sizeof out->lamp);
+    if (!from->pose) return OXL_OK;
+    out->pose = oxl_alloc(ctx, views + 1, sizeof *out->pose);
+    if (out->pose) memcpy(out->pose, from->pose, views * sizeof *out->pose);
+    else imaging_free(ctx, out), rc = OXL_ERR_MEMORY;
+    return rc;
 }
 
 OXL_INTERNAL void imaging_clear(struct oxl_imaging *m)
