@@ -44,9 +44,10 @@ void output_integer(struct output *t, uint64_t value, int size);
 void output_real(struct output *t, double value, int size);
 /* Opens a file for t, whose text becomes the file's beginning. */
 void output_open(struct output *t, const char *path);
-/* Closes the file and empties t. Returns 1 if it was written whole. */
-int output_close(struct output *t);
-int output_save(struct output *t, const char *path); /* opens a file, writes the text and closes it */
+/* Closes the file and empties t; fails if it was not written whole. */
+oxl_result output_close(oxl_context *ctx, struct output *t);
+/* Opens a file, writes the text and closes it. */
+oxl_result output_save(oxl_context *ctx, struct output *t, const char *path);
 /* Reads a file into fresh memory, or returns NULL; size may be NULL. */
 char *output_read(const char *folder, const char *name, size_t *size);
 

@@ -9,6 +9,7 @@
 #include "cli.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #define GEOTIFF_MOST 4.0e9 /* bytes of a file: offsets in a TIFF have 32 bits */
@@ -141,7 +142,6 @@ oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotif
 {
     const size_t plane = (size_t)g->width * (size_t)g->height;
     struct geotiff_file f = {.pixels = 4 * (g->bands == 3 ? 1 : (size_t)g->bands) * plane};
-    int written;
     if ((double)f.pixels > GEOTIFF_MOST)
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "%s would be larger than 4 GB, the limit of this "
@@ -157,9 +157,7 @@ oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotif
     output_bytes(&f.out, f.directory.data, f.directory.used);
     output_integer(&f.out, 0, 4);
     f.out.failed |= f.value.failed | f.directory.failed;
-    written = output_close(&f.out);
-    output_close(&f.value);
-    output_close(&f.directory);
-    return written ? OXL_OK
-                   : oxl_fail(ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", path);
+    free(f.value.data);
+    free(f.directory.data);
+    return output_close(ctx, &f.out);
 }

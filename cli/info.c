@@ -141,10 +141,7 @@ oxl_result info_convert_imaging(oxl_context *ctx, const char *from, const char *
                      to);
     else if (!viewers && imaging && !there) {
         output_add(&t, "%s", imaging);
-        if (!output_save(&t, path))
-            rc = oxl_fail(ctx, OXL_ERR_IO,
-                          "%s, the gains of the images, could not be written\nfix: free space on the disk",
-                          path);
+        rc = output_save(ctx, &t, path);
     }
     free(imaging);
     free(there);

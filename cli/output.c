@@ -239,24 +239,29 @@ void output_open(struct output *t, const char *path)
     if (!t->file) t->failed = 1;
 }
 
-int output_close(struct output *t)
+oxl_result output_close(oxl_context *ctx, struct output *t)
 {
     int written = !t->failed;
+    oxl_result rc = OXL_OK;
     if (t->file) {
         output_flush(t);
         written = fclose(t->file) == 0 && !t->failed;
         if (written) written = oxl_rename(t->temporary, t->path) == 0;
         if (!written) oxl_remove(t->temporary);
     }
+    if (!written)
+        rc = oxl_fail(ctx, OXL_ERR_IO,
+                      "%s cannot be written\nfix: choose a folder that you may write to, on a disk with free space",
+                      t->path);
     free(t->data);
     *t = (struct output){0};
-    return written;
+    return rc;
 }
 
-int output_save(struct output *t, const char *path)
+oxl_result output_save(oxl_context *ctx, struct output *t, const char *path)
 {
-    if (!t->failed) output_open(t, path);
-    return output_close(t);
+    output_open(t, path);
+    return output_close(ctx, t);
 }
 
 /* ---------------- what a terminal shows */

@@ -198,7 +198,7 @@ static void report_draw_map(struct report *r, const struct map *m, const oxl_ima
                low[0], low[1], high[0] - low[0], high[1] - low[1], m->width, m->height);
     page_jpeg(r, image);
     output_add(t, "\"/>\n%s</svg>\n", circles.data ? circles.data : "");
-    output_close(&circles);
+    free(circles.data);
 }
 
 /* Returns a length with two digits or more. */
@@ -403,7 +403,7 @@ oxl_result report_write(oxl_context *ctx, const char *out, double scale)
                        .unit = scale > 0 ? scale : 1,
                        .words = scale > 0 ? "metres" : "units",
                        .run = output_read(out, "run.json", NULL)};
-    oxl_result rc = OXL_OK;
+    oxl_result rc;
     char path[4096];
     if (!oxl_json_member(r.run, "job")) {
         free(r.run);
@@ -414,9 +414,7 @@ oxl_result report_write(oxl_context *ctx, const char *out, double scale)
     report_open(&r);
     if (!r.page.failed) report_compose(&r);
     snprintf(path, sizeof path, "%s/report.html", out);
-    if (!output_save(&r.page, path))
-        rc = oxl_fail(ctx, OXL_ERR_IO,
-                      "report: cannot write %s\nfix: check free disk space, permissions and memory", path);
+    rc = output_save(ctx, &r.page, path);
     report_close(&r);
     return rc;
 }

@@ -121,11 +121,11 @@ static oxl_result results_write(oxl_context *ctx, const char *out, const char *n
                                 struct output *t, FILE *to)
 {
     char path[4200];
+    oxl_result rc;
     snprintf(path, sizeof path, "%s/%s.%s", out, name, extension);
-    if (!output_save(t, path))
-        return oxl_fail(ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", path);
-    print_format(to, "written   %s\n", path);
-    return OXL_OK;
+    rc = output_save(ctx, t, path);
+    if (rc == OXL_OK) print_format(to, "written   %s\n", path);
+    return rc;
 }
 
 /* ---------------- the run */

@@ -150,8 +150,7 @@ static oxl_result study_write_record(oxl_context *ctx, const char *folder, const
     if (!isnan(r->cpu)) output_add(&t, ",\n  \"cpu_seconds\": %.2f", r->cpu);
     output_add(&t, "\n}\n");
     if (rc != OXL_OK) free(t.data);
-    else if (!output_save(&t, path))
-        rc = oxl_fail(ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", path);
+    else rc = output_save(ctx, &t, path);
     return rc;
 }
 

@@ -353,13 +353,7 @@ static oxl_result export_write(const struct synth_run *s, const char *name,
     snprintf(path, sizeof path, "%s/%s", s->options->out, name);
     output_open(&t, path);
     write(s, &t);
-    return output_close(&t)
-               ? OXL_OK
-               : oxl_fail(
-                     s->ctx, OXL_ERR_IO,
-                     "synth: cannot write %s\nfix: choose a folder that you may write to, on a disk with "
-                     "free space",
-                     path);
+    return output_close(s->ctx, &t);
 }
 
 oxl_result synth_write_model(const struct synth_run *s)

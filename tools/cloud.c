@@ -274,9 +274,8 @@ oxl_result cloud_write(const struct product *p, const oxl_model *model)
         free(near.first);
         output_open(&t, a->out);
         form[kind].put(p, &c, &t);
-        if (!output_close(&t))
-            rc = oxl_fail(p->ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", a->out);
-        else
+        rc = output_close(p->ctx, &t);
+        if (rc == OXL_OK)
             print_format(p->to,
                          a->mesh ? "mesh      %s, %zu points about %.3g %s apart, %zu triangles\n"
                                  : "cloud     %s, %zu points about %.3g %s apart\n",

@@ -107,7 +107,5 @@ oxl_result product_save(const struct product *p, struct output *t, const char *n
 {
     char path[4200];
     snprintf(path, sizeof path, "%s/%s", p->a->out, name);
-    return output_save(t, path)
-               ? OXL_OK
-               : oxl_fail(p->ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", path);
+    return output_save(p->ctx, t, path);
 }
