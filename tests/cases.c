@@ -1,13 +1,17 @@
 /* cases.c - scenes that several test files share. */
 #include "test.h"
 
+size_t test_rows(const oxl_model *m, int plane)
+{
+    return plane >= OXL_LOBE ? m->lobes : plane < oxl_model_planes(m) ? m->count : 0;
+}
+
 int test_same_model(const oxl_model *a, const oxl_model *b)
 {
     int same = a->count == b->count && a->sh_degree == b->sh_degree && a->lobes == b->lobes &&
                a->antialias == b->antialias;
     for (int k = 0; same && k < OXL_PLANES; k++) {
-        const size_t rows = k >= OXL_LOBE ? a->lobes : k < oxl_model_planes(a) ? a->count : 0;
-        same = rows == 0 || !memcmp(a->plane[k], b->plane[k], rows * sizeof(float));
+        same = test_rows(a, k) == 0 || !memcmp(a->plane[k], b->plane[k], test_rows(a, k) * sizeof(float));
     }
     return same;
 }
@@ -35,15 +39,7 @@ struct prune_case prune_two_patches(int many, int few, float low)
     for (int v = 0; v < many + few; v++) {
         snprintf(names[v], sizeof names[v], "v%02d.png", v);
         view[v] = (oxl_view){names[v],
-                             {SIDE,
-                              SIDE,
-                              40,
-                              40,
-                              SIDE / 2.0,
-                              SIDE / 2.0,
-                              {1, 0, 0, 0, 1, 0, 0, 0, 1},
-                              {(v < many ? 20 : -20) + 0.05 * v, 0.03 * v, 4}},
-                             0};
+                             test_camera(SIDE, SIDE, 40, (v < many ? -20 : 20) - 0.05 * v, -0.03 * v, -4), 0};
         image[v] = test_image(SIDE, SIDE);
         for (int i = 0; i < 3 * SIDE * SIDE; i++) image[v].rgb[i] = (float)(i % SIDE) / SIDE;
     }

@@ -10,13 +10,14 @@
 /* test.c */
 void *counting_reallocate(void *user, void *old, size_t size);
 void memory_weigh_end(void);
-void memory_weigh_start(void);
+void memory_weigh_start(size_t limit); /* bytes; 0: none */
 struct memory_weighed {
-    size_t held, most; /* bytes */
-    int calls;         /* each moves the memory to another place within a cache line */
+    size_t held, most, limit; /* bytes */
+    int calls;                /* each moves the memory to another place within a cache line */
 };
 extern struct memory_weighed memory_weighed;
-extern long blocks_held; /* given by the counting allocator and not yet freed */
+extern long blocks_held;      /* given by the counting allocator and not yet freed */
+extern long allocations_left; /* until the counting allocator refuses one; LONG_MAX before each test */
 
 struct colmap_observed {
     struct colmap_observation {
@@ -58,6 +59,7 @@ struct prune_case {
     struct trained_model trained;
 };
 /* cases.c */
+size_t test_rows(const oxl_model *m, int plane);             /* 0: m has no such plane */
 int test_same_model(const oxl_model *a, const oxl_model *b); /* 1: the same bytes */
 void prune_case_free(struct prune_case *c);
 #define OWNED_PRUNE_CASE __attribute__((cleanup(prune_case_free))) struct prune_case

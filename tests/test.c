@@ -23,8 +23,9 @@ static jmp_buf test_end; /* where a failed CHECK goes to */
 static char folder[256];
 static struct {
     int index, count;
-} share = {0, 1}; /* of the tests: OXL_TEST_SHARE */
-long blocks_held; /* given by the counting allocator and not yet freed */
+} share = {0, 1};      /* of the tests: OXL_TEST_SHARE */
+long blocks_held;      /* given by the counting allocator and not yet freed */
+long allocations_left; /* until the counting allocator refuses one */
 
 void *counting_reallocate(void *user, void *old, size_t size)
 {
@@ -34,6 +35,7 @@ void *counting_reallocate(void *user, void *old, size_t size)
         free(old);
         return NULL;
     }
+    if (allocations_left-- == 0) return NULL;
     blocks_held += old == NULL;
     return realloc(old, size);
 }
@@ -47,10 +49,12 @@ enum { MEMORY_HEAD = 128 };
 static void *memory_weigh(void *user, void *old, size_t size)
 {
     const size_t shift = 16 * (size_t)(memory_weighed.calls++ % 4);
-    char *base = size ? malloc(size + MEMORY_HEAD) : NULL, *memory = NULL;
+    char *base, *memory = NULL;
     size_t had = 0;
     (void)user;
     if (old) memcpy(&had, (char *)old - 16, sizeof had);
+    if (size && memory_weighed.limit && memory_weighed.held - had + size > memory_weighed.limit) return NULL;
+    base = size ? malloc(size + MEMORY_HEAD) : NULL;
     if (base) {
         memory = base + 64 + shift;
         memcpy(memory - 16, &size, sizeof size);
@@ -64,9 +68,9 @@ static void *memory_weigh(void *user, void *old, size_t size)
     return memory;
 }
 
-void memory_weigh_start(void)
+void memory_weigh_start(size_t limit)
 {
-    memory_weighed.held = memory_weighed.most = 0;
+    memory_weighed = (struct memory_weighed){.limit = limit};
     test_ctx->options.reallocate = memory_weigh;
 }
 
@@ -142,6 +146,21 @@ struct renderer *test_renderer(void)
     struct renderer *r = NULL;
     CHECK_OK(renderer_create(test_ctx, &r));
     return r;
+}
+
+const float *test_draw(struct renderer *r, const oxl_model *model, const oxl_camera *camera)
+{
+    const oxl_render_options options = oxl_render_options_default();
+    const float *rgb;
+    CHECK_OK(renderer_forward(test_ctx, r, model, camera, &options));
+    CHECK_OK(renderer_image(test_ctx, r, &rgb));
+    return rgb;
+}
+
+oxl_camera test_camera(int width, int height, double focal, double x, double y, double z)
+{
+    return (oxl_camera){
+        width, height, focal, focal, width / 2.0, height / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {-x, -y, -z}};
 }
 
 oxl_model test_points(const oxl_scene *scene, int sh_degree)
@@ -356,6 +375,7 @@ static int run_here(const char *name, void (*body)(void))
     test_listen();
     test_case = test_skip = NULL;
     blocks_held = 0;
+    allocations_left = LONG_MAX;
     if (setjmp(test_end)) return FAILED;
     options.command_line = 1;
     if (oxl_context_create(&options, &test_ctx) != OXL_OK) test_fail(__FILE__, __LINE__, "no context");

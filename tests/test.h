@@ -123,6 +123,10 @@ oxl_scene *test_scene(const oxl_view *view, oxl_image *image, int views, const o
                       size_t points);
 struct os_file_map test_file(const char *file);
 struct renderer *test_renderer(void);
+/* Renders with default options; the image belongs to the renderer. */
+const float *test_draw(struct renderer *r, const oxl_model *model, const oxl_camera *camera);
+/* Stands at (x, y, z), looks along z, its principal point in the middle. */
+oxl_camera test_camera(int width, int height, double focal, double x, double y, double z);
 oxl_image test_image(int width, int height);
 oxl_model test_model(size_t count, int sh_degree);
 /* A model of the scene's points. */

@@ -6,13 +6,7 @@
 /* The sum of a small splat's image, of a field of view that does not change. */
 static double antialias_test_light(int width, int antialias)
 {
-    const oxl_camera camera = {.width = width,
-                               .height = width,
-                               .fx = width,
-                               .fy = width,
-                               .cx = 0.5 * width,
-                               .cy = 0.5 * width,
-                               .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    const oxl_camera camera = test_camera(width, width, width, 0, 0, 0);
     OWNED_IMAGE image;
     double sum = 0;
     OWNED_MODEL m = test_model(1, 0);

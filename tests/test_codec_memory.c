@@ -1,46 +1,6 @@
 /* test_codec_memory.c - stb's memory is the context's: counted, limited, and refused without an abort. */
 #include "test.h"
 
-struct codec_test_memory {
-    long left; /* allocations until one is refused; -1: none is */
-    size_t held, peak, limit;
-    long blocks;
-};
-
-static void *codec_test_reallocate(void *user, void *old, size_t size)
-{
-    enum { HEAD = 16 };
-    struct codec_test_memory *m = user;
-    char *raw = old ? (char *)old - HEAD : NULL;
-    size_t had = 0;
-    if (raw) memcpy(&had, raw, sizeof had);
-    if (size > 0 && m->left == 0) return NULL;
-    if (size > 0 && m->left > 0) m->left--;
-    if (size > 0 && m->limit && m->held - had + size > m->limit) return NULL;
-    m->held += size - had;
-    m->peak = OXL_MAX(m->peak, m->held);
-    m->blocks += (size > 0) - (raw != NULL);
-    if (size == 0) {
-        free(raw);
-        return NULL;
-    }
-    raw = realloc(raw, HEAD + size);
-    memcpy(raw, &size, sizeof size);
-    return raw + HEAD;
-}
-
-static oxl_context *codec_test_context(struct codec_test_memory *m)
-{
-    oxl_context_options o = oxl_context_options_default();
-    oxl_context *ctx = NULL;
-    *m = (struct codec_test_memory){.left = -1};
-    o.reallocate = codec_test_reallocate;
-    o.user = m;
-    o.threads = 1;
-    CHECK_OK(oxl_context_create(&o, &ctx));
-    return ctx;
-}
-
 static oxl_image codec_test_image(int width, int height)
 {
     oxl_image image = test_image(width, height);
@@ -55,9 +15,6 @@ TEST(images_and_models_without_memory_end_in_an_error_and_leak_nothing)
     static const char *const files[] = {"a.png", "a.spz", "a.ply", "a.splat"};
     static oxl_point points[100];
     OWNED_IMAGE image = codec_test_image(40, 24);
-    struct codec_test_memory m;
-    oxl_context *ctx = codec_test_context(&m);
-    const long own = m.blocks;
     int refused = 0;
     OWNED_MODEL model = test_model(50, 0);
     for (int k = 0; k < oxl_model_planes(&model); k++)
@@ -65,28 +22,30 @@ TEST(images_and_models_without_memory_end_in_an_error_and_leak_nothing)
     for (int i = 0; i < 100; i++) points[i].position[0] = i;
     for (int what = 0; what < 9; what++)
         for (long at = 0;; at += 1 + at / 40) {
-            const long before = m.blocks;
+            const long before = blocks_held;
             const char *file = test_path(files[what / 2 % 4]);
             oxl_image back = {0};
             oxl_model read = {0};
             oxl_result rc;
-            m.left = at;
-            if (what == 8) rc = oxl_model_from_points(ctx, points, 100, 1, &read);
+            allocations_left = at;
+            if (what == 8) rc = oxl_model_from_points(test_ctx, points, 100, 1, &read);
             else if (what % 2)
-                rc = what == 1 ? oxl_image_read(ctx, file, &back) : oxl_model_read(ctx, file, &read);
-            else rc = what == 0 ? oxl_image_write(ctx, file, &image) : oxl_model_write(ctx, file, &model);
-            m.left = -1;
+                rc =
+                    what == 1 ? oxl_image_read(test_ctx, file, &back) : oxl_model_read(test_ctx, file, &read);
+            else
+                rc = what == 0 ? oxl_image_write(test_ctx, file, &image)
+                               : oxl_model_write(test_ctx, file, &model);
+            allocations_left = LONG_MAX;
             if (rc == OXL_OK) {
                 CHECK(what == 8 ? read.count == 100 : !(what % 2) || back.width == 40 || read.count == 50);
-                oxl_image_free(ctx, &back);
-                oxl_model_free(ctx, &read);
+                oxl_image_free(test_ctx, &back);
+                oxl_model_free(test_ctx, &read);
                 break;
             }
             refused++;
-            CHECK(rc == OXL_ERR_MEMORY && oxl_error_text(ctx)[0] && m.blocks == before);
+            CHECK(rc == OXL_ERR_MEMORY && oxl_error_text(test_ctx)[0] && blocks_held == before);
         }
-    CHECK(refused > 100 && m.blocks == own);
-    oxl_context_free(ctx);
+    CHECK(refused > 100);
 }
 
 /* A file of a few kilobytes announces 100 million pixels' worth: the limit holds. */
@@ -94,18 +53,16 @@ TEST(decoding_stays_within_the_limit_of_memory)
 {
     enum { SIDE = 3000 };
     oxl_image back = {0};
-    struct codec_test_memory m;
-    oxl_context *ctx = codec_test_context(&m);
     OWNED_IMAGE image = test_image(SIDE, SIDE);
     test_write_image("black.png", &image);
-    m.limit = 16 << 20;
-    CHECK(oxl_image_read(ctx, test_path("black.png"), &back) == OXL_ERR_MEMORY);
-    CHECK(m.peak <= m.limit);
-    m.limit = 0;
-    CHECK_OK(oxl_image_read(ctx, test_path("black.png"), &back));
-    CHECK(m.peak > 27 << 20); /* stb's memory is counted */
-    oxl_image_free(ctx, &back);
-    oxl_context_free(ctx);
+    test_ctx->threads = 1;
+    memory_weigh_start(16 << 20);
+    CHECK(oxl_image_read(test_ctx, test_path("black.png"), &back) == OXL_ERR_MEMORY);
+    memory_weigh_start(0);
+    CHECK_OK(oxl_image_read(test_ctx, test_path("black.png"), &back));
+    CHECK(memory_weighed.most > 27 << 20); /* stb's memory is counted */
+    oxl_image_free(test_ctx, &back);
+    memory_weigh_end();
 }
 
 /* The shape is compared before the pixels are decoded: damaged ones are not found. */
@@ -117,7 +74,7 @@ TEST(an_image_of_another_shape_is_refused_by_its_header)
                                          .parameter_count = 4,
                                          .parameter = {40, 40, 24, 16},
                                          .file = "cameras.txt"};
-    const oxl_camera to = {48, 32, 40, 40, 24, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
+    const oxl_camera to = test_camera(48, 32, 40, 0, 0, 0);
     struct training_image out = {0};
     OWNED_IMAGE image = codec_test_image(100, 100);
     test_write_image("square.png", &image);

@@ -6,14 +6,6 @@
  */
 #include "test.h"
 
-static long memory_left; /* allocations until one is refused */
-
-static void *memory_reallocate(void *user, void *old, size_t size)
-{
-    if (size != 0 && memory_left-- == 0) return NULL;
-    return counting_reallocate(user, old, size);
-}
-
 /* Several blocks, masks, weights by depth, pruning and second lobes: as many places as there are. */
 static oxl_job_options memory_options(void)
 {
@@ -28,6 +20,8 @@ static oxl_job_options memory_options(void)
     return o;
 }
 
+static long memory_used; /* allocations of the last job */
+
 /* Runs the job with the n-th allocation refused. */
 static oxl_result memory_job(const char *survey, const char *out, long n)
 {
@@ -36,11 +30,11 @@ static oxl_result memory_job(const char *survey, const char *out, long n)
     oxl_result rc;
     snprintf(command, sizeof command, "rm -rf '%s'", out);
     CHECK(system(command) == 0);
-    test_ctx->options.reallocate = memory_reallocate;
     test_ctx->error[0] = 0;
-    memory_left = n;
+    allocations_left = n;
     rc = oxl_job_run(test_ctx, survey, out, &options, NULL);
-    test_ctx->options.reallocate = counting_reallocate;
+    memory_used = n - allocations_left;
+    allocations_left = LONG_MAX;
     return rc;
 }
 
@@ -67,7 +61,7 @@ TEST(memory_refused_anywhere_in_a_job_is_reported_or_changes_nothing)
     snprintf(ply, sizeof ply, "%s/scene.ply", out);
     test_ctx->threads = 1;
     CHECK_OK(memory_job(survey, out, LONG_MAX));
-    count = LONG_MAX - memory_left;
+    count = memory_used;
     whole = memory_sum(ply);
     held = blocks_held;
     stride = getenv("OXL_ALL_ALLOCATIONS") ? 1 : OXL_MAX(count / 40, 1);
@@ -89,7 +83,7 @@ TEST(memory_refused_anywhere_in_a_job_is_reported_or_changes_nothing)
 TEST(memory_that_grows_keeps_its_contents_and_its_alignment)
 {
     unsigned char *bytes;
-    memory_weigh_start();
+    memory_weigh_start(0);
     bytes = oxl_alloc(test_ctx, 1000, 1);
     for (int i = 0; i < 1000; i++) bytes[i] = (unsigned char)i;
     for (size_t size = 1000; size < 1200; size += 10) {
@@ -103,16 +97,11 @@ TEST(memory_that_grows_keeps_its_contents_and_its_alignment)
     memory_weigh_end();
 }
 
-static void *memory_refuse_large(void *user, void *old, size_t size)
-{
-    return size > 10200 ? NULL : counting_reallocate(user, old, size);
-}
-
 TEST(memory_that_grows_takes_what_is_needed_where_a_quarter_more_is_refused)
 {
     char *bytes = NULL;
     size_t capacity = 0;
-    test_ctx->options.reallocate = memory_refuse_large;
+    memory_weigh_start(10200);
     CHECK_OK(oxl_reserve(test_ctx, &bytes, &capacity, 9000, 1));
     memset(bytes, 5, 9000);
     CHECK_OK(oxl_reserve(test_ctx, &bytes, &capacity, 10000, 1));
@@ -123,5 +112,5 @@ TEST(memory_that_grows_takes_what_is_needed_where_a_quarter_more_is_refused)
     CHECK(!oxl_alloc(test_ctx, SIZE_MAX / 2, 4)); /* their product is no size */
     CHECK_SAYS(" x 4 bytes\nfix: ");
     oxl_free(test_ctx, bytes);
-    test_ctx->options.reallocate = counting_reallocate;
+    memory_weigh_end();
 }

@@ -94,7 +94,7 @@ TEST(spz_frame_is_turned_by_half_a_turn_about_x)
 TEST(spz_signs_are_those_of_a_turned_scene)
 {
     OWNED_MODEL m = formats_test_model(40, 3), turned = {0};
-    oxl_camera camera = {32, 32, 40, 40, 16, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 6}};
+    oxl_camera camera = test_camera(32, 32, 40, 0, 0, -6);
     OWNED_IMAGE a = {0}, b = {0};
     double psnr;
     for (int p = 0; p < 3; p++)
@@ -118,7 +118,7 @@ TEST(spz_signs_are_those_of_a_turned_scene)
 TEST(models_files_hold_what_is_rendered_beside_gaussians)
 {
     static const char *const files[] = {"m.ply", "m.spz", "m_standard.ply"};
-    const oxl_camera camera = {16, 16, 16, 16, 8, 8, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, -500}};
+    const oxl_camera camera = test_camera(16, 16, 16, 0, 0, 500);
     for (int i = 0; i < 48; i++) {
         OWNED_MODEL m = formats_test_model(5, 1), back = {0}, copy = {0};
         OWNED_IMAGE image = {0};

@@ -164,7 +164,7 @@ static int prune_run_case(struct prune_case *c, const struct prune *p)
     OWNED_RENDERER *r;
     uint8_t keep[128];
     int right = 0;
-    CHECK_OK(renderer_create(test_ctx, &r));
+    r = test_renderer();
     CHECK_OK(
         prune_choose(test_ctx, p, &(struct prune_of){r, c->scene, &options, &c->trained.model}, 64, keep));
     for (int k = 0; k < TRAINED_PARTS; k++) model_keep_rows(model_trained_part(&c->trained, k), keep);

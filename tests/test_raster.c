@@ -13,8 +13,7 @@ static void raster_scene(struct wide *w, int count, int lobes, int width, int he
     static const struct wide_range range[] = {
         {OXL_LOG_SCALE, 0, 4}, {OXL_ROTATION, -3, 3}, {OXL_OPACITY, 0, 1}, {OXL_SH, 0, 6},
         {OXL_LOBE, 0, 1},      {OXL_LOBE + 1, 0, 4},  {OXL_PLANES, 0.4, 1}};
-    const oxl_camera camera = {
-        width, height, 50, 50, width / 2.0, height / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
+    const oxl_camera camera = test_camera(width, height, 50, 0, 0, -4);
     wide_create(w, &camera, (size_t)count, (size_t)lobes, 0);
     wide_scatter(w, 25, range);
     wide_to_float(w);
@@ -37,11 +36,10 @@ static double raster_difference(struct wide *w)
 /* The view as the float kernels have it when they have rendered it; the caller frees it. */
 static struct renderer *raster_draw(const struct wide *w)
 {
-    const oxl_render_options options = oxl_render_options_default();
     struct renderer *r = test_renderer();
     OWNED_MODEL m;
     CHECK_OK(wide_to_model(test_ctx, w, &m));
-    CHECK_OK(renderer_forward(test_ctx, r, &m, &w->camera, &options));
+    test_draw(r, &m, &w->camera);
     return r;
 }
 
@@ -224,19 +222,16 @@ enum { DROP_SIDE = 64, DROP_COUNT = 400 };
 static double raster_dropped_sum(struct renderer *r, const oxl_model *m, const oxl_camera *camera,
                                  double share)
 {
-    const oxl_render_options options = oxl_render_options_default();
     const float *rgb;
     double sum = 0;
     renderer_settings(r)->dropout = (struct renderer_dropout){share, 7, 3};
-    CHECK_OK(renderer_forward(test_ctx, r, m, camera, &options));
-    CHECK_OK(renderer_image(test_ctx, r, &rgb));
+    rgb = test_draw(r, m, camera);
     for (int i = 0; i < 3 * DROP_SIDE * DROP_SIDE; i++) sum += (double)rgb[i];
     return sum;
 }
 
 TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_with_the_gradient_of_that)
 {
-    const oxl_render_options options = oxl_render_options_default();
     static float ones[3 * DROP_SIDE * DROP_SIDE];
     OWNED_WIDE w = {0};
     OWNED_MODEL m = {0};
@@ -249,7 +244,7 @@ TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_w
     for (int i = 0; i < 3 * DROP_SIDE * DROP_SIDE; i++) ones[i] = 1;
     OWNED_RENDERER *r = test_renderer();
     renderer_use_cpu(r);
-    CHECK_OK(renderer_forward(test_ctx, r, &m, &w.camera, &options));
+    test_draw(r, &m, &w.camera);
     for (size_t i = 0; i < DROP_COUNT; i++)
         shown[i] = renderer_row_visible(r, i), peak[i] = r->splat[i].peak, before += shown[i];
     (void)raster_dropped_sum(r, &m, &w.camera, 0.5);
@@ -273,7 +268,7 @@ TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_w
 
 TEST(raster_shows_the_background_where_there_is_nothing)
 {
-    const oxl_camera camera = {20, 10, 30, 30, 10, 5, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
+    const oxl_camera camera = test_camera(20, 10, 30, 0, 0, 0);
     oxl_render_options options = oxl_render_options_default();
     OWNED_IMAGE image = {0};
     float depth[200];

@@ -629,15 +629,3 @@ TEST(reference_children_of_opaque_gaussians_have_a_finite_logit)
     density_free(test_ctx, d);
     model_trained_free(test_ctx, &m);
 }
-
-TEST(reference_opacities_are_reset_to_a_hundredth)
-{
-    struct trained_model m;
-    m.model = test_model(2, 0);
-    CHECK_OK(model_trained_begin(test_ctx, &m));
-    m.model.plane[OXL_OPACITY][0] = 3, m.model.plane[OXL_OPACITY][1] = -5;
-    density_reset_opacity(&m, 1.0f / 255);
-    CHECK_CLOSE(m.model.plane[OXL_OPACITY][0], log(0.01 / 0.99), 1e-5); /* Kerbl 2023's code */
-    CHECK(m.model.plane[OXL_OPACITY][1] == -5);
-    model_trained_free(test_ctx, &m);
-}

@@ -19,17 +19,6 @@ static oxl_model rounds_test_model(size_t count, uint64_t seed, size_t lobes)
     return m;
 }
 
-static oxl_camera rounds_test_camera(int width, int height)
-{
-    return (oxl_camera){.width = width,
-                        .height = height,
-                        .fx = 60,
-                        .fy = 60,
-                        .cx = width / 2.0,
-                        .cy = height / 2.0,
-                        .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
-}
-
 /* dL/d(image) of a loss that no pixel is like another in. */
 static float *rounds_test_slope(const oxl_camera *c)
 {
@@ -55,28 +44,21 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
 {
     for (size_t kind = 0; kind < 4; kind++) { /* with lobes; behind a medium */
         const size_t lobes = kind % 2;
-        const oxl_camera camera = rounds_test_camera(64, 48);
+        const oxl_camera camera = test_camera(64, 48, 60, 0, 0, 0);
         struct medium medium = rounds_test_medium;
-        oxl_render_options o = oxl_render_options_default();
-        oxl_model own = rounds_test_model(50, 1, 20 * lobes), context = rounds_test_model(70, 2, 30 * lobes);
-        float *slope = rounds_test_slope(&camera);
-        OWNED_RENDERER *a = NULL, *b = NULL;
+        OWNED_MODEL own = rounds_test_model(50, 1, 20 * lobes),
+                    context = rounds_test_model(70, 2, 30 * lobes), all = test_model(0, 0);
+        OWNED_MEMORY float *slope = rounds_test_slope(&camera);
+        OWNED_RENDERER *a = test_renderer(), *b = test_renderer();
         const float *x, *y;
         float s1[120] = {0}, s2[120] = {0};
-        oxl_model all = test_model(0, 0);
         CHECK_OK(merge_rows(test_ctx, &own, NULL, &all));
         CHECK_OK(merge_rows(test_ctx, &context, NULL, &all));
-        oxl_model g1 = test_model(own.count, 1);
-        oxl_model g2 = test_model(all.count, 1);
-        CHECK_OK(renderer_create(test_ctx, &a));
-        CHECK_OK(renderer_create(test_ctx, &b));
+        OWNED_MODEL g1 = test_model(own.count, 1), g2 = test_model(all.count, 1);
         renderer_set_context(a, &context);
         renderer_settings(a)->medium = kind > 1 ? medium : (struct medium){0};
         renderer_settings(b)->medium = kind > 1 ? medium : (struct medium){0};
-        CHECK_OK(renderer_forward(test_ctx, a, &own, &camera, &o));
-        CHECK_OK(renderer_forward(test_ctx, b, &all, &camera, &o));
-        CHECK_OK(renderer_image(test_ctx, a, &x));
-        CHECK_OK(renderer_image(test_ctx, b, &y));
+        x = test_draw(a, &own, &camera), y = test_draw(b, &all, &camera);
         CHECK(rounds_test_largest_difference(x, y, 3 * 64 * 48) == 0);
         CHECK_OK(renderer_score(test_ctx, a, slope, s1)); /* as long as the model: the context has none */
         CHECK_OK(renderer_score(test_ctx, b, slope, s2));
@@ -96,44 +78,32 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
             medium.training_range = 0.5f;
             model_scale_colour(&own, factor);
             renderer_settings(a)->medium = medium;
-            CHECK_OK(renderer_forward(test_ctx, a, &own, &camera, &o));
-            CHECK_OK(renderer_image(test_ctx, a, &x));
-            CHECK(rounds_test_largest_difference(x, y, 3 * 64 * 48) < 1e-5);
+            CHECK(rounds_test_largest_difference(test_draw(a, &own, &camera), y, 3 * 64 * 48) < 1e-5);
         }
-        oxl_free(test_ctx, slope);
-        oxl_model_free(test_ctx, &own), oxl_model_free(test_ctx, &context), oxl_model_free(test_ctx, &all);
-        oxl_model_free(test_ctx, &g1), oxl_model_free(test_ctx, &g2);
     }
 }
 
 TEST(window_shows_the_same_pixels_as_the_image_and_its_loss_the_same_slopes)
 {
-    const oxl_camera full = rounds_test_camera(64, 48);
+    const oxl_camera full = test_camera(64, 48, 60, 0, 0, 0);
     oxl_camera part = full;
-    oxl_model m = rounds_test_model(80, 3, 0);
-    oxl_render_options o = oxl_render_options_default();
+    OWNED_MODEL m = rounds_test_model(80, 3, 0);
     const struct lamp lamp = {.view = -1,
                               .shape = {0.3f, -0.4f, 0.2f, 0.1f, -0.5f, 0.3f, 0.2f, 0.1f, -0.3f, 0.2f}};
     const int x0 = 16, y0 = 16;
     OWNED_MEMORY float *image = oxl_calloc(test_ctx, 3 * 64 * 48, sizeof *image),
                        *weight = oxl_calloc(test_ctx, 64 * 48, sizeof *weight);
-    OWNED_RENDERER *a = NULL, *b = NULL;
+    OWNED_RENDERER *a = test_renderer(), *b = test_renderer();
     const float *x, *y;
     struct renderer_loss loss;
     double most = 0, largest = 0;
     part.width = 32, part.height = 32;
     part.cx -= x0, part.cy -= y0;
-    oxl_model g1 = test_model(m.count, 1);
-    oxl_model g2 = test_model(m.count, 1);
-    CHECK_OK(renderer_create(test_ctx, &a));
-    CHECK_OK(renderer_create(test_ctx, &b));
+    OWNED_MODEL g1 = test_model(m.count, 1), g2 = test_model(m.count, 1);
     renderer_settings(a)->window = (struct renderer_window){64, 48, 16, 16};
     renderer_settings(a)->lamp = &lamp;
     renderer_settings(b)->lamp = &lamp;
-    CHECK_OK(renderer_forward(test_ctx, a, &m, &part, &o));
-    CHECK_OK(renderer_forward(test_ctx, b, &m, &full, &o));
-    CHECK_OK(renderer_image(test_ctx, a, &x));
-    CHECK_OK(renderer_image(test_ctx, b, &y));
+    x = test_draw(a, &m, &part), y = test_draw(b, &m, &full);
     for (int c = 0; c < 3; c++)
         for (int v = 0; v < 32; v++)
             for (int u = 0; u < 32; u++)
@@ -158,27 +128,25 @@ TEST(window_shows_the_same_pixels_as_the_image_and_its_loss_the_same_slopes)
         if (renderer_row_visible(a, i) && renderer_row_visible(b, i))
             CHECK_CLOSE(renderer_mean_gradient(a, i), renderer_mean_gradient(b, i) * 32.0 * 32 / (64 * 48),
                         1e-5);
-    oxl_model_free(test_ctx, &m), oxl_model_free(test_ctx, &g1), oxl_model_free(test_ctx, &g2);
 }
 
 TEST(window_counts_a_view_for_growth_only_of_gaussians_whose_centre_it_shows)
 {
-    const oxl_camera full = rounds_test_camera(64, 48);
+    const oxl_camera full = test_camera(64, 48, 60, 0, 0, 0);
     oxl_camera part = full;
     OWNED_MODEL m = rounds_test_model(200, 4, 0);
-    oxl_render_options o = oxl_render_options_default();
-    float *image = oxl_calloc(test_ctx, 3 * 64 * 48, sizeof *image), gradient[200] = {0},
-          views[2][200] = {{0}};
+    static float image[3 * 64 * 48];
+    float gradient[200] = {0}, views[2][200] = {{0}};
     size_t counted = 0, cut = 0;
-    struct renderer *r[2] = {NULL, NULL};
+    OWNED_RENDERER *whole = test_renderer(), *window = test_renderer();
+    struct renderer *const r[2] = {whole, window};
     struct renderer_loss loss;
     part.width = 32, part.height = 32;
     part.cx -= 16, part.cy -= 16;
     for (int k = 0; k < 2; k++) { /* the whole image, the window */
         const struct renderer_sums sums = {.count = m.count, .gradient = gradient, .views = views[k]};
-        CHECK_OK(renderer_create(test_ctx, &r[k]));
         if (k == 1) renderer_settings(r[k])->window = (struct renderer_window){64, 48, 0, 0};
-        CHECK_OK(renderer_forward(test_ctx, r[k], &m, k ? &part : &full, &o));
+        test_draw(r[k], &m, k ? &part : &full);
         CHECK_OK(renderer_loss(test_ctx, r[k], image, NULL, 0, &loss));
         CHECK_OK(renderer_backward(test_ctx, r[k], NULL, NULL));
         CHECK_OK(renderer_observe(test_ctx, r[k], &sums));
@@ -191,8 +159,6 @@ TEST(window_counts_a_view_for_growth_only_of_gaussians_whose_centre_it_shows)
         cut += renderer_row_visible(r[1], i) && !inside;
     }
     CHECK(counted > 5 && cut > 5);
-    for (int k = 0; k < 2; k++) renderer_free(test_ctx, r[k]);
-    oxl_free(test_ctx, image);
 }
 
 TEST(window_is_the_rectangle_that_is_worth_most)

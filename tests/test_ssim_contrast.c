@@ -12,11 +12,8 @@ static oxl_scene *ssim_contrast_test_scene(float level)
     oxl_image image[N];
     oxl_point point[1] = {{.position = {0, 0, 0}}};
     for (int v = 0; v < N; v++) {
-        view[v] = (oxl_view){v == 0   ? "a"
-                             : v == 1 ? "b"
-                                      : "c",
-                             {W, H, 50, 50, W / 2, H / 2, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {v, 0, 4}},
-                             0};
+        static const char *const name[] = {"a", "b", "c"};
+        view[v] = (oxl_view){name[v], test_camera(W, H, 50, -v, 0, -4), 0};
         image[v] = test_image(W, H);
         for (int i = 0; i < 3 * W * H; i++)
             image[v].rgb[i] = 0.4f + 0.001f * (float)(i % W) + (i / W % 2 ? level : -level);

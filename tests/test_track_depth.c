@@ -65,7 +65,7 @@ TEST(depth_of_tracks_is_compared_at_the_places_of_the_window_and_of_halved_image
     photometry_test_make("depth_window", SYNTH_3C);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_window"), NULL, (oxl_scene **)&t.survey));
     t.scene = t.survey;
-    CHECK_OK(renderer_create(test_ctx, &t.renderer));
+    t.renderer = test_renderer();
     for (int v = 0; v < 14; v++) all[v] = window;
     for (t.halved = 0; t.halved < 2; t.halved++) {
         struct part_view v = {.view = 3, .progress = 0.5, .imaging = {.medium = {.on = 1}}};

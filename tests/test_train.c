@@ -66,7 +66,7 @@ TEST(density_control_needs_memory_for_the_new_rows_alone)
     struct density_rules rules = {.gradient = 0.5, .extent = 1};
     struct trained_model t;
     size_t before;
-    memory_weigh_start();
+    memory_weigh_start(0);
     CHECK_OK(density_create(test_ctx, &density));
     t.model = test_model(ROWS, 3);
     CHECK_OK(model_trained_begin(test_ctx, &t));
@@ -93,7 +93,7 @@ TEST(density_control_needs_memory_for_the_new_rows_alone)
  * red. */
 static void density_render_needle(float opacity, int with_children, float red[32 * 48])
 {
-    const oxl_camera camera = {48, 32, 40, 40, 24, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
+    const oxl_camera camera = test_camera(48, 32, 40, 0, 0, 0);
     DENSITY_CASE c = density_case((float[]){1, 0, 0, 0});
     static const float row[] = {0, 0, 4, -1, -1.6f, -2.3f, 0.9f, 0.1f, 0.2f, 0.4f};
     OWNED_IMAGE image = {0};
@@ -235,8 +235,7 @@ TEST(density_mean_gradient_is_unweighted)
 /* Two Gaussians side by side, 1 and 5 away, rendered and compared with nothing. */
 static void density_observe_two(struct density *d)
 {
-    const oxl_camera camera = {32, 32, 40, 40, 16, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
-    const oxl_render_options options = oxl_render_options_default();
+    const oxl_camera camera = test_camera(32, 32, 40, 0, 0, 0);
     OWNED_MEMORY float *drgb = oxl_calloc(test_ctx, 3 * 32 * 32, sizeof *drgb);
     OWNED_MODEL model = test_model(2, 0);
     OWNED_MODEL gradient = test_model(2, 0);
@@ -247,7 +246,7 @@ static void density_observe_two(struct density *d)
         for (int a = 0; a < 3; a++) model.plane[OXL_LOG_SCALE + a][i] = -2;
     }
     for (int i = 0; i < 32 * 32; i++) drgb[i] = (float)(i % 32);
-    CHECK_OK(renderer_forward(test_ctx, r, &model, &camera, &options));
+    test_draw(r, &model, &camera);
     CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
     CHECK_OK(density_observe(test_ctx, d, r, 2));
 }
@@ -309,16 +308,8 @@ oxl_scene *train_scene_of(int views, double shine)
     for (int v = 0; v < views; v++) {
         static char names[16][16];
         snprintf(names[v], sizeof names[v], "v%02d.png", v);
-        view[v] = (oxl_view){names[v],
-                             {SIDE,
-                              SIDE,
-                              50,
-                              50,
-                              SIDE / 2.0,
-                              SIDE / 2.0,
-                              {1, 0, 0, 0, 1, 0, 0, 0, 1},
-                              {0.2 * (v - 3), 0.1 * (v % 3), 3}},
-                             v == 3};
+        view[v] =
+            (oxl_view){names[v], test_camera(SIDE, SIDE, 50, -0.2 * (v - 3), -0.1 * (v % 3), -3), v == 3};
         CHECK_OK(oxl_render(test_ctx, &truth, &view[v].camera, NULL, &image[v], NULL));
     }
     return test_scene(view, image, views, point, GRID * GRID);
@@ -434,19 +425,9 @@ TEST(train_stops_when_the_callback_asks_and_leaves_a_usable_model)
     CHECK_SAYS("interrupted at iteration 7 of 100");
 }
 
-/* The memory that a run asks for, by iteration. */
-static void *(*train_allocator)(void *user, void *old, size_t size);
-static int train_calls;
-
-static void *train_count(void *user, void *old, size_t size)
-{
-    train_calls++;
-    return train_allocator(user, old, size);
-}
-
 static int train_note_calls(void *user, const oxl_progress *progress)
 {
-    ((int *)user)[progress->iteration] = train_calls;
+    ((int *)user)[progress->iteration] = (int)(LONG_MAX - allocations_left);
     return 0;
 }
 
@@ -459,11 +440,7 @@ TEST(train_allocates_no_memory_between_steps_after_the_first)
     OWNED_MODEL model = {0};
     options.densify_until = 0;
     options.alpha_min = 0; /* else more pixels of a Gaussian count in the last fifth */
-    train_calls = 0;
-    train_allocator = test_ctx->options.reallocate;
-    test_ctx->options.reallocate = train_count;
     CHECK_OK(test_train(scene, &options, &note, &model));
-    test_ctx->options.reallocate = train_allocator;
     CHECK(calls[1] > 0);
     for (int i = 41; i <= 80; i++) CHECK(calls[i] == calls[40]);
 }

@@ -86,13 +86,12 @@ TEST(model_colours_scale_by_a_factor_for_each_channel)
 static struct renderer_loss exposure_loss(struct renderer *r, oxl_scene *scene, const oxl_model *model,
                                           const double log_gain[3])
 {
-    oxl_render_options o = oxl_render_options_default();
     struct renderer_loss loss;
     OWNED_IMAGE image;
     float gain[3];
     for (int c = 0; c < 3; c++) gain[c] = (float)exp(log_gain[c]);
     CHECK_OK(oxl_scene_image(test_ctx, scene, 1, NULL, &image));
-    CHECK_OK(renderer_forward(test_ctx, r, model, &oxl_scene_view(scene, 1)->camera, &o));
+    test_draw(r, model, &oxl_scene_view(scene, 1)->camera);
     renderer_settings(r)->gain = gain;
     CHECK_OK(renderer_loss(test_ctx, r, image.rgb, NULL, 0.2f, &loss));
     renderer_complete_loss(r, &loss);
@@ -113,23 +112,6 @@ TEST(exposure_gradient_agrees_with_finite_differences)
             at[c] -= 2 * h, minus = exposure_loss(r, scene, &model, at).total;
             CHECK_CLOSE(here, (plus - minus) / (2 * h), 1e-4 + 5e-3 * fabs(here));
         }
-}
-
-/* With gains the model's gradient is that of the loss of the exposed image: of the image before it, times the
- * gain. */
-TEST(exposure_gains_multiply_the_gradient_of_the_image)
-{
-    const float gain[3] = {0.5f, 1, 2}, x[6] = {1, 2, 3, 4, 5, 6}, dy[6] = {1, -1, 1, -1, 1, -1};
-    float y[6], map[2], dx[6];
-    double d[3], shape[LAMP_TERMS];
-
-    const struct exposure_job job = {{2, 1, 2, 1, 0, 0}, gain, NULL, x, y, map, dy, dx, d, shape};
-    exposure_forward(test_ctx->isa, &job);
-    exposure_backward(test_ctx->isa, &job);
-    CHECK(y[0] == 0.5f && y[3] == 4 && y[5] == 12);
-    CHECK(dx[0] == 0.5f && dx[3] == -1 && dx[4] == 2);
-    CHECK_CLOSE(d[0], -0.5, 1e-12);
-    CHECK_CLOSE(d[2], -2, 1e-12);
 }
 
 /* ---------------- runs */
@@ -587,14 +569,13 @@ TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
 static void photometry_test_clear(const char *survey, double mean[3])
 {
     oxl_train_options o = train_options(150);
-    const oxl_render_options render = oxl_render_options_default();
     OWNED_IMAGE image = {0};
     size_t pixels;
     o.medium = OXL_AUTO, o.exposure = o.lamp = OXL_OFF;
     OWNED_SCENE *scene = test_load(survey, NULL);
     OWNED_MODEL model = test_trained(scene, &o);
     CHECK(test_imaging.medium.on);
-    CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 7)->camera, &render, &image, NULL));
+    CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 7)->camera, NULL, &image, NULL));
     pixels = (size_t)image.width * (size_t)image.height;
     for (size_t i = 0; i < 3 * pixels; i++) mean[i / pixels] += (double)image.rgb[i] / (double)pixels;
 }
@@ -619,12 +600,10 @@ static double medium_score(struct renderer *r, const oxl_camera *camera, const o
                            const struct medium *medium, const float *drgb)
 {
     const size_t n = 3 * (size_t)camera->width * (size_t)camera->height;
-    oxl_render_options o = oxl_render_options_default();
     const float *rgb;
     double sum = 0;
     renderer_settings(r)->medium = medium ? *medium : (struct medium){0};
-    CHECK_OK(renderer_forward(test_ctx, r, model, camera, &o));
-    CHECK_OK(renderer_image(test_ctx, r, &rgb));
+    rgb = test_draw(r, model, camera);
     for (size_t i = 0; i < n; i++) sum += (double)drgb[i] * rgb[i];
     return sum;
 }
@@ -728,15 +707,11 @@ TEST(medium_baked_into_the_colours_is_the_mean_over_the_views_that_see_a_row)
 TEST(medium_alone_shows_its_veil)
 {
     OWNED_SCENE *scene = train_scene(3);
-    const float *rgb;
-    oxl_render_options o = oxl_render_options_default();
     OWNED_RENDERER *r = test_renderer();
     OWNED_MODEL model = test_model(1, 0);
     model.plane[OXL_OPACITY][0] = -20;
     renderer_settings(r)->medium = imaging_test_murky;
-    CHECK_OK(renderer_forward(test_ctx, r, &model, &oxl_scene_view(scene, 0)->camera, &o));
-    CHECK_OK(renderer_image(test_ctx, r, &rgb));
-    CHECK(rgb[0] == imaging_test_murky.veiling_light[0]);
+    CHECK(test_draw(r, &model, &oxl_scene_view(scene, 0)->camera)[0] == imaging_test_murky.veiling_light[0]);
 }
 
 /* ---------------- depths of tracks */
@@ -776,8 +751,7 @@ struct depth_case {
 /* The next step's gradient, into `out`. */
 static void depth_case_step(struct depth_case *c, int points, oxl_model *out)
 {
-    const oxl_render_options o = oxl_render_options_default();
-    CHECK_OK(renderer_forward(test_ctx, c->r, &c->model, c->camera, &o));
+    test_draw(c->r, &c->model, c->camera);
     if (points) renderer_set_depths(c->r, c->point, points, 1);
     CHECK_OK(renderer_backward(test_ctx, c->r, c->drgb, out));
 }
@@ -788,7 +762,7 @@ static struct depth_case depth_case_begin(void)
     double eye[3];
     c.camera = &oxl_scene_view(c.scene, 1)->camera;
     c.drgb = oxl_calloc(test_ctx, 3 * (size_t)c.camera->width * (size_t)c.camera->height, sizeof *c.drgb);
-    CHECK_OK(renderer_create(test_ctx, &c.r));
+    c.r = test_renderer();
     c.model = test_points(c.scene, 0);
     c.gradient = test_model(c.model.count, 0);
     c.in_front = oxl_alloc(test_ctx, c.model.count, 1);

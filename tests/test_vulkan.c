@@ -360,16 +360,11 @@ static struct vulkan_distance vulkan_distance(const float *a, const float *b, si
     return d;
 }
 
-static size_t vulkan_rows(const oxl_model *m, int plane)
-{
-    return plane >= OXL_LOBE ? m->lobes : plane < oxl_model_planes(m) ? m->count : 0;
-}
-
 static void vulkan_compare_models(const oxl_model *a, const oxl_model *b, double bound)
 {
     for (int k = 0; k < OXL_PLANES; k++)
-        if (vulkan_rows(a, k))
-            CHECK_CLOSE(vulkan_distance(a->plane[k], b->plane[k], vulkan_rows(a, k)).relative, 0, bound);
+        if (test_rows(a, k))
+            CHECK_CLOSE(vulkan_distance(a->plane[k], b->plane[k], test_rows(a, k)).relative, 0, bound);
 }
 
 static void vulkan_same_trained(const struct trained_model *a, const struct trained_model *b)
@@ -1759,37 +1754,7 @@ DEVICE_TEST(vulkan_density_control_moves_rows_as_the_host_does)
     }
 }
 
-/* ---------------- validation, parts of an image */
-
-static VKAPI_ATTR void VKAPI_CALL vulkan_play_barrier(VkCommandBuffer commands, VkPipelineStageFlags from,
-                                                      VkPipelineStageFlags to, VkDependencyFlags flags,
-                                                      uint32_t memories, const VkMemoryBarrier *memory,
-                                                      uint32_t buffers, const VkBufferMemoryBarrier *buffer,
-                                                      uint32_t images, const VkImageMemoryBarrier *image)
-{
-}
-
-/* That validation is silent in the other tests says something when it is not here: barriers left out, and a
- * write past the end of a buffer, which only GPU-assisted validation sees (OXL_VULKAN_VALIDATE=gpu; the
- * device keeps it from harm, or not: on lavapipe it does). */
-DEVICE_TEST(vulkan_validation_reports_planted_faults)
-{
-    const int gpu = strcmp(getenv("OXL_VULKAN_VALIDATE"), "gpu") == 0;
-    struct vulkan_buffer small = {0}, number = {0};
-    if (!v->validates) SKIP("no validation layer here");
-    vulkan_listen("alidation");
-    vulkan_reserve(v, &small, 1, 4, "numbers");
-    vulkan_reserve(v, &number, 1 << 16, 4, "numbers");
-    if (!gpu) v->CmdPipelineBarrier = vulkan_play_barrier;
-    VULKAN_RUN(v, UNPACK, 0, 16, VULKAN_PUSH(64, 64, 0, 0, 0, 0, 0, 64, 64),
-               VULKAN_BUFFERS(NULL, gpu ? &small : &number, NULL));
-    VULKAN_RUN(v, SCORE, 0, 1, VULKAN_PUSH(1), VULKAN_BUFFERS(NULL, NULL, NULL, &number));
-    CHECK(vulkan_finish(v) == OXL_OK && v->validation_messages > 0);
-    v->CmdPipelineBarrier = driver.CmdPipelineBarrier;
-    vulkan_release(v, &small);
-    vulkan_release(v, &number);
-    v->validation_messages = 0;
-}
+/* ---------------- parts of an image */
 
 /* More parts than a frame has command buffers. A frame is waited for as long as its submissions together may
  * take. */
@@ -1870,27 +1835,25 @@ DEVICE_TEST(vulkan_bounds_a_submission_of_an_unbalanced_image)
 /* ---------------- a survey */
 
 /* darker: the log of how much darker every other image is. */
-static oxl_scene *vulkan_survey(oxl_context *ctx, double darker)
+static oxl_scene *vulkan_survey(double darker)
 {
     static const char *const names[] = {"a", "b", "c", "d", "e", "f"};
     oxl_model truth = vulkan_scene(200, 0, 0);
     oxl_view view[6];
     oxl_image image[6];
     oxl_point point[200];
-    oxl_scene *scene = NULL;
     for (int i = 0; i < 6; i++) {
         view[i] = (oxl_view){.name = names[i], .camera = vulkan_camera(48, 36), .is_test = i == 2};
         view[i].camera.translation[0] += 0.3 * (i - 3);
         view[i].camera.translation[1] += 0.1 * (i % 3);
-        CHECK_OK(oxl_render(cpu, &truth, &view[i].camera, NULL, &image[i], NULL));
+        CHECK_OK(oxl_render(test_ctx, &truth, &view[i].camera, NULL, &image[i], NULL));
         for (int k = 0; i % 2 && k < 3 * 48 * 36; k++) image[i].rgb[k] *= (float)exp(-darker);
     }
     for (int i = 0; i < 200; i++) {
         point[i] = (oxl_point){.rgb = {128, 128, 128}};
         for (int a = 0; a < 3; a++) point[i].position[a] = truth.plane[OXL_MEAN + a][i];
     }
-    CHECK_OK(oxl_scene_from_arrays(ctx, view, image, 6, point, 200, &scene));
-    return scene;
+    return test_scene(view, image, 6, point, 200);
 }
 
 static size_t vulkan_bytes_of(const oxl_model *m)
@@ -1901,7 +1864,7 @@ static size_t vulkan_bytes_of(const oxl_model *m)
 /* In evaluations and images only the model is uploaded, so the bytes are counted. */
 DEVICE_TEST(vulkan_uploads_a_model_once_for_all_views_of_an_evaluation)
 {
-    oxl_scene *scene = vulkan_survey(device, 0);
+    OWNED_SCENE *scene = vulkan_survey(0);
     const oxl_render_output what = {.split = OXL_SPLIT_ALL, .depth = 1};
     oxl_metrics metrics;
     oxl_model m = vulkan_scene(600, 1, 100);
@@ -1914,7 +1877,6 @@ DEVICE_TEST(vulkan_uploads_a_model_once_for_all_views_of_an_evaluation)
     CHECK_OK(oxl_render_views(device, &m, scene, NULL, &what, test_path("drawn"), &count));
     CHECK(count == 6 && v->sent - before == vulkan_bytes_of(&m));
     oxl_metrics_free(device, &metrics);
-    oxl_scene_free(device, scene);
 }
 
 static void vulkan_repaint(oxl_model *m)
@@ -1927,7 +1889,7 @@ static void vulkan_repaint(oxl_model *m)
 DEVICE_TEST(vulkan_renders_the_current_model)
 {
     struct vulkan_twins t = vulkan_twins(64, 48);
-    oxl_scene *scene = vulkan_survey(device, 0);
+    OWNED_SCENE *scene = vulkan_survey(0);
     oxl_model m = vulkan_scene(300, 1, 100), other = vulkan_scene(300, 1, 100);
     double psnr[2];
     VULKAN_TWICE(round)
@@ -1939,7 +1901,6 @@ DEVICE_TEST(vulkan_renders_the_current_model)
         vulkan_repaint(&m);
     }
     CHECK(fabs(psnr[1] - psnr[0]) > 1);
-    oxl_scene_free(device, scene);
     vulkan_draw_both(&t, &m);
     VULKAN_TWICE(k) CHECK_OK(renderer_download(vulkan_ctx(k), t.r[k], DOWNLOAD_TO_CHANGE));
     vulkan_repaint(&m);
@@ -1972,7 +1933,7 @@ static oxl_result vulkan_train(oxl_context *ctx, struct vulkan_training *t)
                               .decisions = &decisions,
                               .window = t->window,
                               .context = t->context};
-    oxl_scene *scene = vulkan_survey(ctx, t->darker);
+    OWNED_SCENE *scene = vulkan_survey(t->darker);
     oxl_model out = {0};
     oxl_result rc;
     if (t->saved) task.store = checkpoint_in(test_path(t->saved), "run");
@@ -1984,15 +1945,14 @@ static oxl_result vulkan_train(oxl_context *ctx, struct vulkan_training *t)
         oxl_metrics_free(ctx, &metrics);
         vulkan_model(out.count, out.sh_degree, out.lobes, &t->model);
         for (int k = 0; k < OXL_PLANES; k++)
-            if (vulkan_rows(&out, k))
-                memcpy(t->model.plane[k], out.plane[k], vulkan_rows(&out, k) * sizeof(float));
+            if (test_rows(&out, k))
+                memcpy(t->model.plane[k], out.plane[k], test_rows(&out, k) * sizeof(float));
     }
     for (int i = 0; i < 18 && imaging.on; i++) t->gain[i] = (double)imaging.log_gain[i];
     snprintf(t->decisions, sizeof t->decisions, "%s", decisions.data ? decisions.data : "");
     text_free(&log), text_free(&notes), text_free(&decisions);
     imaging_free(ctx, &imaging);
     oxl_model_free(ctx, &out);
-    oxl_scene_free(ctx, scene);
     return rc;
 }
 
@@ -2327,8 +2287,7 @@ TEST(vulkan_without_a_device_is_reported_in_one_line)
 {
     oxl_context_options options = test_ctx->options;
     oxl_context *ctx;
-    oxl_camera camera = {
-        .width = 8, .height = 8, .fx = 8, .fy = 8, .cx = 4, .cy = 4, .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    const oxl_camera camera = test_camera(8, 8, 8, 0, 0, 0);
     OWNED_MODEL model;
     oxl_image image;
 #ifdef OXL_VULKAN
