@@ -198,12 +198,14 @@ TEST(images_are_compared_without_memory_with_an_error_and_no_leak)
 
 /* ---------------- poses */
 
-TEST(poses_without_tracks_in_another_convention_are_named)
+TEST(poses_in_another_convention_are_named_with_tracks_and_without)
 {
-    foreign_survey(0, "0 1 0 0", 1); /* y up, z back */
-    foreign_check();
-    CHECK_WARNED("poses and points do not fit; they would fit as: camera axes as in OpenGL");
-    CHECK_WARNED("fix: write the poses world to camera");
+    for (int tracks = 0; tracks < 2; tracks++) {
+        foreign_survey(tracks, "0 1 0 0", 1); /* y up, z back */
+        CHECK(foreign_check() == 10);
+        CHECK_WARNED("poses and points do not fit; they would fit as: camera axes as in OpenGL");
+        CHECK_WARNED("fix: write the poses world to camera");
+    }
 }
 
 /* The survey in a world whose x, y, z are z, x, y of the other: no rotation is its own inverse. */

@@ -1,15 +1,16 @@
 /* hypotheses.c - tells whether images, poses and points belong together, and if not, how they would.
  *
  * Each row of a table is a way to read a survey: as it is, with poses in another convention, with another
- * focal length or lens, with images turned. It says where in its image a point of the world is. What the
- * images saw says how well that fits: 2D points, where the files have them, by their distances; then colours.
- * A point's colour is the mean of what its images show there, so the brightness of an image at its points
- * correlates with their colours. Compared are differences between points side by side, limited to
+ * focal length or lens, with images turned. It says where in its image a point of the world is. The images'
+ * colours say how well that fits: at the points that tracks have in an image, or, without tracks, that its
+ * camera has. A point's colour is the mean of what its images show there, so an image's brightness at its
+ * points correlates with their colours. Compared are differences between points side by side, limited to
  * HYPOTHESIS_CLIP medians: light that varies smoothly (lamp, haze, exposure) drops out, and fish count
  * little. The median over the images of a survey is 0.3 to 0.9 where they belong together, 0.0 to 0.2 else.
  *
  * Invariant: nothing that is trained changes.
  */
+#include "../core/random.h"
 #include "../core/vecmath.h"
 #include "../formats/survey_read.h"
 #include "../survey/image_header.h"
@@ -19,19 +20,18 @@
 #include "checks.h"
 
 enum {
-    HYPOTHESIS_VIEWS = 256,     /* most images, evenly spaced */
-    HYPOTHESIS_LEAST = 3,       /* images; with fewer nothing is reported */
-    HYPOTHESIS_SAMPLES = 512,   /* most points of an image */
-    HYPOTHESIS_FEWEST = 24,     /* points; an image with fewer is not judged */
-    HYPOTHESIS_EMPTY = 8,       /* points; an image with fewer shows nothing of the model */
-    HYPOTHESIS_ENOUGH = 100,    /* points; a survey with fewer may have empty images */
-    HYPOTHESIS_POINTS = 8192,   /* most points to project into an image without 2D points */
-    HYPOTHESIS_BYTES = 1 << 17, /* most bytes of an image's 2D points, from their beginning */
-    HYPOTHESIS_STRIPS = 24,     /* strips of an image in which points lie side by side */
-    HYPOTHESIS_ROWS = 80,       /* most ways to read a survey */
-    HYPOTHESIS_MANY = 12,       /* images, from which on HYPOTHESIS_ALWAYS decides */
-    HYPOTHESIS_NAMED = 3,       /* images that are named */
-    HYPOTHESIS_DARK = 76        /* brightest value of 16-bit images that hold fewer bits (14 bits: 64) */
+    HYPOTHESIS_VIEWS = 256,   /* most images, evenly spaced */
+    HYPOTHESIS_LEAST = 3,     /* images; with fewer nothing is reported */
+    HYPOTHESIS_SAMPLES = 512, /* most points of an image */
+    HYPOTHESIS_FEWEST = 24,   /* points; an image with fewer is not judged */
+    HYPOTHESIS_EMPTY = 8,     /* points; an image with fewer shows nothing of the model */
+    HYPOTHESIS_ENOUGH = 100,  /* points; a survey with fewer may have empty images */
+    HYPOTHESIS_POINTS = 8192, /* most points to project into an image without tracks */
+    HYPOTHESIS_STRIPS = 24,   /* strips of an image in which points lie side by side */
+    HYPOTHESIS_ROWS = 80,     /* most ways to read a survey */
+    HYPOTHESIS_MANY = 12,     /* images, from which on HYPOTHESIS_ALWAYS decides */
+    HYPOTHESIS_NAMED = 3,     /* images that are named */
+    HYPOTHESIS_DARK = 76      /* brightest value of 16-bit images that hold fewer bits (14 bits: 64) */
 };
 #define HYPOTHESIS_CLIP 1.5    /* Limits differences, in medians of their absolute values. */
 #define HYPOTHESIS_BORDER 0.01 /* Leaves out points in the border of an image, as a fraction of its sides. */
@@ -49,10 +49,6 @@ enum {
 /* Requires an image that fits nowhere to be so many spreads below the median, and below this fraction. */
 #define HYPOTHESIS_SPREADS 4.0
 #define HYPOTHESIS_LOW 0.3
-#define HYPOTHESIS_PIXELS 4.0 /* Gives half of the score at this median distance, px, or ... */
-#define HYPOTHESIS_PART 0.004 /* ... at this fraction of the longer side, if that is more. */
-/* Takes 2D points beyond this multiple of the camera's sides for those of images that were reduced since. */
-#define HYPOTHESIS_REDUCED 1.25
 
 /* ---------------- the table */
 
@@ -111,12 +107,12 @@ static const struct hypothesis HYPOTHESES[] = {
                      "world axes y x -z for the points")};
 
 struct sample {
-    double world[3], seen[2]; /* seen: 2D point, px of the image in the files */
-    double u, v;              /* place that the camera gives, sides 0 to 1 */
-    double colour;            /* brightness of the point; later its limited difference */
+    double u, v;   /* place that the camera gives, sides 0 to 1; -1: none in the image */
+    double colour; /* brightness of the point; later its limited difference */
 };
 struct looked {                    /* Holds what is known of an image. */
-    int view, count, is_seen;      /* is_seen 1: the points are those of its 2D points */
+    int view, count, is_seen;      /* is_seen 1: the points are those that tracks have in it */
+    uint64_t in_tracks;            /* entries of tracks */
     int judged, masked;            /* judged 1: it has a score; masked: points at which the image is masked */
     int row, place;                /* reading, or else image, whose points fit better; 0 and -1: none */
     double score[HYPOTHESIS_ROWS]; /* for each reading */
@@ -130,7 +126,7 @@ struct hypotheses {
     struct hypothesis row[HYPOTHESIS_ROWS];
     int rows, plain, count;             /* rows; rows of the table among them; images */
     struct looked *look, room;          /* (count); points under another pose */
-    int by_seen, coloured;              /* scores are of 2D points; colours differ from point to point */
+    int coloured;                       /* colours differ from point to point */
     const struct training_image *image; /* taken last */
     int brightest;                      /* value of all images */
     double work[HYPOTHESIS_SAMPLES];
@@ -257,36 +253,40 @@ static void looked_finish(struct looked *v, double *work)
     for (int k = 0; k < v->count; k++) v->at[k].colour = value[k];
 }
 
-/* Adds a point that the camera has in its image; or, seen 1, in any case. */
-static void looked_add(struct looked *v, const oxl_camera *c, const struct colmap_sighting *from, int seen)
+/* Sets point k of an image. */
+static void looked_set(struct looked *v, int k, const oxl_camera *c, const struct colmap_point *from)
 {
-    struct sample *s = &v->at[v->count];
+    struct sample *s = &v->at[k];
     double x[3], p[2];
     *s = (struct sample){.u = -1, .v = -1, .colour = from->rgb[0] + from->rgb[1] + from->rgb[2]};
-    memcpy(s->world, from->world, sizeof s->world);
-    memcpy(s->seen, from->pixel, sizeof s->seen);
-    if (camera_project(c, from->world, NULL, x, p)) s->u = p[0] / c->width, s->v = p[1] / c->height;
+    if (camera_project(c, from->position, NULL, x, p)) s->u = p[0] / c->width, s->v = p[1] / c->height;
     if (!(fabs(s->u - 0.5) < 0.5 - HYPOTHESIS_BORDER && fabs(s->v - 0.5) < 0.5 - HYPOTHESIS_BORDER))
         s->u = s->v = -1;
-    v->count += seen || s->u >= 0;
 }
 
-/* Takes 2D points of an image, evenly from their list; if that is unreadable, none: other checks tell. */
-static void looked_by_list(const struct hypotheses *w, struct looked *v, struct colmap_sightings *from)
+/* Takes points that tracks have in the images, each of an image's with equal probability (Vitter 1985,
+ * algorithm R). */
+static oxl_result looked_by_tracks(struct hypotheses *w)
 {
-    const struct colmap_image *image = scene_source_image(w->scene, v->view);
-    const struct colmap_camera *c = scene_source_camera(w->scene, v->view);
-    const oxl_camera camera = hypothesis_camera(w, &w->row[0], v->view);
-    const size_t every = 1 + image->points_size / (64 * HYPOTHESIS_SAMPLES);
-    struct colmap_sighting s;
-    int beyond = 0;
-    if (colmap_sightings_of(w->ctx, from, image) != OXL_OK) return;
-    for (size_t n = 0; colmap_sightings_next(from, &s) && v->count < HYPOTHESIS_SAMPLES; n++) {
-        if (n % every == 0) looked_add(v, &camera, &s, 1);
-        beyond |= s.pixel[0] > HYPOTHESIS_REDUCED * c->width || s.pixel[1] > HYPOTHESIS_REDUCED * c->height;
+    int *look_of = oxl_alloc(w->ctx, w->colmap->image_count + 1, sizeof *look_of);
+    struct tracks_walk walk = tracks_of(w->colmap, look_of);
+    if (!look_of) return OXL_ERR_MEMORY;
+    for (size_t i = 0; i < w->colmap->image_count; i++) look_of[i] = -1;
+    for (int k = 0; k < w->count; k++)
+        look_of[scene_source_image(w->scene, w->look[k].view) - w->colmap->image] = k;
+    while (tracks_next(&walk)) {
+        struct looked *v = &w->look[walk.view];
+        const uint64_t seen = v->in_tracks++,
+                       to = seen < HYPOTHESIS_SAMPLES
+                                ? seen
+                                : random_bits(0, (uint64_t)walk.view, seen) % (seen + 1);
+        const oxl_camera camera = hypothesis_camera(w, &w->row[0], v->view);
+        if (to < HYPOTHESIS_SAMPLES) looked_set(v, (int)to, &camera, &w->colmap->point[walk.point]);
+        v->count = (int)OXL_MIN(v->in_tracks, (uint64_t)HYPOTHESIS_SAMPLES);
+        v->is_seen = v->count >= HYPOTHESIS_FEWEST;
     }
-    v->is_seen = v->count >= HYPOTHESIS_FEWEST;
-    v->judged = v->is_seen && !beyond;
+    oxl_free(w->ctx, look_of);
+    return OXL_OK;
 }
 
 /* Takes points that the camera has in its image, in an order without a pattern. */
@@ -297,54 +297,32 @@ static void looked_by_projection(const struct hypotheses *w, struct looked *v, c
     for (uint64_t n = 0; n < OXL_MIN(count, (size_t)HYPOTHESIS_POINTS) && v->count < HYPOTHESIS_SAMPLES;
          n++) {
         const struct colmap_point *point = &w->colmap->point[n * 2654435761u % count];
-        struct colmap_sighting s = {.pixel = {0, 0}};
-        memcpy(s.world, point->position, sizeof s.world);
-        memcpy(s.rgb, point->rgb, sizeof s.rgb);
-        if (tracks_accept_point(point, oxl_scene_origin(w->scene))) looked_add(v, camera, &s, 0);
+        if (!tracks_accept_point(point, oxl_scene_origin(w->scene))) continue;
+        looked_set(v, v->count, camera, point);
+        v->count += v->at[v->count].u >= 0;
     }
 }
 
-/* Lists the points of each image, and sets `judged` of those with 2D points of the camera's size. */
+/* Lists the points of each image. */
 static oxl_result hypotheses_lay_out(struct hypotheses *w)
 {
-    const int listed = w->colmap->track_count > 0 && w->colmap->format != COLMAP_JSON;
-    struct colmap_sightings from;
-    const oxl_result rc = listed ? colmap_sightings_open(w->ctx, w->colmap, HYPOTHESIS_BYTES, &from) : OXL_OK;
-    for (int k = 0; k < w->count; k++) {
+    oxl_result rc;
+    for (int k = 0; k < w->count; k++)
+        w->look[k].view = (int)((int64_t)k * oxl_scene_view_count(w->scene) / w->count);
+    rc = looked_by_tracks(w);
+    for (int k = 0; k < w->count && rc == OXL_OK; k++) {
         struct looked *v = &w->look[k];
-        oxl_camera camera;
-        v->view = (int)((int64_t)k * oxl_scene_view_count(w->scene) / w->count);
-        camera = hypothesis_camera(w, &w->row[0], v->view);
-        if (listed && rc == OXL_OK) looked_by_list(w, v, &from);
+        const oxl_camera camera = hypothesis_camera(w, &w->row[0], v->view);
         if (!v->is_seen) looked_by_projection(w, v, &camera);
         looked_finish(v, w->work);
     }
     for (size_t i = 0; i < w->colmap->point_count; i++)
         w->coloured |=
             memcmp(w->colmap->point[i].rgb, w->colmap->point[0].rgb, sizeof w->colmap->point->rgb) != 0;
-    if (listed) colmap_sightings_close(w->ctx, &from);
-    return rc == OXL_ERR_MEMORY ? rc : OXL_OK; /* an unreadable list is left to other checks */
+    return rc;
 }
 
 /* ---------------- scores */
-
-/* Returns 1 where 2D points are where a reading has them, 1/2 if their median distance is the limit. */
-static double hypotheses_of_seen(struct hypotheses *w, const struct hypothesis *h, const struct looked *v)
-{
-    const struct colmap_camera *from = scene_source_camera(w->scene, v->view);
-    const oxl_camera camera = hypothesis_camera(w, h, v->view);
-    const double limit = OXL_MAX(HYPOTHESIS_PIXELS, HYPOTHESIS_PART * OXL_MAX(from->width, from->height));
-    for (int k = 0; k < v->count; k++) {
-        const double *seen = v->at[k].seen;
-        double x[3], at[2];
-        camera_transform(&camera, v->at[k].world, NULL, x);
-        camera_distort(from, (double[2]){x[0] / x[2], x[1] / x[2]}, at);
-        hypothesis_place(h, &camera, at[0] / from->width, at[1] / from->height, at);
-        w->work[k] = hypot(at[0] * from->width - seen[0], at[1] * from->height - seen[1]);
-        if (!(x[2] > 0 && w->work[k] < 1e9)) w->work[k] = 1e9;
-    }
-    return 1 / (1 + stats_select(w->work, (size_t)v->count, 0.5) / limit);
-}
 
 /* Returns the sum of nine pixels of the image taken last; NaN: outside, or masked. */
 static double hypotheses_brightness(const struct hypotheses *w, double u, double v)
@@ -383,10 +361,9 @@ static double hypotheses_correlate(struct hypotheses *w, const struct hypothesis
 }
 
 /* Returns how well an image fits a reading; without colours, whether it has points in it. The points of
- * another pose by colours are in w->room then. */
+ * another pose are in w->room then. */
 static double hypotheses_score(struct hypotheses *w, const struct hypothesis *h, const struct looked *v)
 {
-    if (w->by_seen) return hypotheses_of_seen(w, h, v);
     if (h->pose) {
         const oxl_camera camera = hypothesis_camera(w, h, v->view);
         w->room.view = v->view;
@@ -491,17 +468,15 @@ static oxl_result hypotheses_explain(struct hypotheses *w, int k)
     struct looked *v = &w->look[k];
     double best = OXL_MAX(v->score[0] + HYPOTHESIS_ELSE,
                           w->none ? w->by_chance + HYPOTHESIS_CHANCE : HYPOTHESIS_SUSPECT * w->high);
-    const oxl_result rc = w->by_seen ? OXL_OK : hypotheses_take(w, k);
-    if (rc != OXL_OK || (!w->by_seen && !w->image)) return rc;
-    for (int r = 1; r < (w->by_seen ? w->rows : w->plain); r++) {
+    const oxl_result rc = hypotheses_take(w, k);
+    if (rc != OXL_OK || !w->image) return rc;
+    for (int r = 1; r < w->plain; r++) {
         const struct hypothesis *h = &w->row[r];
-        if (h->pose && v->is_seen && !w->by_seen) continue; /* its 2D points fit */
-        if (w->by_seen || h->pose) v->score[r] = hypotheses_score(w, h, v);
-        if (v->score[r] >
-            OXL_MAX(best, HYPOTHESIS_CERTAIN / sqrt((h->pose && !w->by_seen ? &w->room : v)->count + 1)))
+        if (h->pose) v->score[r] = hypotheses_score(w, h, v);
+        if (v->score[r] > OXL_MAX(best, HYPOTHESIS_CERTAIN / sqrt((h->pose ? &w->room : v)->count + 1)))
             best = v->score[r], v->row = r;
     }
-    for (int i = 0; i < w->count && w->coloured && !w->by_seen; i++) {
+    for (int i = 0; i < w->count && w->coloured; i++) {
         const double r = i == k ? 0 : hypotheses_correlate(w, &w->row[0], &w->look[i]);
         if (r > OXL_MAX(best, HYPOTHESIS_CERTAIN / sqrt(w->look[i].count + 1)))
             best = r, v->row = 0, v->place = i;
@@ -586,12 +561,6 @@ static int hypotheses_report_all(struct hypotheses *w)
             "fix: take points and poses of one model and one frame, and %s",
             empty, w->judged, (int)HYPOTHESIS_EMPTY, w->row[w->plain - 1].fix);
     else if (!w->none && 2 * w->exchanged <= w->judged) return 0;
-    else if (w->by_seen)
-        oxl_log(
-            w->ctx, OXL_LOG_WARNING,
-            "points project far from where the images saw them\n"
-            "fix: take cameras, images and points3D of one model; one wrong focal length or distortion of all "
-            "images looks the same");
     else
         oxl_log(w->ctx, OXL_LOG_WARNING,
                 "the images are not those of the model: their brightness at its points does not follow the "
@@ -608,18 +577,16 @@ static oxl_result hypotheses_judge(struct hypotheses *w, int *foreign)
     w->names = (struct text){.ctx = w->ctx};
     w->named = w->explained = w->exchanged = 0;
     w->fix =
-        w->by_seen
-            ? "take them out of the model: colmap image_deleter"
-            : "use the images that the model was made from, under the same names, or leave these out of the folder";
+        "use the images that the model was made from, under the same names, or leave these out of the folder";
     w->high = hypotheses_quantile(w, 0, 0.9);
-    w->by_chance = w->by_seen ? 0.5 - HYPOTHESIS_CHANCE : hypotheses_quantile(w, -1, 0.5);
+    w->by_chance = hypotheses_quantile(w, -1, 0.5);
     w->median = hypotheses_quantile(w, 0, 0.5);
     w->none = w->judged >= HYPOTHESIS_LEAST && w->median < w->by_chance + HYPOTHESIS_CHANCE;
     rc = hypotheses_find_images(w);
     hypotheses_quantile(w, 1, 0.5); /* counts the images */
     if (rc != OXL_OK || w->judged < HYPOTHESIS_LEAST) w->named = 0;
     else if (hypotheses_report_all(w)) w->named = w->judged;
-    else if (w->named && (w->by_seen || w->coloured))
+    else if (w->named && w->coloured)
         oxl_log(w->ctx, OXL_LOG_WARNING,
                 "%d of %d images do not show the colours that the model's points have: %s%s\nfix: %s",
                 w->named, w->judged, w->names.data, w->named > HYPOTHESIS_NAMED ? ", ..." : "", w->fix);
@@ -636,17 +603,13 @@ OXL_INTERNAL oxl_result hypotheses_check(oxl_context *ctx, oxl_scene *scene, int
     if (!scene_colmap(scene)) return OXL_OK;
     w = oxl_calloc(ctx, 1, sizeof *w);
     if (!w) return OXL_ERR_MEMORY;
-    w->ctx = ctx, w->scene = scene, w->colmap = scene_colmap(scene), w->by_seen = 1;
+    w->ctx = ctx, w->scene = scene, w->colmap = scene_colmap(scene);
     w->count = OXL_MIN(oxl_scene_view_count(scene), (int)HYPOTHESIS_VIEWS);
     w->look = oxl_calloc(ctx, (size_t)w->count + 1, sizeof *w->look);
     hypotheses_fill(w);
     rc = w->look ? hypotheses_lay_out(w) : OXL_ERR_MEMORY;
-    for (int k = 0; k < w->count && rc == OXL_OK; k++)
-        if (w->look[k].judged) w->look[k].score[0] = hypotheses_score(w, &w->row[0], &w->look[k]);
-    if (rc == OXL_OK) rc = hypotheses_judge(w, foreign);
-    w->by_seen = 0;
     if (rc == OXL_OK) rc = hypotheses_score_images(w, damaged);
-    if (rc == OXL_OK && !hypotheses_check_values(w) && *foreign == 0) rc = hypotheses_judge(w, foreign);
+    if (rc == OXL_OK && !hypotheses_check_values(w)) rc = hypotheses_judge(w, foreign);
     oxl_free(ctx, w->look);
     oxl_free(ctx, w);
     return rc;

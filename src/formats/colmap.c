@@ -1,5 +1,4 @@
-/* colmap.c - reads a COLMAP model, text or binary: cameras, images, points3D; and where an image saw its
- * points.
+/* colmap.c - reads a COLMAP model, text or binary: cameras, images, points3D.
  *
  * Source: "Output Format" in COLMAP's documentation, src/colmap/scene/reconstruction_io_binary.cc (3.x to
  * 4.1), and variants of other programs: CR LF, tabs, a missing line of 2D points, decimal commas, -nan(ind).
@@ -399,70 +398,4 @@ OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folde
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out)
 {
     return colmap_read_buffered(ctx, folder, COLMAP_BUFFER, out);
-}
-
-/* ---------------- where an image saw its points; only one image's are in memory */
-
-OXL_INTERNAL oxl_result colmap_sightings_open(oxl_context *ctx, const struct colmap *c, size_t room,
-                                              struct colmap_sightings *out)
-{
-    size_t most = 0;
-    for (size_t i = 0; i < c->image_count; i++) most = OXL_MAX(most, c->image[i].points_size);
-    *out = (struct colmap_sightings){.colmap = c, .room = OXL_MIN(most, room)};
-    out->text = oxl_alloc(ctx, out->room + 1, 1);
-    return out->text ? os_reader_open(ctx, path_in(out->path, c->folder, "%s", c->images_file), &out->file)
-                     : OXL_ERR_MEMORY;
-}
-
-OXL_INTERNAL void colmap_sightings_close(oxl_context *ctx, struct colmap_sightings *s)
-{
-    os_reader_close(&s->file);
-    oxl_free(ctx, s->text);
-}
-
-OXL_INTERNAL oxl_result colmap_sightings_of(oxl_context *ctx, struct colmap_sightings *s,
-                                            const struct colmap_image *image)
-{
-    const size_t wanted = OXL_MIN(image->points_size, s->room);
-    size_t got = 0;
-    oxl_result rc = wanted ? os_reader_seek(ctx, &s->file, image->points_at) : OXL_OK;
-    if (wanted && rc == OXL_OK) rc = os_reader_read(ctx, &s->file, s->text, wanted, &got);
-    if (rc == OXL_OK && got < wanted)
-        rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s: ends within the 2D points of an image; it was longer when the survey was read\n"
-                      "fix: export the survey again, or run again if another program is writing it",
-                      s->path);
-    s->at = s->text, s->end = s->text + got;
-    return rc;
-}
-
-/* Reads the next 2D point of the list; 0: the list has ended. */
-static int colmap_read_sighting(struct colmap_sightings *s, double pixel[2], int64_t *id)
-{
-    if (s->colmap->format == COLMAP_TEXT) {
-        for (int k = 0; k < 2; k++)
-            if (!colmap_peek_real(&s->at, s->end, &pixel[k])) return 0;
-        while (s->at < s->end && colmap_is_blank(*s->at)) s->at++;
-        return parse_int64(&s->at, s->end, id);
-    }
-    if (s->end - s->at < COLMAP_OBSERVATION) return 0;
-    pixel[0] = bytes_double(s->at), pixel[1] = bytes_double(s->at + 8);
-    *id = (int64_t)bytes_get(s->at + 16, 8);
-    s->at += COLMAP_OBSERVATION;
-    return 1;
-}
-
-OXL_INTERNAL int colmap_sightings_next(struct colmap_sightings *s, struct colmap_sighting *out)
-{
-    const struct colmap *c = s->colmap;
-    int64_t id;
-    while (colmap_read_sighting(s, out->pixel, &id)) {
-        const struct colmap_point *point =
-            id < 0 ? NULL : colmap_find(c->point, c->point_count, sizeof *point, id);
-        if (!point) continue;
-        memcpy(out->world, point->position, sizeof point->position);
-        memcpy(out->rgb, point->rgb, sizeof point->rgb);
-        return 1;
-    }
-    return 0;
 }

@@ -22,24 +22,6 @@ struct scene_order;
 OXL_INTERNAL int colmap_has_places(const struct colmap *a, const struct scene_order *order,
                                    const struct colmap *b);
 
-struct colmap_sightings { /* Reads the 2D points of one image at a time. */
-    const struct colmap *colmap;
-    struct os_reader file;
-    char path[PATH_LENGTH]; /* of the file, which its errors name */
-    char *text;
-    size_t room; /* bytes of an image's points that are read, from their beginning */
-    const char *at, *end;
-};
-/* Opens the file of images. Close it whatever the result. */
-OXL_INTERNAL oxl_result colmap_sightings_open(oxl_context *ctx, const struct colmap *c, size_t room,
-                                              struct colmap_sightings *out);
-OXL_INTERNAL void colmap_sightings_close(oxl_context *ctx, struct colmap_sightings *s);
-/* Reads an image's 2D points; colmap_sightings_next goes through those that are of a point, and returns 0
- * after the last. */
-OXL_INTERNAL oxl_result colmap_sightings_of(oxl_context *ctx, struct colmap_sightings *s,
-                                            const struct colmap_image *image);
-OXL_INTERNAL int colmap_sightings_next(struct colmap_sightings *s, struct colmap_sighting *out);
-
 /* ---------------- survey_files.c: image files of a survey */
 
 /* Finds the image file, at most 3 folders deep, whose path ends most like `name`; out "": there is none. */

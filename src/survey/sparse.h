@@ -51,11 +51,6 @@ struct colmap_point {
     size_t first_track; /* row in colmap.track */
 };
 
-struct colmap_sighting { /* Holds a 2D point of an image, and the point that it is of. */
-    double pixel[2], world[3];
-    uint8_t rgb[3];
-};
-
 enum colmap_format {
     COLMAP_TEXT,
     COLMAP_BINARY,
