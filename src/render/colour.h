@@ -108,14 +108,12 @@ SIMD_INLINE void project_basis_backward(int degree, const struct project_colour 
 SIMD_INLINE void project_view_direction(const struct gaussians *in, const struct kernel_camera *kernel_camera,
                                         size_t first, struct project_colour *c)
 {
-    const real *mx = in->plane[OXL_MEAN] + first, *my = in->plane[OXL_MEAN + 1] + first,
-               *mz = in->plane[OXL_MEAN + 2] + first;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        const real x = mx[l] - kernel_camera->eye.x, y = my[l] - kernel_camera->eye.y,
-                   z = mz[l] - kernel_camera->eye.z;
-        const real length = real_sqrt(x * x + y * y + z * z), inverse = length > 0 ? 1 / length : 0;
-        c->x[l] = x * inverse, c->y[l] = y * inverse, c->z[l] = z * inverse;
+        const struct vec3 arm =
+            subtract3(gaussians_vec3(in, OXL_MEAN, first + (size_t)l), kernel_camera->eye);
+        const real length = real_sqrt(dot3(arm, arm)), inverse = length > 0 ? 1 / length : 0;
+        c->x[l] = arm.x * inverse, c->y[l] = arm.y * inverse, c->z[l] = arm.z * inverse;
         c->inverse[l] = inverse;
     }
     project_basis(in->sh_degree, c);

@@ -47,6 +47,12 @@ struct gaussians {
     real *plane[OXL_PLANES];
 };
 
+/* The values of a row in three planes, from `plane` on. */
+SIMD_INLINE struct vec3 gaussians_vec3(const struct gaussians *g, int plane, size_t row)
+{
+    return vec3(g->plane[plane][row], g->plane[plane + 1][row], g->plane[plane + 2][row]);
+}
+
 struct kernel_camera { /* an oxl_camera in `real` */
     int width, height;
     real half_width, half_height; /* px; of the full image, if this is a window of it: the unit of dmean2d */

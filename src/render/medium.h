@@ -25,10 +25,8 @@ SIMD_INLINE void medium_pack_forward(const int fused, const struct project_job *
     const struct vec3 eye = job->kernel_camera->eye;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        const size_t i = pack * PACK + (size_t)l;
-        const real x = job->in.plane[OXL_MEAN][i] - eye.x, y = job->in.plane[OXL_MEAN + 1][i] - eye.y;
-        const real z = job->in.plane[OXL_MEAN + 2][i] - eye.z;
-        out->range[l] = real_sqrt(x * x + y * y + z * z);
+        const struct vec3 arm = subtract3(gaussians_vec3(&job->in, OXL_MEAN, pack * PACK + (size_t)l), eye);
+        out->range[l] = real_sqrt(dot3(arm, arm));
     }
     for (int c = 0; c < 3; c++)
 #pragma omp simd

@@ -19,16 +19,14 @@ static void pose_pack_backward(const struct project_job *job, size_t first, unsi
     double *sum = job->pose_sum;
     for (size_t l = 0; l < PACK; l++) {
         const size_t i = first + l, to = i - job->out_row;
-        real *const *in = job->in.plane, *const *out = job->out.plane;
-        const struct vec3 arm =
-            vec3(in[OXL_MEAN][i] - eye.x, in[OXL_MEAN + 1][i] - eye.y, in[OXL_MEAN + 2][i] - eye.z);
+        const struct vec3 arm = subtract3(gaussians_vec3(&job->in, OXL_MEAN, i), eye);
         const struct vec3 force =
             vec3(mean[0][l] - colour[0][l], mean[1][l] - colour[1][l], mean[2][l] - colour[2][l]);
-        const struct vec3 q = vec3(in[OXL_ROTATION + 1][i], in[OXL_ROTATION + 2][i], in[OXL_ROTATION + 3][i]);
-        const struct vec3 dq =
-            vec3(out[OXL_ROTATION + 1][to], out[OXL_ROTATION + 2][to], out[OXL_ROTATION + 3][to]);
-        const struct vec3 axes =
-            add3(add3(scale3(in[OXL_ROTATION][i], dq), scale3(-out[OXL_ROTATION][to], q)), cross3(q, dq));
+        const struct vec3 q = gaussians_vec3(&job->in, OXL_ROTATION + 1, i),
+                          dq = gaussians_vec3(&job->out, OXL_ROTATION + 1, to);
+        const struct vec3 axes = add3(
+            add3(scale3(job->in.plane[OXL_ROTATION][i], dq), scale3(-job->out.plane[OXL_ROTATION][to], q)),
+            cross3(q, dq));
         const struct vec3 turn = add3(cross3(arm, force), scale3((real)0.5, axes));
         if (!(seen >> l & 1)) continue;
         sum[0] += (double)turn.x, sum[1] += (double)turn.y, sum[2] += (double)turn.z;

@@ -87,16 +87,10 @@ SIMD_INLINE void project_covariance(const int antialias, struct project_geometry
     const struct vec3 r0 = mat3_transposed_times(g->rotation, g->t0),
                       r1 = mat3_transposed_times(g->rotation, g->t1);
     struct vec3 m, s0, s1;
-    real most = 1, shrink, low;
+    real shrink, low;
     g->b0 = multiply3(r0, g->scale);
     g->b1 = multiply3(r1, g->scale);
-    most = real_abs(g->b0.x) > most ? real_abs(g->b0.x) : most;
-    most = real_abs(g->b0.y) > most ? real_abs(g->b0.y) : most;
-    most = real_abs(g->b0.z) > most ? real_abs(g->b0.z) : most;
-    most = real_abs(g->b1.x) > most ? real_abs(g->b1.x) : most;
-    most = real_abs(g->b1.y) > most ? real_abs(g->b1.y) : most;
-    most = real_abs(g->b1.z) > most ? real_abs(g->b1.z) : most;
-    shrink = 1 / most;
+    shrink = 1 / most3(g->b1, most3(g->b0, 1));
     s0 = scale3(shrink, g->b0);
     s1 = scale3(shrink, g->b1);
     m = cross3(s0, s1);
@@ -120,15 +114,11 @@ SIMD_INLINE struct project_geometry project_geometry(const int fused, const int 
                                                      int *in_front)
 {
     struct project_geometry g;
-    const struct vec3 mean =
-        vec3(in->plane[OXL_MEAN][i], in->plane[OXL_MEAN + 1][i], in->plane[OXL_MEAN + 2][i]);
-    struct vec3 log_scale =
-        vec3(in->plane[OXL_LOG_SCALE][i], in->plane[OXL_LOG_SCALE + 1][i], in->plane[OXL_LOG_SCALE + 2][i]);
+    struct vec3 log_scale = gaussians_vec3(in, OXL_LOG_SCALE, i);
     real z;
-    if (lobe)
-        log_scale = add3(log_scale, vec3(in->plane[OXL_LOBE + 1][i], in->plane[OXL_LOBE + 2][i],
-                                         in->plane[OXL_LOBE + 3][i]));
-    g.p = add3(mat3_times(kernel_camera->rotation, mean), kernel_camera->translation);
+    if (lobe) log_scale = add3(log_scale, gaussians_vec3(in, OXL_LOBE + 1, i));
+    g.p = add3(mat3_times(kernel_camera->rotation, gaussians_vec3(in, OXL_MEAN, i)),
+               kernel_camera->translation);
     *in_front = g.p.z > kernel_camera->near_plane;
     z = *in_front ? g.p.z : 1; /* keeps other lanes finite */
     g.p.z = z;

@@ -163,6 +163,10 @@ SIMD_INLINE struct vec3 cross3(struct vec3 a, struct vec3 b)
 {
     return vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
 }
+SIMD_INLINE struct vec3 subtract3(struct vec3 a, struct vec3 b)
+{
+    return vec3(a.x - b.x, a.y - b.y, a.z - b.z);
+}
 SIMD_INLINE struct vec3 scale3(real s, struct vec3 a)
 {
     return vec3(s * a.x, s * a.y, s * a.z);
@@ -174,6 +178,13 @@ SIMD_INLINE struct vec3 add3(struct vec3 a, struct vec3 b)
 SIMD_INLINE struct vec3 multiply3(struct vec3 a, struct vec3 b) /* element by element */
 {
     return vec3(a.x * b.x, a.y * b.y, a.z * b.z);
+}
+/* The largest absolute value of a vector, or `least`, if that is larger. */
+SIMD_INLINE real most3(struct vec3 a, real least)
+{
+    least = real_abs(a.x) > least ? real_abs(a.x) : least;
+    least = real_abs(a.y) > least ? real_abs(a.y) : least;
+    return real_abs(a.z) > least ? real_abs(a.z) : least;
 }
 SIMD_INLINE struct vec3 mat3_times(struct mat3 m, struct vec3 v)
 {
