@@ -102,23 +102,8 @@ static void opensfm_shot(struct colmap_reader *r, const struct json_names *camer
     for (const char *key = oxl_json_first(object), *value = oxl_json_value(key); (r)->rc == OXL_OK && value; \
          key = oxl_json_next(value), value = oxl_json_value(key))
 
-/* Returns full white of the points' colours: 255, or 1 if none of the first points has more. */
-static double opensfm_white(const struct colmap_reader *r, const char *points)
-{
-    double most = 0, rgb[3];
-    int left = 1000;
-    OPENSFM_EACH(r, key, point, points)
-    {
-        if (left-- == 0) break;
-        for (int c = 0; c < 3 && json_survey_numbers(oxl_json_member(point, "color"), 3, rgb); c++)
-            most = OXL_MAX(most, rgb[c]);
-    }
-    return most > 0 && most <= 1 ? 1 : 255;
-}
-
 static void opensfm_points(struct colmap_reader *r, const char *points)
 {
-    const double white = opensfm_white(r, points);
     r->line = 0;
     OPENSFM_EACH(r, key, point, points)
     {
@@ -127,7 +112,6 @@ static void opensfm_points(struct colmap_reader *r, const char *points)
         if (!json_survey_numbers(oxl_json_member(point, "coordinates"), 3, position))
             json_survey_fail(r, "coordinates of a point", "too little", "3 finite numbers");
         if (!json_survey_numbers(oxl_json_member(point, "color"), 3, rgb)) memset(rgb, 0, sizeof rgb);
-        for (int c = 0; c < 3; c++) rgb[c] *= 255 / white;
         json_survey_add_point(r, position, rgb);
     }
 }
