@@ -314,10 +314,6 @@ OXL_INTERNAL oxl_result model_trained_make_lobes(oxl_context *ctx, struct traine
                                                  float scale_factor)
 {
     oxl_result rc = OXL_OK;
-    if (!(opacity_factor > 0 && opacity_factor < 1 && scale_factor > 0 && scale_factor <= FLT_MAX))
-        return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "second lobes of opacity x %g and scale x %g, expected factors in (0, 1) and above 0",
-                        (double)opacity_factor, (double)scale_factor);
     for (int k = 0; rc == OXL_OK && k < TRAINED_PARTS; k++)
         rc = model_make_lobes(ctx, model_trained_part(t, k), active);
     for (size_t i = 0; rc == OXL_OK && i < t->model.lobes; i++)
