@@ -359,11 +359,6 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
                                          const oxl_camera *camera, const oxl_render_options *options)
 {
     oxl_result rc;
-    if (r->context && options->parallel > 0)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "a context is not rendered with parallel rays");
-    if (r->device && options->parallel > 0)
-        return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "parallel rays are not rendered on a device\nfix: use the CPU backend");
     render_take_view(r, model, camera, options);
     if (r->device) {
         r->bins.packs = r->packs;
