@@ -49,14 +49,9 @@ enum quality_value { /* Lists what is measured of an image. */
 static double quality_distance(const oxl_scene *scene, int a, int b)
 {
     const oxl_camera *x = &oxl_scene_view(scene, a)->camera, *y = &oxl_scene_view(scene, b)->camera;
-    double p[3], q[3], square = 0, along = 0;
-    camera_position(x, p);
-    camera_position(y, q);
-    for (int i = 0; i < 3; i++) {
-        square += (p[i] - q[i]) * (p[i] - q[i]);
-        along += x->rotation[6 + i] * y->rotation[6 + i];
-    }
-    return sqrt(square) / oxl_scene_extent(scene) + 1 - along;
+    double along = 0;
+    for (int i = 0; i < 3; i++) along += x->rotation[6 + i] * y->rotation[6 + i];
+    return camera_distance(x, y) / oxl_scene_extent(scene) + 1 - along;
 }
 
 OXL_INTERNAL int quality_nearest(const oxl_scene *scene, const int *view, int count, int of,

@@ -11,12 +11,12 @@
 #include "../survey/survey.h"
 
 enum {
-    TWINS_GRID = 24,
+    TWINS_GRID = 24,     /* px; sides of the copies that are compared */
     TWINS_DEPTHS = 2000, /* pairs of a view and a point that give the depth */
     TWINS_TRIED = 3      /* most images of nearly one pose that one is compared with */
 };
 #define TWINS_MOVED 2e-3 /* Limits the move, in depths, and the turn, in radians. */
-#define TWINS_LEVELS 1.0 /* Limits the mean difference of parts of two copies, in levels of 255. */
+#define TWINS_LEVELS 1.0 /* Limits the mean difference of two copies, in levels of 255. */
 
 struct twin { /* by x */
     double at[3];
@@ -45,30 +45,16 @@ static double twins_depth(const oxl_scene *scene)
     return count ? stats_select(depth, count, 0.5) : 0;
 }
 
-/* Averages the image in parts; 0: it cannot be read, which training reports. */
-static int twins_read(oxl_context *ctx, const oxl_scene *scene, int view, double *part)
-{
-    struct pixels p = {0};
-    if (image_decode(ctx, PATH(scene->images, "%s", scene->view[view].name), 1, &p) != OXL_OK) return 0;
-    for (int k = 0; k < TWINS_GRID * TWINS_GRID; k++) {
-        const int column = k % TWINS_GRID, row = k / TWINS_GRID, x0 = column * p.width / TWINS_GRID,
-                  x1 = OXL_MAX((column + 1) * p.width / TWINS_GRID, x0 + 1), y0 = row * p.height / TWINS_GRID,
-                  y1 = OXL_MAX((row + 1) * p.height / TWINS_GRID, y0 + 1);
-        uint64_t sum = 0;
-        for (int y = y0; y < y1; y++)
-            for (int x = x0; x < x1; x++) sum += p.data[(size_t)y * (size_t)p.width + (size_t)x];
-        part[k] = (double)sum / ((double)(x1 - x0) * (y1 - y0));
-    }
-    image_pixels_free(ctx, &p);
-    return 1;
-}
-
+/* Compares small copies; images that cannot be read are reported by training. */
 static int twins_show_the_same(oxl_context *ctx, const oxl_scene *scene, int a, int b)
 {
-    double part[2][TWINS_GRID * TWINS_GRID], off = 0;
-    if (!twins_read(ctx, scene, a, part[0]) || !twins_read(ctx, scene, b, part[1])) return 0;
-    for (int k = 0; k < TWINS_GRID * TWINS_GRID; k++) off += fabs(part[0][k] - part[1][k]);
-    return off <= TWINS_LEVELS * TWINS_GRID * TWINS_GRID;
+    struct training_image s = {0}, t = {0};
+    int off = 0, same = scene_load_small(ctx, scene, a, TWINS_GRID, TWINS_GRID, &s) == OXL_OK &&
+                        scene_load_small(ctx, scene, b, TWINS_GRID, TWINS_GRID, &t) == OXL_OK;
+    for (int k = 0; k < 3 * TWINS_GRID * TWINS_GRID && same; k++) off += abs(s.rgb[k] - t.rgb[k]);
+    image_training_free(ctx, &s);
+    image_training_free(ctx, &t);
+    return same && off <= TWINS_LEVELS * 3 * TWINS_GRID * TWINS_GRID;
 }
 
 static int twins_are_near(const oxl_scene *scene, const struct twin *a, const struct twin *b, double near)

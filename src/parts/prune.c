@@ -168,11 +168,10 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, con
     const size_t count = of->model->count;
     const oxl_scene *scene = of->scene;
     struct prune_pass pass = {.one = oxl_alloc(ctx, count, sizeof *pass.one)};
-    int views = 0, index = 0, stride; /* of the views that score; each drop takes others */
+    const int views = schedule_training_views(scene), stride = (views + p->views - 1) / p->views;
+    int index = 0; /* each drop takes other views, every stride-th */
     oxl_result rc = pass.one ? OXL_OK : OXL_ERR_MEMORY;
     memset(score, 0, count * sizeof *score);
-    for (int i = 0; i < oxl_scene_view_count(scene); i++) views += !oxl_scene_view(scene, i)->is_test;
-    stride = (views + p->views - 1) / p->views;
     for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
         const oxl_view *view = oxl_scene_view(scene, i);
         if (view->is_test || index++ % stride != p->drops % stride) continue;

@@ -211,19 +211,10 @@ static int stereo_depths(const struct stereo *s, int view, double w[3])
     return 1;
 }
 
-static double stereo_baseline(const oxl_camera *a, const oxl_camera *b)
-{
-    double p[3], q[3];
-    camera_position(a, p);
-    camera_position(b, q);
-    return sqrt((p[0] - q[0]) * (p[0] - q[0]) + (p[1] - q[1]) * (p[1] - q[1]) +
-                (p[2] - q[2]) * (p[2] - q[2]));
-}
-
 /* Rates a view as a neighbour: larger is better, 0: none. w: inverse depth of the scene; 0: not known. */
 static double stereo_rate(const oxl_camera *a, const oxl_camera *b, double w)
 {
-    const double baseline = stereo_baseline(a, b), angle = w * baseline;
+    const double baseline = camera_distance(a, b), angle = w * baseline;
     double along = 0, inside = 0;
     for (int k = 0; k < 3; k++) along += a->rotation[6 + k] * b->rotation[6 + k];
     if (!(baseline > 0) || along < STEREO_ALONG) return 0;
@@ -570,7 +561,7 @@ static oxl_result stereo_of_view(struct stereo *s, int view)
         rc = stereo_image(s, map->neighbour[k], &s->to[s->pairs]);
         if (rc != OXL_OK || !s->to[s->pairs]) continue;
         stereo_pair_cameras(c, to, &s->pair[s->pairs++]);
-        baseline += stereo_baseline(c, to);
+        baseline += camera_distance(c, to);
     }
     if (rc != OXL_OK || !s->of || s->pairs == 0 ||
         s->of->level[STEREO_LEVELS - 1].height < 2 * STEREO_REACH + 2 ||

@@ -109,6 +109,9 @@ OXL_INTERNAL void scene_evict(oxl_context *ctx, const oxl_scene *scene, int keep
 /* Loads a view's image from its file, undistorted, reduced and masked. Free it with image_training_free. */
 OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view,
                                          struct training_image *out);
+/* The same at another size, with the mask that files have alone. */
+OXL_INTERNAL oxl_result scene_load_small(oxl_context *ctx, const oxl_scene *scene, int view, int width,
+                                         int height, struct training_image *out);
 /* Finds the file of a view's mask; *out NULL: there is none. */
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, int view, char **out);
 /* Finds what all images of a camera show alike and masks it from now on (scene_fixed.c). */

@@ -51,16 +51,11 @@ enum { FIXED_NOT, FIXED_MASKED, FIXED_CANDIDATE, FIXED_VISITED, FIXED_FOUND };
 /* ---------------- values over the images */
 
 /* Inserts the image's grey levels among the sorted ones of each pixel. Leaves out an unreadable image. */
-static oxl_result fixed_add_image(oxl_context *ctx, const oxl_scene *small, int view, struct fixed *f)
+static oxl_result fixed_add_image(oxl_context *ctx, const oxl_scene *scene, int view, struct fixed *f)
 {
     const size_t pixels = (size_t)f->width * (size_t)f->height;
-    oxl_camera *c = &small->view[view].camera;
-    const double x = (double)f->width / c->width, y = (double)f->height / c->height;
     struct training_image image;
-    oxl_result rc;
-    c->fx *= x, c->cx *= x, c->fy *= y, c->cy *= y;
-    c->width = f->width, c->height = f->height;
-    rc = scene_load_image(ctx, small, view, &image);
+    const oxl_result rc = scene_load_small(ctx, scene, view, f->width, f->height, &image);
     if (rc != OXL_OK) return rc == OXL_ERR_INPUT || rc == OXL_ERR_IO ? OXL_OK : rc;
     for (size_t i = 0; i < pixels; i++) {
         uint8_t *value = f->value + i * FIXED_VIEWS;
@@ -206,13 +201,13 @@ static double fixed_make_mask(struct fixed *f, uint8_t *mask)
 
 /* ---------------- cameras */
 
-/* Compares `wanted` of the views of a group, evenly. small: the scene, whose cameras may change; view:
- * (count) its views. *share: fraction of the pixels that are fixed. */
-static oxl_result fixed_search(oxl_context *ctx, const oxl_scene *small, const int *view, int count,
+/* Compares `wanted` of the views of a group, evenly. view: (count) its views. *share: fraction of the pixels
+ * that are fixed. */
+static oxl_result fixed_search(oxl_context *ctx, const oxl_scene *scene, const int *view, int count,
                                int wanted, struct pixels *out, double *share)
 {
-    const oxl_camera *c = &small->view[view[0]].camera;
-    const double file = sqrt(scene_file_pixels(small, view[0]) / c->width / c->height),
+    const oxl_camera *c = &scene->view[view[0]].camera;
+    const double file = sqrt(scene_file_pixels(scene, view[0]) / c->width / c->height),
                  factor = OXL_MIN((double)FIXED_SIDE / OXL_MAX(c->width, c->height), OXL_MAX(1, file));
     struct fixed f = {.width = OXL_MAX(1, (int)floor(c->width * factor + 0.5)),
                       .height = OXL_MAX(1, (int)floor(c->height * factor + 0.5))};
@@ -225,7 +220,7 @@ static oxl_result fixed_search(oxl_context *ctx, const oxl_scene *small, const i
     else f.median = f.value + FIXED_VIEWS * pixels, f.spread = f.median + pixels, f.flag = f.spread + pixels;
     for (int k = 0; k < wanted && rc == OXL_OK; k++) {
         rc = context_stopped(ctx);
-        if (rc == OXL_OK) rc = fixed_add_image(ctx, small, view[(int64_t)k * count / wanted], &f);
+        if (rc == OXL_OK) rc = fixed_add_image(ctx, scene, view[(int64_t)k * count / wanted], &f);
     }
     if (rc == OXL_OK && f.views >= FIXED_FEWEST) fixed_measure(&f);
     if (f.typical >= FIXED_VARIED) fixed_mark(&f), *share = fixed_make_mask(&f, out->data);
@@ -255,14 +250,13 @@ static int fixed_group(oxl_scene *scene, int *views)
 OXL_INTERNAL oxl_result scene_find_fixed(oxl_context *ctx, oxl_scene *scene)
 {
     const size_t cameras = scene->colmap.camera_count;
-    oxl_scene *small = scene_posed(ctx, scene);
     int *views = oxl_calloc(ctx, cameras + 1, sizeof *views),
         *view = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *view), groups = 0, affected = 0;
     double masked = 0;
     oxl_result rc = OXL_OK;
     scene->fixed = oxl_calloc(ctx, cameras + 1, sizeof *scene->fixed);
     scene->fixed_of = oxl_alloc(ctx, cameras + 1, sizeof *scene->fixed_of);
-    if (!small || !views || !view || !scene->fixed || !scene->fixed_of) rc = OXL_ERR_MEMORY;
+    if (!views || !view || !scene->fixed || !scene->fixed_of) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK) groups = fixed_group(scene, views);
     for (size_t i = 0; i < cameras && rc == OXL_OK; i++) {
         double share = 0;
@@ -272,7 +266,7 @@ OXL_INTERNAL oxl_result scene_find_fixed(oxl_context *ctx, oxl_scene *scene)
         if (count < FIXED_FEWEST) continue;
         most = (int)(FIXED_DECODE / groups / OXL_MAX(scene_file_pixels(scene, view[0]), 1));
         most = OXL_MIN(OXL_CLAMP(most, (int)FIXED_FEWEST, (int)FIXED_VIEWS), count);
-        rc = fixed_search(ctx, small, view, count, most, &scene->fixed[i], &share);
+        rc = fixed_search(ctx, scene, view, count, most, &scene->fixed[i], &share);
         masked += count * share;
         if (share > 0) affected += count;
     }
@@ -283,7 +277,6 @@ OXL_INTERNAL oxl_result scene_find_fixed(oxl_context *ctx, oxl_scene *scene)
                 "borders, text, a mount): training and metrics ignore these pixels\nfix: none is needed; "
                 "--auto-mask off if they are a part of the scene",
                 affected, 100 * masked / affected);
-    scene_posed_free(ctx, small);
     OXL_FREE(ctx, views, view);
     return rc;
 }

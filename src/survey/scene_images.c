@@ -46,12 +46,12 @@ OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, const oxl_scene *sce
     return *decoded || !folder ? OXL_OK : OXL_ERR_MEMORY;
 }
 
-/* Loads the whole image of a view: from the file that an earlier request has left, or decoded, and then left
- * in a file. A file that cannot be written is only decoded again. */
-static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int view, const char *path,
+/* Loads the whole image of a view for a camera: from the file that an earlier request has left, or decoded,
+ * and then left in a file. A file that cannot be written is only decoded again. */
+static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int view, const oxl_camera *to,
                                const char *mask, struct training_image *out)
 {
-    const oxl_camera *to = &scene->view[view].camera;
+    const char *path = PATH(scene->images, "%s", scene->view[view].name);
     const struct colmap_camera *from = &scene->colmap.camera[scene->source[view].camera];
     const char *folder = scene->cache->decoded;
     const struct image_alpha alpha = scene_alpha(scene);
@@ -69,17 +69,33 @@ static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int vie
     return rc;
 }
 
+static oxl_result scene_load_as(oxl_context *ctx, const oxl_scene *scene, int view, const oxl_camera *to,
+                                struct training_image *out)
+{
+    char *mask = NULL;
+    oxl_result rc = scene_mask_path(ctx, scene, view, &mask);
+    if (rc == OXL_OK) rc = scene_decode(ctx, scene, view, to, mask, out);
+    oxl_free(ctx, mask);
+    return rc;
+}
+
 OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view,
                                          struct training_image *out)
 {
     const struct pixels *fixed =
         scene->fixed ? &scene->fixed[scene->fixed_of[scene->source[view].camera]] : NULL;
-    char *mask = NULL;
-    oxl_result rc = scene_mask_path(ctx, scene, view, &mask);
-    if (rc == OXL_OK)
-        rc = scene_decode(ctx, scene, view, PATH(scene->images, "%s", scene->view[view].name), mask, out);
-    oxl_free(ctx, mask);
+    const oxl_result rc = scene_load_as(ctx, scene, view, &scene->view[view].camera, out);
     return rc == OXL_OK && fixed && fixed->data ? image_add_mask(ctx, fixed, out) : rc;
+}
+
+OXL_INTERNAL oxl_result scene_load_small(oxl_context *ctx, const oxl_scene *scene, int view, int width,
+                                         int height, struct training_image *out)
+{
+    oxl_camera to = scene->view[view].camera;
+    const double x = (double)width / to.width, y = (double)height / to.height;
+    to.fx *= x, to.cx *= x, to.fy *= y, to.cy *= y;
+    to.width = width, to.height = height;
+    return scene_load_as(ctx, scene, view, &to, out);
 }
 
 OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view)
