@@ -317,6 +317,9 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
     printf(
         "the lowest structure of a view is %.4f; structure is below %.1f in %d views; PSNR at mean exposure is %.3f dB\n",
         m->structure_least, OXL_STRUCTURE_NONE, m->no_structure, m->plain_psnr);
+    if (m->unshown > 0)
+        printf("PSNR is %.3f dB without the %.1f %% of the pixels whose place no training view shows\n",
+               m->shown_psnr, 100 * m->unshown);
     puts("cc-PSNR is PSNR after one factor per channel and view: it ignores exposure and white balance.\n"
          "structure is the correlation of detail between image and rendering: 1 is identical, 0 is haze.");
 }

@@ -105,6 +105,7 @@
 /* images compared */
 #include "src/evaluate/planes.c"    /* planes, blurred by a Gaussian window */
 #include "src/evaluate/metrics.c"   /* two images compared: PSNR, SSIM */
+#include "src/evaluate/unshown.c"   /* pixels whose place no training view shows */
 #include "src/evaluate/structure.c" /* the same whatever their contrast: correlation of their detail */
 #include "src/evaluate/align.c"     /* a camera moved onto its image */
 #include "src/evaluate/evaluate.c"  /* a model's images against those of a survey */

@@ -393,6 +393,9 @@ typedef struct oxl_view_metrics {
      * NaN */
     double aligned_psnr, aligned_ssim;
     double structure; /* of oxl_structure; NaN: the image has no detail */
+    /* of a held-out view: share of its pixels whose place no training view shows, in the upper left, upper
+     * right, lower left and lower right quarter; PSNR over the other pixels. 0, NaN: not measured */
+    double unshown[4], shown_psnr;
 } oxl_view_metrics;
 
 typedef struct oxl_metrics {
@@ -400,7 +403,8 @@ typedef struct oxl_metrics {
     double aligned_psnr, aligned_ssim;      /* NaN: not measured */
     /* means over the views that have them, and the least; NaN: no view has */
     double structure, structure_least;
-    int no_structure; /* views below OXL_STRUCTURE_NONE */
+    double unshown, shown_psnr; /* means of the sum over the quarters, and of the views that have it */
+    int no_structure;           /* views below OXL_STRUCTURE_NONE */
     int count;
     oxl_view_metrics *views; /* (count) */
 } oxl_metrics;

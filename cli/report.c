@@ -19,11 +19,9 @@ enum {
     REPORT_SIDE = 800,  /* px; longest side of the map, */
     REPORT_SHORT = 560, /* and of runs of fewer iterations than REPORT_QUICK, whose page should be quick */
     REPORT_QUICK = 1000,
-    REPORT_GAPS = 5,       /* most views whose gaps are listed */
     REPORT_CAMERAS = 2000, /* cameras on the map, about */
     REPORT_VIEWS = 2       /* least training views that see a place of the map */
 };
-#define REPORT_GAP 0.1         /* least share of a view that is a gap */
 #define REPORT_VIEWER_LOSS 0.5 /* dB; a loss of images without gains and lamp that is worth a word */
 
 /* ---------------- reading */
@@ -106,6 +104,8 @@ static void report_head(struct report *r)
         finished ? "finished" : "not finished: run the same command again to resume",
         OUTPUT_COUNT(oxl_json_number(r->run, "iterations_done")), r->blocks, r->blocks == 1 ? "" : "s");
     report_tile(r, r->metrics, "psnr", '2', "dB mean PSNR");
+    if (oxl_json_number(r->metrics, "unshown") >= REPORT_GAP)
+        report_tile(r, r->metrics, "shown_psnr", '2', "dB over pixels whose place a training view shows");
     if (oxl_json_number(r->metrics, "psnr") - oxl_json_number(r->metrics, "plain_psnr") >= REPORT_VIEWER_LOSS)
         report_tile(r, r->metrics, "plain_psnr", '2', "dB in other viewers, without gains and lamp");
     report_tile(r, r->metrics, "cc_psnr", '2', "dB mean cc-PSNR");
@@ -240,23 +240,6 @@ static void report_map(struct report *r, const struct map *m)
     output_add(t, " %S -o map --ortho</code> writes it in full resolution.</p>\n", PRINT_WORD(r->scene));
 }
 
-/* Says of held-out views what no training view shows: their metrics are of a guess there. */
-static void report_gaps(struct report *r, const struct map *m, const oxl_model *model)
-{
-    int found = 0;
-    for (int i = 0; i < oxl_scene_view_count(m->scene) && found < REPORT_GAPS; i++) {
-        const oxl_view *v = oxl_scene_view(m->scene, i);
-        const char *where = "";
-        const double share = v->is_test ? surface_gap(m->surface, model, &v->camera, &where) : 0;
-        if (share < REPORT_GAP) continue;
-        output_add(
-            &r->page,
-            "%s<li>No training view shows %.0f %% of %S, most in the %s: its metrics are of a guess there.</li>\n",
-            found++ ? "" : "<ul>\n", 100 * share, v->name, where);
-    }
-    if (found) output_add(&r->page, "</ul>\n");
-}
-
 /* Loads the survey and the model without a log, as the run has logged its warnings already, and draws the
  * map. */
 static void report_ground(struct report *r)
@@ -280,7 +263,6 @@ static void report_ground(struct report *r)
         if (surface_open(m.ctx, &model, scene, SURFACE_SIDE, &surface) == OXL_OK &&
             map_make(&m, &model, FRAME_AUTO, side) == OXL_OK) {
             report_map(r, &m);
-            report_gaps(r, &m, &model);
         }
     }
     if (!(m.area > 0))

@@ -10,6 +10,8 @@
 
 #include "cli.h"
 
+#define REPORT_GAP 0.02 /* least share of pixels that no training view shows which is worth a word */
+
 struct report_part { /* a block, the coarse or the merged model */
     char name[40];
     char *json, *log; /* text of block.json and log.csv; log NULL: there is none */

@@ -14,7 +14,8 @@ enum { STUDY_ROWS = 16, STUDY_AGAINST = 4 };
 
 enum study_measure {
     STUDY_ITERATIONS,
-    STUDY_PSNR, /* dB */
+    STUDY_PSNR,  /* dB */
+    STUDY_SHOWN, /* oxl_metrics.shown_psnr, dB */
     STUDY_SSIM,
     STUDY_STRUCTURE, /* oxl_metrics.structure */
     STUDY_GAUSSIANS,

@@ -12,6 +12,7 @@
 const struct study_column STUDY_COLUMNS[STUDY_MEASURES] = {
     {"iterations", "iterations", 1, 0, 0},
     {"PSNR dB", "psnr", 1, 2, 1},
+    {"shown dB", "shown_psnr", 1, 2, 1},
     {"SSIM", "ssim", 1, 4, 1},
     {"structure", "structure", 1, 3, 1},
     {"Gaussians", "gaussians", 1, 0, 0},

@@ -81,10 +81,10 @@ oxl_model._fields_ = [("count", c_size_t), ("capacity", c_size_t), ("lobes", c_s
 oxl_render_options._fields_ = [("background", c_float * 3), ("sh_degree", c_int), ("near_plane", c_float), ("alpha_min", c_float),
     ("parallel", c_float)]
 oxl_view_metrics._fields_ = [("view", c_int), ("psnr", c_double), ("cc_psnr", c_double), ("ssim", c_double), ("plain_psnr", c_double),
-    ("aligned_psnr", c_double), ("aligned_ssim", c_double), ("structure", c_double)]
+    ("aligned_psnr", c_double), ("aligned_ssim", c_double), ("structure", c_double), ("unshown", c_double * 4), ("shown_psnr", c_double)]
 oxl_metrics._fields_ = [("psnr", c_double), ("cc_psnr", c_double), ("ssim", c_double), ("plain_psnr", c_double), ("aligned_psnr", c_double),
-    ("aligned_ssim", c_double), ("structure", c_double), ("structure_least", c_double), ("no_structure", c_int), ("count", c_int), ("views",
-    POINTER(oxl_view_metrics))]
+    ("aligned_ssim", c_double), ("structure", c_double), ("structure_least", c_double), ("unshown", c_double), ("shown_psnr", c_double),
+    ("no_structure", c_int), ("count", c_int), ("views", POINTER(oxl_view_metrics))]
 oxl_keep._fields_ = [("kind", c_int), ("value", c_double)]
 oxl_terms._fields_ = [("pixels", CFUNCTYPE(c_double, c_void_p, POINTER(oxl_image), POINTER(oxl_image), POINTER(c_float))), ("parameters",
     CFUNCTYPE(c_double, c_void_p, POINTER(oxl_model), POINTER(oxl_model))), ("density", CFUNCTYPE(None, c_void_p, POINTER(oxl_model),

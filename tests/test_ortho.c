@@ -446,18 +446,41 @@ TEST(map_measures_the_ground_that_two_views_share_its_certainty_and_where_camera
     CHECK_CLOSE(wall.down, 0, 1e-9);
 }
 
-/* The cameras' images, 7.2 wide on the ground, are 4 apart: the first lacks the right 4/7.2 of the second's. */
-TEST(surface_says_what_of_a_view_no_training_view_shows_and_where)
+/* The cameras' images, 7.2 wide on the ground, are 4 apart: the first lacks the right 4/7.2 of the second's. The
+ * rendering is right where the first shows the ground, and black, for grey, where it does not. */
+TEST(held_out_view_tells_what_no_training_view_shows_and_its_psnr_without_that)
 {
     OWNED_SCENE *scene = ortho_test_scene();
     OWNED_MODEL model = {0};
-    const char *where;
-    ortho_test_ground(scene, &model);
-    scene->view[1].is_test = 1;
-    OWNED_SURFACE s = ortho_test_surface(&model, scene, SURFACE_SIDE);
-    CHECK_CLOSE(surface_gap(&s, &model, &oxl_scene_view(scene, 1)->camera, &where), 4 / 7.2, 0.02);
-    CHECK(strstr(where, "right") != NULL);
-    CHECK_CLOSE(surface_gap(&s, &model, &oxl_scene_view(scene, 0)->camera, &where), 0, 0.01);
+    const oxl_camera *camera = &oxl_scene_view(scene, 1)->camera;
+    oxl_image image = {0}, rendered = {0};
+    struct drawn of = {NULL, &model, scene, NULL};
+    for (int is_covered = 0; is_covered < 2; is_covered++) {
+        struct unshown *u = oxl_calloc(test_ctx, 1, sizeof *u);
+        oxl_view_metrics row = {.view = 1};
+        double all = 0;
+        oxl_model_free(test_ctx, &model);
+        ortho_test_ground(scene, &model);
+        scene->view[1].is_test = 1;
+        if (is_covered) scene->view[0].camera = *camera;
+        CHECK_OK(renderer_create(test_ctx, &of.r));
+        CHECK_OK(unshown_find(test_ctx, &of, (int[]){1}, 1, u));
+        CHECK_OK(oxl_image_create(test_ctx, camera->width, camera->height, &image));
+        CHECK_OK(oxl_image_create(test_ctx, camera->width, camera->height, &rendered));
+        for (int i = 0; i < 3 * image.width * image.height; i++) {
+            image.rgb[i] = 0.5f;
+            rendered.rgb[i] = i % image.width < 3 * image.width / 7 ? 0.6f : 0;
+        }
+        CHECK_OK(unshown_measure(test_ctx, u, &rendered, &image, &row));
+        for (int k = 0; k < 4; k++) all += row.unshown[k];
+        CHECK_CLOSE(all, is_covered ? 0 : 4 / 7.2, 0.02);
+        CHECK(is_covered || (row.unshown[1] > 4 * row.unshown[0] && row.unshown[3] > 4 * row.unshown[2]));
+        CHECK(is_covered ? row.shown_psnr < 10 : row.shown_psnr > 15);
+        oxl_image_free(test_ctx, &image);
+        oxl_image_free(test_ctx, &rendered);
+        renderer_free(test_ctx, of.r);
+        unshown_free(test_ctx, u, 1);
+    }
 }
 
 /* A hole of two pixels gets the mean of what is around; of a large one, its corners alone do; one in the map's corner

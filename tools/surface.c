@@ -32,7 +32,6 @@ enum {
     SURFACE_AROUND = 108,     /* points around a pixel, in the mean */
     SURFACE_NEIGHBOURS = 5,   /* least points around a pixel that may contradict its depth */
     SURFACE_REACH = 4,        /* px; detail is seen within this reach */
-    SURFACE_GAP_SIDE = 160,   /* px; of views that are asked for gaps */
     SURFACE_PIXELS = 1 << 26  /* most pixels of all views: 8 bytes each */
 };
 
@@ -330,28 +329,4 @@ void surface_ask_sheet(const struct surface *s, const struct sheet *t, const uns
             take(user, pixel[i], place[i], &vote);
         }
     }
-}
-
-static void surface_take_seen(void *user, size_t at, const double p[3], const struct surface_vote *v)
-{
-    (void)p;
-    ((unsigned char *)user)[at] = v->sees > 0;
-}
-
-double surface_gap(struct surface *s, const oxl_model *model, const oxl_camera *camera, const char **where)
-{
-    static const char *const names[] = {"upper left", "upper right", "lower left", "lower right"};
-    struct surface_view v = {.sheet.camera = surface_camera(camera, SURFACE_GAP_SIDE)};
-    const int width = v.sheet.camera.width, height = v.sheet.camera.height, pixels = width * height;
-    const oxl_result rc = surface_render(s, model, &v);
-    unsigned char *seen = product_room((size_t)pixels, 1);
-    int missing[4] = {0, 0, 0, 0}, all = 0, most = 0;
-    if (rc == OXL_OK) surface_ask_sheet(s, &v.sheet, NULL, surface_take_seen, seen);
-    for (int i = 0; i < pixels; i++)
-        if (!seen[i]) all++, missing[(2 * (i / width) >= height ? 2 : 0) + (2 * (i % width) >= width)]++;
-    for (int k = 0; k < 4; k++)
-        if (missing[k] > missing[most]) most = k;
-    *where = names[most];
-    free(seen), free(v.sheet.depth), free(v.rgb), free(v.guess);
-    return rc == OXL_OK ? (double)all / pixels : 0;
 }

@@ -123,8 +123,6 @@ struct surface_vote {
     double footprint; /* least depth by focal length over `confirms`: units that a pixel sees */
     int nearest;      /* view that has it; -1: none */
 };
-/* The share of a view's pixels whose place no training view shows, and where most of them are. */
-double surface_gap(struct surface *s, const oxl_model *model, const oxl_camera *camera, const char **where);
 enum { SURFACE_SIDE = 320 };    /* px; of the views' depths, for maps, reports and comparisons alike */
 enum { SURFACE_LISTED = 1024 }; /* most views that are asked of a place */
 struct surface_list {

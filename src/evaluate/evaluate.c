@@ -72,11 +72,12 @@ oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_s
 
 /* Holds what the evaluation of all views shares. */
 struct evaluate_pass {
-    struct drawn of;    /* imaging: not NULL */
-    int whole, shown;   /* neither: measures as evaluate_quick; shown: as evaluate_shown */
-    int most;           /* evaluates so many views, evenly spaced */
-    oxl_model gradient; /* gradient of the model, for aligned views */
-    int missing;        /* images whose files are gone */
+    struct drawn of;         /* imaging: not NULL */
+    int whole, shown;        /* neither: measures as evaluate_quick; shown: as evaluate_shown */
+    int most;                /* evaluates so many views, evenly spaced */
+    oxl_model gradient;      /* gradient of the model, for aligned views */
+    int missing;             /* images whose files are gone */
+    struct unshown *unshown; /* of the next view; NULL: not asked for */
 };
 
 static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass *p, oxl_image *rendered,
@@ -125,6 +126,7 @@ static oxl_result evaluate_view(oxl_context *ctx, struct evaluate_pass *p, const
     oxl_image rendered = {0};
     oxl_result rc = evaluate_draw_medium(ctx, &p->of, &camera, &rendered, NULL);
     if (rc == OXL_OK) rc = evaluate_compare(ctx, p, &rendered, image, row);
+    if (rc == OXL_OK && p->unshown) rc = unshown_measure(ctx, p->unshown, &rendered, image, row);
     if (rc == OXL_OK && evaluate_aligns(p, row->view)) rc = evaluate_aligned(ctx, p, image, row);
     oxl_image_free(ctx, &rendered);
     return rc;
@@ -135,7 +137,8 @@ static oxl_result evaluate_view(oxl_context *ctx, struct evaluate_pass *p, const
 static oxl_result evaluate_add_view(oxl_context *ctx, struct evaluate_pass *p, int view, oxl_metrics *out)
 {
     oxl_image image = {0};
-    oxl_view_metrics row = {.view = view, .ssim = NAN, .aligned_psnr = NAN, .aligned_ssim = NAN};
+    oxl_view_metrics row = {
+        .view = view, .ssim = NAN, .aligned_psnr = NAN, .aligned_ssim = NAN, .shown_psnr = NAN};
     oxl_result rc = scene_copy_image(ctx, p->of.scene, view, &image);
     if (rc == OXL_OK) rc = evaluate_view(ctx, p, &image, &row);
     oxl_image_free(ctx, &image);
@@ -150,7 +153,7 @@ static oxl_result evaluate_add_view(oxl_context *ctx, struct evaluate_pass *p, i
 /* Averages the values over the views that have them. */
 static void evaluate_sum_up(oxl_metrics *m)
 {
-    int with = 0;
+    int with = 0, shown = 0;
     m->structure_least = NAN;
     m->aligned_psnr = m->aligned_ssim = m->count ? 0 : NAN;
     for (int i = 0; i < m->count; i++) {
@@ -161,12 +164,15 @@ static void evaluate_sum_up(oxl_metrics *m)
         m->ssim += v->ssim / m->count;
         m->aligned_psnr += v->aligned_psnr / m->count;
         m->aligned_ssim += v->aligned_ssim / m->count;
+        for (int k = 0; k < 4; k++) m->unshown += v->unshown[k] / m->count;
+        if (!isnan(v->shown_psnr)) m->shown_psnr += v->shown_psnr, shown++;
         if (isnan(v->structure)) continue;
         m->structure += v->structure;
         m->structure_least = with++ ? OXL_MIN(m->structure_least, v->structure) : v->structure;
         m->no_structure += v->structure < OXL_STRUCTURE_NONE;
     }
     m->structure = with ? m->structure / with : NAN;
+    m->shown_psnr = shown ? m->shown_psnr / shown : NAN;
 }
 
 /* Evaluates the views of a split. */
@@ -175,6 +181,7 @@ static oxl_result evaluate_views(oxl_context *ctx, struct evaluate_pass p, oxl_s
     static const struct oxl_imaging none;
     const oxl_scene *scene = p.of.scene;
     const size_t room = (size_t)oxl_scene_view_count(scene) + 1;
+    struct unshown *unshown = NULL;
     oxl_result rc = OXL_OK;
     int *view = oxl_alloc(ctx, room, sizeof *view), count = 0, all = 0;
     *out = (oxl_metrics){.views = oxl_alloc(ctx, room, sizeof *out->views)};
@@ -184,11 +191,17 @@ static oxl_result evaluate_views(oxl_context *ctx, struct evaluate_pass p, oxl_s
     if (rc == OXL_OK) rc = renderer_create(ctx, &p.of.r);
     evaluate_begin(ctx, p.of.model, scene);
     if (!p.of.imaging) p.of.imaging = &none;
+    if (p.whole && split == OXL_SPLIT_TEST && rc == OXL_OK) {
+        unshown = oxl_calloc(ctx, room, sizeof *unshown);
+        rc = unshown ? unshown_find(ctx, &p.of, view, count, unshown) : OXL_ERR_MEMORY;
+    }
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         rc = context_stopped(ctx);
         scene_images_ahead(ctx, scene, view + i, count - i);
+        p.unshown = unshown ? &unshown[i] : NULL;
         if (rc == OXL_OK) rc = evaluate_add_view(ctx, &p, view[i], out);
     }
+    unshown_free(ctx, unshown, count);
     renderer_free(ctx, p.of.r);
     oxl_model_free(ctx, &p.gradient);
     oxl_free(ctx, view);

@@ -38,9 +38,25 @@ OXL_INTERNAL void planes_free(oxl_context *ctx, struct planes *p);
 OXL_INTERNAL void planes_blur(oxl_context *ctx, const struct planes *p, const struct planes_window *window,
                               const double *in, double *out);
 
+struct drawn;
+
+/* ---------------- unshown.c */
+
+struct unshown {       /* A held-out view, and which of its pixels a training view shows. */
+    oxl_camera camera; /* of reduced size */
+    float *depth;      /* (H,W) as of oxl_render */
+    uint8_t *is_shown; /* (H,W) */
+};
+/* Finds the pixels of `count` views; u: (count) zeroed; unshown_free frees it, also on error. */
+OXL_INTERNAL oxl_result unshown_find(oxl_context *ctx, const struct drawn *d, const int *view, int count,
+                                     struct unshown *u);
+OXL_INTERNAL void unshown_free(oxl_context *ctx, struct unshown *u, int count);
+/* Sets row->unshown and row->shown_psnr. */
+OXL_INTERNAL oxl_result unshown_measure(oxl_context *ctx, const struct unshown *u, const oxl_image *rendered,
+                                        const oxl_image *image, oxl_view_metrics *row);
+
 /* ---------------- align.c */
 
-struct drawn;
 /* Finds the camera of a view that fits its image best, from its pose on. d->imaging: not NULL; d->r: on the
  * CPU; gradient: of the shape of d->model, overwritten. */
 OXL_INTERNAL oxl_result align_view(oxl_context *ctx, const struct drawn *d, int view, const oxl_image *image,

@@ -10,6 +10,7 @@
 #include "../model/model.h"
 #include "../large/os_job.h"
 
+#define JOB_UNSHOWN 0.02 /* Logs shown_psnr from this mean share of unshown pixels on. */
 #define JOB_EXPOSURE 0.5 /* Logs cc_psnr from this difference (dB) to PSNR on. */
 
 /* ---------------- models */
@@ -116,6 +117,11 @@ static void job_log_metrics(struct job *job, const oxl_metrics *m, size_t gaussi
                 "%s views: PSNR %.2f dB, SSIM %.4f, structure %.3f, means over %d; %zu Gaussians, %.1f MB",
                 job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "training", m->psnr, m->ssim,
                 m->structure, m->count, gaussians, (double)bytes / 1e6);
+    if (m->unshown >= JOB_UNSHOWN)
+        oxl_log(
+            job->ctx, OXL_LOG_INFO,
+            "shown        PSNR %.2f dB without the %.0f %% of the pixels whose place no training view shows",
+            m->shown_psnr, 100 * m->unshown);
     if (!isnan(m->aligned_psnr))
         oxl_log(job->ctx, OXL_LOG_INFO,
                 "refined      PSNR %.2f dB, SSIM %.4f with the poses of held-out views refined, too",
