@@ -24,18 +24,19 @@
  * Conventions
  *   frames      COLMAP's: +x right, +y down, +z forward; world to camera is  x_c = R x_w + t;
  *               quaternions are Hamilton, (w, x, y, z); the centre of the top-left pixel is (0.5, 0.5).
- *   origin      input is read in double, centred on a robust local origin, then stored as float.
+ *   origin      the library reads input in double, centres it on a robust local origin, and stores floats.
  *               All positions in a scene or model are relative to `origin`:  world = local + origin.
  *   images      float, planar (3,H,W): all of red, then green, then blue; 0 black, 1 white.
  *   errors      every function that can fail returns oxl_result; oxl_error_text(ctx) then names what was
  *               found, what was expected and a fix. The library never exits and never prints.
  *   ownership   the function that fills `out` allocates it; the _free of the same name releases it (NULL and
- *               zeroed structs are allowed). On error `*out` is zeroed.
+ *               zeroed structs are allowed). On error `*out` is zeroed, except where a function says that a
+ *               run which was stopped leaves a usable result.
  *   threads     a context may be used by one thread at a time; OpenMP uses `threads` threads inside.
  *               The result does not depend on their number. Set OMP_WAIT_POLICY=passive before the program
  *               starts: else waiting threads spin, which slows a small scene down on a busy machine.
- *   building    compile the library with -O2 or -O3, never with -ffast-math. C++ may include this header;
- *               the implementation is C99.
+ *   building    cc -O3 -std=c99 -fopenmp -ffp-contract=off program.c oceanxl.c -lm; never -ffast-math. C++
+ *               may include this header; the implementation is C99.
  *
  * Licence: MIT, see LICENSE.
  */
@@ -65,7 +66,7 @@ typedef enum oxl_result {
     OXL_ERR_IO,         /* reading or writing failed: disk full, permission */
     OXL_ERR_MEMORY,     /* allocation failed */
     OXL_ERR_BUDGET,     /* the memory budget is too small; the text names the option that helps */
-    OXL_ERR_INTERRUPTED /* a progress callback stopped the run; the output is usable */
+    OXL_ERR_INTERRUPTED /* `stopped` ended reading or writing, or a callback a run, whose result is usable */
 } oxl_result;
 
 /* ---------------- context */
@@ -86,9 +87,9 @@ typedef struct oxl_context_options {
     int threads; /* 0: OpenMP's default */
     /* seeds all random numbers: view order, dropout, signs of SPSA, random starting points (1) */
     uint64_t seed;
-    /* Like realloc: keeps contents up to the smaller size, and `old` on failure; size 0 frees and returns
-     * NULL; old may be NULL. Returns memory aligned to 16 bytes. Called by one thread at a time, not always
-     * the same one. */
+    /* NULL: the C library's realloc. Otherwise a function like it: it keeps contents up to the smaller size,
+     * and `old` on failure; size 0 frees and returns NULL; old may be NULL. It returns memory aligned to 16
+     * bytes. One thread at a time calls it, not always the same one. */
     void *(*reallocate)(void *user, void *old, size_t size);
     /* one line without newline; NULL: no log */
     void (*log)(void *user, oxl_log_level level, const char *text);
@@ -103,7 +104,7 @@ typedef struct oxl_context_options {
 
 OXL_API oxl_context_options oxl_context_options_default(void);
 
-/* options may be NULL for the defaults. */
+/* Creates a context. options NULL: the defaults. */
 OXL_API oxl_result oxl_context_create(const oxl_context_options *options, oxl_context **out);
 OXL_API void oxl_context_free(oxl_context *ctx);
 
@@ -122,8 +123,8 @@ OXL_API const char *oxl_isa_name(const oxl_context *ctx);
 
 /* Opens the device of options.backend. Optional: the first function that needs the device opens it. */
 OXL_API oxl_result oxl_backend_begin(oxl_context *ctx);
-/* What has rendered so far: the device's name, "cpu", or "NAME and cpu" if the CPU took over; before that,
- * what will render. */
+/* Returns what has rendered so far: the device's name, "cpu", or "NAME and cpu" if the CPU took over. Before
+ * the first rendering it returns what will render. */
 OXL_API const char *oxl_backend_name(const oxl_context *ctx);
 /* The Vulkan devices in the order of options.device, one line each, with their limits; free with
  * oxl_text_free. */
@@ -134,9 +135,10 @@ OXL_API oxl_result oxl_devices(oxl_context *ctx, char **out);
 typedef struct oxl_image {
     int width, height;
     float *rgb;    /* (3,H,W) planar, 0..1 */
-    float *weight; /* (H,W) 1: used, 0: masked; NULL: all pixels are used */
+    float *weight; /* (H,W), or NULL: all are 1. Weight of a pixel, 0 (masked) to 1, in losses and metrics */
 } oxl_image;
 
+/* Creates a black image without weights. */
 OXL_API oxl_result oxl_image_create(oxl_context *ctx, int width, int height, oxl_image *out);
 OXL_API void oxl_image_free(oxl_context *ctx, oxl_image *image);
 /* Reads a JPG or PNG file. OXL_ERR_INPUT: the file is missing, or not such an image; OXL_ERR_IO: it cannot be
@@ -202,25 +204,29 @@ typedef struct oxl_scene_options {
 
 OXL_API oxl_scene_options oxl_scene_options_default(void);
 
-/* Reads a COLMAP model, text or binary. Errors of OXL_ERR_INPUT name file:line, the value found, the value
- * expected and a fix. */
+/* Reads the survey in a folder: a COLMAP model, text or binary, or in its place a transforms.json
+ * (nerfstudio, NeRF synthetic), poses_bounds.npy (LLFF) or OpenSfM's reconstruction.json. Errors of
+ * OXL_ERR_INPUT name file:line, the value found, the value expected and a fix. options NULL: the
+ * defaults. */
 OXL_API oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_options *options,
                                   oxl_scene **out);
 
 /* A scene from arrays: views (view_count) with name, camera and is_test; images (view_count), in the same
- * order; points (point_count), from which training starts. All are copied. With point_count 0, training
- * starts from random points in front of the cameras. */
+ * order; points (point_count), from which training starts. All are copied; the origin is 0. With
+ * point_count 0, training starts from random points in front of the cameras. */
 OXL_API oxl_result oxl_scene_from_arrays(oxl_context *ctx, const oxl_view *views, const oxl_image *images,
                                          int view_count, const oxl_point *points, size_t point_count,
                                          oxl_scene **out);
 OXL_API void oxl_scene_free(oxl_context *ctx, oxl_scene *scene);
 
 OXL_API int oxl_scene_view_count(const oxl_scene *scene);
-OXL_API const oxl_view *oxl_scene_view(const oxl_scene *scene, int index); /* ordered by name */
+/* Views are ordered by name; NULL: there is no such index. */
+OXL_API const oxl_view *oxl_scene_view(const oxl_scene *scene, int index);
 OXL_API size_t oxl_scene_point_count(const oxl_scene *scene);
 OXL_API const oxl_point *oxl_scene_points(const oxl_scene *scene);
 OXL_API const double *oxl_scene_origin(const oxl_scene *scene); /* (3) world = local + origin */
-/* The near plane of its training, for oxl_render_options: from the points' depths. */
+/* Returns the near plane with which the scene is trained, for oxl_render_options. It follows from the depths
+ * of the points. */
 OXL_API double oxl_scene_near_plane(const oxl_scene *scene);
 /* (2) latitude and longitude (WGS 84, degrees) of the world's origin, if its axes are metres east, north, up
  * there, as OpenSfM's reference_lla says; NULL: not known. */
@@ -235,8 +241,9 @@ OXL_API double oxl_scene_extent(const oxl_scene *scene);
 OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y,
                                  double start[3], double direction[3]);
 
-/* The image of a view as used in training: undistorted, reduced, masked; where the scene's images are
- * transparent, over this background, 0..1 (NULL: white). Free with oxl_image_free.
+/* Returns the image of a view as training uses it: undistorted, reduced, masked; where the scene's images are
+ * transparent, over this background, 0..1 (NULL: white). To compare it with a rendering, pass the background
+ * of that rendering. Free with oxl_image_free.
  * OXL_ERR_INPUT: its file is missing, not readable, or masked completely. */
 OXL_API oxl_result oxl_scene_image(oxl_context *ctx, const oxl_scene *scene, int view,
                                    const float background[3], oxl_image *out);
@@ -248,6 +255,7 @@ typedef struct oxl_imaging oxl_imaging;
  * scene.ply has the medium in its colours, scene_clear.ply has not. */
 OXL_API oxl_result oxl_imaging_read(oxl_context *ctx, const char *model_path, const oxl_scene *scene,
                                     oxl_imaging **out);
+/* Writes such a file; path: of the file. */
 OXL_API oxl_result oxl_imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
                                      const oxl_imaging *imaging);
 OXL_API void oxl_imaging_free(oxl_context *ctx, oxl_imaging *imaging);
@@ -290,8 +298,8 @@ typedef struct oxl_model {
     int has_background;
     /* 1: trained and rendered with a low pass of 0.1 px^2 that keeps a splat's energy [Yu 2024] */
     int antialias;
-    /* a camera of the survey, from which viewers begin: focal length by the longer side of its image
-     * (0: none), rotation from world to camera (3,3), position in the world */
+    /* a camera of the survey, from which viewers begin: [0] focal length by the longer side of its image
+     * (0: none), [1..9] rotation from world to camera, row-major, [10..12] position in the world */
     double view[13];
     size_t not_finite; /* rows of the file that oxl_model_read left out */
 } oxl_model;
@@ -332,10 +340,11 @@ OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl
 typedef struct oxl_render_options {
     float background[3]; /* red, green, blue, 0..1 (0,0,0) */
     int sh_degree;       /* largest degree evaluated; -1: the model's */
-    float near_plane; /* Gaussians of smaller camera z are culled; the scene's unit (0.2) (see METHOD.md) */
-    float alpha_min;  /* smaller alpha values are skipped; at least 1/255 (1/255) [Kerbl 2023] */
+    /* Gaussians of smaller camera z are culled; the scene's unit (0.2). Of a scene: oxl_scene_near_plane */
+    float near_plane;
+    float alpha_min; /* smaller alpha values are skipped; at least 1/255 (1/255) [Kerbl 2023] */
     /* For maps: above 0, all rays are parallel to the camera's z axis, fx and fy are px per unit, and this is
-     * the distance from which the survey's cameras saw the ground, the scale of its depths. CPU only (0) */
+     * the distance from which the survey's cameras saw the ground, in the scene's unit. CPU only (0) */
     float parallel;
 } oxl_render_options;
 
@@ -343,9 +352,9 @@ OXL_API oxl_render_options oxl_render_options_default(void);
 
 /* Renders the model; out is created. options may be NULL: the defaults, on the model's background.
  * depth (H,W), or NULL, receives the camera z of the surface, in the scene's unit. It is the mean of the
- * layer, 4 % of the depth thick, whose Gaussians have the most of the pixel's weight, sum(alpha T). Where
- * that layer has less than a third of the full weight, another layer may be the surface: depth is -z. Where
- * all Gaussians have less than half of the full weight, the model is see-through: depth is 0.
+ * layer, 4 % of the depth thick, whose Gaussians have the most of the pixel's weight, sum(alpha T), which is
+ * at most 1. Where that layer has less than 1/3, another layer may be the surface: depth is -z. Where all
+ * Gaussians together have less than 1/2, the model is see-through: depth is 0.
  * OXL_ERR_USAGE: the camera has no pixels. */
 OXL_API oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                               const oxl_render_options *options, oxl_image *out, float *depth);
@@ -420,7 +429,7 @@ OXL_API void oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics);
 /* Which Gaussians get a second, negative lobe, and so are differences of Gaussians [OceanXL eq. 3-4]. */
 typedef enum oxl_dog {
     OXL_DOG_OFF = 0,
-    /* those whose mean |dL/d(u, v)|, of the splat's centre, is above 0.0002 half images late in the run */
+    /* those whose mean |dL/d(u, v)|, in the units of densify_gradient, is above 0.0002 late in the run */
     OXL_DOG_SELECTIVE,
     OXL_DOG_ALL
 } oxl_dog;
@@ -432,6 +441,7 @@ typedef enum oxl_switch {
     OXL_AUTO /* on where the colours of the tracks show it */
 } oxl_switch;
 
+/* Sets of defaults: fast; longer; the paper's method. */
 typedef enum oxl_preset { OXL_PRESET_DRAFT = 0, OXL_PRESET_STANDARD, OXL_PRESET_PAPER } oxl_preset;
 
 /* How many Gaussians Wise Adaptive Pruning keeps [OceanXL sec. 3.2]. */
@@ -457,18 +467,23 @@ typedef enum oxl_ucd {
 /* What becomes of a Gaussian where the model is densified. */
 typedef enum oxl_change { OXL_REMOVE = 0, OXL_KEEP, OXL_SPLIT /* into two */ } oxl_change;
 
-/* Terms of one's own in the loss, and a density rule, on the CPU alone. A term returns its value, which is
- * added to the loss, and adds its gradient; examples/ has one of each. */
+/* Terms of one's own in the loss, and a density rule; they run on the CPU only. A term returns its value,
+ * which is added to the loss, and adds its gradient to the one that it is given; examples/ has one of each. A
+ * value that is not finite ends the run with OXL_ERR_USAGE. Where a model for viewers is trained after the
+ * model (oxl_trained), terms run there, too. */
 typedef struct oxl_terms {
-    /* rendered, image: (3,H,W) of the step's view, as they are compared; image->weight NULL: no pixel is
-     * masked. drgb: (3,H,W) d/d rendered. NULL: no such term */
+    /* rendered: the step's view with its gains and lamp, not clamped; image: the one that it is compared
+     * with. Their size changes from call to call: half the sides while the run is coarse, a part of the view
+     * in blocks. drgb: (3,H,W) d/d rendered. NULL: no such term */
     double (*pixels)(void *user, const oxl_image *rendered, const oxl_image *image, float *drgb);
     /* gradient: planes of the model's shape. Gaussians that the view does not show take no step. NULL: no
      * such term */
     double (*parameters)(void *user, const oxl_model *model, oxl_model *gradient);
-    /* Rewrites the library's choice, change (count) of oxl_change, before max_gaussians limits it. Since the
-     * last time, gradient (count) is the sum over views (count) of |dL/d(u, v)|, of the splat's centre, in
-     * units of half an image. NULL: the library's choice */
+    /* Rewrites the library's choice, change (count) of oxl_change, before max_gaussians limits it; other
+     * values keep the Gaussian. gradient (count) is the sum of |dL/d(u, v)|, of the splat's centre, in units
+     * of half an image, over the steps since the last densification whose view shows the Gaussian; views
+     * (count) is their number. Where ucd is on, the gradient is weighted by depth. NULL: the library's
+     * choice */
     void (*density)(void *user, const oxl_model *model, const float *gradient, const float *views,
                     uint8_t *change);
     void *user;
@@ -488,8 +503,8 @@ typedef struct oxl_train_options {
     /* first fraction of the run, at half resolution; -1: 0.75 for images of at least 640 px (-1, 0, 0) */
     float coarse;
     /* Fraction of the Gaussians that a step leaves out [Park 2025], rising from 0 to this during the run. -1:
-     * with fewer than 30 training views and fewer than 4.6 images per point 0 at 30 steps per view, growing
-     * to 0.4 at 60; else 0 (-1). */
+     * 0, except below 30 training views and 4.6 images per point: there 0 up to 30 steps per view, and from
+     * there to 60 rising to 0.4 (-1) */
     float dropout;
     /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 (1/128, 1/255, 1/255) */
     float alpha_min;
@@ -529,7 +544,7 @@ typedef struct oxl_train_options {
     const oxl_terms *terms; /* NULL: none; not recorded in run.json */
     /* of oxl_train: Gaussians to start from, copied without second lobes; NULL: the scene's points */
     const oxl_model *from;
-    /* in a block: iterations of the whole run, which rates and intervals follow; 0: `iterations` */
+    /* in a block: iterations of the whole run, from which rates and intervals follow; 0: `iterations` */
     int survey_iterations;
     float experimental[4]; /* values of options that are tried out: CONTRIBUTING, "An idea of your own" */
 } oxl_train_options;
@@ -562,7 +577,8 @@ typedef struct oxl_progress {
     double seconds;      /* since the start */
     double seconds_left; /* predicted; 0: the run ends, or not known yet */
     size_t memory;       /* peak so far, bytes; only in a job, else 0 */
-    /* current state; on a device, the last download, rows as they are now; valid during the call */
+    /* current state, valid during the call; on a device the values of the last download, without rows that
+     * were removed since then */
     const oxl_model *model;
     oxl_nonfinite nonfinite; /* so far */
 } oxl_progress;
@@ -574,7 +590,7 @@ typedef struct oxl_callback {
     void *user; /* passed to it */
 } oxl_callback;
 
-/* What training gives. */
+/* Result of a training. */
 typedef struct oxl_trained {
     oxl_model model;      /* with `imaging` it gives the scene's images */
     oxl_imaging *imaging; /* not NULL in a result */
@@ -594,8 +610,8 @@ typedef struct oxl_trained {
 OXL_API oxl_result oxl_train(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
                              const oxl_callback *callback, oxl_trained *out);
 OXL_API void oxl_trained_free(oxl_context *ctx, oxl_trained *trained);
-/* Writes the result to a folder, as `oceanxl train` does. Of these files, those that the result does not need
- * are removed:
+/* Writes the result to a folder, which must exist, as `oceanxl train` does. It deletes those of these files
+ * in the folder that the result does not have:
  *   scene.ply           the model for any viewer
  *   scene_clear.ply     the model without the medium or gains that scene.ply has in its colours
  *   scene_standard.ply  the columns that all viewers read, where scene.ply has others
@@ -611,7 +627,8 @@ typedef struct oxl_adam {
     double beta[2];         /* decay of the first and second moment */
     int step;               /* from 1, for bias correction */
 } oxl_adam;
-/* The rates that oxl_train has at a step of a run with these options, all views showing all Gaussians. */
+/* Returns the rates that oxl_train has at a step of a run with these options, as if each view showed each
+ * Gaussian. */
 OXL_API oxl_adam oxl_adam_at(const oxl_scene *scene, const oxl_train_options *options, int step);
 /* Moves the Gaussians that have a gradient by a step of Adam (Kingma & Ba 2015), as oxl_train does. moments:
  * zeroed before the first step; free both with oxl_model_free. A row with a value or gradient that is not

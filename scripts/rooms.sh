@@ -200,7 +200,7 @@ fi
 for file in src/*/*.c; do
     grep -qF "\"$file\"" oceanxl.c && continue
     if [ "${1:-}" = write ]; then # before the last file of its folder, with its own first words
-        said=$(sed -n '1s/^[^-]* - \([^.:;]*\).*/\1/p' "$file")
+        said=$(sed -n '1{s/^[^-]* - //;s/[:;].*//;s/\. .*//;s/\.$//;p;}' "$file")
         awk -v line="#include \"$file\" /* $said */" -v folder="#include \"$(dirname "$file")/" '
             NR == FNR { if (index($0, folder) == 1 && /\.c"/) last = FNR; next }
             FNR == last { print line }

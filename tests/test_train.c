@@ -806,6 +806,31 @@ TEST(train_follows_terms_on_pixels_and_on_parameters)
     CHECK(train_mean_of(&clear, OXL_OPACITY) < train_mean_of(&plain, OXL_OPACITY) - 0.5);
 }
 
+static double train_nan_pixels(void *user, const oxl_image *rendered, const oxl_image *image, float *drgb)
+{
+    (void)user, (void)rendered, (void)image, (void)drgb;
+    return NAN;
+}
+
+static double train_nan_parameters(void *user, const oxl_model *model, oxl_model *gradient)
+{
+    (void)user, (void)model, (void)gradient;
+    return NAN;
+}
+
+TEST(train_ends_with_the_name_of_a_term_that_is_not_finite)
+{
+    OWNED_SCENE *scene = train_scene(7);
+    oxl_train_options o = train_options(20);
+    oxl_trained t;
+    o.terms = &(const oxl_terms){.pixels = train_nan_pixels};
+    CHECK(oxl_train(test_ctx, scene, &o, NULL, &t) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "oxl_terms.pixels returned");
+    o.terms = &(const oxl_terms){.parameters = train_nan_parameters};
+    CHECK(oxl_train(test_ctx, scene, &o, NULL, &t) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "oxl_terms.parameters returned");
+}
+
 /* Removes the Gaussians whose number is odd at first, and splits none. */
 static void train_halve(void *user, const oxl_model *model, const float *gradient, const float *views,
                         uint8_t *change)

@@ -213,6 +213,9 @@ OXL_INTERNAL const double *renderer_pose_gradient(const struct renderer *r);
 
 /* ---------------- medium.c, exposure.c: medium and lamp */
 
+/* Adds the value of a user's term to a loss; OXL_ERR_USAGE: it is not finite. name: of oxl_terms. */
+OXL_INTERNAL oxl_result renderer_add_term(oxl_context *ctx, struct renderer_loss *loss, const char *name,
+                                          double value);
 /* Fills the gradient by the lamp, which is known after the step. */
 OXL_INTERNAL void renderer_complete_loss(const struct renderer *r, struct renderer_loss *loss);
 /* Bakes medium and lamp into the colours, as the views see them, for viewers that ignore imaging.txt;

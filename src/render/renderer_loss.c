@@ -33,6 +33,17 @@ OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r,
     return OXL_OK;
 }
 
+OXL_INTERNAL oxl_result renderer_add_term(oxl_context *ctx, struct renderer_loss *loss, const char *name,
+                                          double value)
+{
+    loss->total += value;
+    if (fabs(value) <= DBL_MAX) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_USAGE,
+                    "oxl_terms.%s returned %g, expected a finite value\n"
+                    "fix: guard divisions, logarithms and roots in it",
+                    name, value);
+}
+
 /* Computes the loss of the image x that is compared, with the terms on pixels, and its gradient r->drgb. */
 static oxl_result render_loss_of(oxl_context *ctx, struct renderer *r, const float *x, const float *rgb,
                                  const float *weight, float ssim_weight, struct renderer_loss *out)
@@ -42,10 +53,10 @@ static oxl_result render_loss_of(oxl_context *ctx, struct renderer *r, const flo
     const struct loss_job job = {width, height, ssim_weight, x,
                                  rgb,   weight, r->drgb,     (real)(r->set.contrast * r->set.contrast)};
     const oxl_result rc = loss_forward_backward(ctx, &job, &r->loss, out);
-    if (rc == OXL_OK && terms && terms->pixels) {
+    if (rc == OXL_OK && terms && terms->pixels && out->total <= DBL_MAX) {
         const oxl_image rendered = {width, height, (float *)(uintptr_t)x, NULL},
                         image = {width, height, (float *)(uintptr_t)rgb, (float *)(uintptr_t)weight};
-        out->total += terms->pixels(terms->user, &rendered, &image, r->drgb);
+        return renderer_add_term(ctx, out, "pixels", terms->pixels(terms->user, &rendered, &image, r->drgb));
     }
     return rc;
 }

@@ -196,8 +196,8 @@ static oxl_result step_backward(struct train *t, struct renderer_loss *loss)
         rc = oxl_model_create(t->ctx, model->count, model->sh_degree, &t->gradient);
     }
     if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
-    if (rc == OXL_OK) loss->total += terms->parameters(terms->user, model, &t->gradient);
-    return rc;
+    if (rc != OXL_OK) return rc;
+    return renderer_add_term(t->ctx, loss, "parameters", terms->parameters(terms->user, model, &t->gradient));
 }
 
 /* Makes forward pass, loss, backward pass and step. Deferred, they are only recorded: what becomes of them
