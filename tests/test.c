@@ -358,6 +358,11 @@ void owned_text(struct text *t)
     text_free(t);
 }
 
+void owned_training(struct training_image *image)
+{
+    image_training_free(test_ctx, image);
+}
+
 void owned_memory(void *pointer)
 {
     void *memory;

@@ -61,6 +61,12 @@ void test_fail(const char *file, int line, const char *format, ...);
 #define CHECK_WARNED(words) CHECK_TEXT(test_said.warning, words)
 #define CHECK_LOGGED(words) CHECK_TEXT(test_said.all, words)
 
+/* The file is there and holds the words. */
+#define CHECK_IN(file, words)                                                                              \
+    do {                                                                                                   \
+        if (!job_test_has(file, words)) test_fail(__FILE__, __LINE__, "\"%s\" is not in %s", words, file); \
+    } while (0)
+
 /* The call is refused with this code, and the error's text holds the words. */
 #define CHECK_ERROR(call, code, words) \
     do {                               \
@@ -91,6 +97,7 @@ int test_has_part(const char *name);
 #define OWNED_RENDERER OWNED(renderer) struct renderer
 #define OWNED_SCENE OWNED(scene) oxl_scene
 #define OWNED_TEXT OWNED(text) struct text
+#define OWNED_TRAINING OWNED(training) struct training_image
 void owned_colmap(struct colmap *c);
 void owned_file(struct os_file_map *map);
 void owned_image(oxl_image *image);
@@ -101,6 +108,7 @@ void owned_partition(struct partition *p);
 void owned_renderer(struct renderer **r);
 void owned_scene(oxl_scene **scene);
 void owned_text(struct text *t);
+void owned_training(struct training_image *image);
 
 /* What the library has logged since the test began, or since test_listen, a line each. */
 struct test_said {

@@ -202,6 +202,18 @@ TEST(image_of_another_file_type_is_refused_by_name)
 static const char *const image_kinds[] = {"tests/data/baseline.jpg", "tests/data/progressive.jpg",
                                           "tests/data/photo.png"};
 
+/* A copy of a file's bytes, in twice their memory. */
+static char *image_copy(const char *path, size_t *size)
+{
+    OWNED_FILE whole;
+    char *bytes;
+    CHECK_OK(os_read_file(test_ctx, path, &whole));
+    bytes = oxl_calloc(test_ctx, 2 * whole.size, 1);
+    memcpy(bytes, whole.data, whole.size);
+    *size = whole.size;
+    return bytes;
+}
+
 /* A PNG is whole without its last chunk, IEND, of 12 bytes. */
 TEST(image_cut_anywhere_is_refused)
 {
@@ -226,14 +238,13 @@ TEST(image_cut_anywhere_is_refused)
 /* The decoder compares no checksum: some of these would be other pixels without a word. */
 TEST(image_png_with_a_changed_byte_is_refused)
 {
-    OWNED_FILE whole;
-    OWNED_MEMORY char *bytes = NULL;
-    CHECK_OK(os_read_file(test_ctx, "tests/data/photo.png", &whole));
-    bytes = oxl_alloc(test_ctx, whole.size, 1);
+    size_t size;
+    OWNED_MEMORY char *bytes = image_copy("tests/data/photo.png", &size);
     for (size_t i = 0; i < 60; i++) {
-        memcpy(bytes, whole.data, whole.size);
-        bytes[60 + i * (whole.size - 80) / 60] ^= 1;
-        image_refused(image_bytes("changed.png", bytes, whole.size), "fix: ");
+        char *changed = &bytes[60 + i * (size - 80) / 60];
+        *changed ^= 1;
+        image_refused(image_bytes("changed.png", bytes, size), "fix: ");
+        *changed ^= 1;
     }
 }
 
@@ -262,54 +273,42 @@ TEST(image_jpeg_that_would_overrun_the_decoder_is_refused)
     /* a table before the frame header, its 16 counts beyond the end of its segment */
     static const char early[] =
         "\xff\xd8\xff\xc4\x00\x03\x00\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff";
-    OWNED_FILE whole;
-    OWNED_MEMORY char *bytes = NULL;
-    ptrdiff_t frame, length;
+    size_t size, length;
+    OWNED_MEMORY char *twice = image_copy("tests/data/progressive.jpg", &size);
+    OWNED_MEMORY char *table = image_copy("tests/data/progressive.jpg", &size);
+    char *frame = image_marker(twice, size, 0xc2);
     image_refused(image_bytes("early.jpg", early, sizeof early - 1), "a Huffman table is damaged");
-    CHECK_OK(os_read_file(test_ctx, "tests/data/progressive.jpg", &whole));
-    bytes = oxl_alloc(test_ctx, 2 * whole.size, 1);
-    memcpy(bytes, whole.data, whole.size);
-    memset(image_marker(bytes, whole.size, 0xc4) + 5, 255, 16); /* a table of 4080 symbols */
-    image_refused(image_bytes("tables.jpg", bytes, whole.size), "a Huffman table is damaged");
-    memcpy(bytes, whole.data, whole.size);
-    frame = image_marker(bytes, whole.size, 0xc2) - bytes; /* a frame header twice */
-    length = 2 + ((unsigned char)bytes[frame + 2] << 8 | (unsigned char)bytes[frame + 3]);
-    memcpy(bytes + frame + length, whole.data + frame, whole.size - (size_t)frame);
-    image_refused(image_bytes("frames.jpg", bytes, whole.size + (size_t)length), "two frame headers");
+    memset(image_marker(table, size, 0xc4) + 5, 255, 16); /* a table of 4080 symbols */
+    image_refused(image_bytes("tables.jpg", table, size), "a Huffman table is damaged");
+    length = 2 + (size_t)((unsigned char)frame[2] << 8 | (unsigned char)frame[3]);
+    memmove(frame + length, frame, size - (size_t)(frame - twice)); /* a frame header twice */
+    image_refused(image_bytes("frames.jpg", twice, size + length), "two frame headers");
 }
 
 TEST(image_jpeg_whose_scan_has_no_table_is_refused)
 {
     static const char *const kinds[] = {"tests/data/baseline.jpg", "tests/data/progressive.jpg"};
     for (size_t k = 0; k < OXL_COUNT(kinds); k++) {
-        OWNED_FILE whole;
-        char *bytes, *scan;
-        CHECK_OK(os_read_file(test_ctx, kinds[k], &whole));
-        bytes = oxl_alloc(test_ctx, 2 * whole.size, 1);
-        memcpy(bytes, whole.data, whole.size);
-        for (scan = bytes + whole.size - 8; memcmp(scan, "\xff\xda", 2) != 0;)
-            scan--; /* not that of a preview */
-        /* of its first component */
-        scan[6] = 0x33;
-        image_refused(image_bytes("scan.jpg", bytes, whole.size), "a scan has no Huffman table");
-        oxl_free(test_ctx, bytes);
+        size_t size;
+        OWNED_MEMORY char *bytes = image_copy(kinds[k], &size);
+        char *scan = bytes + size - 8;
+        while (memcmp(scan, "\xff\xda", 2) != 0) scan--; /* not that of a preview */
+        scan[6] = 0x33;                                  /* of its first component */
+        image_refused(image_bytes("scan.jpg", bytes, size), "a scan has no Huffman table");
     }
 }
 
 TEST(image_with_flipped_bits_is_read_or_refused_without_a_crash)
 {
     for (size_t k = 0; k < OXL_COUNT(image_kinds); k++) {
-        OWNED_FILE whole;
-        OWNED_MEMORY char *bytes = NULL;
-        CHECK_OK(os_read_file(test_ctx, image_kinds[k], &whole));
-        bytes = oxl_alloc(test_ctx, whole.size, 1);
         for (uint64_t i = 0; i < 200; i++) {
             OWNED_IMAGE image = {0};
             oxl_result rc;
-            memcpy(bytes, whole.data, whole.size);
+            size_t size;
+            OWNED_MEMORY char *bytes = image_copy(image_kinds[k], &size);
             for (uint64_t j = 0; j < 3; j++)
-                bytes[random_bits(i, j, 0) % whole.size] ^= (char)(1 << random_bits(i, j, 1) % 8);
-            rc = oxl_image_read(test_ctx, image_bytes("flipped", bytes, whole.size), &image);
+                bytes[random_bits(i, j, 0) % size] ^= (char)(1 << random_bits(i, j, 1) % 8);
+            rc = oxl_image_read(test_ctx, image_bytes("flipped", bytes, size), &image);
             CHECK(rc == OXL_OK || rc == OXL_ERR_INPUT);
             CHECK((rc == OXL_OK) == (image.rgb != NULL));
         }
@@ -342,12 +341,19 @@ TEST(image_jpeg_bytes_do_not_depend_on_simd)
     }
 }
 
+static struct training_image image_load(const char *path, const char *mask, const struct colmap_camera *from,
+                                        const oxl_camera *to)
+{
+    struct training_image image;
+    CHECK_OK(image_load_training(test_ctx, path, mask, NULL, from, to, &image));
+    return image;
+}
+
 TEST(image_reduction_is_the_exact_mean_over_the_area)
 {
     const char *path = image_test_file("p.png", 64, 48);
     oxl_camera to = image_camera(24, 12); /* 64/24 = 2 2/3 px wide, 4 high */
-    struct training_image image;
-    CHECK_OK(image_load_training(test_ctx, path, NULL, NULL, &image_pinhole, &to, &image));
+    OWNED_TRAINING image = image_load(path, NULL, &image_pinhole, &to);
     CHECK(image.width == 24 && image.height == 12 && !image.mask);
     for (int at = 0; at < 3 * 24 * 12; at++) {
         const int c = at / (24 * 12), y = at / 24 % 12, x = at % 24;
@@ -361,33 +367,29 @@ TEST(image_reduction_is_the_exact_mean_over_the_area)
             }
         CHECK_CLOSE(image.rgb[at], sum / weight, 0.5 + 1e-9);
     }
-    image_training_free(test_ctx, &image);
 }
 
 TEST(image_of_the_right_size_is_taken_byte_by_byte)
 {
     const char *path = image_test_file("p.png", 64, 48);
     oxl_camera to = image_camera(64, 48);
-    struct training_image image;
+    OWNED_TRAINING image = image_load(path, NULL, &image_pinhole, &to);
     float rgb[3 * 64 * 48], weight[64 * 48];
     int wrong = 0;
-    CHECK_OK(image_load_training(test_ctx, path, NULL, NULL, &image_pinhole, &to, &image));
     image_from_training(test_ctx, &image, NULL, rgb, weight);
     for (int at = 0; at < 3 * 64 * 48; at++) {
         const int v = image_pattern(at % 64, at / 64 % 48, at / (64 * 48));
         wrong += image.rgb[at] != v || rgb[at] != (float)v / 255.0f || weight[at % (64 * 48)] != 1;
     }
     CHECK(wrong == 0);
-    image_training_free(test_ctx, &image);
 }
 
 TEST(image_resized_after_colmap_is_taken_but_no_other_shape)
 {
     oxl_camera to = image_camera(32, 24);
     struct training_image image;
-    CHECK_OK(image_load_training(test_ctx, image_test_file("half.png", 32, 24), NULL, NULL, &image_pinhole,
-                                 &to, &image));
-    image_training_free(test_ctx, &image);
+    OWNED_TRAINING half = image_load(image_test_file("half.png", 32, 24), NULL, &image_pinhole, &to);
+    CHECK(half.width == 32);
     CHECK_ERROR(image_load_training(test_ctx, image_test_file("crop.png", 60, 48), NULL, NULL, &image_pinhole,
                                     &to, &image),
                 OXL_ERR_INPUT, "crop.png has 60 x 48 px, but camera 1 (cameras.txt:4) has 64 x 48");
@@ -403,7 +405,6 @@ static void image_check_undistorted(int file_width, int file_height, double redu
     const struct colmap_camera from = image_lens();
     const double zoom = file_width / 64.0;
     oxl_camera to;
-    struct training_image image;
     double worst = 0;
     CHECK_OK(camera_undistorted(test_ctx, &from, &to));
     to.width = (int)(to.width / reduction);
@@ -412,8 +413,7 @@ static void image_check_undistorted(int file_width, int file_height, double redu
     to.fy /= reduction;
     to.cx /= reduction;
     to.cy /= reduction;
-    CHECK_OK(image_load_training(test_ctx, image_test_file("d.png", file_width, file_height), NULL, NULL,
-                                 &from, &to, &image));
+    OWNED_TRAINING image = image_load(image_test_file("d.png", file_width, file_height), NULL, &from, &to);
     CHECK(!image.mask);
     for (int at = 0; at < to.width * to.height; at++) { /* red: 3 x + 2 y, which wraps round at 256 */
         const double direction[2] = {(at % to.width + 0.5 - to.cx) / to.fx,
@@ -424,7 +424,6 @@ static void image_check_undistorted(int file_width, int file_height, double redu
         if (wanted < 240) worst = OXL_MAX(worst, fabs(image.rgb[at] - wanted));
     }
     CHECK_CLOSE(worst, 0, 0.6); /* half a level, and a little from 1/256 px and the curve within a pixel */
-    image_training_free(test_ctx, &image);
 }
 
 TEST(image_undistortion_follows_the_camera_model)
@@ -448,24 +447,19 @@ TEST(image_undistorted_agrees_with_colmaps_own)
         .width = 1028,
         .height = 520,
         .parameter = {1042.8142056641748, 1042.8142056641748, 514, 260}};
-    const char *path;
     oxl_camera to;
-    struct training_image ours, colmaps;
     double error = 0;
     if (!test_shared("data/subvo_pool_distorted/images/f150.jpg")) SKIP("no ../shared/data");
     CHECK_OK(camera_undistorted(test_ctx, &lens, &to));
-    path = test_shared("data/subvo_pool_distorted/images/f150.jpg");
-    CHECK_OK(image_load_training(test_ctx, path, NULL, NULL, &lens, &to, &ours));
-    path = test_shared("data/subvo_pool/images/f150.jpg");
-    CHECK_OK(image_load_training(test_ctx, path, NULL, NULL, &ideal, &to, &colmaps));
+    OWNED_TRAINING ours =
+                       image_load(test_shared("data/subvo_pool_distorted/images/f150.jpg"), NULL, &lens, &to),
+                   colmaps = image_load(test_shared("data/subvo_pool/images/f150.jpg"), NULL, &ideal, &to);
     CHECK(!ours.mask);
     for (int i = 0; i < 3 * to.width * to.height; i++)
         error += (ours.rgb[i] - colmaps.rgb[i]) * (ours.rgb[i] - colmaps.rgb[i]);
     error /= 3.0 * to.width * to.height;
     /* 36 dB: its JPEG of quality 92 lies between; 1/8 px off would be 36.2 -> 35 */
     CHECK(error < 255.0 * 255 / 4000);
-    image_training_free(test_ctx, &ours);
-    image_training_free(test_ctx, &colmaps);
 }
 
 TEST(image_mask_covers_every_pixel_that_touches_black)
@@ -476,27 +470,23 @@ TEST(image_mask_covers_every_pixel_that_touches_black)
                                   ".#.."
                                   "...#");
     oxl_camera to = image_camera(16, 12), odd = image_camera(6, 4);
-    struct training_image image;
-    CHECK_OK(image_load_training(test_ctx, path, mask, NULL, &image_pinhole, &to, &image));
+    struct training_image refused;
+    OWNED_TRAINING image = image_load(path, mask, &image_pinhole, &to),
+                   at_odd = image_load(path, mask, &image_pinhole, &odd),
+                   white = image_load(path, image_mask("white.png", 2, 2, "...."), &image_pinhole, &to);
     for (int i = 0; i < 16 * 12; i++) {
         const int x = i % 16 / 4, y = i / 16 / 4;
         CHECK(image.mask[i] == ((x == 1 && y == 1) || (x == 3 && y == 2) ? 0 : 255));
     }
-    image_training_free(test_ctx, &image);
-    CHECK_OK(image_load_training(test_ctx, path, mask, NULL, &image_pinhole, &odd, &image));
-    CHECK(memcmp(image.mask,
+    CHECK(memcmp(at_odd.mask,
                  "\377\377\377\377\377\377"
                  "\377\0\0\377\377\377"
                  "\377\0\0\377\0\0"
                  "\377\377\377\377\0\0",
                  24) == 0);
-    image_training_free(test_ctx, &image);
-    mask = image_mask("white.png", 2, 2, "....");
-    CHECK_OK(image_load_training(test_ctx, path, mask, NULL, &image_pinhole, &to, &image));
-    CHECK(!image.mask);
-    image_training_free(test_ctx, &image);
+    CHECK(!white.mask);
     CHECK_ERROR(
-        image_load_training(test_ctx, path, test_write("bad.png", "no"), NULL, &image_pinhole, &to, &image),
+        image_load_training(test_ctx, path, test_write("bad.png", "no"), NULL, &image_pinhole, &to, &refused),
         OXL_ERR_INPUT, "bad.png");
 }
 
@@ -508,10 +498,9 @@ TEST(image_mask_is_undistorted_with_its_image)
                                   "...."
                                   "....");
     oxl_camera to;
-    struct training_image image;
     int wrong = 0;
     CHECK_OK(camera_undistorted(test_ctx, &from, &to));
-    CHECK_OK(image_load_training(test_ctx, image_test_file("p.png", 64, 48), mask, NULL, &from, &to, &image));
+    OWNED_TRAINING image = image_load(image_test_file("p.png", 64, 48), mask, &from, &to);
     CHECK(image.mask && image.mask[0] == 0);
     for (int i = 0; image.mask && i < to.width * to.height; i++) {
         const double direction[2] = {(i % to.width + 0.5 - to.cx) / to.fx,
@@ -521,29 +510,22 @@ TEST(image_mask_is_undistorted_with_its_image)
         wrong += (image.mask[i] == 0) != (p[0] < 16 && p[1] < 16);
     }
     CHECK(wrong == 0);
-    image_training_free(test_ctx, &image);
 }
 
 TEST(image_image_is_the_same_with_any_number_of_threads)
 {
     const struct colmap_camera from = image_lens();
     const char *path = image_test_file("p.png", 64, 48);
-    const int before = test_ctx->threads;
     oxl_camera to;
     CHECK_OK(camera_undistorted(test_ctx, &from, &to));
     for (int distorted = 0; distorted < 2; distorted++) {
-        struct training_image one, many;
+        const struct colmap_camera *camera = distorted ? &from : &image_pinhole;
         test_ctx->threads = 1;
-        CHECK_OK(
-            image_load_training(test_ctx, path, NULL, NULL, distorted ? &from : &image_pinhole, &to, &one));
+        OWNED_TRAINING one = image_load(path, NULL, camera, &to);
         test_ctx->threads = 7;
-        CHECK_OK(
-            image_load_training(test_ctx, path, NULL, NULL, distorted ? &from : &image_pinhole, &to, &many));
+        OWNED_TRAINING many = image_load(path, NULL, camera, &to);
         CHECK(memcmp(one.rgb, many.rgb, (size_t)3 * to.width * to.height) == 0);
-        image_training_free(test_ctx, &one);
-        image_training_free(test_ctx, &many);
     }
-    test_ctx->threads = before;
 }
 
 TEST(image_halved_is_means_of_four_and_drops_an_odd_edge)
@@ -580,7 +562,7 @@ TEST(image_with_alpha_is_composited_before_it_is_reduced)
     const struct image_alpha over = {0, {255, 100, 0}};
     const char *path = image_with_alpha("alpha.png");
     oxl_camera to = image_camera(16, 12);
-    struct training_image image;
+    OWNED_TRAINING image = {0};
     for (int k = 0; k < 4; k++) {
         const char *const files[] = {path, image_test_file("p.png", 64, 48), "nothing",
                                      test_write("x.png", "\x89PNG")};
@@ -600,7 +582,6 @@ TEST(image_with_alpha_is_composited_before_it_is_reduced)
             }
         CHECK_CLOSE(image.rgb[at], sum / 16, 1.0);
     }
-    image_training_free(test_ctx, &image);
 }
 
 TEST(image_with_alpha_as_its_mask_leaves_out_transparent_pixels_and_those_of_the_mask)
@@ -609,8 +590,8 @@ TEST(image_with_alpha_as_its_mask_leaves_out_transparent_pixels_and_those_of_the
     const char *path = image_with_alpha("alpha.png");
     const char *mask = image_mask("m.png", 4, 1, "...#");
     oxl_camera to = image_camera(64, 48);
-    struct training_image image;
     for (int with = 0; with < 2; with++) {
+        OWNED_TRAINING image;
         CHECK_OK(
             image_load_training(test_ctx, path, with ? mask : NULL, &masks, &image_pinhole, &to, &image));
         for (int i = 0; image.mask && i < 64 * 48; i++) {
@@ -619,6 +600,5 @@ TEST(image_with_alpha_as_its_mask_leaves_out_transparent_pixels_and_those_of_the
             CHECK(image.rgb[i] == image_pattern(x, i / 64, 0));
         }
         CHECK(image.mask != NULL);
-        image_training_free(test_ctx, &image);
     }
 }

@@ -124,13 +124,13 @@ TEST(job_writes_model_metrics_log_renders_and_last_run_json)
     const oxl_job_options options = job_test_options();
     job_test_done("out", &options);
     CHECK(test_has("out/scene.ply"));
-    CHECK(job_test_has("out/metrics.json", "\"split\": \"test\""));
-    CHECK(job_test_has("out/metrics.json", "\"peak_rss_bytes\": "));
-    CHECK(job_test_has("out/metrics.json", "\"psnr\": "));
-    CHECK(job_test_has("out/blocks/000/log.csv",
-                       "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n1,"));
-    CHECK(job_test_has("out/blocks/000/log.csv", "\n12,"));
-    CHECK(job_test_has("out/run.json", "\"finished\": true"));
+    CHECK_IN("out/metrics.json", "\"split\": \"test\"");
+    CHECK_IN("out/metrics.json", "\"peak_rss_bytes\": ");
+    CHECK_IN("out/metrics.json", "\"psnr\": ");
+    CHECK_IN("out/blocks/000/log.csv",
+             "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n1,");
+    CHECK_IN("out/blocks/000/log.csv", "\n12,");
+    CHECK_IN("out/run.json", "\"finished\": true");
     CHECK(test_has("out/renders/0.png.png"));
     CHECK(test_has("out/renders/0.png.image.png") && !test_has("out/renders/0.png.clear.png"));
     CHECK(!test_has("out/renders/1.png.png"));
@@ -185,7 +185,7 @@ TEST(job_that_is_stopped_keeps_its_model_and_does_not_count_as_finished)
     CHECK(watch.calls == 5);
     test_read_model("out/scene.ply", &model);
     CHECK(model.count >= 60);
-    CHECK(job_test_has("out/run.json", "\"finished\": false"));
+    CHECK_IN("out/run.json", "\"finished\": false");
     CHECK(!test_has("out/metrics.json"));
     watch = (struct job_test_watch){0, -1};
     options.restart = 0;
@@ -222,8 +222,8 @@ TEST(job_by_blocks_gives_the_same_bytes_in_one_process_and_in_many)
     CHECK(!test_has("parts/scene.ply"));
     CHECK_OK(oxl_merge(test_ctx, test_path("parts"), NULL));
     CHECK(job_test_same("whole/scene.ply", "parts/scene.ply"));
-    CHECK(job_test_has("parts/run.json", "\"finished\": true"));
-    CHECK(job_test_has("parts/metrics.json", "\"blocks\": 2"));
+    CHECK_IN("parts/run.json", "\"finished\": true");
+    CHECK_IN("parts/metrics.json", "\"blocks\": 2");
 }
 
 static double job_test_psnr(const char *model_path)
@@ -253,7 +253,7 @@ TEST(job_in_blocks_is_about_as_good_as_in_one_for_the_same_work)
     one.train.iterations = options.train.iterations = 240;
     job_test_done("one", &one);
     job_test_done("out", &options);
-    CHECK(job_test_has("out/metrics.json", "\"iterations\": 240,"));
+    CHECK_IN("out/metrics.json", "\"iterations\": 240,");
     CHECK(job_test_psnr("out/scene.ply") > job_test_psnr("one/scene.ply") - 2);
     CHECK(!test_has("out/blocks/000/checkpoint.oxl") && !os_is_folder(test_path("out/blocks/decoded")));
 }
@@ -462,7 +462,7 @@ TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
     CHECK(test_has("out/blocks/000/checkpoint.oxl"));
     options.restart = 1;
     job_test_done("out", &options);
-    CHECK(job_test_has("out/run.json", "\"iterations_done\": 13"));
+    CHECK_IN("out/run.json", "\"iterations_done\": 13");
 }
 
 TEST(job_knows_a_survey_that_was_moved_and_does_not_overwrite_the_finished_model_of_another)
@@ -485,11 +485,10 @@ TEST(job_keeps_what_the_log_said_also_over_an_interruption)
     struct job_test_watch watch = {0, 5};
     CHECK(job_test_watched("out", &options, &watch) == OXL_ERR_INTERRUPTED);
     job_test_done("out", &options);
-    CHECK(job_test_has("out/run.json", "{\"level\": \"info\", \"text\": \"images "));
-    CHECK(job_test_has("out/run.json", "blocks       1, of"));
+    CHECK_IN("out/run.json", "{\"level\": \"info\", \"text\": \"images ");
+    CHECK_IN("out/run.json", "blocks       1, of");
     CHECK(!job_test_has("out/run.json", "resumed after iteration"));
-    CHECK(job_test_has("out/blocks/000/block.json",
-                       "{\"level\": \"info\", \"text\": \"resumed after iteration 5\"}"));
+    CHECK_IN("out/blocks/000/block.json", "{\"level\": \"info\", \"text\": \"resumed after iteration 5\"}");
 }
 
 static int job_test_delete(void *user, const oxl_progress *p)
@@ -535,8 +534,8 @@ TEST(job_without_held_out_views_evaluates_training_views_and_says_so)
     options.scene.test_every = 0;
     options.renders = 0;
     job_test_done("out", &options);
-    CHECK(job_test_has("out/metrics.json", "\"split\": \"train\""));
-    CHECK(job_test_has("out/metrics.json", "\"training\": {\"count\": 9, \"of\": 9, ")); /* not 6 */
+    CHECK_IN("out/metrics.json", "\"split\": \"train\"");
+    CHECK_IN("out/metrics.json", "\"training\": {\"count\": 9, \"of\": 9, "); /* not 6 */
     CHECK(!os_is_folder(test_path("out/renders")));
 }
 
@@ -670,13 +669,13 @@ TEST(job_leaves_out_images_that_cannot_be_read_and_counts_them)
     OWNED_IMAGE mask = test_image(8, 8);
     test_write_image("survey/masks/3.png", &mask); /* all of it black */
     job_test_done("out", &options);
-    CHECK(job_test_has("out/metrics.json", "\"images_left_out\": 3"));
-    CHECK(job_test_has("out/metrics.json", "\"steps_skipped\": 0"));
-    CHECK(job_test_has("out/blocks/000/block.json", "\"images_left_out\": 3"));
-    CHECK(job_test_has("out/blocks/000/block.json", "the mask is all black at"));
+    CHECK_IN("out/metrics.json", "\"images_left_out\": 3");
+    CHECK_IN("out/metrics.json", "\"steps_skipped\": 0");
+    CHECK_IN("out/blocks/000/block.json", "\"images_left_out\": 3");
+    CHECK_IN("out/blocks/000/block.json", "the mask is all black at");
     CHECK(remove(test_path("out/run.json")) == 0 && remove(test_path("out/scene.ply")) == 0);
     job_test_done("out", &options);
-    CHECK(job_test_has("out/run.json", "trained without 3 images"));
+    CHECK_IN("out/run.json", "trained without 3 images");
 }
 
 /* It used to start from every point, and each block had the whole number to itself. */
@@ -703,9 +702,9 @@ TEST(job_completes_when_a_held_out_image_cannot_be_read)
     job_test_survey();
     test_write("survey/images/8.png", "no image");
     job_test_done("out", &options);
-    CHECK(job_test_has("out/metrics.json", "\"count\": 1"));
+    CHECK_IN("out/metrics.json", "\"count\": 1");
     CHECK(test_has("out/renders/8.png.png") && !test_has("out/renders/8.png.image.png"));
-    CHECK(job_test_has("out/run.json", "\"finished\": true"));
+    CHECK_IN("out/run.json", "\"finished\": true");
 }
 
 /* A model with second lobes is followed by a standard one, refined without them; a run that ended between the
@@ -827,8 +826,8 @@ TEST(job_says_in_run_json_what_was_decided_and_why)
     NEEDS_PART(ucd);
     oxl_job_options options = job_test_options();
     job_test_done("out", &options);
-    CHECK(job_test_has("out/run.json", "\"decisions\": {\"partition\": {\"chosen\": \"none\", "));
-    CHECK(job_test_has("out/run.json", "\"ucd\": {\"chosen\": \"off\", \"evidence\": \"no points are seen"));
+    CHECK_IN("out/run.json", "\"decisions\": {\"partition\": {\"chosen\": \"none\", ");
+    CHECK_IN("out/run.json", "\"ucd\": {\"chosen\": \"off\", \"evidence\": \"no points are seen");
 }
 
 TEST(job_merge_of_a_run_without_a_survey_leaks_nothing)

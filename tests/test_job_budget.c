@@ -90,8 +90,8 @@ TEST(budget_of_a_job_is_kept_and_one_too_small_is_refused_at_once)
     CHECK(!test_has("out/scene.ply") && strstr(oxl_error_text(test_ctx), "fix: --ram ") != NULL);
     options.ram = (size_t)2 << 30;
     job_test_done("out", &options);
-    CHECK(job_test_has("out/metrics.json", "\"predicted_memory_bytes\": "));
-    CHECK(job_test_has("out/metrics.json", "\"peak_rss_bytes\": "));
+    CHECK_IN("out/metrics.json", "\"predicted_memory_bytes\": ");
+    CHECK_IN("out/metrics.json", "\"peak_rss_bytes\": ");
 }
 
 TEST(budget_of_steps_grows_with_many_images_and_is_limited_with_few_unless_iterations_are_given)
@@ -113,8 +113,8 @@ TEST(budget_of_steps_of_a_large_survey_is_kept_in_run_json_and_its_run_is_found_
     oxl_job_options options = job_test_options();
     options.iterations_for = 3; /* of 9 images */
     job_test_done("out", &options);
-    CHECK(job_test_has("out/run.json", "\"iterations\": 36,"));
-    CHECK(job_test_has("out/blocks/000/log.csv", "\n36,"));
+    CHECK_IN("out/run.json", "\"iterations\": 36,");
+    CHECK_IN("out/blocks/000/log.csv", "\n36,");
     CHECK_OK(job_test_watched("out", &options, &watch));
     CHECK(watch.calls == 0);
     options.block = 0;
@@ -123,7 +123,7 @@ TEST(budget_of_steps_of_a_large_survey_is_kept_in_run_json_and_its_run_is_found_
     options.block = 1; /* reads run.json, not the survey */
     job_test_done("parts", &options);
     CHECK_OK(oxl_merge(test_ctx, test_path("parts"), NULL));
-    CHECK(job_test_has("parts/metrics.json", "\"iterations\": 36,"));
+    CHECK_IN("parts/metrics.json", "\"iterations\": 36,");
 }
 
 TEST(budget_cuts_into_blocks_that_are_predicted_to_fit)

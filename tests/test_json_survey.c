@@ -7,12 +7,6 @@ static const char jsurvey_images[] =
     "1 0.9 0.1 -0.3 0.2 0.5 -1.5 2 1 a.png\n\n2 0.8 0.6 0.05 -0.1 1 2 3 1 b.png\n\n3 0.1 0.2 0.9 0.3 0 0 1 1 c.png\n\n";
 static const char jsurvey_points[] = "0 1.5 -2.5 3 255 0 128 -1\n1 100 0 -0.125 1 2 3 -1\n2 0 0 4 7 8 9 -1\n";
 
-/* The survey by COLMAP's files, with this camera. */
-static void jsurvey_colmap(const char *camera, struct colmap *out)
-{
-    CHECK_OK(colmap_try(camera, jsurvey_images, jsurvey_points, out));
-}
-
 /* Writes COLMAP's rows as the other program would. */
 static void jsurvey_write_nerfstudio(const struct colmap *c, const char *intrinsics)
 {
@@ -94,6 +88,19 @@ static void jsurvey_check_same(const struct colmap *a, const struct colmap *b)
               memcmp(a->point[i].rgb, b->point[i].rgb, 3) == 0);
 }
 
+/* A camera as COLMAP has it, and as the other file. */
+static void jsurvey_check_case(const char *const camera[2],
+                               void (*write)(const struct colmap *c, const char *camera), const char *folder,
+                               size_t cameras)
+{
+    OWNED_COLMAP colmap = {0}, other = {0};
+    CHECK_OK(colmap_try(camera[0], jsurvey_images, jsurvey_points, &colmap));
+    write(&colmap, camera[1]);
+    CHECK_OK(survey_find_model(test_ctx, test_path("%s", folder), NULL, NULL, &other));
+    CHECK(other.camera_count == cameras && !other.images && other.warnings == 0);
+    jsurvey_check_same(&colmap, &other);
+}
+
 TEST(nerfstudio_survey_equals_that_of_colmap_with_every_camera_model)
 {
     static const char *const cases[][2] = {
@@ -105,14 +112,8 @@ TEST(nerfstudio_survey_equals_that_of_colmap_with_every_camera_model)
          "\"k2\": -0.02, \"k3\": 1e-3, \"k4\": -2e-4"},
         {"1 SIMPLE_PINHOLE 640 480 320 320 240\n",
          "\"w\": 640, \"h\": 480, \"camera_angle_x\": 1.5707963267948966"}};
-    for (size_t i = 0; i < OXL_COUNT(cases); i++) {
-        OWNED_COLMAP colmap = {0}, other = {0};
-        jsurvey_colmap(cases[i][0], &colmap);
-        jsurvey_write_nerfstudio(&colmap, cases[i][1]);
-        CHECK_OK(survey_find_model(test_ctx, test_path("ns"), NULL, NULL, &other));
-        CHECK(other.camera_count == 1 && !other.images && other.warnings == 0);
-        jsurvey_check_same(&colmap, &other);
-    }
+    for (size_t i = 0; i < OXL_COUNT(cases); i++)
+        jsurvey_check_case(cases[i], jsurvey_write_nerfstudio, "ns", 1);
 }
 
 TEST(opensfm_survey_equals_that_of_colmap_with_every_camera_model)
@@ -131,14 +132,8 @@ TEST(opensfm_survey_equals_that_of_colmap_with_every_camera_model)
         {"1 OPENCV 640 480 320 326.4 326.4 236.8 0.1 0 0 0\n",
          "{\"projection_type\": \"simple_radial\", \"width\": 640, \"height\": 480, \"focal_x\": 0.5, \"focal_y\": 0.51, \"c_x\": 0.01, "
          "\"c_y\": -0.005, \"k1\": 0.1}"}};
-    for (size_t i = 0; i < OXL_COUNT(cases); i++) {
-        OWNED_COLMAP colmap = {0}, other = {0};
-        jsurvey_colmap(cases[i][0], &colmap);
-        jsurvey_write_opensfm(&colmap, cases[i][1]);
-        CHECK_OK(survey_find_model(test_ctx, test_path("osfm"), NULL, NULL, &other));
-        CHECK(other.camera_count == 2);
-        jsurvey_check_same(&colmap, &other);
-    }
+    for (size_t i = 0; i < OXL_COUNT(cases); i++)
+        jsurvey_check_case(cases[i], jsurvey_write_opensfm, "osfm", 2);
 }
 
 static const char *jsurvey_refused(const char *name, const char *text)
@@ -395,8 +390,8 @@ TEST(survey_of_held_out_images_is_evaluated_and_not_trained_on)
     CHECK_OK(oxl_evaluate(test_ctx, &model, scene, NULL, OXL_SPLIT_TEST, &metrics));
     CHECK(metrics.count == 2);
     options.iterations = 2;
-    CHECK(oxl_train(test_ctx, scene, &options, NULL, &trained) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "there is no training view: all 2 images that exist are held out");
+    CHECK_ERROR(oxl_train(test_ctx, scene, &options, NULL, &trained), OXL_ERR_INPUT,
+                "there is no training view: all 2 images that exist are held out");
     oxl_metrics_free(test_ctx, &metrics);
 }
 
@@ -425,9 +420,8 @@ static void jsurvey_write_array(const char *head, int size, int rows, double wid
 static void jsurvey_write_llff(const char *folder, const char *const name[2], int width)
 {
     for (int i = 0; i < 2; i++) {
-        char path[80];
+        const char *path = test_path("llff/%s/%s", folder, name[i]);
         OWNED_IMAGE image = test_image(width, OXL_MAX(12 * width / 1604, 1));
-        snprintf(path, sizeof path, "llff/%s/%s", folder, name[i]);
         test_write(path, "");
         test_write_image(path, &image);
     }
@@ -503,13 +497,13 @@ TEST(llff_array_that_is_damaged_or_foreign_is_refused_with_what_it_is)
         const char *seen = i < OXL_COUNT(cases) ? cases[i].seen : texts[i - OXL_COUNT(cases)][1];
         if (i < OXL_COUNT(cases)) jsurvey_write_array(cases[i].head, 8, cases[i].rows, 16);
         else test_write("llff/poses_bounds.npy", texts[i - OXL_COUNT(cases)][0]);
-        CHECK(oxl_scene_load(test_ctx, test_path("llff"), NULL, &scene) == OXL_ERR_INPUT);
-        CHECK_TEXT(oxl_error_text(test_ctx), "poses_bounds.npy: found ");
-        CHECK_TEXT(oxl_error_text(test_ctx), seen);
+        CHECK_ERROR(oxl_scene_load(test_ctx, test_path("llff"), NULL, &scene), OXL_ERR_INPUT,
+                    "poses_bounds.npy: found ");
+        CHECK_SAYS(seen);
     }
     jsurvey_write_array(LLFF_HEAD, 8, 2, NAN);
-    CHECK(oxl_scene_load(test_ctx, test_path("llff"), NULL, &scene) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "poses_bounds.npy: record 1: found the height 12, the width nan");
+    CHECK_ERROR(oxl_scene_load(test_ctx, test_path("llff"), NULL, &scene), OXL_ERR_INPUT,
+                "poses_bounds.npy: record 1: found the height 12, the width nan");
 }
 
 /* The splits of the images that are left, by name: 1 trained on, 2 held out. */

@@ -200,15 +200,6 @@ TEST(reference_gradients_are_exact_where_the_jacobian_is_clamped)
     reference_check_differences(&w, 1e-6);
 }
 
-TEST(reference_training_lowers_the_loss)
-{
-    OWNED_WIDE truth = {0}, start = {0};
-    wide_mixed(&truth, 48, 36, 60, 0, 0);
-    wide_mixed(&start, 48, 36, 60, 20, 0);
-    wide_fill(&start, OXL_SH, OXL_SH + 3, 0);
-    CHECK(splat_train(&truth, &start, 300) < 0.4);
-}
-
 /* ---------------- images and gradients */
 
 /* A scene, rendered and differentiated by splat.c (w); what the kernels make of it is put into `got`. */

@@ -167,7 +167,7 @@ TEST(a_run_whose_images_vanish_stops_and_continues_when_they_are_back)
     CHECK(!job_test_has("out/run.json", "\"finished\": true"));
     CHECK(rename(test_path("gone"), test_path("survey/images")) == 0);
     job_test_done("out", &options);
-    CHECK(job_test_has("out/metrics.json", "\"images_left_out\": 0"));
+    CHECK_IN("out/metrics.json", "\"images_left_out\": 0");
 }
 
 /* ---------------- rates, views, cameras, presets */
@@ -180,7 +180,7 @@ TEST(rates_of_0_train_without_a_number_that_is_not_finite)
         if (k & 1) options.train.lr_position = 0;
         if (k & 2) options.train.lr_position_final = 0;
         job_test_done("out", &options);
-        CHECK(job_test_has("out/metrics.json", "\"gaussians_cleared\": 0"));
+        CHECK_IN("out/metrics.json", "\"gaussians_cleared\": 0");
     }
 }
 

@@ -101,8 +101,4 @@ enum splat_verdict splat_classify(const double log_scale[3], double logit, doubl
 /* its planes up to opacity become those of its child, side -1 or 1 */
 void splat_split(double row[OXL_SH], int side);
 
-/* Trains reference/splat.c's trainer on one view of `truth` from `start`, steps times; returns the last loss
- * over the first. */
-double splat_train(struct wide *truth, const struct wide *start, int steps);
-
 #endif

@@ -295,24 +295,3 @@ void splat_split(double row[OXL_SH], int side)
     split(&g, side);
     memcpy(row, &g, OXL_SH * sizeof *row);
 }
-
-double splat_train(struct wide *truth, const struct wide *start, int steps)
-{
-    struct trainer *t = calloc(1, sizeof *t);
-    struct scene s;
-    double first = 0, last = 0;
-    if (!t || start->count > MOST || truth->camera.width * truth->camera.height > PIXELS) abort();
-    scene_create(&s, truth);
-    t->model = (struct model){(int)start->count, start->sh_degree, {0}, t->x};
-    t->extent = 4;
-    memcpy(t->model.background, truth->background, sizeof t->model.background);
-    for (size_t i = 0; i < start->count; i++) t->x[i] = scene_row(start, i);
-    for (int step = 1; step <= steps; step++) {
-        last = train_step(t, &s.camera, s.rgb, step, (double)step / steps);
-        if (step == 1) first = last;
-        if (step % 50 == 0) densify(t, 0);
-    }
-    free(t);
-    scene_free(&s);
-    return last / first;
-}
