@@ -1,6 +1,31 @@
 /* cases.c - scenes that several test files share. */
 #include "test.h"
 
+void test_write_colmap(const char *folder, const char *cameras, const char *images, const char *points)
+{
+    test_write(test_path("%s/cameras.txt", folder), cameras);
+    test_write(test_path("%s/images.txt", folder), images ? images : "");
+    test_write(test_path("%s/points3D.txt", folder), points ? points : "");
+}
+
+void test_archive(void (*archive)(struct archive *a, void *user), void *written, void *read)
+{
+    int found = 0;
+    CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", archive, written));
+    CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", archive, read, &found));
+    CHECK(found);
+}
+
+oxl_metrics test_evaluate(const oxl_model *model, const oxl_scene *scene, const struct oxl_imaging *imaging,
+                          oxl_split split)
+{
+    oxl_metrics m, figures;
+    CHECK_OK(oxl_evaluate(test_ctx, model, scene, imaging, split, &m));
+    figures = m;
+    oxl_metrics_free(test_ctx, &m);
+    return figures;
+}
+
 size_t test_rows(const oxl_model *m, int plane)
 {
     return plane >= OXL_LOBE ? m->lobes : plane < oxl_model_planes(m) ? m->count : 0;

@@ -59,6 +59,13 @@ struct prune_case {
     struct trained_model trained;
 };
 /* cases.c */
+/* Writes the three text files of a survey into the test's folder. */
+void test_write_colmap(const char *folder, const char *cameras, const char *images, const char *points);
+/* Writes a state and reads it back. */
+void test_archive(void (*archive)(struct archive *a, void *user), void *written, void *read);
+/* The figures alone: its list of views is freed. */
+oxl_metrics test_evaluate(const oxl_model *model, const oxl_scene *scene, const struct oxl_imaging *imaging,
+                          oxl_split split);
 size_t test_rows(const oxl_model *m, int plane);             /* 0: m has no such plane */
 int test_same_model(const oxl_model *a, const oxl_model *b); /* 1: the same bytes */
 void prune_case_free(struct prune_case *c);

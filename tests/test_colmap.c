@@ -51,9 +51,7 @@ static const char *colmap_refused(int file, const char *text)
 struct colmap_observed colmap_observe(const char *folder, const struct colmap *c)
 {
     struct colmap_observed o = {NULL, oxl_calloc(test_ctx, c->image_count + 1, sizeof *o.first)};
-    char path[600];
-    snprintf(path, sizeof path, "%s/images.txt", folder);
-    OWNED_FILE file = test_file(path);
+    OWNED_FILE file = test_file(test_path("%s/images.txt", folder));
     o.at = oxl_alloc(test_ctx, file.size / 6 + 1, sizeof *o.at); /* "0 0 0 " is the shortest */
     for (size_t i = 0; i < c->image_count; i++) {
         const char *p = file.data + c->image[i].points_at, *end = p + c->image[i].points_size;

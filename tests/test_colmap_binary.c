@@ -6,10 +6,7 @@
 
 static FILE *binary_file(const char *folder, const char *name)
 {
-    char path[400];
-    FILE *file;
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    file = fopen(path, "wb");
+    FILE *file = fopen(test_path("%s/%s", folder, name), "wb");
     CHECK(file != NULL);
     return file;
 }
@@ -182,10 +179,8 @@ TEST(colmap_binary_that_is_cut_or_has_a_wrong_byte_is_refused_with_the_place_or_
     int refused = 0;
     for (int f = 0; f < 3; f++) {
         OWNED_MEMORY char *copy = NULL;
-        char path[400];
         binary_good();
-        snprintf(path, sizeof path, "%s/%s", test_path("binary"), binary_names[f]);
-        OWNED_FILE map = test_file(path);
+        OWNED_FILE map = test_file(test_path("binary/%s", binary_names[f]));
         for (size_t size = 0; size < map.size; size++) {
             binary_replace(binary_names[f], map.data, size);
             CHECK_TEXT(binary_refused(), binary_names[f]);

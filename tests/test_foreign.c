@@ -84,7 +84,6 @@ static const char *foreign_survey(int tracks, const char *rotation, int flip)
 {
     OWNED_TEXT images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
     test_write("survey/images/.keep", "");
-    test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 160 112 120 120 80 56\n");
     for (int i = 0; i < FOREIGN_VIEWS; i++) {
         foreign_image(i, i, FOREIGN_UPRIGHT);
         text_add(&images, "%d %s %.3f 0 %d 1 %02d.png\n\n", i + 1, rotation, -foreign_camera(i),
@@ -100,8 +99,7 @@ static const char *foreign_survey(int tracks, const char *rotation, int flip)
             if (foreign_sees(v, p) && !(foreign_blind >> v & 1)) text_add(&points, " %d 0", v + 1);
         text_add(&points, "\n");
     }
-    test_write("survey/sparse/0/images.txt", images.data);
-    test_write("survey/sparse/0/points3D.txt", points.data);
+    test_write_colmap("survey/sparse/0", "1 PINHOLE 160 112 120 120 80 56\n", images.data, points.data);
     test_listen();
     return test_path("survey");
 }

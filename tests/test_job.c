@@ -23,7 +23,6 @@ const char *job_test_survey_of(int count)
     const int across = count / 6;
     OWNED_TEXT images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
     test_write("survey/images/.keep", "");
-    test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 48 32 40 40 24 16\n");
     for (int i = 0; i < JOB_VIEWS; i++) {
         CHECK_OK(job_test_image(test_path("survey/images/%d.png", i), i));
         text_add(&images, "%d 1 0 0 0 %.3f 0 0 1 %d.png\n24 16 %d\n", i + 1, -0.1 * i, i, i + 1);
@@ -31,8 +30,7 @@ const char *job_test_survey_of(int count)
     for (int i = 0; i < count; i++)
         text_add(&points, "%d %.3f %.3f 4 %d 120 60 0.5 1 0 2 0\n", i + 1, -2 + 5.0 * (i % across) / across,
                  -1.25 + 0.5 * (i / across), 240 * i / count);
-    test_write("survey/sparse/0/images.txt", images.data ? images.data : "");
-    test_write("survey/sparse/0/points3D.txt", points.data ? points.data : "");
+    test_write_colmap("survey/sparse/0", "1 PINHOLE 48 32 40 40 24 16\n", images.data, points.data);
     return test_path("survey");
 }
 
@@ -229,13 +227,10 @@ TEST(job_by_blocks_gives_the_same_bytes_in_one_process_and_in_many)
 static double job_test_psnr(const char *model_path)
 {
     OWNED_MODEL model;
-    oxl_metrics m = {0};
     test_read_model(model_path, &model);
     OWNED_SCENE *scene = test_load("survey", NULL);
     oxl_model_move_origin(&model, oxl_scene_origin(scene));
-    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_TRAIN, &m));
-    oxl_metrics_free(test_ctx, &m);
-    return m.psnr;
+    return test_evaluate(&model, scene, &test_imaging, OXL_SPLIT_TRAIN).psnr;
 }
 
 TEST(job_options_that_cannot_be_are_refused_before_anything_is_written)
@@ -539,12 +534,6 @@ TEST(job_without_held_out_views_evaluates_training_views_and_says_so)
     CHECK(!os_is_folder(test_path("out/renders")));
 }
 
-TEST(job_of_a_missing_survey_is_bad_input)
-{
-    CHECK_ERROR(oxl_job_run(test_ctx, test_path("nowhere"), test_path("out"), NULL, NULL), OXL_ERR_INPUT,
-                "nowhere");
-}
-
 TEST(job_renders_stay_inside_their_folder)
 {
     static const char *const names[][2] = {{"../dive/a.jpg", "images/.._dive_a.jpg.png"},
@@ -737,16 +726,12 @@ oxl_metrics job_test_evaluate(const char *model, int imaging)
 {
     OWNED_SCENE *scene = NULL;
     OWNED_MODEL read = {0};
-    oxl_metrics m = {0}, out;
     oxl_scene_options o = oxl_scene_options_default();
     o.test_every = oxl_job_options_default(OXL_PRESET_DRAFT).scene.test_every;
     scene = test_load("survey", &o);
     test_read_model(model, &read);
     if (imaging) CHECK_OK(test_read_imaging(scene, test_path(model)));
-    CHECK_OK(oxl_evaluate(test_ctx, &read, scene, imaging ? &test_imaging : NULL, OXL_SPLIT_TEST, &m));
-    out = m;
-    oxl_metrics_free(test_ctx, &m);
-    return out;
+    return test_evaluate(&read, scene, imaging ? &test_imaging : NULL, OXL_SPLIT_TEST);
 }
 
 /* scene.ply has learned what lamp and medium showed; scene_clear.ply has not, and shows it with

@@ -382,17 +382,14 @@ TEST(nerf_synthetic_of_any_of_its_files_is_read)
 TEST(survey_of_held_out_images_is_evaluated_and_not_trained_on)
 {
     oxl_train_options options = oxl_train_options_default(OXL_PRESET_DRAFT);
-    oxl_metrics metrics = {0};
     oxl_trained trained = {0};
     CHECK(jsurvey_splits("test"));
     OWNED_SCENE *scene = test_load("blender", NULL);
     OWNED_MODEL model = test_model(1, 0);
-    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, NULL, OXL_SPLIT_TEST, &metrics));
-    CHECK(metrics.count == 2);
+    CHECK(test_evaluate(&model, scene, NULL, OXL_SPLIT_TEST).count == 2);
     options.iterations = 2;
     CHECK_ERROR(oxl_train(test_ctx, scene, &options, NULL, &trained), OXL_ERR_INPUT,
                 "there is no training view: all 2 images that exist are held out");
-    oxl_metrics_free(test_ctx, &metrics);
 }
 
 /* ---------------- LLFF */

@@ -29,55 +29,54 @@ static void metrics_mask_corner(oxl_image *image)
         image->weight[i] = i % METRICS_TEST_W < 9 && i / METRICS_TEST_W < 4 ? 0.0f : 1.0f;
 }
 
+typedef oxl_result metrics_function(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
+
+static double metrics_of(metrics_function *metric, const oxl_image *a, const oxl_image *b)
+{
+    double value;
+    CHECK_OK(metric(test_ctx, a, b, &value));
+    return value;
+}
+
 /* An image that was exposed otherwise, and in other channels otherwise; one pixel is wrong on top of it. */
 TEST(metrics_cc_psnr_leaves_out_exposure_and_nothing_else)
 {
     const size_t plane = METRICS_TEST_W * METRICS_TEST_H;
     OWNED_IMAGE a = {0}, b = {0};
-    double psnr, cc;
+    double cc;
     metrics_pair(&a, &b);
     for (size_t i = 0; i < 3 * plane; i++) {
         a.rgb[i] = OXL_CLAMP(a.rgb[i], 0.0f, 0.8f);
         b.rgb[i] = a.rgb[i] * (i < plane ? 0.7f : i < 2 * plane ? 0.9f : 1.2f);
     }
-    CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr));
-    CHECK_OK(oxl_cc_psnr(test_ctx, &a, &b, &cc));
-    CHECK(psnr < 30 && cc == 100);
+    CHECK(metrics_of(oxl_psnr, &a, &b) < 30 && metrics_of(oxl_cc_psnr, &a, &b) == 100);
     b.rgb[7] = 1;
-    CHECK_OK(oxl_cc_psnr(test_ctx, &a, &b, &cc));
+    cc = metrics_of(oxl_cc_psnr, &a, &b);
     CHECK(cc < 100 && cc > -10 * log10(1.0 / (3.0 * METRICS_TEST_W * METRICS_TEST_H)));
     memset(a.rgb, 0, 3 * plane * sizeof *a.rgb); /* black has no exposure */
-    CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr));
-    CHECK_OK(oxl_cc_psnr(test_ctx, &a, &b, &cc));
-    CHECK(cc == psnr);
+    CHECK(metrics_of(oxl_cc_psnr, &a, &b) == metrics_of(oxl_psnr, &a, &b));
 }
 
 TEST(metrics_agree_with_an_independent_implementation)
 {
     OWNED_IMAGE a = {0}, b = {0};
-    double psnr, ssim;
     metrics_pair(&a, &b);
-    CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr));
-    CHECK_OK(oxl_ssim(test_ctx, &a, &b, &ssim));
-    CHECK_CLOSE(psnr, 19.821407012856415, 1e-10);
-    CHECK_CLOSE(ssim, 0.9319152063869652, 1e-12);
+    CHECK_CLOSE(metrics_of(oxl_psnr, &a, &b), 19.821407012856415, 1e-10);
+    CHECK_CLOSE(metrics_of(oxl_ssim, &a, &b), 0.9319152063869652, 1e-12);
 }
 
 TEST(metrics_leave_out_masked_pixels_and_the_windows_that_touch_them)
 {
     OWNED_IMAGE a = {0}, b = {0};
-    double psnr, ssim, psnr_torn, ssim_torn;
+    double psnr, ssim;
     metrics_pair(&a, &b);
     metrics_mask_corner(&b);
-    CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr));
-    CHECK_OK(oxl_ssim(test_ctx, &a, &b, &ssim));
+    psnr = metrics_of(oxl_psnr, &a, &b), ssim = metrics_of(oxl_ssim, &a, &b);
     CHECK_CLOSE(psnr, 19.809485214640993, 1e-10);
     CHECK_CLOSE(ssim, 0.9313028697397622, 1e-12);
     /* within the mask: no matter */
     for (int c = 0; c < 3; c++) a.rgb[c * METRICS_TEST_W * METRICS_TEST_H + 8] = 1e6f;
-    CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr_torn));
-    CHECK_OK(oxl_ssim(test_ctx, &a, &b, &ssim_torn));
-    CHECK(psnr_torn == psnr && ssim_torn == ssim);
+    CHECK(metrics_of(oxl_psnr, &a, &b) == psnr && metrics_of(oxl_ssim, &a, &b) == ssim);
     memset(b.weight, 0, METRICS_TEST_W * METRICS_TEST_H * sizeof(float));
     CHECK(oxl_psnr(test_ctx, &a, &b, &psnr) == OXL_ERR_INPUT);
     CHECK_ERROR(oxl_ssim(test_ctx, &a, &b, &ssim), OXL_ERR_INPUT, "masked");
@@ -92,10 +91,8 @@ TEST(metrics_clamp_and_call_identical_images_100_db)
     a.rgb[0] = 7, b.rgb[0] = 1;
     a.rgb[1] = -7, b.rgb[1] = 0;
     a.rgb[2] = NAN, b.rgb[2] = 0;
-    CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr));
-    CHECK_OK(oxl_ssim(test_ctx, &a, &b, &ssim));
-    CHECK(psnr == 100);
-    CHECK_CLOSE(ssim, 1, 1e-12);
+    CHECK(metrics_of(oxl_psnr, &a, &b) == 100);
+    CHECK_CLOSE(metrics_of(oxl_ssim, &a, &b), 1, 1e-12);
     b.width--;
     CHECK(oxl_psnr(test_ctx, &a, &b, &psnr) == OXL_ERR_USAGE);
     CHECK(oxl_ssim(test_ctx, &a, &b, &ssim) == OXL_ERR_USAGE);
@@ -103,17 +100,14 @@ TEST(metrics_clamp_and_call_identical_images_100_db)
 
 TEST(metrics_are_the_same_with_any_number_of_threads)
 {
-    const int before = test_ctx->threads;
     OWNED_IMAGE a = {0}, b = {0};
-    double one, many;
+    double one;
     metrics_pair(&a, &b);
     metrics_mask_corner(&b);
     test_ctx->threads = 1;
-    CHECK_OK(oxl_ssim(test_ctx, &a, &b, &one));
+    one = metrics_of(oxl_ssim, &a, &b);
     test_ctx->threads = 7;
-    CHECK_OK(oxl_ssim(test_ctx, &a, &b, &many));
-    CHECK(one == many);
-    test_ctx->threads = before;
+    CHECK(metrics_of(oxl_ssim, &a, &b) == one);
 }
 
 /* Two views of one red Gaussian; the images are its own drawings, in 8 bits: at least 20 log10(255 x 2) = 54
@@ -126,14 +120,7 @@ static oxl_scene *metrics_scene(const oxl_model *model, oxl_view view[2])
         {.position = {-0.4, 0, -2}}, {.position = {0.9, 0, -1}}, {.position = {0, 0, -0.5}}};
     for (int i = 0; i < 2; i++) {
         view[i] = (oxl_view){.name = i ? "a \"quoted\"" : "b", .is_test = i};
-        view[i].camera = (oxl_camera){.width = 24,
-                                      .height = 16,
-                                      .fx = 20,
-                                      .fy = 20,
-                                      .cx = 12,
-                                      .cy = 8,
-                                      .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1},
-                                      .translation = {0.1 * i, 0, 3}};
+        view[i].camera = test_camera(24, 16, 20, -0.1 * i, 0, -3);
         CHECK_OK(oxl_render(test_ctx, model, &view[i].camera, NULL, &image[i], NULL));
     }
     return test_scene(view, image, 2, point, 3);
@@ -167,16 +154,12 @@ TEST(metrics_evaluate_each_view_of_a_split_and_write_json)
 TEST(structure_agrees_with_an_independent_implementation)
 {
     OWNED_IMAGE a = {0}, b = {0};
-    double value;
     metrics_pair(&a, &b);
-    CHECK_OK(oxl_structure(test_ctx, &a, &b, &value));
-    CHECK_CLOSE(value, 0.940001026129779, 1e-9);
+    CHECK_CLOSE(metrics_of(oxl_structure, &a, &b), 0.940001026129779, 1e-9);
     metrics_mask_corner(&b);
-    CHECK_OK(oxl_structure(test_ctx, &a, &b, &value));
-    CHECK_CLOSE(value, 0.936837425080829, 1e-9);
+    CHECK_CLOSE(metrics_of(oxl_structure, &a, &b), 0.936837425080829, 1e-9);
     a.rgb[2] = b.rgb[3] = 0.5f; /* both are masked */
-    CHECK_OK(oxl_structure(test_ctx, &a, &b, &value));
-    CHECK_CLOSE(value, 0.936837425080829, 1e-9);
+    CHECK_CLOSE(metrics_of(oxl_structure, &a, &b), 0.936837425080829, 1e-9);
 }
 
 /* Rows of 150 columns are blurred in runs, of which the last overlaps the one before; rows of 37 column by
@@ -185,7 +168,7 @@ TEST(structure_of_transposed_images_is_the_same)
 {
     enum { W = 150, H = 37 };
     oxl_image wide[2], tall[2];
-    double of_wide, of_tall;
+    double of_wide;
     for (int k = 0; k < 2; k++) {
         wide[k] = test_image(W, H);
         tall[k] = test_image(H, W);
@@ -195,10 +178,9 @@ TEST(structure_of_transposed_images_is_the_same)
             tall[k].rgb[c * W * H + x * H + y] = wide[k].rgb[i];
         }
     }
-    CHECK_OK(oxl_structure(test_ctx, &wide[0], &wide[1], &of_wide));
-    CHECK_OK(oxl_structure(test_ctx, &tall[0], &tall[1], &of_tall));
+    of_wide = metrics_of(oxl_structure, &wide[0], &wide[1]);
     CHECK(fabs(of_wide) > 1e-3 && of_wide < 0.999);
-    CHECK_CLOSE(of_tall, of_wide, 1e-12);
+    CHECK_CLOSE(metrics_of(oxl_structure, &tall[0], &tall[1]), of_wide, 1e-12);
     for (int k = 0; k < 2; k++) {
         oxl_image_free(test_ctx, &wide[k]);
         oxl_image_free(test_ctx, &tall[k]);
@@ -209,17 +191,13 @@ TEST(structure_of_transposed_images_is_the_same)
 TEST(structure_does_not_depend_on_brightness_and_is_none_of_a_glow)
 {
     OWNED_IMAGE a = {0}, b = {0};
-    double psnr, value;
+    double value;
     metrics_pair(&a, &b);
     for (int i = 0; i < METRICS_TEST_N; i++) b.rgb[i] = 0.1f + 0.06f * a.rgb[i];
-    CHECK_OK(oxl_structure(test_ctx, &a, &b, &value));
-    CHECK_CLOSE(value, 1, 1e-6);
+    CHECK_CLOSE(metrics_of(oxl_structure, &a, &b), 1, 1e-6);
     for (int i = 0; i < METRICS_TEST_N; i++) a.rgb[i] = 0.13f;
-    CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr));
-    CHECK_OK(oxl_structure(test_ctx, &a, &b, &value));
-    CHECK(psnr > 34 && fabs(value) < 1e-3);
-    CHECK_OK(oxl_structure(test_ctx, &b, &a, &value)); /* an image without detail */
-    CHECK(isnan(value));
+    CHECK(metrics_of(oxl_psnr, &a, &b) > 34 && fabs(metrics_of(oxl_structure, &a, &b)) < 1e-3);
+    CHECK(isnan(metrics_of(oxl_structure, &b, &a))); /* an image without detail */
     a.width--;
     CHECK(oxl_structure(test_ctx, &b, &a, &value) == OXL_ERR_USAGE);
     a.width++;

@@ -884,10 +884,9 @@ TEST(scale_rays_undo_the_distortion)
         oxl_scene_options o = oxl_scene_options_default();
         double start[3], way[3], pixel[2];
         o.read_images = 0;
-        test_write("survey/cameras.txt", cameras[m]);
-        test_write("survey/images.txt", "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 -1 0 0 1 b.png\n\n");
-        test_write("survey/points3D.txt",
-                   "1 0 0 5 9 9 9 0.5 1 0 2 0\n2 1 0 5 9 9 9 0.5 1 0 2 0\n3 0 1 6 9 9 9 0.5 1 0 2 0\n");
+        test_write_colmap(
+            "survey", cameras[m], "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 -1 0 0 1 b.png\n\n",
+            "1 0 0 5 9 9 9 0.5 1 0 2 0\n2 1 0 5 9 9 9 0.5 1 0 2 0\n3 0 1 6 9 9 9 0.5 1 0 2 0\n");
         OWNED_SCENE *scene = test_load("survey", &o);
         if (!scene) continue;
         for (int i = 0; i < 12; i++) {

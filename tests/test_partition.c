@@ -50,9 +50,8 @@ static const char *partition_test_survey(const char *name, const struct partitio
             if (partition_test_sees(t, v, i)) text_add(&points, " %d %d", 100 + 7 * v, next[v]++);
         text_add(&points, "\n");
     }
-    test_write(test_path("%s/sparse/0/cameras.txt", name), "1 SIMPLE_RADIAL 640 480 500.5 320 240 0.01\n");
-    test_write(test_path("%s/sparse/0/images.txt", name), images.data);
-    test_write(test_path("%s/sparse/0/points3D.txt", name), points.data);
+    test_write_colmap(test_path("%s/sparse/0", name), "1 SIMPLE_RADIAL 640 480 500.5 320 240 0.01\n",
+                      images.data, points.data);
     free(next);
     return test_path(name);
 }

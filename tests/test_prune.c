@@ -55,13 +55,21 @@ static struct prune_log prune_simulate(struct prune *p, int iterations, size_t c
     return log;
 }
 
+/* Half of the run is left when density control ends. */
+static struct prune prune_of(oxl_keep_kind kind, double value, int iterations, int views)
+{
+    struct prune p;
+    prune_begin(&p, (oxl_keep){kind, value}, iterations, iterations / 2, views, model_row_bytes(3));
+    return p;
+}
+
 TEST(prune_drops_shrink_and_wait_for_the_loss_or_for_1500_of_40000_iterations)
 {
     static const size_t left[] = {75000, 62500, 56250, 53125, 50000};
     for (int recovers = 0; recovers < 2; recovers++) {
         struct prune p;
         struct prune_log log;
-        prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 40000, 20000, 300, 248);
+        p = prune_of(OXL_KEEP_FRACTION, 0.5, 40000, 300);
         CHECK(p.start == 20200 && p.end == 30200);
         log = prune_simulate(&p, 40000, 100000, recovers ? 0.98 : 0.999);
         CHECK(log.drops == 5);
@@ -78,7 +86,7 @@ TEST(prune_reaches_the_target_exactly_whatever_the_run_is_like)
                 struct prune p;
                 struct prune_log log;
                 const size_t wanted = (size_t)OXL_MAX(1.0, floor(0.1 * k * (double)count + 0.5));
-                prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.1 * k}, iterations, iterations / 2, 50, 248);
+                p = prune_of(OXL_KEEP_FRACTION, 0.1 * k, iterations, 50);
                 CHECK(p.start > iterations / 2 && p.end <= iterations && p.end <= 0.77 * iterations + 2);
                 log = prune_simulate(&p, iterations, count, 0.999);
                 CHECK(log.drops == 0 ? wanted == count : log.count[log.drops - 1] == wanted);
@@ -88,14 +96,13 @@ TEST(prune_reaches_the_target_exactly_whatever_the_run_is_like)
 
 TEST(prune_knows_counts_and_sizes_and_leaves_what_is_small_enough)
 {
-    struct prune p;
-    prune_begin(&p, (oxl_keep){OXL_KEEP_COUNT, 1234}, 4000, 2000, 50, 248);
+    struct prune p = prune_of(OXL_KEEP_COUNT, 1234, 4000, 50);
     CHECK(prune_simulate(&p, 4000, 10000, 1).count[4] == 1234);
-    prune_begin(&p, (oxl_keep){OXL_KEEP_COUNT, 20000}, 4000, 2000, 50, 248);
+    p = prune_of(OXL_KEEP_COUNT, 20000, 4000, 50);
     CHECK(prune_simulate(&p, 4000, 10000, 1).drops == 0);
-    prune_begin(&p, (oxl_keep){OXL_KEEP_BYTES, 1e6}, 4000, 2000, 50, model_row_bytes(3));
+    p = prune_of(OXL_KEEP_BYTES, 1e6, 4000, 50);
     CHECK(prune_simulate(&p, 4000, 10000, 1).count[4] == (1000000 - 2048) / 248);
-    prune_begin(&p, (oxl_keep){OXL_KEEP_ALL, 0}, 4000, 2000, 50, 248);
+    p = prune_of(OXL_KEEP_ALL, 0, 4000, 50);
     CHECK(prune_simulate(&p, 4000, 10000, 1).drops == 0);
 }
 
@@ -118,22 +125,18 @@ static void prune_state(struct archive *a, void *user)
 
 TEST(prune_continues_from_its_archive)
 {
-    struct prune whole, half;
+    struct prune whole = prune_of(OXL_KEEP_FRACTION, 0.3, 4000, 50), half = whole;
     size_t count = 100000, again;
-    int found = 0;
-    prune_begin(&whole, (oxl_keep){OXL_KEEP_FRACTION, 0.3}, 4000, 2000, 50, 248);
-    prune_begin(&half, (oxl_keep){OXL_KEEP_FRACTION, 0.3}, 4000, 2000, 50, 248);
     for (int step = 1; step <= 2210; step++)
         prune_observe(&whole, step, 1.0 / step), count -= prune_due(&whole, step, count);
-    CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", prune_state, &whole));
-    CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", prune_state, &half, &found));
+    test_archive(prune_state, &whole, &half);
     again = count;
     for (int step = 2211; step <= 4000; step++) {
         const size_t drop = (prune_observe(&whole, step, 1.0 / step), prune_due(&whole, step, count));
         CHECK((prune_observe(&half, step, 1.0 / step), prune_due(&half, step, again)) == drop);
         count -= drop, again -= drop;
     }
-    CHECK(found && count == 30000 && again == 30000);
+    CHECK(count == 30000 && again == 30000);
 }
 
 /* ---------------- scores */
@@ -185,7 +188,7 @@ TEST(prune_drops_the_faint_before_the_opaque)
     OWNED_PRUNE_CASE c = prune_two_patches(4, 4, -2);
     struct prune p;
     int faint = 0;
-    prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 4000, 2000, 8, 248);
+    p = prune_of(OXL_KEEP_FRACTION, 0.5, 4000, 8);
     prune_run_case(&c, &p);
     for (int i = 0; i < 64; i++) faint += c.trained.model.plane[OXL_OPACITY][i] < 0;
     CHECK(faint == 0);
@@ -195,29 +198,10 @@ TEST(prune_drops_the_faint_before_the_opaque)
 TEST(prune_scores_use_the_sampled_views_only)
 {
     OWNED_PRUNE_CASE c = prune_two_patches(10, 1, -2); /* the last view alone sees the right patch */
-    struct prune p;
-    prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 4000, 2000, 11, 248);
+    struct prune p = prune_of(OXL_KEEP_FRACTION, 0.5, 4000, 11);
     p.views = 6; /* every second one: 0, 2, .. 10; after the first drop 1, 3, .. 9 */
     p.drops = 1;
     CHECK(prune_run_case(&c, &p) == 64);
-}
-
-TEST(prune_scores_are_the_same_with_any_threads)
-{
-    OWNED_PRUNE_CASE c = prune_two_patches(3, 2, -2);
-    const oxl_render_options options = oxl_render_options_default();
-    const int threads = test_ctx->threads;
-    float score[2][128];
-    struct prune p;
-    prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 4000, 2000, 5, 248);
-    for (int i = 0; i < 2; i++) {
-        test_ctx->threads = i ? 5 : 1;
-        OWNED_RENDERER *r = test_renderer();
-        CHECK_OK(
-            prune_score(test_ctx, &p, &(struct prune_of){r, c.scene, &options, &c.trained.model}, score[i]));
-    }
-    test_ctx->threads = threads;
-    CHECK(memcmp(score[0], score[1], sizeof score[0]) == 0 && score[0][1] > score[0][0] && score[0][0] > 0);
 }
 
 /* Scores and the last densification see opacities that have recovered: 1000 iterations or 2.5 % of the run

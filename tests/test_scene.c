@@ -14,9 +14,8 @@ const char *scene_survey(const char *name, int n, double base, int with_files)
         for (int k = 0; k < n; k++) text_add(&points, " %d 0", 10 + k);
         text_add(&points, "\n");
     }
-    test_write(test_path("%s/sparse/0/cameras.txt", name), "1 PINHOLE 32 24 40 40 16 12\n");
-    test_write(test_path("%s/sparse/0/images.txt", name), images.data);
-    test_write(test_path("%s/sparse/0/points3D.txt", name), points.data);
+    test_write_colmap(test_path("%s/sparse/0", name), "1 PINHOLE 32 24 40 40 16 12\n", images.data,
+                      points.data);
     test_make_folder(test_path("%s/images", name));
     for (int i = 0; i < n && with_files; i++) {
         OWNED_IMAGE image = test_image(32, 24);
@@ -237,10 +236,8 @@ TEST(scene_images_that_go_missing_are_left_out_of_an_evaluation_up_to_that_fract
     OWNED_SCENE *scene = test_load(path, &options);
     OWNED_MODEL model = test_model(1, 0);
     remove(test_path("s/images/img02.png"));
-    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_TRAIN, &metrics));
-    CHECK(metrics.count == 7);
+    CHECK(test_evaluate(&model, scene, &test_imaging, OXL_SPLIT_TRAIN).count == 7);
     CHECK_LOGGED("img02.png");
-    oxl_metrics_free(test_ctx, &metrics);
     remove(test_path("s/images/img03.png"));
     remove(test_path("s/images/img05.png"));
     CHECK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_TRAIN, &metrics) == OXL_ERR_IO);
@@ -294,9 +291,7 @@ static int scene_found(const char *const *files, const char *const *names)
     int found;
     snprintf(folder, sizeof folder, "named%d", surveys++);
     for (int i = 0; names[i]; i++) text_add(&t, "%d 1 0 0 0 0 0 %d 1 %s\n1 1 -1\n", i + 1, i, names[i]);
-    test_write(test_path("%s/sparse/images.txt", folder), t.data);
-    test_write(test_path("%s/sparse/cameras.txt", folder), "1 PINHOLE 16 16 16 16 8 8\n");
-    test_write(test_path("%s/sparse/points3D.txt", folder), "");
+    test_write_colmap(test_path("%s/sparse", folder), "1 PINHOLE 16 16 16 16 8 8\n", t.data, "");
     for (int i = 0; files[i]; i++) {
         test_write(test_path("%s/images/%s", folder, files[i]), "");
     }
@@ -345,11 +340,9 @@ TEST(scene_takes_the_sub_model_with_most_images)
     oxl_scene_options options = oxl_scene_options_default();
     const char *path = scene_usual(3);
     options.read_images = 0;
-    test_write("s/sparse/1/cameras.txt", "1 PINHOLE 32 24 40 40 16 12\n");
-    test_write("s/sparse/1/points3D.txt", "");
-    test_write(
-        "s/sparse/1/images.txt",
-        "1 1 0 0 0 0 0 0 1 a\n\n2 1 0 0 0 0 0 0 1 b\n\n3 1 0 0 0 0 0 0 1 c\n\n4 1 0 0 0 0 0 0 1 d\n\n");
+    test_write_colmap(
+        "s/sparse/1", "1 PINHOLE 32 24 40 40 16 12\n",
+        "1 1 0 0 0 0 0 0 1 a\n\n2 1 0 0 0 0 0 0 1 b\n\n3 1 0 0 0 0 0 0 1 c\n\n4 1 0 0 0 0 0 0 1 d\n\n", "");
     test_listen();
     OWNED_SCENE *scene = test_load(path, &options);
     CHECK(oxl_scene_view_count(scene) == 4);
@@ -365,9 +358,7 @@ TEST(scene_is_found_beside_the_images_too_and_by_one_of_its_files)
     static const char *const paths[] = {"flat", "flat/images.txt"};
     oxl_scene_options options = oxl_scene_options_default();
     options.read_images = 0;
-    test_write("flat/cameras.txt", "1 PINHOLE 32 24 40 40 16 12\n");
-    test_write("flat/images.txt", "1 1 0 0 0 0 0 0 1 a\n\n");
-    test_write("flat/points3D.txt", "");
+    test_write_colmap("flat", "1 PINHOLE 32 24 40 40 16 12\n", "1 1 0 0 0 0 0 0 1 a\n\n", "");
     for (size_t i = 0; i < OXL_COUNT(paths); i++) {
         OWNED_SCENE *scene = test_load(paths[i], &options);
         CHECK(oxl_scene_view_count(scene) == 1);
@@ -635,13 +626,11 @@ TEST(scene_of_a_real_dive_is_read_and_undistorted)
 static void scene_make_transparent(const char *name, int n, int from, int to)
 {
     for (int i = 0; i < n; i++) {
-        char path[128];
-        snprintf(path, sizeof path, "%s/images/img%02d.png", name, i);
         OWNED_IMAGE image = test_image(32, 24);
         image.weight = oxl_calloc(test_ctx, 32 * 24, sizeof *image.weight);
         for (int k = 0; k < 3 * 32 * 24; k++) image.rgb[k] = 0.2f;
         for (int k = 0; k < 32 * 24; k++) image.weight[k] = k % 32 >= from && k % 32 < to;
-        CHECK_OK(oxl_image_write_alpha(test_ctx, test_path(path), &image));
+        CHECK_OK(oxl_image_write_alpha(test_ctx, test_path("%s/images/img%02d.png", name, i), &image));
     }
 }
 
@@ -690,8 +679,6 @@ TEST(scene_alpha_is_what_the_option_says)
 static const char *scene_ball(int transparent)
 {
     OWNED_TEXT images = {.ctx = test_ctx};
-    test_write("ball/sparse/0/cameras.txt", "1 PINHOLE 32 32 32 32 16 16\n");
-    test_write("ball/sparse/0/points3D.txt", "# none\n");
     test_make_folder("ball/images");
     for (int i = 0; i < 12; i++) {
         const double half = i * 3.14159265358979 / 12;
@@ -705,7 +692,7 @@ static const char *scene_ball(int transparent)
         }
         CHECK_OK(oxl_image_write_alpha(test_ctx, test_path("ball/images/%02d.png", i), &image));
     }
-    test_write("ball/sparse/0/images.txt", images.data);
+    test_write_colmap("ball/sparse/0", "1 PINHOLE 32 32 32 32 16 16\n", images.data, "# none\n");
     return test_path("ball");
 }
 

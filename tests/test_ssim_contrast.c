@@ -50,7 +50,6 @@ static double ssim_contrast_test_learned(const synth_options *survey, int stereo
     oxl_train_options o = train_options(150);
     oxl_scene_options truth = oxl_scene_options_default();
     char clean[600];
-    oxl_metrics metrics;
     double learned;
     o.stereo = stereo;
     o.densify_every = 50;
@@ -61,9 +60,7 @@ static double ssim_contrast_test_learned(const synth_options *survey, int stereo
     snprintf(clean, sizeof clean, "%s/truth/clean", survey->out);
     truth.images = clean;
     scene = test_load(survey->out, &truth);
-    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_ALL, &metrics));
-    learned = metrics.structure;
-    oxl_metrics_free(test_ctx, &metrics);
+    learned = test_evaluate(&model, scene, &test_imaging, OXL_SPLIT_ALL).structure;
     oxl_scene_free(test_ctx, scene);
     return learned;
 }

@@ -24,15 +24,13 @@ static double stereo_test_texture(double x, double y, int seed)
 /* What the view at (view, 0, 0) sees of a wall 10 in front of it. */
 static void stereo_test_write_image(int view, int seed)
 {
-    char path[64];
     OWNED_IMAGE image = test_image(STEREO_TEST_WIDTH, STEREO_TEST_HEIGHT);
     for (int i = 0; i < STEREO_TEST_WIDTH * STEREO_TEST_HEIGHT; i++)
         for (int c = 0; c < 3; c++)
             image.rgb[c * STEREO_TEST_WIDTH * STEREO_TEST_HEIGHT + i] =
                 (float)stereo_test_texture(view + (i % STEREO_TEST_WIDTH + 0.5 - 160) / 40,
                                            (i / STEREO_TEST_WIDTH + 0.5 - 120) / 40, seed);
-    snprintf(path, sizeof path, "stereo/images/img%02d.png", view);
-    test_write_image(path, &image);
+    test_write_image(test_path("stereo/images/img%02d.png", view), &image);
 }
 
 /* Points of the wall, but for those nearer than `hole` to (1.5, 0); `same`: all images show one texture. */

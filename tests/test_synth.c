@@ -126,21 +126,6 @@ TEST(synth_quaternions_turn_as_their_matrices_whichever_component_is_largest)
     }
 }
 
-TEST(synth_ids_are_sparse_unordered_and_different)
-{
-    enum { COUNT = 1000 };
-    const struct synth_ids ids = synth_ids_for(COUNT);
-    unsigned char seen[2 * COUNT] = {0};
-    int falls = 0;
-    for (uint64_t i = 0; i < COUNT; i++) {
-        const uint64_t id = synth_id(ids, i);
-        CHECK(id >= 1 && id < 2 * COUNT && !seen[id]);
-        seen[id] = 1;
-        falls += i > 0 && id < synth_id(ids, i - 1);
-    }
-    CHECK(falls > COUNT / 10);
-}
-
 /* Also far from the origin, where floats would be off by decimetres. */
 static void synth_test_reprojection(const synth_options *o)
 {
@@ -456,14 +441,11 @@ static double synth_test_train(const char *path, oxl_scene **scene)
 {
     oxl_train_options options = oxl_train_options_default(OXL_PRESET_DRAFT);
     oxl_trained trained;
-    oxl_metrics metrics;
     double psnr;
     options.iterations = 40, options.stereo = 0; /* The medium is found by tracks, which NeRF has not. */
     *scene = test_load(path, NULL);
     CHECK_OK(oxl_train(test_ctx, *scene, &options, NULL, &trained));
-    CHECK_OK(oxl_evaluate(test_ctx, &trained.model, *scene, trained.imaging, OXL_SPLIT_TEST, &metrics));
-    psnr = metrics.psnr;
-    oxl_metrics_free(test_ctx, &metrics);
+    psnr = test_evaluate(&trained.model, *scene, trained.imaging, OXL_SPLIT_TEST).psnr;
     oxl_trained_free(test_ctx, &trained);
     return psnr;
 }

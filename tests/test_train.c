@@ -259,7 +259,6 @@ static void density_two_state(struct archive *a, void *user)
 TEST(density_bands_are_filled_by_camera_depth_and_survive_an_archive)
 {
     struct density *d, *copy;
-    int found = 0;
     CHECK_OK(density_create(test_ctx, &d));
     CHECK_OK(density_create(test_ctx, &copy));
     CHECK_OK(density_set_bands(test_ctx, d, 2, 2, 4));
@@ -267,9 +266,8 @@ TEST(density_bands_are_filled_by_camera_depth_and_survive_an_archive)
     density_observe_two(d);
     CHECK(d->gradient[0] > 0 && d->gradient_mid[0] == 0 && d->gradient_far[0] == 0 && d->views[0] == 1);
     CHECK(d->gradient[1] == 0 && d->gradient_mid[1] == 0 && d->gradient_far[1] > 0 && d->views[1] == 1);
-    CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", density_two_state, d));
-    CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", density_two_state, copy, &found));
-    CHECK(found && copy->gradient_far[1] == d->gradient_far[1] && copy->gradient[0] == d->gradient[0] &&
+    test_archive(density_two_state, d, copy);
+    CHECK(copy->gradient_far[1] == d->gradient_far[1] && copy->gradient[0] == d->gradient[0] &&
           copy->views[1] == 1);
     CHECK_OK(density_set_bands(test_ctx, d, 2, 0, 0)); /* and without bands all is one sum */
     density_observe_two(d);
@@ -362,12 +360,7 @@ oxl_train_options train_options(int iterations)
 
 double train_psnr(oxl_scene *scene, const oxl_model *model)
 {
-    oxl_metrics metrics;
-    double psnr;
-    CHECK_OK(oxl_evaluate(test_ctx, model, scene, &test_imaging, OXL_SPLIT_TEST, &metrics));
-    psnr = metrics.psnr;
-    oxl_metrics_free(test_ctx, &metrics);
-    return psnr;
+    return test_evaluate(model, scene, &test_imaging, OXL_SPLIT_TEST).psnr;
 }
 
 TEST(train_learns_views_that_it_has_not_seen)
@@ -530,21 +523,6 @@ TEST(train_auto_halves_large_images_only)
     CHECK(schedule_coarse_fraction(&o, 48, 48) == 0.5);
     o = oxl_train_options_default(OXL_PRESET_PAPER);
     CHECK(schedule_coarse_fraction(&o, 8000, 6000) == 0);
-}
-
-TEST(train_refuses_shares_of_a_run_outside_0_to_1)
-{
-    OWNED_SCENE *scene = train_scene(4);
-    oxl_train_options o = train_options(5);
-    oxl_model model;
-    o.coarse = 1.5f;
-    CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
-    o.coarse = 0, o.short_run_exponent = 1.5f;
-    CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
-    o.short_run_exponent = 0, o.cooldown = 1.5f;
-    CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
-    o.cooldown = 0, o.alpha_min = 0.06f;
-    CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
 }
 
 TEST(train_refuses_second_lobes_while_gaussians_are_still_split)

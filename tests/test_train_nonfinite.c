@@ -118,7 +118,8 @@ TEST(nonfinite_gradient_skips_the_step_of_that_gaussian_only)
     CHECK_WARNED("step 4: v02.png: a value of Gaussian 40 and 1 more is not finite; its step is skipped, 0");
     CHECK(c.t.nonfinite.rows == 2 && c.t.nonfinite.cleared == 0 &&
           nonfinite_test_model_is_finite(&c.t.trained.model) &&
-          nonfinite_test_model_is_finite(&c.t.trained.mean));
+          nonfinite_test_model_is_finite(&c.t.trained.mean) &&
+          nonfinite_test_model_is_finite(&c.t.trained.square));
     nonfinite_test_free(&c);
 }
 

@@ -152,14 +152,12 @@ TEST(checkpoint_that_counts_more_than_it_holds_is_refused)
 {
     struct archive a = {.ctx = test_ctx, .reading = 1, .path = "small", .left = 100};
     OWNED_MODEL other = {0};
-    int found = 0;
     OWNED_MODEL model = test_model(3, 0);
     model.count = SIZE_MAX / 4096; /* a count from elsewhere, and a right checksum */
     CHECK(!archive_fits(&a, model.count, sizeof(float)) && a.rc == OXL_ERR_INPUT);
     model.count = 3;
-    CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", checkpoint_numbers, &model));
-    CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", checkpoint_numbers, &other, &found));
-    CHECK(found && test_same_model(&model, &other));
+    test_archive(checkpoint_numbers, &model, &other);
+    CHECK(test_same_model(&model, &other));
 }
 
 #ifndef _WIN32

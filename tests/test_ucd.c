@@ -25,7 +25,6 @@ static oxl_scene *wall_scene(double beta)
     OWNED_TEXT images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
     oxl_scene_options options = oxl_scene_options_default();
     test_write("survey/images/.keep", "");
-    test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 160 120 100 100 80 60\n");
     for (int v = 0; v < WALL_VIEWS; v++) {
         char name[64];
         snprintf(name, sizeof name, "survey/images/v%02d.png", v);
@@ -43,8 +42,7 @@ static oxl_scene *wall_scene(double beta)
         for (int v = 0; v < (p % 7 > 2 ? WALL_VIEWS : WALL_VIEWS / 2); v++) text_add(&points, " %d 0", v + 1);
         text_add(&points, "\n");
     }
-    test_write("survey/sparse/0/images.txt", images.data);
-    test_write("survey/sparse/0/points3D.txt", points.data);
+    test_write_colmap("survey/sparse/0", "1 PINHOLE 160 120 100 100 80 60\n", images.data, points.data);
     options.auto_mask = 0; /* The middle of a wall that the camera moves towards stays where it is. */
     oxl_scene *scene = test_load("survey", &options);
     return scene;
@@ -274,13 +272,11 @@ TEST(ucd_continues_from_its_archive)
 {
     for (int stop = 1; stop < 3 * UCD_SPAN; stop++) {
         struct search a = search_begin(search_falling, 3), b = a;
-        int found = 0;
         search_run(&a, 20 + stop);
-        CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", ucd_state, &a.u));
-        CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", ucd_state, &b.u, &found));
+        test_archive(ucd_state, &a.u, &b.u);
         b.log_loss = a.log_loss;
         search_run(&a, 20);
         search_run(&b, 20);
-        CHECK(found && a.u.pairs == b.u.pairs && memcmp(a.u.f, b.u.f, sizeof a.u.f) == 0 && a.u.f[0] != 2);
+        CHECK(a.u.pairs == b.u.pairs && memcmp(a.u.f, b.u.f, sizeof a.u.f) == 0 && a.u.f[0] != 2);
     }
 }

@@ -198,15 +198,21 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
 
 /* ---------------- the file */
 
+static struct oxl_imaging imaging_test_reread(const oxl_scene *scene, const struct oxl_imaging *m)
+{
+    struct oxl_imaging read;
+    CHECK_OK(oxl_imaging_write(test_ctx, test_path("imaging.txt"), scene, m));
+    CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
+    return read;
+}
+
 TEST(gains_medium_and_lamp_are_read_as_they_were_written)
 {
     OWNED_SCENE *scene = train_scene(7);
-    const char *path = test_path("imaging.txt");
     for (int on = 0; on < 2; on++) {
         OWNED_IMAGING m = imaging_test_make(7, (int[]){1, 3, 5}, 3 * on), read = {0};
         m.on = on, m.medium = imaging_test_murky, m.lamps = 1, m.lamp[0] = lamp_of(-1);
-        CHECK_OK(oxl_imaging_write(test_ctx, path, scene, &m));
-        CHECK_OK(imaging_read(test_ctx, path, scene, &read));
+        read = imaging_test_reread(scene, &m);
         CHECK(read.on == on && !read.known[0] && read.known[3] == on);
         for (int i = 0; i < 21; i++) CHECK_CLOSE(read.log_gain[i], m.log_gain[i], 1e-6);
         CHECK(!memcmp(&read.medium, &m.medium, sizeof m.medium) && read.lamps == 1);
@@ -223,8 +229,7 @@ TEST(a_medium_of_a_survey_in_tiny_or_huge_units_is_read_as_it_was_written)
         m.medium.on = 1;
         for (int c = 0; c < 3; c++)
             m.medium.attenuation[c] = 0.4f / unit, m.medium.backscatter[c] = 0.3f / unit;
-        CHECK_OK(oxl_imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
-        CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
+        read = imaging_test_reread(scene, &m);
         CHECK_CLOSE(read.medium.attenuation[0] * unit, 0.4, 1e-6);
     }
 }
@@ -1013,8 +1018,7 @@ TEST(lamp_of_a_stereo_pair_is_one_for_each_folder_or_prefix)
     OWNED_SCENE *scene = train_scene_of_pairs(8, NULL, NULL);
     OWNED_IMAGING m = imaging_test_make(8, NULL, 0), read = {0};
     m.lamps = 2, m.lamp[0] = lamp_of(-1), m.lamp[1] = lamp_of(1);
-    CHECK_OK(oxl_imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
-    CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
+    read = imaging_test_reread(scene, &m);
     CHECK(read.lamps == 2 && memcmp(read.lamp, m.lamp, 2 * sizeof *m.lamp) == 0);
     for (int v = 0; v < 8; v++) CHECK(imaging_lamp(&read, scene, v) == &read.lamp[v % 2]);
 }

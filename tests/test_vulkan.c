@@ -6,6 +6,7 @@
  * until its process ends; what it allocates of the device's context must be freed.
  */
 #include "test.h"
+#include "wide.h"
 #ifdef OXL_VULKAN /* the tests see into the backend's files, which are part of this object instead */
 #include "../src/parts/dropout.h"
 #include "../src/parts/lamp.h"
@@ -230,7 +231,7 @@ static void vulkan_play_no_room(int on)
 
 static double vulkan_random(uint64_t i, uint64_t k)
 {
-    return 2 * random_unit(random_bits(7, i, k)) - 1;
+    return wide_random(7, i, k);
 }
 
 static float *vulkan_noise(size_t count, uint64_t seed)
