@@ -144,6 +144,8 @@ struct raster_splat {   /* inputs of the passes, contiguous */
 };
 
 struct raster_batch {
+    /* positions of a subtile's pixels in the tile, by its column and its row of subtiles */
+    real x[4][PACK], y[4][PACK];
     const struct pair *pair;
     int count;
     real alpha_min, log2_alpha_min; /* smallest contribution, and its log2 */
@@ -202,15 +204,13 @@ SIMD_INLINE int raster_lobed(const int lobed, const struct raster_batch *batch, 
     return lobed && batch->lobed >> n & 1;
 }
 
-/* Positions of a subtile's pixels in the tile, from its column and row of subtiles. */
-static const real RASTER_X[4][PACK] = {{0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3},
-                                       {4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7},
-                                       {8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11},
-                                       {12, 13, 14, 15, 12, 13, 14, 15, 12, 13, 14, 15, 12, 13, 14, 15}};
-static const real RASTER_Y[4][PACK] = {{0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3},
-                                       {4, 4, 4, 4, 5, 5, 5, 5, 6, 6, 6, 6, 7, 7, 7, 7},
-                                       {8, 8, 8, 8, 9, 9, 9, 9, 10, 10, 10, 10, 11, 11, 11, 11},
-                                       {12, 12, 12, 12, 13, 13, 13, 13, 14, 14, 14, 14, 15, 15, 15, 15}};
+/* Sets what all batches of a tile share. */
+SIMD_INLINE void raster_begin_batches(struct raster_batch *batch)
+{
+    for (int k = 0; k < 4; k++)
+        for (int l = 0; l < PACK; l++)
+            batch->x[k][l] = (real)(4 * k + l % 4), batch->y[k][l] = (real)(4 * k + l / 4);
+}
 
 /* ---------------- a pixel under a splat */
 
@@ -274,7 +274,7 @@ SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lo
                                   const struct raster_batch *batch, int n, int subtile,
                                   struct raster_subtile_state *out)
 {
-    const real *restrict x = RASTER_X[subtile % 4], *restrict y = RASTER_Y[subtile / 4];
+    const real *restrict x = batch->x[subtile % 4], *restrict y = batch->y[subtile / 4];
     const real *colour = batch->splat[n].colour;
     const real red = colour[0], green = colour[1], blue = colour[2];
 #pragma omp simd
@@ -337,6 +337,7 @@ SIMD_INLINE void raster_forward_tile(const int fused, const int lobed, const str
     struct raster_batch batch;
     memset(p.rgb, 0, sizeof p.rgb);
     raster_begin(&tile, p.t);
+    raster_begin_batches(&batch);
     for (int i = 0; i < TILE_PIXELS; i++) p.last_t[i] = 1;
     for (const struct pair *pair = tile.pair; pair < tile.end && active; pair += RASTER_BATCH) {
         raster_load_batch(lobed, job, &tile, pair, active, &batch);
@@ -367,7 +368,7 @@ SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const in
                                       struct raster_batch *batch, int n, int subtile,
                                       struct raster_subtile_gradients *d)
 {
-    const real *restrict x = RASTER_X[subtile % 4], *restrict y = RASTER_Y[subtile / 4];
+    const real *restrict x = batch->x[subtile % 4], *restrict y = batch->y[subtile / 4];
     const real *colour = batch->splat[n].colour;
     const real red = colour[0], green = colour[1], blue = colour[2];
     real *restrict dlog_alpha = batch->dlog_alpha[n][subtile], *restrict dlog_lobe =
@@ -461,7 +462,7 @@ SIMD_INLINE void raster_sum(const int fused, const int lobe, const struct raster
     }
     for (; subtiles; subtiles &= subtiles - 1) {
         const int subtile = simd_lowest_bit(subtiles), at = subtile * PACK;
-        const real *restrict x = RASTER_X[subtile % 4], *restrict y = RASTER_Y[subtile / 4];
+        const real *restrict x = batch->x[subtile % 4], *restrict y = batch->y[subtile / 4];
         const real *restrict d = lobe ? batch->dlog_lobe[n][subtile] : batch->dlog_alpha[n][subtile];
         const real *restrict weight = batch->weight[n][subtile], *restrict dr = gradients->drgb[0] + at;
         const real *restrict dg = gradients->drgb[1] + at, *restrict db = gradients->drgb[2] + at;
@@ -557,6 +558,7 @@ SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const in
     struct raster_gradients d;
     struct raster_batch batch;
     raster_begin_backward(job, &tile, &d);
+    raster_begin_batches(&batch);
     for (; pair < tile.end && active; pair += RASTER_BATCH) {
         raster_load_batch(lobed, job, &tile, pair, active, &batch);
         for (int subtile = 0; subtile < TILE_SUBTILES; subtile++)
@@ -589,7 +591,7 @@ SIMD_INLINE void raster_add_depth(const int fused, const int mixed, const int lo
                                   real scale, const struct raster_batch *batch, int n, int subtile,
                                   struct raster_layers *d)
 {
-    const real *restrict x = RASTER_X[subtile % 4], *restrict y = RASTER_Y[subtile / 4];
+    const real *restrict x = batch->x[subtile % 4], *restrict y = batch->y[subtile / 4];
     const real z = batch->splat[n].colour[0];
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
@@ -639,6 +641,7 @@ SIMD_INLINE void raster_depth_pass(const int fused, const int lobed, const int i
     struct raster_batch batch;
     real t[TILE_PIXELS];
     raster_begin(tile, t);
+    raster_begin_batches(&batch);
     for (int subtile = 0; subtile < TILE_SUBTILES; subtile++) {
         memcpy(d[subtile].t, t + subtile * PACK, sizeof d->t);
         memset(d[subtile].weight, 0, sizeof d->weight);
