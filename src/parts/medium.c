@@ -31,12 +31,11 @@ OXL_INTERNAL void medium_set_from_tracks(struct medium *m, double span, const st
     if (m->on)
         snprintf(
             why, size,
-            "haze grows with distance; residuals of %zu points in %zu observations are %.2f %% of white, %.2f without the medium; red green blue, "
-            "standard error: bD %.3g %.3g %.3g (%.0f %.0f %.0f %%), bB %.3g %.3g %.3g (%.0f %.0f %.0f %%), Binf %.3g %.3g %.3g",
+            "haze grows with distance; residuals of %zu points in %zu observations are %.2f %% of white, %.2f "
+            "without the medium; red green blue: bD %.3g %.3g %.3g, bB %.3g %.3g %.3g, Binf %.3g %.3g %.3g",
             p->points, p->observations, 100 * p->with_medium, 100 * p->without[0], p->attenuation[0],
-            p->attenuation[1], p->attenuation[2], 100 * p->error[0], 100 * p->error[1], 100 * p->error[2],
-            p->backscatter[0], p->backscatter[1], p->backscatter[2], 100 * p->error[3], 100 * p->error[4],
-            100 * p->error[5], p->veiling_light[0], p->veiling_light[1], p->veiling_light[2]);
+            p->attenuation[1], p->attenuation[2], p->backscatter[0], p->backscatter[1], p->backscatter[2],
+            p->veiling_light[0], p->veiling_light[1], p->veiling_light[2]);
     else if (!p->points) snprintf(why, size, "too few points are seen in several images");
     else if (span < SCENE_DEPTH_SPAN_MIN)
         snprintf(

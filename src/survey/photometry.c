@@ -401,22 +401,6 @@ static void photometry_descend(struct photometry_work *w)
     }
 }
 
-/* Computes the standard errors of the nine logs. Residuals of a point may be correlated, so each point
- * counts as one observation. */
-static void photometry_errors(struct photometry_work *w, struct photometry *out)
-{
-    const double alike = sqrt((double)w->of.count / (double)OXL_MAX(out->points, 1));
-    photometry_evaluate(w, w->at);
-    photometry_normal_equations(w);
-    if (!photometry_factor(w->normal, w->parameters)) return;
-    for (int i = 0; i < 9; i++) {
-        double x[PHOTOMETRY_PARAMETERS] = {0};
-        x[i] = 1;
-        photometry_solve(w->normal, w->parameters, x);
-        out->error[i] = alike * w->sigma * sqrt(OXL_MAX(x[i], 0));
-    }
-}
-
 /* Refits `parts` from the parameters in w->at, without the others; returns the
  * robust size of the residuals. */
 static double photometry_fit(struct photometry_work *w, int parts)
@@ -546,7 +530,6 @@ static void photometry_report(struct photometry_work *w, const oxl_scene *scene,
     for (size_t i = 0; i < w->of.count; i++)
         out->points += i == 0 || w->of.at[i].point != w->of.at[i - 1].point;
     photometry_choose_parts(w, requested, scene_depth_span(scene), out);
-    if (out->parts & PHOTOMETRY_MEDIUM) photometry_errors(w, out);
     for (int c = 0; c < 3 && (out->parts & PHOTOMETRY_MEDIUM); c++) {
         out->attenuation[c] = vecmath_exp(w->at[c]) / median;
         out->backscatter[c] = vecmath_exp(w->at[3 + c]) / median;

@@ -13,7 +13,6 @@ struct photometry {
     size_t points, observations; /* 0: too few tracks */
     int requested, parts;        /* PHOTOMETRY_*; those that the residuals support, and perhaps gains */
     double attenuation[3], backscatter[3], veiling_light[3]; /* as in struct medium */
-    double error[9];                                         /* standard errors of their nine logarithms */
     /* shapes of the lamps, in the order of imaging_set_lamps */
     float shape[LAMP_MAX][LAMP_TERMS];
     float *log_gain;  /* (views,3) log gains of mean 0 */
