@@ -28,7 +28,7 @@ static void track_depth_sample(struct track_depth_view *v, int view, struct dept
     const uint64_t seen = (uint64_t)v->seen++;
     const uint64_t place =
         seen < TRACK_DEPTH_MAX ? seen : random_bits(TRACK_DEPTH_STREAM, (uint64_t)view, seen) % (seen + 1);
-    if (v->point && place < TRACK_DEPTH_MAX) v->point[place] = p; /* else it is counted only */
+    if (place < TRACK_DEPTH_MAX) v->point[place] = p;
 }
 
 static void track_depth_add_all(struct track_depth *d, const oxl_scene *scene, const int *view_of)
@@ -44,22 +44,6 @@ static void track_depth_add_all(struct track_depth *d, const oxl_scene *scene, c
     }
 }
 
-/* Allocates each view's sample. */
-static oxl_result track_depth_allocate(oxl_context *ctx, struct track_depth *d, int views)
-{
-    size_t count = 0;
-    for (int v = 0; v < views; v++) count += (size_t)OXL_MIN(d->view[v].seen, TRACK_DEPTH_MAX);
-    d->all = oxl_alloc(ctx, count + 1, sizeof *d->all);
-    if (!d->all) return OXL_ERR_MEMORY;
-    count = 0;
-    for (int v = 0; v < views; v++) {
-        d->view[v].point = d->all + count;
-        count += (size_t)OXL_MIN(d->view[v].seen, TRACK_DEPTH_MAX);
-        d->view[v].seen = 0;
-    }
-    return OXL_OK;
-}
-
 OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *d, const oxl_scene *scene,
                                           const struct image_window *window)
 {
@@ -71,24 +55,23 @@ OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *
     if (!c || c->track_count == 0) return OXL_OK;
     view_of = scene_views_by_image(ctx, scene, OXL_SPLIT_TRAIN);
     d->view = oxl_calloc(ctx, (size_t)views + 1, sizeof *d->view);
-    if (!view_of || !d->view) rc = OXL_ERR_MEMORY;
-    if (rc == OXL_OK) {
-        for (int v = 0; v < views && window; v++)
-            if (window[v].width <= 0) view_of[scene_source_image(scene, v) - c->image] = -1;
-        track_depth_add_all(d, scene, view_of); /* counts */
-        rc = track_depth_allocate(ctx, d, views);
+    d->all = oxl_alloc(ctx, TRACK_DEPTH_MAX * (size_t)views, sizeof *d->all);
+    if (!view_of || !d->view || !d->all) rc = OXL_ERR_MEMORY;
+    for (int v = 0; v < views && rc == OXL_OK; v++) {
+        d->view[v].point = d->all + TRACK_DEPTH_MAX * (size_t)v;
+        if (window && window[v].width <= 0) view_of[scene_source_image(scene, v) - c->image] = -1;
     }
     if (rc == OXL_OK) track_depth_add_all(d, scene, view_of);
     oxl_free(ctx, view_of);
     return rc;
 }
 
-/* Bounds the memory from above: how much of it a view needs is known only when the tracks are read. */
 static double track_depth_bytes(const oxl_train_options *options, double observations, int views)
 {
-    if (options->medium == OXL_OFF) return 0;
-    return OXL_MIN(observations, (double)TRACK_DEPTH_MAX * views) * sizeof(struct depth_point) +
-           (double)views * sizeof(struct track_depth_view);
+    (void)observations;
+    return options->medium == OXL_OFF
+               ? 0
+               : views * (TRACK_DEPTH_MAX * sizeof(struct depth_point) + sizeof(struct track_depth_view));
 }
 
 OXL_INTERNAL void track_depth_free(struct train *t, void *state)
