@@ -38,6 +38,31 @@ static int fail_unknown(struct arguments *a, const char *what, const char *word,
                 command[0] ? " all" : "");
 }
 
+/* Options of other trainers, and what they are called here. */
+static const char *const OTHER_NAMES[][2] = {
+    {"-s --source_path --data --data_dir --data-dir --input", "SCENE, the first word after the command"},
+    {"-m --model_path --output --output-dir --output_path --result_dir --export-path", "-o FOLDER"},
+    {"-n --num-iters --max-num-iterations --max_steps --total-steps --steps", "--iterations N"},
+    {"-r -d --resolution --data_factor --downscale-factor --max-resolution", "--max-side PX"},
+    {"-i", "--images FOLDER"},
+    {"--eval", "--test-every 8, the default"},
+    {"-w --white_background", "--background 1,1,1"},
+    {"--max-cap --cap-max --cap_max --max-splats", "--max-gaussians N"},
+    {"--checkpoint --start_checkpoint --load-checkpoint --resume", "the same command again, which resumes"},
+};
+
+/* Refuses the name of an option that another trainer has; 0: it is none. */
+static int fail_other(struct arguments *a, const char *word)
+{
+    const size_t length = strlen(word);
+    for (size_t i = 0; i < sizeof OTHER_NAMES / sizeof *OTHER_NAMES; i++)
+        for (const char *at = OTHER_NAMES[i][0]; (at = strstr(at, word)) != NULL; at += length)
+            if ((at == OTHER_NAMES[i][0] || at[-1] == ' ') && (at[length] == ' ' || !at[length]))
+                return fail(a, "option '%s' belongs to another program\nfix: use %s", word,
+                            OTHER_NAMES[i][1]);
+    return 0;
+}
+
 /* Refuses a word that is no option, with the nearest name; word: as typed, without a value. */
 static int unknown_option(const char *word, struct arguments *a)
 {
@@ -48,6 +73,7 @@ static int unknown_option(const char *word, struct arguments *a)
             a,
             "option '%s': each row of ablate sets it itself\nfix: choose the rows, as --rows 3dgs,v2,oceanxl",
             word);
+    if (fail_other(a, word)) return 1;
     for (int i = 0; i < cli_option_count(); i++)
         if (cli_option_is_of(i, a->command))
             suggest(word, cli_option_word(cli_option_at(i), other), best, &most);

@@ -131,6 +131,8 @@ promise no_command_is_a_usage_error 2 "a command is expected" on_stderr "$progra
 promise unknown_command_offers_the_nearest 2 "did you mean train?" on_stderr "$program" trian survey
 promise unknown_option_offers_the_nearest 2 "did you mean --iterations?" on_stderr "$program" train survey -o out --iteration 3
 promise option_of_another_command_is_refused 2 "option '--depth' is not known" "$program" train survey -o out --depth
+promise options_of_other_programs_are_named_as_they_are_here 2 "fix: use --iterations N" on_stderr "$program" train s -o o -n 300
+promise long_options_of_other_programs_are_named_as_they_are_here 2 "fix: use -o FOLDER" on_stderr "$program" train s --output o
 promise an_output_folder_with_the_name_of_a_model_is_refused 2 "fix: -o model" on_stderr "$program" train s -o model.ply
 promise missing_scene_is_a_usage_error 2 "needs SCENE -o OUT" "$program" train
 promise missing_value_is_named 2 "option --max-time takes a value: TIME" "$program" train s -o o --max-time
