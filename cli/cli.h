@@ -159,7 +159,7 @@ oxl_result report_write(oxl_context *ctx, const char *out, double scale);
 
 enum synth_path { SYNTH_LAWNMOWER, SYNTH_ORBIT, SYNTH_FORWARD };
 /* Names the layouts of the files. */
-enum synth_layout { SYNTH_COLMAP, SYNTH_NERF };
+enum synth_layout { SYNTH_COLMAP, SYNTH_NERF, SYNTH_LLFF };
 enum synth_change { SYNTH_SAME, SYNTH_LIGHT, SYNTH_CHANGED };
 /* Names Jerlov's types of water. */
 enum synth_type {

@@ -115,7 +115,7 @@ ROW("budget", "TIME", SECONDS, budget, 0.001, MOST, BASIC, IN(TRADEOFF) | IN(RES
 ROW("views", "N", INT, synth.views, 2, 1000000, BASIC, IN(SYNTH), "Synthetic survey", "number of images"),
 ROW("size", "WxH", SIZE, synth.width, 16, 8192, BASIC, IN(SYNTH), "Synthetic survey", "size of an image, 16 to 8192 px a side"),
 ROW("path", "lawnmower|orbit|forward", CHOICE, synth.path, 0, 2, BASIC, IN(SYNTH), "Synthetic survey", "camera path; forward: one line, looking ahead and down"),
-ROW("layout", "colmap|nerf", CHOICE, synth.layout, 0, 1, BASIC, IN(SYNTH), "Synthetic survey", "files as COLMAP or NeRF synthetic has them"),
+ROW("layout", "colmap|nerf|llff", CHOICE, synth.layout, 0, 2, BASIC, IN(SYNTH), "Synthetic survey", "files as COLMAP, NeRF synthetic or LLFF has them"),
 ROW("extent", "METRES", DOUBLE, synth.extent, 0, 2000, BASIC, IN(SYNTH), "Synthetic survey", "side of the area, or diameter of the orbit; 0: as the overlap requires"),
 ROW("exposure-jitter", "STOPS", DOUBLE, synth.exposure_jitter, 0, 4, BASIC, IN(SYNTH), "Synthetic survey", "largest change of the images' brightness along the path"),
 ROW("lamp", "POWER", DOUBLE, synth.lamp, 0, 2, BASIC, IN(SYNTH), "Synthetic survey", "a lamp at the camera that falls off with this power of the range; otherwise none"),

@@ -1,5 +1,5 @@
 /* synth_export.c - the files of a survey but for its images: the poses and points in the layout of COLMAP's
- * documentation ("Output Format") or of NeRF synthetic, and the truth in words and numbers.
+ * documentation ("Output Format"), of NeRF synthetic or of LLFF, and the truth in words and numbers.
  *
  * Ids are sparse and unordered, keypoints without a point are mixed with the others, as in real exports.
  * Invariant: both ways round, observation POINT2D_IDX of image IMAGE_ID names POINT3D_ID.
@@ -250,6 +250,38 @@ static void export_ply(const struct synth_run *s, struct output *t)
     }
 }
 
+/* Writes LLFF's poses_bounds.npy: for each image its axes down, right and back, its centre, its size and focal
+ * length by rows, then the least and the largest depth of its points. */
+static void export_bounds(const struct synth_run *s, struct output *t)
+{
+    const struct synth_points *points = &s->points;
+    char head[128];
+    snprintf(head, sizeof head, "{'descr': '<f8', 'fortran_order': False, 'shape': (%d, 17), }",
+             s->trajectory.count);
+    output_bytes(t, "\x93NUMPY\1\0\166\0", 10); /* 128 bytes with the rest of the header, 118 */
+    for (size_t i = strlen(head); i < 117; i++) head[i] = ' ';
+    output_bytes(t, head, 117);
+    output_bytes(t, "\n", 1);
+    for (int i = 0; i < s->trajectory.count; i++) {
+        const struct synth_camera c = export_camera(s, i), *at = &s->trajectory.camera[i];
+        const double *x = &c.rotation[0].x, *y = &c.rotation[1].x, *z = &c.rotation[2].x,
+                     *centre = &c.centre.x;
+        const double size[3] = {c.height, c.width, c.f};
+        double nearest = SYNTH_FAR, farthest = 0;
+        for (size_t k = points->view_first[i]; k < points->view_first[i + 1]; k++) {
+            const v3 ray = v3_sub(points->point[points->by_view[k]].position, at->centre);
+            nearest = fmin(nearest, v3_dot(at->rotation[2], ray));
+            farthest = fmax(farthest, v3_dot(at->rotation[2], ray));
+        }
+        for (int k = 0; k < 3; k++) {
+            const double row[5] = {y[k], x[k], -z[k], centre[k], size[k]};
+            for (int j = 0; j < 5; j++) output_real(t, row[j], 8);
+        }
+        output_real(t, nearest, 8);
+        output_real(t, farthest, 8);
+    }
+}
+
 /* ---------------- truth in words and numbers */
 
 static void export_triple(struct output *t, const char *name, v3 value)
@@ -335,18 +367,19 @@ static const struct export_file {
     void (*write)(const struct synth_run *s, struct output *t);
     int layouts; /* bits of enum synth_layout */
 } export_files[] = {
-    {"truth/water.txt", export_water, 3},
-    {"truth/outliers.txt", export_outliers, 3},
-    {"truth/exposure.txt", synth_write_exposure, 3},
-    {"truth/lamp.txt", synth_write_lamp, 3},
-    {"truth/change.txt", export_change, 3},
-    {"truth/poses.txt", export_true_poses, 3},
-    {"sparse/0/cameras.txt", export_cameras, 1},
-    {"sparse/0/points3D.txt", export_points, 1},
-    {"sparse/0/images.txt", export_images, 1},
+    {"truth/water.txt", export_water, 7},
+    {"truth/outliers.txt", export_outliers, 7},
+    {"truth/exposure.txt", synth_write_exposure, 7},
+    {"truth/lamp.txt", synth_write_lamp, 7},
+    {"truth/change.txt", export_change, 7},
+    {"truth/poses.txt", export_true_poses, 7},
+    {"sparse/0/cameras.txt", export_cameras, 5},
+    {"sparse/0/points3D.txt", export_points, 5},
+    {"sparse/0/images.txt", export_images, 5},
     {"points.ply", export_ply, 2},
     {"transforms_test.json", export_test, 2},
     {"transforms_train.json", export_train, 2},
+    {"poses_bounds.npy", export_bounds, 4},
 };
 
 void synth_remove_files(const synth_options *o)

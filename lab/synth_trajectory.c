@@ -146,7 +146,7 @@ int synth_trajectory_create(const synth_options *o, struct synth_trajectory *tra
     for (int i = 0; i < o->views; i++) {
         struct synth_camera *c = &trajectory->camera[i];
         *c = (struct synth_camera){.width = o->width, .height = o->height, .f = FOCAL_FRACTION * o->width};
-        /* Off the middle, as calibration finds it; the other layout states no principal point. */
+        /* Off the middle, as calibration finds it; the other layouts state no principal point. */
         c->cx = (o->layout ? 0.5 : 0.504) * o->width, c->cy = (o->layout ? 0.5 : 0.497) * o->height;
         if (i < rig.views) trajectory_paths[o->path](&rig, i, c);
     }

@@ -461,22 +461,32 @@ static void synth_test_same_poses(const oxl_scene *a, const oxl_scene *b)
             CHECK(x->is_test == y->is_test && x->camera.width == y->camera.width);
             CHECK_CLOSE(x->camera.fx, y->camera.fx, 1e-6);
             camera_position(&x->camera, p), camera_position(&y->camera, q);
-            for (int k = 0; k < 3; k++) CHECK_CLOSE(p[k] + a->origin[k], q[k] + b->origin[k], 1e-3);
-            for (int k = 0; k < 9; k++) CHECK_CLOSE(x->camera.rotation[k], y->camera.rotation[k], 1e-4);
+            for (int k = 0; k < 3; k++) CHECK_CLOSE(p[k] + a->origin[k], q[k] + b->origin[k], 1e-6);
+            for (int k = 0; k < 9; k++) CHECK_CLOSE(x->camera.rotation[k], y->camera.rotation[k], 1e-6);
         }
 }
 
-TEST(synth_layout_of_nerf_is_read_and_trained_as_that_of_colmap)
+TEST(synth_layouts_of_nerf_and_llff_are_read_and_trained_as_that_of_colmap)
 {
-    synth_options o = synth_test_options("colmap");
+    synth_options o = synth_test_options("llff");
     OWNED_SCENE *colmap, *nerf;
     double psnr;
-    o.views = 9, o.points = 500, o.water = SYNTH_AIR;
+    o.views = 9, o.layout = SYNTH_LLFF, o.points = 500, o.water = SYNTH_AIR;
     CHECK_OK(synth_run(test_ctx, &o));
     o.out = test_path("nerf"), o.layout = SYNTH_NERF;
     CHECK_OK(synth_run(test_ctx, &o));
     CHECK(os_is_file(test_path("nerf/test/IMG_00008.png")) && !os_is_folder(test_path("nerf/sparse")));
-    psnr = synth_test_train(test_path("colmap"), &colmap);
-    CHECK_CLOSE(synth_test_train(test_path("nerf"), &nerf), psnr, 0.3);
+    OWNED_SCENE *llff = test_load("llff", NULL);
+    CHECK(llff->stats.mean_track > 1 && scene_depth_range(llff, 0));
+    os_rename(test_path("llff/sparse"), test_path("llff/other"));
+    OWNED_SCENE *bare = test_load("llff", NULL);
+    CHECK(bare->stats.points == 0);
+    os_rename(test_path("llff/other"), test_path("llff/sparse"));
+    os_remove(test_path("llff/poses_bounds.npy"));
+    psnr = synth_test_train(test_path("llff"), &colmap);
+    CHECK(scene_depth_range(colmap, 0) == NULL);
+    CHECK_CLOSE(synth_test_train(test_path("nerf"), &nerf), psnr, 0.05);
+    synth_test_same_poses(colmap, llff);
+    synth_test_same_poses(colmap, bare);
     synth_test_same_poses(colmap, nerf);
 }
