@@ -40,8 +40,23 @@ TEST(camera_models_follow_the_published_formulas)
          30.380650243523604},
         {"SIMPLE_RADIAL_FISHEYE", 4, {500, 320, 240, 0.1}, 460.88379128945564, 28.67431306581659},
         {"RADIAL_FISHEYE", 5, {500, 320, 240, 0.1, -0.02}, 460.7176439384551, 28.923534092317368},
+        {"FOV", 5, {500, 510, 320, 240, 0.9}, 468.3786842484958, 12.980613099801474},
+        {"THIN_PRISM_FISHEYE",
+         12,
+         {500, 510, 320, 240, 0.1, -0.02, 0.01, -0.02, 0.003, -0.0004, 0.005, -0.006},
+         456.2330730417651,
+         29.24431709933151},
+        {"RAD_TAN_THIN_PRISM_FISHEYE",
+         16,
+         {500, 510, 320, 240, 0.1, -0.02, 0.003, -0.0004, 0.0005, -0.0006, 0.01, -0.02, 0.005, -0.006, 0.007,
+          -0.008},
+         465.62409246858704,
+         17.86782829543938},
+        {"SIMPLE_DIVISION", 4, {500, 320, 240, -0.2}, 462.122469435776, 26.816295846336004},
+        {"DIVISION", 5, {500, 510, 320, 240, -0.2}, 462.122469435776, 22.55262176326272},
         {"SIMPLE_FISHEYE", 3, {500, 320, 240}, 457.50400387047205, 33.7439941942919},
         {"FISHEYE", 4, {500, 510, 320, 240}, 457.50400387047205, 29.618874078177726},
+        {"EUCM", 6, {500, 510, 320, 240, 0.6, 1.1}, 457.63938831614445, 29.41173587629899},
     };
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
         const struct colmap_camera c =
@@ -83,18 +98,19 @@ TEST(camera_of_the_whole_sphere_is_refused_with_a_fix)
     CHECK_SAYS("panorama_sfm.py");
 }
 
-TEST(camera_models_that_are_not_read_lead_to_the_undistorter)
+TEST(camera_new_models_without_distortion_are_pinholes)
 {
-    static const char *const names[] = {
-        "FOV", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE", "SIMPLE_DIVISION", "DIVISION", "EUCM"};
-    const double p[CAMERA_PARAMETERS] = {500, 500, 320, 240};
-    for (size_t i = 0; i < OXL_COUNT(names); i++) {
-        const struct colmap_camera c = camera_make(names[i], 640, 480, 4, p);
-        oxl_camera ideal;
-        CHECK_ERROR(camera_undistorted(test_ctx, &c, &ideal), OXL_ERR_INPUT,
-                    "is not read: expected one of SIMPLE_PINHOLE");
-        CHECK_SAYS("colmap image_undistorter");
-        CHECK_SAYS(names[i]);
+    const double fov[] = {500, 510, 320, 240, 0}, eucm[] = {500, 510, 320, 240, 0, 1};
+    const struct colmap_camera none[] = {camera_make("FOV", 640, 480, 5, fov),
+                                         camera_make("DIVISION", 640, 480, 5, fov),
+                                         camera_make("EUCM", 640, 480, 6, eucm)};
+    for (size_t i = 0; i < OXL_COUNT(none); i++) {
+        const double direction[2] = {0.3, -0.45};
+        double pixel[2];
+        CHECK(!camera_is_distorted(&none[i]));
+        camera_distort(&none[i], direction, pixel);
+        CHECK_CLOSE(pixel[0], 470, 1e-10);
+        CHECK_CLOSE(pixel[1], 10.5, 1e-10);
     }
 }
 
@@ -169,7 +185,8 @@ TEST(camera_undistorted_holds_only_pixels_that_were_seen_once)
         {"SIMPLE_RADIAL_FISHEYE",
          4,
          {100, 320, 240, 0},
-         1000}, /* 360 degrees: the image holds what lies behind */
+         1000},                                          /* 360 degrees: the image holds what lies behind */
+        {"DIVISION", 5, {500, 480, 320, 240, 0.2}, 500}, /* ends at r = 1.1 */
     };
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
         const struct colmap_camera c =

@@ -155,12 +155,6 @@ static oxl_result camera_check(oxl_context *ctx, const struct colmap_camera *cam
             ctx, camera,
             "is a 360-degree camera, expected a perspective or fisheye camera\n"
             "fix: cut its images into perspective ones and align those: COLMAP's python/examples/panorama_sfm.py");
-    if (camera_model_at(camera->model)->kind == CAMERA_REFUSED)
-        return camera_fail(
-            ctx, camera,
-            "is not read: expected one of %s\nfix: let COLMAP undistort: colmap image_undistorter "
-            "--image_path IMAGES --input_path MODEL --output_path OUT",
-            camera_model_list());
     if (!(w >= 1 && h >= 1 && w <= CAMERA_SIDE_MAX && h <= CAMERA_SIDE_MAX))
         return camera_fail(ctx, camera,
                            "is %.0f x %.0f px, expected 1 to %d a side\nfix: export the model again", w, h,

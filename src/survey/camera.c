@@ -5,35 +5,41 @@
  *
  *     radial        (u, v) s + tangential, s a polynomial in r^2 = u^2 + v^2
  *     fisheye       (u, v) s, s = theta_d / r, theta_d a polynomial in theta = atan r
+ *     thin prism    the same with terms that are not radial, on the fisheye plane (u, v) theta / r [Weng
+ *     1992; Project Aria]
+ *     FOV           (u, v) s, s = atan(2 r tan(w/2)) / (r w) [Devernay & Faugeras 2001]
+ *     division      (u, v) s, s = 2 / (1 + sqrt(1 - 4 k r^2)) [Fitzgibbon 2001]
+ *     EUCM          (u, v) s, s = 1 / (a sqrt(1 + b r^2) + 1 - a) [Khomutenko 2016]
  *     pixel         (fx x + cx, fy y + cy)
  *
  * Invariant: no libm transcendental is used: the same bytes on every machine.
  */
 #include "sparse.h"
+#include "../core/vecmath.h"
 
 /* ---------------- the table of models */
 
 /* Lists the camera models in the order of COLMAP's MODEL_ID, which cameras.bin holds (colmap/colmap,
  * src/colmap/sensor/models.h). */
 static const struct camera_model camera_models[] = {
-    {"SIMPLE_PINHOLE", 3, 1, CAMERA_POLYNOMIAL},           /* f cx cy */
-    {"PINHOLE", 4, 2, CAMERA_POLYNOMIAL},                  /* fx fy cx cy */
-    {"SIMPLE_RADIAL", 4, 1, CAMERA_POLYNOMIAL},            /* f cx cy k */
-    {"RADIAL", 5, 1, CAMERA_POLYNOMIAL},                   /* f cx cy k1 k2 */
-    {"OPENCV", 8, 2, CAMERA_POLYNOMIAL},                   /* fx fy cx cy k1 k2 p1 p2 */
-    {"OPENCV_FISHEYE", 8, 2, CAMERA_FISHEYE},              /* fx fy cx cy k1 k2 k3 k4 */
-    {"FULL_OPENCV", 12, 2, CAMERA_POLYNOMIAL},             /* fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6 */
-    {"FOV", 5, 2, CAMERA_REFUSED},                         /* fx fy cx cy omega */
-    {"SIMPLE_RADIAL_FISHEYE", 4, 1, CAMERA_FISHEYE},       /* f cx cy k */
-    {"RADIAL_FISHEYE", 5, 1, CAMERA_FISHEYE},              /* f cx cy k1 k2 */
-    {"THIN_PRISM_FISHEYE", 12, 2, CAMERA_REFUSED},         /* fx fy cx cy k1 k2 p1 p2 k3 k4 sx1 sy1 */
-    {"RAD_TAN_THIN_PRISM_FISHEYE", 16, 2, CAMERA_REFUSED}, /* fx fy cx cy k0-k5 p0 p1 s0-s3 */
-    {"SIMPLE_DIVISION", 4, 1, CAMERA_REFUSED},             /* f cx cy k */
-    {"DIVISION", 5, 2, CAMERA_REFUSED},                    /* fx fy cx cy k */
-    {"SIMPLE_FISHEYE", 3, 1, CAMERA_FISHEYE},              /* f cx cy */
-    {"FISHEYE", 4, 2, CAMERA_FISHEYE},                     /* fx fy cx cy */
-    {"EUCM", 6, 2, CAMERA_REFUSED},                        /* fx fy cx cy alpha beta */
-    {"EQUIRECTANGULAR", 2, 0, CAMERA_SPHERE},              /* w h */
+    {"SIMPLE_PINHOLE", 3, 1, CAMERA_POLYNOMIAL},      /* f cx cy */
+    {"PINHOLE", 4, 2, CAMERA_POLYNOMIAL},             /* fx fy cx cy */
+    {"SIMPLE_RADIAL", 4, 1, CAMERA_POLYNOMIAL},       /* f cx cy k */
+    {"RADIAL", 5, 1, CAMERA_POLYNOMIAL},              /* f cx cy k1 k2 */
+    {"OPENCV", 8, 2, CAMERA_POLYNOMIAL},              /* fx fy cx cy k1 k2 p1 p2 */
+    {"OPENCV_FISHEYE", 8, 2, CAMERA_FISHEYE},         /* fx fy cx cy k1 k2 k3 k4 */
+    {"FULL_OPENCV", 12, 2, CAMERA_POLYNOMIAL},        /* fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6 */
+    {"FOV", 5, 2, CAMERA_FOV},                        /* fx fy cx cy omega */
+    {"SIMPLE_RADIAL_FISHEYE", 4, 1, CAMERA_FISHEYE},  /* f cx cy k */
+    {"RADIAL_FISHEYE", 5, 1, CAMERA_FISHEYE},         /* f cx cy k1 k2 */
+    {"THIN_PRISM_FISHEYE", 12, 2, CAMERA_THIN_PRISM}, /* fx fy cx cy k1 k2 p1 p2 k3 k4 sx1 sy1 */
+    {"RAD_TAN_THIN_PRISM_FISHEYE", 16, 2, CAMERA_RAD_TAN_THIN_PRISM}, /* fx fy cx cy k0-k5 p0 p1 s0-s3 */
+    {"SIMPLE_DIVISION", 4, 1, CAMERA_DIVISION},                       /* f cx cy k */
+    {"DIVISION", 5, 2, CAMERA_DIVISION},                              /* fx fy cx cy k */
+    {"SIMPLE_FISHEYE", 3, 1, CAMERA_FISHEYE},                         /* f cx cy */
+    {"FISHEYE", 4, 2, CAMERA_FISHEYE},                                /* fx fy cx cy */
+    {"EUCM", 6, 2, CAMERA_EUCM},                                      /* fx fy cx cy alpha beta */
+    {"EQUIRECTANGULAR", 2, 0, CAMERA_SPHERE},                         /* w h */
 };
 
 OXL_INTERNAL int camera_model_find(const char *name, size_t length)
@@ -51,8 +57,9 @@ OXL_INTERNAL const struct camera_model *camera_model_at(int index)
 
 OXL_INTERNAL const char *camera_model_list(void)
 {
-    return "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE, FULL_OPENCV, SIMPLE_RADIAL_FISHEYE, "
-           "RADIAL_FISHEYE, SIMPLE_FISHEYE, FISHEYE";
+    return "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE, FULL_OPENCV, FOV, SIMPLE_RADIAL_FISHEYE, "
+           "RADIAL_FISHEYE, THIN_PRISM_FISHEYE, RAD_TAN_THIN_PRISM_FISHEYE, SIMPLE_DIVISION, DIVISION, SIMPLE_FISHEYE, FISHEYE, "
+           "EUCM, EQUIRECTANGULAR";
 }
 
 OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double out[4])
@@ -92,6 +99,32 @@ static double camera_fisheye_scale(const double *k, int count, double r)
     return theta * (1 + polynomial) / r;
 }
 
+#define CAMERA_FOV_MAX 3.1415 /* Stays below pi, where the tangent of half the field of view is infinite. */
+
+/* Returns the scale of the FOV model, NaN from CAMERA_FOV_MAX on. omega: field of view of the lens. */
+static double camera_fov_scale(double omega, double r)
+{
+    const double w = fabs(omega), tangent = vecmath_sin(w / 2) / vecmath_cos(w / 2);
+    if (w < CAMERA_SMALL) return 1;
+    if (w > CAMERA_FOV_MAX) return NAN;
+    if (r < CAMERA_SMALL) return 2 * tangent / w;
+    return camera_atan(2 * r * tangent) / (r * w);
+}
+
+/* Distorts x, y on the fisheye plane, in and out, by polynomials of the squared radius: radial, then terms
+ * that are not, tangential and of a thin prism; `after`: these are evaluated at the radially distorted
+ * point. */
+static void camera_prism(const double radial[6], const double tangential[2], const double prism[4], int after,
+                         double *x, double *y)
+{
+    double u = *x, v = *y, r2 = u * u + v * v, scale = 0;
+    for (int i = 5; i >= 0; i--) scale = r2 * (radial[i] + scale);
+    *x = u * (1 + scale), *y = v * (1 + scale);
+    if (after) u = *x, v = *y, r2 = u * u + v * v;
+    *x += 2 * tangential[1] * u * v + tangential[0] * (r2 + 2 * u * u) + r2 * (prism[0] + r2 * prism[1]);
+    *y += 2 * tangential[0] * u * v + tangential[1] * (r2 + 2 * v * v) + r2 * (prism[2] + r2 * prism[3]);
+}
+
 OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const double direction[2],
                                  double pixel[2])
 {
@@ -101,16 +134,28 @@ OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const doubl
     const int count = m->parameter_count - m->focal_count - 2;
     const double u = direction[0], v = direction[1], r2 = u * u + v * v;
     double scale = 1, c[8] = {0}, x, y;
-    if (m->kind == CAMERA_POLYNOMIAL) {
+    switch (m->kind) {
+    case CAMERA_POLYNOMIAL:
         for (int i = 0; i < count; i++) c[i] = k[i];
         scale = (1 + r2 * (c[0] + r2 * (c[1] + r2 * c[4]))) / (1 + r2 * (c[5] + r2 * (c[6] + r2 * c[7])));
-    } else if (m->kind == CAMERA_FISHEYE) scale = camera_fisheye_scale(k, count, sqrt(r2));
-    else {
-        pixel[0] = pixel[1] = NAN;
-        return;
+        break;
+    case CAMERA_FISHEYE: scale = camera_fisheye_scale(k, count, sqrt(r2)); break;
+    case CAMERA_FOV: scale = camera_fov_scale(k[0], sqrt(r2)); break;
+    case CAMERA_THIN_PRISM:
+    case CAMERA_RAD_TAN_THIN_PRISM: scale = camera_fisheye_scale(k, 0, sqrt(r2)); break;
+    case CAMERA_DIVISION: scale = 4 * r2 * k[0] > 1 ? NAN : 2 / (1 + sqrt(1 - 4 * r2 * k[0])); break;
+    case CAMERA_EUCM:
+        scale = 1 + k[1] * r2 < 0 ? NAN : 1 / (k[0] * sqrt(1 + k[1] * r2) + 1 - k[0]);
+        if (!(scale > 0)) scale = NAN;
+        break;
+    case CAMERA_SPHERE: pixel[0] = pixel[1] = NAN; return;
     }
     x = u * scale + (2 * c[2] * u * v + c[3] * (r2 + 2 * u * u));
     y = v * scale + (2 * c[3] * u * v + c[2] * (r2 + 2 * v * v));
+    if (m->kind == CAMERA_THIN_PRISM)
+        camera_prism((double[6]){k[0], k[1], k[4], k[5]}, (double[2]){k[3], k[2]},
+                     (double[4]){k[6], 0, k[7], 0}, 0, &x, &y);
+    if (m->kind == CAMERA_RAD_TAN_THIN_PRISM) camera_prism(k, k + 6, k + 8, 1, &x, &y);
     pixel[0] = p[0] * x + p[m->focal_count];
     pixel[1] = p[m->focal_count - 1] * y + p[m->focal_count + 1];
 }
@@ -118,7 +163,10 @@ OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const doubl
 OXL_INTERNAL int camera_is_distorted(const struct colmap_camera *camera)
 {
     const struct camera_model *m = &camera_models[camera->model];
-    if (m->kind != CAMERA_POLYNOMIAL) return 1; /* is no pinhole even with all k = 0 */
+    if (m->kind == CAMERA_EUCM) return camera->parameter[4] != 0;
+    if (m->kind == CAMERA_FISHEYE || m->kind == CAMERA_THIN_PRISM || m->kind == CAMERA_RAD_TAN_THIN_PRISM ||
+        m->kind == CAMERA_SPHERE)
+        return 1; /* Counts models that are no pinhole even with all k = 0. */
     for (int i = m->focal_count + 2; i < m->parameter_count; i++)
         if (camera->parameter[i] != 0) return 1;
     return 0;

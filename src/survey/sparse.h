@@ -88,8 +88,12 @@ OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c); /* in scene_m
 enum camera_kind {
     CAMERA_POLYNOMIAL, /* k1 k2 p1 p2 k3 to k6, of which the last ones may be missing */
     CAMERA_FISHEYE,
-    CAMERA_REFUSED, /* a model of COLMAP's whose images it has to undistort */
-    CAMERA_SPHERE   /* the whole sphere: no pinhole camera covers it */
+    CAMERA_FOV,
+    CAMERA_THIN_PRISM,
+    CAMERA_RAD_TAN_THIN_PRISM,
+    CAMERA_DIVISION,
+    CAMERA_EUCM,
+    CAMERA_SPHERE /* the whole sphere: no pinhole camera covers it */
 };
 
 struct camera_model {
