@@ -491,7 +491,7 @@ typedef struct oxl_terms {
 
 /* Defaults are in parentheses: of all presets, or of draft, standard and paper. */
 typedef struct oxl_train_options {
-    int iterations; /* one image each (1200, 7000, 40 000) */
+    int iterations; /* one image each (1200, 3000, 40 000) */
     int sh_degree;  /* 0..3: final SH degree; -1: 3, in a job 1 where --ram is short (-1, -1, 3) */
     /* most Gaussians; 0: one per 60 training pixels, at least one per point (0) */
     int max_gaussians;

@@ -44,7 +44,7 @@ enum { HELP_DEFAULT = 160, HELP_COLUMN = 31 };
 
 /* ---------------- one option in words */
 
-/* Writes the default in words: "8", "draft 2000, standard 7000, paper 40000", or "". */
+/* Writes the default in words: "8", "draft 2000, standard 3000, paper 40000", or "". */
 static const char *help_default(int index, char out[HELP_DEFAULT])
 {
     const oxl_option *o = cli_option_at(index);
