@@ -250,9 +250,10 @@ oxl_result output_close(oxl_context *ctx, struct output *t)
         if (!written) oxl_remove(t->temporary);
     }
     if (!written)
-        rc = oxl_fail(ctx, OXL_ERR_IO,
-                      "%s cannot be written\nfix: choose a folder that you may write to, on a disk with free space",
-                      t->path);
+        rc = oxl_fail(
+            ctx, OXL_ERR_IO,
+            "%s cannot be written\nfix: choose a folder that you may write to, on a disk with free space",
+            t->path);
     free(t->data);
     *t = (struct output){0};
     return rc;
