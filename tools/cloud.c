@@ -65,7 +65,7 @@ oxl_result cloud_make(const struct surface *s, int enough, struct cloud *out)
     *out = (struct cloud){0};
     for (int v = 0; v < s->views; v++) {
         const struct sheet *t = &s->view[v].sheet;
-        const size_t pixels = (size_t)t->camera.width * (size_t)t->camera.height, before = out->count;
+        const size_t pixels = sheet_pixels(t), before = out->count;
         struct cloud_view c = {s, v, enough, product_room(pixels, sizeof *c.point)};
         unsigned char *skip = product_room(pixels, 1);
         struct cloud_point *all;

@@ -315,14 +315,6 @@ static oxl_result compare_draw(const struct compare *c)
     return rc;
 }
 
-static oxl_result compare_write_rasters(struct compare *c)
-{
-    oxl_result rc = map_raster(&c->map[0], c->p, "difference.tif", c->difference, 2);
-    for (size_t i = 0; i < c->cells; i++)
-        if (!c->sign[i]) c->difference[i] = NAN;
-    return rc == OXL_OK ? map_raster(&c->map[0], c->p, "significant.tif", c->difference, 1) : rc;
-}
-
 /* Writes the page from the table: its first line, then its rows. */
 static void compare_page(const struct compare *c, const char *csv, struct output *page)
 {
@@ -382,7 +374,10 @@ static oxl_result compare_write(struct compare *c)
     if (rc == OXL_OK && !csv.failed) compare_page(c, csv.data, &page);
     if (rc == OXL_OK && !csv.failed)
         print_format(c->p->to, "%.*s\n", (int)strcspn(csv.data, "\n") - 2, csv.data + 2);
-    if (rc == OXL_OK) rc = compare_write_rasters(c);
+    if (rc == OXL_OK) rc = map_raster(&c->map[0], c->p, "difference.tif", c->difference, 2);
+    for (size_t i = 0; i < c->cells; i++)
+        if (!c->sign[i]) c->difference[i] = NAN;
+    if (rc == OXL_OK) rc = map_raster(&c->map[0], c->p, "significant.tif", c->difference, 1);
     if (rc == OXL_OK) rc = product_save(c->p, &csv, "compare.csv");
     if (rc == OXL_OK) rc = product_save(c->p, &page, "compare.html");
     free(csv.data), free(page.data), free(row);

@@ -54,32 +54,26 @@ static double gps_value(const struct gps_exif *e, size_t directory, int tag)
     return sign && strchr("SW\1", e->data[sign]) && e->data[sign] ? -value : value;
 }
 
-/* Reads latitude and longitude, degrees, and height, metres. Returns 0 where the photo has none. */
-static int gps_read(const char *path, struct gps_exif *e, double out[3])
-{
-    FILE *file = oxl_open(path);
-    size_t tiff = 0, directory;
-    e->size = file ? fread(e->data, 1, GPS_HEAD, file) : 0;
-    if (file) fclose(file);
-    while (tiff + 8 < e->size && memcmp(e->data + tiff, "Exif\0\0", 6)) tiff++;
-    if (tiff + 8 >= e->size) return 0;
-    e->size -= tiff + 6;
-    memmove(e->data, e->data + tiff + 6, e->size);
-    e->is_big = e->data[0] == 'M';
-    directory = (size_t)gps_number(e, gps_entry(e, (size_t)gps_number(e, 4, 4), 0x8825), 4);
-    for (int k = 0; k < 3; k++) out[k] = gps_value(e, directory, 2 * k + 2);
-    return out[0] > -80 && out[0] < 84 && fabs(out[1]) <= 180 && !isnan(out[2]);
-}
-
+/* Reads latitude and longitude, degrees, and height, metres. Returns 0 where the view's photo has none. */
 static int gps_of_view(const char *images, const char *survey, const char *name, double out[3])
 {
-    struct gps_exif *e = product_room(1, sizeof *e);
+    struct gps_exif e = {.size = 0};
     char path[8400];
-    int found;
+    FILE *file;
+    size_t tiff = 0, directory;
     snprintf(path, sizeof path, "%s%s/%s", images ? images : survey, images ? "" : "/images", name);
-    found = gps_read(path, e, out);
-    free(e);
-    return found;
+    file = oxl_open(path);
+    if (!file) return 0;
+    e.size = fread(e.data, 1, GPS_HEAD, file);
+    fclose(file);
+    while (tiff + 8 < e.size && memcmp(e.data + tiff, "Exif\0\0", 6)) tiff++;
+    if (tiff + 8 >= e.size) return 0;
+    e.size -= tiff + 6;
+    memmove(e.data, e.data + tiff + 6, e.size);
+    e.is_big = e.data[0] == 'M';
+    directory = (size_t)gps_number(&e, gps_entry(&e, (size_t)gps_number(&e, 4, 4), 0x8825), 4);
+    for (int k = 0; k < 3; k++) out[k] = gps_value(&e, directory, 2 * k + 2);
+    return out[0] > -80 && out[0] < 84 && fabs(out[1]) <= 180 && !isnan(out[2]);
 }
 
 void gps_say(const oxl_scene *scene, const char *images, const char *survey, FILE *to)

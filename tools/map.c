@@ -129,8 +129,7 @@ static oxl_result map_draw(struct map *m, const oxl_model *model)
         const size_t first = (size_t)y * (size_t)m->width;
         size_t plane;
         oxl_image image = {0};
-        if (m->height - y < MAP_ROWS) c->height = m->height - y;
-        else c->height = MAP_ROWS;
+        c->height = (int)fmin(m->height - y, MAP_ROWS);
         plane = (size_t)c->height * (size_t)c->width, band.depth += first;
         c->translation[1] += (c->cy - y - 0.5 * c->height) / c->fy, c->cy = 0.5 * c->height;
         rc = sheet_render(m->ctx, model, 0, &band, &image);
@@ -167,14 +166,14 @@ static double map_sigma(const struct map *m, const struct surface_vote *v, doubl
 static void map_take_vote(void *user, size_t at, const double p[3], const struct surface_vote *v)
 {
     struct map *m = user;
-    double distance;
+    const double scale = m->to.scale;
     (void)p;
     m->seen[at] = (unsigned char)((v->sees > 0) + (v->sees >= m->enough));
     for (size_t k = 0; k < 3 && v->sees < m->enough; k++) m->colour[k * map_pixels(m) + at] = NAN;
     if (!(m->sigma[at] > 0 && surface_holds(v, m->enough))) return;
     m->views[at] = (unsigned short)(v->confirms < 65535 ? v->confirms : 65535);
-    distance = v->footprint * m->surface->view[v->nearest].sheet.camera.fx;
-    m->sigma[at] = (float)map_sigma(m, v, m->to.scale * distance, at);
+    m->sigma[at] =
+        (float)map_sigma(m, v, scale * v->footprint * m->surface->view[v->nearest].sheet.camera.fx, at);
 }
 
 /* Keeps the heights that the views confirm, and measures the ground. */

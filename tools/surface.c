@@ -61,6 +61,11 @@ static void surface_find_plain(const oxl_image *image, unsigned char *guess)
 
 /* ---------------- views */
 
+size_t sheet_pixels(const struct sheet *t)
+{
+    return (size_t)t->camera.width * (size_t)t->camera.height;
+}
+
 static oxl_camera surface_camera(const oxl_camera *full, int side)
 {
     const double by = fmin(1, (double)side / fmax(full->width, full->height));
@@ -81,7 +86,7 @@ oxl_result sheet_render(oxl_context *ctx, const oxl_model *model, double near_pl
 
 static oxl_result surface_render(struct surface *s, const oxl_model *model, struct surface_view *v)
 {
-    const size_t pixels = (size_t)v->sheet.camera.width * (size_t)v->sheet.camera.height;
+    const size_t pixels = sheet_pixels(&v->sheet);
     oxl_image image = {0};
     oxl_result rc;
     frame_eye(&v->sheet.camera, v->eye);
@@ -96,30 +101,24 @@ static oxl_result surface_render(struct surface *s, const oxl_model *model, stru
     return rc;
 }
 
-/* Returns the median of |depth| where there is one; NaN: nowhere. */
-static double surface_median(const struct sheet *t)
-{
-    const size_t pixels = (size_t)t->camera.width * (size_t)t->camera.height;
-    double *z = product_room(pixels / 7 + 1, sizeof *z), median;
-    size_t n = 0;
-    for (size_t i = 0; i < pixels; i += 7)
-        if (fabsf(t->depth[i]) > 0) z[n++] = fabs((double)t->depth[i]);
-    median = product_quantile(z, n, 0.5);
-    free(z);
-    return median;
-}
-
-/* Sets the usual distance and the sampling: medians over the views. */
+/* Sets the usual distance and the sampling: medians over the views of each one's median depth. */
 static void surface_measure(struct surface *s)
 {
-    double *z = product_room(2 * (size_t)s->views, sizeof *z), *side = z + s->views;
+    double *middle = product_room(2 * (size_t)s->views, sizeof *middle), *side = middle + s->views;
     size_t n = 0;
     for (int i = 0; i < s->views; i++) {
-        z[n] = surface_median(&s->view[i].sheet), side[n] = z[n] / s->view[i].sheet.camera.fx;
-        n += z[n] > 0;
+        const struct sheet *t = &s->view[i].sheet;
+        const size_t pixels = sheet_pixels(t);
+        double *z = product_room(pixels, sizeof *z);
+        size_t count = 0;
+        for (size_t k = 0; k < pixels; k += 7)
+            if (fabsf(t->depth[k]) > 0) z[count++] = fabs((double)t->depth[k]);
+        middle[n] = product_quantile(z, count, 0.5), side[n] = middle[n] / t->camera.fx;
+        n += count > 0;
+        free(z);
     }
-    if (n > 0) s->distance = product_quantile(z, n, 0.5), s->sampling = product_quantile(side, n, 0.5);
-    free(z);
+    if (n > 0) s->distance = product_quantile(middle, n, 0.5), s->sampling = product_quantile(side, n, 0.5);
+    free(middle);
 }
 
 /* ---------------- the survey's points */
@@ -130,7 +129,7 @@ static void surface_doubt(const oxl_scene *scene, struct surface_view *v)
 {
     const oxl_point *point = oxl_scene_points(scene);
     const size_t points = oxl_scene_point_count(scene), width = (size_t)v->sheet.camera.width,
-                 height = (size_t)v->sheet.camera.height, pixels = width * height;
+                 height = (size_t)v->sheet.camera.height, pixels = sheet_pixels(&v->sheet);
     unsigned *all = product_room(2 * pixels, sizeof *all), *agree = all + pixels;
     size_t n = 0, pixel;
     double reach, at[2];

@@ -86,6 +86,7 @@ struct sheet {
     double parallel; /* as in oxl_render_options: 0: the rays meet in the camera */
     float *depth;    /* (height,width) as of oxl_render: negative where it is not clear; 0, NaN: none */
 };
+size_t sheet_pixels(const struct sheet *t);
 /* Finds the place that x, y px has at a depth. */
 void sheet_place(const struct sheet *t, double x, double y, double depth, double out[3]);
 /* Renders the model on its own background: out is created, the sheet's depths are set. */
