@@ -179,18 +179,18 @@ static oxl_result run_report(oxl_context *ctx, const struct arguments *a)
 
 /* The file of a model that train left: scene.ply is for viewers, and so for orthomosaics and flights, but where
  * it lacks gains alone; scene_clear.ply, where there is one, gives the images with imaging.txt. */
-static const char *model_file(oxl_context *ctx, const struct arguments *a, char *path, size_t size)
+static const char *model_file(oxl_context *ctx, const struct arguments *a, char path[4200])
 {
-    const char *base = strrchr(a->path[0], '/');
-    const int is_scene = strcmp(base ? base + 1 : a->path[0], "scene.ply") == 0;
-    const int length = is_scene ? (int)strlen(a->path[0]) - 9 : (int)strlen(a->path[0]);
-    snprintf(path, size, "%.*s%sscene_clear.ply", length, a->path[0], is_scene ? "" : "/");
+    char folder[4096];
+    if (strcmp(output_split(a->path[0], folder), "scene.ply") != 0)
+        snprintf(folder, sizeof folder, "%s", a->path[0]);
+    snprintf(path, 4200, "%s/scene_clear.ply", folder);
     if ((a->clear ||
          (a->command != COMMAND_CLOUD && a->command != COMMAND_COMPARE && !a->ortho && !a->flight) ||
          oxl_has_gains_alone(ctx, path)) &&
         file_exists(path))
         return path;
-    snprintf(path, size, "%.*s%sscene.ply", length, a->path[0], is_scene ? "" : "/");
+    snprintf(path, 4200, "%s/scene.ply", folder);
     return file_exists(path) ? path : a->path[0];
 }
 
@@ -198,10 +198,9 @@ static const char *model_file(oxl_context *ctx, const struct arguments *a, char 
 static void take_run_options(oxl_context *ctx, const struct arguments *a, const char *file,
                              oxl_scene_options *o, oxl_manifest **run)
 {
-    const char *slash = strrchr(file, '/');
     oxl_job_options job = a->job;
     char folder[4096];
-    snprintf(folder, sizeof folder, "%.*s", slash ? (int)(slash - file) : 1, slash ? file : ".");
+    output_split(file, folder);
     if (!has_file(folder, "run.json") || oxl_job_resume(ctx, a->path[1], folder, &job, run) != OXL_OK) return;
     arguments_apply(a, &job);
     job.scene.allow_truncated = o->allow_truncated;
@@ -220,8 +219,8 @@ struct loaded {
 /* Loads the model in the survey's own frame and unit; unload frees it, also on error. */
 static oxl_result load(oxl_context *ctx, const struct arguments *a, struct loaded *out)
 {
-    char path[4096];
-    const char *file = model_file(ctx, a, path, sizeof path);
+    char path[4200];
+    const char *file = model_file(ctx, a, path);
     oxl_scene_options options = a->job.scene;
     oxl_manifest *run = NULL;
     oxl_model *model = &out->model;

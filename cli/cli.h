@@ -48,6 +48,8 @@ void output_open(struct output *t, const char *path);
 oxl_result output_close(oxl_context *ctx, struct output *t);
 /* Opens a file, writes the text and closes it. */
 oxl_result output_save(oxl_context *ctx, struct output *t, const char *path);
+/* Copies the folder of a file, "." if the path names none; returns the file's name. */
+const char *output_split(const char *path, char folder[4096]);
 /* Reads a file into fresh memory, or returns NULL; size may be NULL. */
 char *output_read(const char *folder, const char *name, size_t *size);
 

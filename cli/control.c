@@ -58,12 +58,11 @@ static void control_print_sum(const struct control_sum *s, FILE *to)
 oxl_result control_check(oxl_context *ctx, const oxl_scene *scene, const char *path, FILE *to)
 {
     struct control_sum sum = {{0}, 0, 0};
-    const char *slash = strrchr(path, '/');
-    char folder[1024], *text;
+    char folder[4096];
+    const char *name = output_split(path, folder);
+    char *text = output_read(folder, name, NULL);
     int number = 1;
     oxl_result rc = OXL_OK;
-    snprintf(folder, sizeof folder, "%.*s", slash ? (int)(slash - path) : 1, slash ? path : ".");
-    text = output_read(folder, slash ? slash + 1 : path, NULL);
     if (!text) return oxl_fail(ctx, OXL_ERR_INPUT, "%s: the file cannot be read\nfix: --control FILE", path);
     fprintf(to, "%-16s %10s %10s %10s %10s %10s  (measured - given; rays' distance)\n", "control point", "dX",
             "dY", "dZ", "3D", "rays");

@@ -75,20 +75,12 @@ static void info_model(FILE *to, const oxl_model *m, float *sorted, int json)
 
 /* ---------------- imaging.txt beside a model (docs/UNDERWATER.md) */
 
-/* Splits a path into folder, with its slash, and name. Returns the name. */
-static const char *info_folder(const char *path, char folder[4096])
-{
-    const char *slash = strrchr(path, '/');
-    snprintf(folder, 4096, "%.*s", slash ? (int)(slash + 1 - path) : 2, slash ? path : "./");
-    return slash ? slash + 1 : path;
-}
-
 /* Prints the lines of the imaging.txt beside the model, and how many images have gains and poses. */
 static void info_imaging(FILE *to, const char *path, int json)
 {
     char folder[4096], *text;
     int gains = 0, poses = 0, lines = 0;
-    info_folder(path, folder);
+    output_split(path, folder);
     text = output_read(folder, "imaging.txt", NULL);
     for (char *line = text, *next; line && *line; line = next) {
         next = line + strcspn(line, "\n");
@@ -116,13 +108,13 @@ static int info_is_for_viewers(const char *name)
 oxl_result info_convert_imaging(oxl_context *ctx, const char *from, const char *to)
 {
     char source[4096], target[4096], path[4200];
-    const int viewers = info_is_for_viewers(info_folder(from, source)),
-              named_so = info_is_for_viewers(info_folder(to, target));
+    const int viewers = info_is_for_viewers(output_split(from, source)),
+              named_so = info_is_for_viewers(output_split(to, target));
     char *imaging = output_read(source, "imaging.txt", NULL),
          *there = output_read(target, "imaging.txt", NULL);
     struct output t = {0};
     oxl_result rc = OXL_OK;
-    snprintf(path, sizeof path, "%simaging.txt", target);
+    snprintf(path, sizeof path, "%s/imaging.txt", target);
     if (viewers && !named_so && there)
         rc = oxl_fail(
             ctx, OXL_ERR_USAGE,

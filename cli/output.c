@@ -160,6 +160,13 @@ double axis_step(double span)
 
 /* ---------------- files */
 
+const char *output_split(const char *path, char folder[4096])
+{
+    const char *slash = strrchr(path, '/');
+    snprintf(folder, 4096, "%.*s", slash ? (int)(slash - path) : 1, slash ? path : ".");
+    return slash ? slash + 1 : path;
+}
+
 char *output_read(const char *folder, const char *name, size_t *size)
 {
     char path[4200], *text = NULL;

@@ -263,6 +263,7 @@ promise cloud_writes_triangles 0 "mesh.obj, " "$program" cloud out/scene.ply sur
 promise compare_finds_nothing_between_a_run_and_itself 0 "at 0 places" "$program" compare out out -o change
 promise compare_wants_a_polygon_of_three_corners 2 "three corners or more" on_stderr "$program" compare out out -o change --polygon "0,0;1,1"
 promise eval_takes_the_sides_of_training 0 "--max-side 48, as in training" on_stderr sh -c "'$program' train survey -o sides --max-side 48 --iterations 5 --quiet >/dev/null && '$program' eval sides/scene.ply survey"
+promise cloud_refuses_a_file_of_another_program_in_any_folder 2 "OceanXL did not write it" on_stderr sh -c "echo mine >\"\$PWD/mine.las\"; '$program' cloud out/scene.ply survey -o \"\$PWD/mine.las\""
 promise cloud_says_which_files_it_writes 2 "expected a file *.ply or *.las" on_stderr "$program" cloud out/scene.ply survey -o cloud.xyz
 promise map_says_its_axes 0 "1 0 0 0" cat ortho/frame.txt
 promise map_of_own_axes_refuses_an_epsg_code 2 "--frame world if the survey is georeferenced" on_stderr "$program" render out/scene.ply survey -o ortho --ortho --frame survey --epsg 32632
@@ -303,7 +304,7 @@ promise eval_of_the_folder_and_of_scene_ply_agree_with_metrics_json 0 "" sh -c \
 mkdir -p quoted && cp out/scene.ply quoted/ && printf '%s\n' 'lamp 1 a"b\c.png' >quoted/imaging.txt
 promise info_escapes_names_of_imaging_txt 0 '"imaging": ["lamp 1 a\"b\\c.png"]' on_stdout "$program" info quoted/scene.ply --json
 promise info_lists_what_imaging_txt_has 0 "Binf " on_stdout "$program" info lit/scene_clear.ply
-promise convert_on_a_full_disk_fails_and_leaves_no_part_of_imaging 1 "few/to/imaging.txt, the gains" full_disk
+promise convert_on_a_full_disk_fails_and_leaves_no_part_of_imaging 1 "few/to/imaging.txt cannot be written" full_disk
 promise control_characters_of_names_are_shown_as_numbers 0 'x1b]0;owned\x07' escapes
 promise resume_line_can_be_copied_whatever_the_names_are 130 "oceanxl train 'a b;touch x' -o 'o'\\''o'" \
     ctrl_c sh -c "ln -sfn survey 'a b;touch x'; exec '$program' train 'a b;touch x' -o \"o'o\" --iterations 300000"

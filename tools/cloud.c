@@ -254,12 +254,15 @@ oxl_result cloud_write(const struct product *p, const oxl_model *model)
     struct output t = {0};
     oxl_result rc;
     double step;
+    const char *name;
+    char folder[4096];
     int kind = 0;
     while (kind < 3 && !(strcmp(end, form[kind].end) == 0 && form[kind].of & (a->mesh ? 2 : 1))) kind++;
     if (kind == 3)
         return oxl_fail(p->ctx, OXL_ERR_USAGE, "cloud: -o is %s, expected a file %s\nfix: use -o %s.ply",
                         a->out, a->mesh ? "*.ply or *.obj" : "*.ply or *.las", a->mesh ? "mesh" : "cloud");
-    rc = output_check_own(p->ctx, ".", a->out, "oceanxl");
+    name = output_split(a->out, folder);
+    rc = output_check_own(p->ctx, folder, name, "oceanxl");
     if (rc == OXL_OK) rc = surface_open(p->ctx, model, p->scene, 1 << 20, &s);
     if (rc == OXL_OK) rc = cloud_make(&s, a->min_views, &c);
     step = a->mesh ? a->pixel > 0 ? a->pixel / p->world.scale : 2 * s.sampling : s.sampling;
