@@ -29,11 +29,12 @@ struct cloud_view {
 /* Sets the unit normal on the camera's side from the depths around; towards the camera where they are no surface. */
 static void cloud_normal(const struct surface_view *v, size_t at, const double p[3], float normal[3])
 {
+    static const int step[4][2] = {{-2, 0}, {2, 0}, {0, -2}, {0, 2}};
     const struct sheet *t = &v->sheet;
     const int width = t->camera.width, x = (int)(at % (size_t)width), y = (int)(at / (size_t)width);
     double end[4][3], n[3], length;
-    for (int k = 0; k < 4; k++) { /* left, right, above, below */
-        const int u = x + (k == 1) * 2 - (k == 0) * 2, w = y + (k == 3) * 2 - (k == 2) * 2;
+    for (int k = 0; k < 4; k++) {
+        const int u = x + step[k][0], w = y + step[k][1];
         const int is_inside = u >= 0 && w >= 0 && u < width && w < t->camera.height;
         const float z = is_inside ? fabsf(t->depth[w * width + u]) : 0;
         if (fabsf(z - t->depth[at]) <= (float)CLOUD_EDGE * t->depth[at])

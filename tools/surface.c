@@ -227,14 +227,12 @@ void sheet_place(const struct sheet *t, double x, double y, double depth, double
 
 void surface_find(const struct surface *s, double (*place)[3], size_t count, struct surface_list *list)
 {
-    double low[3], high[3], half[3], centre[3], radius;
-    for (size_t i = 0; i < 3 * count; i++) {
-        const double x = place[i / 3][i % 3];
-        low[i % 3] = i < 3 ? x : fmin(low[i % 3], x), high[i % 3] = i < 3 ? x : fmax(high[i % 3], x);
+    const double *centre = place[count / 2];
+    double radius = 0, away[3];
+    for (size_t i = 0; i < count; i++) {
+        vector_add(place[i], -1, centre, away);
+        radius = fmax(radius, frame_length(away));
     }
-    vector_add(high, -1, low, half);
-    vector_add(low, 0.5, half, centre);
-    radius = 0.5 * frame_length(half);
     list->count = 0;
     for (int i = 0; i < s->views && list->count < SURFACE_LISTED; i++) {
         const oxl_camera *c = &s->view[i].sheet.camera;
@@ -245,22 +243,6 @@ void surface_find(const struct surface *s, double (*place)[3], size_t count, str
                        : z > -radius)
             list->view[list->count++] = i;
     }
-}
-
-/* The view's |depth| at a place of its image: between pixels where the four around agree, else the nearest. */
-static double surface_depth(const struct sheet *t, const double at[2], size_t nearest)
-{
-    const int x = (int)floor(at[0] - 0.5), y = (int)floor(at[1] - 0.5);
-    const double own = fabs((double)t->depth[nearest]), u = at[0] - 0.5 - x, w = at[1] - 0.5 - y;
-    double sum = 0;
-    if (x < 0 || y < 0 || x + 1 >= t->camera.width || y + 1 >= t->camera.height) return own;
-    for (int k = 0; k < 4; k++) {
-        const double z =
-            fabs((double)t->depth[(size_t)(y + k / 2) * (size_t)t->camera.width + (size_t)(x + k % 2)]);
-        if (fabs(z - own) > SURFACE_AGREES * own) return own;
-        sum += z * (k % 2 ? u : 1 - u) * (k / 2 ? w : 1 - w);
-    }
-    return sum;
 }
 
 static void surface_confirm(const struct surface_view *v, int view, const double p[3], double z, double own,
@@ -296,7 +278,7 @@ struct surface_vote surface_ask(const struct surface *s, const struct surface_li
         out.passes += v->guess[pixel] == SURFACE_CONTRADICTED;
         if (v->guess[pixel]) continue;
         if (own > z + SURFACE_TOLERANCE * fmin(z, usual)) out.passes++;
-        own = surface_depth(&v->sheet, at, pixel);
+        own = fabs(own);
         if (fabs(own - z) <= SURFACE_AGREES * fmin(z, usual))
             surface_confirm(v, list->view[i], p, z, own, &out);
     }
