@@ -30,7 +30,6 @@ enum {
 /* factors of map_sigma */
 #define MAP_SIGMA_SPREAD 1.75
 #define MAP_SIGMA_OPEN 0.33
-#define MAP_SIGMA_STEP 0.17
 #define MAP_SIGMA_LEAST 0.0022
 
 static size_t map_pixels(const struct map *m)
@@ -147,19 +146,15 @@ static oxl_result map_draw(struct map *m, const oxl_model *model)
 /* ---------------- what the views confirm */
 
 /* The standard deviation of a confirmed height, units: of what the views' depths differ by, of what their parallax
- * leaves open, both along the mean ray, of half a pixel on the ground's slope, and of a share of the distance that
- * is always left. The factors are calibrated (docs/log/TRAINING.md). */
-static double map_sigma(const struct map *m, const struct surface_vote *v, double distance, size_t at)
+ * leaves open, both along the mean ray, and of a share of the distance that is always left. The factors are calibrated (docs/log/TRAINING.md). */
+static double map_sigma(const struct map *m, const struct surface_vote *v, double distance)
 {
     const double n = v->confirms, straight = frame_length(v->ray) / n,
                  parallax = sqrt(fmax(2 * (1 - straight), 1e-4)), spread = sqrt(v->off2 / n) * distance,
                  open = m->to.scale * v->footprint / parallax / sqrt(n),
                  upright = vector_dot(v->ray, m->to.rotation + 6) / (n * straight);
-    double step = 0; /* largest to a neighbour; fmax leaves out NaN */
-    for (int k = 1; k < 9; k += 2)
-        step = fmax(step, fabs((double)(m->level[map_next(m, at, k)] - m->level[at])));
     return sqrt(pow(MAP_SIGMA_SPREAD * upright * spread, 2) + pow(MAP_SIGMA_OPEN * upright * open, 2) +
-                pow(MAP_SIGMA_STEP * step, 2) + pow(MAP_SIGMA_LEAST * distance, 2));
+                pow(MAP_SIGMA_LEAST * distance, 2));
 }
 
 /* Empties a pixel that too few views see; views stays 0 where it has no height. */
@@ -173,7 +168,7 @@ static void map_take_vote(void *user, size_t at, const double p[3], const struct
     if (!(m->sigma[at] > 0 && surface_holds(v, m->enough))) return;
     m->views[at] = (unsigned short)(v->confirms < 65535 ? v->confirms : 65535);
     m->sigma[at] =
-        (float)map_sigma(m, v, scale * v->footprint * m->surface->view[v->nearest].sheet.camera.fx, at);
+        (float)map_sigma(m, v, scale * v->footprint * m->surface->view[v->nearest].sheet.camera.fx);
 }
 
 /* Keeps the heights that the views confirm, and measures the ground. */
