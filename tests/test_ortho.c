@@ -300,7 +300,7 @@ TEST(ortho_is_transparent_where_too_few_views_saw_the_ground)
 /* What the cameras at x = 3 and 7 say of the place 5.05, 2.05, -1, which both have in their images. Ground: a Gaussian of
  * that size lies `ground` from it; speck: another on it, 0.2 red. A speck halfway hides the place from the first
  * camera; within a twentieth of the depth it is a slope, not a wall; usual: distance of the cameras, from which too
- * far away nothing is seen. Deeper ground is passed; images without depth, and those without detail, confirm nothing;
+ * far away nothing is seen. Deeper ground is passed; images without depth confirm nothing;
  * nor do those that points at `points` contradict. */
 TEST(surface_is_confirmed_by_clear_images_of_that_depth_that_points_do_not_contradict)
 {
@@ -315,7 +315,6 @@ TEST(surface_is_confirmed_by_clear_images_of_that_depth_that_points_do_not_contr
                {{0, 0, -2}, 3, 100, 1, 0, 2, 0, 2, 9},
                {{0, 0, -4}, 3, 100, 0, 0, 2, 0, 0, 9},
                {{0, 0, 0}, 30, 0, 1, 1, 2, 2, 0, 9},
-               {{0, 0, 0}, 30, 0, 1, 0, 2, 0, 0, 9},
                {{0, 0, 0}, 3, 100, 1, 0, 2, 0, 2, 1},
                {{0, 0, 0}, 3, 100, 1, 0, 2, 2, 0, 0}};
     for (size_t i = 0; i < sizeof row / sizeof *row; i++) {

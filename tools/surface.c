@@ -4,10 +4,9 @@
  * alike. A place is asked of the views that have it in their image, not farther than SURFACE_FAR times the usual
  * distance. A view does not see a place behind a clear surface of its own, by more than SURFACE_TOLERANCE of the
  * depth: walls hide, low ridges do not. Of those that see it, a view confirms the place where its own depth is the
- * place's to within SURFACE_AGREES, and passes it where its own clear depth is beyond. A pixel does neither where
- * its depth is a guess: where the view has no detail, as the depth of haze and of even ground is whatever fits its
- * colour, and where the survey's points around it lie elsewhere. Every second point is for that; the others
- * measure what is left. docs/log/TRAINING.md has what these rules change.
+ * place's to within SURFACE_AGREES, and passes it where its own clear depth is beyond, or is a guess: where the
+ * survey's points around it lie elsewhere. Every second point is for that; the others measure what is left.
+ * docs/log/TRAINING.md has what these rules change.
  */
 #include "tools.h"
 
@@ -22,42 +21,14 @@
 #define SURFACE_AGREES 0.04
 /* largest distance of a place that is seen, in usual distances: the horizon of oblique views is left out */
 #define SURFACE_FAR 2.0
-/* least rms of detail, as a fraction of the mean grey */
-#define SURFACE_CONTRAST 0.0035
 /* difference from a point's depth, as a fraction of it, that does not contradict */
 #define SURFACE_NEAR 0.03
 #define SURFACE_SHARE 0.05 /* least share of the points around a pixel that are near its depth */
 enum {
-    SURFACE_CONTRADICTED = 2, /* a guess that the survey's points contradict */
-    SURFACE_AROUND = 108,     /* points around a pixel, in the mean */
-    SURFACE_NEIGHBOURS = 5,   /* least points around a pixel that may contradict its depth */
-    SURFACE_REACH = 4,        /* px; detail is seen within this reach */
-    SURFACE_PIXELS = 1 << 26  /* most pixels of all views: 8 bytes each */
+    SURFACE_AROUND = 108,    /* points around a pixel, in the mean */
+    SURFACE_NEIGHBOURS = 5,  /* least points around a pixel that may contradict its depth */
+    SURFACE_PIXELS = 1 << 26 /* most pixels of all views: 8 bytes each */
 };
-
-/* ---------------- detail */
-
-/* Marks pixels without detail as guesses. Detail is what is the same on both sides of a pixel and differs from the mean
- * around it, so that an even slope of brightness is none. */
-static void surface_find_plain(const oxl_image *image, unsigned char *guess)
-{
-    const int width = image->width, height = image->height, pixels = width * height;
-    float *grey = image->rgb;
-    for (int i = 0; i < pixels; i++) grey[i] = (grey[i] + grey[pixels + i] + grey[2 * pixels + i]) / 6;
-#pragma omp parallel for schedule(static)
-    for (int i = 0; i < pixels; i++) {
-        float sum = 0, square = 0, n = 0;
-        for (int v = -SURFACE_REACH; v <= SURFACE_REACH; v += 2)
-            for (int u = -SURFACE_REACH; u <= SURFACE_REACH; u += 2) {
-                const int x = i % width, y = i / width;
-                float both;
-                if (x < abs(u) || y < abs(v) || x + abs(u) >= width || y + abs(v) >= height) continue;
-                both = grey[i + v * width + u] + grey[i - v * width - u];
-                n++, sum += both, square += both * both;
-            }
-        guess[i] = !(square / n - sum / n * (sum / n) > (float)pow(SURFACE_CONTRAST * (double)(sum / n), 2));
-    }
-}
 
 /* ---------------- views */
 
@@ -96,7 +67,6 @@ static oxl_result surface_render(struct surface *s, const oxl_model *model, stru
     rc = sheet_render(s->ctx, model, oxl_scene_near_plane(s->scene), &v->sheet, &image);
     for (size_t i = 0; i < 3 * pixels && rc == OXL_OK; i++)
         v->rgb[i] = (unsigned char)(255 * fminf(fmaxf(image.rgb[i % 3 * pixels + i / 3], 0), 1) + 0.5f);
-    if (rc == OXL_OK) surface_find_plain(&image, v->guess);
     oxl_image_free(s->ctx, &image);
     return rc;
 }
@@ -148,8 +118,7 @@ static void surface_doubt(const oxl_scene *scene, struct surface_view *v)
             }
     }
     for (size_t k = 0; k < pixels; k++)
-        if (all[k] >= SURFACE_NEIGHBOURS && agree[k] < SURFACE_SHARE * all[k])
-            v->guess[k] = SURFACE_CONTRADICTED;
+        if (all[k] >= SURFACE_NEIGHBOURS && agree[k] < SURFACE_SHARE * all[k]) v->guess[k] = 1;
     free(all);
 }
 
@@ -275,9 +244,10 @@ struct surface_vote surface_ask(const struct surface *s, const struct surface_li
         own = v->sheet.depth[pixel];
         if (own > 0 && own < (1 - SURFACE_TOLERANCE) * z) continue;
         out.sees++;
-        out.passes += v->guess[pixel] == SURFACE_CONTRADICTED;
-        if (v->guess[pixel]) continue;
-        if (own > z + SURFACE_TOLERANCE * fmin(z, usual)) out.passes++;
+        if (v->guess[pixel] || own > z + SURFACE_TOLERANCE * fmin(z, usual)) {
+            out.passes++;
+            continue;
+        }
         own = fabs(own);
         if (fabs(own - z) <= SURFACE_AGREES * fmin(z, usual))
             surface_confirm(v, list->view[i], p, z, own, &out);

@@ -98,7 +98,7 @@ struct surface_view {
     struct sheet sheet;
     double eye[3];        /* the camera's centre */
     unsigned char *rgb;   /* (height,width,3) */
-    unsigned char *guess; /* (height,width) not 0: the depth is a guess */
+    unsigned char *guess; /* (height,width) 1: points contradict the depth */
 };
 struct surface {
     oxl_context *ctx;
@@ -117,8 +117,8 @@ void surface_close(struct surface *s);
 /* What the views say of a place. */
 struct surface_vote {
     int sees;         /* views that have it in their image with nothing before it */
-    int confirms;     /* of these, views whose own depth, with detail, is that of the place */
-    int passes;       /* of these, views that clearly see something behind it */
+    int confirms;     /* of these, views whose own depth is that of the place */
+    int passes;       /* of these, views that clearly see something behind it, or whose depth is a guess */
     double off2;      /* sum over `confirms` of ((own depth - place's depth) / place's depth)^2 */
     double ray[3];    /* sum over `confirms` of the unit vectors towards the cameras */
     double footprint; /* least depth by focal length over `confirms`: units that a pixel sees */
