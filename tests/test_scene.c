@@ -221,7 +221,7 @@ TEST(scene_missing_images_are_left_out_up_to_the_stated_fraction)
     CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT);
     CHECK(!scene);
     CHECK_SAYS("2 of the 8 images");
-    CHECK_SAYS("by a larger --missing-images; or take them out: colmap image_deleter"); /* some were found */
+    CHECK_SAYS("by a larger --missing-images; or take them out of the file"); /* some were found */
 }
 
 /* Files that go while a model is evaluated: one of eight is left out, three are more than a quarter. */

@@ -1,7 +1,7 @@
 /* colmap.c - reads a COLMAP model, text or binary: cameras, images, points3D.
  *
  * Source: "Output Format" in COLMAP's documentation, src/colmap/scene/reconstruction_io_binary.cc (3.x to
- * 4.1), and variants of other programs: CR LF, tabs, a missing line of 2D points, decimal commas, -nan(ind).
+ * 4.1), and variants of other programs: CR LF, tabs, a missing line of 2D points, -nan(ind).
  * Both formats have the same fields in the same order. Binary files are little endian, nothing is aligned,
  * and begin with the number of their rows (u64):
  *

@@ -20,7 +20,8 @@ enum colmap_warning {
     WARN_COUNT
 };
 
-#define COLMAP_FIX_EXPORT "export the model again: colmap model_converter --output_type TXT"
+/* LC_ALL: in some languages programs write 0,5 for 0.5. */
+#define COLMAP_FIX_EXPORT "export the model again: LC_ALL=C colmap model_converter --output_type TXT"
 #define COLMAP_FIX_BINARY \
     "copy the file again, or write the model again: colmap model_converter --output_type BIN"
 

@@ -144,28 +144,13 @@ OXL_INTERNAL const char *colmap_printable(const struct colmap_reader *r, char ou
     return out;
 }
 
-/* Returns 1 for a number with a decimal comma, such as 0,5. */
-static int colmap_has_comma(const char *p, const char *end)
-{
-    for (; end - p > 2 && !colmap_is_blank(p[1]); p++)
-        if (p[1] == ',' && p[0] >= '0' && p[0] <= '9' && p[2] >= '0' && p[2] <= '9') return 1;
-    return 0;
-}
-
 OXL_INTERNAL void colmap_fail_field(struct colmap_reader *r, const char *what, const char *kind, double value)
 {
     char seen[64];
-    if (colmap_is_binary(r)) {
+    if (colmap_is_binary(r))
         colmap_fail(r, COLMAP_FIX_BINARY, "found %g, expected %s, %s", value, what, kind);
-        return;
-    }
-    if (colmap_has_comma(r->field, r->end))
-        colmap_fail(
-            r,
-            "the export was made under a locale with decimal commas; make it again with LC_ALL=C in front: "
-            "LC_ALL=C colmap model_converter --output_type TXT",
-            "found %s, a decimal comma, for %s; expected a decimal point", colmap_printable(r, seen), what);
-    colmap_fail(r, COLMAP_FIX_EXPORT, "found %s, expected %s, %s", colmap_printable(r, seen), what, kind);
+    else
+        colmap_fail(r, COLMAP_FIX_EXPORT, "found %s, expected %s, %s", colmap_printable(r, seen), what, kind);
 }
 
 /* ---------------- lines and records */

@@ -16,14 +16,6 @@ enum {
 
 /* ---------------- missing images */
 
-/* Returns how to remove an image from the survey's files. */
-static const char *scene_removal(const struct colmap *c)
-{
-    return c->format != COLMAP_JSON                        ? "colmap image_deleter"
-           : strcmp(c->images_file, "reconstruction.json") ? "delete its frame in the file"
-                                                           : "delete its shot in the file";
-}
-
 /* Says which images are missing, and fails if that is too many. */
 static oxl_result scene_check_missing(oxl_context *ctx, const oxl_scene *scene, double fraction,
                                       const char *names)
@@ -37,12 +29,12 @@ static oxl_result scene_check_missing(oxl_context *ctx, const oxl_scene *scene, 
         return oxl_fail(
             ctx, OXL_ERR_INPUT,
             "%d of the %zu images of %s are not in %s: %s; at most %.0f %% may be missing\n"
-            "fix: %s%s",
+            "fix: %s",
             missing, c->image_count, c->images_file, scene->images, names, 100 * fraction,
             scene->view_count == 0
                 ? "use --images to name the folder where the image names of the model start"
-                : "put them there; or train without them by a larger --missing-images; or take them out: ",
-            scene->view_count == 0 ? "" : scene_removal(c));
+                : "put them there; or train without them by a larger --missing-images; or take them out of the "
+                  "file that names them (COLMAP's: colmap image_deleter)");
     return OXL_OK;
 }
 
@@ -248,9 +240,9 @@ static oxl_result scene_check_names(oxl_context *ctx, const oxl_scene *scene, co
         if (strcmp(order[i - 1].name, order[i].name) == 0)
             return oxl_fail(ctx, OXL_ERR_INPUT,
                             "%s/%s:%d: %s appears twice, first in line %d; expected each image "
-                            "once\nfix: export the model again, or take one of the two out: %s",
+                            "once\nfix: export the model again, or take one of the two out",
                             c->folder, c->images_file, c->image[order[i].image].line, order[i].name,
-                            c->image[order[i - 1].image].line, scene_removal(c));
+                            c->image[order[i - 1].image].line);
     return OXL_OK;
 }
 
