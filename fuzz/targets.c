@@ -132,7 +132,7 @@ static void fuzz_check_colmap(const struct colmap *c)
 static void fuzz_use_colmap(oxl_context *ctx)
 {
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_partition_options cut = oxl_partition_options_default();
+    oxl_partition_options cut = oxl_job_options_default(OXL_PRESET_DRAFT).partition;
     struct partition partition;
     struct colmap c;
     oxl_scene *scene = NULL;

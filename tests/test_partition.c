@@ -66,7 +66,7 @@ static oxl_scene *partition_test_load(const char *path)
 
 static struct partition partition_test_cut(const oxl_scene *scene, int block_points, oxl_cut cut)
 {
-    oxl_partition_options o = oxl_partition_options_default();
+    oxl_partition_options o = oxl_job_options_default(OXL_PRESET_DRAFT).partition;
     struct partition p;
     o.block_points = block_points;
     o.cut = cut;
@@ -185,7 +185,7 @@ TEST(partition_cuts_at_the_share_of_the_points_within_the_middle_of_the_box)
 {
     for (int crowd = 1; crowd <= 3; crowd += 2) {
         OWNED_SCENE *scene = partition_test_crowd(crowd);
-        oxl_partition_options o = oxl_partition_options_default();
+        oxl_partition_options o = oxl_job_options_default(OXL_PRESET_DRAFT).partition;
         for (o.blocks = 2; o.blocks <= 7; o.blocks++) {
             const size_t share = PARTITION_TEST_POINTS / (size_t)o.blocks;
             OWNED_PARTITION p = {0};

@@ -144,7 +144,7 @@ TEST(nonfinite_counts_are_logged_at_the_end_and_recorded)
 /* A state with one thing changed that no run would write, and a right checksum. */
 TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
 {
-    for (int fault = 0; fault < 8; fault++) {
+    for (int fault = 0; fault < 7; fault++) {
         OWNED_TEXT log = {.ctx = test_ctx}, notes = {.ctx = test_ctx};
         struct train_task place = {
             .store = checkpoint_in(test_folder(), "key"), .log = &log, .notes = &notes};
@@ -158,7 +158,6 @@ TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
         if (fault == 4) c.t.trained.square.count--;
         if (fault == 5) c.t.trained.model.plane[OXL_SH][3] = NAN;
         if (fault == 6) c.t.view[3] = -1;
-        if (fault == 7) c.t.trained.square.plane[OXL_MEAN][0] = -1e-9f; /* of a square */
         CHECK_OK(checkpoint_write(test_ctx, place.store.folder, place.store.key, train_archive, &c.t));
         nonfinite_test_begin(&again, 0);
         again.t.task = place;

@@ -143,10 +143,9 @@ OXL_INTERNAL oxl_result text_take(struct text *t, char **out);
 
 /* Copies text; NULL: no memory. */
 OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s);
-/* Allocates "a/b"; a may be "" or end in a slash. */
-OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b);
-/* Makes a path like oxl_path_join in a temporary of the enclosing block, its second part from a format:
- * PATH(folder, "blocks/%03d", k). A path that is too long becomes one that cannot exist. */
+/* Makes the path "folder/rest" in a temporary of the enclosing block, its second part from a format:
+ * PATH(folder, "blocks/%03d", k); folder may be "" or end in a slash. A path that is too long becomes one that
+ * cannot exist. */
 enum { PATH_LENGTH = 4096 };
 OXL_INTERNAL const char *path_in(char out[PATH_LENGTH], const char *folder, const char *format, ...)
     OXL_PRINTF(3, 4);

@@ -150,11 +150,6 @@ oxl_scene_options oxl_scene_options_default(void)
     return oxl_job_options_default(OXL_PRESET_DRAFT).scene;
 }
 
-oxl_partition_options oxl_partition_options_default(void)
-{
-    return oxl_job_options_default(OXL_PRESET_DRAFT).partition;
-}
-
 /* ---------------- text to a value */
 
 /* Letters of the word that a number's value begins with, as in auto|FRACTION; 0: there is none. */

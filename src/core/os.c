@@ -148,8 +148,8 @@ OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struc
     oxl_result rc = OXL_ERR_MEMORY;
     struct text name = {.ctx = ctx};
     *out = (struct os_writer){.path = oxl_strdup(ctx, path)};
-    text_add(&name, "%s.%ld.tmp", path,
-             os_process()); /* The name is unique among processes that share an output folder. */
+    /* The name is unique among processes that share an output folder. */
+    text_add(&name, "%s.%ld" OS_TEMPORARY, path, os_process());
     out->temporary = name.data;
     if (out->path && !name.failed) {
         out->file = os_create(out->temporary);

@@ -9,6 +9,9 @@
 
 #include <errno.h>
 
+/* Ends the names of files that are being written, which no other program uses. */
+#define OS_TEMPORARY ".oxl.tmp"
+
 enum os_kind { OS_NOTHING, OS_FILE, OS_FOLDER, OS_SPECIAL /* a pipe, socket or device */ };
 
 OXL_INTERNAL int os_is_separator(char c);

@@ -103,18 +103,6 @@ OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s)
 
 /* ---------------- paths */
 
-OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b)
-{
-    const size_t na = strlen(a), nb = strlen(b);
-    const int slash = na > 0 && a[na - 1] != '/';
-    char *path = oxl_alloc(ctx, na + nb + 2, 1);
-    if (!path) return NULL;
-    memcpy(path, a, na);
-    if (slash) path[na] = '/';
-    memcpy(path + na + slash, b, nb + 1);
-    return path;
-}
-
 OXL_INTERNAL const char *path_in(char out[PATH_LENGTH], const char *folder, const char *format, ...)
 {
     const size_t size = strlen(folder), slash = size > 0 && folder[size - 1] != '/', at = size + slash;

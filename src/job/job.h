@@ -39,8 +39,6 @@ OXL_INTERNAL oxl_result out_check_files(oxl_context *ctx, const char *out);
 
 /* ---------------- render_files.c */
 
-#define RENDER_FILES "*.png *.pfm" /* Lists the files of views, for their temporary names. */
-
 struct render_files {
     const oxl_model *source;
     const oxl_scene *scene;

@@ -129,7 +129,7 @@ static oxl_result job_open(struct job *job)
 {
     oxl_result rc = oxl_make_folder(job->ctx, job->out);
     int images;
-    if (rc == OXL_OK) rc = job_load(job);
+    if (rc == OXL_OK) rc = oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
     if (rc != OXL_OK) return rc;
     memcpy(job->origin, oxl_scene_origin(job->scene), sizeof job->origin);
     images = job->scene->stats.images_listed - job->scene->stats.images_missing;
@@ -276,7 +276,6 @@ static void job_end(struct job *job)
     oxl_model_free(job->ctx, &job->start);
     imaging_free(job->ctx, &job->imaging);
     oxl_scene_free(job->ctx, job->scene);
-    oxl_free(job->ctx, job->decoded);
     text_free(&job->inputs);
     text_free(&job->key);
     text_free(&job->notes);
@@ -288,8 +287,8 @@ static oxl_result job_remove_temporaries(struct job *job)
 {
     oxl_result rc = OXL_OK;
     if (job->options.block >= 0 || !job->lock) return rc;
-    rc = os_remove_temporaries(job->ctx, job->out, JOB_FILES);
-    return rc == OXL_OK ? os_remove_temporaries(job->ctx, PATH(job->out, "renders"), RENDER_FILES) : rc;
+    rc = os_remove_temporaries(job->ctx, job->out);
+    return rc == OXL_OK ? os_remove_temporaries(job->ctx, PATH(job->out, "renders")) : rc;
 }
 
 /* Describes the survey, cuts it and writes run.json. One block of a run that others began needs no

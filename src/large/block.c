@@ -229,7 +229,7 @@ OXL_INTERNAL oxl_result block_train(oxl_context *ctx, const oxl_scene *scene, co
     struct text *outer = ctx->notes;
     oxl_trained trained = {.finished = 0};
     oxl_result rc = oxl_make_folder(ctx, task->folder);
-    if (rc == OXL_OK) rc = os_remove_temporaries(ctx, task->folder, BLOCK_FILES);
+    if (rc == OXL_OK) rc = os_remove_temporaries(ctx, task->folder);
     if (rc != OXL_OK) return rc;
     ctx->notes = &b.notes;
     rc = block_run(&b, scene, &trained);

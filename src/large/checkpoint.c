@@ -4,14 +4,13 @@
  *     that the run depends on
  *     ...  the state, as the modules' archive functions list it        8  checksum of all bytes before it
  *
- * Everything is little endian.
+ * Numbers are in the machine's byte order; to a machine of the other one the file is damaged.
  *
  * Invariant: checkpoint.oxl is complete, since it is written under a temporary name, flushed to disk and
  * renamed (os_writer_close in os.c). One that a fault of the disk has changed, or of another key, counts as
  * none: the run starts again and ends in the same bytes.
  */
 #include "large.h"
-#include "../core/bytes.h"
 #include "../train/train_tools.h"
 
 #include <errno.h>
@@ -74,7 +73,7 @@ static int checkpoint_is_whole(FILE *file, uint64_t *size)
         memmove(chunk, chunk + body, held);
     }
     rewind(file);
-    return held == 8 && bytes_get(chunk, 8) == sum;
+    return held == sizeof sum && memcmp(chunk, &sum, sizeof sum) == 0;
 }
 
 OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key,

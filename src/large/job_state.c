@@ -29,53 +29,44 @@ OXL_INTERNAL void job_set_cache(const struct job *job, size_t most)
     scene_set_cache(job->scene, job->decoded ? OXL_MIN(most, part) : most);
 }
 
-static oxl_result job_use_decoded(struct job *job)
+static const char *job_decoded_folder(char out[PATH_LENGTH], const struct job *job)
 {
-    job_set_cache(job, job->options.scene.image_cache_bytes);
-    return scene_set_decoded(job->ctx, job->scene, job->decoded);
+    return path_in(out, job->out, "blocks/decoded");
 }
+#define JOB_DECODED(job) job_decoded_folder((char[PATH_LENGTH]){0}, job)
 
-OXL_INTERNAL oxl_result job_load(struct job *job)
+/* Removes a file of decoded images, KEY of scene_images.c. */
+static void job_remove_decoded_file(void *folder, const char *name)
 {
-    const oxl_result rc = oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
-    return rc == OXL_OK ? job_use_decoded(job) : rc;
-}
-
-/* Removes a file of decoded images: KEY of scene_images.c, or KEY.PID.tmp of a process that was killed. */
-static void job_remove_decoded_file(void *user, const char *name)
-{
-    size_t digits = strspn(name, "0123456789abcdef");
-    if (digits != IMAGE_FILE_NAME) return;
-    if (name[digits] == '.') digits += 1 + strspn(name + digits + 1, "0123456789");
-    if (!name[digits] || !strcmp(name + digits, ".tmp"))
-        os_remove(PATH(((struct job *)user)->decoded, "%s", name));
+    const size_t digits = strspn(name, "0123456789abcdef");
+    if (digits == IMAGE_FILE_NAME && !name[digits]) os_remove(PATH(folder, "%s", name));
 }
 
 OXL_INTERNAL void job_remove_decoded(struct job *job)
 {
-    if (!job->decoded || !os_is_folder(job->decoded)) return;
-    os_list_folder(job->ctx, job->decoded, job_remove_decoded_file, job);
-    os_remove_folder(job->decoded);
+    const char *folder = JOB_DECODED(job);
+    if (!job->decoded || !os_is_folder(folder)) return;
+    os_remove_temporaries(job->ctx, folder);
+    os_list_folder(job->ctx, folder, job_remove_decoded_file, (void *)folder);
+    os_remove_folder(folder);
 }
 
 /* Decides whether decoded images are kept in files: if each would be decoded several times, since there are
  * blocks or memory does not hold all images. */
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
 {
-    const double bytes = job->scene ? 3 * schedule_pixels(job->scene) : 0;
-    const char *folder = PATH(job->out, "blocks/decoded");
+    const double bytes = 3 * schedule_pixels(job->scene);
+    const char *folder = JOB_DECODED(job);
     oxl_result rc = OXL_OK;
-    if (!os_is_folder(folder)) { /* Leaves the decision to the process that has made the folder. */
-        const int wanted =
-            job->scene && (job->partition.block_count > 1 || bytes > (double)cost_cache(&job->options));
-        if (wanted) rc = oxl_make_folder(job->ctx, folder);
-        if (rc == OXL_OK && wanted && os_disk_free(folder) < JOB_DISK * bytes) os_remove_folder(folder);
+    /* Leaves the decision to the process that has made the folder. */
+    if (!os_is_folder(folder) &&
+        (job->partition.block_count > 1 || bytes > (double)cost_cache(&job->options))) {
+        rc = oxl_make_folder(job->ctx, folder);
+        if (rc == OXL_OK && os_disk_free(folder) < JOB_DISK * bytes) os_remove_folder(folder);
     }
-    oxl_free(job->ctx, job->decoded);
-    job->decoded = NULL;
-    if (rc == OXL_OK && os_is_folder(folder) && !(job->decoded = oxl_strdup(job->ctx, folder)))
-        rc = OXL_ERR_MEMORY;
-    return rc == OXL_OK && job->scene ? job_use_decoded(job) : rc;
+    job->decoded = os_is_folder(folder);
+    job_set_cache(job, job->options.scene.image_cache_bytes);
+    return rc == OXL_OK ? scene_set_decoded(job->ctx, job->scene, job->decoded ? folder : NULL) : rc;
 }
 
 /* ---------------- progress and records */

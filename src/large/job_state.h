@@ -13,11 +13,6 @@
 /* Gives the merged model this fraction of a run with pruning or second lobes, which must end before it. */
 #define JOB_MERGED_LATER 0.2
 
-/* Lists the files of OUT that are written under a temporary name; those of renders/ are RENDER_FILES. */
-#define JOB_FILES                                                                              \
-    "run.json metrics.json partition.txt partition.svg imaging.txt scene.ply scene_clear.ply " \
-    "scene_standard.ply report.html"
-
 struct job {
     oxl_context *ctx;
     const char *scene_path, *out;
@@ -26,7 +21,7 @@ struct job {
     const oxl_callback *callback; /* the caller's, or NULL */
     oxl_callback progress;        /* job_progress of this job */
     int merges;                   /* 1: other processes have trained the blocks */
-    oxl_scene *scene;             /* the survey; NULL: not loaded */
+    oxl_scene *scene;             /* the survey */
     struct oxl_imaging imaging;   /* of the last model that was read or trained */
     oxl_survey survey;
     struct partition partition;
@@ -37,7 +32,7 @@ struct job {
     struct block_record total; /* sum of the records of blocks, coarse and merged model */
     int block;                 /* the block in training, JOB_COARSE_MODEL or JOB_MERGED_MODEL */
     int unfinished;            /* blocks that are not finished, e.g. stopped by --max-time */
-    char *decoded;             /* OUT/blocks/decoded, for decoded images; or NULL */
+    int decoded;               /* 1: OUT/blocks/decoded holds decoded images */
     double started;
     double done_before;           /* fraction of the run that earlier processes did */
     double done, stage;           /* fractions of the run: before this stage; of this stage */
@@ -57,7 +52,6 @@ enum { JOB_COARSE_MODEL = -2, JOB_MERGED_MODEL = -3 };
 /* Returns the path OUT/blocks/KKK, OUT/blocks/coarse or OUT/blocks/whole, in a temporary like PATH. */
 OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block);
 #define JOB_BLOCK(job, block) job_block_folder((char[PATH_LENGTH]){0}, job, block)
-OXL_INTERNAL oxl_result job_load(struct job *job); /* Loads the survey. */
 /* Reads the record of the one block, the coarse or the merged model; see block_read. */
 OXL_INTERNAL oxl_result job_read_record(struct job *job, const char *folder, struct block_record *out);
 /* Adds a record to job->total. */

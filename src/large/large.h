@@ -141,9 +141,6 @@ OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scen
 
 /* ---------------- block.c: the training of one block in its folder */
 
-/* Lists the files of a block's folder that are written under a temporary name. */
-#define BLOCK_FILES "checkpoint.oxl block.json log.csv imaging.txt model.ply model_standard.ply"
-
 /* Lists the numbers of block.json: s; peaks in bytes; counts of values that are not finite. */
 enum {
     BLOCK_ITERATIONS,

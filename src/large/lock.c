@@ -50,7 +50,7 @@ OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int sh
 {
     oxl_lock *lock = oxl_calloc(ctx, 1, sizeof *lock);
     oxl_result rc = OXL_ERR_MEMORY;
-    if (lock) lock->path = oxl_path_join(ctx, folder, ".lock");
+    if (lock) lock->path = oxl_strdup(ctx, PATH(folder, ".lock"));
     if (lock && lock->path) rc = lock_open(ctx, folder, shared, lock);
     *out = rc == OXL_OK ? lock : NULL;
     if (rc != OXL_OK && lock) OXL_FREE(ctx, lock->path, lock);

@@ -70,7 +70,7 @@ FILE *oxl_open(const char *path)
 
 FILE *oxl_create_beside(const char *path, char *temporary, size_t size)
 {
-    const int length = snprintf(temporary, size, "%s.%ld.tmp", path, os_process());
+    const int length = snprintf(temporary, size, "%s.%ld" OS_TEMPORARY, path, os_process());
     if (length >= 0 && (size_t)length < size) return os_create(temporary);
     errno = ENAMETOOLONG;
     return NULL;
@@ -86,40 +86,13 @@ int oxl_remove(const char *path)
     return os_remove(path);
 }
 
-struct os_sweeping {
-    oxl_context *ctx;
-    const char *folder, *names;
-};
-
-/* Returns 1 if `name` (size) is one of the names, which are separated by blanks; "*.ply" is
- * any name that ends in .ply. */
-static int os_is_named(const char *names, const char *name, size_t size)
+static void os_remove_temporary(void *folder, const char *name)
 {
-    for (size_t length; *names; names += length, names += *names == ' ') {
-        const int any = *names == '*';
-        length = strcspn(names, " ");
-        if (any ? size >= length && !memcmp(name + size - (length - 1), names + 1, length - 1)
-                : size == length && !memcmp(name, names, size))
-            return 1;
-    }
-    return 0;
+    const size_t size = strlen(name), end = sizeof OS_TEMPORARY - 1;
+    if (size > end && !strcmp(name + size - end, OS_TEMPORARY)) os_remove(PATH(folder, "%s", name));
 }
 
-/* Removes NAME.PID.tmp, the name that os_writer_open gives. */
-static void os_remove_temporary(void *user, const char *name)
+OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder)
 {
-    const struct os_sweeping *s = user;
-    size_t end = strlen(name), digits = 0;
-    if (end < 4 || strcmp(name + end - 4, ".tmp")) return;
-    end -= 4;
-    while (end > 0 && name[end - 1] >= '0' && name[end - 1] <= '9') end--, digits++;
-    if (digits > 0 && end > 1 && name[end - 1] == '.' && os_is_named(s->names, name, end - 1))
-        os_remove(PATH(s->folder, "%s", name));
-}
-
-OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder, const char *names)
-{
-    return os_is_folder(folder)
-               ? os_list_folder(ctx, folder, os_remove_temporary, &(struct os_sweeping){ctx, folder, names})
-               : OXL_OK;
+    return os_is_folder(folder) ? os_list_folder(ctx, folder, os_remove_temporary, (void *)folder) : OXL_OK;
 }

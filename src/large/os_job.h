@@ -5,9 +5,9 @@
 
 #include "../core/os.h"
 
-/* Removes the temporary files of `names` that a killed process left in a folder: "run.json *.png" means
- * run.json.PID.tmp and all names that end in .png.PID.tmp. No other process may be writing there. */
-OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder, const char *names);
+/* Removes the temporary files that a killed process left in a folder. No other process may be writing
+ * there. */
+OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder);
 
 /* Returns 1 if both paths exist and lead to one file or folder. */
 OXL_INTERNAL int os_is_same(const char *a, const char *b);

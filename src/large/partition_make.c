@@ -132,21 +132,20 @@ static void partition_log(oxl_context *ctx, const struct partition *p, int has_t
 }
 
 OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene,
-                                       const oxl_partition_options *options, struct partition *out)
+                                       const oxl_partition_options *o, struct partition *out)
 {
-    const oxl_partition_options o = options ? *options : oxl_partition_options_default();
     const size_t points = scene->stats.points;
-    int blocks = partition_wanted(points, &o), has_tracks = 0;
+    int blocks = partition_wanted(points, o), has_tracks = 0;
     size_t limit = points;
     oxl_result rc = partition_check(ctx, scene, blocks);
     *out = (struct partition){.dimensions = 3};
-    if (rc == OXL_OK) rc = partition_begin(ctx, scene, o.kind, out);
+    if (rc == OXL_OK) rc = partition_begin(ctx, scene, o->kind, out);
     if (rc == OXL_OK) {
         has_tracks = scene_colmap(scene)->track_count > 0;
         if (!has_tracks) blocks = 1;
-        if (blocks > 1 && o.blocks == 0) limit = (size_t)o.block_points;
-        else if (o.cut == OXL_CUT_MIDPOINT) limit = points / (size_t)blocks + 1;
-        rc = partition_cut(ctx, out, o.cut, blocks, limit);
+        if (blocks > 1 && o->blocks == 0) limit = (size_t)o->block_points;
+        else if (o->cut == OXL_CUT_MIDPOINT) limit = points / (size_t)blocks + 1;
+        rc = partition_cut(ctx, out, o->cut, blocks, limit);
     }
     if (rc == OXL_OK) rc = partition_find_views(ctx, out);
     if (rc == OXL_OK) partition_log(ctx, out, has_tracks);

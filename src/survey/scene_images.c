@@ -33,7 +33,7 @@ OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene
     }
     name = own ? path_longest_tail(scene->colmap.folder, scene->colmap.names + own) : NULL;
     *out = name && os_is_file(PATH(scene->colmap.folder, "%s", name))
-               ? oxl_path_join(ctx, scene->colmap.folder, name)
+               ? oxl_strdup(ctx, PATH(scene->colmap.folder, "%s", name))
                : NULL;
     return OXL_OK;
 }

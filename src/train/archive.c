@@ -1,7 +1,7 @@
 /* archive.c - the state of a run, as bytes in a file.
  *
- * A module describes its state once, in one function that goes both ways (struct archive). Numbers are
- * little endian.
+ * A module describes its state once, in one function that goes both ways (struct archive). Numbers are in the
+ * machine's byte order.
  */
 #include "train_tools.h"
 
@@ -15,27 +15,6 @@ OXL_INTERNAL void archive_fail(struct archive *a, oxl_result rc, const char *wha
                                           : "remove this file, or train with --restart");
 }
 
-/* Converts a number to the disk's order, low byte first, or back. */
-static void archive_swap(unsigned char *bytes, size_t size)
-{
-    const uint16_t one = 1;
-    if (*(const unsigned char *)&one == 1) return;
-    for (size_t i = 0; i < size / 2; i++) OXL_SWAP(unsigned char, bytes[i], bytes[size - 1 - i]);
-}
-
-static void archive_write(struct archive *a, const unsigned char *data, size_t count, size_t size)
-{
-    unsigned char chunk[4096];
-    const size_t room = sizeof chunk / size;
-    for (size_t at = 0; at < count && a->rc == OXL_OK; at += room) {
-        const size_t n = OXL_MIN(room, count - at);
-        memcpy(chunk, data + at * size, n * size);
-        for (size_t i = 0; i < n; i++) archive_swap(chunk + i * size, size);
-        if (fwrite(chunk, size, n, a->file) != n)
-            archive_fail(a, OXL_ERR_IO, "cannot write; the disk may be full");
-    }
-}
-
 OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size)
 {
     if (a->reading && a->rc == OXL_OK && count > a->left / size)
@@ -43,19 +22,14 @@ OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size)
     return a->rc == OXL_OK;
 }
 
-static void archive_read(struct archive *a, unsigned char *data, size_t count, size_t size)
-{
-    if (!archive_fits(a, count, size)) return;
-    if (fread(data, size, count, a->file) != count) archive_fail(a, OXL_ERR_IO, "cannot be read");
-    for (size_t i = 0; i < count; i++) archive_swap(data + i * size, size);
-    a->left -= count * size;
-}
-
 OXL_INTERNAL void archive_numbers(struct archive *a, void *data, size_t count, size_t size)
 {
-    if (a->rc != OXL_OK) return;
-    if (a->reading) archive_read(a, data, count, size);
-    else archive_write(a, data, count, size);
+    if (!archive_fits(a, count, size)) return;
+    if (a->reading && fread(data, size, count, a->file) != count)
+        archive_fail(a, OXL_ERR_IO, "cannot be read");
+    if (!a->reading && fwrite(data, size, count, a->file) != count)
+        archive_fail(a, OXL_ERR_IO, "cannot write; the disk may be full");
+    a->left -= a->reading ? count * size : 0;
 }
 
 /* ---------------- what modules call */

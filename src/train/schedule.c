@@ -148,10 +148,8 @@ oxl_adam oxl_adam_at(const oxl_scene *scene, const oxl_train_options *options, i
 /* Returns the steps between densifications; auto: in a block as many densifications as in the whole run. */
 static int schedule_densify_interval(const oxl_train_options *o)
 {
-    const int whole = o->survey_iterations > 0 ? o->survey_iterations : o->iterations,
-              every = OXL_CLAMP(whole / 10, SCHEDULE_DENSIFY_LEAST, SCHEDULE_DENSIFY_MOST);
-    if (o->densify_every > 0) return o->densify_every;
-    return (int)OXL_MAX(1, every * ((double)o->iterations / whole) + 0.5);
+    const int every = OXL_CLAMP(schedule_length(o) / 10, SCHEDULE_DENSIFY_LEAST, SCHEDULE_DENSIFY_MOST);
+    return o->densify_every > 0 ? o->densify_every : (int)OXL_MAX(1, every * schedule_scale(o) + 0.5);
 }
 
 /* Follows 3DGS's schedule, which is one of 30 000 iterations. As fractions of the run it shrinks with it,
@@ -212,8 +210,8 @@ OXL_INTERNAL double schedule_first_pixels(const oxl_scene *scene, const oxl_trai
 OXL_INTERNAL float schedule_densify_gradient(const oxl_scene *scene, const oxl_train_options *options)
 {
     const int is_random = oxl_scene_point_count(scene) == 0 && scene_is_composited(scene);
-    const float most = is_random ? SCHEDULE_GRADIENT_POINTLESS : options->densify_gradient;
-    return OXL_MIN(options->densify_gradient, most);
+    return is_random ? OXL_MIN(options->densify_gradient, SCHEDULE_GRADIENT_POINTLESS)
+                     : options->densify_gradient;
 }
 
 OXL_INTERNAL size_t schedule_gaussian_cap_of(size_t points, double pixels, const oxl_train_options *options)

@@ -197,15 +197,6 @@ static int train_same_shape(const oxl_model *a, const oxl_model *b)
     return a->count == b->count && a->sh_degree == b->sh_degree && a->lobes == b->lobes;
 }
 
-/* Returns 1 if no mean of squares is negative. */
-static int train_are_nonnegative(const oxl_model *square)
-{
-    for (int k = 0; k < OXL_PLANES; k++)
-        for (size_t i = 0; square->plane[k] && i < (k < OXL_LOBE ? square->count : square->lobes); i++)
-            if (!(square->plane[k][i] >= 0)) return 0;
-    return 1;
-}
-
 /* Lists all state that later steps depend on. */
 OXL_INTERNAL void train_archive(struct archive *a, void *user)
 {
@@ -226,7 +217,6 @@ OXL_INTERNAL void train_archive(struct archive *a, void *user)
     parts_archive(a, t);
     archive_expect(a, t->trained.model.count > 0 && train_same_shape(&t->trained.model, &t->trained.mean) &&
                           train_same_shape(&t->trained.model, &t->trained.square));
-    if (a->reading && a->rc == OXL_OK) archive_expect(a, train_are_nonnegative(&t->trained.square));
     archive_doubles(a, &spent, 1);
     nonfinite_archive(a, &t->nonfinite);
     archive_text(a, &t->decisions);
