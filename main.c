@@ -53,8 +53,7 @@ static int has_file(const char *folder, const char *name)
 
 static void print_resume(const struct arguments *a)
 {
-    const char *out = a->out ? a->out : a->path[0];
-    if (!has_file(out, "run.json")) {
+    if (!has_file(a->out, "run.json")) {
         console_error(
             "", "this run was interrupted before anything was trained\nresume: run the same command again");
         return;
@@ -62,11 +61,9 @@ static void print_resume(const struct arguments *a)
     print_format(
         stderr,
         "oxl: this run was interrupted; the state is saved, and model.ply in each folder of %s/blocks holds the "
-        "current model\n     resume: ",
-        out);
-    if (a->out) print_format(stderr, "oceanxl train %s -o %s", PRINT_WORD(a->path[0]), PRINT_WORD(out));
-    else print_format(stderr, "oceanxl merge %s", PRINT_WORD(out));
-    if (a->out && a->job.block >= 0) fprintf(stderr, " --block %d", a->job.block);
+        "current model\n     resume: oceanxl train %s -o %s",
+        a->out, PRINT_WORD(a->path[0]), PRINT_WORD(a->out));
+    if (a->job.block >= 0) fprintf(stderr, " --block %d", a->job.block);
     fputc('\n', stderr);
 }
 
@@ -153,19 +150,6 @@ static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct 
     if (rc != OXL_OK) return rc;
     if (a->job.block >= 0) print_format(stdout, "block     %s/blocks/%03d\n", a->out, a->job.block);
     else print_results(a->out);
-    return rc;
-}
-
-static oxl_result run_merge(oxl_context *ctx, const struct arguments *a, struct console *console)
-{
-    const oxl_callback callback = {console_progress, console};
-    oxl_result rc;
-    console_catch_signals();
-    rc = oxl_merge(ctx, a->path[0], &callback);
-    console_clear(console);
-    if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
-    if (rc == OXL_OK) rc = write_report(ctx, a->path[0]);
-    if (rc == OXL_OK) print_results(a->path[0]);
     return rc;
 }
 
@@ -405,7 +389,6 @@ static oxl_result run_command(oxl_context *ctx, const struct arguments *a, struc
     case COMMAND_MEASURE: return run_measure(ctx, a);
     case COMMAND_INFO: return a->devices ? run_devices(ctx) : info_print(ctx, stdout, a->path[0], a->json);
     case COMMAND_CONVERT: return run_convert(ctx, a);
-    case COMMAND_MERGE: return run_merge(ctx, a, console);
     case COMMAND_REPORT: return run_report(ctx, a);
     default: return OXL_ERR_USAGE;
     }

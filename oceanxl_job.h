@@ -52,7 +52,7 @@ typedef struct oxl_job_options {
     size_t device_ram; /* the same of a device's memory; 0: no limit */
     /* images that train.iterations are for: more images raise them, few limit them; 0: neither */
     int iterations_for;
-    int block;        /* train only this block and do not merge; -1: all */
+    int block;        /* train only this block; -1: all, and the merged model */
     int restart;      /* 1: train anew whatever run OUT holds */
     uint64_t seed;    /* 0: the context's */
     const char *from; /* model that training starts from; NULL: the survey's points */
@@ -192,10 +192,6 @@ OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *mo
 OXL_API oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out,
                                const oxl_job_options *options, const oxl_callback *callback);
 
-/* The last stage of oxl_job_run: merges the finished blocks of the run in folder `out` into scene.ply and
- * evaluates it. callback may be NULL. */
-OXL_API oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *callback);
-
 /* Replaces options by those of an existing run of this survey in folder `out`, which a resumed run keeps;
  * without such a run, options are unchanged. *run holds their strings: free it with oxl_manifest_free after
  * the last use of options. */
@@ -265,8 +261,8 @@ OXL_API const char *oxl_json_number_text(char out[48], double value);
 
 /* Locks a folder against writing by other processes until it is unlocked or this process ends; creates the
  * folder if it is missing.
- * OXL_ERR_FAILED: another process holds the lock, and the text names it. oxl_job_run and
- * oxl_merge lock OUT themselves. */
+ * OXL_ERR_FAILED: another process holds the lock, and the text names it. oxl_job_run
+ * locks OUT itself. */
 typedef struct oxl_lock oxl_lock;
 OXL_API oxl_result oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out);
 OXL_API void oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock); /* *lock may be NULL */

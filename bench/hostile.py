@@ -336,7 +336,7 @@ def kind_folders():
             train('d/done', '--iterations', 200), command('synth', '-o', 'd/s', '--views', 6)):
         check(f"read-only {' '.join(c[1:4])}", c, (1, 2, 3))
     for c in (command('eval', 'd/done', 'd/s'), command('render', 'd/done', 'd/s', '-o', 'x'), train('x2', survey='d/s'),
-            command('info', 'd/done/scene.ply'), command('check', 'd/s'), train('d/done'), command('merge', 'd/done')):
+            command('info', 'd/done/scene.ply'), command('check', 'd/s'), train('d/done')):
         r = run(c)
         judge('folders', f"read from read-only {' '.join(c[1:4])}", r, (0,))
     subprocess.run(['umount', 'd'], check=True)
@@ -414,7 +414,7 @@ def kind_together():
         a = train('t2', *MODES[mode])
         b = rnd.choice([a, train('t2', '--seed', 9), train('t2', '--restart'), command('render', 't2', 's', '-o', 't2/renders'),
                 command('report', 't2'), command('convert', 't2/scene.ply', 't2/scene.spz'), command('eval', 't2', 's'),
-                command('merge', 't2'), train('t2/blocks/000'), train('t2', *MODES[mode], '--block', '1'),
+                train('t2/blocks/000'), train('t2', *MODES[mode], '--block', '1'),
                 command('render', 't2', 's', '-o', 't2', '--ortho')])
         p = subprocess.Popen(a, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=env)
         time.sleep(rnd.uniform(0, 0.9) * span)
@@ -597,7 +597,7 @@ def kind_files():
         if r.rc == 0 and name != 'scene.ply' and (not was_done):
             same('files', what, r, 'part', mode)
         for cc in [command('eval', 'part', 's'), command('render', 'part', 's', '-o', 'x'), command('report', 'part'),
-                command('info', 'part/scene.ply'), command('convert', 'part/scene.ply', 'y.spz'), command('merge', 'part'),
+                command('info', 'part/scene.ply'), command('convert', 'part/scene.ply', 'y.spz'),
                 command('render', 'part', 's', '-o', 'x', '--ortho')]:
             if rnd.random() < 0.3:
                 judge('files', f'{what}: {cc[1]}', run(cc))
@@ -610,7 +610,7 @@ def kind_files():
         damage('part/' + name, how)
         for cc in [command('eval', 'part', 's'), command('render', 'part', 's', '-o', 'x'), command('report', 'part'),
                 command('convert', 'part/scene.ply', 'y.spz'), command('render', 'part', 's', '-o', 'x', '--ortho'),
-                command('merge', 'part'), train('part', *MODES[mode]), train('part', *MODES[mode], '--iterations', ITER + 40),
+                train('part', *MODES[mode]), train('part', *MODES[mode], '--iterations', ITER + 40),
                 train('z', '--from', 'part')]:
             if rnd.random() < 0.4:
                 judge('files', f'reader, {mode} {name} {how}: {cc[1]}', run(cc))

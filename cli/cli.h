@@ -252,7 +252,6 @@ enum {
 enum command {
     COMMAND_NONE,
     COMMAND_TRAIN,
-    COMMAND_MERGE,
     COMMAND_CHECK,
     COMMAND_RENDER,
     COMMAND_CLOUD,

@@ -19,9 +19,6 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
          "oceanxl train survey -o out",
          "OUT gets scene.ply (scene_standard.ply too, if other viewers need it), report.html to look at, metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
          "Ctrl-C stops and saves the state, a crash loses at most a minute: run the same command again to resume."},
-    [COMMAND_MERGE] = {"merge", 1, 0, "OUT",
-                       "Joins the blocks that train --block K made, trains the merged model, evaluates it.",
-                       "oceanxl merge out", "OUT gets the same bytes as from train."},
     [COMMAND_CHECK] = {"check", 1, 0, "SCENE",
                        "Checks a survey: what train reads of it, predicted memory and time.",
                        "oceanxl check survey",
@@ -61,7 +58,7 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
     [COMMAND_REPORT] =
         {"report", 1, 0, "OUT", "Writes one page about a run: input, decisions, metrics.",
          "oceanxl report out",
-         "OUT gets report.html: one file, for a screen, a phone or paper, that needs no network. train and merge write it too, at their end, in the survey's unit."},
+         "OUT gets report.html: one file, for a screen, a phone or paper, that needs no network. train writes it too, at its end, in the survey's unit."},
     [COMMAND_SYNTH] =
         {"synth", 0, 1, "-o DIR",
          "Makes a synthetic underwater survey with known truth, as a COLMAP text export.",
@@ -94,7 +91,7 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
 /* Commands that accept all options of train, with or without effect, so that only
  * the command's name changes. */
 #define TRAINS (IN(TRAIN) | IN(CHECK))
-#define DRAWS (IN(TRAIN) | IN(CHECK) | IN(MERGE) | IN(RENDER) | IN(CLOUD) | IN(COMPARE) | IN(EVAL) | STUDIES)
+#define DRAWS (IN(TRAIN) | IN(CHECK) | IN(RENDER) | IN(CLOUD) | IN(COMPARE) | IN(EVAL) | STUDIES)
 #define EVERYWHERE (~0u)
 #define LEAST 1e-9 /* Limits, in metres, a length that may not be 0. */
 #define MOST 1e15  /* Limits plausible values, in metres or seconds. */
@@ -153,7 +150,7 @@ ROW("json", NULL, FLAG, json, 0, 1, BASIC, IN(CHECK) | IN(EVAL) | IN(INFO), "Pro
 ROW("quality", NULL, FLAG, quality, 0, 1, BASIC, IN(CHECK), "Program", "read every image, and name those that are more blurred, darker or brighter than their neighbours"),
 ROW("control", "FILE", TEXT, control, 0, 0, BASIC, IN(CHECK), "Program", "also compare control points with the places where the cameras see them; a line is NAME,X,Y,Z,IMG,X,Y,IMG,X,Y: world coordinates, and pixels in two images or more"),
 ROW("dry-run", NULL, FLAG, dry_run, 0, 1, BASIC, IN(TRAIN), "Program", "check the survey, the options and OUT, print predicted time and memory, write nothing"),
-ROW("progress", "text|json", CHOICE, progress_json, 0, 1, ADVANCED, IN(TRAIN) | IN(MERGE), "Program", "form of progress on standard error; json: JSON lines, {\"event\": \"progress\" or \"log\", ...}"),
+ROW("progress", "text|json", CHOICE, progress_json, 0, 1, ADVANCED, IN(TRAIN), "Program", "form of progress on standard error; json: JSON lines, {\"event\": \"progress\" or \"log\", ...}"),
 ROW("backend", "cpu|auto|vulkan", CHOICE, backend, 0, 2, ADVANCED, DRAWS, "Program", "device that renders and trains; vulkan: in builds with make VULKAN=1; auto: a GPU if there is one"),
 ROW("device", "best|N", INT, device, 0, 2147483647, ADVANCED, DRAWS, "Program", "index of the device in the list of info --devices, from 0"),
 ROW("devices", NULL, FLAG, devices, 0, 1, ADVANCED, IN(INFO), "Program", "list the Vulkan devices instead; no FILE"),

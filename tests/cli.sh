@@ -195,7 +195,7 @@ promise max_time_stops_in_good_order 0 "scene.ply" "$program" train survey -o sh
 promise ctrl_c_leaves_a_model 130 "holds the current model" ctrl_c "$program" train survey -o stopped --iterations 20000 --max-time 20s
 promise a_second_run_in_a_folder_is_refused 1 "busy is in use by process" beside "$program" train survey -o busy --iterations 60
 promise a_second_run_that_starts_anew_is_refused_too 1 "busy is in use by process" beside "$program" train survey -o busy --iterations 60 --restart
-for command in "merge busy" "ablate survey -o busy" "tradeoff survey -o busy" "train survey -o busy --block 0"; do
+for command in "ablate survey -o busy" "tradeoff survey -o busy" "train survey -o busy --block 0"; do
     promise "while_another_trains_is_refused_$(echo $command | tr ' /' '__')" 1 "in use by process" beside "$program" $command
 done
 promise the_lock_of_a_killed_run_is_taken_over 0 "" "$program" train survey -o busy --iterations 20 --restart

@@ -218,7 +218,7 @@ TEST(job_by_blocks_gives_the_same_bytes_in_one_process_and_in_many)
           test_has("whole/blocks/001/model.ply"));
     for (options.block = 1; options.block >= 0; options.block--) job_test_done("parts", &options);
     CHECK(!test_has("parts/scene.ply"));
-    CHECK_OK(oxl_merge(test_ctx, test_path("parts"), NULL));
+    job_test_done("parts", &options);
     CHECK(job_test_same("whole/scene.ply", "parts/scene.ply"));
     CHECK_IN("parts/run.json", "\"finished\": true");
     CHECK_IN("parts/metrics.json", "\"blocks\": 2");
@@ -280,15 +280,6 @@ TEST(job_reads_decoded_images_from_files_and_ends_in_the_same_bytes)
     options.scene.image_cache_bytes = 1 << 30;
     job_test_done("large", &options);
     CHECK(job_test_same("small/scene.ply", "large/scene.ply"));
-}
-
-TEST(job_merge_names_the_block_that_is_missing)
-{
-    oxl_job_options options = job_test_blocks();
-    options.block = 0;
-    job_test_done("out", &options);
-    CHECK_ERROR(oxl_merge(test_ctx, test_path("out"), NULL), OXL_ERR_INPUT, "blocks/001");
-    CHECK_SAYS("--block 1");
 }
 
 TEST(job_in_blocks_that_is_stopped_anywhere_ends_in_the_same_bytes)
@@ -813,13 +804,6 @@ TEST(job_says_in_run_json_what_was_decided_and_why)
     job_test_done("out", &options);
     CHECK_IN("out/run.json", "\"decisions\": {\"partition\": {\"chosen\": \"none\", ");
     CHECK_IN("out/run.json", "\"ucd\": {\"chosen\": \"off\", \"evidence\": \"no points are seen");
-}
-
-TEST(job_merge_of_a_run_without_a_survey_leaks_nothing)
-{
-    test_write("nosurvey/run.json",
-               "{\"finished\": false, \"job\": {\"version\": \"0\"}, \"found\": {\"images\": 2}}");
-    CHECK(oxl_merge(test_ctx, test_path("nosurvey"), NULL) == OXL_ERR_INPUT);
 }
 
 /* ---------------- from a model */

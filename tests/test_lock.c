@@ -90,7 +90,6 @@ TEST(lock_is_not_needed_where_the_run_is_finished)
     job_test_done("out", &options);
     test_make_folder("out/.lock");
     job_test_done("out", &options);
-    CHECK_OK(oxl_merge(test_ctx, test_path("out"), NULL));
     options.restart = 1;
     CHECK_ERROR(job_test_run("out", &options), OXL_ERR_IO, ".lock: cannot write");
     CHECK(test_has("out/scene.ply") && test_has("out/run.json"));

@@ -18,6 +18,6 @@ threads=${THREADS:-$(($(getconf _NPROCESSORS_ONLN) / jobs))}
 blocks=$("$oceanxl" check "$scene" "$@" | sed -n 's/^blocks *\([0-9]*\),.*/\1/p')
 [ "$blocks" ] || exit 1
 
-# xargs fails when one of them does, and set -e then leaves before the merge
+# xargs fails when one of them does, and set -e then leaves before the merged model
 seq 0 $((blocks - 1)) | xargs -P "$jobs" -I '{}' "$oceanxl" train "$scene" -o "$out" --block '{}' --threads "$threads" --quiet "$@"
-"$oceanxl" merge "$out"
+"$oceanxl" train "$scene" -o "$out" "$@"

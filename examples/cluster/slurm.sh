@@ -1,11 +1,11 @@
 #!/bin/sh
-# slurm.sh - train a survey by blocks on a Slurm cluster: a job array with a task for each block, and a merge when all have ended well.
+# slurm.sh - train a survey by blocks on a Slurm cluster: a job array with a task for each block, and the merged model when all have ended well.
 #
 #     examples/cluster/slurm.sh SCENE OUT [options of oceanxl train]
 #     CPUS=16 MEM=16G TIME=8:00:00 examples/cluster/slurm.sh survey out --preset paper
 #
 # CPUS, MEM and TIME are for one block (2, Slurm's own, Slurm's own); account and partition go by SBATCH_ACCOUNT and SBATCH_PARTITION.
-# SCENE and OUT must lie where every node sees them. Give --blocks or --ram: without them the first node's free memory decides on blocks. Prints the ids of the array and of the merge.
+# SCENE and OUT must lie where every node sees them. Give --blocks or --ram: without them the first node's free memory decides on blocks. Prints the ids of both jobs.
 #
 # A task may be requeued or killed at any time: the program goes on from its last checkpoint (a minute old at most) when it is run
 # again. Shortly before TIME is over the task stops in good order and puts itself into the queue again. Running this script again
@@ -35,7 +35,11 @@ case ${1:-} in
     shift 3
     task train "$scene" -o "$out" --block "$SLURM_ARRAY_TASK_ID" "$@"
     ;;
---merge) task merge "$2" ;; # which trains the merged model
+--merged)
+    scene=$2 out=$3
+    shift 3
+    task train "$scene" -o "$out" "$@"
+    ;;
 esac
 
 # ------------------------------------------------------------------------------------------------ on the front node
@@ -58,6 +62,6 @@ array=$(sbatch $common --job-name=oceanxl-block --output="$log" --array=0-$((blo
     "$0" --block "$scene" "$out" "$@")
 echo "array $array: $blocks blocks"
 # shellcheck disable=SC2086
-merge=$(sbatch $common --job-name=oceanxl-merge --output="$out/slurm-%j-merge.log" --dependency="afterok:$array" \
-    --kill-on-invalid-dep=yes "$0" --merge "$out")
-echo "merge $merge"
+merged=$(sbatch $common --job-name=oceanxl-merged --output="$out/slurm-%j-merged.log" --dependency="afterok:$array" \
+    --kill-on-invalid-dep=yes "$0" --merged "$scene" "$out" "$@")
+echo "merged model $merged"

@@ -37,7 +37,7 @@ static const oxl_option OPTIONS[] = {
 {"from", "MODEL", OXL_OPTION_TEXT, OPTION_AT(from), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, TRAINING | RESULT | ONE_BLOCK, "Training", "start from this .ply, .spz or .splat model instead of the points, with the schedule of a whole run"},
 {"restart", NULL, OXL_OPTION_FLAG, OPTION_AT(restart), 0, 1, EACH("false"), OXL_TIER_BASIC, OXL_OPTION_OF_OUT, "Training", "train from the start, whatever run OUT holds"},
 {"force", NULL, OXL_OPTION_FLAG, OPTION_AT(scene.allow_truncated), 0, 1, EACH("false"), OXL_TIER_ADVANCED, OXL_OPTION_OF_OUT, "Training", "train although a file of the survey has fewer rows than its header states"},
-{"block", "all|K", OXL_OPTION_INT, OPTION_AT(block), 0, INT_MAX, EACH("all"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "train only block K, counted from 0; merge joins the blocks"},
+{"block", "all|K", OXL_OPTION_INT, OPTION_AT(block), 0, INT_MAX, EACH("all"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "train only block K, counted from 0; all: those that are left, and the merged model"},
 {"renders", "off|on", OXL_OPTION_CHOICE, OPTION_AT(renders), 0, 1, EACH("on"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "write images of the held-out views to OUT/renders"},
 {"ssim-weight", "W", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_weight), 0, 1, PRESETS("0.3", "0.2", "0.2"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "weight of SSIM in the loss, (1-W) L1 + W (1-SSIM)"},
 {"images", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.images), 0, 0, EACH(NULL), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "image folder; otherwise SCENE/images"},

@@ -321,20 +321,8 @@ static oxl_result job_prepare(struct job *job, int *done)
 
 static oxl_result job_train(struct job *job)
 {
-    oxl_result rc = job->merges ? OXL_OK : hypotheses_check(job->ctx, job->scene, 0, &job->survey.foreign);
+    oxl_result rc = hypotheses_check(job->ctx, job->scene, 0, &job->survey.foreign);
     if (rc == OXL_OK) rc = job->partition.block_count > 1 ? blocks_run(job) : job_run_single(job);
-    return rc;
-}
-
-/* Trains, or only merges, what OUT does not hold yet. */
-static oxl_result job_run(struct job *job)
-{
-    int done = 0;
-    oxl_result rc = job_check(job);
-    if (rc == OXL_OK) rc = job_lock(job);
-    if (rc == OXL_OK) rc = job_prepare(job, &done);
-    if (rc == OXL_OK && !done) rc = job_finish_if_complete(job, job_train(job));
-    job_end(job);
     return rc;
 }
 
@@ -342,31 +330,15 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
                        const oxl_callback *callback)
 {
     struct job job;
-    const oxl_result rc =
-        oxl_backend_begin(ctx); /* Opens the device first, since the result depends on it. */
+    int done = 0;
+    /* Opens the device first, since the result depends on it. */
+    oxl_result rc = oxl_backend_begin(ctx);
     if (rc != OXL_OK) return rc;
     job_begin(&job, ctx, scene, out, options, callback);
-    return job_run(&job);
-}
-
-oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *callback)
-{
-    oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
-    struct oxl_manifest run = {0};
-    const char *scene = NULL;
-    struct job job;
-    oxl_result rc = oxl_backend_begin(ctx);
-    if (rc == OXL_OK) rc = manifest_read(ctx, out, &run);
-    if (rc == OXL_OK && run.text) scene = manifest_options(&run, &options);
-    if (scene) {
-        options.scene.allow_truncated = 1; /* Allows what the training was allowed. */
-        job_begin(&job, ctx, scene, out, &options, callback);
-        job.merges = 1;
-        rc = job_run(&job);
-    } else if (rc == OXL_OK)
-        rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s holds no run.json of a run\nfix: run oceanxl train SCENE -o %s --block K first",
-                      out, SHELL_WORD(out));
-    manifest_free(ctx, &run);
+    rc = job_check(&job);
+    if (rc == OXL_OK) rc = job_lock(&job);
+    if (rc == OXL_OK) rc = job_prepare(&job, &done);
+    if (rc == OXL_OK && !done) rc = job_finish_if_complete(&job, job_train(&job));
+    job_end(&job);
     return rc;
 }

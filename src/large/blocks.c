@@ -157,13 +157,6 @@ static oxl_result blocks_train_merged(struct blocks *b, int block, const char *f
 
 /* ---------------- all stages */
 
-static oxl_result blocks_refuse_missing(struct job *job, int block)
-{
-    return oxl_fail(job->ctx, OXL_ERR_INPUT,
-                    "%s/blocks/%03d: this block is not finished\nfix: oceanxl train %s -o %s --block %d",
-                    job->out, block, SHELL_WORD(job->scene_path), SHELL_WORD(job->out), block);
-}
-
 /* Trains one stage unless its folder's record says that it is finished; waits as long as another process
  * trains there. stage: its fraction of the run. */
 static oxl_result blocks_make(struct blocks *b, int block, double stage,
@@ -177,7 +170,6 @@ static oxl_result blocks_make(struct blocks *b, int block, double stage,
     job->block = block, job->stage = stage;
     if (rc == OXL_OK) rc = job_read_record(job, folder, &record);
     if (rc == OXL_OK && record.finished) job->done_before += stage;
-    else if (rc == OXL_OK && job->merges && block >= 0) rc = blocks_refuse_missing(job, block);
     else if (rc == OXL_OK) {
         rc = train(b, block, folder);
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);

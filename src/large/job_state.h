@@ -20,7 +20,6 @@ struct job {
     oxl_job_options asked;        /* options before the iterations were counted for the survey */
     const oxl_callback *callback; /* the caller's, or NULL */
     oxl_callback progress;        /* job_progress of this job */
-    int merges;                   /* 1: other processes have trained the blocks */
     oxl_scene *scene;             /* the survey */
     struct oxl_imaging imaging;   /* of the last model that was read or trained */
     oxl_survey survey;
@@ -103,7 +102,7 @@ OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan);
 
 /* ---------------- blocks.c: several blocks, trained as one model */
 
-/* Trains all stages of the run; job->merges: the last one alone, and fails if a block is not finished. */
+/* Trains all stages of the run that are not finished. */
 OXL_INTERNAL oxl_result blocks_run(struct job *job);
 
 #endif
