@@ -560,8 +560,6 @@ typedef struct oxl_nonfinite {
     size_t steps;   /* loss not finite: skipped */
     size_t rows;    /* updates of single Gaussians with a gradient that was not finite: skipped */
     size_t cleared; /* Gaussians with a value that was not finite: made invisible, removed at the end */
-    /* Gaussians of the result with a zero quaternion or a scale beyond e^+-87; still rendered */
-    size_t degenerate;
 } oxl_nonfinite;
 
 /* A job in blocks trains a coarse model of the survey, its blocks, and the model merged from them. */

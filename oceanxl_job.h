@@ -131,6 +131,8 @@ OXL_API const char *oxl_option_member(const oxl_option *option, char out[40]);
 /* OXL_ERR_USAGE when a value is out of its range; names the first such option. */
 OXL_API oxl_result oxl_job_options_check(oxl_context *ctx, const oxl_job_options *options);
 
+enum { OXL_SURVEY_TEXT = 2560 /* bytes */ };
+
 /* Content of a survey, its lint results and the predicted cost of training. */
 typedef struct oxl_survey {
     int images, images_missing; /* listed in images.txt; of these, not on disk */
@@ -152,11 +154,12 @@ typedef struct oxl_survey {
     int foreign; /* images that do not fit poses and points */
     /* images, against those beside them; only oxl_check_quality sets these */
     int blurred, badly_exposed;
-    double gaussians, memory;        /* predicted: number at the end of the run; peak in bytes */
-    double seconds;                  /* predicted by oxl_check: duration with ctx's threads; 0: unknown */
-    double memory_free;              /* available now, bytes; 0: unknown */
-    char cameras_text[160];          /* "1 x OPENCV 1920 x 1080, distorted" */
-    char text[2048], warnings[2560]; /* the report, and what is wrong: lines that end in a newline */
+    double gaussians, memory;       /* predicted: number at the end of the run; peak in bytes */
+    double seconds;                 /* predicted by oxl_check: duration with ctx's threads; 0: unknown */
+    double memory_free;             /* available now, bytes; 0: unknown */
+    char cameras_text[160];         /* "1 x OPENCV 1920 x 1080, distorted" */
+    char text[OXL_SURVEY_TEXT];     /* the report: lines that end in a newline */
+    char warnings[OXL_SURVEY_TEXT]; /* what is wrong, likewise */
 } oxl_survey;
 
 /* OXL_ERR_INPUT: the survey cannot be trained; the error text gives the reason. */

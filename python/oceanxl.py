@@ -96,7 +96,7 @@ oxl_train_options._fields_ = [("iterations", c_int), ("sh_degree", c_int), ("max
     ("densify_gradient", c_float), ("ucd", c_int), ("keep", oxl_keep), ("exposure", c_int), ("lamp", c_int), ("medium", c_int), ("poses",
     c_int), ("antialias", c_int), ("stereo", c_int), ("dog", c_int), ("terms", POINTER(oxl_terms)), ("from", POINTER(oxl_model)),
     ("survey_iterations", c_int), ("experimental", c_float * 4)]
-oxl_nonfinite._fields_ = [("images", c_size_t), ("steps", c_size_t), ("rows", c_size_t), ("cleared", c_size_t), ("degenerate", c_size_t)]
+oxl_nonfinite._fields_ = [("images", c_size_t), ("steps", c_size_t), ("rows", c_size_t), ("cleared", c_size_t)]
 oxl_progress._fields_ = [("iteration", c_int), ("iterations", c_int), ("block", c_int), ("blocks", c_int), ("stage", c_int), ("gaussians",
     c_size_t), ("loss", c_double), ("psnr", c_double), ("f_mid", c_double), ("f_far", c_double), ("seconds", c_double), ("seconds_left",
     c_double), ("memory", c_size_t), ("model", POINTER(oxl_model)), ("nonfinite", oxl_nonfinite)]

@@ -582,13 +582,12 @@ TEST(reference_density_control_removes_keeps_and_splits_the_same_rows)
         double gradient[REFERENCE_ROWS];
         OWNED_MODEL was = {0};
         struct trained_model is;
-        struct density *d;
+        struct density own = {0}, *d = &own;
         struct density_change change;
         reference_density_rows(&was, extent, gradient);
         reference_density_rows(&is.model, extent, gradient);
         CHECK_OK(model_trained_begin(test_ctx, &is));
         for (int i = 0; i < REFERENCE_ROWS; i++) is.mean.plane[OXL_OPACITY][i] = 1;
-        CHECK_OK(density_create(test_ctx, &d));
         CHECK_OK(density_clear(test_ctx, d, REFERENCE_ROWS));
         for (int i = 0; i < REFERENCE_ROWS; i++) d->gradient[i] = (float)(3 * gradient[i]), d->views[i] = 3;
         CHECK_OK(test_density(test_ctx, d, &is, &rules, &change));
@@ -605,12 +604,11 @@ TEST(reference_children_of_opaque_gaussians_have_a_finite_logit)
 {
     const struct density_rules rules = {.gradient = 1e-9f, .extent = 1};
     struct trained_model m;
-    struct density *d;
+    struct density own = {0}, *d = &own;
     struct density_change change;
     m.model = test_model(1, 0);
     CHECK_OK(model_trained_begin(test_ctx, &m));
     m.model.plane[OXL_OPACITY][0] = 60;
-    CHECK_OK(density_create(test_ctx, &d));
     CHECK_OK(density_clear(test_ctx, d, 1));
     d->gradient[0] = 1, d->views[0] = 1;
     CHECK_OK(test_density(test_ctx, d, &m, &rules, &change));

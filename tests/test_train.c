@@ -6,22 +6,21 @@
 /* Four Gaussians 1 apart; statistics as if each had been seen once with the given gradient. */
 struct density_case {
     struct trained_model trained;
-    struct density *density;
+    struct density density;
 };
 
 static struct density_case density_case(const float gradient[4])
 {
-    struct density_case c;
+    struct density_case c = {.density = {.capacity = 0}};
     c.trained.model = test_model(4, 1);
     CHECK_OK(model_trained_begin(test_ctx, &c.trained));
-    CHECK_OK(density_create(test_ctx, &c.density));
-    CHECK_OK(density_clear(test_ctx, c.density, 4));
+    CHECK_OK(density_clear(test_ctx, &c.density, 4));
     for (int i = 0; i < 4; i++) {
         for (int k = 0; k < oxl_model_planes(&c.trained.model); k++)
             c.trained.mean.plane[k][i] = c.trained.square.plane[k][i] = 7;
         c.trained.model.plane[OXL_MEAN][i] = (float)i;
-        c.density->gradient[i] = gradient[i];
-        c.density->views[i] = 1;
+        c.density.gradient[i] = gradient[i];
+        c.density.views[i] = 1;
         /* odd ones are large */
         for (int a = 0; a < 3; a++) c.trained.model.plane[OXL_LOG_SCALE + a][i] = i % 2 ? -1.0f : -7.0f;
     }
@@ -31,14 +30,14 @@ static struct density_case density_case(const float gradient[4])
 static void density_case_free(struct density_case *c)
 {
     model_trained_free(test_ctx, &c->trained);
-    density_free(test_ctx, c->density);
+    density_free(test_ctx, &c->density);
 }
 #define DENSITY_CASE __attribute__((cleanup(density_case_free))) struct density_case
 
 static struct density_change density_run(struct density_case *c, struct density_rules rules)
 {
     struct density_change change;
-    CHECK_OK(test_density(test_ctx, c->density, &c->trained, &rules, &change));
+    CHECK_OK(test_density(test_ctx, &c->density, &c->trained, &rules, &change));
     return change;
 }
 
@@ -61,31 +60,30 @@ TEST(density_splits_rows_of_large_gradient_in_two_beside_each_other_with_new_mom
 TEST(density_control_needs_memory_for_the_new_rows_alone)
 {
     enum { ROWS = 20000, GROWN = ROWS - ROWS / 40 + ROWS / 10 };
-    struct density *density;
+    struct density density = {0};
     struct density_change change;
     struct density_rules rules = {.gradient = 0.5, .extent = 1};
     struct trained_model t;
     size_t before;
     memory_weigh_start(0);
-    CHECK_OK(density_create(test_ctx, &density));
     t.model = test_model(ROWS, 3);
     CHECK_OK(model_trained_begin(test_ctx, &t));
-    CHECK_OK(density_clear(test_ctx, density, ROWS));
+    CHECK_OK(density_clear(test_ctx, &density, ROWS));
     for (int i = 0; i < ROWS; i++) {
         for (int a = 0; a < 3; a++) t.model.plane[OXL_LOG_SCALE + a][i] = -3;
         t.model.plane[OXL_MEAN][i] = (float)i;
-        if (i % 10 == 0) density->gradient[i] = density->views[i] = 1;
+        if (i % 10 == 0) density.gradient[i] = density.views[i] = 1;
         if (i % 40 == 1) t.model.plane[OXL_OPACITY][i] = -9;
     }
     before = memory_weighed.most = memory_weighed.held;
-    CHECK_OK(test_density(test_ctx, density, &t, &rules, &change));
+    CHECK_OK(test_density(test_ctx, &density, &t, &rules, &change));
     CHECK(t.model.count == GROWN);
     CHECK(memory_weighed.most - before <
           /* a copy of one of the three has 5 times as much */
           (size_t)4 * OXL_PLANES * 2 * 3 * (GROWN - ROWS));
     for (size_t i = 1; i < GROWN; i++) CHECK(t.model.plane[OXL_MEAN][i] > t.model.plane[OXL_MEAN][i - 1]);
     model_trained_free(test_ctx, &t);
-    density_free(test_ctx, density);
+    density_free(test_ctx, &density);
     memory_weigh_end();
 }
 
@@ -148,8 +146,8 @@ TEST(density_with_lobes_removes_rows_in_their_order_and_refuses_to_grow)
           c.trained.mean.lobes == 1 && c.trained.square.lobes == 1);
     CHECK(c.trained.model.plane[OXL_MEAN][0] == 1 && c.trained.model.plane[OXL_MEAN][1] == 3);
     CHECK(c.trained.model.plane[OXL_LOBE][0] == 11 && c.trained.mean.plane[OXL_LOBE][0] == 11);
-    c.density->gradient[1] = 1, c.density->views[1] = 1;
-    CHECK(test_density(test_ctx, c.density, &c.trained, &rules, &d) == OXL_ERR_USAGE);
+    c.density.gradient[1] = 1, c.density.views[1] = 1;
+    CHECK(test_density(test_ctx, &c.density, &c.trained, &rules, &d) == OXL_ERR_USAGE);
     CHECK(c.trained.model.count == 2);
 }
 
@@ -203,11 +201,11 @@ static struct density_case density_banded_case(void)
 {
     struct density_case c = density_case((float[]){0, 0, 0, 0});
     struct renderer_sums sums;
-    CHECK_OK(density_set_bands(test_ctx, c.density, 4, 2, 4));
-    sums = density_sums(c.density, 4);
+    CHECK_OK(density_set_bands(test_ctx, &c.density, 4, 2, 4));
+    sums = density_sums(&c.density, 4);
     for (int i = 0; i < 3; i++) {
         *(render_depth_sums(&sums, (float[]){1.9f, 2, 4}[i]) + i) += 0.25f;
-        c.density->views[i] = 1;
+        c.density.views[i] = 1;
     }
     return c;
 }
@@ -226,10 +224,10 @@ TEST(density_weights_count_by_the_depth_at_which_a_row_was_seen)
 TEST(density_mean_gradient_is_unweighted)
 {
     DENSITY_CASE c = density_banded_case();
-    c.density->gradient_far[0] = 0.75f; /* seen once more, from afar */
-    c.density->views[0] = 2;
-    CHECK(density_mean_gradient(c.density, 0) == 0.5 && density_mean_gradient(c.density, 2) == 0.25);
-    CHECK(density_mean_gradient(c.density, 3) == 0);
+    c.density.gradient_far[0] = 0.75f; /* seen once more, from afar */
+    c.density.views[0] = 2;
+    CHECK(density_mean_gradient(&c.density, 0) == 0.5 && density_mean_gradient(&c.density, 2) == 0.25);
+    CHECK(density_mean_gradient(&c.density, 3) == 0);
 }
 
 /* Two Gaussians side by side, 1 and 5 away, rendered and compared with nothing. */
@@ -258,9 +256,7 @@ static void density_two_state(struct archive *a, void *user)
 
 TEST(density_bands_are_filled_by_camera_depth_and_survive_an_archive)
 {
-    struct density *d, *copy;
-    CHECK_OK(density_create(test_ctx, &d));
-    CHECK_OK(density_create(test_ctx, &copy));
+    struct density two[2] = {{0}}, *d = &two[0], *copy = &two[1];
     CHECK_OK(density_set_bands(test_ctx, d, 2, 2, 4));
     CHECK_OK(density_set_bands(test_ctx, copy, 2, 2, 4));
     density_observe_two(d);

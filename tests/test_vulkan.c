@@ -1712,13 +1712,12 @@ static struct vulkan_run vulkan_densify(size_t lobes, int moves)
     const struct density_rules rules = {.gradient = lobes ? 1e30 : 1e-4, .extent = 1, .f_mid = 1, .f_far = 1};
     struct vulkan_run d = vulkan_begin_run(device, 300, lobes);
     struct density_change change;
-    struct density *density;
+    struct density own = {0}, *density = &own;
     uint32_t from[1200];
     struct renderer_move move = {.from = from, .sh_degree = 1};
     size_t sent, before;
     int moved = 0;
     for (size_t i = 0; i < 300; i += 7) d.trained.model.plane[OXL_OPACITY][i] = -9; /* to be removed */
-    CHECK_OK(density_create(cpu, &density));
     CHECK_OK(density_clear(cpu, density, 300));
     vulkan_steps(&d, 1, 2);
     for (int i = 0; i < 300; i++) density->gradient[i] = (float)(i % 3), density->views[i] = 1;

@@ -414,14 +414,6 @@ static void option_get_bytes(size_t bytes, char *out, size_t size)
     snprintf(out, size, unit ? "%zu%c" : "%zu", bytes, units[unit]);
 }
 
-static void option_get_seconds(double seconds, char out[NUMBER_TEXT_MAX])
-{
-    const int hours = seconds >= 3600 && fmod(seconds, 3600) == 0,
-              minutes = seconds >= 60 && fmod(seconds, 60) == 0;
-    format_shortest(out, hours ? seconds / 3600 : minutes ? seconds / 60 : seconds);
-    if (hours || minutes) strcat(out, hours ? "h" : "m");
-}
-
 static void option_get_choice(const char *words, int choice, char *out, size_t size)
 {
     for (; choice > 0 && *words; choice--) words += strcspn(words, "|") + (words[strcspn(words, "|")] != 0);
@@ -449,7 +441,6 @@ static void option_get_number(const oxl_option *o, const void *field, char *out,
         return;
     }
     if (o->kind == OXL_OPTION_FLOAT) format_float(digits, (float)v);
-    else if (o->kind == OXL_OPTION_SECONDS) option_get_seconds(v, digits);
     else format_shortest(digits, v);
     snprintf(out, size, "%s", digits);
 }

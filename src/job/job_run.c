@@ -198,7 +198,7 @@ static oxl_result job_train_single(struct job *job, const char *folder)
                 o.train.sh_degree, (double)o.ram / 1e6);
     job_use_budget(job, &load, &o, &task);
     task.run.viewed = cost_evaluation_steps(job->scene, job->options.train.iterations);
-    task.extra = (struct train_extra){.viewer_steps = viewer_steps(&job->options.train), .trims = 1};
+    task.run.viewer_steps = viewer_steps(&job->options.train), task.run.trims = 1;
     if (job->start.count > 0) task.run.from = &job->start;
     if (o.train.max_gaussians > 0 && job->start.count > (size_t)o.train.max_gaussians)
         return oxl_fail(

@@ -45,77 +45,66 @@ static void survey_predict(const oxl_scene *scene, const oxl_job_options *o, oxl
 
 /* ---------------- words */
 
-static void survey_write(oxl_survey *s, const char *format, ...) OXL_PRINTF(2, 3);
-static void survey_write(oxl_survey *s, const char *format, ...)
+/* Adds to a text of a survey, as far as there is room. */
+static void survey_add(char *text, const char *format, ...) OXL_PRINTF(2, 3);
+static void survey_add(char *text, const char *format, ...)
 {
-    const size_t used = strlen(s->text);
+    const size_t used = strlen(text);
     va_list args;
     va_start(args, format);
-    vsnprintf(s->text + used, sizeof s->text - used, format, args);
+    vsnprintf(text + used, OXL_SURVEY_TEXT - used, format, args);
     va_end(args);
-}
-
-/* Adds a line to the warnings. */
-static void survey_warn(oxl_survey *s, const char *format, ...) OXL_PRINTF(2, 3);
-static void survey_warn(oxl_survey *s, const char *format, ...)
-{
-    /* leaves a byte for the newline */
-    const size_t used = strlen(s->warnings), room = sizeof s->warnings - 1 - used;
-    int size;
-    va_list args;
-    va_start(args, format);
-    size = vsnprintf(s->warnings + used, room, format, args);
-    va_end(args);
-    if (size >= 0 && room > 0) strcat(s->warnings + used, "\n");
 }
 
 static void survey_write_facts(oxl_survey *s)
 {
-    survey_write(s,
-                 "images       %d in the model, %d missing on disk; %d for training, %d held out; %d masks",
-                 s->images, s->images_missing, s->train_views, s->test_views, s->masks);
-    if (s->masked > 0) survey_write(s, " (%.0f %% of their pixels are black and ignored)", 100 * s->masked);
-    if (s->fixed > 0) survey_write(s, "; %.1f %% of all pixels are fixed, ignored", 100 * s->fixed);
-    survey_write(s, "\n");
-    survey_write(s, "cameras      %s; trained at %d x %d\n",
-                 s->cameras_text[0] ? s->cameras_text : "given by the caller", s->width, s->height);
+    survey_add(s->text,
+               "images       %d in the model, %d missing on disk; %d for training, %d held out; %d masks",
+               s->images, s->images_missing, s->train_views, s->test_views, s->masks);
+    if (s->masked > 0)
+        survey_add(s->text, " (%.0f %% of their pixels are black and ignored)", 100 * s->masked);
+    if (s->fixed > 0) survey_add(s->text, "; %.1f %% of all pixels are fixed, ignored", 100 * s->fixed);
+    survey_add(s->text, "\n");
+    survey_add(s->text, "cameras      %s; trained at %d x %d\n",
+               s->cameras_text[0] ? s->cameras_text : "given by the caller", s->width, s->height);
     if (s->points == 0) return;
-    survey_write(s, "points       %zu in %.3g x %.3g x %.3g units", s->points,
-                 s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1],
-                 s->bounds_max[2] - s->bounds_min[2]);
-    if (s->mean_track > 0) survey_write(s, ", each in %.1f images", s->mean_track);
-    if (s->mean_error > 0) survey_write(s, "; reprojection error %.2f px", s->mean_error);
-    survey_write(s, "\n");
+    survey_add(s->text, "points       %zu in %.3g x %.3g x %.3g units", s->points,
+               s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1],
+               s->bounds_max[2] - s->bounds_min[2]);
+    if (s->mean_track > 0) survey_add(s->text, ", each in %.1f images", s->mean_track);
+    if (s->mean_error > 0) survey_add(s->text, "; reprojection error %.2f px", s->mean_error);
+    survey_add(s->text, "\n");
 }
 
 static void survey_write_prediction(const oxl_context *ctx, oxl_survey *s)
 {
     const double seconds = s->seconds, unit = seconds < 90 ? 1 : seconds < 5400 ? 60 : 3600;
-    survey_write(s,
-                 s->gaussians < 1e4 ? "prediction   %.0f Gaussians" : "prediction   %.0f thousand Gaussians",
-                 s->gaussians < 1e4 ? s->gaussians : s->gaussians / 1e3);
-    survey_write(s, ", %.2f GB of memory", s->memory / 1e9);
-    if (s->memory_free > 0) survey_write(s, " (%.1f GB free)", s->memory_free / 1e9);
+    survey_add(s->text,
+               s->gaussians < 1e4 ? "prediction   %.0f Gaussians" : "prediction   %.0f thousand Gaussians",
+               s->gaussians < 1e4 ? s->gaussians : s->gaussians / 1e3);
+    survey_add(s->text, ", %.2f GB of memory", s->memory / 1e9);
+    if (s->memory_free > 0) survey_add(s->text, " (%.1f GB free)", s->memory_free / 1e9);
     if (seconds > 0)
-        survey_write(s, ", about %.*f %s on %d thread%s (%s)", unit > 60, seconds / unit,
-                     seconds < 90     ? "s"
-                     : seconds < 5400 ? "min"
-                                      : "h",
-                     ctx->threads, ctx->threads == 1 ? "" : "s", oxl_isa_name(ctx));
-    survey_write(s, "\n");
+        survey_add(s->text, ", about %.*f %s on %d thread%s (%s)", unit > 60, seconds / unit,
+                   seconds < 90     ? "s"
+                   : seconds < 5400 ? "min"
+                                    : "h",
+                   ctx->threads, ctx->threads == 1 ? "" : "s", oxl_isa_name(ctx));
+    survey_add(s->text, "\n");
 }
 
 /* Writes the number of steps and its reason. */
 static void survey_write_iterations(const oxl_job_options *o, int iterations, oxl_survey *s)
 {
     const int images = s->images - s->images_missing;
-    survey_write(s, "iterations   %d", iterations);
+    survey_add(s->text, "iterations   %d", iterations);
     if (iterations > o->train.iterations)
-        survey_write(s, " for %d images, %d for every %d", images, o->train.iterations, o->iterations_for);
+        survey_add(s->text, " for %d images, %d for every %d", images, o->train.iterations,
+                   o->iterations_for);
     else if (iterations < o->train.iterations)
-        survey_write(s, ", not %d, for only %d images", o->train.iterations, images);
-    else if (o->iterations_for > 0) survey_write(s, ", enough for up to %d images", o->iterations_for);
-    survey_write(s, "\n");
+        survey_add(s->text, ", not %d, for only %d images", o->train.iterations, images);
+    else if (o->iterations_for > 0) survey_add(s->text, ", enough for up to %d images", o->iterations_for);
+    survey_add(s->text, "\n");
 }
 
 /* Writes the number of blocks and its reason. */
@@ -130,13 +119,13 @@ static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, 
     struct partition p = {0};
     oxl_result rc = set || limit > 0 || o->device_ram ? budget_partition(ctx, scene, o, &p) : OXL_OK;
     if (rc != OXL_OK) return rc;
-    survey_write(s, "blocks       %d, %s", OXL_MAX(1, p.block_count), set ? "as set" : "");
-    if (!set) survey_write(s, "since one takes about %.2f GB", needs / 1e9);
-    if (o->ram) survey_write(s, ", --ram is %.2f GB", limit / 1e9);
-    if (o->device_ram) survey_write(s, ", --device-ram is %.2f GB", (double)o->device_ram / 1e9);
+    survey_add(s->text, "blocks       %d, %s", OXL_MAX(1, p.block_count), set ? "as set" : "");
+    if (!set) survey_add(s->text, "since one takes about %.2f GB", needs / 1e9);
+    if (o->ram) survey_add(s->text, ", --ram is %.2f GB", limit / 1e9);
+    if (o->device_ram) survey_add(s->text, ", --device-ram is %.2f GB", (double)o->device_ram / 1e9);
     else if (!o->ram && !set && s->memory_free > 0)
-        survey_write(s, " of the %.1f GB that are free", s->memory_free / 1e9);
-    survey_write(s, "\n");
+        survey_add(s->text, " of the %.1f GB that are free", s->memory_free / 1e9);
+    survey_add(s->text, "\n");
     partition_free(ctx, &p);
     return OXL_OK;
 }
@@ -162,39 +151,44 @@ static int survey_has_no_baseline(const oxl_scene *scene)
 static void survey_write_warnings(oxl_survey *s, int one_place)
 {
     if (s->images_missing > 0)
-        survey_warn(s, "%d of %d images are missing on disk and are left out", s->images_missing, s->images);
+        survey_add(s->warnings, "%d of %d images are missing on disk and are left out\n", s->images_missing,
+                   s->images);
     if (s->images_unregistered > 0)
-        survey_warn(
-            s,
+        survey_add(
+            s->warnings,
             "%d of the %d images in the folder are not in the model (COLMAP did not register them), so "
             "places that only they show are missing; match again with more overlap or another matcher, "
-            "or name another sub-model by --sparse",
+            "or name another sub-model by --sparse\n",
             s->images_unregistered, s->images_unregistered + s->images - s->images_missing);
     if (s->unusable > 0)
-        survey_warn(s, "%d of %d images cannot be used and are left out", s->unusable, s->images);
+        survey_add(s->warnings, "%d of %d images cannot be used and are left out\n", s->unusable, s->images);
     if (s->points == 0)
-        survey_warn(s, s->outlined
-                           ? "the survey has no points: training starts from random ones within the "
-                             "images' outlines"
-                           : "the survey has no points: training starts from depth maps of its images, which "
-                             "need texture and overlap; export points3D as well");
+        survey_add(s->warnings,
+                   s->outlined
+                       ? "the survey has no points: training starts from random ones within the "
+                         "images' outlines\n"
+                       : "the survey has no points: training starts from depth maps of its images, which "
+                         "need texture and overlap; export points3D as well\n");
     else if (s->points < 500)
-        survey_warn(s, "the survey has only %zu points; check that this is the right sub-model", s->points);
+        survey_add(s->warnings, "the survey has only %zu points; check that this is the right sub-model\n",
+                   s->points);
     if (s->mean_error > 2)
-        survey_warn(
-            s,
-            "a reprojection error of %.1f px blurs the whole model (good: below 1); run colmap bundle_adjuster",
+        survey_add(
+            s->warnings,
+            "a reprojection error of %.1f px blurs the whole model (good: below 1); run colmap bundle_adjuster\n",
             s->mean_error);
-    if (s->train_views == 1) survey_warn(s, "a single training view: depth cannot be learned from it");
+    if (s->train_views == 1)
+        survey_add(s->warnings, "a single training view: depth cannot be learned from it\n");
     else if (one_place)
-        survey_warn(s, "all cameras are at the same place: depth cannot be learned from them");
+        survey_add(s->warnings, "all cameras are at the same place: depth cannot be learned from them\n");
     else if (s->train_views < 10)
-        survey_warn(s, "the survey has only %d training views; expect holes", s->train_views);
-    if (s->test_views == 0) survey_warn(s, "no view is held out, so the metrics are of training views");
+        survey_add(s->warnings, "the survey has only %d training views; expect holes\n", s->train_views);
+    if (s->test_views == 0)
+        survey_add(s->warnings, "no view is held out, so the metrics are of training views\n");
     if (s->memory_free > 0 && s->memory > 0.9 * s->memory_free)
-        survey_warn(
-            s,
-            "memory may not suffice; reduce it with --max-side, --max-gaussians, --image-cache or --sh-degree 0");
+        survey_add(
+            s->warnings,
+            "memory may not suffice; reduce it with --max-side, --max-gaussians, --image-cache or --sh-degree 0\n");
 }
 
 /* ---------------- public functions */

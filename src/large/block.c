@@ -29,9 +29,9 @@ struct block {
 static const char BLOCK_CHECKSUM[] = "  \"checksum\": \"";
 
 static const char *const BLOCK_NUMBER[BLOCK_NUMBERS] = {
-    "iterations_done",        "gaussians",           "seconds",       "peak_rss_bytes",
-    "predicted_memory_bytes", "images_left_out",     "steps_skipped", "gaussian_steps_skipped",
-    "gaussians_cleared",      "gaussians_degenerate"};
+    "iterations_done",        "gaussians",       "seconds",       "peak_rss_bytes",
+    "predicted_memory_bytes", "images_left_out", "steps_skipped", "gaussian_steps_skipped",
+    "gaussians_cleared"};
 
 OXL_INTERNAL void block_add_numbers(struct text *t, const struct block_record *r, int first)
 {
@@ -126,10 +126,10 @@ static double block_round(double value, double parts)
 static oxl_result block_write_record(struct block *b, const oxl_trained *trained)
 {
     const oxl_nonfinite *n = &trained->nonfinite;
-    const struct block_record record = {
-        .number = {trained->iterations, (double)trained->model.count, block_round(trained->seconds, 1e3),
-                   (double)os_peak_rss(), b->task->predicted_peak, (double)n->images, (double)n->steps,
-                   (double)n->rows, (double)n->cleared, (double)n->degenerate}};
+    const struct block_record record = {.number = {trained->iterations, (double)trained->model.count,
+                                                   block_round(trained->seconds, 1e3), (double)os_peak_rss(),
+                                                   b->task->predicted_peak, (double)n->images,
+                                                   (double)n->steps, (double)n->rows, (double)n->cleared}};
     struct text t = {.ctx = b->ctx};
     oxl_result rc;
     text_add(&t, "{\n  \"finished\": %s,\n", trained->finished ? "true" : "false");
@@ -204,12 +204,11 @@ static oxl_result block_run(struct block *b, const oxl_scene *scene, oxl_trained
     const struct block_task *task = b->task;
     const char *viewer = PATH(task->folder, "viewer");
     struct train_task run = task->run;
-    struct train_extra extra = task->extra;
     oxl_result rc, written;
     run.store = checkpoint_in(task->folder, task->key), run.log = &b->log, run.notes = &b->notes;
-    extra.viewer_store = checkpoint_in(viewer, task->key);
+    run.viewer_store = checkpoint_in(viewer, task->key);
     text_add(&b->log, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n");
-    rc = trained_make(b->ctx, scene, &task->train, &(oxl_callback){block_progress, b}, &run, &extra, t);
+    rc = trained_make(b->ctx, scene, &task->train, &(oxl_callback){block_progress, b}, &run, t);
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
     if (t->model.count == 0) return rc;
     t->finished |= run.until > 0 && t->iterations >= run.until;

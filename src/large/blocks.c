@@ -145,9 +145,9 @@ static oxl_result blocks_train_merged(struct blocks *b, int block, const char *f
     oxl_result rc = job_merge(job, &merged);
     (void)block;
     task.run.start = &merged;
-    task.extra.viewer_steps = viewer_steps(&job->options.train);
+    task.run.viewer_steps = viewer_steps(&job->options.train);
     if (rc == OXL_OK && imaging_hides(&job->imaging))
-        job->stage_viewers = viewer_hiding_steps(task.extra.viewer_steps);
+        job->stage_viewers = viewer_hiding_steps(task.run.viewer_steps);
     if (rc == OXL_OK) blocks_set_merged(job, merged.sh_degree, steps, &task.train);
     if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_DEBUG, "the merged model trains %d steps", steps);
     if (rc == OXL_OK) rc = job_train_task(job, &task);

@@ -149,7 +149,7 @@ enum {
     BLOCK_PEAK,
     BLOCK_PREDICTED,
     BLOCK_NONFINITE,
-    BLOCK_NUMBERS = BLOCK_NONFINITE + 5
+    BLOCK_NUMBERS = BLOCK_NONFINITE + 4
 };
 #define BLOCK_NUMBER_MAX 1e18 /* Limits numbers that are read from files. */
 struct block_record {         /* Holds members of block.json. */
@@ -163,8 +163,7 @@ struct block_task {
     const char *folder, *key; /* key: all that the result depends on */
     oxl_train_options train;
     const oxl_callback *callback;
-    struct train_task run;    /* without store, log and notes, which are the folder's; imaging: not NULL */
-    struct train_extra extra; /* without viewer_store */
+    struct train_task run; /* without stores, log and notes, which are the folder's; imaging: not NULL */
     double predicted_peak;
 };
 /* Reads block.json; exists 0: there is none, it has another key, or it or files of a finished block are

@@ -42,9 +42,9 @@ static oxl_result dropout_begin(struct train *t, void *state)
 static oxl_result dropout_before_render(struct train *t, void *state, struct part_view *v)
 {
     const struct dropout *d = state;
-    if (v->learns)
-        renderer_settings(t->renderer)->dropout = (struct renderer_dropout){
-            d->rate * t->step / t->options->iterations, DROPOUT_STREAM ^ t->ctx->options.seed, t->step};
+    (void)v;
+    renderer_settings(t->renderer)->dropout = (struct renderer_dropout){
+        d->rate * t->step / t->options->iterations, DROPOUT_STREAM ^ t->ctx->options.seed, t->step};
     return OXL_OK;
 }
 

@@ -52,7 +52,7 @@ static oxl_result lobes_assign(struct train *t)
     const float threshold = o->dog == OXL_DOG_ALL ? -1 : LOBES_THRESHOLD;
     oxl_result rc = active ? step_download(t, DOWNLOAD_TO_CHANGE) : OXL_ERR_MEMORY;
     for (size_t i = 0; rc == OXL_OK && i < t->trained.model.count; i++) {
-        active[i] = density_mean_gradient(t->density, i) > threshold;
+        active[i] = density_mean_gradient(&t->density, i) > threshold;
         given += active[i];
     }
     if (rc == OXL_OK)
@@ -73,7 +73,7 @@ static oxl_result lobes_after_step(struct train *t, void *state)
     if (last == 0 || l->stage == 2 || t->step <= OXL_MAX(last - watch, densified)) return OXL_OK;
     if (l->stage == 0) {
         rc = step_download(t, DOWNLOAD_TO_CHANGE);
-        if (rc == OXL_OK) rc = density_clear(t->ctx, t->density, t->trained.model.count);
+        if (rc == OXL_OK) rc = density_clear(t->ctx, &t->density, t->trained.model.count);
         l->stage = 1;
     }
     if (rc == OXL_OK) rc = step_observe(t);

@@ -120,10 +120,9 @@ static void medium_store(struct train *t, void *state, oxl_model *model)
     if (model) medium_scale_colours(state, 1, model);
 }
 
-static void medium_describe(struct train *t, void *state)
+static void medium_record(struct train *t, void *state)
 {
-    const struct medium *m = &t->imaging->medium;
-    (void)state;
+    const struct medium *m = state;
     if (m->on)
         oxl_log(
             t->ctx, OXL_LOG_DEBUG,
@@ -150,4 +149,4 @@ OXL_INTERNAL const struct part part_medium = {.name = "medium",
                                               .use_tracks = medium_use_tracks,
                                               .form_image = medium_form_image,
                                               .store = medium_store,
-                                              .describe = medium_describe};
+                                              .record = medium_record};

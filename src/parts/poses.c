@@ -98,7 +98,7 @@ static oxl_result poses_before_render(struct train *t, void *state, struct part_
 {
     const struct poses *p = state;
     if (p->on) pose_apply(&oxl_scene_view(t->scene, v->view)->camera, p->view[v->view].at, &v->camera);
-    renderer_settings(t->renderer)->pose = p->on && v->learns && v->progress >= POSES_FROM;
+    renderer_settings(t->renderer)->pose = p->on && v->progress >= POSES_FROM;
     return OXL_OK;
 }
 

@@ -254,7 +254,7 @@ OXL_INTERNAL oxl_result prune_remove_rows(struct train *t, const struct prune *p
     if (rc == OXL_OK) rc = step_move_rows(t, NULL, keep, t->trained.model.sh_degree, &moved);
     if (rc == OXL_OK) {
         for (int k = 0; k < TRAINED_PARTS; k++) model_keep_rows(model_trained_part(&t->trained, k), keep);
-        density_keep_rows(t->density, keep, count);
+        density_keep_rows(&t->density, keep, count);
     }
     if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 0);
     oxl_free(t->ctx, keep);

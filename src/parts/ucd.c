@@ -184,7 +184,7 @@ static oxl_result ucd_part_begin(struct train *t, void *state)
     if (rc != OXL_OK) return rc;
     ucd_describe(u, words, sizeof words);
     if (t->options->ucd != OXL_UCD_OFF) selection_log(t, "depth weights", u->on, words);
-    if (u->on) rc = density_set_bands(t->ctx, t->density, t->trained.model.count, u->z_near, u->z_far);
+    if (u->on) rc = density_set_bands(t->ctx, &t->density, t->trained.model.count, u->z_near, u->z_far);
     return rc;
 }
 
@@ -193,6 +193,7 @@ static oxl_result ucd_before_observe(struct train *t, void *state)
 {
     struct ucd *u = state;
     const oxl_result rc = u->learns ? step_flush(t) : OXL_OK;
+    if (schedule_resets_opacity_at(t->options, t->step - 1)) ucd_restart(u);
     if (rc == OXL_OK) ucd_observe(u, t->last_loss);
     return rc;
 }
@@ -204,12 +205,6 @@ static oxl_result ucd_before_density(struct train *t, void *state, struct densit
     rules->f_mid = f[0];
     rules->f_far = f[1];
     return OXL_OK;
-}
-
-static void ucd_after_reset(struct train *t, void *state)
-{
-    (void)t;
-    ucd_restart(state);
 }
 
 static void ucd_report(const void *state, oxl_progress *progress)
@@ -241,6 +236,5 @@ OXL_INTERNAL const struct part part_ucd = {.name = "ucd",
                                            .archive = ucd_archive,
                                            .before_observe = ucd_before_observe,
                                            .before_density = ucd_before_density,
-                                           .after_reset = ucd_after_reset,
                                            .report = ucd_report,
                                            .record = ucd_record};

@@ -28,24 +28,11 @@
 #define DENSITY_SQRT_HALF 0.70710678118654752
 #define DENSITY_INFINITY 0x7F800000u /* bits of a float; those of positive ones rise with them */
 
-OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out)
-{
-    *out = oxl_calloc(ctx, 1, sizeof **out);
-    return *out ? OXL_OK : OXL_ERR_MEMORY;
-}
-
-static void density_release(oxl_context *ctx, struct density *d)
+OXL_INTERNAL void density_free(oxl_context *ctx, struct density *d)
 {
     OXL_FREE(ctx, d->gradient, d->verdict);
     d->gradient = NULL, d->verdict = NULL;
     d->capacity = 0;
-}
-
-OXL_INTERNAL void density_free(oxl_context *ctx, struct density *d)
-{
-    if (!d) return;
-    density_release(ctx, d);
-    oxl_free(ctx, d);
 }
 
 /* The sums are one allocation, each `capacity` long. */
@@ -58,10 +45,10 @@ static oxl_result density_reserve(oxl_context *ctx, struct density *d, size_t co
 {
     const size_t capacity = count + count / 2;
     if (count <= d->capacity) return OXL_OK;
-    density_release(ctx, d);
+    density_free(ctx, d);
     d->gradient = oxl_alloc(ctx, capacity, density_sums_kept(d) * sizeof *d->gradient);
     d->verdict = oxl_alloc(ctx, capacity, sizeof *d->verdict);
-    if (!d->gradient || !d->verdict) return density_release(ctx, d), OXL_ERR_MEMORY;
+    if (!d->gradient || !d->verdict) return density_free(ctx, d), OXL_ERR_MEMORY;
     d->capacity = capacity;
     d->views = d->gradient + capacity;
     d->gradient_mid = d->banded ? d->views + capacity : NULL;
@@ -80,7 +67,7 @@ OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_
 OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, size_t count, double z_near,
                                           double z_far)
 {
-    density_release(ctx, d);
+    density_free(ctx, d);
     d->banded = z_near > 0 && z_far >= z_near;
     d->z_near = (float)z_near;
     d->z_far = (float)z_far;

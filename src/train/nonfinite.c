@@ -16,8 +16,7 @@
 
 enum { NONFINITE_NAMED = 10 }; /* messages per kind; the total is logged at the end */
 
-#define NONFINITE_OPACITY -30.0f  /* logit: far below 1/255 */
-#define NONFINITE_SCALE_MAX 87.0f /* |log scale|: project.c clamps there */
+#define NONFINITE_OPACITY -30.0f /* logit: far below 1/255 */
 
 /* Writes the clause of a message that traces the first of some Gaussians. */
 static void nonfinite_name_rows(char out[64], size_t first, size_t rows)
@@ -86,24 +85,14 @@ OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *n, int step
 
 /* ---------------- at the end */
 
-static int nonfinite_is_degenerate(const oxl_model *m, size_t i)
-{
-    int turned = 0, clamped = 0;
-    for (int k = 0; k < 4; k++) turned |= m->plane[OXL_ROTATION + k][i] != 0;
-    for (int k = 0; k < 3; k++) clamped |= fabsf(m->plane[OXL_LOG_SCALE + k][i]) > NONFINITE_SCALE_MAX;
-    return !turned || clamped;
-}
-
 OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_model *model)
 {
     const size_t count = model->count;
     uint8_t *keep = oxl_alloc(ctx, count + 1, 1);
     if (!keep) return OXL_ERR_MEMORY;
-    n->degenerate = 0;
     for (size_t i = 0; i < count; i++) {
         keep[i] = (uint8_t)model_row_is_finite(model, i);
         n->cleared += !keep[i];
-        n->degenerate += keep[i] && nonfinite_is_degenerate(model, i);
     }
     model_keep_rows(model, keep);
     oxl_free(ctx, keep);
@@ -114,11 +103,6 @@ OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_mo
             ctx, OXL_LOG_WARNING,
             "values that are not finite: %zu steps and %zu steps of single Gaussians skipped, %zu Gaussians cleared",
             n->steps, n->rows, n->cleared);
-    if (n->degenerate > 0)
-        oxl_log(
-            ctx, OXL_LOG_WARNING,
-            "%zu Gaussians have a zero quaternion (rendered as identity) or a scale beyond e^+-87 (clamped)",
-            n->degenerate);
     return OXL_OK;
 }
 

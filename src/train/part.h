@@ -18,7 +18,6 @@ struct oxl_option; /* oceanxl_job.h: an option by name, for parts that bring the
 /* Describes a view as a step renders it and compares it with its image. */
 struct part_view {
     int view;
-    int learns;                 /* 0: an evaluation; nothing may change */
     double progress;            /* fraction of the run */
     oxl_camera camera;          /* at the step's window and resolution */
     struct oxl_imaging imaging; /* lamp and medium in front of the scene, from the hooks form_image */
@@ -49,7 +48,7 @@ struct part {
 
     /* Changes the model before a step. */
     oxl_result (*before_step)(struct train *t, void *state);
-    /* Sets step->gain, by which the rendered image is multiplied. */
+    /* Sets step->gain, by which the rendered image is multiplied. learns 0: nothing else may change. */
     void (*set_gain)(struct train *t, void *state, struct train_deferred *step, int learns);
     void (*form_image)(const void *state, struct oxl_imaging *m);
     oxl_result (*before_render)(struct train *t, void *state, struct part_view *v);
@@ -59,11 +58,10 @@ struct part {
     void (*after_loss)(struct train *t, void *state, const struct train_deferred *step,
                        const struct renderer_loss *loss);
 
-    /* Are called while Gaussians are densified: before the step's gradients are added up, before rows are
-     * chosen, and after a reset of opacities. */
+    /* Are called while Gaussians are densified: before the step's gradients are added up, and before rows are
+     * chosen. */
     oxl_result (*before_observe)(struct train *t, void *state);
     oxl_result (*before_density)(struct train *t, void *state, struct density_rules *rules);
-    void (*after_reset)(struct train *t, void *state);
 
     /* Is called after a step and its density control. */
     oxl_result (*after_step)(struct train *t, void *state);
@@ -71,11 +69,10 @@ struct part {
     double (*bytes)(const oxl_train_options *options, double observations, int views);
 
     void (*report)(const void *state, oxl_progress *progress); /* of each step, to the caller */
-    /* Records the part's decision for run.json, after the last step. */
+    /* Records the part's decision for run.json, and logs the result, after the last step. */
     void (*record)(struct train *t, void *state);
     /* Writes what rendering the model takes to the scene and the model, when the run ends or pauses. */
     void (*store)(struct train *t, void *state, oxl_model *model);
-    void (*describe)(struct train *t, void *state); /* after `store` of a whole run: logs the result */
 };
 
 /* Returns a row of the table in src/parts/table.c; NULL after the last. */

@@ -133,11 +133,6 @@ OXL_INTERNAL oxl_result parts_before_density(struct train *t, struct density_rul
     PARTS_CALL(before_density, t, t->part[k], rules);
 }
 
-OXL_INTERNAL void parts_after_reset(struct train *t)
-{
-    PARTS_FOR(k, after_reset) parts_at(k)->after_reset(t, t->part[k]);
-}
-
 OXL_INTERNAL oxl_result parts_after_step(struct train *t)
 {
     PARTS_CALL(after_step, t, t->part[k]);
@@ -163,9 +158,4 @@ OXL_INTERNAL void parts_record(struct train *t)
 OXL_INTERNAL void parts_store(struct train *t, oxl_model *model)
 {
     PARTS_FOR(k, store) parts_at(k)->store(t, t->part[k], model);
-}
-
-OXL_INTERNAL void parts_describe(struct train *t)
-{
-    PARTS_FOR(k, describe) parts_at(k)->describe(t, t->part[k]);
 }

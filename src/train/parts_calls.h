@@ -26,11 +26,9 @@ OXL_INTERNAL void parts_after_loss(struct train *t, const struct train_deferred 
                                    const struct renderer_loss *loss);
 OXL_INTERNAL oxl_result parts_before_observe(struct train *t);
 OXL_INTERNAL oxl_result parts_before_density(struct train *t, struct density_rules *rules);
-OXL_INTERNAL void parts_after_reset(struct train *t);
 OXL_INTERNAL oxl_result parts_after_step(struct train *t);
 OXL_INTERNAL void parts_report(const struct train *t, oxl_progress *progress);
 OXL_INTERNAL void parts_record(struct train *t);
 OXL_INTERNAL void parts_store(struct train *t, oxl_model *model);
-OXL_INTERNAL void parts_describe(struct train *t);
 
 #endif

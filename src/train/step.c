@@ -116,10 +116,10 @@ OXL_INTERNAL struct oxl_imaging step_imaging(const struct train *t)
 }
 
 /* Begins a step on a view. */
-static struct train_deferred step_begin(struct train *t, int view, int learns)
+static struct train_deferred step_begin(struct train *t, int view)
 {
     struct train_deferred step = {.step = t->step, .view = view};
-    parts_set_gain(t, &step, learns);
+    parts_set_gain(t, &step, 1);
     step.imaging = step_imaging(t);
     return step;
 }
@@ -139,14 +139,6 @@ static oxl_result step_forward_loss(struct train *t, struct part_view *v, struct
     if (rc == OXL_OK) rc = parts_after_render(t, v);
     if (rc != OXL_OK) return rc;
     return renderer_loss(t->ctx, t->renderer, NULL, NULL, ssim_weight, loss);
-}
-
-/* Evaluates a view with the full loss. */
-OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct renderer_loss *loss)
-{
-    struct train_deferred step = step_begin(t, view, 0);
-    struct part_view v = {.view = view, .step = &step};
-    return step_forward_loss(t, &v, loss);
 }
 
 /* Leaves out a step whose loss is not finite. */
@@ -206,7 +198,7 @@ OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferre
 {
     struct train_deferred step = *here;
     struct part_view v = {
-        .view = here->view, .learns = 1, .progress = (double)t->step / t->options->iterations, .step = &step};
+        .view = here->view, .progress = (double)t->step / t->options->iterations, .step = &step};
     oxl_adam adam;
     struct renderer_loss loss;
     struct renderer_nonfinite skipped;
@@ -239,7 +231,7 @@ static oxl_result step_repeat(struct train *t, const struct train_deferred *whic
     rc = step_load_image(t, which->view);
     if (rc == OXL_OK) rc = step_on_view(t, which, 0);
     if (rc == OXL_OK && which->observed)
-        rc = density_observe(t->ctx, t->density, t->renderer, t->trained.model.count);
+        rc = density_observe(t->ctx, &t->density, t->renderer, t->trained.model.count);
     t->step = step;
     return rc;
 }
@@ -288,7 +280,7 @@ OXL_INTERNAL oxl_result step_download(struct train *t, enum renderer_download wh
 OXL_INTERNAL oxl_result step_observe(struct train *t)
 {
     if (t->deferred_steps > 0) t->deferred[t->deferred_steps - 1].observed = 1;
-    return density_observe(t->ctx, t->density, t->renderer, t->trained.model.count);
+    return density_observe(t->ctx, &t->density, t->renderer, t->trained.model.count);
 }
 
 /* Repeats a step for which a device had not enough memory: it may have when the others have ended, or the CPU
@@ -316,7 +308,7 @@ OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
     oxl_result rc = deferred ? OXL_OK : step_flush(t);
     if (rc == OXL_OK) rc = step_next_image(t, &view);
     if (rc != OXL_OK && view < 0) return rc;
-    here = step_begin(t, view, 1);
+    here = step_begin(t, view);
     if (rc == OXL_OK) rc = deferred ? step_deferred(t, &here) : step_on_view(t, &here, 0);
     return rc == OXL_ERR_MEMORY && deferred ? step_retry_after_flush(t, &here) : rc;
 }
@@ -329,7 +321,8 @@ OXL_INTERNAL oxl_result step_move_rows(struct train *t, const struct density_cha
     struct renderer_move move = {.from = from, .sh_degree = sh_degree};
     oxl_result rc;
     if (renderer_has_device(t->renderer) && !from) return OXL_ERR_MEMORY;
-    if (from && change) move.count = count, move.lobes = density_sources(t->density, &t->trained.model, from);
+    if (from && change)
+        move.count = count, move.lobes = density_sources(&t->density, &t->trained.model, from);
     for (size_t i = 0; from && !change && i < count; i++)
         if (!keep || keep[i]) from[move.count++] = (uint32_t)i, move.lobes += i < t->trained.model.lobes;
     rc = renderer_move_rows(t->ctx, t->renderer, &move, moved);
@@ -351,10 +344,10 @@ OXL_INTERNAL oxl_result step_densify(struct train *t)
     int moved = 0;
     oxl_result rc = step_download(t, DOWNLOAD_SHAPE);
     if (rc == OXL_OK) rc = parts_before_density(t, &rules);
-    if (rc == OXL_OK) rc = density_decide(t->ctx, t->density, &t->trained.model, &rules, &change);
+    if (rc == OXL_OK) rc = density_decide(t->ctx, &t->density, &t->trained.model, &rules, &change);
     if (rc == OXL_OK && change.removed + change.split > 0)
         rc = step_move_rows(t, &change, NULL, t->trained.model.sh_degree, &moved);
-    if (rc == OXL_OK) rc = density_apply(t->ctx, t->density, &t->trained, &change, moved);
+    if (rc == OXL_OK) rc = density_apply(t->ctx, &t->density, &t->trained, &change, moved);
     if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 0);
     if (rc != OXL_OK) return rc;
     if (t->trained.model.count == 0)

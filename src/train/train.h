@@ -36,9 +36,12 @@ struct train_task {
     /* (views) trained part of each view, width 0: none; NULL: whole views */
     const struct image_window *window;
     int frozen; /* 1: gains and lamp stay as they are */
-    int keeps;  /* 1: the state is kept at the end of the run, too */
-    /* for the time left: evaluation, in steps; steps of a model for viewers, where one is needed */
-    int viewed, refined;
+    int viewed; /* for the time left: the evaluation behind the run, in steps */
+
+    /* what trained_make does behind the run */
+    int viewer_steps; /* of the model for viewers, before the factors for medium and gains; 0: none is made */
+    struct train_store viewer_store; /* of the run that refines it, in another folder */
+    int trims;                       /* 1: Gaussians that no training view shows are removed */
 
     /* out */
     oxl_nonfinite nonfinite; /* of the whole run */
@@ -74,6 +77,9 @@ OXL_INTERNAL int schedule_training_views(const oxl_scene *scene);
 OXL_INTERNAL double forecast_step(const oxl_camera *camera, double gaussians, int halved);
 OXL_INTERNAL double forecast_ahead(const oxl_train_options *options, int done, const oxl_camera *camera,
                                    double cap, double *gaussians);
+
+/* Returns the steps of it where images have a medium or gains that it leaves out. */
+OXL_INTERNAL int viewer_hiding_steps(int steps);
 
 /* ---------------- parts.c: all parts of training, from the options alone */
 

@@ -69,7 +69,6 @@ OXL_INTERNAL void train_imaging_describe(struct train *t)
 {
     const struct oxl_imaging *m = t->imaging;
     const double span = scene_depth_span(t->scene);
-    parts_describe(t);
     if (m->medium.on && span < SCENE_DEPTH_SPAN_MIN)
         oxl_log(
             t->ctx, OXL_LOG_DEBUG,

@@ -166,8 +166,7 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
     if (rc == OXL_OK)
         *renderer_settings(t->renderer) = (struct renderer_settings){.steps = 1, .terms = t->options->terms};
     if (rc == OXL_OK) renderer_set_context(t->renderer, t->task.context);
-    if (rc == OXL_OK) rc = density_create(ctx, &t->density);
-    if (rc == OXL_OK) rc = density_clear(ctx, t->density, t->trained.model.count);
+    if (rc == OXL_OK) rc = density_clear(ctx, &t->density, t->trained.model.count);
     if (rc == OXL_OK) rc = parts_begin(t);
     if (rc == OXL_OK && !t->continues) rc = train_imaging_begin(t);
     if (rc == OXL_OK) rc = selection_begin(t);
@@ -183,7 +182,7 @@ OXL_INTERNAL void train_end(struct train *t)
     model_trained_free(ctx, &t->trained);
     renderer_free(ctx, t->renderer);
     oxl_model_free(ctx, &t->gradient);
-    density_free(ctx, t->density);
+    density_free(ctx, &t->density);
     oxl_free(ctx, t->view);
     text_free(&t->decisions);
     imaging_free(ctx, &t->own_imaging);
@@ -213,7 +212,7 @@ OXL_INTERNAL void train_archive(struct archive *a, void *user)
     for (size_t i = 0; i < views && a->rc == OXL_OK; i++)
         archive_expect(a, t->view[i] >= 0 && t->view[i] < oxl_scene_view_count(t->scene));
     for (int k = 0; k < TRAINED_PARTS; k++) archive_model(a, model_trained_part(&t->trained, k));
-    density_archive(a, t->density, t->trained.model.count);
+    density_archive(a, &t->density, t->trained.model.count);
     parts_archive(a, t);
     archive_expect(a, t->trained.model.count > 0 && train_same_shape(&t->trained.model, &t->trained.mean) &&
                           train_same_shape(&t->trained.model, &t->trained.square));
@@ -267,7 +266,6 @@ OXL_INTERNAL oxl_result train_density(struct train *t)
     rc = step_download(t, DOWNLOAD_SHAPE);
     if (rc != OXL_OK) return rc;
     density_reset_opacity(&t->trained, t->render.alpha_min);
-    parts_after_reset(t);
     return renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 1);
 }
 
@@ -317,7 +315,7 @@ static oxl_result train_loop(struct train *t)
         if (train_save_is_due(t)) rc = train_save(t);
     }
     if (rc == OXL_OK && t->step < o->iterations) return train_save(t);
-    if (rc == OXL_OK && t->task.keeps && t->saved_step < t->step &&
+    if (rc == OXL_OK && t->task.viewer_steps > 0 && t->saved_step < t->step &&
         (t->trained.model.lobes > 0 || parts_hide(t)))
         rc = train_save(t);
     if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_TO_CHANGE);

@@ -44,7 +44,7 @@ struct train {
     oxl_model gradient; /* of the last step, where terms on parameters ask for planes */
     struct train_deferred deferred[2];
     int deferred_steps;
-    struct density *density;
+    struct density density;
     int continues;               /* 1: from a trained model, with the scene's imaging */
     void *part[TRAIN_PARTS_MAX]; /* state of each row of the table of parts */
     int *view;                   /* (views) training views in this epoch's order */
@@ -93,8 +93,6 @@ OXL_INTERNAL oxl_result step_move_rows(struct train *t, const struct density_cha
 OXL_INTERNAL oxl_result step_load_image(struct train *t, int view);
 /* Returns the part of a view that this step compares, px of the view; NULL: all of it. */
 OXL_INTERNAL const struct image_window *step_window(const struct train *t, int view);
-/* Renders a view and compares it with its image. */
-OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct renderer_loss *loss);
 OXL_INTERNAL double step_seconds(const struct train *t); /* of the whole run, over all processes */
 OXL_INTERNAL int step_report(struct train *t);           /* nonzero: the caller stops the run */
 OXL_INTERNAL struct oxl_imaging step_imaging(const struct train *t); /* the present medium and lamp */

@@ -60,7 +60,7 @@ OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r,
 
 /* ---------------- density.c: split, prune, reset */
 
-struct density { /* statistics since the last control */
+struct density { /* statistics since the last control; all zero: none yet */
     size_t capacity;
     int banded;
     float z_near, z_far; /* where the bands meet, camera z */
@@ -82,7 +82,6 @@ struct density_rules {
 struct density_change {
     size_t removed, split;
 };
-OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out);
 OXL_INTERNAL void density_free(oxl_context *ctx, struct density *d);
 OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_t count);
 OXL_INTERNAL oxl_result density_observe(oxl_context *ctx, struct density *d, struct renderer *r,

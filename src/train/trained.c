@@ -12,7 +12,6 @@
 #include "../survey/scene.h"
 
 #define VIEWER_STEPS 0.05 /* fraction of the run's steps for which the model for viewers is refined */
-#define VIEWER_MORE 300   /* maximum steps that a medium or gains take three times as many, not twice */
 #define VIEWER_SH 10      /* factor on the rate of SH where the model learns the colours that a medium gave */
 #define VIEWER_GAINS_SH 3 /* factor on the rate of SH where the model learns what gains gave */
 #define VIEWER_GAINS_SH0 2 /* factor on the rate of base colours where the model learns what gains gave */
@@ -21,11 +20,6 @@ enum { TRAINED_STEPS_A_VIEW = 40 }; /* minimum steps for each view that unseen_d
 OXL_INTERNAL int viewer_steps(const oxl_train_options *run)
 {
     return OXL_MAX(1, (int)(VIEWER_STEPS * run->iterations));
-}
-
-OXL_INTERNAL int viewer_hiding_steps(int steps)
-{
-    return OXL_MAX(2 * steps, OXL_MIN(VIEWER_MORE, 3 * steps));
 }
 
 /* Keeps the learning rates that the whole run has in its second half before its cool-down, not those of a run
@@ -91,7 +85,6 @@ OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from)
     to->steps += from->steps;
     to->rows += from->rows;
     to->cleared += from->cleared;
-    to->degenerate += from->degenerate;
 }
 
 /* ---------------- the model for viewers */
@@ -106,13 +99,12 @@ static oxl_result viewer_begin(oxl_context *ctx, const oxl_scene *scene, const o
 }
 
 static oxl_result viewer_refine(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *run,
-                                const struct train_task *of, const struct train_extra *extra,
-                                struct trained_run *progress, oxl_trained *t)
+                                const struct train_task *of, struct trained_run *progress, oxl_trained *t)
 {
     struct text log = {.ctx = ctx}, notes = {.ctx = ctx};
     const int drops_gains = imaging_is_gains_alone(t->imaging);
     struct oxl_imaging seen = {0};
-    struct train_task task = {.store = extra->viewer_store,
+    struct train_task task = {.store = of->viewer_store,
                               .log = &log,
                               .notes = &notes,
                               .start = &t->viewer,
@@ -121,7 +113,7 @@ static oxl_result viewer_refine(oxl_context *ctx, const oxl_scene *scene, const 
                               .window = of->window,
                               .viewed = of->viewed,
                               .frozen = 1};
-    const oxl_train_options o = viewer_options(run, t->model.sh_degree, extra->viewer_steps, t->imaging);
+    const oxl_train_options o = viewer_options(run, t->model.sh_degree, of->viewer_steps, t->imaging);
     oxl_model refined = {0};
     oxl_result rc = imaging_clone(ctx, t->imaging, (size_t)oxl_scene_view_count(scene), &seen);
     if (rc == OXL_OK) rc = viewer_begin(ctx, scene, t, drops_gains, &t->viewer);
@@ -167,20 +159,19 @@ static oxl_result trained_trim(oxl_context *ctx, const oxl_scene *scene, const o
 
 /* Makes what the first run does not give. */
 static oxl_result trained_complete(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
-                                   const struct train_task *task, const struct train_extra *extra,
-                                   struct trained_run *progress, oxl_trained *t)
+                                   const struct train_task *task, struct trained_run *progress,
+                                   oxl_trained *t)
 {
-    const int wanted = extra->viewer_steps > 0 && (t->model.lobes > 0 || imaging_hides(t->imaging));
+    const int wanted = task->viewer_steps > 0 && (t->model.lobes > 0 || imaging_hides(t->imaging));
     oxl_result rc = OXL_OK;
-    if (t->finished && wanted) rc = viewer_refine(ctx, scene, options, task, extra, progress, t);
-    if (rc == OXL_OK && t->finished && extra->trims) rc = trained_trim(ctx, scene, options, t);
+    if (t->finished && wanted) rc = viewer_refine(ctx, scene, options, task, progress, t);
+    if (rc == OXL_OK && t->finished && task->trims) rc = trained_trim(ctx, scene, options, t);
     return rc;
 }
 
 OXL_INTERNAL oxl_result trained_make(oxl_context *ctx, const oxl_scene *scene,
                                      const oxl_train_options *options, const oxl_callback *callback,
-                                     struct train_task *task, const struct train_extra *extra,
-                                     oxl_trained *out)
+                                     struct train_task *task, oxl_trained *out)
 {
     struct trained_run progress = {.callback = callback};
     struct text decisions = {.ctx = ctx};
@@ -190,14 +181,12 @@ OXL_INTERNAL oxl_result trained_make(oxl_context *ctx, const oxl_scene *scene,
     if (task->imaging) OXL_SWAP(struct oxl_imaging, *task->imaging, *out->imaging);
     task->imaging = out->imaging;
     task->decisions = &decisions;
-    task->refined = viewer_hiding_steps(extra->viewer_steps);
-    task->keeps = extra->viewer_steps > 0;
     rc = train_run(ctx, scene, options, &(oxl_callback){trained_progress, &progress}, task, &out->model);
     out->nonfinite = task->nonfinite;
     out->finished = task->finished;
     out->iterations = progress.last.iteration;
     progress.before = options->iterations, progress.seconds = progress.last.seconds;
-    if (rc == OXL_OK) rc = trained_complete(ctx, scene, options, task, extra, &progress, out);
+    if (rc == OXL_OK) rc = trained_complete(ctx, scene, options, task, &progress, out);
     out->seconds = progress.last.seconds;
     if (rc == OXL_OK || (rc == OXL_ERR_INTERRUPTED && out->model.count > 0)) {
         const oxl_result taken = text_take(&decisions, &out->decisions);
@@ -280,12 +269,11 @@ oxl_result oxl_trained_write(oxl_context *ctx, const char *folder, const oxl_sce
 oxl_result oxl_train(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
                      const oxl_callback *callback, oxl_trained *out)
 {
-    struct train_task task = {.from = options->from};
+    struct train_task task = {.from = options->from, .viewer_steps = viewer_steps(options), .trims = 1};
     if (task.from && task.from->count == 0)
         return *out = (oxl_trained){0},
                oxl_fail(ctx, OXL_ERR_USAGE, "the model to start from has no Gaussian");
-    return trained_make(ctx, scene, options, callback, &task,
-                        &(struct train_extra){.viewer_steps = viewer_steps(options), .trims = 1}, out);
+    return trained_make(ctx, scene, options, callback, &task, out);
 }
 
 void oxl_trained_free(oxl_context *ctx, oxl_trained *trained)

@@ -4,25 +4,16 @@
 
 #include "train.h"
 
-/* Asks more of trained_make than the options of oxl_train. */
-struct train_extra {
-    struct train_store viewer_store; /* of the second run, in another folder than that of the first */
-    int viewer_steps; /* of the model for viewers, before the factors for medium and gains; 0: none is made */
-    int trims;        /* 1: Gaussians that no training view shows are removed */
-};
 /* Trains as oxl_train, and resumes either run. task->imaging is moved into the first run; task->decisions is
  * not used: they are in *out. */
 OXL_INTERNAL oxl_result trained_make(oxl_context *ctx, const oxl_scene *scene,
                                      const oxl_train_options *options, const oxl_callback *callback,
-                                     struct train_task *task, const struct train_extra *extra,
-                                     oxl_trained *out);
+                                     struct train_task *task, oxl_trained *out);
 /* Returns the options of `steps` further steps from a finished model, in which the
  * number of Gaussians stays. */
 OXL_INTERNAL oxl_train_options train_refinement(const oxl_train_options *run, int sh_degree, int steps);
 /* Returns the steps of the model for viewers after such a run, before its factors for medium and gains. */
 OXL_INTERNAL int viewer_steps(const oxl_train_options *run);
-/* Returns the steps of it where images have a medium or gains that it leaves out. */
-OXL_INTERNAL int viewer_hiding_steps(int steps);
 /* Returns 1 if scene.ply is the model for viewers. */
 OXL_INTERNAL int trained_hides(const oxl_trained *t);
 
