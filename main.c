@@ -103,7 +103,7 @@ static oxl_result run_check(oxl_context *ctx, const struct arguments *a, const o
 {
     oxl_survey survey;
     char *json = NULL;
-    oxl_result rc = (a->quality ? oxl_check_quality : oxl_check)(ctx, a->path[0], options, &survey);
+    oxl_result rc = oxl_check(ctx, a->path[0], options, a->quality, &survey);
     if (rc == OXL_OK && a->json) rc = oxl_survey_to_json(ctx, &survey, &json);
     if (rc == OXL_OK) print_text(stdout, json ? json : survey.text);
     for (const char *s = survey.warnings; rc == OXL_OK && !json && *s; s += strcspn(s, "\n") + 1)

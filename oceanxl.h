@@ -571,7 +571,6 @@ typedef struct oxl_progress {
     enum oxl_stage stage; /* what is trained; with OXL_STAGE_BLOCK, block number `block` */
     size_t gaussians;
     double loss, psnr;   /* running means over training images */
-    double f_mid, f_far; /* depth weights of density control; 1, 1 without */
     double seconds;      /* since the start */
     double seconds_left; /* predicted; 0: the run ends, or not known yet */
     size_t memory;       /* peak so far, bytes; only in a job, else 0 */

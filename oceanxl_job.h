@@ -152,7 +152,7 @@ typedef struct oxl_survey {
     /* images that are not readable, have another aspect ratio or are masked completely */
     int unusable;
     int foreign; /* images that do not fit poses and points */
-    /* images, against those beside them; only oxl_check_quality sets these */
+    /* images, against those beside them; only oxl_check with quality sets these */
     int blurred, badly_exposed;
     double gaussians, memory;       /* predicted: number at the end of the run; peak in bytes */
     double seconds;                 /* predicted by oxl_check: duration with ctx's threads; 0: unknown */
@@ -162,13 +162,11 @@ typedef struct oxl_survey {
     char warnings[OXL_SURVEY_TEXT]; /* what is wrong, likewise */
 } oxl_survey;
 
-/* OXL_ERR_INPUT: the survey cannot be trained; the error text gives the reason. */
-OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_options *options,
+/* OXL_ERR_INPUT: the survey cannot be trained; the error text gives the reason. quality 1: also decodes every
+ * image as training does, compares it with those taken beside it, and logs the blurred and the badly exposed
+ * ones. */
+OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_options *options, int quality,
                              oxl_survey *out);
-/* The same; also decodes every image as training does, compares it with those taken beside it, and logs the
- * blurred and the badly exposed ones. */
-OXL_API oxl_result oxl_check_quality(oxl_context *ctx, const char *scene, const oxl_job_options *options,
-                                     oxl_survey *out);
 
 /* Logs a warning if the model, in the scene's frame, does not seem to cover the survey: of another frame, or
  * scale. */

@@ -315,8 +315,7 @@ static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
     struct text log = {.ctx = ctx}, notes = {.ctx = ctx};
     const struct train_task place = {
         .store = checkpoint_in(fuzz_folder(), "key"), .log = &log, .notes = &notes};
-    struct train t = {
-        .ctx = ctx, .survey = fuzz_scene(ctx), .options = &options, .task = place, .decisions = {.ctx = ctx}};
+    struct train t = {.ctx = ctx, .survey = fuzz_scene(ctx), .options = &options, .task = place};
     oxl_result rc;
     fuzz_write_checkpoint(data, size);
     fuzz_promise(train_begin(&t) == OXL_OK, "a run begins");

@@ -247,7 +247,7 @@ static oxl_result study_predict(struct study *s)
     oxl_result rc = study_job(s, 0, 1, &job);
     study_folder(s, 0, 1, folder);
     if (rc != OXL_OK || study_read_record(folder).is_ours) return rc;
-    rc = oxl_check(s->ctx, s->survey, &job, &survey);
+    rc = oxl_check(s->ctx, s->survey, &job, 0, &survey);
     if (rc == OXL_OK) s->predicted = survey.seconds;
     return rc;
 }

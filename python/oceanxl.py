@@ -98,8 +98,8 @@ oxl_train_options._fields_ = [("iterations", c_int), ("sh_degree", c_int), ("max
     ("survey_iterations", c_int), ("experimental", c_float * 4)]
 oxl_nonfinite._fields_ = [("images", c_size_t), ("steps", c_size_t), ("rows", c_size_t), ("cleared", c_size_t)]
 oxl_progress._fields_ = [("iteration", c_int), ("iterations", c_int), ("block", c_int), ("blocks", c_int), ("stage", c_int), ("gaussians",
-    c_size_t), ("loss", c_double), ("psnr", c_double), ("f_mid", c_double), ("f_far", c_double), ("seconds", c_double), ("seconds_left",
-    c_double), ("memory", c_size_t), ("model", POINTER(oxl_model)), ("nonfinite", oxl_nonfinite)]
+    c_size_t), ("loss", c_double), ("psnr", c_double), ("seconds", c_double), ("seconds_left", c_double), ("memory", c_size_t), ("model",
+    POINTER(oxl_model)), ("nonfinite", oxl_nonfinite)]
 oxl_callback._fields_ = [("progress", CFUNCTYPE(c_int, c_void_p, POINTER(oxl_progress))), ("user", c_void_p)]
 oxl_trained._fields_ = [("model", oxl_model), ("imaging", c_void_p), ("viewer", oxl_model), ("decisions", c_char_p), ("iterations", c_int),
     ("finished", c_int), ("seconds", c_double), ("nonfinite", oxl_nonfinite)]

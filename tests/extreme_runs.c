@@ -239,7 +239,7 @@ static int extreme_train(oxl_context *ctx, const struct extreme_survey *e, const
     load.test_every = 0;
     extreme_write_survey(ctx, e, folder);
     extreme_must(ctx, oxl_scene_load(ctx, folder, &load, &scene));
-    extreme_must(ctx, train_run(ctx, scene, &train, &count, NULL, &model));
+    extreme_must(ctx, train_run(ctx, scene, &train, &count, &(struct train_task){.first = 0}, &model));
     draw.near_plane = (float)oxl_scene_near_plane(scene);
     for (int v = 0; v < EXTREME_VIEWS; v++) {
         oxl_image image;

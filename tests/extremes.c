@@ -134,7 +134,7 @@ static void extreme_print_long_run(oxl_context *ctx, const char *folder)
     train.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
     extreme_must(ctx, synth_run(ctx, &options));
     extreme_must(ctx, oxl_scene_load(ctx, path, NULL, &scene));
-    extreme_must(ctx, train_run(ctx, scene, &train, &count, NULL, &model));
+    extreme_must(ctx, train_run(ctx, scene, &train, &count, &(struct train_task){.first = 0}, &model));
     for (size_t i = 0; i < model.count; i++) finite &= model_row_is_finite(&model, i);
     finite &= found.steps == 0 && found.rows == 0 && found.cleared == 0;
     printf(

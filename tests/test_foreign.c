@@ -112,7 +112,7 @@ static const char *foreign_upright(int tracks)
 static int foreign_check(void)
 {
     oxl_survey s;
-    CHECK_OK(oxl_check(test_ctx, test_path("survey"), NULL, &s));
+    CHECK_OK(oxl_check(test_ctx, test_path("survey"), NULL, 0, &s));
     return s.foreign;
 }
 
@@ -187,7 +187,7 @@ TEST(images_are_compared_without_memory_with_an_error_and_no_leak)
         oxl_survey s;
         oxl_result rc;
         allocations_left = allowed;
-        rc = oxl_check(test_ctx, test_path("survey"), NULL, &s);
+        rc = oxl_check(test_ctx, test_path("survey"), NULL, 0, &s);
         allocations_left = LONG_MAX;
         CHECK(rc == OXL_OK || rc == OXL_ERR_MEMORY);
     }
@@ -422,10 +422,10 @@ TEST(files_of_other_programs_in_the_place_of_a_model_are_named)
     oxl_survey s;
     for (size_t i = 0; i < OXL_COUNT(files); i++) {
         test_write(test_path("f%zu/%s", i, files[i][0]), "x");
-        CHECK_ERROR(oxl_check(test_ctx, test_path("f%zu", i), NULL, &s), OXL_ERR_INPUT, files[i][1]);
+        CHECK_ERROR(oxl_check(test_ctx, test_path("f%zu", i), NULL, 0, &s), OXL_ERR_INPUT, files[i][1]);
     }
     foreign_upright(1);
-    CHECK_ERROR(oxl_check(test_ctx, test_path("survey/images"), NULL, &s), OXL_ERR_INPUT,
+    CHECK_ERROR(oxl_check(test_ctx, test_path("survey/images"), NULL, 0, &s), OXL_ERR_INPUT,
                 "/.. is a survey: name that");
 }
 
@@ -442,7 +442,7 @@ TEST(files_that_a_cloud_or_git_has_not_fetched_are_said)
                     OXL_ERR_INPUT, view == 2 ? "it is empty" : "fix: git lfs pull");
     }
     test_write("survey/sparse/0/points3D.txt", pointer);
-    CHECK_ERROR(oxl_check(test_ctx, test_path("survey"), NULL, &s), OXL_ERR_INPUT,
+    CHECK_ERROR(oxl_check(test_ctx, test_path("survey"), NULL, 0, &s), OXL_ERR_INPUT,
                 "points3D.txt: it is a pointer of Git LFS");
 }
 
@@ -617,7 +617,7 @@ TEST(images_that_the_model_does_not_have_are_counted)
 #ifndef _WIN32
     CHECK(symlink("nowhere.jpg", test_path("survey/images/dead.jpg")) == 0);
 #endif
-    CHECK_OK(oxl_check(test_ctx, test_path("survey"), NULL, &s));
+    CHECK_OK(oxl_check(test_ctx, test_path("survey"), NULL, 0, &s));
     CHECK(s.images_unregistered == 3);
     CHECK_TEXT(s.warnings, "3 of the 13 images in the folder are not in the model");
 }

@@ -126,7 +126,7 @@ TEST(job_writes_model_metrics_log_renders_and_last_run_json)
     CHECK_IN("out/metrics.json", "\"peak_rss_bytes\": ");
     CHECK_IN("out/metrics.json", "\"psnr\": ");
     CHECK_IN("out/blocks/000/log.csv",
-             "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n1,");
+             "iteration,loss,psnr,gaussians,seconds,peak_rss_bytes\n1,");
     CHECK_IN("out/blocks/000/log.csv", "\n12,");
     CHECK_IN("out/run.json", "\"finished\": true");
     CHECK(test_has("out/renders/0.png.png"));
@@ -576,10 +576,10 @@ TEST(survey_does_not_state_errors_that_its_files_do_not_know)
     oxl_survey s;
     char *json = NULL;
     const char *survey = job_test_survey();
-    CHECK_OK(oxl_check(test_ctx, survey, NULL, &s));
+    CHECK_OK(oxl_check(test_ctx, survey, NULL, 0, &s));
     CHECK_TEXT(s.text, "; reprojection error 0.50 px");
     test_write("survey/sparse/0/points3D.txt", "1 0 0 4 9 9 9 0 1 0 2 0\n2 1 0 4 9 9 9 0 1 1 2 1\n");
-    CHECK_OK(oxl_check(test_ctx, survey, NULL, &s));
+    CHECK_OK(oxl_check(test_ctx, survey, NULL, 0, &s));
     CHECK(!strstr(s.text, "reprojection"));
     CHECK_OK(oxl_survey_to_json(test_ctx, &s, &json));
     CHECK_TEXT(json, "\"mean_error\": null");
@@ -590,7 +590,7 @@ TEST(survey_counts_what_the_files_hold)
 {
     oxl_survey s;
     char *json = NULL;
-    CHECK_OK(oxl_check(test_ctx, job_test_survey(), NULL, &s));
+    CHECK_OK(oxl_check(test_ctx, job_test_survey(), NULL, 0, &s));
     CHECK(s.images == 9 && s.images_missing == 0 && s.test_views == 2 && s.train_views == 7);
     CHECK(s.cameras == 1 && s.cameras_distorted == 0 && s.width == 48 && s.height == 32);
     CHECK(s.points == 60);
@@ -610,16 +610,16 @@ TEST(survey_predicts_that_more_takes_more)
     oxl_job_options options = job_test_options();
     oxl_survey less, more;
     const char *survey = job_test_survey();
-    CHECK_OK(oxl_check(test_ctx, survey, &options, &less));
+    CHECK_OK(oxl_check(test_ctx, survey, &options, 0, &less));
     options.train.iterations *= 10000;
-    CHECK_OK(oxl_check(test_ctx, survey, &options, &more));
+    CHECK_OK(oxl_check(test_ctx, survey, &options, 0, &more));
     /* of steps that were tried: a busy machine makes some many times as long */
     CHECK(more.seconds > less.seconds && less.seconds > 0);
     options.train.max_gaussians = 70;
-    CHECK_OK(oxl_check(test_ctx, survey, &options, &less));
+    CHECK_OK(oxl_check(test_ctx, survey, &options, 0, &less));
     CHECK(less.gaussians == 70 && less.memory < more.memory);
     options.train.max_seconds = 1e-9;
-    CHECK_OK(oxl_check(test_ctx, survey, &options, &less));
+    CHECK_OK(oxl_check(test_ctx, survey, &options, 0, &less));
     CHECK_CLOSE(less.seconds, 1e-9, 1e-12);
 }
 

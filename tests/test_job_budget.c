@@ -235,7 +235,7 @@ TEST(budget_predicts_the_gaussians_of_a_scene_without_points)
     snprintf(points, sizeof points, "%s/sparse/0/points3D.txt", path);
     test_write_bytes(points, "# none\n", 7);
     o.train.max_gaussians = 100000;
-    CHECK_OK(oxl_check(test_ctx, path, &o, &survey));
+    CHECK_OK(oxl_check(test_ctx, path, &o, 0, &survey));
     CHECK(survey.gaussians >= SCENE_START_RANDOM && survey.gaussians < 10.0 * SCENE_START_RANDOM);
     CHECK(survey.seconds > 0);
     CHECK_TEXT(survey.warnings, "starts from depth maps");

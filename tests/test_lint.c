@@ -19,7 +19,7 @@ static const char *lint_survey(void)
 TEST(lint_finds_nothing_in_a_valid_survey)
 {
     oxl_survey s;
-    CHECK_OK(oxl_check(test_ctx, lint_survey(), NULL, &s));
+    CHECK_OK(oxl_check(test_ctx, lint_survey(), NULL, 0, &s));
     CHECK(s.foreign == 0 && s.unusable == 0 && s.masked == 0);
     CHECK(test_said.warning[0] == 0);
 }
@@ -42,7 +42,7 @@ TEST(lint_counts_images_and_masks_that_cannot_be_used)
     memset(other.rgb, 0x3f, 3 * 16 * 16 * sizeof *other.rgb); /* 0.75 */
     test_write_image("survey/masks/7.png", &other);
     oxl_image_free(test_ctx, &other);
-    CHECK_OK(oxl_check(test_ctx, survey, NULL, &s));
+    CHECK_OK(oxl_check(test_ctx, survey, NULL, 0, &s));
     CHECK(s.unusable == 3 && s.masks == 3);
     CHECK_CLOSE(s.masked, 0.5, 1e-12);
     CHECK_TEXT(s.text, "3 masks (50 % of their pixels are black and ignored)");
@@ -55,6 +55,6 @@ TEST(lint_counts_images_and_masks_that_cannot_be_used)
     for (int i = 0; i < JOB_VIEWS; i++) {
         test_write(test_path("survey/images/%d.png", i), "no image");
     }
-    CHECK_ERROR(oxl_check(test_ctx, test_path("survey"), NULL, &s), OXL_ERR_INPUT,
+    CHECK_ERROR(oxl_check(test_ctx, test_path("survey"), NULL, 0, &s), OXL_ERR_INPUT,
                 "none of the 7 training views can be used");
 }

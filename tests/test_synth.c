@@ -369,7 +369,7 @@ TEST(lint_flags_images_that_are_blurred_or_badly_exposed_beside_their_neighbours
     o.out = out;
     CHECK(synth_run(test_ctx, &o) == OXL_OK);
     test_listen();
-    CHECK_OK(oxl_check_quality(test_ctx, out, NULL, &s));
+    CHECK_OK(oxl_check(test_ctx, out, NULL, 1, &s));
     CHECK(s.blurred == 0 && s.badly_exposed == 0 && test_said.warning[0] == 0);
     for (int k = 0; k < 3; k++) { /* blurred along x, darker, brighter */
         char name[80];
@@ -385,13 +385,13 @@ TEST(lint_flags_images_that_are_blurred_or_badly_exposed_beside_their_neighbours
         }
         test_write_image(name, &soft);
     }
-    CHECK_OK(oxl_check_quality(test_ctx, out, NULL, &s));
+    CHECK_OK(oxl_check(test_ctx, out, NULL, 1, &s));
     CHECK(s.blurred == 1 && s.badly_exposed == 2);
     CHECK_WARNED("1 image is less sharp than the images beside it: IMG_00007.png");
     CHECK_WARNED("1 image is much darker than the images beside it: IMG_00014.png");
     CHECK_WARNED("1 image is much brighter than the images beside it: IMG_00021.png");
     test_listen();
-    CHECK_OK(oxl_check(test_ctx, out, NULL, &s)); /* headers alone */
+    CHECK_OK(oxl_check(test_ctx, out, NULL, 0, &s)); /* headers alone */
     CHECK(s.blurred == 0 && test_said.warning[0] == 0);
 }
 

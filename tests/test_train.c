@@ -496,8 +496,7 @@ TEST(train_of_a_short_run_starts_from_narrower_and_more_opaque_gaussians)
     struct train t[2];
     const oxl_model *usual = &t[0].trained.model, *hasty = &t[1].trained.model;
     for (int i = 0; i < 2; i++) {
-        t[i] =
-            (struct train){.ctx = test_ctx, .survey = scene, .options = &o, .decisions = {.ctx = test_ctx}};
+        t[i] = (struct train){.ctx = test_ctx, .survey = scene, .options = &o};
         o.short_run_exponent = (float)i * 0.1f;
         CHECK_OK(train_begin(&t[i]));
     }
@@ -642,8 +641,7 @@ TEST(train_knows_which_share_of_the_gaussians_a_view_shows)
     struct image_window window[14];
     double all = 0;
     oxl_train_options o = train_options(10);
-    struct train t = {
-        .ctx = test_ctx, .survey = train_scene(14), .options = &o, .decisions = {.ctx = test_ctx}};
+    struct train t = {.ctx = test_ctx, .survey = train_scene(14), .options = &o};
     OWNED_SCENE *scene = (oxl_scene *)t.survey;
     size_t shown = 0;
     for (int i = 0; i < 14; i += 2) scene->view[i].camera.translation[0] += 1000;
@@ -655,7 +653,7 @@ TEST(train_knows_which_share_of_the_gaussians_a_view_shows)
     CHECK_CLOSE(t.shown, (double)shown / t.views / (double)t.trained.model.count, 1e-2);
     train_end(&t);
     for (int right = 0; right < 2; right++) {
-        struct train part = {.ctx = test_ctx, .survey = scene, .options = &o, .decisions = {.ctx = test_ctx}};
+        struct train part = {.ctx = test_ctx, .survey = scene, .options = &o};
         for (int i = 0; i < 14; i++) {
             const oxl_camera *c = &oxl_scene_view(scene, i)->camera;
             window[i] = (struct image_window){right * (c->width / 3), 0, c->width / 3, c->height};

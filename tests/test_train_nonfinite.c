@@ -14,8 +14,7 @@ static void nonfinite_test_begin(struct nonfinite_test_case *c, int steps)
     test_listen();
     c->options = train_options(200);
     c->options.exposure = OXL_OFF; /* else the target is on the host, not in the renderer */
-    c->t = (struct train){
-        .ctx = test_ctx, .survey = train_scene(7), .options = &c->options, .decisions = {.ctx = test_ctx}};
+    c->t = (struct train){.ctx = test_ctx, .survey = train_scene(7), .options = &c->options};
     CHECK_OK(train_begin(&c->t));
     while (c->t.step < steps) {
         c->t.step++;

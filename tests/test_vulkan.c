@@ -1993,7 +1993,7 @@ DEVICE_TEST(vulkan_times_the_steps_of_a_forecast)
 static void vulkan_begin_train(struct train *t, oxl_train_options *options, oxl_scene *scene)
 {
     *options = train_options(60);
-    *t = (struct train){.ctx = device, .survey = scene, .options = options, .decisions = {.ctx = device}};
+    *t = (struct train){.ctx = device, .survey = scene, .options = options};
     CHECK_OK(train_begin(t));
 }
 
@@ -2228,7 +2228,7 @@ static void vulkan_begin_all(oxl_context *ctx, struct train *t, oxl_train_option
     o->exposure = o->lamp = o->medium = OXL_ON;
     o->dropout = 0.1f;
     o->antialias = 1;
-    *t = (struct train){.ctx = ctx, .options = o, .decisions = {.ctx = ctx}};
+    *t = (struct train){.ctx = ctx, .options = o};
     CHECK_OK(oxl_scene_load(ctx, test_path("vulkan_all"), NULL, (oxl_scene **)&t->survey));
     CHECK(oxl_scene_view_count(t->survey) == VULKAN_ALL_VIEWS);
     for (int i = 0; i < VULKAN_ALL_VIEWS; i++)

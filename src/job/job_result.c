@@ -11,7 +11,6 @@
 #include "../large/os_job.h"
 
 #define JOB_UNSHOWN 0.02 /* Logs shown_psnr from this mean share of unshown pixels on. */
-#define JOB_EXPOSURE 0.5 /* Logs cc_psnr from this difference (dB) to PSNR on. */
 
 /* ---------------- models */
 
@@ -126,11 +125,6 @@ static void job_log_metrics(struct job *job, const oxl_metrics *m, size_t gaussi
         oxl_log(job->ctx, OXL_LOG_INFO,
                 "refined      PSNR %.2f dB, SSIM %.4f with the poses of held-out views refined, too",
                 m->aligned_psnr, m->aligned_ssim);
-    if (m->cc_psnr > m->psnr + JOB_EXPOSURE)
-        oxl_log(job->ctx, OXL_LOG_DEBUG,
-                "cc_psnr, which allows one factor per channel and view, is %.2f dB: exposure may differ "
-                "between views",
-                m->cc_psnr);
 }
 
 static oxl_result job_write_metrics(struct job *job, const oxl_trained *trained)

@@ -233,8 +233,8 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, cons
     return rc;
 }
 
-static oxl_result survey_check(oxl_context *ctx, const char *path, const oxl_job_options *options,
-                               int quality, oxl_survey *out)
+oxl_result oxl_check(oxl_context *ctx, const char *path, const oxl_job_options *options, int quality,
+                     oxl_survey *out)
 {
     const oxl_job_options o = options ? *options : oxl_job_options_default(OXL_PRESET_DRAFT);
     oxl_scene *scene = NULL;
@@ -245,17 +245,6 @@ static oxl_result survey_check(oxl_context *ctx, const char *path, const oxl_job
     if (rc == OXL_OK && quality) rc = quality_check(ctx, scene, out);
     oxl_scene_free(ctx, scene);
     return rc;
-}
-
-oxl_result oxl_check(oxl_context *ctx, const char *path, const oxl_job_options *options, oxl_survey *out)
-{
-    return survey_check(ctx, path, options, 0, out);
-}
-
-oxl_result oxl_check_quality(oxl_context *ctx, const char *path, const oxl_job_options *options,
-                             oxl_survey *out)
-{
-    return survey_check(ctx, path, options, 1, out);
 }
 
 static void survey_add_triple(struct text *t, const char *indent, const char *name, const double v[3])

@@ -170,9 +170,9 @@ OXL_INTERNAL oxl_result block_keep(oxl_context *ctx, const oxl_scene *scene, con
 
 static void block_log_row(struct block *b, const oxl_progress *p)
 {
-    text_add(&b->log, "%d,%s,%s,%zu,%s,%s,%s,%zu\n", p->iteration, NUMBER(block_round(p->loss, 1e6)),
+    text_add(&b->log, "%d,%s,%s,%zu,%s,%zu\n", p->iteration, NUMBER(block_round(p->loss, 1e6)),
              NUMBER(block_round(p->psnr, 1e3)), p->gaussians, NUMBER(block_round(p->seconds, 1e3)),
-             NUMBER(block_round(p->f_mid, 1e4)), NUMBER(block_round(p->f_far, 1e4)), os_peak_rss());
+             os_peak_rss());
 }
 
 static int block_progress(void *user, const oxl_progress *progress)
@@ -207,7 +207,7 @@ static oxl_result block_run(struct block *b, const oxl_scene *scene, oxl_trained
     oxl_result rc, written;
     run.store = checkpoint_in(task->folder, task->key), run.log = &b->log, run.notes = &b->notes;
     run.viewer_store = checkpoint_in(viewer, task->key);
-    text_add(&b->log, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n");
+    text_add(&b->log, "iteration,loss,psnr,gaussians,seconds,peak_rss_bytes\n");
     rc = trained_make(b->ctx, scene, &task->train, &(oxl_callback){block_progress, b}, &run, t);
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
     if (t->model.count == 0) return rc;

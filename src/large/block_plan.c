@@ -214,16 +214,7 @@ OXL_INTERNAL oxl_result block_plan_make(struct job *job, int block, const oxl_mo
     if (rc == OXL_OK) rc = plan_windows(job, plan);
     if (rc == OXL_OK) plan_hide(job, plan, coarse, part);
     if (rc == OXL_OK) rc = plan_take(job, coarse, part, plan); /* in their own colours */
-    if (rc == OXL_OK) {
-        plan_divide(job, coarse, plan);
-        oxl_log(job->ctx, OXL_LOG_DEBUG,
-                "block %d trains %d steps on windows of %d views, %.0f %% of their pixels, with at most "
-                "%.0f Gaussians",
-                block, plan->last - plan->first, plan->views,
-                100 * plan->area * schedule_training_views(job->scene) /
-                    OXL_MAX(1, plan->views * schedule_pixels(job->scene)),
-                plan->gaussians);
-    }
+    if (rc == OXL_OK) plan_divide(job, coarse, plan);
     oxl_free(job->ctx, part);
     return rc;
 }

@@ -46,7 +46,6 @@ static oxl_result blocks_train_coarse(struct blocks *b, int block, const char *f
     job_use_budget(job, &load, &o, &task);
     task.train.keep.kind = OXL_KEEP_ALL;
     task.run.until = (int)OXL_MAX(1, JOB_COARSE * o.train.iterations);
-    oxl_log(job->ctx, OXL_LOG_DEBUG, "the coarse model of the survey trains %d steps", task.run.until);
     return job_train_task(job, &task);
 }
 
@@ -149,7 +148,6 @@ static oxl_result blocks_train_merged(struct blocks *b, int block, const char *f
     if (rc == OXL_OK && imaging_hides(&job->imaging))
         job->stage_viewers = viewer_hiding_steps(task.run.viewer_steps);
     if (rc == OXL_OK) blocks_set_merged(job, merged.sh_degree, steps, &task.train);
-    if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_DEBUG, "the merged model trains %d steps", steps);
     if (rc == OXL_OK) rc = job_train_task(job, &task);
     oxl_model_free(job->ctx, &merged);
     return rc;

@@ -207,13 +207,6 @@ static oxl_result ucd_before_density(struct train *t, void *state, struct densit
     return OXL_OK;
 }
 
-static void ucd_report(const void *state, oxl_progress *progress)
-{
-    const struct ucd *u = state;
-    progress->f_mid = u->on ? u->f[0] : 1;
-    progress->f_far = u->on ? u->f[1] : 1;
-}
-
 static void ucd_record(struct train *t, void *state)
 {
     const struct ucd *u = state;
@@ -236,5 +229,4 @@ OXL_INTERNAL const struct part part_ucd = {.name = "ucd",
                                            .archive = ucd_archive,
                                            .before_observe = ucd_before_observe,
                                            .before_density = ucd_before_density,
-                                           .report = ucd_report,
                                            .record = ucd_record};

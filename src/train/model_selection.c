@@ -8,7 +8,8 @@
 /* Adds choice and evidence as a member of the object. */
 OXL_INTERNAL void selection_record(struct train *t, const char *what, const char *chosen, const char *why)
 {
-    struct text *decisions = &t->decisions;
+    struct text *decisions = t->task.decisions;
+    if (!decisions) return;
     if (decisions->size > 0) text_add(decisions, ", ");
     text_add_json_string(decisions, what);
     text_add(decisions, ": {\"chosen\": ");

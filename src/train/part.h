@@ -68,7 +68,6 @@ struct part {
     /* Bounds from above the memory for so many observations of tracks in so many views. */
     double (*bytes)(const oxl_train_options *options, double observations, int views);
 
-    void (*report)(const void *state, oxl_progress *progress); /* of each step, to the caller */
     /* Records the part's decision for run.json, and logs the result, after the last step. */
     void (*record)(struct train *t, void *state);
     /* Writes what rendering the model takes to the scene and the model, when the run ends or pauses. */

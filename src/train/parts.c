@@ -145,11 +145,6 @@ OXL_INTERNAL double parts_bytes(const oxl_train_options *options, double observa
     return bytes;
 }
 
-OXL_INTERNAL void parts_report(const struct train *t, oxl_progress *progress)
-{
-    PARTS_FOR(k, report) parts_at(k)->report(t->part[k], progress);
-}
-
 OXL_INTERNAL void parts_record(struct train *t)
 {
     PARTS_FOR(k, record) parts_at(k)->record(t, t->part[k]);

@@ -27,7 +27,6 @@ OXL_INTERNAL void parts_after_loss(struct train *t, const struct train_deferred 
 OXL_INTERNAL oxl_result parts_before_observe(struct train *t);
 OXL_INTERNAL oxl_result parts_before_density(struct train *t, struct density_rules *rules);
 OXL_INTERNAL oxl_result parts_after_step(struct train *t);
-OXL_INTERNAL void parts_report(const struct train *t, oxl_progress *progress);
 OXL_INTERNAL void parts_record(struct train *t);
 OXL_INTERNAL void parts_store(struct train *t, oxl_model *model);
 

@@ -376,12 +376,9 @@ OXL_INTERNAL int step_report(struct train *t)
                               .gaussians = t->trained.model.count,
                               .loss = t->loss,
                               .psnr = t->psnr,
-                              .f_mid = 1,
-                              .f_far = 1,
                               .seconds = seconds,
                               .seconds_left = forecast_left(t),
                               .model = &t->trained.model,
                               .nonfinite = t->nonfinite};
-    parts_report(t, &progress);
     return context_report(callback, &progress);
 }

@@ -47,7 +47,7 @@ struct train_task {
     oxl_nonfinite nonfinite; /* of the whole run */
     int finished;            /* 1: all iterations are made */
 };
-/* Trains as oxl_train, with checkpoints: resumes from the last one if it exists. task may be NULL. */
+/* Trains as oxl_train, with checkpoints: resumes from the last one if it exists. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
                                   const oxl_callback *callback, struct train_task *task, oxl_model *out);
 OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *options);

@@ -15,15 +15,6 @@ enum { TRAIN_SHARE_PAIRS = 1 << 17 }; /* of a Gaussian and a view, from which a 
 
 /* ---------------- the run */
 
-static oxl_result train_first_from_points(struct train *t, const oxl_point *points, size_t count)
-{
-    const oxl_result rc = oxl_model_from_points(t->ctx, points, count, 0, &t->trained.model);
-    if (rc == OXL_OK && t->trained.model.count < count)
-        oxl_log(t->ctx, OXL_LOG_DEBUG, "%zu of %zu points are duplicates; training starts from the other %zu",
-                count - t->trained.model.count, count, t->trained.model.count);
-    return rc;
-}
-
 /* Starts from every k-th point of the file if max_gaussians is below the number of points. */
 static oxl_result train_first_from_subset(struct train *t, const oxl_point *points, size_t count)
 {
@@ -35,7 +26,7 @@ static oxl_result train_first_from_subset(struct train *t, const oxl_point *poin
     oxl_log(t->ctx, OXL_LOG_WARNING,
             "only %zu Gaussians are allowed, so training starts from that many of the %zu points", most,
             count);
-    rc = train_first_from_points(t, some, most);
+    rc = oxl_model_from_points(t->ctx, some, most, 0, &t->trained.model);
     oxl_free(t->ctx, some);
     return rc;
 }
@@ -81,7 +72,8 @@ static oxl_result train_first_from_all(struct train *t, const oxl_point *points,
         rc = OXL_ERR_MEMORY;
     if (all) memcpy(all, points, count * sizeof *all), memcpy(all + count, more, added * sizeof *all);
     if (rc == OXL_OK && count + added < TRAIN_FIRST_LEAST && count == 0) rc = train_first_from_views(t);
-    else if (rc == OXL_OK) rc = train_first_from_points(t, all ? all : points, count + added);
+    else if (rc == OXL_OK)
+        rc = oxl_model_from_points(t->ctx, all ? all : points, count + added, 0, &t->trained.model);
     OXL_FREE(t->ctx, more, all);
     return rc;
 }
@@ -184,7 +176,6 @@ OXL_INTERNAL void train_end(struct train *t)
     oxl_model_free(ctx, &t->gradient);
     density_free(ctx, &t->density);
     oxl_free(ctx, t->view);
-    text_free(&t->decisions);
     imaging_free(ctx, &t->own_imaging);
     scene_posed_free(ctx, t->posed);
 }
@@ -218,7 +209,7 @@ OXL_INTERNAL void train_archive(struct archive *a, void *user)
                           train_same_shape(&t->trained.model, &t->trained.square));
     archive_doubles(a, &spent, 1);
     nonfinite_archive(a, &t->nonfinite);
-    archive_text(a, &t->decisions);
+    if (t->task.decisions) archive_text(a, t->task.decisions);
     archive_text(a, t->task.log);
     archive_text(a, t->task.notes);
     if (a->reading && a->rc == OXL_OK) t->views = (int)views, t->seconds = spent;
@@ -331,14 +322,6 @@ static void train_return_background(const struct train *t, oxl_model *out)
     memcpy(out->background, rgb, sizeof out->background);
 }
 
-/* Copies the decisions to the caller. */
-static void train_return_decisions(struct train *t)
-{
-    struct text *out = t->task.decisions;
-    if (out && t->decisions.data) text_add(out, "%s", t->decisions.data);
-    if (out) out->failed |= t->decisions.failed;
-}
-
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
                                   const oxl_callback *callback, struct train_task *task, oxl_model *out)
 {
@@ -346,10 +329,9 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, const oxl_scene *scene, cons
                       .survey = scene,
                       .options = options,
                       .started = os_seconds(),
-                      .task = task ? *task : (struct train_task){.first = 0},
-                      .step = task ? task->first : 0,
-                      .callback = callback,
-                      .decisions = {.ctx = ctx}};
+                      .task = *task,
+                      .step = task->first,
+                      .callback = callback};
     oxl_result rc = train_check(ctx, options), ended = OXL_OK;
     int started; /* 1: training has started, and *out is usable */
     *out = (oxl_model){0};
@@ -362,12 +344,11 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, const oxl_scene *scene, cons
     train_return_background(&t, out);
     if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) ended = nonfinite_end(ctx, &t.nonfinite, out);
     if (ended != OXL_OK) rc = ended;
-    if (task) task->nonfinite = t.nonfinite;
-    if (task) task->finished = rc == OXL_OK && t.step == options->iterations;
+    task->nonfinite = t.nonfinite;
+    task->finished = rc == OXL_OK && t.step == options->iterations;
     if (rc == OXL_ERR_INTERRUPTED)
         oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
     if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !started)) oxl_model_free(ctx, out);
-    train_return_decisions(&t);
     train_imaging_store(&t, started ? out : NULL);
     if (rc == OXL_OK && t.step == options->iterations) train_imaging_describe(&t);
     train_end(&t);

@@ -61,7 +61,6 @@ struct train {
     int saved_step;  /* step of the last checkpoint */
     double saved_at; /* its time, os_seconds */
     const oxl_callback *callback;
-    struct text decisions; /* members of a JSON object: decisions and evidence */
     struct forecast forecast;
 };
 
