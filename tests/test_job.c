@@ -125,8 +125,7 @@ TEST(job_writes_model_metrics_log_renders_and_last_run_json)
     CHECK_IN("out/metrics.json", "\"split\": \"test\"");
     CHECK_IN("out/metrics.json", "\"peak_rss_bytes\": ");
     CHECK_IN("out/metrics.json", "\"psnr\": ");
-    CHECK_IN("out/blocks/000/log.csv",
-             "iteration,loss,psnr,gaussians,seconds,peak_rss_bytes\n1,");
+    CHECK_IN("out/blocks/000/log.csv", "iteration,loss,psnr,gaussians,seconds,peak_rss_bytes\n1,");
     CHECK_IN("out/blocks/000/log.csv", "\n12,");
     CHECK_IN("out/run.json", "\"finished\": true");
     CHECK(test_has("out/renders/0.png.png"));

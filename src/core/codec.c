@@ -105,17 +105,11 @@ static void *codec_leave(void *result)
     return result;
 }
 
-static int codec_leave_with(int result)
-{
-    codec_leave(NULL);
-    return result;
-}
-
-/* Begins a call; `otherwise` is the function's result if memory is refused. */
-#define CODEC_ENTER(ctx, otherwise) \
-    jmp_buf refused;                \
-    codec_enter(ctx, &refused);     \
-    if (setjmp(refused) != 0) return otherwise
+/* Begins a call, which returns NULL if memory is refused. */
+#define CODEC_ENTER(ctx)        \
+    jmp_buf refused;            \
+    codec_enter(ctx, &refused); \
+    if (setjmp(refused) != 0) return codec_leave(NULL)
 
 /* ---------------- stb */
 
@@ -172,7 +166,7 @@ OXL_INTERNAL uint8_t *codec_decode(oxl_context *ctx, const void *file, size_t si
                                    int *height)
 {
     int in_file;
-    CODEC_ENTER(ctx, codec_leave(NULL));
+    CODEC_ENTER(ctx);
     return codec_leave(stbi_load_from_memory(file, (int)size, width, height, &in_file, channels));
 }
 
@@ -180,7 +174,7 @@ OXL_INTERNAL uint16_t *codec_decode_16(oxl_context *ctx, const void *file, size_
                                        int *width, int *height)
 {
     int in_file;
-    CODEC_ENTER(ctx, codec_leave(NULL));
+    CODEC_ENTER(ctx);
     return codec_leave(stbi_load_16_from_memory(file, (int)size, width, height, &in_file, channels));
 }
 
@@ -212,7 +206,7 @@ OXL_INTERNAL void codec_begin(void)
 OXL_INTERNAL uint8_t *codec_encode_png(oxl_context *ctx, const uint8_t *rows, int width, int height,
                                        int channels, int *size)
 {
-    CODEC_ENTER(ctx, codec_leave(NULL));
+    CODEC_ENTER(ctx);
     return codec_leave(stbi_write_png_to_mem(rows, channels * width, width, height, channels, size));
 }
 
@@ -228,18 +222,18 @@ OXL_INTERNAL void codec_encode_jpeg(codec_sink *sink, void *user, const uint8_t 
     stbi_write_jpg_to_func(sink, user, width, height, 3, rows, quality);
 }
 
-OXL_INTERNAL int codec_inflate(oxl_context *ctx, void *out, size_t size, const void *data, size_t data_size)
+/* Needs no CODEC_ENTER: the decoder allocates nothing for a result of known size. */
+OXL_INTERNAL int codec_inflate(void *out, size_t size, const void *data, size_t data_size)
 {
-    CODEC_ENTER(ctx, codec_leave_with(0));
-    if (size > INT_MAX || data_size > INT_MAX) return codec_leave_with(0);
-    return codec_leave_with(stbi_zlib_decode_noheader_buffer(out, (int)size, data, (int)data_size) ==
-                            (int)size);
+    codec_call.out_of_memory = 0;
+    return size <= INT_MAX && data_size <= INT_MAX &&
+           stbi_zlib_decode_noheader_buffer(out, (int)size, data, (int)data_size) == (int)size;
 }
 
 OXL_INTERNAL uint8_t *codec_deflate(oxl_context *ctx, const void *data, size_t size, int *zlib_size)
 {
     enum { LEVEL = 8 };
-    CODEC_ENTER(ctx, codec_leave(NULL));
+    CODEC_ENTER(ctx);
     if (size > INT_MAX) return codec_leave(NULL);
     return codec_leave(stbi_zlib_compress((unsigned char *)data, (int)size, zlib_size, LEVEL));
 }

@@ -26,7 +26,7 @@ OXL_INTERNAL void codec_encode_jpeg(codec_sink *sink, void *user, const uint8_t 
                                     int quality);
 
 /* Inflates raw deflate data to exactly `size` bytes; returns 0 for damaged data. */
-OXL_INTERNAL int codec_inflate(oxl_context *ctx, void *out, size_t size, const void *data, size_t data_size);
+OXL_INTERNAL int codec_inflate(void *out, size_t size, const void *data, size_t data_size);
 /* Deflates into a zlib stream of *zlib_size bytes; NULL: no memory. Free the result with codec_free. */
 OXL_INTERNAL uint8_t *codec_deflate(oxl_context *ctx, const void *data, size_t size, int *zlib_size);
 

@@ -101,7 +101,7 @@ static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os
     *out = oxl_alloc(ctx, *size, 1);
     if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its %zu bytes", path, *size);
     /* Passes the 8 bytes that follow, too: stb 2.27 looks ahead past the last code. */
-    if (!codec_inflate(ctx, *out, *size, p + at, packed + 8))
+    if (!codec_inflate(*out, *size, p + at, packed + 8))
         return strcmp(codec_failure(), "outofmem") == 0
                    ? oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to inflate it", path)
                    : spz_fail(ctx, path, "gzip data that are damaged");

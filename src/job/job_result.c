@@ -39,13 +39,11 @@ static oxl_result job_read_result(struct job *job, oxl_trained *out)
     return rc;
 }
 
-static size_t job_bytes_of(struct job *job, const char *name)
+static size_t job_bytes_of(const struct job *job, const char *name)
 {
-    struct os_reader file = {0};
-    const char *path = PATH(job->out, "%s", name);
-    const size_t size = os_reader_open(job->ctx, path, &file) == OXL_OK ? (size_t)file.size : 0;
-    os_reader_close(&file);
-    return size;
+    uint64_t size = 0;
+    os_kind_of(PATH(job->out, "%s", name), &size);
+    return (size_t)size;
 }
 
 /* ---------------- metrics */

@@ -146,21 +146,6 @@ OXL_INTERNAL int cost_evaluation_steps(const oxl_scene *scene, int iterations)
 
 /* ---------------- seconds */
 
-/* Makes Gaussians of some of the survey's points, or of random ones. */
-static oxl_result cost_make_model(oxl_context *ctx, const oxl_scene *scene, oxl_model *out)
-{
-    const size_t all = oxl_scene_point_count(scene), every = 1 + all / COST_POINTS;
-    oxl_point *some = NULL;
-    size_t count = all / every;
-    oxl_result rc = OXL_OK;
-    if (all == 0) rc = scene_start_points(ctx, scene, scene_start_count(scene), &some, &count);
-    else if (!(some = oxl_alloc(ctx, count + 1, sizeof *some))) rc = OXL_ERR_MEMORY;
-    for (size_t i = 0; all > 0 && some && i < count; i++) some[i] = oxl_scene_points(scene)[every * i];
-    if (rc == OXL_OK) rc = oxl_model_from_points(ctx, some, count, 3, out);
-    oxl_free(ctx, some);
-    return rc;
-}
-
 /* Makes steps on black images of some views, which change nothing. Returns the seconds of the median one. */
 static oxl_result cost_time_steps(oxl_context *ctx, const oxl_scene *scene, struct trained_model *trained,
                                   double *seconds)
@@ -201,12 +186,16 @@ OXL_INTERNAL oxl_result cost_seconds(oxl_context *ctx, const oxl_scene *scene, c
     struct trained_model trained = {0};
     double gaussians = cost_start(&o->train, &load, cap);
     const oxl_camera *c = &oxl_scene_view(scene, 0)->camera;
-    oxl_result rc = cost_make_model(ctx, scene, &trained.model);
+    oxl_point *some = NULL;
+    size_t count = 0;
+    oxl_result rc = train_some_points(ctx, scene, COST_POINTS, &some, &count);
     const double work = forecast_ahead(&o->train, 0, c, cap, &gaussians);
+    if (rc == OXL_OK) rc = oxl_model_from_points(ctx, some, count, 3, &trained.model);
     if (rc == OXL_OK) rc = model_trained_begin(ctx, &trained);
     if (rc == OXL_OK) rc = cost_time_steps(ctx, scene, &trained, seconds);
     if (rc == OXL_OK) *seconds *= work / forecast_step(c, (double)trained.model.count, 0);
     if (o->train.max_seconds > 0) *seconds = OXL_MIN(*seconds, o->train.max_seconds);
     model_trained_free(ctx, &trained);
+    oxl_free(ctx, some);
     return rc;
 }

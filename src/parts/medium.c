@@ -123,15 +123,18 @@ static void medium_store(struct train *t, void *state, oxl_model *model)
 static void medium_record(struct train *t, void *state)
 {
     const struct medium *m = state;
+    const double span = scene_depth_span(t->scene);
     if (m->on)
         oxl_log(
             t->ctx, OXL_LOG_DEBUG,
             "medium on: bD %.3g %.3g %.3g, bB %.3g %.3g %.3g per unit, Binf %.3g %.3g %.3g (red green blue); depths span a "
-            "factor of %.1f",
+            "factor of %.1f%s",
             (double)m->attenuation[0], (double)m->attenuation[1], (double)m->attenuation[2],
             (double)m->backscatter[0], (double)m->backscatter[1], (double)m->backscatter[2],
-            (double)m->veiling_light[0], (double)m->veiling_light[1], (double)m->veiling_light[2],
-            scene_depth_span(t->scene));
+            (double)m->veiling_light[0], (double)m->veiling_light[1], (double)m->veiling_light[2], span,
+            span < SCENE_DEPTH_SPAN_MIN
+                ? ", which does not identify it: the colours of scene_clear.ply are not measured ones"
+                : "");
 }
 
 /* clang-format off */

@@ -65,18 +65,6 @@ OXL_INTERNAL oxl_result train_imaging_begin(struct train *t)
     return train_imaging_use_tracks(t);
 }
 
-OXL_INTERNAL void train_imaging_describe(struct train *t)
-{
-    const struct oxl_imaging *m = t->imaging;
-    const double span = scene_depth_span(t->scene);
-    if (m->medium.on && span < SCENE_DEPTH_SPAN_MIN)
-        oxl_log(
-            t->ctx, OXL_LOG_DEBUG,
-            "the depths of the points, without the nearest and farthest tenth, span a factor of %.1f, which does not identify the "
-            "medium: the colours of scene_clear.ply are not measured ones",
-            span);
-}
-
 OXL_INTERNAL void train_imaging_store(struct train *t, oxl_model *model)
 {
     struct oxl_imaging *to = t->imaging;

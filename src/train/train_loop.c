@@ -15,18 +15,35 @@ enum { TRAIN_SHARE_PAIRS = 1 << 17 }; /* of a Gaussian and a view, from which a 
 
 /* ---------------- the run */
 
-/* Starts from every k-th point of the file if max_gaussians is below the number of points. */
-static oxl_result train_first_from_subset(struct train *t, const oxl_point *points, size_t count)
+OXL_INTERNAL oxl_result train_some_points(oxl_context *ctx, const oxl_scene *scene, size_t most,
+                                          oxl_point **out, size_t *count)
 {
-    const size_t most = (size_t)t->options->max_gaussians;
-    oxl_point *some = oxl_alloc(t->ctx, most, sizeof *some);
-    oxl_result rc;
-    if (!some) return OXL_ERR_MEMORY;
-    for (size_t i = 0; i < most; i++) some[i] = points[(size_t)((double)i * (double)count / (double)most)];
-    oxl_log(t->ctx, OXL_LOG_WARNING,
-            "only %zu Gaussians are allowed, so training starts from that many of the %zu points", most,
-            count);
-    rc = oxl_model_from_points(t->ctx, some, most, 0, &t->trained.model);
+    const size_t all = oxl_scene_point_count(scene);
+    if (all == 0) return scene_start_points(ctx, scene, OXL_MIN(scene_start_count(scene), most), out, count);
+    *count = OXL_MIN(all, most);
+    *out = oxl_alloc(ctx, *count, sizeof **out);
+    for (size_t i = 0; *out && i < *count; i++)
+        (*out)[i] = oxl_scene_points(scene)[(size_t)((double)i * (double)all / (double)*count)];
+    return *out ? OXL_OK : OXL_ERR_MEMORY;
+}
+
+/* Starts from points of the survey, if it has more than the allowed Gaussians, or from random ones. */
+static oxl_result train_first_from_some(struct train *t)
+{
+    const size_t all = oxl_scene_point_count(t->scene);
+    oxl_point *some = NULL;
+    size_t count = 0;
+    oxl_result rc = train_some_points(
+        t->ctx, t->scene, t->options->max_gaussians > 0 ? (size_t)t->options->max_gaussians : SIZE_MAX, &some,
+        &count);
+    if (rc == OXL_OK && all > 0)
+        oxl_log(t->ctx, OXL_LOG_WARNING,
+                "only %zu Gaussians are allowed, so training starts from that many of the %zu points", count,
+                all);
+    else if (rc == OXL_OK)
+        oxl_log(t->ctx, OXL_LOG_WARNING, "the scene has no points; training starts from %zu random ones%s",
+                count, scene_is_composited(t->scene) ? " within the outlines of its images" : "");
+    if (rc == OXL_OK) rc = oxl_model_from_points(t->ctx, some, count, 0, &t->trained.model);
     oxl_free(t->ctx, some);
     return rc;
 }
@@ -46,46 +63,25 @@ static void train_sharpen_start(struct train *t)
     }
 }
 
-/* Starts from random points that the views could see. */
-static oxl_result train_first_from_views(struct train *t)
-{
-    oxl_point *random = NULL;
-    size_t found, count = scene_start_count(t->scene);
-    oxl_result rc;
-    if (t->options->max_gaussians > 0) count = OXL_MIN(count, (size_t)t->options->max_gaussians);
-    rc = scene_start_points(t->ctx, t->scene, count, &random, &found);
-    if (rc == OXL_OK)
-        oxl_log(t->ctx, OXL_LOG_WARNING, "the scene has no points; training starts from %zu random ones%s",
-                found, scene_is_composited(t->scene) ? " within the outlines of its images" : "");
-    if (rc == OXL_OK) rc = oxl_model_from_points(t->ctx, random, found, 0, &t->trained.model);
-    oxl_free(t->ctx, random);
-    return rc;
-}
-
-/* Starts from the survey's points and from those that a part adds; without, from random ones. */
-static oxl_result train_first_from_all(struct train *t, const oxl_point *points, size_t count)
-{
-    oxl_point *more = NULL, *all = NULL;
-    size_t added = 0;
-    oxl_result rc = parts_first_points(t, &more, &added);
-    if (rc == OXL_OK && added > 0 && !(all = oxl_alloc(t->ctx, count + added, sizeof *all)))
-        rc = OXL_ERR_MEMORY;
-    if (all) memcpy(all, points, count * sizeof *all), memcpy(all + count, more, added * sizeof *all);
-    if (rc == OXL_OK && count + added < TRAIN_FIRST_LEAST && count == 0) rc = train_first_from_views(t);
-    else if (rc == OXL_OK)
-        rc = oxl_model_from_points(t->ctx, all ? all : points, count + added, 0, &t->trained.model);
-    OXL_FREE(t->ctx, more, all);
-    return rc;
-}
-
-/* Makes one Gaussian per point, of the survey or random ones. */
+/* Makes one Gaussian per point, of the survey and of those that a part adds; without, of random ones. */
 static oxl_result train_fresh_model(struct train *t)
 {
     const oxl_point *points = oxl_scene_points(t->scene);
     const size_t count = oxl_scene_point_count(t->scene);
-    if (count > 0 && t->options->max_gaussians > 0 && count > (size_t)t->options->max_gaussians)
-        return train_first_from_subset(t, points, count);
-    return train_first_from_all(t, points, count);
+    oxl_point *more = NULL, *all = NULL;
+    size_t added = 0;
+    oxl_result rc;
+    if (t->options->max_gaussians > 0 && count > (size_t)t->options->max_gaussians)
+        return train_first_from_some(t);
+    rc = parts_first_points(t, &more, &added);
+    if (rc == OXL_OK && added > 0 && !(all = oxl_alloc(t->ctx, count + added, sizeof *all)))
+        rc = OXL_ERR_MEMORY;
+    if (all) memcpy(all, points, count * sizeof *all), memcpy(all + count, more, added * sizeof *all);
+    if (rc == OXL_OK && count == 0 && added < TRAIN_FIRST_LEAST) rc = train_first_from_some(t);
+    else if (rc == OXL_OK)
+        rc = oxl_model_from_points(t->ctx, all ? all : points, count + added, 0, &t->trained.model);
+    OXL_FREE(t->ctx, more, all);
+    return rc;
 }
 
 /* Copies the model to start from, without second lobes: density control cannot split rows that have them. */
@@ -350,7 +346,6 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, const oxl_scene *scene, cons
         oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
     if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !started)) oxl_model_free(ctx, out);
     train_imaging_store(&t, started ? out : NULL);
-    if (rc == OXL_OK && t.step == options->iterations) train_imaging_describe(&t);
     train_end(&t);
     return rc;
 }

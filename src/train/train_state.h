@@ -110,7 +110,6 @@ OXL_INTERNAL void selection_record_auto(struct train *t, const char *what, oxl_s
 /* ---------------- train_imaging.c: exposure, lamp and medium of a run */
 
 OXL_INTERNAL oxl_result train_imaging_begin(struct train *t); /* from the tracks, before the first step */
-OXL_INTERNAL void train_imaging_describe(struct train *t);    /* warns where values are not identifiable */
 OXL_INTERNAL void train_imaging_store(struct train *t, oxl_model *model); /* in t->imaging and the model */
 
 /* ---------------- train_loop.c */
