@@ -283,8 +283,8 @@ OXL_API int oxl_has_gains_alone(oxl_context *ctx, const char *model_path);
 
 /* Opens a file to read. NULL: errno says why: a folder, a pipe and a device are refused, too. */
 OXL_API FILE *oxl_open(const char *path);
-/* Creates NAME.PID.oxl.tmp beside `path` for writing; the caller renames it, `temporary`, to `path`. Neither a
- * link of that name is followed nor a file of another process written. NULL: errno says why. */
+/* Creates NAME.PID.oxl.tmp beside `path` for writing; the caller renames it, `temporary`, to `path`. Neither
+ * is a link of that name followed nor a file of another process written. NULL: errno says why. */
 OXL_API FILE *oxl_create_beside(const char *path, char *temporary, size_t size);
 /* Renames a file, in the place of another that is there; removes a file. Paths are UTF-8 on Windows, too.
  * Not 0: errno says why. */
