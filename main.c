@@ -357,7 +357,7 @@ static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
     oxl_result rc = oxl_model_read(ctx, a->path[0], &model);
     if (rc == OXL_OK && file_exists(to) && !is_model(to))
         rc = oxl_fail(ctx, OXL_ERR_USAGE,
-                      "%s exists, and is not a model that can be read\nfix: choose another name, or "
+                      "%s exists, but is not a readable model\nfix: choose another name, or "
                       "remove the file first",
                       to);
     if (rc == OXL_OK) rc = info_convert_imaging(ctx, a->path[0], to);

@@ -213,7 +213,8 @@ OXL_API oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_
 
 /* A scene from arrays: views (view_count) with name, camera and is_test; images (view_count), in the same
  * order; points (point_count), from which training starts. All are copied; the origin is 0. With
- * point_count 0, training starts from random points in front of the cameras. */
+ * point_count 0, training starts from depth maps of the images (oxl_train_options.stereo), or from random
+ * points in front of the cameras. */
 OXL_API oxl_result oxl_scene_from_arrays(oxl_context *ctx, const oxl_view *views, const oxl_image *images,
                                          int view_count, const oxl_point *points, size_t point_count,
                                          oxl_scene **out);

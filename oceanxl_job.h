@@ -49,12 +49,12 @@ typedef struct oxl_job_options {
     int renders;        /* 1: write renders of the held-out views to OUT/renders */
     /* peak memory allowed, bytes; limits blocks, image cache and Gaussians; 0: what is free */
     size_t ram;
-    size_t device_ram; /* the same of a device's memory; 0: no limit */
-    /* images that train.iterations are for: more images raise them, few limit them; 0: neither */
+    size_t device_ram; /* peak device memory allowed, bytes; 0: no limit */
+    /* images that train.iterations suffice for: more raise it, few limit it; 0: train.iterations as given */
     int iterations_for;
     int block;        /* train only this block; -1: all, and the merged model */
-    int restart;      /* 1: train anew whatever run OUT holds */
-    uint64_t seed;    /* 0: the context's */
+    int restart;      /* 1: discard the run in OUT, train from the start */
+    uint64_t seed;    /* 0: the context's seed */
     const char *from; /* model that training starts from; NULL: the survey's points */
 } oxl_job_options;
 
@@ -81,14 +81,13 @@ typedef enum oxl_option_kind {                    /* what the field holds, and i
                                OXL_OPTION_SIZE,    /* int[2]: 400x260 */
                                /* const char *; sets all options of the job to the preset's defaults */
                                OXL_OPTION_PRESET,
-                               /* oxl_ucd: on, off, auto; 1.5,2 (on, corrected); 1.5,2,fixed; auto,1.5,2 */
                                /* oxl_keep: 0.5, 400000, 80MB (B, KB, MB, GB, TB; KiB...), auto, all */
                                OXL_OPTION_KEEP,
 } oxl_option_kind;
 
 typedef enum oxl_option_tier { OXL_TIER_BASIC = 0, OXL_TIER_ADVANCED, OXL_TIER_EXPERT } oxl_option_tier;
 
-/* what takes the option, and where it does not apply: bits of oxl_option.use */
+/* what accepts the option, and where it does not apply: bits of oxl_option.use */
 enum {
     OXL_OPTION_OF_SURVEY = 1,   /* reading a survey */
     OXL_OPTION_OF_TRAINING = 2, /* training, in a run or a study, and its prediction */
@@ -126,7 +125,7 @@ OXL_API oxl_result oxl_option_set(const oxl_option *option, void *options, const
 /* The shortest text that oxl_option_set parses to the same value; "" for a folder that is not set. Returns
  * out. */
 OXL_API const char *oxl_option_get(const oxl_option *option, const void *options, char *out, size_t size);
-/* Its member name in run.json: sh_degree, images_folder. Returns out. */
+/* Writes the option's member name in run.json: sh_degree, images_folder. Returns out. */
 OXL_API const char *oxl_option_member(const oxl_option *option, char out[40]);
 /* OXL_ERR_USAGE when a value is out of its range; names the first such option. */
 OXL_API oxl_result oxl_job_options_check(oxl_context *ctx, const oxl_job_options *options);
@@ -135,8 +134,8 @@ enum { OXL_SURVEY_TEXT = 2560 /* bytes */ };
 
 /* Content of a survey, its lint results and the predicted cost of training. */
 typedef struct oxl_survey {
-    int images, images_missing; /* listed in images.txt; of these, not on disk */
-    int images_unregistered;    /* in the image folder, and not in the model */
+    int images, images_missing; /* images of the model; those missing on disk */
+    int images_unregistered;    /* in the image folder, but not in the model */
     int train_views, test_views, masks;
     int cameras, cameras_distorted;
     int width, height; /* size of the largest view as trained, px */
@@ -148,7 +147,7 @@ typedef struct oxl_survey {
     double extent;                       /* see oxl_scene_extent */
     /* black fraction of the masks; only oxl_check sets this and the next field */
     double masked;
-    double fixed; /* fraction of the pixels that show the same in all images of a camera, ignored */
+    double fixed; /* fraction of pixels that look the same in all images of a camera: ignored */
     /* images that are not readable, have another aspect ratio or are masked completely */
     int unusable;
     int foreign; /* images that do not fit poses and points */
@@ -168,8 +167,8 @@ typedef struct oxl_survey {
 OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_options *options, int quality,
                              oxl_survey *out);
 
-/* Logs a warning if the model, in the scene's frame, does not seem to cover the survey: of another frame, or
- * scale. */
+/* Logs a warning if the model does not seem to cover the survey in the scene's frame: its frame or scale
+ * may differ. */
 OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                            const char *name);
 
@@ -187,7 +186,7 @@ OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *mo
  * again and ends in the same bytes as an uninterrupted one; a finished run is not changed. If the callback
  * stops the run (OXL_ERR_INTERRUPTED) or train.max_seconds has passed (OXL_OK), model.ply is the current
  * model, and scene.ply too if there is one block.
- * With `from`, training starts from that model in the place of the points.
+ * With `from`, training starts from that model instead of the points.
  * A run with other options is not overwritten (OXL_ERR_USAGE) unless options->restart is set.
  * options may be NULL: the draft preset. */
 OXL_API oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out,
@@ -216,17 +215,17 @@ OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, co
                                     const oxl_imaging *imaging, const oxl_render_output *what,
                                     const char *folder, int *count);
 
-/* The file that oxl_render_views writes of a view, named `view`, to a folder; free with oxl_text_free. Its
- * name is FOLDER/NAME + suffix; "/" is "_" in names with ".." and absolute ones, and a long name is cut. */
+/* Gives the path FOLDER/NAME + suffix that oxl_render_views writes for the view named `view`; free with
+ * oxl_text_free. In absolute names and names with "..", "/" becomes "_"; a long name is cut. */
 OXL_API oxl_result oxl_render_path(oxl_context *ctx, const char *folder, const char *view, const char *suffix,
                                    char **out);
 
-/* A portable float map (Debevec): (height,width) values, from the top, written atomically; OXL_ERR_IO: it
+/* Writes a portable float map (Debevec) atomically: (height,width) values, from the top. OXL_ERR_IO: it
  * cannot be written. */
 OXL_API oxl_result oxl_write_pfm(oxl_context *ctx, const char *path, const float *value, int width,
                                  int height);
 
-/* As JSON, in the form of metrics.json; free with oxl_text_free. */
+/* Convert to JSON, in the form of metrics.json; free with oxl_text_free. */
 OXL_API oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics,
                                        char **out);
 OXL_API oxl_result oxl_survey_to_json(oxl_context *ctx, const oxl_survey *survey, char **out);
@@ -249,8 +248,7 @@ OXL_API const char *oxl_json_end(const char *value);
 /* Reads a number, whatever the locale, and moves the cursor past it; NaN: there is none. */
 OXL_API double oxl_json_number_at(const char **cursor);
 /* Unescapes a string into `size` bytes, terminated; returns its length, or 0 if the value is no string or
- * does
- * not fit. It is never longer than oxl_json_room says. */
+ * does not fit. The length is at most oxl_json_room. */
 OXL_API size_t oxl_json_text(const char *value, char *out, size_t size);
 OXL_API size_t oxl_json_room(const char *value);
 /* Writes the character at s for a string of JSON and returns the number of its bytes in s. */
@@ -268,26 +266,25 @@ typedef struct oxl_lock oxl_lock;
 OXL_API oxl_result oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out);
 OXL_API void oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock); /* *lock may be NULL */
 
-/* with its parents; an existing folder is no error */
+/* Makes a folder and its parents; an existing folder is no error. */
 OXL_API oxl_result oxl_make_folder(oxl_context *ctx, const char *path);
 OXL_API int oxl_is_folder(const char *path);
 
-/* A path as one word of a POSIX shell, for commands to copy: quoted where it has to be; what has no room is
- * cut.
+/* Writes a path as one word of a POSIX shell, for commands to copy: quoted if necessary, cut at `size`.
  * Returns out. */
 OXL_API const char *oxl_shell_word(const char *path, char *out, size_t size);
 
 /* Returns 1 for a model beside a scene_clear.ply whose imaging.txt has gains, perhaps poses, and nothing
- * else: models called scene.* there have learned what the gains are for. */
+ * else: models called scene.* there were trained without gains. */
 OXL_API int oxl_has_gains_alone(oxl_context *ctx, const char *model_path);
 
-/* Opens a file to read. NULL: errno says why: a folder, a pipe and a device are refused, too. */
+/* Opens a file for reading; refuses folders, pipes and devices. NULL: errno has the reason. */
 OXL_API FILE *oxl_open(const char *path);
 /* Creates NAME.PID.oxl.tmp beside `path` for writing; the caller renames it, `temporary`, to `path`. Neither
  * is a link of that name followed nor a file of another process written. NULL: errno says why. */
 OXL_API FILE *oxl_create_beside(const char *path, char *temporary, size_t size);
-/* Renames a file, in the place of another that is there; removes a file. Paths are UTF-8 on Windows, too.
- * Not 0: errno says why. */
+/* Rename a file, replacing an existing one; remove a file. Paths are UTF-8 on Windows, too. Not 0: errno
+ * has the reason. */
 OXL_API int oxl_rename(const char *from, const char *to);
 OXL_API int oxl_remove(const char *path);
 

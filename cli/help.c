@@ -14,7 +14,7 @@ static const char HELP_SCENE[] =
     "binary), or with a\ntransforms.json, poses_bounds.npy or reconstruction.json. MODEL is a .ply, .spz "
     "or .splat file, or the folder of a run.\n";
 static const char HELP_CODES[] =
-    "0 done, 1 failed, 2 usage, 3 bad input, 4 over the memory budget, 130 interrupted.\n";
+    "0 done, 1 failed, 2 usage, 3 bad input, 4 over the memory limit, 130 interrupted.\n";
 
 /* Lists what train writes to OUT. */
 static const struct {
@@ -26,18 +26,18 @@ static const struct {
     {"scene_standard.ply", "the same model in the 62 columns that every viewer reads; written where "
                            "scene.ply has other columns."},
     {"scene_clear.ply, imaging.txt",
-     "the model without its medium, or the one that needs gains where images differ by gains alone; and "
+     "the model without its medium or, if images differ only by gains, the model that needs gains; and "
      "the parameters of exposure, lamp, medium and poses. eval and render use both files."},
     {"metrics.json",
      "psnr, cc_psnr, ssim, structure of held-out views, each and mean; psnr, cc_psnr, structure of training views, flag (misfit, exposure, no structure); gaussians, bytes, seconds, iterations, peak_rss_bytes."},
     {"run.json",
-     "version, options (\"job\"), what rendered (\"backend\"), the survey, decisions with evidence, log lines."},
+     "version, options (\"job\"), renderer (\"backend\"), the survey, decisions with evidence, log lines."},
     {"report.html", "one page: charts, map, worst views."},
     {"renders/, training_views/",
      "NAME.png and NAME.image.png of each held-out view and of the worst training views; NAME.clear.png without lamp and medium, where a medium is fitted."},
     {"partition.txt, partition.svg", "blocks of a cut survey."},
-    {"blocks/KKK/", "of each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained."},
-    {"blocks/coarse/", "the coarse model, with which blocks begin; blocks/whole/: the merged model."},
+    {"blocks/KKK/", "for each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained."},
+    {"blocks/coarse/", "the coarse model, from which blocks start; blocks/whole/: the merged model."},
 };
 
 enum { HELP_DEFAULT = 160, HELP_COLUMN = 31 };

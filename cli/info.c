@@ -128,8 +128,8 @@ oxl_result info_convert_imaging(oxl_context *ctx, const char *from, const char *
                       to, from);
     else if (there && imaging && strcmp(there, imaging) != 0)
         print_format(stderr,
-                     "oxl: imaging.txt beside %s belongs to another model: it is kept, and applies "
-                     "to this one\n",
+                     "oxl: imaging.txt beside %s belongs to another model: it is kept and will apply "
+                     "to this one, too\n",
                      to);
     else if (!viewers && imaging && !there) {
         output_add(&t, "%s", imaging);

@@ -110,13 +110,13 @@ static void report_head(struct report *r)
         report_tile(r, r->metrics, "plain_psnr", '2', "dB in other viewers, without gains and lamp");
     report_tile(r, r->metrics, "cc_psnr", '2', "dB mean cc-PSNR");
     report_tile(r, r->metrics, "ssim", '3', "mean SSIM");
-    report_tile(r, r->metrics, "structure", '3', "mean structure: correlation of detail, 0 is a veil");
+    report_tile(r, r->metrics, "structure", '3', "mean structure: correlation of detail, 0 is haze");
     report_tile(r, r->metrics, "gaussians", 'c', "Gaussians");
     report_tile(r, r->metrics, "bytes", 'b', "model");
     report_tile(r, r->metrics, "seconds", 's', "training time");
     report_tile(r, r->metrics, "peak_rss_bytes", 'b', "peak memory");
     report_tile(r, r->survey, "images", 'c', "images with a camera");
-    report_tile(r, r->survey, "images_unregistered", 'c', "images without");
+    report_tile(r, r->survey, "images_unregistered", 'c', "images without a camera");
     report_tile(r, r->survey, "points", 'c', "initial points");
     output_add(t, "</div>\n");
 }
@@ -221,9 +221,9 @@ static void report_map(struct report *r, const struct map *m)
     oxl_image_free(r->ctx, &image);
     output_add(
         t,
-        "<figcaption>The model from straight above, reduced; empty: ground in fewer than %d training "
-        "images, or none. White: cameras of training views, yellow: of held-out views.</figcaption>"
-        "</figure>\n<p>%s %s a pixel of the images on the ground, %s square %s of ground. %.0f %% of the "
+        "<figcaption>The model from straight above, reduced. Blank: ground in fewer than %d training "
+        "images, or no ground. White: cameras of training views, yellow: of held-out views.</figcaption>"
+        "</figure>\n<p>An image pixel covers %s %s on the ground, the map %s square %s. %.0f %% of the "
         "ground that any image shows is in %d or more; %.0f %% has a surface clear enough for a height. ",
         REPORT_VIEWS, REPORT_LENGTH(m->sampling), r->words, REPORT_LENGTH(m->area), r->words,
         100 * m->covered, REPORT_VIEWS, 100 * m->high);
@@ -235,7 +235,7 @@ static void report_map(struct report *r, const struct map *m)
     if (m->down < MAP_DOWN)
         output_add(
             t,
-            "The cameras look along this map more than down on it; <code>--frame survey</code> maps the plane of the points. ");
+            "The cameras look more along this map than down on it; <code>--frame survey</code> maps the plane of the points. ");
     output_add(t, "<code>oceanxl render %S", PRINT_WORD(r->out));
     output_add(t, " %S -o map --ortho</code> writes it in full resolution.</p>\n", PRINT_WORD(r->scene));
 }

@@ -251,7 +251,7 @@ promise map_replaces_its_own_and_no_other_programs 2 "mine/height.tif exists, an
     "'$program' render out/scene.ply survey -o ortho --ortho --pixel 0.05 && mkdir -p mine && echo dem >mine/height.tif &&
      '$program' render out/scene.ply survey -o mine --ortho; code=\$?; grep -qx dem mine/height.tif && exit \$code"
 promise convert_again_is_no_fault 0 "Gaussians in metric2.ply" sh -c "'$program' convert out/scene.ply metric2.ply && '$program' convert out/scene.ply metric2.ply --scale 2"
-promise convert_replaces_models_and_nothing_else 2 "points.ply exists, and is not a model" sh -c \
+promise convert_replaces_models_and_nothing_else 2 "points.ply exists, but is not a readable model" sh -c \
     "echo cloud >points.ply; '$program' convert out/scene.ply points.ply; code=\$?; grep -qx cloud points.ply && ! ls points.ply.* 2>/dev/null && exit \$code"
 promise train_replaces_no_report_of_another_program 2 "mine3/report.html exists" sh -c "mkdir -p mine3 && echo mine >mine3/report.html && '$program' train survey -o mine3"
 promise report_replaces_no_page_of_another_program 2 "mine4/report.html exists" sh -c \

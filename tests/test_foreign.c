@@ -300,7 +300,7 @@ TEST(points_far_from_all_cameras_are_said_not_to_fit)
     test_write("survey/sparse/0/points3D.txt", points.data);
     foreign_check();
     CHECK_WARNED("poses and points do not fit: 10 of 10 images have fewer than 8 points");
-    CHECK_WARNED("take points and poses of one model and one frame");
+    CHECK_WARNED("take points and poses from one model and one frame");
 }
 
 TEST(poses_without_points_start_from_points3D_ply_or_from_random_points)

@@ -91,7 +91,7 @@ TEST(a_model_that_no_run_wrote_is_replaced_with_restart_alone)
 {
     oxl_job_options options = job_test_options();
     test_write("out/scene.ply", "of another program");
-    CHECK_ERROR(job_test_run("out", &options), OXL_ERR_USAGE, "without the run.json");
+    CHECK_ERROR(job_test_run("out", &options), OXL_ERR_USAGE, "no run.json shows");
     CHECK(links_holds(test_path("out/scene.ply"), "of another program"));
     options.restart = 1;
     job_test_done("out", &options);

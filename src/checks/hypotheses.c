@@ -75,7 +75,7 @@ struct hypothesis {
 #define HYPOTHESIS_IMAGE(a, b, c, d, what)                                                         \
     {                                                                                              \
         0, 0, 0, 0, 0, 0, {1, 2, 3}, {a, b, c, d}, 0, 0, what, what,                               \
-            "turn them back to what the model was made from; another program may have applied or " \
+            "turn them back to the orientation of the model; another program may have applied or " \
             "removed an EXIF orientation"                                                          \
     }
 static const struct hypothesis HYPOTHESES[] = {
@@ -558,7 +558,7 @@ static int hypotheses_report_all(struct hypotheses *w)
         oxl_log(
             w->ctx, OXL_LOG_WARNING,
             "poses and points do not fit: %d of %d images have fewer than %d points in front of them and inside\n"
-            "fix: take points and poses of one model and one frame, and %s",
+            "fix: take points and poses from one model and one frame, and %s",
             empty, w->judged, (int)HYPOTHESIS_EMPTY, w->row[w->plain - 1].fix);
     else if (!w->none && 2 * w->exchanged <= w->judged) return 0;
     else

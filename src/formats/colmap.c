@@ -105,7 +105,7 @@ static void colmap_read_more(struct colmap_reader *r, struct colmap_camera *c)
     if (!colmap_has_more(r)) return;
     if (c->model == camera_model_find("OPENCV", 6)) {
         oxl_log(r->ctx, OXL_LOG_WARNING,
-                "%s:%d: OPENCV has 8 numbers; those behind them are read as k3 to k6 of FULL_OPENCV, as "
+                "%s:%d: OPENCV has 8 numbers; the numbers after them are read as k3 to k6 of FULL_OPENCV, as "
                 "OpenCV orders them",
                 r->path, r->line);
         for (int i = c->parameter_count; i < most && colmap_has_more(r); i++)
@@ -295,7 +295,7 @@ static void colmap_read_other_points(struct colmap_reader *r, const char *folder
     if (os_is_file(ply)) r->rc = ply_points_read(r, ply);
     else if (!has_points)
         oxl_log(r->ctx, OXL_LOG_WARNING,
-                "%s: there is no points3D.txt or .bin, so training starts from random points\n"
+                "%s: there is no points3D.txt or .bin, so training starts from depth maps of the images\n"
                 "fix: compute points for these poses: colmap point_triangulator",
                 folder);
     if (r->rc != OXL_OK || out->point_count <= 2 * own) {
@@ -353,7 +353,7 @@ static oxl_result colmap_read_both(oxl_context *ctx, const char *folder, size_t 
     if (text.point_count != out->point_count || !colmap_has_places(&text, NULL, out))
         oxl_log(
             ctx, OXL_LOG_WARNING,
-            "%s holds two models that differ: text of %zu images and %zu points, binary of %zu and %zu; the "
+            "%s holds two models that differ: text with %zu images and %zu points, binary with %zu and %zu; the "
             "%s one is read\nfix: remove the files of the other, or move one to a folder of its own",
             folder, text.image_count, text.point_count, out->image_count, out->point_count,
             is_text ? "text" : "binary");

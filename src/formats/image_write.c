@@ -63,7 +63,7 @@ static oxl_result image_write_png(oxl_context *ctx, const char *path, const oxl_
     oxl_result rc;
     if (!image->rgb || (channels > 3 && !image->weight) || image->width < 1 || image->height < 1)
         return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "%s: the image to write is empty, or without weights\n"
+                        "%s: the image to write is empty, or has no weights\n"
                         "fix: fill it, as oxl_render and oxl_image_read do",
                         path);
     bytes = image_interleave(ctx, image, (size_t)channels);

@@ -26,7 +26,7 @@ struct llff_array {
     int size; /* bytes of a number */
 };
 
-#define LLFF_FIX "write it again by LLFF's imgs2poses.py; or remove it and export a COLMAP model"
+#define LLFF_FIX "write it again with LLFF's imgs2poses.py, or remove it and export a COLMAP model"
 
 /* Finds the numbers behind the header, whose keys NumPy writes in this order. */
 static void llff_read_header(struct colmap_reader *r, const struct os_file_map *file, struct llff_array *out)
@@ -58,7 +58,7 @@ static void llff_read_header(struct colmap_reader *r, const struct os_file_map *
     out->rows = (size_t)rows;
     left = file->size - begin - length, row = LLFF_COLUMNS * (size_t)out->size;
     if (left / row != out->rows || left % row)
-        colmap_fail(r, LLFF_FIX, "found %zu bytes behind the header, expected %lu x 17 numbers of %d bytes",
+        colmap_fail(r, LLFF_FIX, "found %zu bytes after the header, expected %lu x 17 numbers of %d bytes",
                     left, rows, out->size);
 }
 
@@ -77,7 +77,7 @@ static void llff_add(struct colmap_reader *r, const struct llff_array *a, const 
     if (!(sum <= DBL_MAX && v[4] >= 1 && v[4] < INT_MAX && v[9] >= 1 && v[9] < INT_MAX))
         colmap_fail(
             r, LLFF_FIX,
-            "found the height %g, the width %g and numbers of the sum %g, expected px and finite numbers",
+            "found height %g, width %g and numbers that add up to %g, expected pixels and finite numbers",
             v[4], v[9], sum);
     if (r->rc != OXL_OK) return;
     for (int i = 0; i < 3; i++)
@@ -151,7 +151,7 @@ OXL_INTERNAL void llff_read(struct colmap_reader *r, const struct os_file_map *f
     else llff_choose(r, &f);
     r->rc = f.rc;
     if (f.count != array.rows)
-        colmap_fail(r, "name by --images the folder of the images that the poses were computed for",
+        colmap_fail(r, "use --images to name the folder of the images that the poses belong to",
                     "found %zu images in %s, expected %zu, one for each pose", f.count, f.path, array.rows);
     for (size_t i = 0; i < f.count && r->rc == OXL_OK; i++) llff_add(r, &array, f.image[i].name);
     if (r->rc == OXL_OK && (r->out->images = oxl_strdup(r->ctx, f.path)) == NULL) r->rc = OXL_ERR_MEMORY;

@@ -100,7 +100,7 @@ static void model_file_check_units(oxl_context *ctx, const char *path, const oxl
         }
     if (m->count >= MODEL_FILE_JUDGED && low >= 0 && low < high && (planes > 1 ? high - low < 1 : high <= 1))
         oxl_log(ctx, OXL_LOG_WARNING,
-                "%s: %s are read, and all values are from %.3g to %.3g\n"
+                "%s: %s are expected, but all values are from %.3g to %.3g\n"
                 "fix: export raw values, as 3DGS writes them",
                 path, words, (double)low, (double)high);
 }
@@ -170,7 +170,7 @@ static oxl_result model_file_check(oxl_context *ctx, const struct ply *ply, cons
         : points
             ? "this is a point cloud or a mesh; a model of Gaussians has f_dc_0, opacity, scale_0, rot_0 and more"
             : "rename its columns of Gaussians as 3DGS has them: x y z, f_dc_0 to _2, "
-              "f_rest_*, opacity, scale_0 to _2, rot_0 to _3; element dog is oceanxl's own, or left out");
+              "f_rest_*, opacity, scale_0 to _2, rot_0 to _3; element dog is OceanXL's own and optional");
     text_free(&seen);
     return rc;
 }
@@ -185,7 +185,7 @@ static oxl_result model_file_read_degree(oxl_context *ctx, const struct ply *ply
         if (rest == 3 * ((*degree + 1) * (*degree + 1) - 1)) return OXL_OK;
     return oxl_fail(
         ctx, OXL_ERR_INPUT,
-        "%s: %d properties f_rest_*, expected 0, 9, 24 or 45\nfix: export spherical harmonics of degree 0 to 3",
+        "%s: found %d properties f_rest_*, expected 0, 9, 24 or 45\nfix: export spherical harmonics of degree 0 to 3",
         ply->path, rest);
 }
 

@@ -164,7 +164,7 @@ static oxl_result ply_check_size(oxl_context *ctx, const struct ply *ply)
         if (need > there + (ply->format == PLY_ASCII)) /* Allows that the last line has no newline. */
             return oxl_fail(
                 ctx, OXL_ERR_INPUT,
-                "%s: element %s announces %llu rows, with which the data need at least %.0f bytes; there are %.0f\n"
+                "%s: element %s announces %llu rows, which take at least %.0f bytes; the file has %.0f\n"
                 "fix: the file was cut short or its header is wrong; copy or export it again",
                 ply->path, element->name, (unsigned long long)element->rows, need, there);
     }

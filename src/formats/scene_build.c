@@ -23,12 +23,12 @@ static oxl_result scene_count_masks(oxl_context *ctx, oxl_scene *scene)
         oxl_free(ctx, path);
     }
     if (scene->masks && scene->stats.masks == 0)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s holds no mask of any view; expected NAME.png, NAME as in the model",
+        oxl_log(ctx, OXL_LOG_WARNING, "%s holds no mask for a view; expected NAME.png, NAME as in the model",
                 scene->masks);
     if (lost)
         oxl_log(
             ctx, OXL_LOG_WARNING,
-            "%d of the %d masks that %s names by mask_path are not there, so nothing is ignored in these images",
+            "%d of the %d masks that %s names as mask_path are missing, so nothing is ignored in these images",
             lost, named, scene->colmap.images_file);
     return OXL_OK;
 }

@@ -280,7 +280,7 @@ OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
     if (c->image_count == 0 || c->image_count > INT_MAX / 2)
         return oxl_fail(
             ctx, OXL_ERR_INPUT,
-            "%s holds %zu images\nfix: was COLMAP's mapper run? Name its best sub-model by --sparse",
+            "%s holds %zu images\nfix: run COLMAP's mapper, and name its best sub-model by --sparse",
             c->images_file, c->image_count);
     b.order = oxl_alloc(ctx, c->image_count, sizeof *b.order);
     b.ideal = oxl_calloc(ctx, c->camera_count + 1, sizeof *b.ideal);

@@ -104,9 +104,9 @@ static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os
     if (!codec_inflate(*out, *size, p + at, packed + 8))
         return strcmp(codec_failure(), "outofmem") == 0
                    ? oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to inflate it", path)
-                   : spz_fail(ctx, path, "gzip data that are damaged");
+                   : spz_fail(ctx, path, "damaged gzip data");
     if (codec_png_checksum(*out, (int)*size) != bytes_u32(end - 8))
-        return spz_fail(ctx, path, "data of another checksum");
+        return spz_fail(ctx, path, "data with a wrong checksum");
     return OXL_OK;
 }
 
@@ -339,9 +339,9 @@ OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_
         data[14] = model->antialias ? SPZ_ANTIALIASED : 0;
         if (limited)
             oxl_log(ctx, OXL_LOG_WARNING,
-                    "%s: %zu of %zu Gaussians are beyond the format's range, places up to %g and widths from "
-                    "4.5e-5 to 365 units, and are drawn in to it\n"
-                    "fix: where that is many, write the model in another unit (convert has --scale)",
+                    "%s: %zu of %zu Gaussians are beyond the format's range (positions up to %g, widths from "
+                    "4.5e-5 to 365 units) and are clamped to it\n"
+                    "fix: if that is many, write the model in another unit (convert has --scale)",
                     path, limited, n, (double)SPZ_FIXED_MAX / (1 << bits));
         rc = spz_pack(ctx, path, model, data, size);
     }

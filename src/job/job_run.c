@@ -71,7 +71,7 @@ static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
                   "fix: use the same options%s, --restart to %s it, or another -o%s",
                   job->out, run->finished ? "finished result" : "unfinished work", t.data ? t.data : "",
                   run->finished ? "" : " to resume it", run->finished ? "replace" : "discard",
-                  run->finished ? ", there with --from to begin with its scene.ply" : "");
+                  run->finished ? ", with --from to start from its scene.ply" : "");
     text_free(&t);
     return rc;
 }
@@ -162,7 +162,7 @@ static oxl_result job_make_partition(struct job *job)
         rc = budget_partition(job->ctx, job->scene, &job->options, &job->partition);
         if (rc == OXL_OK && job->options.from && job->partition.block_count > 1)
             rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
-                          "--from can start one block only, but the survey is cut into %d\nfix: add "
+                          "--from needs a survey of one block, but this one is cut into %d\nfix: add "
                           "--partition none",
                           job->partition.block_count);
         if (rc == OXL_OK &&

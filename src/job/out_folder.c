@@ -35,8 +35,8 @@ OXL_INTERNAL oxl_result out_check_files(oxl_context *ctx, const char *out)
     for (size_t i = 0; i < OXL_COUNT(files); i++)
         if (os_is_file(PATH(out, "%s", files[i])))
             return oxl_fail(ctx, OXL_ERR_USAGE,
-                            "%s/%s exists, without the run.json of a run that wrote it\nfix: name "
-                            "another folder by -o; --restart replaces it",
+                            "%s/%s exists, but no run.json shows which run wrote it\nfix: name "
+                            "another folder with -o; --restart replaces it",
                             out, files[i]);
     return OXL_OK;
 }

@@ -97,7 +97,7 @@ oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *model, con
         ((double)o.fit < OVERLAP_LEAST * (double)o.seen || ratio > OVERLAP_LARGE || ratio < OVERLAP_SMALL))
         oxl_log(
             ctx, OXL_LOG_WARNING,
-            "%s does not seem to cover the survey: %.0f %% of the survey's points lie at a surface of it, and it is %.2g times as wide as they are\n"
+            "%s does not seem to cover the survey: %.0f %% of the survey's points lie on its surface, and it is %.2g times as wide as they are\n"
             "fix: compare it with the survey that it was trained on, from a file that keeps origin and scale (.ply, .spz)",
             name, 100 * (double)o.fit / (double)o.seen, ratio);
     return rc;

@@ -63,7 +63,7 @@ static void survey_write_facts(oxl_survey *s)
                s->images, s->images_missing, s->train_views, s->test_views, s->masks);
     if (s->masked > 0)
         survey_add(s->text, " (%.0f %% of their pixels are black and ignored)", 100 * s->masked);
-    if (s->fixed > 0) survey_add(s->text, "; %.1f %% of all pixels are fixed, ignored", 100 * s->fixed);
+    if (s->fixed > 0) survey_add(s->text, "; %.1f %% of all pixels are fixed and ignored", 100 * s->fixed);
     survey_add(s->text, "\n");
     survey_add(s->text, "cameras      %s; trained at %d x %d\n",
                s->cameras_text[0] ? s->cameras_text : "given by the caller", s->width, s->height);

@@ -97,7 +97,7 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
     os_release_file(ctx, &map);
     if (rc != OXL_OK || whole) return rc;
     oxl_log(ctx, OXL_LOG_WARNING,
-            "%s: block.json, a model or imaging.txt is damaged; what it belongs to is trained again", folder);
+            "%s: block.json, a model or imaging.txt is damaged; that part is trained again", folder);
     *out = (struct block_record){0};
     return OXL_OK;
 }

@@ -111,7 +111,7 @@ OXL_INTERNAL oxl_result partition_read(oxl_context *ctx, const char *path, struc
     *out = (struct partition){0};
     if (rc == OXL_OK && checksum_of_text(file.data, file.size) != CHECKSUM_RIGHT)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s: its checksum is not that of its lines: it was damaged, or edited\n"
+                      "%s: the checksum does not match the lines: the file was damaged or edited\n"
                       "fix: train with --restart",
                       path);
     if (rc == OXL_OK) rc = file_read_lines(ctx, &file, out);

@@ -68,7 +68,7 @@ static void dropout_record(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option dropout_options[] = {
-{"dropout", "auto|RATE", OXL_OPTION_FLOAT, OPTION_AT(train.dropout), 0, 0.8, EACH("auto"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Schedule", "fraction of the Gaussians left out of a step, rising from 0; auto: up to 0.4 in long runs of one block with under 30 training views and 4.6 images per point"},
+{"dropout", "auto|RATE", OXL_OPTION_FLOAT, OPTION_AT(train.dropout), 0, 0.8, EACH("auto"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Schedule", "fraction of the Gaussians left out of a step, rising from 0; auto: up to 0.4 in long runs of one block with fewer than 30 training views and fewer than 4.6 images per point"},
 {0}};
 /* clang-format on */
 

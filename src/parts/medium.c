@@ -139,7 +139,7 @@ static void medium_record(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option medium_options[] = {
-{"medium", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.medium), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit the water: attenuation and backscatter, nine parameters; auto: if the colours of tracks show it; on: likewise, with a warning if not"},
+{"medium", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.medium), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit the water: attenuation and backscatter, nine parameters; auto: if the colours of tracks show it; on: the same, with a warning if they do not"},
 {0}};
 /* clang-format on */
 

@@ -61,7 +61,7 @@ static oxl_result poses_begin(struct train *t, void *state)
     struct poses *p = state;
     p->on = p->asked && !renderer_has_device(t->renderer);
     if (p->on || !p->asked) return OXL_OK;
-    selection_record_auto(t, "poses", t->options->poses, 0, "a device has no gradient of them");
+    selection_record_auto(t, "poses", t->options->poses, 0, "a device does not compute their gradient");
     oxl_log(t->ctx, OXL_LOG_WARNING, "poses are not refined: only the CPU computes their gradient");
     return OXL_OK;
 }
@@ -192,7 +192,7 @@ static void poses_store(struct train *t, void *state, oxl_model *model)
 
 /* clang-format off */
 static const oxl_option poses_options[] = {
-{"poses", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.poses), 0, 2, EACH("off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "refine training views' poses with the scene, on the CPU; auto: kept if images shift by 0.2 px"},
+{"poses", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.poses), 0, 2, EACH("off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "refine training views' poses with the scene, on the CPU; auto: keep them if images shift by 0.2 px"},
 {0}};
 /* clang-format on */
 

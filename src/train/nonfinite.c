@@ -64,7 +64,7 @@ OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *n, int step
     if (n->steps++ >= NONFINITE_NAMED) return;
     nonfinite_name_rows(rows_text, cleared.first, cleared.rows);
     oxl_log(ctx, OXL_LOG_WARNING, "step %d: the loss of %s is not finite%s%s; the step is skipped", step,
-            view, cleared.rows ? " because of what is cleared: " : "", cleared.rows ? rows_text : "");
+            view, cleared.rows ? " because of " : "", cleared.rows ? rows_text : "");
 }
 
 OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *n, int step, const char *view,

@@ -104,8 +104,8 @@ static oxl_result step_next_image(struct train *t, int *view)
     }
     return oxl_fail(
         t->ctx, OXL_ERR_INPUT,
-        "none of the training images can be read\nfix: run oceanxl check, which reads each and says what "
-        "is wrong");
+        "none of the training images can be read\nfix: run oceanxl check, which reads each image and reports "
+        "errors");
 }
 
 OXL_INTERNAL struct oxl_imaging step_imaging(const struct train *t)
