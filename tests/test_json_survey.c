@@ -479,7 +479,7 @@ TEST(llff_array_that_is_damaged_or_foreign_is_refused_with_what_it_is)
         {"{'descr': '<f8', 'fortran_order': False, 'shape': (2, 15), }", 2, "'shape': (2, 15), }, expected"},
         {"{'descr': '<f8', 'fortran_order': False, 'shape': (2, 17, 1), }", 2, "'shape': (2, 17, 1)"},
         {"{'descr': '<f8', 'fortran_order': False, 'shape': (17,), }", 2, "shape (N, 17)"},
-        {LLFF_HEAD, 1, "found 136 bytes behind the header, expected 2 x 17 numbers of 8 bytes"},
+        {LLFF_HEAD, 1, "found 136 bytes after the header, expected 2 x 17 numbers of 8 bytes"},
         {"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999999999, 17), }", 1,
          "found 136 bytes"},
         {"{'descr': '<f8', 'fortran_order': False, 'shape': (3, 17), }", 3, "found 2 images in "},
@@ -500,7 +500,7 @@ TEST(llff_array_that_is_damaged_or_foreign_is_refused_with_what_it_is)
     }
     jsurvey_write_array(LLFF_HEAD, 8, 2, NAN);
     CHECK_ERROR(oxl_scene_load(test_ctx, test_path("llff"), NULL, &scene), OXL_ERR_INPUT,
-                "poses_bounds.npy: record 1: found the height 12, the width nan");
+                "poses_bounds.npy: record 1: found height 12, width nan");
 }
 
 /* The splits of the images that are left, by name: 1 trained on, 2 held out. */
