@@ -685,7 +685,7 @@ TEST(transforms_masks_are_used_and_missing_ones_counted)
     const struct training_image *image;
     foreign_transforms("\"a\": 1");
     OWNED_SCENE *scene = test_load("survey", NULL);
-    CHECK_WARNED("1 of the 1 masks that transforms.json names by mask_path are not there");
+    CHECK_WARNED("1 of the 1 masks that transforms.json names as mask_path are missing");
     oxl_scene_free(test_ctx, scene);
     foreign_masks("own", 1, 1);
     scene = test_load("survey", NULL);
@@ -822,10 +822,10 @@ TEST(models_of_alphas_and_sizes_in_the_place_of_logits_and_logarithms_are_said)
         if (k == 0) CHECK(!strstr(test_said.warning, "all values"));
         if (k == 1)
             CHECK_WARNED(
-                "opacities look like alphas; logits, log(alpha / (1 - alpha)), are read, and all values are from 0 to 0.995");
+                "opacities look like alphas; logits, log(alpha / (1 - alpha)), are expected, but all values are from 0 to 0.995");
         if (k == 2)
             CHECK_WARNED(
-                "scales look like sizes; their logarithms are read, and all values are from 0.001 to 0.2");
+                "scales look like sizes; their logarithms are expected, but all values are from 0.001 to 0.2");
     }
 }
 

@@ -840,7 +840,7 @@ TEST(job_starts_from_a_model_of_any_format_and_notices_when_it_changes)
     options.partition.block_points = 40;
     CHECK(job_test_run("cut", &options) == OXL_ERR_USAGE);
     for (int i = 0; i < oxl_option_count(); i++) { /* the table names this option, and no other */
-        snprintf(from, sizeof from, "--%s can start one block only", oxl_option_at(i)->name);
+        snprintf(from, sizeof from, "--%s needs a survey of one block", oxl_option_at(i)->name);
         CHECK((strstr(oxl_error_text(test_ctx), from) != NULL) ==
               ((oxl_option_at(i)->use & OXL_OPTION_ONE_BLOCK) != 0));
     }

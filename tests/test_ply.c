@@ -116,7 +116,7 @@ TEST(ply_ascii_file_of_the_fewest_bytes_is_read_and_one_byte_less_is_refused)
     CHECK(x[0] == 1 && x[1] == 2);
     ply_close(test_ctx, &ply);
     ply_test_refused("ply\nformat ascii 1.0\nelement v 2\nproperty int x\nend_header\n1\n",
-                     "at least 4 bytes; there are 2");
+                     "at least 4 bytes; the file has 2");
 }
 
 TEST(ply_of_comments_nothing_is_parsed)
@@ -207,17 +207,17 @@ TEST(ply_counts_are_compared_with_the_bytes_before_any_memory_is_taken)
     ply_test_refused(
         "ply\nformat binary_little_endian 1.0\nelement vertex 1000000000000\nproperty float x\nproperty double y\n"
         "end_header\n12345678",
-        "element vertex announces 1000000000000 rows, with which the data need at least 12000000000000 bytes; there are 8");
+        "element vertex announces 1000000000000 rows, which take at least 12000000000000 bytes; the file has 8");
     ply_test_refused(
         "ply\nformat binary_little_endian 1.0\nelement vertex 9223372036854775807\nproperty double x\nend_header\n12345678",
         "announces 9223372036854775807 rows");
     ply_test_refused(
         "ply\nformat ascii 1.0\nelement vertex 1000000000000\nproperty float x\nend_header\n1\n2\n",
-        "there are 4");
+        "the file has 4");
     ply_test_refused(
         "ply\nformat binary_little_endian 1.0\nelement a 1\nproperty double x\nelement b 1\nproperty double x\nend_header\n"
         "123456789012345",
-        "element b announces 1 rows, with which the data need at least 16 bytes; there are 15");
+        "element b announces 1 rows, which take at least 16 bytes; the file has 15");
 }
 
 TEST(ply_rows_without_properties_cost_nothing_however_many)

@@ -62,7 +62,7 @@ static int checkpoint_same_imaging(const struct oxl_imaging *a, const struct oxl
 {
     return a->on == b->on && memcmp(&a->medium, &b->medium, sizeof a->medium) == 0 &&
            memcmp(a->lamp, b->lamp, sizeof a->lamp) == 0 &&
-           memcmp(a->log_gain, b->log_gain, 3 * views * sizeof *a->log_gain) == 0 &&
+           (!a->log_gain || memcmp(a->log_gain, b->log_gain, 3 * views * sizeof *a->log_gain) == 0) &&
            (!a->pose || memcmp(a->pose, b->pose, views * sizeof *a->pose) == 0);
 }
 

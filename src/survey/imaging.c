@@ -32,12 +32,13 @@ OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct oxl_i
 /* Copies gains, cameras and medium, but neither lamps nor poses, to an imaging of as many views. */
 OXL_INTERNAL void imaging_copy(const struct oxl_imaging *from, struct oxl_imaging *to)
 {
+    to->on = from->on;
+    to->medium = from->medium;
+    if (from->views == 0) return; /* a build without gains */
     memcpy(to->log_gain, from->log_gain, 3 * (size_t)from->views * sizeof *to->log_gain);
     memcpy(to->known, from->known, (size_t)from->views * sizeof *to->known);
     memcpy(to->camera, from->camera, (size_t)from->views * sizeof *to->camera);
     memcpy(to->partner, from->partner, (size_t)from->views * sizeof *to->partner);
-    to->on = from->on;
-    to->medium = from->medium;
 }
 
 OXL_INTERNAL oxl_result imaging_clone(oxl_context *ctx, const struct oxl_imaging *from, size_t views,
@@ -45,7 +46,7 @@ OXL_INTERNAL oxl_result imaging_clone(oxl_context *ctx, const struct oxl_imaging
 {
     oxl_result rc = imaging_create(ctx, from->views, out);
     if (rc != OXL_OK) return rc;
-    if (from->views) imaging_copy(from, out);
+    imaging_copy(from, out);
     out->lamps = from->lamps;
     memcpy(out->lamp, from->lamp, sizeof out->lamp);
     if (!from->pose) return OXL_OK;
