@@ -24,7 +24,6 @@ static void fuzz_write_seed(const char *path)
     log = (struct text){.ctx = ctx};
     notes = log;
     t.ctx = ctx;
-    t.decisions.ctx = ctx;
     t.scene = fuzz_scene(ctx);
     text_add(&log, "iteration,loss\n");
     fuzz_promise(train_begin(&t) == OXL_OK, "a run begins");
