@@ -397,8 +397,13 @@ static int run_here(const char *name, void (*body)(void))
 static int run(const char *name, void (*body)(void))
 {
     int result = FAILED;
-    snprintf(folder, sizeof folder, "%s/oceanxl-test-%ld-%d", getenv("TMPDIR") ? getenv("TMPDIR") : "/tmp",
-             (long)(os_seconds() * 1e6), share.index);
+#ifdef _WIN32
+    const long process = 0;
+#else
+    const long process = getpid(); /* another that begins in the same microsecond */
+#endif
+    snprintf(folder, sizeof folder, "%s/oceanxl-test-%ld-%ld-%d",
+             getenv("TMPDIR") ? getenv("TMPDIR") : "/tmp", process, (long)(os_seconds() * 1e6), share.index);
 #ifdef _WIN32
     result = run_here(name, body);
 #else
