@@ -2191,8 +2191,9 @@ DEVICE_TEST(vulkan_run_says_why_it_refines_no_poses)
     NEEDS_PART(poses);
     t.options.poses = OXL_AUTO;
     CHECK_OK(vulkan_train(device, &t));
-    CHECK_TEXT(t.decisions,
-               "\"poses\": {\"chosen\": \"off\", \"evidence\": \"a device does not compute their gradient\"}");
+    CHECK_TEXT(
+        t.decisions,
+        "\"poses\": {\"chosen\": \"off\", \"evidence\": \"a device does not compute their gradient\"}");
 }
 
 DEVICE_TEST(vulkan_compares_parts_of_views_in_front_of_a_context_as_the_cpu_does)
