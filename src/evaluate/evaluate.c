@@ -73,7 +73,7 @@ oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_s
 /* Holds what the evaluation of all views shares. */
 struct evaluate_pass {
     struct drawn of;         /* imaging: not NULL */
-    int whole, shown;        /* neither: measures as evaluate_quick; shown: as evaluate_shown */
+    int whole, plain;        /* neither: measures as evaluate_quick; plain: as evaluate_plain */
     int most;                /* evaluates so many views, evenly spaced */
     oxl_model gradient;      /* gradient of the model, for aligned views */
     int missing;             /* images whose files are gone */
@@ -84,11 +84,11 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
                                    const oxl_image *image, oxl_view_metrics *row)
 {
     oxl_result rc = OXL_OK;
-    if (p->whole || p->shown) rc = oxl_psnr(ctx, rendered, image, &row->plain_psnr);
+    if (p->whole || p->plain) rc = oxl_psnr(ctx, rendered, image, &row->plain_psnr);
     if (rc == OXL_OK) rc = evaluate_light(ctx, &p->of, row->view, rendered);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, rendered, image, &row->psnr);
-    if (rc == OXL_OK && (p->whole || p->shown)) rc = oxl_ssim(ctx, rendered, image, &row->ssim);
-    if (rc != OXL_OK || p->shown) return rc;
+    if (rc == OXL_OK && (p->whole || p->plain)) rc = oxl_ssim(ctx, rendered, image, &row->ssim);
+    if (rc != OXL_OK || p->plain) return rc;
     rc = oxl_cc_psnr(ctx, rendered, image, &row->cc_psnr);
     return rc == OXL_OK ? oxl_structure(ctx, rendered, image, &row->structure) : rc;
 }
@@ -225,10 +225,10 @@ OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model,
     return evaluate_views(ctx, p, split, out);
 }
 
-OXL_INTERNAL oxl_result evaluate_shown(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+OXL_INTERNAL oxl_result evaluate_plain(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                        const struct oxl_imaging *imaging, oxl_split split, oxl_metrics *out)
 {
-    const struct evaluate_pass p = {.of = {NULL, model, scene, imaging}, .most = INT_MAX, .shown = 1};
+    const struct evaluate_pass p = {.of = {NULL, model, scene, imaging}, .most = INT_MAX, .plain = 1};
     return evaluate_views(ctx, p, split, out);
 }
 

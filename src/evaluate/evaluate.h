@@ -12,7 +12,7 @@
 
 OXL_INTERNAL oxl_result metrics_check(oxl_context *ctx, const oxl_image *a, const oxl_image *b);
 /* Clamps a value to 0..1; NaN is 0, as in written images. */
-SIMD_INLINE double metrics_shown(float v)
+SIMD_INLINE double metrics_clamped(float v)
 {
     return v > 0 ? OXL_MIN((double)v, 1.0) : 0;
 }
@@ -78,7 +78,7 @@ OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, const
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
                                       float *depth);
 /* Evaluates plain_psnr, psnr and ssim of a model; other values are not set. */
-OXL_INTERNAL oxl_result evaluate_shown(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+OXL_INTERNAL oxl_result evaluate_plain(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                        const struct oxl_imaging *imaging, oxl_split split, oxl_metrics *out);
 /* Evaluates `most` views of a split at most, evenly spaced, without ssim (NaN), plain_psnr and
  * alignment, in a third of the time. */

@@ -46,8 +46,8 @@ static double metrics_psnr(const oxl_image *a, const oxl_image *b, const double 
     for (size_t i = 0; i < plane; i++) {
         const double w = b->weight ? b->weight[i] : 1;
         for (int c = 0; c < 3; c++) {
-            const double d = OXL_MIN(1, gain[c] * metrics_shown(a->rgb[c * plane + i])) -
-                             metrics_shown(b->rgb[c * plane + i]);
+            const double d = OXL_MIN(1, gain[c] * metrics_clamped(a->rgb[c * plane + i])) -
+                             metrics_clamped(b->rgb[c * plane + i]);
             error += w * d * d;
         }
         weight += 3 * w;
@@ -63,9 +63,9 @@ static void metrics_gain(const oxl_image *a, const oxl_image *b, double gain[3])
     for (size_t i = 0; i < plane; i++) {
         const double w = b->weight ? b->weight[i] : 1;
         for (int c = 0; c < 3; c++) {
-            const double v = metrics_shown(a->rgb[c * plane + i]);
+            const double v = metrics_clamped(a->rgb[c * plane + i]);
             aa[c] += w * v * v;
-            ab[c] += w * v * metrics_shown(b->rgb[c * plane + i]);
+            ab[c] += w * v * metrics_clamped(b->rgb[c * plane + i]);
         }
     }
     for (int c = 0; c < 3; c++) gain[c] = aa[c] > 0 ? ab[c] / aa[c] : 1;
@@ -112,7 +112,7 @@ static void metrics_blur(oxl_context *ctx, const struct planes *p, const float *
 {
     for (int q = 0; q < METRICS_MOMENTS; q++) {
         for (size_t i = 0; i < p->size; i++) {
-            const double x = metrics_shown(a[i]), y = metrics_shown(b[i]);
+            const double x = metrics_clamped(a[i]), y = metrics_clamped(b[i]);
             p->plane[METRICS_RAW][i] = q == 0 ? x : q == 1 ? y : q == 2 ? x * x : q == 3 ? y * y : x * y;
         }
         planes_blur(ctx, p, &metrics_window, p->plane[METRICS_RAW], p->plane[q]);

@@ -43,8 +43,8 @@ static void structure_band(oxl_context *ctx, const struct structure_work *s, con
     const size_t pixels = s->p.size;
     double *grey = s->plane[0], *coarse = s->plane[1], *work = s->plane[2];
     for (size_t i = 0; i < pixels; i++) {
-        const double v = (metrics_shown(of->rgb[i]) + metrics_shown(of->rgb[pixels + i]) +
-                          metrics_shown(of->rgb[2 * pixels + i])) /
+        const double v = (metrics_clamped(of->rgb[i]) + metrics_clamped(of->rgb[pixels + i]) +
+                          metrics_clamped(of->rgb[2 * pixels + i])) /
                          3;
         grey[i] = s->weight ? v * s->weight[i] : v;
     }

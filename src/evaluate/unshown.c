@@ -90,14 +90,14 @@ OXL_INTERNAL oxl_result unshown_measure(oxl_context *ctx, const struct unshown *
     oxl_result rc = OXL_ERR_MEMORY;
     part.weight = oxl_alloc(ctx, (size_t)width * (size_t)height, sizeof *part.weight);
     for (int i = 0; part.weight && i < width * height; i++) {
-        const int x = i % width, y = i / width, half = 2 * (2 * y >= height) + (2 * x >= width),
+        const int x = i % width, y = i / width, quarter = 2 * (2 * y >= height) + (2 * x >= width),
                   column = (int)((int64_t)x * u->camera.width / width),
                   line = (int)((int64_t)y * u->camera.height / height),
                   is_shown = u->is_shown[line * u->camera.width + column];
         const float weight = image->weight ? image->weight[i] : 1;
         part.weight[i] = is_shown ? weight : 0;
         used += weight, shown += part.weight[i];
-        row->unshown[half] += is_shown ? 0 : weight;
+        row->unshown[quarter] += is_shown ? 0 : weight;
     }
     for (int k = 0; k < 4; k++) row->unshown[k] /= OXL_MAX(1, used);
     row->shown_psnr = NAN;

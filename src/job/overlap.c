@@ -18,7 +18,7 @@
 enum {
     OVERLAP_POINTS = 20, /* least points that say anything */
     OVERLAP_VIEWS = 4,   /* views that are rendered */
-    OVERLAP_SIDE = 160   /* px; longer side to which they are reduced */
+    OVERLAP_SIDE = 160   /* px; longer side to which they are halved */
 };
 
 struct overlap { /* Counts the points in the views. */
@@ -43,12 +43,10 @@ static oxl_result overlap_view(oxl_context *ctx, const oxl_model *model, const o
 {
     oxl_render_options render = oxl_render_options_default();
     oxl_camera c = oxl_scene_view(scene, view)->camera;
-    const double factor = OXL_MIN(1, (double)OVERLAP_SIDE / OXL_MAX(c.width, c.height));
     oxl_image image = {0};
     oxl_result rc;
     float *depth;
-    c.width = (int)ceil(c.width * factor), c.height = (int)ceil(c.height * factor);
-    c.fx *= factor, c.fy *= factor, c.cx *= factor, c.cy *= factor;
+    while (OXL_MAX(c.width, c.height) > OVERLAP_SIDE) c = camera_halve(&c);
     render.near_plane = (float)oxl_scene_near_plane(scene);
     depth = oxl_alloc(ctx, (size_t)c.width * (size_t)c.height, sizeof *depth);
     rc = depth ? oxl_render(ctx, model, &c, &render, &image, depth) : OXL_ERR_MEMORY;

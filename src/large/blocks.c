@@ -146,7 +146,7 @@ static oxl_result blocks_train_merged(struct blocks *b, int block, const char *f
     task.run.start = &merged;
     task.run.viewer_steps = viewer_steps(&job->options.train);
     if (rc == OXL_OK && imaging_hides(&job->imaging))
-        job->stage_viewers = viewer_hiding_steps(task.run.viewer_steps);
+        job->stage_viewers = schedule_viewer_steps(task.run.viewer_steps);
     if (rc == OXL_OK) blocks_set_merged(job, merged.sh_degree, steps, &task.train);
     if (rc == OXL_OK) rc = job_train_task(job, &task);
     oxl_model_free(job->ctx, &merged);

@@ -61,7 +61,7 @@ OXL_INTERNAL double forecast_left(struct train *t)
     if (t->step >= f->next) {
         work = forecast_ahead(t->options, t->step, c, (double)schedule_gaussian_cap(t->scene, t->options),
                               &gaussians);
-        work += (t->task.viewed + (parts_hide(t) ? viewer_hiding_steps(t->task.viewer_steps) : 0)) *
+        work += (t->task.viewed + (parts_hide(t) ? schedule_viewer_steps(t->task.viewer_steps) : 0)) *
                 forecast_step(c, gaussians, 0);
         f->left = work * f->seconds / f->work, f->left_at = os_seconds();
         f->next = t->step + OXL_MAX(1, t->options->iterations / FORECAST_RECKONED);

@@ -34,8 +34,8 @@ enum { SCHEDULE_DENSIFY_LEAST = 15, SCHEDULE_DENSIFY_MOST = 50 };
 /* of the run: alpha_min holds until then, ALPHA_MIN from then on */
 #define SCHEDULE_ALPHA_MIN_UNTIL 0.8
 #define SCHEDULE_RATES_MAX 10.0 /* of geometry: bounds how much larger steps get where views show few rows */
-#define SCHEDULE_VIEWER_MORE \
-    300 /* maximum steps that a medium or gains take three times as many, not twice */
+/* steps to which those of a model for viewers without medium or gains are tripled; beyond they are doubled */
+#define SCHEDULE_VIEWER_MORE 300
 #define SCHEDULE_COOLDOWN_END 0.1 /* factor on the learning rates at the end of a run */
 
 /* Returns the run's length, in steps of the whole survey. */
@@ -227,7 +227,7 @@ OXL_INTERNAL size_t schedule_gaussian_cap(const oxl_scene *scene, const oxl_trai
     return schedule_gaussian_cap_of(oxl_scene_point_count(scene), schedule_pixels(scene), options);
 }
 
-OXL_INTERNAL int viewer_hiding_steps(int steps)
+OXL_INTERNAL int schedule_viewer_steps(int steps)
 {
     return OXL_MAX(2 * steps, OXL_MIN(SCHEDULE_VIEWER_MORE, 3 * steps));
 }

@@ -75,15 +75,14 @@ OXL_INTERNAL double schedule_first_pixels(const oxl_scene *scene, const oxl_trai
 OXL_INTERNAL double schedule_coarse_fraction(const oxl_train_options *options, int width, int height);
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *options, int step);
 OXL_INTERNAL int schedule_training_views(const oxl_scene *scene);
+/* Returns the steps of a model for viewers that leaves out a medium or gains; steps: of one that does not. */
+OXL_INTERNAL int schedule_viewer_steps(int steps);
 
 /* Return what a step takes, and all behind step `done`, in the time that a Gaussian adds to a step;
  * *gaussians grows to the end of the run, up to cap. */
 OXL_INTERNAL double forecast_step(const oxl_camera *camera, double gaussians, int halved);
 OXL_INTERNAL double forecast_ahead(const oxl_train_options *options, int done, const oxl_camera *camera,
                                    double cap, double *gaussians);
-
-/* Returns the steps of it where images have a medium or gains that it leaves out. */
-OXL_INTERNAL int viewer_hiding_steps(int steps);
 
 /* ---------------- parts.c: all parts of training, from the options alone */
 

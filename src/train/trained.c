@@ -46,7 +46,7 @@ static oxl_train_options viewer_options(const oxl_train_options *run, int sh_deg
                                         const struct oxl_imaging *m)
 {
     const int drops_gains = imaging_is_gains_alone(m), hides = imaging_hides(m);
-    oxl_train_options o = train_refinement(run, sh_degree, hides ? viewer_hiding_steps(steps) : steps);
+    oxl_train_options o = train_refinement(run, sh_degree, hides ? schedule_viewer_steps(steps) : steps);
     o.medium = OXL_OFF;
     if (drops_gains) {
         o.exposure = OXL_OFF;
