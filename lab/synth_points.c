@@ -301,14 +301,12 @@ oxl_result synth_points_create(const struct synth_run *run, struct synth_points 
     const synth_options *o = run->options;
     const uint64_t wanted = o->points > 0 ? (uint64_t)o->points : 400 * (uint64_t)o->views;
     struct points_search s = {.run = run};
-    struct points_track *tracks = malloc(CHUNK * sizeof *tracks);
-    oxl_result rc = OXL_ERR_MEMORY;
+    struct points_track *tracks = calloc(CHUNK, sizeof *tracks);
+    oxl_result rc;
     *out = (struct synth_points){.point = calloc((size_t)wanted, sizeof *out->point)};
-    if (!tracks || !out->point || !points_search_create(&s)) goto done;
-    memset(tracks, 0, CHUNK * sizeof *tracks);
-    rc = points_fill(&s, wanted, tracks, out);
+    rc = tracks && out->point && points_search_create(&s) ? OXL_OK : OXL_ERR_MEMORY;
+    if (rc == OXL_OK) rc = points_fill(&s, wanted, tracks, out);
     if (rc == OXL_OK && !points_index(out, o->seed, o->views)) rc = OXL_ERR_MEMORY;
-done:
     free(tracks);
     free(s.first);
     free(s.list);

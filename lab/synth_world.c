@@ -394,15 +394,14 @@ int synth_world_create(uint64_t seed, double half, struct synth_world *w)
 {
     *w = (struct synth_world){
         .seed = (uint32_t)synth_mix(seed), .sand_contrast = 1, .sun = v3_unit(v3_of(0.42, 0.28, 0.86))};
-    if (!world_bake(w, half)) goto failed;
     world_make_shapes(w);
-    if (!world_scatter_objects(w, half) || !world_index(w, half)) goto failed;
+    if (!world_bake(w, half) || !world_scatter_objects(w, half) || !world_index(w, half)) {
+        synth_world_free(w);
+        return 0;
+    }
     for (int i = 0; i < w->side * w->side; i++) w->top = synth_max(w->top, w->height[i]);
     w->top = synth_max(w->top, 0.45) + TALLEST; /* 0.45: the highest swell beyond what is baked */
     return 1;
-failed:
-    synth_world_free(w);
-    return 0;
 }
 
 /* ---------------- a second dive */

@@ -100,6 +100,21 @@ static oxl_result image_read_file(oxl_context *ctx, const char *path, struct os_
     return oxl_fail(ctx, OXL_ERR_IO, "%s", text);
 }
 
+static oxl_result image_decode_file(oxl_context *ctx, const char *path, const struct os_file_map *file,
+                                    const struct image_header *h, int channels, struct pixels *out)
+{
+    struct pixels p = {.channels = channels};
+    if (h->bits == 16)
+        p.data = image_to_8_bits(codec_decode_16(ctx, file->data, file->size, channels, &p.width, &p.height),
+                                 (size_t)h->width * h->height * channels);
+    else p.data = codec_decode(ctx, file->data, file->size, channels, &p.width, &p.height);
+    if (p.data) return *out = p, OXL_OK;
+    if (strcmp(codec_failure(), "outofmem") == 0)
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to decode %d x %d px", path, h->width, h->height);
+    return oxl_fail(ctx, OXL_ERR_INPUT, "%s: cannot be decoded (%s)\nfix: copy it again, or remove it", path,
+                    codec_failure());
+}
+
 /* Decodes an image, after it has refused one of another shape than the camera's. from NULL: any shape.
  * channels 0: as in image_decode. */
 static oxl_result image_decode_of(oxl_context *ctx, const char *path, int channels,
@@ -107,24 +122,11 @@ static oxl_result image_decode_of(oxl_context *ctx, const char *path, int channe
 {
     struct os_file_map file = {0};
     struct image_header h = {0};
-    struct pixels p;
     oxl_result rc = image_read_file(ctx, path, &file);
     *out = (struct pixels){0};
     if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, 1, from, &h);
     if (rc == OXL_OK) rc = image_fill_palette(ctx, path, &h, &file);
-    if (rc != OXL_OK) goto done;
-    p = (struct pixels){.channels = channels ? channels : 3 + h.has_alpha};
-    if (h.bits == 16)
-        p.data = image_to_8_bits(codec_decode_16(ctx, file.data, file.size, p.channels, &p.width, &p.height),
-                                 (size_t)h.width * h.height * p.channels);
-    else p.data = codec_decode(ctx, file.data, file.size, p.channels, &p.width, &p.height);
-    if (p.data) *out = p;
-    else if (strcmp(codec_failure(), "outofmem") == 0)
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to decode %d x %d px", path, h.width, h.height);
-    else
-        rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: cannot be decoded (%s)\nfix: copy it again, or remove it",
-                      path, codec_failure());
-done:
+    if (rc == OXL_OK) rc = image_decode_file(ctx, path, &file, &h, channels ? channels : 3 + h.has_alpha, out);
     os_release_file(ctx, &file);
     return rc;
 }

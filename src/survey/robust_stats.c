@@ -119,7 +119,7 @@ OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const oxl_scene *s
     for (int v = 0; v < scene->view_count && rc == OXL_OK; v++)
         if (!scene->view[v].is_test) camera_position(&scene->view[v].camera, centre + 3 * count++);
     if (rc == OXL_OK && count) rc = stats_bounds(ctx, centre, count, 3 * sizeof *centre, low, middle, high);
-    if (rc != OXL_OK || count == 0) goto done;
+    if (rc != OXL_OK) count = 0;
     for (size_t i = 0; i < count; i++) distance[i] = stats_distance(centre + 3 * i, middle);
     limit = STATS_OUTLIER * stats_select(distance, count, 0.5);
     for (size_t i = 0; i < count; i++)
@@ -129,7 +129,6 @@ OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const oxl_scene *s
     if (kept < count)
         oxl_log(ctx, OXL_LOG_WARNING, "%zu cameras are far from all others and are excluded from the extent",
                 count - kept);
-done:
     OXL_FREE(ctx, centre, distance);
     return rc;
 }

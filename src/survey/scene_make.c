@@ -120,6 +120,15 @@ static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_
     return OXL_OK;
 }
 
+static oxl_result scene_take_points(oxl_context *ctx, oxl_scene *scene, const oxl_point *points, size_t count)
+{
+    scene->point = oxl_alloc(ctx, count + 1, sizeof *scene->point);
+    if (!scene->point) return OXL_ERR_MEMORY;
+    if (count) memcpy(scene->point, points, count * sizeof *points);
+    scene->point_count = count;
+    return OXL_OK;
+}
+
 oxl_result oxl_scene_from_arrays(oxl_context *ctx, const oxl_view *views, const oxl_image *images,
                                  int view_count, const oxl_point *points, size_t point_count, oxl_scene **out)
 {
@@ -131,19 +140,13 @@ oxl_result oxl_scene_from_arrays(oxl_context *ctx, const oxl_view *views, const 
     else if (view_count < 1)
         rc = oxl_fail(ctx, OXL_ERR_USAGE, "a scene of %d views, expected one or more", view_count);
     if (rc == OXL_OK) rc = scene_alloc_views(ctx, scene, (size_t)view_count);
-    if (rc != OXL_OK) goto done;
-    scene->point = oxl_alloc(ctx, point_count + 1, sizeof *scene->point);
-    if (!scene->point) rc = OXL_ERR_MEMORY;
-    if (rc != OXL_OK) goto done;
-    if (point_count) memcpy(scene->point, points, point_count * sizeof *points);
-    scene->point_count = point_count;
-    for (int i = 0; i < view_count; i++)
+    if (rc == OXL_OK) rc = scene_take_points(ctx, scene, points, point_count);
+    for (int i = 0; i < view_count && rc == OXL_OK; i++)
         order[i] = (struct scene_order){views[i].name ? views[i].name : "", (size_t)i};
-    qsort(order, (size_t)view_count, sizeof *order, scene_compare_order);
+    if (rc == OXL_OK) qsort(order, (size_t)view_count, sizeof *order, scene_compare_order);
     for (int i = 0; i < view_count && rc == OXL_OK; i++)
         rc = scene_copy_view(ctx, scene, &views[order[i].image], &images[order[i].image]);
     if (rc == OXL_OK) rc = scene_measure(ctx, scene);
-done:
     oxl_free(ctx, order);
     if (rc != OXL_OK) oxl_scene_free(ctx, scene);
     else *out = scene;
