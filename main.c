@@ -269,7 +269,7 @@ static oxl_result run_compare(oxl_context *ctx, const struct arguments *a)
     struct product product;
     oxl_result rc = OXL_OK;
     for (int i = 0; i < 2 && rc == OXL_OK; i++) {
-        char *run = output_read(a->path[i], "run.json", NULL),
+        char *run = output_read(a->path[i], "run.json"),
              *survey = json_string(oxl_json_member(oxl_json_member(run, "inputs"), "scene"));
         struct arguments side = *a;
         side.path[0] = a->path[i], side.path[1] = survey;

@@ -153,7 +153,6 @@
 #include "src/large/partition_cut.c"  /* where a box is cut */
 #include "src/large/partition_make.c" /* how many blocks, and the plan of them */
 #include "src/large/partition_file.c" /* partition.txt */
-#include "src/large/partition_svg.c"  /* partition.svg */
 #include "src/large/merge.c"          /* merge the models of blocks */
 #include "src/large/cost.c"           /* predicted Gaussians, memory and time of training */
 #include "src/large/budget.c"         /* --ram: limits that fit a memory budget */

@@ -50,8 +50,8 @@ oxl_result output_close(oxl_context *ctx, struct output *t);
 oxl_result output_save(oxl_context *ctx, struct output *t, const char *path);
 /* Copies the folder of a file, "." if the path names none; returns the file's name. */
 const char *output_split(const char *path, char folder[4096]);
-/* Reads a file into fresh memory, or returns NULL; size may be NULL. */
-char *output_read(const char *folder, const char *name, size_t *size);
+/* Reads a file into fresh memory, terminated, or returns NULL. */
+char *output_read(const char *folder, const char *name);
 
 /* Refuses to replace FOLDER/NAME where it is there without `mark`, which our own files of that name hold.
  * Mark NULL: refuses any file; "": refuses none that can be opened. */

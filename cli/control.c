@@ -60,7 +60,7 @@ oxl_result control_check(oxl_context *ctx, const oxl_scene *scene, const char *p
     struct control_sum sum = {{0}, 0, 0};
     char folder[4096];
     const char *name = output_split(path, folder);
-    char *text = output_read(folder, name, NULL);
+    char *text = output_read(folder, name);
     int number = 1;
     oxl_result rc = OXL_OK;
     if (!text) return oxl_fail(ctx, OXL_ERR_INPUT, "%s: the file cannot be read\nfix: --control FILE", path);

@@ -81,7 +81,7 @@ static void info_imaging(FILE *to, const char *path, int json)
     char folder[4096], *text;
     int gains = 0, poses = 0, lines = 0;
     output_split(path, folder);
-    text = output_read(folder, "imaging.txt", NULL);
+    text = output_read(folder, "imaging.txt");
     for (char *line = text, *next; line && *line; line = next) {
         next = line + strcspn(line, "\n");
         if (*next) *next++ = 0;
@@ -110,8 +110,7 @@ oxl_result info_convert_imaging(oxl_context *ctx, const char *from, const char *
     char source[4096], target[4096], path[4200];
     const int viewers = info_is_for_viewers(output_split(from, source)),
               named_so = info_is_for_viewers(output_split(to, target));
-    char *imaging = output_read(source, "imaging.txt", NULL),
-         *there = output_read(target, "imaging.txt", NULL);
+    char *imaging = output_read(source, "imaging.txt"), *there = output_read(target, "imaging.txt");
     struct output t = {0};
     oxl_result rc = OXL_OK;
     snprintf(path, sizeof path, "%s/imaging.txt", target);

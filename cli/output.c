@@ -167,7 +167,7 @@ const char *output_split(const char *path, char folder[4096])
     return slash ? slash + 1 : path;
 }
 
-char *output_read(const char *folder, const char *name, size_t *size)
+char *output_read(const char *folder, const char *name)
 {
     char path[4200], *text = NULL;
     FILE *file;
@@ -177,11 +177,7 @@ char *output_read(const char *folder, const char *name, size_t *size)
     if (!file) return NULL;
     if (fseek(file, 0, SEEK_END) == 0 && (end = ftell(file)) >= 0 && fseek(file, 0, SEEK_SET) == 0)
         text = malloc((size_t)end + 1);
-    if (text) {
-        const size_t got = fread(text, 1, (size_t)end, file);
-        text[got] = 0;
-        if (size) *size = got;
-    }
+    if (text) text[fread(text, 1, (size_t)end, file)] = 0;
     fclose(file);
     return text;
 }

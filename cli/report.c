@@ -1,7 +1,7 @@
 /* report.c - writes report.html: quality, map, worst views, decisions with evidence, curves and the command that
  * repeats a run, on one page.
  *
- * It reads OUT's run.json, metrics.json, partition.svg, blocks/KKK/{block.json,log.csv}, renders/,
+ * It reads OUT's run.json, metrics.json, blocks/KKK/{block.json,log.csv}, renders/,
  * training_views/ and scene.ply, and the survey for the map.
  *
  * Invariant: every figure on the page is from one of these files; what is absent is left out or reported as
@@ -32,8 +32,8 @@ static void report_read_part(struct report *r, const char *name, const char *fol
     char path[4200];
     snprintf(path, sizeof path, "%s/blocks/%s", r->out, folder);
     snprintf(p->name, sizeof p->name, "%s", name);
-    p->json = output_read(path, "block.json", NULL);
-    p->log = p->json ? output_read(path, "log.csv", NULL) : NULL;
+    p->json = output_read(path, "block.json");
+    p->log = p->json ? output_read(path, "log.csv") : NULL;
     r->parts += p->json != NULL;
 }
 
@@ -43,7 +43,7 @@ static void report_open(struct report *r)
     r->job = oxl_json_member(r->run, "job");
     r->survey = oxl_json_member(r->run, "survey");
     r->scene = json_string(oxl_json_member(oxl_json_member(r->run, "inputs"), "scene"));
-    r->metrics = output_read(r->out, "metrics.json", NULL);
+    r->metrics = output_read(r->out, "metrics.json");
     r->options = oxl_job_options_default(OXL_PRESET_DRAFT);
     if (r->scene) oxl_job_resume(r->ctx, r->scene, r->out, &r->options, &r->manifest);
     r->blocks = blocks >= 1 && blocks <= REPORT_BLOCKS ? (int)blocks : 1;
@@ -273,18 +273,6 @@ static void report_ground(struct report *r)
     if (m.ctx) oxl_model_free(m.ctx, &model);
     oxl_scene_free(m.ctx, scene);
     oxl_context_free(m.ctx);
-}
-
-static void report_partition(struct report *r)
-{
-    size_t size = 0;
-    char *svg = r->blocks > 1 ? output_read(r->out, "partition.svg", &size) : NULL;
-    if (svg) {
-        output_add(&r->page, "<figure><img alt=\"Blocks of the survey\" src=\"");
-        page_data(&r->page, "image/svg+xml", svg, size);
-        output_add(&r->page, "\"><figcaption>The blocks of the survey.</figcaption></figure>\n");
-    }
-    free(svg);
     output_add(&r->page, "</section>\n");
 }
 
@@ -366,7 +354,6 @@ static void report_compose(struct report *r)
     report_head(r);
     report_warnings(r);
     report_ground(r);
-    report_partition(r);
     views_section(r, "Evaluated views, the worst first", r->metrics, "renders");
     views_section(r, "Training images that fit worst", oxl_json_member(r->metrics, "training"),
                   "training_views");
@@ -384,7 +371,7 @@ oxl_result report_write(oxl_context *ctx, const char *out, double scale)
                        .out = out,
                        .unit = scale > 0 ? scale : 1,
                        .words = scale > 0 ? "metres" : "units",
-                       .run = output_read(out, "run.json", NULL)};
+                       .run = output_read(out, "run.json")};
     oxl_result rc;
     char path[4096];
     if (!oxl_json_member(r.run, "job")) {

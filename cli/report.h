@@ -35,8 +35,8 @@ struct report {
 /* ---------------- report_page.c */
 
 void page_open(struct output *t, const char *title);
-void page_data(struct output *t, const char *type, const void *data, size_t size); /* writes a data: URI */
-void page_jpeg(struct report *r, const oxl_image *image); /* writes an image as a data: URI of JPEG */
+void page_data(struct output *t, const void *data, size_t size); /* writes a data: URI of JPEG */
+void page_jpeg(struct report *r, const oxl_image *image);        /* writes an image as a data: URI of JPEG */
 
 /* ---------------- the sections */
 

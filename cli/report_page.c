@@ -65,11 +65,11 @@ void page_open(struct output *t, const char *title)
 }
 
 /* Writes a data: URI in base64 (RFC 4648, table 1). */
-void page_data(struct output *t, const char *type, const void *data, size_t size)
+void page_data(struct output *t, const void *data, size_t size)
 {
     static const char digit[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     const unsigned char *from = data;
-    output_add(t, "data:%s;base64,", type);
+    output_add(t, "data:image/jpeg;base64,");
     for (size_t i = 0; i < size; i += 3) {
         const size_t left = size - i;
         const unsigned bits = (unsigned)from[i] << 16 | (left > 1 ? (unsigned)from[i + 1] << 8 : 0) |
@@ -85,7 +85,7 @@ void page_jpeg(struct report *r, const oxl_image *image)
     char *bytes = NULL;
     size_t size = 0;
     if (oxl_image_to_jpeg(r->ctx, image, PAGE_QUALITY, &bytes, &size) == OXL_OK)
-        page_data(&r->page, "image/jpeg", bytes, size);
+        page_data(&r->page, bytes, size);
     else r->page.failed = 1;
     oxl_text_free(r->ctx, bytes);
 }

@@ -51,7 +51,7 @@ static void plot_add_study(struct plot *p, const struct study *s, const char *na
 /* Adds points of other programs from lines of NAME,CPU_SECONDS,PSNR, each a curve of its own. */
 static void plot_add_others(struct plot *p, const char *folder)
 {
-    char *text = output_read(folder, "others.csv", NULL), name[40];
+    char *text = output_read(folder, "others.csv"), name[40];
     double seconds, psnr;
     for (const char *at = text; at && *at; at += strcspn(at, "\n"), at += *at == '\n') {
         if (sscanf(at, "%39[^,#],%lf,%lf", name, &seconds, &psnr) != 3) continue;
@@ -148,7 +148,7 @@ static int results_is_published(const char *survey)
 {
     static const char *const files[] = {"transforms_train.json", "poses_bounds.npy"};
     for (int i = 0; i < 2; i++) {
-        char *text = output_read(survey, files[i], NULL);
+        char *text = output_read(survey, files[i]);
         free(text);
         if (text) return 1;
     }

@@ -128,8 +128,7 @@ static void study_folder(const struct study *s, int row, int seed, char out[4200
 
 static struct study_record study_read_record(const char *folder)
 {
-    char *text = output_read(folder, "study.json", NULL),
-         *build = json_string(oxl_json_member(text, "build"));
+    char *text = output_read(folder, "study.json"), *build = json_string(oxl_json_member(text, "build"));
     const struct study_record r = {text != NULL, build && strcmp(build, STUDY_BUILD) == 0,
                                    oxl_json_is_true(text, "finished"), oxl_json_number(text, "cpu_seconds"),
                                    oxl_json_number(text, "library_peak_bytes")};
@@ -180,8 +179,7 @@ static void study_add_cost(const struct study *s, struct study_record *r)
 
 static oxl_result study_read(const struct study *s, const char *folder, double value[STUDY_MEASURES])
 {
-    char *metrics = output_read(folder, "metrics.json", NULL),
-         *cost = output_read(folder, "study.json", NULL);
+    char *metrics = output_read(folder, "metrics.json"), *cost = output_read(folder, "study.json");
     for (int m = 0; m < STUDY_MEASURES; m++)
         value[m] = oxl_json_number(m < STUDY_CPU ? metrics : cost, STUDY_COLUMNS[m].member);
     free(metrics);

@@ -262,7 +262,7 @@ static oxl_result synth_check_own(const struct synth_run *s)
                                          "reconstruction.json",
                                          "cameras.bin"};
     static const char mark[] = "A made-up seabed, ";
-    char path[1024], *model = output_read(s->options->out, "truth/model.txt", NULL);
+    char path[1024], *model = output_read(s->options->out, "truth/model.txt");
     const int is_own = model && strncmp(model, mark, strlen(mark)) == 0;
     free(model);
     for (size_t i = is_own ? 7 : 0; i < sizeof others / sizeof *others; i++) {

@@ -115,7 +115,7 @@ static const uint8_t *ortho_test_file(const char *path)
 {
     static char *file; /* the last one */
     free(file);
-    file = output_read(test_folder(), path, NULL);
+    file = output_read(test_folder(), path);
     CHECK(file != NULL);
     return (const uint8_t *)file;
 }
@@ -234,7 +234,7 @@ static oxl_result ortho_test_write(const oxl_scene *scene, const oxl_model *mode
 
 static void ortho_test_said(const char *text)
 {
-    char *said = output_read(test_folder(), "said", NULL);
+    char *said = output_read(test_folder(), "said");
     CHECK_TEXT(said ? said : "", text);
     free(said);
 }

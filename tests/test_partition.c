@@ -321,18 +321,3 @@ TEST(partition_file_that_is_damaged_is_refused_with_a_reason)
     CHECK_SAYS("\nfix: ");
     CHECK(p.block == NULL && p.block_count == 0);
 }
-
-TEST(partition_drawing_shows_both_sides_of_a_3d_survey_and_holds_numbers_alone)
-{
-    for (int flat = 0; flat < 2; flat++) {
-        OWNED_SCENE *scene = partition_test_reef_scene(flat ? 2 : 30);
-        OWNED_PARTITION p = partition_test_cut(scene, 300, OXL_CUT_BALANCED);
-        int boxes = 0;
-        CHECK_OK(partition_draw(test_ctx, &p, test_path("a.svg")));
-        OWNED_FILE file = test_file("a.svg");
-        CHECK(strncmp(file.data, "<svg xmlns=", 11) == 0 && file.size < 500000 && file.size > 10000);
-        for (const char *at = file.data; (at = strstr(at, "<rect x='")); at++) boxes++;
-        CHECK(boxes == p.block_count * (flat ? 1 : 2));
-        CHECK(!strstr(file.data, "nan") && !strstr(file.data, "inf "));
-    }
-}

@@ -209,7 +209,7 @@ TEST(synth_points_lie_where_the_depth_maps_say)
 
 static void synth_test_water_text(const char *survey, const char *name, double out[3])
 {
-    char *text = output_read(survey, "truth/water.txt", NULL);
+    char *text = output_read(survey, "truth/water.txt");
     const char *at = text ? strstr(text, name) : NULL;
     CHECK(at && sscanf(at + strlen(name), "%lf %lf %lf", &out[0], &out[1], &out[2]) == 3);
     free(text);
@@ -258,11 +258,12 @@ TEST(synth_images_are_clean_pictures_behind_the_stated_water_within_noise)
 
 static int synth_test_same_files(const char *a, const char *b, const char *name)
 {
-    size_t size[2] = {0, 0};
-    char *x = output_read(a, name, &size[0]), *y = output_read(b, name, &size[1]);
-    const int same = x && y && size[0] > 0 && size[0] == size[1] && memcmp(x, y, size[0]) == 0;
-    free(x);
-    free(y);
+    struct os_file_map x = {0}, y = {0};
+    const int same = os_read_file(test_ctx, PATH(a, "%s", name), &x) == OXL_OK &&
+                     os_read_file(test_ctx, PATH(b, "%s", name), &y) == OXL_OK && x.size > 0 &&
+                     x.size == y.size && memcmp(x.data, y.data, x.size) == 0;
+    os_release_file(test_ctx, &x);
+    os_release_file(test_ctx, &y);
     return same;
 }
 
@@ -309,7 +310,7 @@ TEST(synth_refuses_invalid_options_and_to_replace_what_is_not_its_own)
         test_write(others[i], "somebody's own");
         o.out = test_path(name);
         CHECK_ERROR(synth_run(test_ctx, &o), OXL_ERR_USAGE, "and synth did not write it");
-        kept = output_read(test_folder(), others[i], NULL);
+        kept = output_read(test_folder(), others[i]);
         CHECK(kept && !strcmp(kept, "somebody's own"));
         free(kept);
     }

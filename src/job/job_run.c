@@ -167,7 +167,7 @@ static oxl_result job_make_partition(struct job *job)
                           job->partition.block_count);
         if (rc == OXL_OK &&
             (job->partition.block_count > 1 || job->partition.memory > (double)job->options.ram || lock))
-            rc = partition_save(job->ctx, &job->partition, job->out);
+            rc = partition_write(job->ctx, path, &job->partition);
     }
     oxl_unlock_folder(job->ctx, &lock);
     return rc;

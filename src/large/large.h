@@ -51,10 +51,6 @@ OXL_INTERNAL void partition_free_plan(oxl_context *ctx, struct partition *p);
 OXL_INTERNAL oxl_result partition_write(oxl_context *ctx, const char *path, const struct partition *p);
 OXL_INTERNAL oxl_result partition_read(oxl_context *ctx, const char *path, struct partition *out);
 
-/* Writes partition.svg and, last, partition.txt into folder `out`; needs p as partition_make left it
- * (partition_svg.c). */
-OXL_INTERNAL oxl_result partition_save(oxl_context *ctx, const struct partition *p, const char *out);
-
 /* ---------------- checkpoint.c: files of a run's state */
 
 #define CHECKPOINT_VERSION 16

@@ -25,7 +25,5 @@ OXL_INTERNAL oxl_result partition_cut(oxl_context *ctx, struct partition *p, oxl
                                       size_t limit);
 /* Returns 1 if the block has the view; 0 for view -1. */
 OXL_INTERNAL int partition_has_view(const struct partition *p, int block, int view);
-/* Writes the drawing of the blocks (partition_svg.c). */
-OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition *p, const char *path);
 
 #endif

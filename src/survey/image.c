@@ -126,7 +126,8 @@ static oxl_result image_decode_of(oxl_context *ctx, const char *path, int channe
     *out = (struct pixels){0};
     if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, 1, from, &h);
     if (rc == OXL_OK) rc = image_fill_palette(ctx, path, &h, &file);
-    if (rc == OXL_OK) rc = image_decode_file(ctx, path, &file, &h, channels ? channels : 3 + h.has_alpha, out);
+    if (rc == OXL_OK)
+        rc = image_decode_file(ctx, path, &file, &h, channels ? channels : 3 + h.has_alpha, out);
     os_release_file(ctx, &file);
     return rc;
 }
