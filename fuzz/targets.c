@@ -84,10 +84,9 @@ static void fuzz_write(const char *name, const uint8_t *data, size_t size)
 static void fuzz_clean(void)
 {
     static const char *const names[] = {
-        "cameras.txt",   "images.txt",      "points3D.txt",        "model.ply",
-        "model.splat",   "run.json",        "block.json",          "checkpoint.oxl",
-        "partition.txt", "transforms.json", "reconstruction.json", "model.spz",
-        "cameras.bin",   "images.bin",      "points3D.bin",        "imaging.txt"};
+        "cameras.txt", "images.txt",  "points3D.txt",  "model.ply",       "model.splat",
+        "run.json",    "block.json",  "partition.txt", "transforms.json", "reconstruction.json",
+        "model.spz",   "cameras.bin", "images.bin",    "points3D.bin",    "imaging.txt"};
     for (size_t i = 0; i < OXL_COUNT(names); i++) os_remove(fuzz_path(names[i]));
     remove(fuzz_folder());
     os_make_one_folder(fuzz_folder());
@@ -254,8 +253,6 @@ static void fuzz_splat(oxl_context *ctx, const uint8_t *data, size_t size)
     fuzz_model(ctx, "model.splat", data, size);
 }
 
-/* ---------------- checkpoints: the state behind the key */
-
 static oxl_scene *fuzz_scene(oxl_context *ctx)
 {
     enum { SIDE = 12, VIEWS = 3, POINTS = 6 };
@@ -275,61 +272,6 @@ static oxl_scene *fuzz_scene(oxl_context *ctx)
                  "a scene of three views");
     for (int v = 0; v < VIEWS; v++) oxl_image_free(ctx, &image[v]);
     return scene;
-}
-
-static oxl_train_options fuzz_train_options(void)
-{
-    oxl_train_options options = oxl_train_options_default(OXL_PRESET_DRAFT);
-    options.iterations = 60;
-    options.sh_degree = 1;
-    options.densify_every = 2;
-    options.densify_until = 0.9f;
-    options.ucd = OXL_UCD_SEARCH;
-    options.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
-    options.dog = OXL_DOG_SELECTIVE;
-    options.max_gaussians = 50;
-    return options;
-}
-
-/* The file as checkpoint_write makes it, with a right sum. */
-static void fuzz_write_checkpoint(const uint8_t *data, size_t size)
-{
-    const uint64_t numbers[] = {CHECKPOINT_VERSION, checksum_add(CHECKSUM_SEED, "key", 3)};
-    unsigned char head[24] = {'O', 'X', 'L', 'S', 'T', 'A', 'T', 'E'};
-    unsigned char *bytes = malloc(sizeof head + size + 8);
-    uint64_t sum;
-    fuzz_promise(bytes != NULL, "memory for the input");
-    for (int i = 0; i < 16; i++) head[8 + i] = (unsigned char)(numbers[i / 8] >> 8 * (i % 8));
-    memcpy(bytes, head, sizeof head);
-    if (size) memcpy(bytes + sizeof head, data, size);
-    sum = checksum_add(CHECKSUM_SEED, bytes, sizeof head + size);
-    for (int i = 0; i < 8; i++) bytes[sizeof head + size + (size_t)i] = (unsigned char)(sum >> 8 * i);
-    fuzz_write("checkpoint.oxl", bytes, sizeof head + size + 8);
-    free(bytes);
-}
-
-/* A state that is taken must carry the run on for some steps. */
-static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
-{
-    const oxl_train_options options = fuzz_train_options();
-    struct text log = {.ctx = ctx}, notes = {.ctx = ctx};
-    const struct train_task place = {
-        .store = checkpoint_in(fuzz_folder(), "key"), .log = &log, .notes = &notes};
-    struct train t = {.ctx = ctx, .survey = fuzz_scene(ctx), .options = &options, .task = place};
-    oxl_result rc;
-    fuzz_write_checkpoint(data, size);
-    fuzz_promise(train_begin(&t) == OXL_OK, "a run begins");
-    rc = train_resume(&t);
-    fuzz_explained(ctx, rc);
-    for (int i = 0; i < 3 && rc == OXL_OK && t.step < options.iterations; i++) {
-        t.step++;
-        rc = train_step(&t);
-        fuzz_explained(ctx, rc);
-    }
-    train_end(&t);
-    oxl_scene_free(ctx, (oxl_scene *)t.survey);
-    text_free(&log);
-    text_free(&notes);
 }
 
 /* ---------------- run.json, block.json, partition.txt */
@@ -421,7 +363,6 @@ static const struct fuzz_target {
                     {"spz", fuzz_spz},
                     {"ply", fuzz_ply},
                     {"splat", fuzz_splat},
-                    {"checkpoint", fuzz_checkpoint},
                     {"run", fuzz_run},
                     {"partition", fuzz_partition},
                     {"imaging", fuzz_imaging},

@@ -118,27 +118,6 @@ TEST(model_row_bytes_are_those_of_the_file)
     }
 }
 
-static void prune_state(struct archive *a, void *user)
-{
-    prune_archive(a, NULL, user);
-}
-
-TEST(prune_continues_from_its_archive)
-{
-    struct prune whole = prune_of(OXL_KEEP_FRACTION, 0.3, 4000, 50), half = whole;
-    size_t count = 100000, again;
-    for (int step = 1; step <= 2210; step++)
-        prune_observe(&whole, step, 1.0 / step), count -= prune_due(&whole, step, count);
-    test_archive(prune_state, &whole, &half);
-    again = count;
-    for (int step = 2211; step <= 4000; step++) {
-        const size_t drop = (prune_observe(&whole, step, 1.0 / step), prune_due(&whole, step, count));
-        CHECK((prune_observe(&half, step, 1.0 / step), prune_due(&half, step, again)) == drop);
-        count -= drop, again -= drop;
-    }
-    CHECK(count == 30000 && again == 30000);
-}
-
 /* ---------------- scores */
 
 TEST(prune_select_takes_the_lowest_and_of_equals_the_first)

@@ -138,33 +138,3 @@ TEST(nonfinite_counts_are_logged_at_the_end_and_recorded)
     CHECK_WARNED("not finite: 2 steps and 3 steps of single Gaussians skipped, 5 Gaussians cleared");
     CHECK_WARNED("1 images could not be read and were left out");
 }
-
-/* A state with one thing changed that no run would write, and a right checksum. */
-TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
-{
-    for (int fault = 0; fault < 7; fault++) {
-        OWNED_TEXT log = {.ctx = test_ctx}, notes = {.ctx = test_ctx};
-        struct train_task place = {
-            .store = checkpoint_in(test_folder(), "key"), .log = &log, .notes = &notes};
-        struct nonfinite_test_case c, again;
-        int found = 0;
-        nonfinite_test_begin(&c, 2);
-        c.t.task = place;
-        if (fault == 1) c.t.view[3] = 7;
-        if (fault == 2) c.t.step = 201;
-        if (fault == 3) CHECK_OK(model_set_degree(test_ctx, &c.t.trained.mean, 1));
-        if (fault == 4) c.t.trained.square.count--;
-        if (fault == 5) c.t.trained.model.plane[OXL_SH][3] = NAN;
-        if (fault == 6) c.t.view[3] = -1;
-        CHECK_OK(checkpoint_write(test_ctx, place.store.folder, place.store.key, train_archive, &c.t));
-        nonfinite_test_begin(&again, 0);
-        again.t.task = place;
-        CHECK(checkpoint_read(test_ctx, place.store.folder, place.store.key, train_archive, &again.t,
-                              &found) == (fault ? OXL_ERR_INPUT : OXL_OK));
-        CHECK(found == (fault == 0));
-        if (fault) CHECK_SAYS("holds invalid numbers");
-        checkpoint_remove(place.store.folder);
-        nonfinite_test_free(&c);
-        nonfinite_test_free(&again);
-    }
-}

@@ -262,21 +262,3 @@ TEST(ucd_search_drops_a_pair_that_a_reset_or_a_broken_loss_interrupts)
     }
     CHECK(s.u.costs == 0 && s.u.pairs == 0);
 }
-
-static void ucd_state(struct archive *a, void *user)
-{
-    ucd_archive(a, NULL, user);
-}
-
-TEST(ucd_continues_from_its_archive)
-{
-    for (int stop = 1; stop < 3 * UCD_SPAN; stop++) {
-        struct search a = search_begin(search_falling, 3), b = a;
-        search_run(&a, 20 + stop);
-        test_archive(ucd_state, &a.u, &b.u);
-        b.log_loss = a.log_loss;
-        search_run(&a, 20);
-        search_run(&b, 20);
-        CHECK(a.u.pairs == b.u.pairs && memcmp(a.u.f, b.u.f, sizeof a.u.f) == 0 && a.u.f[0] != 2);
-    }
-}

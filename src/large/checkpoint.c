@@ -1,10 +1,11 @@
 /* checkpoint.c - keeps the training state in a file, from which a killed run resumes.
  *
- *     8  "OXLSTATE"        8  version of this layout        8  checksum of the key: the options and the scene
+ *     8  "OXLSTATE"        8  version of this layout, bytes of size_t        8  checksum of the key: the options and the scene
  *     that the run depends on
  *     ...  the state, as the modules' archive functions list it        8  checksum of all bytes before it
  *
- * Numbers are in the machine's byte order; to a machine of the other one the file is damaged.
+ * Values are as the machine has them in memory; to one of another byte order the file is damaged, to one of
+ * another size of size_t it is another run's.
  *
  * Invariant: checkpoint.oxl is complete, since it is written under a temporary name, flushed to disk and
  * renamed (os_writer_close in os.c). One that a fault of the disk has changed, or of another key, counts as
@@ -26,7 +27,7 @@ static const char CHECKPOINT_NAME[] = "checkpoint.oxl";
 static void checkpoint_head(uint64_t head[CHECKPOINT_HEAD], const char *key)
 {
     head[0] = CHECKPOINT_MAGIC;
-    head[1] = CHECKPOINT_VERSION;
+    head[1] = CHECKPOINT_VERSION << 8 | sizeof(size_t);
     head[2] = checksum_add(CHECKSUM_SEED, key, strlen(key));
 }
 

@@ -53,7 +53,7 @@ OXL_INTERNAL oxl_result partition_read(oxl_context *ctx, const char *path, struc
 
 /* ---------------- checkpoint.c: files of a run's state */
 
-#define CHECKPOINT_VERSION 16
+#define CHECKPOINT_VERSION 17
 /* Writes FOLDER/checkpoint.oxl. `key`: all inputs of the result. */
 OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key,
                                          archive_state *state, void *user);

@@ -145,27 +145,14 @@ static void exposure_archive(struct archive *a, struct train *t, void *state)
     const size_t views = (size_t)e->of.views;
     (void)t;
     if (e->mode == OXL_OFF) return;
-    archive_int(a, &e->of.on);
-    archive_doubles(a, e->level, 3);
-    archive_floats(a, e->of.log_gain, 3 * views);
-    archive_floats(a, e->mean, 3 * views);
-    archive_floats(a, e->square, 3 * views);
-    archive_ints(a, e->visits, views);
-    archive_int(a, &e->pending.step);
-    archive_int(a, &e->pending.view);
-    archive_doubles(a, &e->pending.progress, 1);
-    archive_doubles(a, e->pending.dlog_gain, 3);
-    archive_expect(a, e->pending.step >= 0 && e->pending.view >= 0 && e->pending.view < e->of.views);
-    archive_expect(a, e->pending.progress >= 0 && e->pending.progress <= 2);
-    for (size_t i = 0; i < views && a->rc == OXL_OK; i++) {
-        int known = e->of.known[i];
-        archive_int(a, &known);
-        archive_expect(a, (known == 0 || known == 1) && e->visits[i] >= 0 && e->visits[i] < INT_MAX);
-        e->of.known[i] = known == 1;
-    }
-    for (size_t i = 0; i < 3 * views && a->rc == OXL_OK; i++)
-        archive_expect(a, fabs(e->of.log_gain[i]) <= 10 && fabs(e->mean[i]) <= FLT_MAX && e->square[i] >= 0);
-    archive_expect(a, (e->of.on == 0 || e->of.on == 1));
+    ARCHIVE(a, &e->of.on, 1);
+    ARCHIVE(a, e->level, 3);
+    ARCHIVE(a, e->of.log_gain, 3 * views);
+    ARCHIVE(a, e->of.known, views);
+    ARCHIVE(a, e->mean, 3 * views);
+    ARCHIVE(a, e->square, 3 * views);
+    ARCHIVE(a, e->visits, views);
+    ARCHIVE(a, &e->pending, 1);
 }
 
 /* ---------------- the part */

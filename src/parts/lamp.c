@@ -68,31 +68,6 @@ static void lamp_apply_pending(struct lamp_fit *l, int last)
     }
 }
 
-static void lamp_archive(struct archive *a, struct train *t, void *state)
-{
-    struct lamp_fit *l = state;
-    struct lamp_gradient *p = &l->pending;
-    if (t->options->lamp == OXL_OFF) return;
-    archive_int(a, &l->on);
-    archive_int(a, &l->steps);
-    archive_expect(a, (l->on == 0 || l->on == 1) && l->steps >= 0);
-    for (int g = 0; g < l->groups && a->rc == OXL_OK; g++) {
-        archive_int(a, &l->visits[g]);
-        archive_floats(a, l->group[g].shape, LAMP_TERMS);
-        archive_doubles(a, l->mean[g], LAMP_TERMS);
-        archive_doubles(a, l->square[g], LAMP_TERMS);
-        archive_expect(a, l->visits[g] >= 0);
-        for (int k = 0; k < LAMP_TERMS && a->rc == OXL_OK; k++)
-            archive_expect(a, fabs(l->group[g].shape[k]) <= LAMP_SHAPE_MAX &&
-                                  fabs(l->mean[g][k]) <= DBL_MAX && l->square[g][k] >= 0);
-    }
-    archive_int(a, &p->step);
-    archive_int(a, &p->group);
-    archive_doubles(a, &p->progress, 1);
-    archive_doubles(a, p->shape, LAMP_TERMS);
-    archive_expect(a, p->step >= 0 && p->group >= 0 && p->group < l->groups && p->progress >= 0);
-}
-
 /* ---------------- the part */
 
 static int lamp_tracks(const struct train *t, const void *state)
@@ -154,7 +129,7 @@ OXL_INTERNAL const struct part part_lamp = {.name = "lamp",
                                             .size = sizeof(struct lamp_fit),
                                             .option = lamp_options,
                                             .begin = lamp_begin,
-                                            .archive = lamp_archive,
+                                            .is_plain = 1,
                                             .tracks = lamp_tracks,
                                             .use_tracks = lamp_use_tracks,
                                             .set_gain = lamp_before_step,

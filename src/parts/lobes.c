@@ -29,14 +29,6 @@ static oxl_result lobes_check(oxl_context *ctx, const oxl_train_options *o)
     return OXL_OK;
 }
 
-static void lobes_archive(struct archive *a, struct train *t, void *state)
-{
-    struct lobes *l = state;
-    (void)t;
-    archive_int(a, &l->stage);
-    archive_expect(a, l->stage >= 0 && l->stage <= 2);
-}
-
 /* Returns the step at which lobes are assigned; 0: none. */
 static int lobes_step(const oxl_train_options *o)
 {
@@ -100,6 +92,6 @@ OXL_INTERNAL const struct part part_lobes = {.name = "lobes",
                                              .size = sizeof(struct lobes),
                                              .option = lobes_options,
                                              .check = lobes_check,
-                                             .archive = lobes_archive,
+                                             .is_plain = 1,
                                              .after_step = lobes_after_step,
                                              .record = lobes_record};

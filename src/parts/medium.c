@@ -60,19 +60,6 @@ static void medium_scale_colours(const struct medium *m, int to_clear, oxl_model
     model_scale_colour(model, factor);
 }
 
-static void medium_archive(struct archive *a, struct train *t, void *state)
-{
-    struct medium *m = state;
-    if (t->options->medium == OXL_OFF) return;
-    archive_int(a, &m->on);
-    archive_floats(a, m->attenuation, 3);
-    archive_floats(a, m->backscatter, 3);
-    archive_floats(a, m->veiling_light, 3);
-    for (int c = 0; c < 3 && a->rc == OXL_OK; c++)
-        archive_expect(a, m->attenuation[c] >= 0 && m->backscatter[c] >= 0 && m->veiling_light[c] >= 0);
-    archive_expect(a, m->on == 0 || m->on == 1);
-}
-
 /* ---------------- the part */
 
 static oxl_result medium_begin(struct train *t, void *state)
@@ -147,7 +134,7 @@ OXL_INTERNAL const struct part part_medium = {.name = "medium",
                                               .size = sizeof(struct medium),
                                               .option = medium_options,
                                               .begin = medium_begin,
-                                              .archive = medium_archive,
+                                              .is_plain = 1,
                                               .tracks = medium_tracks,
                                               .use_tracks = medium_use_tracks,
                                               .form_image = medium_form_image,

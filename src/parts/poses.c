@@ -76,22 +76,10 @@ static void poses_free(struct train *t, void *state)
 static void poses_archive(struct archive *a, struct train *t, void *state)
 {
     struct poses *p = state;
-    const int views = oxl_scene_view_count(t->scene);
     if (!p->asked) return;
-    archive_int(a, &p->on);
-    archive_int(a, &p->steps);
-    archive_expect(a, (p->on == 0 || p->on == 1) && p->steps >= 0);
-    for (int i = 0; i < views && a->rc == OXL_OK; i++) {
-        struct pose *v = &p->view[i];
-        archive_doubles(a, v->at, POSE_TERMS);
-        archive_doubles(a, v->mean, POSE_TERMS);
-        archive_doubles(a, v->square, POSE_TERMS);
-        archive_int(a, &v->visits);
-        archive_expect(a, v->visits >= 0);
-        for (int k = 0; k < POSE_TERMS && a->rc == OXL_OK; k++)
-            archive_expect(a, fabs(v->at[k]) <= 2 * POSES_MOST * (k < 3 ? 1 : p->depth) &&
-                                  fabs(v->mean[k]) <= DBL_MAX && v->square[k] >= 0);
-    }
+    ARCHIVE(a, &p->on, 1);
+    ARCHIVE(a, &p->steps, 1);
+    ARCHIVE(a, p->view, (size_t)oxl_scene_view_count(t->scene));
 }
 
 static oxl_result poses_before_render(struct train *t, void *state, struct part_view *v)

@@ -106,20 +106,6 @@ static void prune_describe(const struct prune *p, char *out, size_t size)
     else snprintf(out, size, "%zu of %zu after density control: as set", p->target, p->first_count);
 }
 
-OXL_INTERNAL void prune_archive(struct archive *a, struct train *t, void *state)
-{
-    struct prune *p = state;
-    (void)t;
-    archive_int(a, &p->drops);
-    archive_int(a, &p->last);
-    archive_int(a, &p->l1_count);
-    archive_size(a, &p->first_count);
-    archive_size(a, &p->target);
-    archive_doubles(a, &p->drop_l1, 1);
-    archive_doubles(a, &p->l1_sum, 1);
-    archive_expect(a, p->drops >= 0 && p->last >= 0 && p->l1_count >= 0 && p->first_count >= p->target);
-}
-
 /* ---------------- scores */
 
 /* Gives weight 0 to masked pixels, 1 to the others. */
@@ -297,7 +283,7 @@ OXL_INTERNAL const struct part part_prune = {.name = "prune",
                                              .size = sizeof(struct prune),
                                              .option = prune_options,
                                              .begin = prune_part_begin,
-                                             .archive = prune_archive,
+                                             .is_plain = 1,
                                              .after_loss = prune_after_loss,
                                              .after_step = prune_after_step,
                                              .record = prune_record};

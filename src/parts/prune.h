@@ -36,7 +36,6 @@ struct prune_of { /* what is pruned, and where it is seen */
 /* Chooses keep (count): 0 for the `drop` that matter least, else 1. */
 OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, const struct prune_of *of,
                                      size_t drop, uint8_t *keep);
-OXL_INTERNAL void prune_archive(struct archive *a, struct train *t, void *state);
 /* Parts of prune_choose: the score of each row over the training views; keep[i] = 0 for the `drop` lowest, by
  * row where equal. */
 OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, const struct prune_of *of,

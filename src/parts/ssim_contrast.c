@@ -102,7 +102,6 @@ static oxl_result ssim_contrast_begin(struct train *t, void *state)
     struct ssim_contrast *s = state;
     const oxl_result rc = ssim_contrast_measure(t->ctx, t->scene, &s->measured, &s->views);
     s->contrast = ssim_contrast_of_detail(s->measured);
-    renderer_settings(t->renderer)->contrast = s->contrast;
     return rc;
 }
 
@@ -113,16 +112,14 @@ static void ssim_contrast_use_tracks(struct train *t, void *state, const struct 
     if (s->views == 0 || t->options->lamp == OXL_ON) return;
     s->is_unlit = !(p->parts & PHOTOMETRY_LAMP);
     s->contrast = s->is_unlit ? SSIM_CONTRAST_WANG : ssim_contrast_of_detail(s->measured);
-    renderer_settings(t->renderer)->contrast = s->contrast;
 }
 
-static void ssim_contrast_archive(struct archive *a, struct train *t, void *state)
+static oxl_result ssim_contrast_before_render(struct train *t, void *state, struct part_view *v)
 {
-    struct ssim_contrast *s = state;
-    archive_doubles(a, &s->contrast, 1);
-    archive_int(a, &s->is_unlit);
-    archive_expect(a, s->contrast > 0 && s->contrast <= 1);
-    if (a->reading && a->rc == OXL_OK) renderer_settings(t->renderer)->contrast = s->contrast;
+    const struct ssim_contrast *s = state;
+    (void)v;
+    renderer_settings(t->renderer)->contrast = s->contrast;
+    return OXL_OK;
 }
 
 static void ssim_contrast_record(struct train *t, void *state)
@@ -141,6 +138,7 @@ static void ssim_contrast_record(struct train *t, void *state)
 OXL_INTERNAL const struct part part_ssim_contrast = {.name = "ssim_contrast",
                                                      .size = sizeof(struct ssim_contrast),
                                                      .begin = ssim_contrast_begin,
-                                                     .archive = ssim_contrast_archive,
+                                                     .is_plain = 1,
                                                      .use_tracks = ssim_contrast_use_tracks,
+                                                     .before_render = ssim_contrast_before_render,
                                                      .record = ssim_contrast_record};

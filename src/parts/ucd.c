@@ -155,25 +155,6 @@ OXL_INTERNAL void ucd_weights(struct ucd *u, size_t count, double f[2])
     if (u->learns && u->costs >= 0) ucd_point(u, u->costs, f);
 }
 
-OXL_INTERNAL void ucd_archive(struct archive *a, struct train *t, void *state)
-{
-    struct ucd *u = state;
-    (void)t;
-    if (!u->learns) return; /* otherwise the state follows from scene and options */
-    archive_doubles(a, u->f, 2);
-    archive_doubles(a, u->offset, 2);
-    archive_doubles(a, u->cost, 2);
-    archive_doubles(a, &u->loss, 1);
-    archive_doubles(a, &u->count, 1);
-    archive_doubles(a, &u->loss_sum, 1);
-    archive_int(a, &u->losses);
-    archive_int(a, &u->pairs);
-    archive_int(a, &u->costs);
-    archive_int(a, &u->spans);
-    archive_expect(a, u->losses >= 0 && u->pairs >= 0 && u->costs >= -1 && u->costs <= 1 && u->spans >= 0 &&
-                          u->spans <= UCD_SPAN);
-}
-
 /* ---------------- the part */
 
 static oxl_result ucd_part_begin(struct train *t, void *state)
@@ -226,7 +207,7 @@ OXL_INTERNAL const struct part part_ucd = {.name = "ucd",
                                            .size = sizeof(struct ucd),
                                            .option = ucd_options,
                                            .begin = ucd_part_begin,
-                                           .archive = ucd_archive,
+                                           .is_plain = 1,
                                            .before_observe = ucd_before_observe,
                                            .before_density = ucd_before_density,
                                            .record = ucd_record};

@@ -43,6 +43,5 @@ OXL_INTERNAL void ucd_observe(struct ucd *u, double loss); /* call after each st
 OXL_INTERNAL void ucd_weights(struct ucd *u, size_t count, double f[2]);
 /* Discards the pair in progress: opacities were reset. */
 OXL_INTERNAL void ucd_restart(struct ucd *u);
-OXL_INTERNAL void ucd_archive(struct archive *a, struct train *t, void *state);
 
 #endif

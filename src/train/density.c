@@ -87,7 +87,7 @@ OXL_INTERNAL void density_archive(struct archive *a, struct density *d, size_t c
 {
     if (a->reading && a->rc == OXL_OK) a->rc = density_clear(a->ctx, d, count);
     for (size_t k = 0; a->rc == OXL_OK && k < density_sums_kept(d); k++)
-        archive_floats(a, d->gradient + k * d->capacity, count);
+        ARCHIVE(a, d->gradient + k * d->capacity, count);
 }
 
 OXL_INTERNAL struct renderer_sums density_sums(const struct density *d, size_t count)

@@ -105,11 +105,3 @@ OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_mo
             n->steps, n->rows, n->cleared);
     return OXL_OK;
 }
-
-OXL_INTERNAL void nonfinite_archive(struct archive *a, oxl_nonfinite *n)
-{
-    archive_size(a, &n->images);
-    archive_size(a, &n->steps);
-    archive_size(a, &n->rows);
-    archive_size(a, &n->cleared);
-}

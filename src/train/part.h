@@ -27,6 +27,7 @@ struct part_view {
 struct part {
     const char *name;                /* lower case, as the file's */
     size_t size;                     /* bytes of its state */
+    int is_plain;                    /* 1: the state holds no pointers, and is archived as it is */
     const struct oxl_option *option; /* its rows of the table of options, up to one without a name; or NULL */
 
     /* Refuses options that do not fit together. */
@@ -38,7 +39,7 @@ struct part {
     /* Begins a run: the model and the renderer exist. t->continues: from a trained model. */
     oxl_result (*begin)(struct train *t, void *state);
     void (*free)(struct train *t, void *state);
-    /* Writes or reads the state that later steps depend on. */
+    /* Writes or reads what later steps depend on of a state that is not plain. */
     void (*archive)(struct archive *a, struct train *t, void *state);
 
     /* Names the PHOTOMETRY_* that the part takes from the colours of tracks before the first step of a run,

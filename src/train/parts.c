@@ -61,6 +61,7 @@ OXL_INTERNAL void parts_free(struct train *t)
 
 OXL_INTERNAL void parts_archive(struct archive *a, struct train *t)
 {
+    PARTS_FOR(k, is_plain) archive_numbers(a, t->part[k], 1, parts_at(k)->size);
     PARTS_FOR(k, archive) parts_at(k)->archive(a, t, t->part[k]);
 }
 

@@ -178,37 +178,25 @@ OXL_INTERNAL void train_end(struct train *t)
 
 /* ---------------- checkpoints */
 
-static int train_same_shape(const oxl_model *a, const oxl_model *b)
-{
-    return a->count == b->count && a->sh_degree == b->sh_degree && a->lobes == b->lobes;
-}
-
 /* Lists all state that later steps depend on. */
 OXL_INTERNAL void train_archive(struct archive *a, void *user)
 {
     struct train *t = user;
     double spent = step_seconds(t);
-    size_t views = (size_t)t->views;
-    archive_int(a, &t->step);
-    archive_doubles(a, &t->loss, 1);
-    archive_doubles(a, &t->psnr, 1);
-    archive_size(a, &views);
-    archive_expect(a, t->step >= 0 && t->step <= t->options->iterations);
-    archive_expect(a, views <= (size_t)schedule_training_views(t->scene));
-    if (a->rc == OXL_OK) archive_ints(a, t->view, views);
-    for (size_t i = 0; i < views && a->rc == OXL_OK; i++)
-        archive_expect(a, t->view[i] >= 0 && t->view[i] < oxl_scene_view_count(t->scene));
+    ARCHIVE(a, &t->step, 1);
+    ARCHIVE(a, &t->loss, 1);
+    ARCHIVE(a, &t->psnr, 1);
+    ARCHIVE(a, &t->views, 1);
+    ARCHIVE(a, t->view, (size_t)t->views);
     for (int k = 0; k < TRAINED_PARTS; k++) archive_model(a, model_trained_part(&t->trained, k));
     density_archive(a, &t->density, t->trained.model.count);
     parts_archive(a, t);
-    archive_expect(a, t->trained.model.count > 0 && train_same_shape(&t->trained.model, &t->trained.mean) &&
-                          train_same_shape(&t->trained.model, &t->trained.square));
-    archive_doubles(a, &spent, 1);
-    nonfinite_archive(a, &t->nonfinite);
+    ARCHIVE(a, &spent, 1);
+    ARCHIVE(a, &t->nonfinite, 1);
     if (t->task.decisions) archive_text(a, t->task.decisions);
     archive_text(a, t->task.log);
     archive_text(a, t->task.notes);
-    if (a->reading && a->rc == OXL_OK) t->views = (int)views, t->seconds = spent;
+    if (a->reading && a->rc == OXL_OK) t->seconds = spent;
 }
 
 static oxl_result train_save(struct train *t)

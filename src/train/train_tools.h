@@ -23,13 +23,9 @@ struct archive {
     uint64_t left; /* bytes still to read */
     oxl_result rc;
 };
-OXL_INTERNAL void archive_int(struct archive *a, int *value);
-OXL_INTERNAL void archive_size(struct archive *a, size_t *value);
-OXL_INTERNAL void archive_ints(struct archive *a, int *values, size_t count);
-OXL_INTERNAL void archive_floats(struct archive *a, float *values, size_t count);
-OXL_INTERNAL void archive_doubles(struct archive *a, double *values, size_t count);
-/* Refuses a file that is read unless `is_so`. The checksum finds accidental damage, not intended changes. */
-OXL_INTERNAL void archive_expect(struct archive *a, int is_so);
+/* Writes or reads `count` values of `size` bytes. */
+OXL_INTERNAL void archive_numbers(struct archive *a, void *data, size_t count, size_t size);
+#define ARCHIVE(a, values, count) archive_numbers(a, values, count, sizeof *(values))
 /* Writes the text, or replaces it by the one that is read. */
 OXL_INTERNAL void archive_text(struct archive *a, struct text *t);
 /* Writes the model, or replaces it by the one that is read. */
@@ -38,7 +34,6 @@ OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);
 OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size);
 
 /* For what surrounds a state in a file (large/checkpoint.c). */
-OXL_INTERNAL void archive_numbers(struct archive *a, void *data, size_t count, size_t size);
 OXL_INTERNAL void archive_fail(struct archive *a, oxl_result rc, const char *what);
 
 /* ---------------- nonfinite.c: numbers that are not finite */
@@ -52,7 +47,6 @@ OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *n, int step
                                     struct renderer_nonfinite cleared);
 /* Removes Gaussians with values that are not finite, and logs the counts. */
 OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_model *model);
-OXL_INTERNAL void nonfinite_archive(struct archive *a, oxl_nonfinite *n);
 
 /* Clears rows that are not finite. r: also rows that it could not render in its last view; NULL: none. */
 OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r,
