@@ -180,7 +180,7 @@ TEST(budget_asks_for_no_more_gaussians_than_the_images_allow)
 {
     struct cost_load load = budget_test_load();
     oxl_job_options o = budget_test_options(2e9);
-    load.schedule_pixels = 1e4; /* fewer than points: none is added */
+    load.schedule_pixels = 1e6; /* for fewer than points: none is added */
     CHECK(budget_fit(&load, &o) && o.train.max_gaussians >= 20000);
 }
 

@@ -434,20 +434,40 @@ TEST(train_allocates_no_memory_between_steps_after_the_first)
     for (int i = 41; i <= 80; i++) CHECK(calls[i] == calls[40]);
 }
 
-TEST(train_without_points_starts_from_random_ones)
+static oxl_scene *train_scene_from(const oxl_point *points, size_t count)
 {
-    OWNED_SCENE *with = train_scene(4), *scene = NULL;
-    oxl_train_options options = train_options(3);
+    OWNED_SCENE *with = train_scene(4);
     oxl_view view[4];
     oxl_image image[4];
     for (int v = 0; v < 4; v++) {
         view[v] = *oxl_scene_view(with, v);
         CHECK_OK(oxl_scene_image(test_ctx, with, v, NULL, &image[v]));
     }
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 4, NULL, 0, &scene));
+    return test_scene(view, image, 4, points, count);
+}
+
+TEST(train_without_points_starts_from_random_ones)
+{
+    OWNED_SCENE *scene = train_scene_from(NULL, 0);
+    oxl_train_options options = train_options(3);
     OWNED_MODEL model = test_trained(scene, &options);
     CHECK(model.count > 1000);
-    for (int v = 0; v < 4; v++) oxl_image_free(test_ctx, &image[v]);
+}
+
+TEST(train_thins_a_dense_cloud_to_what_pixels_tell_apart_and_takes_points_in_view)
+{
+    enum { POINTS = 25000 };
+    static oxl_point point[POINTS];
+    for (int i = 0; i < POINTS; i++)
+        point[i] = (oxl_point){.position = {i % 150 * 0.02 - 1.5, i / 150 * 0.02 - 1.5, i % 2 ? 0 : -50}};
+    OWNED_SCENE *scene = train_scene_from(point, POINTS);
+    oxl_train_options options = train_options(1);
+    CHECK(schedule_gaussian_cap_of(20000, 6e5, &options) == 20000);
+    CHECK(schedule_gaussian_cap_of(200000, 6e5, &options) == 20000);
+    CHECK(schedule_gaussian_cap_of(9000, 6e5, &options) == 10000);
+    OWNED_MODEL model = test_trained(scene, &options);
+    CHECK(model.count == 10000);
+    for (size_t i = 0; i < model.count; i++) CHECK(model.plane[OXL_MEAN + 2][i] > -1);
 }
 
 TEST(train_refuses_invalid_options)

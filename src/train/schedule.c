@@ -14,6 +14,8 @@
 #define SCHEDULE_RESET_RECOVERY_FRACTION 0.025 /* of the run: the same for long runs, where it is more */
 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel 3 (METHOD.md) */
 #define SCHEDULE_PIXELS_EACH 60
+#define SCHEDULE_POINTS_MORE 2    /* times as many where so many points are there, */
+#define SCHEDULE_POINTS_FEW 10000 /* or so many, which take no time */
 /* px: half the sides of smaller images cost more than they save (docs/log/TRAINING.md) */
 #define SCHEDULE_COARSE_SIDE 640
 #define SCHEDULE_COARSE_AUTO 0.75 /* of the run, for larger ones (docs/log/TRAINING.md) */
@@ -208,7 +210,6 @@ OXL_INTERNAL double schedule_first_pixels(const oxl_scene *scene, const oxl_trai
     return schedule_pixels(scene) / (schedule_coarse_fraction(options, c->width, c->height) > 0 ? 4 : 1);
 }
 
-/* Limits the number of Gaussians, since more than the images determine overfit; at least one per point. */
 OXL_INTERNAL float schedule_densify_gradient(const oxl_scene *scene, const oxl_train_options *options)
 {
     const int is_random = oxl_scene_point_count(scene) == 0 && scene_is_composited(scene);
@@ -216,10 +217,13 @@ OXL_INTERNAL float schedule_densify_gradient(const oxl_scene *scene, const oxl_t
                      : options->densify_gradient;
 }
 
+/* Limits the number of Gaussians, since more than the images determine overfit; a dense cloud is thinned. */
 OXL_INTERNAL size_t schedule_gaussian_cap_of(size_t points, double pixels, const oxl_train_options *options)
 {
-    if (options->max_gaussians > 0) return (size_t)options->max_gaussians;
-    return OXL_MAX(points, (size_t)(pixels / SCHEDULE_PIXELS_EACH));
+    size_t most = (size_t)options->max_gaussians;
+    if (options->max_gaussians > 0) return most;
+    most = (size_t)(pixels / SCHEDULE_PIXELS_EACH);
+    return OXL_CLAMP(points, most, OXL_MAX(SCHEDULE_POINTS_MORE * most, SCHEDULE_POINTS_FEW));
 }
 
 OXL_INTERNAL size_t schedule_gaussian_cap(const oxl_scene *scene, const oxl_train_options *options)

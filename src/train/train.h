@@ -50,8 +50,8 @@ struct train_task {
 /* Trains as oxl_train, with checkpoints: resumes from the last one if it exists. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
                                   const oxl_callback *callback, struct train_task *task, oxl_model *out);
-/* Takes at most so many of the survey's points, evenly spaced in their order, or random points that the views
- * could see. Free with oxl_free. */
+/* Takes at most so many of the survey's points that views have in their images, evenly spaced in their order,
+ * or random points that the views could see. Free with oxl_free. */
 OXL_INTERNAL oxl_result train_some_points(oxl_context *ctx, const oxl_scene *scene, size_t most,
                                           oxl_point **out, size_t *count);
 OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *options);

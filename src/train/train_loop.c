@@ -6,40 +6,63 @@
 #include "parts_calls.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
+#include "../survey/survey.h"
 
 #define TRAIN_SHORT_RUN_WIDTH 0.3   /* power of the short-run factor by which the first widths are divided */
 #define TRAIN_SHORT_RUN_OPACITY 0.7 /* power of it by which the first opacities are multiplied */
 #define TRAIN_OPACITY_MAX 0.3       /* the most that this makes of an opacity */
 enum { TRAIN_FIRST_LEAST = 100 };   /* points that are a start, where the survey has none */
+enum { TRAIN_SEEN = 64 };           /* views in which points are looked for */
 enum { TRAIN_SHARE_PAIRS = 1 << 17 }; /* of a Gaussian and a view, from which a share is taken */
 
 /* ---------------- the run */
+
+/* Lists the points that a training view has in its image, of TRAIN_SEEN views at most. */
+static size_t train_seen_points(const oxl_scene *scene, size_t *row)
+{
+    const int views = oxl_scene_view_count(scene), step = (views - 1) / TRAIN_SEEN + 1;
+    size_t seen = 0;
+    for (size_t i = 0; i < oxl_scene_point_count(scene); i++)
+        for (int v = 0; v < views; v += step) {
+            const oxl_view *view = oxl_scene_view(scene, v);
+            double at[2];
+            if (view->is_test || !stats_is_in_image(&view->camera, oxl_scene_points(scene)[i].position, at))
+                continue;
+            row[seen++] = i;
+            break;
+        }
+    return seen;
+}
 
 OXL_INTERNAL oxl_result train_some_points(oxl_context *ctx, const oxl_scene *scene, size_t most,
                                           oxl_point **out, size_t *count)
 {
     const size_t all = oxl_scene_point_count(scene);
+    size_t *row, seen;
     if (all == 0) return scene_start_points(ctx, scene, OXL_MIN(scene_start_count(scene), most), out, count);
-    *count = OXL_MIN(all, most);
-    *out = oxl_alloc(ctx, *count, sizeof **out);
+    row = oxl_alloc(ctx, all, sizeof *row);
+    seen = row ? train_seen_points(scene, row) : 0;
+    *count = OXL_MIN(seen, most);
+    *out = row ? oxl_alloc(ctx, *count + 1, sizeof **out) : NULL;
     for (size_t i = 0; *out && i < *count; i++)
-        (*out)[i] = oxl_scene_points(scene)[(size_t)((double)i * (double)all / (double)*count)];
+        (*out)[i] = oxl_scene_points(scene)[row[(size_t)((double)i * (double)seen / (double)*count)]];
+    oxl_free(ctx, row);
     return *out ? OXL_OK : OXL_ERR_MEMORY;
 }
 
-/* Starts from points of the survey, if it has more than the allowed Gaussians, or from random ones. */
-static oxl_result train_first_from_some(struct train *t)
+/* Starts from `most` points of the survey, which has more, or from random ones. */
+static oxl_result train_first_from_some(struct train *t, size_t most)
 {
     const size_t all = oxl_scene_point_count(t->scene);
     oxl_point *some = NULL;
     size_t count = 0;
-    oxl_result rc = train_some_points(
-        t->ctx, t->scene, t->options->max_gaussians > 0 ? (size_t)t->options->max_gaussians : SIZE_MAX, &some,
-        &count);
+    oxl_result rc = train_some_points(t->ctx, t->scene, most, &some, &count);
     if (rc == OXL_OK && all > 0)
         oxl_log(t->ctx, OXL_LOG_WARNING,
-                "only %zu Gaussians are allowed, so training starts from that many of the %zu points", count,
-                all);
+                "training starts from %zu of the %zu points, evenly spaced among those in view: %s", count,
+                all,
+                t->options->max_gaussians > 0 ? "more Gaussians are not allowed"
+                                              : "the images cannot tell more apart");
     else if (rc == OXL_OK)
         oxl_log(t->ctx, OXL_LOG_WARNING, "the scene has no points; training starts from %zu random ones%s",
                 count, scene_is_composited(t->scene) ? " within the outlines of its images" : "");
@@ -67,17 +90,17 @@ static void train_sharpen_start(struct train *t)
 static oxl_result train_fresh_model(struct train *t)
 {
     const oxl_point *points = oxl_scene_points(t->scene);
-    const size_t count = oxl_scene_point_count(t->scene);
+    const size_t count = oxl_scene_point_count(t->scene), cap = schedule_gaussian_cap(t->scene, t->options);
     oxl_point *more = NULL, *all = NULL;
     size_t added = 0;
     oxl_result rc;
-    if (t->options->max_gaussians > 0 && count > (size_t)t->options->max_gaussians)
-        return train_first_from_some(t);
+    if (count > cap) return train_first_from_some(t, cap);
     rc = parts_first_points(t, &more, &added);
     if (rc == OXL_OK && added > 0 && !(all = oxl_alloc(t->ctx, count + added, sizeof *all)))
         rc = OXL_ERR_MEMORY;
     if (all) memcpy(all, points, count * sizeof *all), memcpy(all + count, more, added * sizeof *all);
-    if (rc == OXL_OK && count == 0 && added < TRAIN_FIRST_LEAST) rc = train_first_from_some(t);
+    if (rc == OXL_OK && count == 0 && added < TRAIN_FIRST_LEAST)
+        rc = train_first_from_some(t, t->options->max_gaussians > 0 ? cap : SIZE_MAX);
     else if (rc == OXL_OK)
         rc = oxl_model_from_points(t->ctx, all ? all : points, count + added, 0, &t->trained.model);
     OXL_FREE(t->ctx, more, all);
