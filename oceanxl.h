@@ -259,6 +259,9 @@ OXL_API oxl_result oxl_imaging_read(oxl_context *ctx, const char *model_path, co
 /* Writes such a file; path: of the file. */
 OXL_API oxl_result oxl_imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
                                      const oxl_imaging *imaging);
+/* Sets the factors of red, green and blue by which a view's image differs from the render at mean exposure;
+ * those of a view that was held out are predicted from its neighbours. 1: the imaging has none. */
+OXL_API void oxl_imaging_gain(const oxl_imaging *imaging, int view, float gain[3]);
 OXL_API void oxl_imaging_free(oxl_context *ctx, oxl_imaging *imaging);
 
 /* ---------------- models */

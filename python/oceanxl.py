@@ -119,24 +119,24 @@ FUNCTIONS = {"oxl_context_options_default": [oxl_context_options], "oxl_context_
     [POINTER(c_double), c_void_p], "oxl_scene_extent": [c_double, c_void_p], "oxl_scene_ray": [c_int, c_void_p, c_void_p, c_int, c_double,
     c_double, POINTER(c_double), POINTER(c_double)], "oxl_scene_image": [c_int, c_void_p, c_void_p, c_int, POINTER(c_float),
     POINTER(oxl_image)], "oxl_imaging_read": [c_int, c_void_p, c_char_p, c_void_p, POINTER(c_void_p)], "oxl_imaging_write": [c_int,
-    c_void_p, c_char_p, c_void_p, c_void_p], "oxl_imaging_free": [None, c_void_p, c_void_p], "oxl_model_create": [c_int, c_void_p, c_size_t,
-    c_int, POINTER(oxl_model)], "oxl_model_free": [None, c_void_p, POINTER(oxl_model)], "oxl_model_planes": [c_int, POINTER(oxl_model)],
-    "oxl_model_move_origin": [None, POINTER(oxl_model), POINTER(c_double)], "oxl_model_rescale": [None, POINTER(oxl_model), c_double],
-    "oxl_model_from_points": [c_int, c_void_p, POINTER(oxl_point), c_size_t, c_int, POINTER(oxl_model)], "oxl_model_read": [c_int, c_void_p,
-    c_char_p, POINTER(oxl_model)], "oxl_model_write": [c_int, c_void_p, c_char_p, POINTER(oxl_model)], "oxl_render_options_default":
-    [oxl_render_options], "oxl_render": [c_int, c_void_p, POINTER(oxl_model), POINTER(oxl_camera), POINTER(oxl_render_options),
-    POINTER(oxl_image), POINTER(c_float)], "oxl_render_view": [c_int, c_void_p, POINTER(oxl_model), c_void_p, c_int, c_void_p,
-    POINTER(oxl_image), POINTER(c_float)], "oxl_render_backward": [c_int, c_void_p, POINTER(oxl_model), POINTER(oxl_camera),
-    POINTER(oxl_render_options), POINTER(c_float), POINTER(oxl_model)], "oxl_psnr": [c_int, c_void_p, POINTER(oxl_image),
-    POINTER(oxl_image), POINTER(c_double)], "oxl_cc_psnr": [c_int, c_void_p, POINTER(oxl_image), POINTER(oxl_image), POINTER(c_double)],
-    "oxl_ssim": [c_int, c_void_p, POINTER(oxl_image), POINTER(oxl_image), POINTER(c_double)], "oxl_structure": [c_int, c_void_p,
-    POINTER(oxl_image), POINTER(oxl_image), POINTER(c_double)], "oxl_evaluate": [c_int, c_void_p, POINTER(oxl_model), c_void_p, c_void_p,
-    c_int, POINTER(oxl_metrics)], "oxl_metrics_free": [None, c_void_p, POINTER(oxl_metrics)], "oxl_train_options_default":
-    [oxl_train_options, c_int], "oxl_train_options_check": [c_int, c_void_p, POINTER(oxl_train_options)], "oxl_train": [c_int, c_void_p,
-    c_void_p, POINTER(oxl_train_options), POINTER(oxl_callback), POINTER(oxl_trained)], "oxl_trained_free": [None, c_void_p,
-    POINTER(oxl_trained)], "oxl_trained_write": [c_int, c_void_p, c_char_p, c_void_p, POINTER(oxl_trained)], "oxl_adam_at": [oxl_adam,
-    c_void_p, POINTER(oxl_train_options), c_int], "oxl_adam_step": [c_int, c_void_p, POINTER(oxl_model), POINTER(oxl_model),
-    POINTER(oxl_model), POINTER(oxl_adam)]}
+    c_void_p, c_char_p, c_void_p, c_void_p], "oxl_imaging_gain": [None, c_void_p, c_int, POINTER(c_float)], "oxl_imaging_free": [None,
+    c_void_p, c_void_p], "oxl_model_create": [c_int, c_void_p, c_size_t, c_int, POINTER(oxl_model)], "oxl_model_free": [None, c_void_p,
+    POINTER(oxl_model)], "oxl_model_planes": [c_int, POINTER(oxl_model)], "oxl_model_move_origin": [None, POINTER(oxl_model),
+    POINTER(c_double)], "oxl_model_rescale": [None, POINTER(oxl_model), c_double], "oxl_model_from_points": [c_int, c_void_p,
+    POINTER(oxl_point), c_size_t, c_int, POINTER(oxl_model)], "oxl_model_read": [c_int, c_void_p, c_char_p, POINTER(oxl_model)],
+    "oxl_model_write": [c_int, c_void_p, c_char_p, POINTER(oxl_model)], "oxl_render_options_default": [oxl_render_options], "oxl_render":
+    [c_int, c_void_p, POINTER(oxl_model), POINTER(oxl_camera), POINTER(oxl_render_options), POINTER(oxl_image), POINTER(c_float)],
+    "oxl_render_view": [c_int, c_void_p, POINTER(oxl_model), c_void_p, c_int, c_void_p, POINTER(oxl_image), POINTER(c_float)],
+    "oxl_render_backward": [c_int, c_void_p, POINTER(oxl_model), POINTER(oxl_camera), POINTER(oxl_render_options), POINTER(c_float),
+    POINTER(oxl_model)], "oxl_psnr": [c_int, c_void_p, POINTER(oxl_image), POINTER(oxl_image), POINTER(c_double)], "oxl_cc_psnr": [c_int,
+    c_void_p, POINTER(oxl_image), POINTER(oxl_image), POINTER(c_double)], "oxl_ssim": [c_int, c_void_p, POINTER(oxl_image),
+    POINTER(oxl_image), POINTER(c_double)], "oxl_structure": [c_int, c_void_p, POINTER(oxl_image), POINTER(oxl_image), POINTER(c_double)],
+    "oxl_evaluate": [c_int, c_void_p, POINTER(oxl_model), c_void_p, c_void_p, c_int, POINTER(oxl_metrics)], "oxl_metrics_free": [None,
+    c_void_p, POINTER(oxl_metrics)], "oxl_train_options_default": [oxl_train_options, c_int], "oxl_train_options_check": [c_int, c_void_p,
+    POINTER(oxl_train_options)], "oxl_train": [c_int, c_void_p, c_void_p, POINTER(oxl_train_options), POINTER(oxl_callback),
+    POINTER(oxl_trained)], "oxl_trained_free": [None, c_void_p, POINTER(oxl_trained)], "oxl_trained_write": [c_int, c_void_p, c_char_p,
+    c_void_p, POINTER(oxl_trained)], "oxl_adam_at": [oxl_adam, c_void_p, POINTER(oxl_train_options), c_int], "oxl_adam_step": [c_int,
+    c_void_p, POINTER(oxl_model), POINTER(oxl_model), POINTER(oxl_model), POINTER(oxl_adam)]}
 # ---- end of what is generated
 for _name, (_result, *_arguments) in FUNCTIONS.items():
     getattr(lib, _name).restype, getattr(lib, _name).argtypes = _result, _arguments

@@ -897,3 +897,32 @@ TEST(scale_rays_undo_the_distortion)
         }
     }
 }
+
+TEST(products_have_the_hue_of_the_images_where_gains_drift_along_the_track)
+{
+    OWNED_SCENE *scene = ortho_test_made(0, (double[]){1, 1, 1});
+    OWNED_IMAGING gains = imaging_test_make(2, (int[]){0, 1}, 2);
+    OWNED_MODEL model = {0};
+    double hue[2];
+    for (int i = 0; i < 6; i++) gains.log_gain[i] = (float)((i / 3 ? 0.4 : -0.4) * (1 - i % 3) + 0.3);
+    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &model));
+    for (int i = 0; i < 2; i++) { /* beneath one camera and the other */
+        model.plane[OXL_MEAN][i] = i ? 9 : 1;
+        for (int c = 0; c < 3; c++) model.plane[OXL_SH + c][i] = 0;
+    }
+    product_balance(scene, &gains, &model);
+    for (int i = 0; i < 2; i++) {
+        double colour[3];
+        for (int c = 0; c < 3; c++)
+            colour[c] = 0.5 + 0.28209479177387814 * (double)model.plane[OXL_SH + c][i];
+        hue[i] = log(colour[0] / colour[2]);
+        CHECK_CLOSE(colour[0] * colour[1] * colour[2], 0.125, 1e-6);
+    }
+    CHECK(hue[0] < 0 && hue[1] > 0);
+    CHECK_CLOSE(hue[1], -hue[0], 1e-6);
+    product_balance(scene, NULL, &model);
+    CHECK_CLOSE(hue[1],
+                log((0.5 + 0.28209479177387814 * (double)model.plane[OXL_SH][1]) /
+                    (0.5 + 0.28209479177387814 * (double)model.plane[OXL_SH + 2][1])),
+                1e-6);
+}

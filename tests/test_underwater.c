@@ -30,11 +30,11 @@ TEST(exposure_of_a_view_that_was_not_trained_lies_on_the_line_between_its_neighb
 {
     OWNED_IMAGING m = imaging_test_make(9, (int[]){2, 6}, 2);
     float gain[3];
-    imaging_gain(&m, 3, gain);
+    oxl_imaging_gain(&m, 3, gain);
     CHECK_CLOSE(gain[1], exp(0.31), 1e-5);
-    imaging_gain(&m, 0, gain);
+    oxl_imaging_gain(&m, 0, gain);
     CHECK_CLOSE(gain[0], exp(0.2), 1e-5);
-    imaging_gain(&m, 8, gain);
+    oxl_imaging_gain(&m, 8, gain);
     CHECK_CLOSE(gain[2], exp(0.62), 1e-5);
 }
 

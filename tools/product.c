@@ -9,7 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { PRODUCT_CHECKED = 100000 }; /* most points of the survey that a surface is compared with */
+#define PRODUCT_GREY 1.7724538509055159 /* 0.5 in units of the harmonic of degree 0: sqrt(pi) */
+enum { PRODUCT_CHECKED = 100000 };      /* most points of the survey that a surface is compared with */
 
 void *product_room(size_t count, size_t size)
 {
@@ -108,4 +109,35 @@ oxl_result product_save(const struct product *p, struct output *t, const char *n
     char path[4200];
     snprintf(path, sizeof path, "%s/%s", p->a->out, name);
     return output_save(p->ctx, t, path);
+}
+
+void product_balance(const oxl_scene *scene, const oxl_imaging *imaging, oxl_model *model)
+{
+    const int views = oxl_scene_view_count(scene);
+    const double least = pow(oxl_scene_extent(scene), 2);
+    double(*eye)[3] = product_room((size_t)views, sizeof *eye),
+    (*hue)[3] = product_room((size_t)views, sizeof *hue);
+    for (int v = 0; v < views; v++) {
+        float gain[3];
+        frame_eye(&oxl_scene_view(scene, v)->camera, eye[v]);
+        oxl_imaging_gain(imaging, v, gain);
+        for (int c = 0; c < 3; c++) hue[v][c] = log(gain[c] / cbrt((double)gain[0] * gain[1] * gain[2]));
+    }
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < model->count; i++) {
+        double all = 0, sum[3] = {0};
+        for (int v = 0; v < views; v++) {
+            double away[3], weight;
+            for (int k = 0; k < 3; k++) away[k] = (double)model->plane[OXL_MEAN + k][i] - eye[v][k];
+            weight = pow(least + vector_dot(away, away), -3);
+            vector_add(sum, weight, hue[v], sum), all += weight;
+        }
+        for (int k = 0, c; k < 3 * (model->sh_degree + 1) * (model->sh_degree + 1); k++) {
+            const double factor = exp(sum[c = k % 3] / all);
+            float *at = &model->plane[OXL_SH + k][i];
+            *at = (float)(factor * (double)*at + (k < 3 ? PRODUCT_GREY * (factor - 1) : 0));
+        }
+    }
+    free(eye);
+    free(hue);
 }

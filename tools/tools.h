@@ -65,6 +65,9 @@ struct product {
 /* Reads --scale, --epsg and --gps. survey: the folder. */
 oxl_result product_open(oxl_context *ctx, const oxl_scene *scene, const char *survey,
                         const struct arguments *a, FILE *to, struct product *out);
+/* Gives each Gaussian the hue that the images around it have. Gains drift along a chain of images, and the colours of
+ * the model against them, though no image shows it; brightness stays. */
+void product_balance(const oxl_scene *scene, const oxl_imaging *imaging, oxl_model *model);
 /* Makes the folder -o, and refuses to replace files there that are not ours. */
 oxl_result product_folder(const struct product *p, const char *const *names, int count);
 oxl_result product_save(const struct product *p, struct output *t, const char *name); /* to -o */

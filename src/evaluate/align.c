@@ -25,7 +25,7 @@ OXL_INTERNAL oxl_result align_view(oxl_context *ctx, const struct drawn *d, int 
     oxl_result rc = OXL_OK;
     if (!(rule.depth > 0)) rule.depth = oxl_scene_extent(d->scene);
     *out = given;
-    if (d->imaging->on) imaging_gain(d->imaging, view, gain);
+    oxl_imaging_gain(d->imaging, view, gain);
     *renderer_settings(d->r) = (struct renderer_settings){.medium = d->imaging->medium,
                                                           .lamp = imaging_lamp(d->imaging, d->scene, view),
                                                           .gain = d->imaging->on ? gain : NULL,

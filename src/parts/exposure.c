@@ -178,7 +178,7 @@ static void exposure_set_gain(struct train *t, void *state, struct train_deferre
     struct exposure *e = state;
     if (learns) exposure_apply_pending(e, t->step - 2);
     step->has_gain = e->of.on;
-    if (e->of.on) imaging_gain(&e->of, step->view, step->gain);
+    if (e->of.on) oxl_imaging_gain(&e->of, step->view, step->gain);
 }
 
 static void exposure_after_loss(struct train *t, void *state, const struct train_deferred *step,

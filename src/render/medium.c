@@ -31,7 +31,7 @@ OXL_INTERNAL void medium_bake(const oxl_scene *scene, const struct oxl_imaging *
         lamp[views] = imaging_lamp(imaging, scene, v);
         camera_position(camera[views], eye[views]);
         gain[views][0] = gain[views][1] = gain[views][2] = 1;
-        if (has_gains) imaging_gain(imaging, v, gain[views]);
+        if (has_gains) oxl_imaging_gain(imaging, v, gain[views]);
     }
     for (size_t i = 0; i < model->count; i++) {
         /* over all views, over those that see it: both terms by channel, their number */

@@ -214,9 +214,10 @@ OXL_INTERNAL void imaging_predict(const struct oxl_imaging *m, int view, float o
     for (int c = 0; c < 3; c++) out[c] += (float)(fraction * other[c]);
 }
 
-OXL_INTERNAL void imaging_gain(const struct oxl_imaging *m, int view, float out[3])
+void oxl_imaging_gain(const oxl_imaging *m, int view, float out[3])
 {
-    if (m->known[view]) memcpy(out, m->log_gain + 3 * view, 3 * sizeof *out);
+    if (!m || !m->on) out[0] = out[1] = out[2] = 0;
+    else if (m->known[view]) memcpy(out, m->log_gain + 3 * view, 3 * sizeof *out);
     else imaging_predict(m, view, out);
     for (int c = 0; c < 3; c++) out[c] = (float)vecmath_exp(out[c]);
 }
@@ -226,7 +227,7 @@ OXL_INTERNAL void imaging_apply(const struct oxl_imaging *m, int view, oxl_image
     const size_t plane = (size_t)image->width * (size_t)image->height;
     float gain[3];
     if (!m->on) return;
-    imaging_gain(m, view, gain);
+    oxl_imaging_gain(m, view, gain);
     for (size_t c = 0; c < 3; c++)
         for (size_t i = c * plane; i < (c + 1) * plane; i++) image->rgb[i] *= gain[c];
 }

@@ -60,8 +60,6 @@ OXL_INTERNAL void imaging_clear(struct oxl_imaging *m);
 OXL_INTERNAL void imaging_interpolate(const struct oxl_imaging *m, int view, float log_gain[3]);
 /* Interpolates as well, and adds the partner's deviation. */
 OXL_INTERNAL void imaging_predict(const struct oxl_imaging *m, int view, float log_gain[3]);
-/* Returns a view's gain, trained or predicted. */
-OXL_INTERNAL void imaging_gain(const struct oxl_imaging *m, int view, float gain[3]);
 /* Returns the mean log gain of the known views. */
 OXL_INTERNAL double imaging_mean(const struct oxl_imaging *m, int channel);
 /* Multiplies an image that was rendered at mean exposure by the view's gain, if gains are on. */
