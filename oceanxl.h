@@ -510,7 +510,7 @@ typedef struct oxl_train_options {
      * 0, except below 30 training views and 4.6 images per point: there 0 up to 30 steps per view, and from
      * there to 60 rising to 0.4 (-1) */
     float dropout;
-    /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 (1/128, 1/255, 1/255) */
+    /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 (1/128, 1/128, 1/255) */
     float alpha_min;
     /* learning rate of positions at the first step, in extents (oxl_scene_extent); it decays exponentially
      * [Kerbl 2023] (0.00016) */
