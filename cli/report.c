@@ -179,11 +179,12 @@ static void report_decisions(struct report *r)
 static void report_draw_map(struct report *r, const struct map *m, const oxl_image *image)
 {
     struct output *t = &r->page;
-    const int views = oxl_scene_view_count(m->scene);
+    const oxl_scene *scene = m->surface->scene;
+    const int views = oxl_scene_view_count(scene);
     double low[2] = {0, 0}, high[2] = {m->width, m->height}, eye[3];
     struct output circles = {0};
     for (int v = 0; v < views; v += 1 + views / REPORT_CAMERAS) {
-        const oxl_view *view = oxl_scene_view(m->scene, v);
+        const oxl_view *view = oxl_scene_view(scene, v);
         double at[2];
         frame_eye(&view->camera, eye);
         similarity_apply(&m->to, eye, eye);
@@ -227,11 +228,11 @@ static void report_map(struct report *r, const struct map *m)
         "ground that any image shows is in %d or more; %.0f %% has a surface clear enough for a height. ",
         REPORT_VIEWS, REPORT_LENGTH(m->sampling), r->words, REPORT_LENGTH(m->area), r->words,
         100 * m->covered, REPORT_VIEWS, 100 * m->high);
-    if (m->off.median > 0 && m->distance > 0)
+    if (m->off.median > 0)
         output_add(t,
                    "Heights differ from the survey's points by %s %s in the median, %.2f %% of the cameras' "
                    "distance. ",
-                   REPORT_LENGTH(m->off.median), r->words, 100 * m->off.median / m->distance);
+                   REPORT_LENGTH(m->off.median), r->words, 100 * m->off.median / m->off.distance);
     if (m->down < MAP_DOWN)
         output_add(
             t,
@@ -248,20 +249,21 @@ static void report_ground(struct report *r)
     oxl_model model = {0};
     struct surface surface = {0};
     struct map m = {.enough = REPORT_VIEWS, .surface = &surface};
+    oxl_context *ctx = NULL;
     oxl_scene *scene = NULL;
     char path[4200];
-    const int side = oxl_json_number(r->metrics, "iterations") < REPORT_QUICK ? REPORT_SHORT : REPORT_SIDE;
+    m.side = oxl_json_number(r->metrics, "iterations") < REPORT_QUICK ? REPORT_SHORT : REPORT_SIDE;
     snprintf(path, sizeof path, "%s/scene.ply", r->out);
     options.read_images = 0;
     options.allow_truncated = 1;
     output_add(&r->page, "<section>\n<h2>Map</h2>\n");
-    if (r->scene && oxl_context_create(NULL, &m.ctx) == OXL_OK &&
-        oxl_scene_load(m.ctx, r->scene, &options, &scene) == OXL_OK &&
-        oxl_model_read(m.ctx, path, &model) == OXL_OK) {
-        m.scene = scene, m.to = similarity_of_world(scene, r->unit);
+    if (r->scene && oxl_context_create(NULL, &ctx) == OXL_OK &&
+        oxl_scene_load(ctx, r->scene, &options, &scene) == OXL_OK &&
+        oxl_model_read(ctx, path, &model) == OXL_OK) {
+        m.to = similarity_of_world(scene, r->unit);
         oxl_model_move_origin(&model, oxl_scene_origin(scene));
-        if (surface_open(m.ctx, &model, scene, SURFACE_SIDE, &surface) == OXL_OK &&
-            map_make(&m, &model, FRAME_AUTO, side) == OXL_OK) {
+        if (surface_open(ctx, &model, scene, SURFACE_SIDE, &surface) == OXL_OK &&
+            map_make(&m, &model) == OXL_OK) {
             report_map(r, &m);
         }
     }
@@ -270,9 +272,9 @@ static void report_ground(struct report *r)
                              "points.</p>\n");
     map_free(&m);
     surface_close(&surface);
-    if (m.ctx) oxl_model_free(m.ctx, &model);
-    oxl_scene_free(m.ctx, scene);
-    oxl_context_free(m.ctx);
+    if (ctx) oxl_model_free(ctx, &model);
+    oxl_scene_free(ctx, scene);
+    oxl_context_free(ctx);
     output_add(&r->page, "</section>\n");
 }
 

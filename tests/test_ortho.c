@@ -63,6 +63,13 @@ static void ortho_test_close(const double a[3], const double b[3], double within
     for (int k = 0; k < 3; k++) CHECK_CLOSE(a[k], b[k], within);
 }
 
+static double ortho_test_project(const oxl_camera *c, const double p[3], double at[2])
+{
+    const struct surface_view v = {.sheet = {.camera = *c}};
+    size_t pixel;
+    return surface_pixel(&v, p, at, &pixel);
+}
+
 /* Right, up and above must be right-handed, and above is where the cameras are. */
 TEST(frame_is_seen_from_the_cameras_and_not_mirrored)
 {
@@ -414,24 +421,19 @@ TEST(map_measures_the_ground_that_two_views_share_its_certainty_and_where_camera
     static const double level[9] = {1, 0, 0, 0, 0, -1, 0, 1, 0};
     OWNED_SCENE *scene = ortho_test_scene();
     OWNED_SURFACE s = {0};
-    struct map m = {.ctx = test_ctx,
-                    .scene = scene,
-                    .surface = &s,
-                    .to = similarity_of_world(scene, 1),
-                    .enough = 2},
-               wall = m;
+    struct map m = {.surface = &s, .to = similarity_of_world(scene, 1), .enough = 2, .side = 100}, wall = m;
     OWNED_MODEL model = {0};
     size_t middle;
     ortho_test_ground(scene, &model);
     s = ortho_test_surface(&model, scene, SURFACE_SIDE);
-    CHECK_OK(map_make(&m, &model, FRAME_AUTO, 100));
+    CHECK_OK(map_make(&m, &model));
     CHECK_CLOSE(m.sampling, 0.18, 0.001); /* 9 to the model's ground, by 50 px */
     CHECK_CLOSE(m.area, 12.8, 0.7);
     CHECK_CLOSE(m.covered, 0.32, 0.02);
     CHECK_CLOSE(m.high, 0.32, 0.03);
     CHECK_CLOSE(m.off.median, 0.03, 0.03);
     CHECK(m.off.gross == 0 && m.off.most < 0.1 && m.down > 0.999);
-    CHECK_CLOSE(m.distance, 9, 0.03);
+    CHECK_CLOSE(m.off.distance, 9, 0.03);
     CHECK(m.width <= 101 && m.height <= 41);
     middle = (size_t)(m.height / 2 * m.width + m.width / 2);
     CHECK(m.views[middle] == 2 && m.sigma[middle] > 0.005f && m.sigma[middle] < 0.3f);
@@ -440,7 +442,8 @@ TEST(map_measures_the_ground_that_two_views_share_its_certainty_and_where_camera
     surface_close(&s);
     for (int v = 0; v < 2; v++) memcpy(scene->view[v].camera.rotation, level, sizeof level);
     s = ortho_test_surface(&model, scene, SURFACE_SIDE);
-    map_make(&wall, &model, FRAME_WORLD_AXES, 50);
+    wall.kind = FRAME_WORLD_AXES, wall.side = 50;
+    map_make(&wall, &model);
     map_free(&wall);
     CHECK_CLOSE(wall.down, 0, 1e-9);
 }
@@ -562,7 +565,7 @@ TEST(mesh_of_flat_ground_lies_on_it_faces_the_cameras_and_has_no_cracks)
 {
     OWNED_SCENE *scene = ortho_test_scene();
     OWNED_MODEL model = {0};
-    struct cloud c;
+    struct cloud c = {0};
     double area = 0;
     int open = 0;
     ortho_test_ground(scene, &model);
@@ -772,7 +775,7 @@ TEST(flight_around_the_centre_faces_it_upright)
         oxl_camera c = oxl_scene_view(scene, 0)->camera;
         double at[2], cross[3];
         CHECK(flight_orbit(scene, i / 7., &c));
-        CHECK(surface_project(&c, f.centre, at) > 1 && c.rotation[5] < 0);
+        CHECK(ortho_test_project(&c, f.centre, at) > 1 && c.rotation[5] < 0);
         CHECK_CLOSE(at[0], c.cx, 1e-7);
         CHECK_CLOSE(at[1], c.cy, 1e-7);
         frame_cross(c.rotation, c.rotation + 3, cross);
@@ -785,7 +788,7 @@ static void ortho_test_pixels(const oxl_scene *scene, const double place[3], cha
 {
     double p[3], at[2][2];
     vector_add(place, -1, oxl_scene_origin(scene), p);
-    for (int i = 0; i < 2; i++) surface_project(&oxl_scene_view(scene, i)->camera, p, at[i]);
+    for (int i = 0; i < 2; i++) ortho_test_project(&oxl_scene_view(scene, i)->camera, p, at[i]);
     snprintf(out, 200, "a.png,%.9f,%.9f,b.png,%.9f,%.9f", at[0][0], at[0][1], at[1][0], at[1][1]);
 }
 

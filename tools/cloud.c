@@ -54,31 +54,26 @@ static void cloud_take(void *user, size_t at, const double p[3], const struct su
     const struct cloud_view *c = user;
     const struct surface_view *view = &c->s->view[c->view];
     struct cloud_point *out = &c->point[at];
-    if (v->nearest != c->view || !surface_holds(v, c->enough)) return;
+    if (!(view->sheet.depth[at] > 0) || view->guess[at] || v->nearest != c->view ||
+        !surface_holds(v, c->enough))
+        return;
     memcpy(out->place, p, sizeof out->place);
     memcpy(out->rgb, view->rgb + 3 * at, 3);
-    out->views = (unsigned char)(v->confirms < 255 ? v->confirms : 255);
+    out->views = (unsigned char)fmin(v->confirms, 255);
     cloud_normal(view, at, p, out->normal);
 }
 
 oxl_result cloud_make(const struct surface *s, int enough, struct cloud *out)
 {
-    *out = (struct cloud){0};
     for (int v = 0; v < s->views; v++) {
-        const struct sheet *t = &s->view[v].sheet;
-        const size_t pixels = sheet_pixels(t), before = out->count;
-        struct cloud_view c = {s, v, enough, product_room(pixels, sizeof *c.point)};
-        unsigned char *skip = product_room(pixels, 1);
-        struct cloud_point *all;
-        for (size_t i = 0; i < pixels; i++) skip[i] = !(t->depth[i] > 0) || s->view[v].guess[i];
-        surface_ask_sheet(s, t, skip, cloud_take, &c);
-        for (size_t i = 0; i < pixels; i++)
-            if (c.point[i].views) c.point[out->count++ - before] = c.point[i];
-        all = product_room(out->count, sizeof *all);
-        if (before) memcpy(all, out->point, before * sizeof *all);
-        memcpy(all + before, c.point, (out->count - before) * sizeof *all);
-        free(out->point), free(c.point), free(skip);
-        out->point = all;
+        const size_t before = out->count, all = before + sheet_pixels(&s->view[v].sheet);
+        struct cloud_point *point = product_room(all, sizeof *point);
+        struct cloud_view c = {s, v, enough, point + before};
+        if (before) memcpy(point, out->point, before * sizeof *point);
+        free(out->point), out->point = point;
+        surface_ask_sheet(s, &s->view[v].sheet, cloud_take, &c);
+        for (size_t i = before; i < all; i++)
+            if (point[i].views) point[out->count++] = point[i];
     }
     return out->count > 0 ? OXL_OK
                           : oxl_fail(s->ctx, OXL_ERR_INPUT,
@@ -91,7 +86,6 @@ void cloud_free(struct cloud *c)
 {
     free(c->point);
     free(c->index);
-    *c = (struct cloud){0};
 }
 
 /* How far a place is from the surface through its nearest point of the cloud. */
@@ -103,9 +97,8 @@ static double cloud_off(const void *user, const double p[3])
 
 /* ---------------- files */
 
-static void cloud_put_ply(const struct product *p, const struct cloud *c, struct output *t)
+static void cloud_put_ply(const struct cloud *c, struct output *t)
 {
-    (void)p;
     output_add(
         t,
         "ply\nformat binary_little_endian 1.0\ncomment oceanxl cloud, in the survey's world\nelement vertex %zu\n"
@@ -128,14 +121,13 @@ static void cloud_put_ply(const struct product *p, const struct cloud *c, struct
     }
 }
 
-static void cloud_put_obj(const struct product *p, const struct cloud *c, struct output *t)
+static void cloud_put_obj(const struct cloud *c, struct output *t)
 {
-    (void)p;
     output_add(t, "# oceanxl mesh, in the survey's world");
     for (size_t i = 0; i < c->count; i++) {
         output_add(t, "\nv");
-        for (int k = 0; k < 3; k++) output_add(t, " %s", OUTPUT_FIXED(c->point[i].place[k], 6));
-        for (int k = 0; k < 3; k++) output_add(t, " %s", OUTPUT_FIXED(c->point[i].rgb[k] / 255.0, 3));
+        for (int k = 0; k < 3; k++) output_add(t, " %.6f", c->point[i].place[k]);
+        for (int k = 0; k < 3; k++) output_add(t, " %.3f", c->point[i].rgb[k] / 255.0);
     }
     for (size_t i = 0; i < 3 * c->triangles; i++)
         output_add(t, i % 3 ? " %zu" : "\nf %zu", (size_t)c->index[i] + 1);
@@ -182,7 +174,7 @@ static void las_header(const struct cloud *c, size_t records, const double low[3
                        double scale, struct output *t)
 {
     output_bytes(t, "LASF", 4);
-    for (int i = 0; i < 5; i++) output_integer(t, 0, 4); /* no source, GeoTIFF keys, no project */
+    las_text(t, "", 20); /* no source, GeoTIFF keys, no project */
     output_bytes(t, "\1\4", 2);
     las_text(t, "OTHER", 32);
     las_text(t, "oceanxl " OXL_VERSION, 32);
@@ -196,11 +188,11 @@ static void las_header(const struct cloud *c, size_t records, const double low[3
     for (int k = 0; k < 3; k++) output_real(t, scale, 8);
     for (int k = 0; k < 3; k++) output_real(t, floor(low[k]), 8);
     for (int k = 0; k < 6; k++) output_real(t, (k % 2 ? low : high)[k / 2], 8);
-    for (int i = 0; i < 5; i++) output_integer(t, 0, 4); /* no waveforms, no extended records */
+    las_text(t, "", 20); /* no waveforms, no extended records */
     for (int i = 0; i < 16; i++) output_integer(t, i < 2 ? c->count : 0, 8);
 }
 
-static void cloud_put_las(const struct product *p, const struct cloud *c, struct output *t)
+static void cloud_put_las(const struct cloud *c, struct output *t)
 {
     struct output records = {0};
     double low[3], high[3], scale = 1e-6;
@@ -210,7 +202,7 @@ static void cloud_put_las(const struct product *p, const struct cloud *c, struct
     }
     for (int k = 0; k < 3; k++)
         while ((high[k] - floor(low[k])) / scale > INT32_MAX) scale *= 10;
-    las_records(&p->place, &records);
+    las_records(c->place, &records);
     las_header(c, records.used, low, high, scale, t);
     output_bytes(t, records.data, records.used);
     for (size_t i = 0; i < c->count; i++) {
@@ -243,23 +235,20 @@ static void cloud_move(struct cloud *c, const struct similarity *world)
 
 oxl_result cloud_write(const struct product *p, const oxl_model *model)
 {
-    static const struct {
-        const char *end;
-        void (*put)(const struct product *p, const struct cloud *c, struct output *t);
-        int of; /* 1: clouds; 2: meshes */
-    } form[] = {{".ply", cloud_put_ply, 3}, {".las", cloud_put_las, 1}, {".obj", cloud_put_obj, 2}};
     const struct arguments *a = p->a;
-    const char *end = a->out + strlen(a->out) - (strlen(a->out) > 4 ? 4 : 0);
+    const char *end = a->out + strlen(a->out) - (strlen(a->out) > 4 ? 4 : 0), *name;
+    void (*const put)(const struct cloud *c, struct output *t) = strcmp(end, ".ply") == 0 ? cloud_put_ply
+                                                                 : strcmp(end, a->mesh ? ".obj" : ".las")
+                                                                     ? NULL
+                                                                 : a->mesh ? cloud_put_obj
+                                                                           : cloud_put_las;
     struct surface s = {0};
-    struct cloud c = {0};
+    struct cloud c = {.place = &p->place};
     struct output t = {0};
-    oxl_result rc;
-    double step;
-    const char *name;
     char folder[4096];
-    int kind = 0;
-    while (kind < 3 && !(strcmp(end, form[kind].end) == 0 && form[kind].of & (a->mesh ? 2 : 1))) kind++;
-    if (kind == 3)
+    double step;
+    oxl_result rc;
+    if (!put)
         return oxl_fail(p->ctx, OXL_ERR_USAGE, "cloud: -o is %s, expected a file %s\nfix: use -o %s.ply",
                         a->out, a->mesh ? "*.ply or *.obj" : "*.ply or *.las", a->mesh ? "mesh" : "cloud");
     name = output_split(a->out, folder);
@@ -269,22 +258,21 @@ oxl_result cloud_write(const struct product *p, const oxl_model *model)
     step = a->mesh ? a->pixel > 0 ? a->pixel / p->world.scale : 2 * s.sampling : s.sampling;
     if (rc == OXL_OK && a->mesh) rc = mesh_make(&s, a->min_views, step, &c);
     if (rc == OXL_OK) {
-        const double distance = s.distance * p->world.scale;
         struct deviation d;
         struct near near;
         cloud_move(&c, &p->world);
-        near_open(&near, &c, PRODUCT_GROSS * distance);
-        d = product_deviation(p->scene, &p->world, distance, cloud_off, &near);
+        near_open(&near, &c, PRODUCT_GROSS * s.distance * p->world.scale);
+        d = product_deviation(&s, &p->world, cloud_off, &near);
         free(near.first);
         output_open(&t, a->out);
-        form[kind].put(p, &c, &t);
+        put(&c, &t);
         rc = output_close(p->ctx, &t);
         if (rc == OXL_OK)
             print_format(p->to,
                          a->mesh ? "mesh      %s, %zu points about %.3g %s apart, %zu triangles\n"
                                  : "cloud     %s, %zu points about %.3g %s apart\n",
                          a->out, c.count, step * p->world.scale, p->words, c.triangles);
-        if (rc == OXL_OK) product_say(p, &d, distance);
+        if (rc == OXL_OK) product_say(p, &d);
     }
     cloud_free(&c);
     surface_close(&s);

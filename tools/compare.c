@@ -119,28 +119,16 @@ static oxl_result compare_register(struct compare *c)
 /* Maps both surveys, the second on the first's grid. */
 static oxl_result compare_map(struct compare *c, oxl_model *model[2])
 {
-    const struct product *p = c->p;
-    const enum frame_kind kind = p->has_gps ? FRAME_WORLD_AXES : (enum frame_kind)p->a->frame;
     struct map *m = c->map;
     oxl_result rc;
-    m[0] = (struct map){.ctx = p->ctx,
-                        .scene = c->surface[0].scene,
-                        .surface = &c->surface[0],
-                        .to = p->world,
-                        .enough = p->a->min_views};
-    m[0].pixel = fmax(p->a->pixel,
-                      p->world.scale * fmax(c->surface[0].sampling, c->move.scale * c->surface[1].sampling));
-    rc = map_make(&m[0], model[0], kind, 0);
-    m[1] = (struct map){.ctx = p->ctx,
-                        .scene = c->surface[1].scene,
-                        .surface = &c->surface[1],
-                        .to = similarity_compose(&m[0].to, &c->move),
-                        .enough = p->a->min_views,
-                        .pixel = m[0].pixel,
-                        .width = m[0].width,
-                        .height = m[0].height,
-                        .corner = {m[0].corner[0], m[0].corner[1]}};
-    return rc == OXL_OK ? map_make(&m[1], model[1], kind, 0) : rc;
+    m[0] = map_of(c->p, &c->surface[0]);
+    m[0].pixel = fmax(m[0].pixel,
+                      m[0].to.scale * fmax(c->surface[0].sampling, c->move.scale * c->surface[1].sampling));
+    rc = map_make(&m[0], model[0]);
+    if (rc != OXL_OK) return rc;
+    m[1] = m[0], m[1].surface = &c->surface[1];
+    m[1].to = similarity_compose(&m[0].to, &c->move);
+    return map_make(&m[1], model[1]);
 }
 
 /* Reads "X,Y;X,Y;..." into room for all numbers. Returns their count; 0: it is no polygon of three corners or more. */
@@ -343,23 +331,22 @@ static void compare_table(const struct compare *c, const struct compare_row *row
     const double *v = row->value;
     output_add(
         t,
-        "# oceanxl comparison: %s %% of the second survey lie on the first; registration: scale %s, uncertain by "
-        "%s %s. ",
-        OUTPUT_FIXED(100 * c->overlap, 1), OUTPUT_FIXED(c->move.scale, 5), OUTPUT_FIXED(c->noise, 5), words);
+        "# oceanxl comparison: %.1f %% of the second survey lie on the first; registration: scale %.5f, uncertain by "
+        "%.5f %s. ",
+        100 * c->overlap, c->move.scale, c->noise, words);
     output_add(
         t,
-        "%s square %s have both heights (%zu cells filled from around), %s of them changed significantly, at %d places. ",
-        OUTPUT_FIXED(v[AREA], 2), words, c->filled, OUTPUT_FIXED(v[CHANGED], 2), rows - 1);
+        "%.2f square %s have both heights (%zu cells filled from around), %.2f of them changed significantly, at %d places. ",
+        v[AREA], words, c->filled, v[CHANGED], rows - 1);
     output_add(
         t,
-        "Volume: %s cubic %s raised, %s lowered where it is significant; net of all cells %s, within %s (95 %%).\n"
+        "Volume: %.4f cubic %s raised, %.4f lowered where it is significant; net of all cells %.4f, within %.4f (95 %%).\n"
         "change,x,y,area,significant_area,volume,volume_95,raised,lowered,largest_difference\n",
-        OUTPUT_FIXED(v[RAISED], 4), words, OUTPUT_FIXED(-v[LOWERED], 4), OUTPUT_FIXED(v[NET], 4),
-        OUTPUT_FIXED(v[DOUBT], 4));
+        v[RAISED], words, -v[LOWERED], v[NET], v[DOUBT]);
     for (int i = 0; i < rows; i++) {
         output_add(t, "%s", names[row[i].sign + 1]);
         for (int k = 0; k < COLUMNS; k++)
-            output_add(t, ",%s", OUTPUT_FIXED(row[i].value[k], k < NET || k == MOST ? 4 : 6));
+            output_add(t, k < NET || k == MOST ? ",%.4f" : ",%.6f", row[i].value[k]);
         output_add(t, "\n");
     }
 }
@@ -386,12 +373,11 @@ static oxl_result compare_write(struct compare *c)
 
 oxl_result compare_run(const struct product *p, oxl_model *model[2], const oxl_scene *second)
 {
-    static const char *const files[] = {"difference.tif", "significant.tif", "compare.csv", "compare.html"};
     const char *polygon = p->a->polygon ? p->a->polygon : "";
     double *number = product_room(strlen(polygon), sizeof *number);
     const int corners = compare_polygon(polygon, number);
     struct compare c = {.p = p};
-    oxl_result rc = product_folder(p, files, 4);
+    oxl_result rc = product_folder(p);
     if (rc == OXL_OK && *polygon && !corners)
         rc = oxl_fail(
             p->ctx, OXL_ERR_USAGE,

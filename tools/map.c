@@ -48,45 +48,49 @@ size_t map_next(const struct map *m, size_t at, int k)
 
 /* Chooses the axes, the pixel size and the bounds of the map, and refuses what cannot be mapped. Pixel corners lie at
  * multiples of the pixel size. */
-static oxl_result map_place(struct map *m, enum frame_kind kind, int side)
+static oxl_result map_place(struct map *m)
 {
     struct frame f;
     double bound[2][2] = {{0}}, centre[3], longest;
-    int size[2];
-    frame_choose(m->scene, kind, &f);
+    int *const size[2] = {&m->width, &m->height};
+    if (oxl_scene_point_count(m->surface->scene) < 3)
+        return oxl_fail(
+            m->surface->ctx, OXL_ERR_INPUT,
+            "map: the survey has no points, so its vertical axis is unknown\nfix: export points3D as well");
+    frame_choose(m->surface->scene, m->kind, &f);
     m->is_world = f.is_world;
     if (!m->is_world) m->to = similarity_of_frame(&f, m->to.scale);
     memcpy(f.axis, m->to.rotation, sizeof f.axis);
-    frame_bounds(&f, m->scene, bound[0], bound[1]);
+    frame_bounds(&f, m->surface->scene, bound[0], bound[1]);
     longest = m->to.scale * fmax(bound[1][0] - bound[0][0], bound[1][1] - bound[0][1]);
     if (!(longest > 0))
-        return oxl_fail(m->ctx, OXL_ERR_INPUT,
+        return oxl_fail(m->surface->ctx, OXL_ERR_INPUT,
                         "map: all points lie in one place\nfix: export the survey again");
     if (!(m->pixel > 0)) m->pixel = m->sampling > 0 ? m->sampling : longest / 2048;
-    if (side > 0) m->pixel = fmax(m->pixel, longest / side);
+    if (m->side > 0) m->pixel = fmax(m->pixel, longest / m->side);
     if (longest / m->pixel > MAP_SIDE_MAX)
-        return oxl_fail(m->ctx, OXL_ERR_USAGE,
+        return oxl_fail(m->surface->ctx, OXL_ERR_USAGE,
                         "map: it would have more than %d px a side\nfix: use a larger --pixel", MAP_SIDE_MAX);
     similarity_apply(&m->to, f.centre, centre);
     for (int d = 0; d < 2; d++) {
         const double first = floor((centre[d] + m->to.scale * bound[0][d]) / m->pixel),
                      last = ceil((centre[d] + m->to.scale * bound[1][d]) / m->pixel);
-        size[d] = (int)(last - first);
+        *size[d] = (int)(last - first);
         m->corner[d] = (d ? last : first) * m->pixel;
     }
-    m->width = size[0], m->height = size[1];
+
     return OXL_OK;
 }
 
 /* Sets the camera that sees the map from its highest camera on, along parallel rays. */
-static oxl_result map_open(struct map *m, enum frame_kind kind, int side)
+static oxl_result map_open(struct map *m)
 {
     const struct surface *s = m->surface;
     struct similarity back;
     oxl_result rc = OXL_OK;
     double eye[3];
-    m->distance = s->distance * m->to.scale, m->sampling = s->sampling * m->to.scale;
-    if (!m->width) rc = map_place(m, kind, side);
+    m->sampling = s->sampling * m->to.scale, m->down = 0;
+    if (!m->width) rc = map_place(m);
     back = similarity_inverse(&m->to);
     m->sheet = (struct sheet){.camera = {m->width,
                                          m->height,
@@ -117,11 +121,10 @@ static oxl_result map_open(struct map *m, enum frame_kind kind, int side)
 static oxl_result map_draw(struct map *m, const oxl_model *model)
 {
     oxl_result rc = OXL_OK;
-    m->level = product_room(map_pixels(m), sizeof *m->level);
-    m->colour = product_room(3 * map_pixels(m), sizeof *m->colour);
-    m->sigma = m->sheet.depth = product_room(map_pixels(m), sizeof *m->sigma);
-    m->views = product_room(map_pixels(m), sizeof *m->views);
-    m->seen = product_room(map_pixels(m), 1);
+    const size_t pixels = map_pixels(m);
+    m->colour = product_room(6 * pixels, sizeof *m->colour), m->level = m->colour + 3 * pixels;
+    m->sigma = m->sheet.depth = m->level + pixels, m->views = m->sigma + pixels;
+    m->seen = product_room(pixels, 1);
     for (int y = 0; y < m->height && rc == OXL_OK; y += MAP_ROWS) {
         struct sheet band = m->sheet;
         oxl_camera *c = &band.camera;
@@ -131,14 +134,14 @@ static oxl_result map_draw(struct map *m, const oxl_model *model)
         c->height = (int)fmin(m->height - y, MAP_ROWS);
         plane = (size_t)c->height * (size_t)c->width, band.depth += first;
         c->translation[1] += (c->cy - y - 0.5 * c->height) / c->fy, c->cy = 0.5 * c->height;
-        rc = sheet_render(m->ctx, model, 0, &band, &image);
+        rc = sheet_render(m->surface->ctx, model, 0, &band, &image);
         for (size_t i = 0; i < 3 * plane && rc == OXL_OK; i++) {
             const size_t at = first + i % plane;
             const double z = fabs((double)m->sigma[at]);
             m->level[at] = z > 0 ? (float)(m->top - m->to.scale * z) : NAN;
-            m->colour[i / plane * map_pixels(m) + at] = z > 0 ? fminf(fmaxf(image.rgb[i], 0), 1) : NAN;
+            m->colour[i / plane * pixels + at] = z > 0 ? fminf(fmaxf(image.rgb[i], 0), 1) : NAN;
         }
-        oxl_image_free(m->ctx, &image);
+        oxl_image_free(m->surface->ctx, &image);
     }
     return rc;
 }
@@ -166,7 +169,7 @@ static void map_take_vote(void *user, size_t at, const double p[3], const struct
     m->seen[at] = (unsigned char)((v->sees > 0) + (v->sees >= m->enough));
     for (size_t k = 0; k < 3 && v->sees < m->enough; k++) m->colour[k * map_pixels(m) + at] = NAN;
     if (!(m->sigma[at] > 0 && surface_holds(v, m->enough))) return;
-    m->views[at] = (unsigned short)(v->confirms < 65535 ? v->confirms : 65535);
+    m->views[at] = (float)v->confirms;
     m->sigma[at] =
         (float)map_sigma(m, v, scale * v->footprint * m->surface->view[v->nearest].sheet.camera.fx);
 }
@@ -175,14 +178,14 @@ static void map_take_vote(void *user, size_t at, const double p[3], const struct
 static oxl_result map_confirm(struct map *m)
 {
     size_t any = 0, covered = 0, high = 0;
-    surface_ask_sheet(m->surface, &m->sheet, NULL, map_take_vote, m);
+    surface_ask_sheet(m->surface, &m->sheet, map_take_vote, m);
     for (size_t at = 0; at < map_pixels(m); at++) {
         if (!m->views[at]) m->level[at] = m->sigma[at] = NAN;
         any += m->seen[at] > 0, covered += m->seen[at] > 1, high += m->views[at] > 0;
     }
     if (any == 0)
         return oxl_fail(
-            m->ctx, OXL_ERR_INPUT,
+            m->surface->ctx, OXL_ERR_INPUT,
             "map: nothing that a training view sees lies below the cameras, so the map's up axis may point down\n"
             "fix: use --frame survey");
     m->area = (double)covered * m->pixel * m->pixel;
@@ -201,26 +204,31 @@ static double map_off(const void *user, const double p[3])
 
 /* ---------------- pinholes, smoothing */
 
+/* Sets the mean of the pixels around one, with itself, that differ from `value` by `reach` at most. Returns their
+ * number. */
+static int map_mean(const struct map *m, const float *from, size_t at, float value, float reach, float *mean)
+{
+    float sum = 0;
+    int count = 0;
+    for (int k = 0; k < 9; k++) {
+        const float near = from[map_next(m, at, k)];
+        if (fabsf(near - value) <= reach) sum += near, count++;
+    }
+    *mean = sum / (float)count;
+    return count;
+}
+
 size_t map_fill(const struct map *m, float *plane, int bands, int passes)
 {
     const size_t pixels = map_pixels(m), all = pixels * (size_t)bands;
-    float *from = product_room(all, sizeof *from);
+    float *from = product_room(all, sizeof *from), mean;
     size_t filled = 0;
     for (int pass = 0; pass < passes; pass++) {
         memcpy(from, plane, all * sizeof *from);
         for (size_t at = 0; at < pixels; at++) {
-            int known = 0;
-            for (int k = 0; k < 9 && isnan(from[at]); k++) known += !isnan(from[map_next(m, at, k)]);
-            if (known < MAP_KNOWN) continue;
+            if (!isnan(from[at]) || map_mean(m, from, at, 0, HUGE_VALF, &mean) < MAP_KNOWN) continue;
             filled++;
-            for (size_t b = 0; b < all; b += pixels) {
-                float sum = 0;
-                for (int k = 0; k < 9; k++) {
-                    const float value = from[b + map_next(m, at, k)];
-                    sum += isnan(value) ? 0 : value;
-                }
-                plane[b + at] = sum / (float)known;
-            }
+            for (size_t b = at; b < all; b += pixels) map_mean(m, from + b - at, at, 0, HUGE_VALF, &plane[b]);
         }
     }
     free(from);
@@ -235,43 +243,39 @@ static void map_smooth(struct map *m)
     for (int pass = 0; pass < m->smooth; pass++) {
         memcpy(from, m->level, map_pixels(m) * sizeof *from);
 #pragma omp parallel for schedule(static)
-        for (size_t at = 0; at < map_pixels(m); at++) {
-            float sum = 0, weight = 0;
-            for (int k = 0; k < 9; k++) {
-                const float level = from[map_next(m, at, k)];
-                if (fabsf(level - from[at]) <= 3 * m->sigma[at]) sum += level, weight += 1;
-            }
-            if (weight > 0) m->level[at] = sum / weight;
-        }
+        for (size_t at = 0; at < map_pixels(m); at++)
+            map_mean(m, from, at, from[at], 3 * m->sigma[at], &m->level[at]);
     }
     free(from);
 }
 
 /* ---------------- the whole */
 
-oxl_result map_make(struct map *m, const oxl_model *model, enum frame_kind kind, int side)
+struct map map_of(const struct product *p, const struct surface *s)
 {
-    oxl_result rc;
-    if (oxl_scene_point_count(m->scene) < 3)
-        return oxl_fail(
-            m->ctx, OXL_ERR_INPUT,
-            "map: the survey has no points, so its vertical axis is unknown\nfix: export points3D as well");
-    rc = map_open(m, kind, side);
+    return (struct map){.surface = s,
+                        .kind = p->has_gps ? FRAME_WORLD_AXES : (enum frame_kind)p->a->frame,
+                        .to = p->world,
+                        .pixel = p->a->pixel,
+                        .enough = p->a->min_views,
+                        .smooth = p->a->smooth};
+}
+
+oxl_result map_make(struct map *m, const oxl_model *model)
+{
+    oxl_result rc = map_open(m);
     if (rc == OXL_OK) rc = map_draw(m, model);
     if (rc == OXL_OK) rc = map_confirm(m);
     if (rc != OXL_OK) return rc;
     m->filled = map_fill(m, m->colour, 3, MAP_PINHOLE);
     map_smooth(m);
-    m->off = product_deviation(m->scene, &m->to, m->distance, map_off, m);
+    m->off = product_deviation(m->surface, &m->to, map_off, m);
     return OXL_OK;
 }
 
 void map_free(struct map *m)
 {
     free(m->colour);
-    free(m->level);
-    free(m->sigma);
-    free(m->views);
     free(m->seen);
 }
 
@@ -286,13 +290,13 @@ oxl_result map_raster(const struct map *m, const struct product *p, const char *
     memcpy(g.corner, m->corner, sizeof g.corner);
     if (!m->is_world) g.citation = "oceanxl: along the axes in frame.txt", g.reference = NULL;
     snprintf(path, sizeof path, "%s/%s", p->a->out, name);
-    return geotiff_write(m->ctx, path, &g, plane);
+    return geotiff_write(p->ctx, path, &g, plane);
 }
 
 /* Writes the 3 x 4 matrix from the survey's coordinates to the map's x, y and height. */
 static oxl_result map_write_frame(const struct map *m, const struct product *p)
 {
-    const struct similarity world = similarity_of_world(m->scene, 1), back = similarity_inverse(&world),
+    const struct similarity world = similarity_of_world(p->scene, 1), back = similarity_inverse(&world),
                             to = similarity_compose(&m->to, &back);
     struct output t = {0};
     output_add(&t, "# oceanxl map: x, y and height = this matrix times the survey's X, Y, Z, 1\n");
@@ -324,43 +328,31 @@ static void map_say(const struct map *m, const struct product *p)
             p->to,
             "warning   the cameras look along this map more than down on it, as on a wall or in a room, so that little "
             "has a height; --frame survey maps the plane of the points\n");
-    product_say(p, &m->off, m->distance);
+    product_say(p, &m->off);
 }
 
 oxl_result map_write(const struct product *p, const oxl_model *model)
 {
-    static const char *const files[] = {"ortho.tif", "height.tif", "certainty.tif", "frame.txt"};
-    const enum frame_kind kind = p->has_gps ? FRAME_WORLD_AXES : (enum frame_kind)p->a->frame;
     struct surface s = {0};
-    struct map m = {.ctx = p->ctx,
-                    .scene = p->scene,
-                    .surface = &s,
-                    .to = p->world,
-                    .pixel = p->a->pixel,
-                    .enough = p->a->min_views,
-                    .smooth = p->a->smooth};
-    float *certainty = NULL;
+    struct map m = map_of(p, &s);
+
     struct frame f;
-    oxl_result rc = product_folder(p, files, 4);
-    frame_choose(p->scene, kind, &f);
+    oxl_result rc = product_folder(p);
+    frame_choose(p->scene, m.kind, &f);
     if (rc == OXL_OK && p->a->epsg && !f.is_world)
-        rc = oxl_fail(m.ctx, OXL_ERR_USAGE,
+        rc = oxl_fail(p->ctx, OXL_ERR_USAGE,
                       "map: --epsg names the system of the world's coordinates, but the map is along the "
                       "survey's own axes\nfix: use --frame world if the survey is georeferenced, else "
                       "georeference it first (docs/GUIDE.md, 5)");
-    if (rc == OXL_OK) rc = surface_open(m.ctx, model, m.scene, SURFACE_SIDE, &s);
-    if (rc == OXL_OK) rc = map_make(&m, model, kind, 0);
+    if (rc == OXL_OK) rc = surface_open(p->ctx, model, p->scene, SURFACE_SIDE, &s);
+    if (rc == OXL_OK) rc = map_make(&m, model);
     if (rc == OXL_OK) {
         map_say(&m, p);
         rc = map_write_frame(&m, p);
-        certainty = product_room(2 * map_pixels(&m), sizeof *certainty);
-        memcpy(certainty, m.sigma, map_pixels(&m) * sizeof *certainty);
-        for (size_t i = 0; i < map_pixels(&m); i++) certainty[map_pixels(&m) + i] = m.views[i];
     }
     if (rc == OXL_OK) rc = map_raster(&m, p, "ortho.tif", m.colour, 3);
     if (rc == OXL_OK) rc = map_raster(&m, p, "height.tif", m.level, 1);
-    if (rc == OXL_OK) rc = map_raster(&m, p, "certainty.tif", certainty, 2);
-    free(certainty);
+    if (rc == OXL_OK) rc = map_raster(&m, p, "certainty.tif", m.sigma, 2);
     map_free(&m);
     surface_close(&s);
     return rc;

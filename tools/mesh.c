@@ -226,7 +226,7 @@ oxl_result mesh_make(const struct surface *s, int enough, double cell, struct cl
 {
     struct mesh m = {.s = s, .enough = enough, .cell = cell};
     mesh_find_samples(&m, c);
-    cloud_free(c);
+    free(c->point), c->count = 0;
     mesh_sample_all(&m);
     mesh_vertices(&m, c);
     c->index = product_room(18 * c->count, sizeof *c->index); /* three edges a cell, as each has four cells */

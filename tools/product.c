@@ -36,18 +36,18 @@ void vector_add(const double a[3], double by, const double b[3], double out[3])
     for (int k = 0; k < 3; k++) out[k] = a[k] + by * b[k];
 }
 
-struct deviation product_deviation(const oxl_scene *scene, const struct similarity *to, double distance,
+struct deviation product_deviation(const struct surface *s, const struct similarity *to,
                                    double (*off)(const void *user, const double p[3]), const void *user)
 {
-    const size_t points = oxl_scene_point_count(scene), stride = 2 * (1 + points / 2 / PRODUCT_CHECKED);
+    const size_t points = oxl_scene_point_count(s->scene), stride = 2 * (1 + points / 2 / PRODUCT_CHECKED);
     double *by = product_room(points, sizeof *by), all = 0;
-    struct deviation d = {0};
+    struct deviation d = {.distance = to->scale * s->distance};
     size_t n = 0;
     for (size_t i = 1; i < points; i += stride) {
         double p[3];
-        similarity_apply(to, oxl_scene_points(scene)[i].position, p);
+        similarity_apply(to, oxl_scene_points(s->scene)[i].position, p);
         by[n] = off(user, p);
-        all += !(by[n] < 0), d.gross += by[n] > PRODUCT_GROSS * distance, n += by[n] >= 0;
+        all += !(by[n] < 0), d.gross += by[n] > PRODUCT_GROSS * d.distance, n += by[n] >= 0;
     }
     d.median = product_quantile(by, n, 0.5), d.most = product_quantile(by, n, 0.9);
     d.gross /= (double)n, d.none = 1 - (double)n / all;
@@ -55,15 +55,15 @@ struct deviation product_deviation(const oxl_scene *scene, const struct similari
     return d;
 }
 
-void product_say(const struct product *p, const struct deviation *d, double distance)
+void product_say(const struct product *p, const struct deviation *d)
 {
     if (isnan(d->median)) return;
     print_format(
         p->to,
         "deviation from every second point of the survey: %.3g %s in the median, 90 %% less than %.3g: %.2f and %.2f %% "
         "of the cameras' distance, %.2f %% more than %.0f %%; nothing at %.1f %% of them\n",
-        d->median, p->words, d->most, 100 * d->median / distance, 100 * d->most / distance, 100 * d->gross,
-        100 * PRODUCT_GROSS, 100 * d->none);
+        d->median, p->words, d->most, 100 * d->median / d->distance, 100 * d->most / d->distance,
+        100 * d->gross, 100 * PRODUCT_GROSS, 100 * d->none);
 }
 
 oxl_result product_open(oxl_context *ctx, const oxl_scene *scene, const char *survey,
@@ -96,11 +96,12 @@ oxl_result product_open(oxl_context *ctx, const oxl_scene *scene, const char *su
     return gps_fit(p, survey, &p->world, &p->place.epsg);
 }
 
-oxl_result product_folder(const struct product *p, const char *const *names, int count)
+oxl_result product_folder(const struct product *p)
 {
+    static const char *const names[] = {"ortho.tif",      "height.tif",      "certainty.tif", "frame.txt",
+                                        "difference.tif", "significant.tif", "compare.csv",   "compare.html"};
     oxl_result rc = oxl_make_folder(p->ctx, p->a->out);
-    for (int i = 0; i < count && rc == OXL_OK; i++)
-        rc = output_check_own(p->ctx, p->a->out, names[i], "oceanxl");
+    for (int i = 0; i < 8 && rc == OXL_OK; i++) rc = output_check_own(p->ctx, p->a->out, names[i], "oceanxl");
     return rc;
 }
 

@@ -165,23 +165,23 @@ void surface_close(struct surface *s)
 
 /* ---------------- places in views */
 
-double surface_project(const oxl_camera *c, const double p[3], double at[2])
+/* Sets p in the axes of a camera. */
+static void surface_to_camera(const oxl_camera *c, const double p[3], double out[3])
 {
-    double x[3];
-    frame_to_camera(c->rotation, p, x);
-    vector_add(x, 1, c->translation, x);
-    at[0] = c->fx * x[0] / x[2] + c->cx;
-    at[1] = c->fy * x[1] / x[2] + c->cy;
-    return x[2];
+    frame_to_camera(c->rotation, p, out);
+    vector_add(out, 1, c->translation, out);
 }
 
 double surface_pixel(const struct surface_view *v, const double p[3], double at[2], size_t *pixel)
 {
     const oxl_camera *c = &v->sheet.camera;
-    const double z = surface_project(c, p, at);
-    if (!(z > 0 && at[0] >= 0 && at[0] < c->width && at[1] >= 0 && at[1] < c->height)) return 0;
+    double x[3];
+    surface_to_camera(c, p, x);
+    at[0] = c->fx * x[0] / x[2] + c->cx;
+    at[1] = c->fy * x[1] / x[2] + c->cy;
+    if (!(x[2] > 0 && at[0] >= 0 && at[0] < c->width && at[1] >= 0 && at[1] < c->height)) return 0;
     *pixel = (size_t)at[1] * (size_t)c->width + (size_t)at[0];
-    return z;
+    return x[2];
 }
 
 void sheet_place(const struct sheet *t, double x, double y, double depth, double out[3])
@@ -205,25 +205,13 @@ void surface_find(const struct surface *s, double (*place)[3], size_t count, str
     list->count = 0;
     for (int i = 0; i < s->views && list->count < SURFACE_LISTED; i++) {
         const oxl_camera *c = &s->view[i].sheet.camera;
-        double at[2];
-        const double z = surface_project(c, centre, at), by = radius / (z - radius);
-        const double u = by * (c->fx + fabs(at[0] - c->cx)), v = by * (c->fy + fabs(at[1] - c->cy)); /* px */
-        if (z > radius ? at[0] > -u && at[1] > -v && at[0] < c->width + u && at[1] < c->height + v
-                       : z > -radius)
+        double x[3], far;
+        surface_to_camera(c, centre, x);
+        far = x[2] + radius;
+        if (far > 0 && fabs(x[0]) < radius + far * fmax(c->cx, c->width - c->cx) / c->fx &&
+            fabs(x[1]) < radius + far * fmax(c->cy, c->height - c->cy) / c->fy)
             list->view[list->count++] = i;
     }
-}
-
-static void surface_confirm(const struct surface_view *v, int view, const double p[3], double z, double own,
-                            struct surface_vote *out)
-{
-    const double off = (own - z) / z, footprint = z / v->sheet.camera.fx;
-    double away[3];
-    vector_add(v->eye, -1, p, away);
-    out->confirms++;
-    out->off2 += off * off;
-    vector_add(out->ray, 1 / frame_length(away), away, out->ray);
-    if (out->nearest < 0 || footprint < out->footprint) out->footprint = footprint, out->nearest = view;
 }
 
 int surface_holds(const struct surface_vote *v, int enough)
@@ -231,47 +219,46 @@ int surface_holds(const struct surface_vote *v, int enough)
     return v->confirms >= enough && v->confirms > v->passes;
 }
 
-struct surface_vote surface_ask(const struct surface *s, const struct surface_list *list, const double p[3])
+static struct surface_vote surface_ask(const struct surface *s, const struct surface_list *list,
+                                       const double p[3])
 {
     const double usual = s->distance > 0 ? s->distance : HUGE_VAL;
-    struct surface_vote out = {.nearest = -1};
+    struct surface_vote out = {.nearest = -1, .footprint = HUGE_VAL};
     for (int i = 0; i < list->count; i++) {
         const struct surface_view *v = &s->view[list->view[i]];
-        double at[2], own;
+        double at[2], away[3], own, off;
         size_t pixel;
-        const double z = surface_pixel(v, p, at, &pixel);
+        const double z = surface_pixel(v, p, at, &pixel), footprint = z / v->sheet.camera.fx;
         if (!(z > 0 && z <= SURFACE_FAR * usual)) continue;
-        own = v->sheet.depth[pixel];
+        own = v->sheet.depth[pixel], off = fabs(own) - z;
         if (own > 0 && own < (1 - SURFACE_TOLERANCE) * z) continue;
         out.sees++;
-        if (v->guess[pixel] || own > z + SURFACE_TOLERANCE * fmin(z, usual)) {
-            out.passes++;
-            continue;
+        if (v->guess[pixel] || own > z + SURFACE_TOLERANCE * fmin(z, usual)) out.passes++;
+        else if (fabs(off) <= SURFACE_AGREES * fmin(z, usual)) {
+            vector_add(v->eye, -1, p, away);
+            vector_add(out.ray, 1 / frame_length(away), away, out.ray);
+            out.confirms++, out.off2 += off / z * (off / z);
+            if (footprint < out.footprint) out.footprint = footprint, out.nearest = list->view[i];
         }
-        own = fabs(own);
-        if (fabs(own - z) <= SURFACE_AGREES * fmin(z, usual))
-            surface_confirm(v, list->view[i], p, z, own, &out);
     }
     return out;
 }
 
-void surface_ask_sheet(const struct surface *s, const struct sheet *t, const unsigned char *skip,
+void surface_ask_sheet(const struct surface *s, const struct sheet *t,
                        void (*take)(void *user, size_t at, const double p[3], const struct surface_vote *v),
                        void *user)
 {
-    enum { SIDE = 32 }; /* px; of a tile, whose places are asked of the same views */
-    const int width = t->camera.width, height = t->camera.height, across = (width + SIDE - 1) / SIDE,
-              tiles = across * ((height + SIDE - 1) / SIDE);
+    enum { RUN = 256 }; /* pixels whose places are asked of the same views */
+    const size_t pixels = sheet_pixels(t), width = (size_t)t->camera.width;
 #pragma omp parallel for schedule(dynamic)
-    for (int tile = 0; tile < tiles; tile++) {
-        double place[SIDE * SIDE][3];
-        size_t pixel[SIDE * SIDE], count = 0;
+    for (size_t first = 0; first < pixels; first += RUN) {
+        double place[RUN][3];
+        size_t pixel[RUN], count = 0;
         struct surface_list list;
-        for (int i = 0; i < SIDE * SIDE; i++) {
-            const int x = tile % across * SIDE + i % SIDE, y = tile / across * SIDE + i / SIDE;
-            const size_t at = (size_t)y * (size_t)width + (size_t)x;
-            if (x >= width || y >= height || !(fabsf(t->depth[at]) > 0) || (skip && skip[at])) continue;
-            sheet_place(t, x + 0.5, y + 0.5, fabs((double)t->depth[at]), place[count]);
+        for (size_t at = first; at < first + RUN && at < pixels; at++) {
+            if (!(fabsf(t->depth[at]) > 0)) continue;
+            sheet_place(t, (double)(at % width) + 0.5, (double)(at / width) + 0.5, fabs((double)t->depth[at]),
+                        place[count]);
             pixel[count++] = at;
         }
         if (count > 0) surface_find(s, place, count, &list);

@@ -41,17 +41,6 @@ double product_quantile(double *value, size_t count, double share); /* sorts the
 double vector_dot(const double a[3], const double b[3]);
 void vector_add(const double a[3], double by, const double b[3], double out[3]); /* out = a + by b */
 
-/* How far every second point of the survey, which did not help to find it, is from a surface. */
-struct deviation {
-    double median, most, gross,
-        none; /* most: of 90 %; shares: beyond PRODUCT_GROSS; of points without a surface */
-};
-#define PRODUCT_GROSS 0.05 /* of the cameras' distance */
-/* Asks `off` how far each of these points, moved by `to`, is from it; NaN: it has nothing there; negative: the point is
- * not counted. distance: the cameras'. */
-struct deviation product_deviation(const oxl_scene *scene, const struct similarity *to, double distance,
-                                   double (*off)(const void *user, const double p[3]), const void *user);
-
 struct product {
     oxl_context *ctx;
     const oxl_scene *scene;
@@ -68,10 +57,9 @@ oxl_result product_open(oxl_context *ctx, const oxl_scene *scene, const char *su
 /* Gives each Gaussian the hue that the images around it have. Gains drift along a chain of images, and the colours of
  * the model against them, though no image shows it; brightness stays. */
 void product_balance(const oxl_scene *scene, const oxl_imaging *imaging, oxl_model *model);
-/* Makes the folder -o, and refuses to replace files there that are not ours. */
-oxl_result product_folder(const struct product *p, const char *const *names, int count);
+/* Makes the folder -o, and refuses to replace files there that are named as ours and are not. */
+oxl_result product_folder(const struct product *p);
 oxl_result product_save(const struct product *p, struct output *t, const char *name); /* to -o */
-void product_say(const struct product *p, const struct deviation *d, double distance);
 
 /* ---------------- gps.c: the world that the photos' GPS says */
 
@@ -132,53 +120,65 @@ enum { SURFACE_LISTED = 1024 }; /* most views that are asked of a place */
 struct surface_list {
     int count, view[SURFACE_LISTED];
 };
-/* Projects p into the camera, at: px; returns camera z, which is 0 or less behind the camera. */
-double surface_project(const oxl_camera *c, const double p[3], double at[2]);
-/* As surface_project, with the index of the pixel; returns 0 for a place that is not in the image. */
+/* Projects p into the view, at: px, and finds the pixel's index; returns camera z, 0 for a place that is not in the image. */
 double surface_pixel(const struct surface_view *v, const double p[3], double at[2], size_t *pixel);
 /* Lists the views that may have any of the places, which lie close together, in their image. */
 void surface_find(const struct surface *s, double (*place)[3], size_t count, struct surface_list *list);
-struct surface_vote surface_ask(const struct surface *s, const struct surface_list *list, const double p[3]);
 /* Returns 1 where `enough` views or more confirm the place, and fewer pass it. */
 int surface_holds(const struct surface_vote *v, int enough);
-/* Asks the views of the places of all pixels that have a depth and are not in `skip`, which may be NULL, and hands
- * their votes to `take`, in any order and on several threads. */
-void surface_ask_sheet(const struct surface *s, const struct sheet *t, const unsigned char *skip,
+/* Asks the views of the places of all pixels that have a depth, and hands their votes to `take`, in any order and on
+ * several threads. */
+void surface_ask_sheet(const struct surface *s, const struct sheet *t,
                        void (*take)(void *user, size_t at, const double p[3], const struct surface_vote *v),
                        void *user);
+
+/* How far every second point of the survey, which did not help to find it, is from a product's surface. */
+struct deviation {
+    double median, most, gross,
+        none;        /* most: of 90 %; shares: beyond PRODUCT_GROSS; of points without a surface */
+    double distance; /* of the cameras */
+};
+#define PRODUCT_GROSS 0.05 /* of the cameras' distance */
+/* Asks `off` how far each of these points, moved by `to`, is from it; NaN: it has nothing there; negative: the point is
+ * not counted. */
+struct deviation product_deviation(const struct surface *s, const struct similarity *to,
+                                   double (*off)(const void *user, const double p[3]), const void *user);
+void product_say(const struct product *p, const struct deviation *d);
 
 /* ---------------- map.c: an orthomosaic, heights and their certainty */
 
 struct map {
-    oxl_context *ctx;
-    const oxl_scene *scene;
-    struct surface *surface;
+    const struct surface *surface;
+    enum frame_kind kind;
     /* from local coordinates to the map's x, y and height, whose unit all lengths here have; at first the world's, which
      * map_make replaces by the survey's own axes if it chooses these */
     struct similarity to;
-    double pixel;              /* side of a pixel; 0: the median ground sampling distance */
-    int enough;                /* training views that must see a place */
-    int smooth;                /* passes that smooth heights and keep edges */
-    int width, height;         /* 0: they and the corner are chosen */
-    double corner[2];          /* outer corner of the top-left pixel */
-    int is_world;              /* 1: the map is along the axes that `to` had at first */
-    double top;                /* height of the highest camera */
-    struct sheet sheet;        /* the map's camera */
-    double distance, sampling; /* of the surface */
-    double down;               /* mean over the views of the cosine between their axis and straight down */
-    float *colour;             /* (3,height,width) 0..1; NaN: none */
-    float *level;              /* (height,width) height; NaN: none */
-    float *sigma;              /* (height,width) standard deviation of level; NaN: none */
-    unsigned short *views;     /* (height,width) views that confirm the height */
-    unsigned char *seen;       /* (height,width) 1: any view sees the place; 2: enough do */
-    size_t filled;             /* pixels whose colour is their neighbours' */
+    int side;            /* px, at most; 0: as many as the pixel size requires */
+    double pixel;        /* side of a pixel; 0: the median ground sampling distance */
+    int enough;          /* training views that must see a place */
+    int smooth;          /* passes that smooth heights and keep edges */
+    int width, height;   /* 0: they and the corner are chosen */
+    double corner[2];    /* outer corner of the top-left pixel */
+    int is_world;        /* 1: the map is along the axes that `to` had at first */
+    double top;          /* height of the highest camera */
+    struct sheet sheet;  /* the map's camera */
+    double sampling;     /* of the surface */
+    double down;         /* mean over the views of the cosine between their axis and straight down */
+    float *colour;       /* (3,height,width) 0..1; NaN: none; the planes below lie behind it */
+    float *level;        /* (height,width) height; NaN: none */
+    float *sigma;        /* (height,width) standard deviation of level; NaN: none */
+    float *views;        /* (height,width) views that confirm the height; behind sigma */
+    unsigned char *seen; /* (height,width) 1: any view sees the place; 2: enough do */
+    size_t filled;       /* pixels whose colour is their neighbours' */
     /* of the ground that two views share; shares of the ground that any training view sees: seen by enough; with a height */
     double area, covered, high;
     struct deviation off; /* of the heights */
 };
 #define MAP_DOWN 0.5 /* cosine of 60 degrees: below it, the views do not show the ground from above */
-/* Makes the map. side: px, at most; 0: as many as the pixel size requires. map_free frees it, also on error. */
-oxl_result map_make(struct map *m, const oxl_model *model, enum frame_kind kind, int side);
+/* A map as the options want it; its surface is opened before it is made. */
+struct map map_of(const struct product *p, const struct surface *s);
+/* map_free frees it, also on error. */
+oxl_result map_make(struct map *m, const oxl_model *model);
 void map_free(struct map *m);
 /* The map's neighbour k of a pixel, row by row, of 0 to 8; the pixel itself where there is none. */
 size_t map_next(const struct map *m, size_t at, int k);
@@ -198,6 +198,7 @@ struct cloud_point {
     unsigned char rgb[3], views; /* views that confirm it, 255 at most */
 };
 struct cloud {
+    const struct geotiff *place; /* the CRS, of LAS */
     struct cloud_point *point;
     size_t count;
     uint32_t *index; /* (3 triangles); NULL: there are none */
