@@ -36,10 +36,10 @@ static void cloud_normal(const struct surface_view *v, size_t at, const double p
     for (int k = 0; k < 4; k++) {
         const int u = x + step[k][0], w = y + step[k][1];
         const int is_inside = u >= 0 && w >= 0 && u < width && w < t->camera.height;
-        const float z = is_inside ? fabsf(t->depth[w * width + u]) : 0;
-        if (fabsf(z - t->depth[at]) <= (float)CLOUD_EDGE * t->depth[at])
-            sheet_place(t, u + 0.5, w + 0.5, (double)z, end[k]);
-        else memcpy(end[k], p, sizeof end[k]);
+        const size_t to = is_inside ? (size_t)(w * width + u) : at;
+        sheet_place(t,
+                    fabsf(fabsf(t->depth[to]) - t->depth[at]) <= (float)CLOUD_EDGE * t->depth[at] ? to : at,
+                    end[k]);
     }
     vector_add(end[1], -1, end[0], end[0]);
     vector_add(end[3], -1, end[2], end[2]);
@@ -49,14 +49,19 @@ static void cloud_normal(const struct surface_view *v, size_t at, const double p
     for (int k = 0; k < 3; k++) normal[k] = (float)(n[k] / length);
 }
 
+static int cloud_place(const void *user, size_t at, double p[3])
+{
+    const struct cloud_view *c = user;
+    const struct surface_view *v = &c->s->view[c->view];
+    return v->sheet.depth[at] > 0 && !v->guess[at] && sheet_place(&v->sheet, at, p);
+}
+
 static void cloud_take(void *user, size_t at, const double p[3], const struct surface_vote *v)
 {
     const struct cloud_view *c = user;
     const struct surface_view *view = &c->s->view[c->view];
     struct cloud_point *out = &c->point[at];
-    if (!(view->sheet.depth[at] > 0) || view->guess[at] || v->nearest != c->view ||
-        !surface_holds(v, c->enough))
-        return;
+    if (v->nearest != c->view || !surface_holds(v, c->enough)) return;
     memcpy(out->place, p, sizeof out->place);
     memcpy(out->rgb, view->rgb + 3 * at, 3);
     out->views = (unsigned char)fmin(v->confirms, 255);
@@ -71,7 +76,7 @@ oxl_result cloud_make(const struct surface *s, int enough, struct cloud *out)
         struct cloud_view c = {s, v, enough, point + before};
         if (before) memcpy(point, out->point, before * sizeof *point);
         free(out->point), out->point = point;
-        surface_ask_sheet(s, &s->view[v].sheet, cloud_take, &c);
+        surface_ask_all(s, all - before, cloud_place, cloud_take, &c);
         for (size_t i = before; i < all; i++)
             if (point[i].views) point[out->count++] = point[i];
     }

@@ -160,6 +160,11 @@ static double map_sigma(const struct map *m, const struct surface_vote *v, doubl
                 pow(MAP_SIGMA_LEAST * distance, 2));
 }
 
+static int map_place_of(const void *user, size_t at, double p[3])
+{
+    return sheet_place(&((const struct map *)user)->sheet, at, p);
+}
+
 /* Empties a pixel that too few views see; views stays 0 where it has no height. */
 static void map_take_vote(void *user, size_t at, const double p[3], const struct surface_vote *v)
 {
@@ -178,7 +183,7 @@ static void map_take_vote(void *user, size_t at, const double p[3], const struct
 static oxl_result map_confirm(struct map *m)
 {
     size_t any = 0, covered = 0, high = 0;
-    surface_ask_sheet(m->surface, &m->sheet, map_take_vote, m);
+    surface_ask_all(m->surface, map_pixels(m), map_place_of, map_take_vote, m);
     for (size_t at = 0; at < map_pixels(m); at++) {
         if (!m->views[at]) m->level[at] = m->sigma[at] = NAN;
         any += m->seen[at] > 0, covered += m->seen[at] > 1, high += m->views[at] > 0;

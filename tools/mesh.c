@@ -16,13 +16,12 @@
 
 enum {
     MESH_BITS = 20,   /* of a coordinate in a key */
-    MESH_GROUP = 512, /* lattice points that are asked of the same views */
+    MESH_GROUP = 512, /* lattice points that a thread takes */
     MESH_SMALL = 200
 };
 #define MESH_TRUNCATE 4.0 /* cells */
 
 struct mesh {
-    const struct surface *s;
     int enough;
     double cell, low[3]; /* units; side of a cell, the lattice's origin */
     size_t samples;
@@ -85,47 +84,20 @@ static size_t mesh_find(const struct mesh *m, uint64_t key)
     return at ? (size_t)(at - m->key) : m->samples;
 }
 
-static void mesh_place(const struct mesh *m, size_t sample, double out[3])
+static int mesh_place(const void *user, size_t sample, double out[3])
 {
+    const struct mesh *m = user;
     for (int k = 0; k < 3; k++)
         out[k] = m->low[k] + (double)(m->key[sample] >> k * MESH_BITS & ((1 << MESH_BITS) - 1)) * m->cell;
+    return 1;
 }
 
-static void mesh_sample(const struct mesh *m, const struct surface_list *list, size_t sample,
-                        const double p[3])
+static void mesh_take(void *user, size_t sample, const double p[3], const struct surface_vote *v)
 {
-    const double reach = MESH_TRUNCATE * m->cell;
-    double sum = 0, rgb[3] = {0, 0, 0};
-    int views = 0, near = 0;
-    for (int i = 0; i < list->count; i++) {
-        const struct surface_view *v = &m->s->view[list->view[i]];
-        double at[2], off;
-        size_t pixel;
-        const double z = surface_pixel(v, p, at, &pixel);
-        if (!(z > 0 && v->sheet.depth[pixel] > 0) || v->guess[pixel]) continue;
-        off = (double)v->sheet.depth[pixel] - z;
-        if (off < -reach) continue;
-        views++, sum += fmin(off, reach), near += off <= reach;
-        for (int c = 0; c < 3 && off <= reach; c++) rgb[c] += v->rgb[3 * pixel + (size_t)c];
-    }
-    m->distance[sample] = views >= m->enough ? (float)(sum / views / m->cell) : NAN;
-    for (int c = 0; c < 3; c++) m->rgb[sample][c] = (unsigned char)(near ? rgb[c] / near : 128);
-}
-
-static void mesh_sample_all(struct mesh *m)
-{
-    m->distance = product_room(m->samples, sizeof *m->distance);
-    m->rgb = product_room(m->samples, sizeof *m->rgb);
-    m->distance[m->samples] = NAN;
-#pragma omp parallel for schedule(dynamic)
-    for (size_t first = 0; first < m->samples; first += MESH_GROUP) {
-        const size_t left = m->samples - first, count = left < MESH_GROUP ? left : MESH_GROUP;
-        double place[MESH_GROUP][3];
-        struct surface_list list;
-        for (size_t i = 0; i < count; i++) mesh_place(m, first + i, place[i]);
-        surface_find(m->s, place, count, &list);
-        for (size_t i = 0; i < count; i++) mesh_sample(m, &list, first + i, place[i]);
-    }
+    struct mesh *m = user;
+    (void)p;
+    m->distance[sample] = v->clear >= m->enough ? (float)(v->ahead / v->clear / m->cell) : NAN;
+    if (v->rgb) memcpy(m->rgb[sample], v->rgb, 3);
 }
 
 /* ---------------- vertices and triangles */
@@ -222,12 +194,15 @@ static void mesh_clean(struct cloud *c)
     free(parent);
 }
 
-oxl_result mesh_make(const struct surface *s, int enough, double cell, struct cloud *c)
+oxl_result mesh_make(struct surface *s, int enough, double cell, struct cloud *c)
 {
-    struct mesh m = {.s = s, .enough = enough, .cell = cell};
+    struct mesh m = {.enough = enough, .cell = cell};
     mesh_find_samples(&m, c);
     free(c->point), c->count = 0;
-    mesh_sample_all(&m);
+    m.distance = product_room(m.samples, sizeof *m.distance), m.distance[m.samples] = NAN;
+    m.rgb = product_room(m.samples, sizeof *m.rgb);
+    s->reach = MESH_TRUNCATE * cell;
+    surface_ask_all(s, m.samples, mesh_place, mesh_take, &m);
     mesh_vertices(&m, c);
     c->index = product_room(18 * c->count, sizeof *c->index); /* three edges a cell, as each has four cells */
     for (size_t i = 0; i < 3 * m.samples; i++)

@@ -91,6 +91,29 @@ static void surface_measure(struct surface *s)
     free(middle);
 }
 
+/* ---------------- places in views */
+
+/* Sets p in the axes of a camera. */
+static void surface_to_camera(const oxl_camera *c, const double p[3], double out[3])
+{
+    frame_to_camera(c->rotation, p, out);
+    vector_add(out, 1, c->translation, out);
+}
+
+/* Projects p into the view, at: px, and finds the pixel's index; returns camera z, 0 for a place that is not in the
+ * image. */
+static double surface_pixel(const struct surface_view *v, const double p[3], double at[2], size_t *pixel)
+{
+    const oxl_camera *c = &v->sheet.camera;
+    double x[3];
+    surface_to_camera(c, p, x);
+    at[0] = c->fx * x[0] / x[2] + c->cx;
+    at[1] = c->fy * x[1] / x[2] + c->cy;
+    if (!(x[2] > 0 && at[0] >= 0 && at[0] < c->width && at[1] >= 0 && at[1] < c->height)) return 0;
+    *pixel = (size_t)at[1] * (size_t)c->width + (size_t)at[0];
+    return x[2];
+}
+
 /* ---------------- the survey's points */
 
 /* Marks the depths of a view as guesses that have points of the survey around them, but hardly one at that depth. Half
@@ -163,38 +186,28 @@ void surface_close(struct surface *s)
     *s = (struct surface){0};
 }
 
-/* ---------------- places in views */
+/* ---------------- votes */
 
-/* Sets p in the axes of a camera. */
-static void surface_to_camera(const oxl_camera *c, const double p[3], double out[3])
-{
-    frame_to_camera(c->rotation, p, out);
-    vector_add(out, 1, c->translation, out);
-}
-
-double surface_pixel(const struct surface_view *v, const double p[3], double at[2], size_t *pixel)
-{
-    const oxl_camera *c = &v->sheet.camera;
-    double x[3];
-    surface_to_camera(c, p, x);
-    at[0] = c->fx * x[0] / x[2] + c->cx;
-    at[1] = c->fy * x[1] / x[2] + c->cy;
-    if (!(x[2] > 0 && at[0] >= 0 && at[0] < c->width && at[1] >= 0 && at[1] < c->height)) return 0;
-    *pixel = (size_t)at[1] * (size_t)c->width + (size_t)at[0];
-    return x[2];
-}
-
-void sheet_place(const struct sheet *t, double x, double y, double depth, double out[3])
+int sheet_place(const struct sheet *t, size_t at, double out[3])
 {
     const oxl_camera *c = &t->camera;
-    const double by = t->parallel > 0 ? 1 : depth,
-                 at[3] = {by * (x - c->cx) / c->fx - c->translation[0],
-                          by * (y - c->cy) / c->fy - c->translation[1], depth - c->translation[2]};
+    const size_t width = (size_t)c->width;
+    const double depth = fabs((double)t->depth[at]), by = t->parallel > 0 ? 1 : depth,
+                 from[3] = {by * ((double)(at % width) + 0.5 - c->cx) / c->fx - c->translation[0],
+                            by * ((double)(at / width) + 0.5 - c->cy) / c->fy - c->translation[1],
+                            depth - c->translation[2]};
     for (int k = 0; k < 3; k++)
-        out[k] = c->rotation[k] * at[0] + c->rotation[3 + k] * at[1] + c->rotation[6 + k] * at[2];
+        out[k] = c->rotation[k] * from[0] + c->rotation[3 + k] * from[1] + c->rotation[6 + k] * from[2];
+    return depth > 0;
 }
 
-void surface_find(const struct surface *s, double (*place)[3], size_t count, struct surface_list *list)
+enum { SURFACE_LISTED = 1024 }; /* most views that are asked of a place */
+struct surface_list {
+    int count, view[SURFACE_LISTED];
+};
+
+/* Lists the views that may have any of the places, which lie close together, in their image. */
+static void surface_find(const struct surface *s, double (*place)[3], size_t count, struct surface_list *list)
 {
     const double *centre = place[count / 2];
     double radius = 0, away[3];
@@ -223,7 +236,7 @@ static struct surface_vote surface_ask(const struct surface *s, const struct sur
                                        const double p[3])
 {
     const double usual = s->distance > 0 ? s->distance : HUGE_VAL;
-    struct surface_vote out = {.nearest = -1, .footprint = HUGE_VAL};
+    struct surface_vote out = {.nearest = -1, .footprint = HUGE_VAL, .fine = HUGE_VAL};
     for (int i = 0; i < list->count; i++) {
         const struct surface_view *v = &s->view[list->view[i]];
         double at[2], away[3], own, off;
@@ -231,6 +244,10 @@ static struct surface_vote surface_ask(const struct surface *s, const struct sur
         const double z = surface_pixel(v, p, at, &pixel), footprint = z / v->sheet.camera.fx;
         if (!(z > 0 && z <= SURFACE_FAR * usual)) continue;
         own = v->sheet.depth[pixel], off = fabs(own) - z;
+        if (own > 0 && !v->guess[pixel] && off >= -s->reach) {
+            out.clear++, out.ahead += fmin(off, s->reach);
+            if (off <= s->reach && footprint < out.fine) out.fine = footprint, out.rgb = v->rgb + 3 * pixel;
+        }
         if (own > 0 && own < (1 - SURFACE_TOLERANCE) * z) continue;
         out.sees++;
         if (v->guess[pixel] || own > z + SURFACE_TOLERANCE * fmin(z, usual)) out.passes++;
@@ -244,27 +261,23 @@ static struct surface_vote surface_ask(const struct surface *s, const struct sur
     return out;
 }
 
-void surface_ask_sheet(const struct surface *s, const struct sheet *t,
-                       void (*take)(void *user, size_t at, const double p[3], const struct surface_vote *v),
-                       void *user)
+void surface_ask_all(const struct surface *s, size_t count,
+                     int (*place)(const void *user, size_t at, double p[3]),
+                     void (*take)(void *user, size_t at, const double p[3], const struct surface_vote *v),
+                     void *user)
 {
-    enum { RUN = 256 }; /* pixels whose places are asked of the same views */
-    const size_t pixels = sheet_pixels(t), width = (size_t)t->camera.width;
+    enum { RUN = 256 }; /* places that are asked of the same views */
 #pragma omp parallel for schedule(dynamic)
-    for (size_t first = 0; first < pixels; first += RUN) {
-        double place[RUN][3];
-        size_t pixel[RUN], count = 0;
+    for (size_t first = 0; first < count; first += RUN) {
+        double p[RUN][3];
+        size_t number[RUN], found = 0;
         struct surface_list list;
-        for (size_t at = first; at < first + RUN && at < pixels; at++) {
-            if (!(fabsf(t->depth[at]) > 0)) continue;
-            sheet_place(t, (double)(at % width) + 0.5, (double)(at / width) + 0.5, fabs((double)t->depth[at]),
-                        place[count]);
-            pixel[count++] = at;
-        }
-        if (count > 0) surface_find(s, place, count, &list);
-        for (size_t i = 0; i < count; i++) {
-            const struct surface_vote vote = surface_ask(s, &list, place[i]);
-            take(user, pixel[i], place[i], &vote);
+        for (size_t at = first; at < first + RUN && at < count; at++)
+            if (place(user, at, p[found])) number[found++] = at;
+        if (found > 0) surface_find(s, p, found, &list);
+        for (size_t i = 0; i < found; i++) {
+            const struct surface_vote vote = surface_ask(s, &list, p[i]);
+            take(user, number[i], p[i], &vote);
         }
     }
 }

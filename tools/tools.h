@@ -78,8 +78,8 @@ struct sheet {
     float *depth;    /* (height,width) as of oxl_render: negative where it is not clear; 0, NaN: none */
 };
 size_t sheet_pixels(const struct sheet *t);
-/* Finds the place that x, y px has at a depth. */
-void sheet_place(const struct sheet *t, double x, double y, double depth, double out[3]);
+/* Finds the place that a pixel shows. Returns 0 where it has no depth. */
+int sheet_place(const struct sheet *t, size_t at, double out[3]);
 /* Renders the model on its own background: out is created, the sheet's depths are set. */
 oxl_result sheet_render(oxl_context *ctx, const oxl_model *model, double near_plane, const struct sheet *t,
                         oxl_image *out);
@@ -98,6 +98,7 @@ struct surface {
     struct surface_view *view; /* (views) training views alone, in the scene's order */
     double distance;           /* units; median depth of the views' pixels; 0: not known */
     double sampling; /* units; median side of what a pixel of the scene's images sees; 0: not known */
+    double reach;    /* units; of what a mesh is made from: surface_vote.ahead; at first 0 */
 };
 /* Renders the depths of all training views at a longer side of at most `side` px. surface_close frees it, also on
  * error. */
@@ -114,23 +115,21 @@ struct surface_vote {
     double ray[3];    /* sum over `confirms` of the unit vectors towards the cameras */
     double footprint; /* least depth by focal length over `confirms`: units that a pixel sees */
     int nearest;      /* view that has it; -1: none */
+    int clear;        /* views with a clear depth there that is not before the place by more than `reach` */
+    double ahead;     /* sum over `clear` of how far the place is before that depth, `reach` at most */
+    double fine;      /* least footprint of those of them that are no farther than that */
+    const unsigned char *rgb; /* of the view that has it; NULL: there is none */
 };
-enum { SURFACE_SIDE = 320 };    /* px; of the views' depths, for maps, reports and comparisons alike */
-enum { SURFACE_LISTED = 1024 }; /* most views that are asked of a place */
-struct surface_list {
-    int count, view[SURFACE_LISTED];
-};
-/* Projects p into the view, at: px, and finds the pixel's index; returns camera z, 0 for a place that is not in the image. */
-double surface_pixel(const struct surface_view *v, const double p[3], double at[2], size_t *pixel);
-/* Lists the views that may have any of the places, which lie close together, in their image. */
-void surface_find(const struct surface *s, double (*place)[3], size_t count, struct surface_list *list);
+enum { SURFACE_SIDE = 320 }; /* px; of the views' depths, for maps, reports and comparisons alike */
+
 /* Returns 1 where `enough` views or more confirm the place, and fewer pass it. */
 int surface_holds(const struct surface_vote *v, int enough);
-/* Asks the views of the places of all pixels that have a depth, and hands their votes to `take`, in any order and on
- * several threads. */
-void surface_ask_sheet(const struct surface *s, const struct sheet *t,
-                       void (*take)(void *user, size_t at, const double p[3], const struct surface_vote *v),
-                       void *user);
+/* Asks the views of all places that `place` finds, 0: none, and hands their votes to `take`, in any order and on several
+ * threads. Places with near numbers lie close together. */
+void surface_ask_all(const struct surface *s, size_t count,
+                     int (*place)(const void *user, size_t at, double p[3]),
+                     void (*take)(void *user, size_t at, const double p[3], const struct surface_vote *v),
+                     void *user);
 
 /* How far every second point of the survey, which did not help to find it, is from a product's surface. */
 struct deviation {
@@ -213,7 +212,7 @@ oxl_result cloud_write(const struct product *p, const oxl_model *model);
 /* ---------------- mesh.c: triangles */
 
 /* Replaces the points by the vertices of a mesh around them, of cells of that side. */
-oxl_result mesh_make(const struct surface *s, int enough, double cell, struct cloud *c);
+oxl_result mesh_make(struct surface *s, int enough, double cell, struct cloud *c);
 
 /* ---------------- similarity.c: nearest points */
 
