@@ -584,7 +584,7 @@ TEST(mesh_of_flat_ground_lies_on_it_faces_the_cameras_and_has_no_cracks)
         CHECK(back <= 1);
         open += !back;
     }
-    CHECK(area > 10 && area < 20 && c.triangles > MESH_SMALL && open < 120);
+    CHECK(area > 10 && area < 20 && c.triangles > 200 && open < 120);
     cloud_free(&c);
 }
 

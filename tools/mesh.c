@@ -4,7 +4,7 @@
  * (Curless and Levoy 1996), around the points of the cloud alone. Each cell of the lattice that the surface of
  * distance 0 crosses has one vertex, at the mean of the crossings of its edges, and each edge that it crosses has two
  * triangles between the vertices of the four cells around it (surface nets, Gibson 1998): marching cubes without its
- * table, and without its slivers. Parts of fewer than MESH_SMALL triangles are left out.
+ * table, and without its slivers.
  *
  * Invariant: a sample is found by the key of its lattice point; the index behind the last is that of no sample.
  */
@@ -15,9 +15,8 @@
 #include <string.h>
 
 enum {
-    MESH_BITS = 20,   /* of a coordinate in a key */
-    MESH_GROUP = 512, /* lattice points that a thread takes */
-    MESH_SMALL = 200
+    MESH_BITS = 20,  /* of a coordinate in a key */
+    MESH_GROUP = 512 /* lattice points that a thread takes */
 };
 #define MESH_TRUNCATE 4.0 /* cells */
 
@@ -165,35 +164,6 @@ static void mesh_add(const struct mesh *m, size_t sample, int axis, struct cloud
     c->triangles += 2;
 }
 
-static uint32_t mesh_root(uint32_t *parent, uint32_t i)
-{
-    while (parent[i] != i) i = parent[i] = parent[parent[i]];
-    return i;
-}
-
-/* Leaves out small parts, and the vertices that no triangle has. */
-static void mesh_clean(struct cloud *c)
-{
-    uint32_t *parent = product_room(2 * c->count, sizeof *parent), *number = parent + c->count;
-    const size_t all = 3 * c->triangles, points = c->count;
-    for (uint32_t i = 0; i < points; i++) parent[i] = i;
-    for (size_t i = 0; i < all; i++) {
-        const uint32_t a = mesh_root(parent, c->index[i]), b = mesh_root(parent, c->index[i - i % 3]);
-        parent[a > b ? a : b] = a > b ? b : a;
-    }
-    for (size_t i = 0; i < all; i += 3) number[mesh_root(parent, c->index[i])]++;
-    c->triangles = c->count = 0;
-    for (size_t i = 0; i < all; i += 3)
-        if (number[mesh_root(parent, c->index[i])] >= MESH_SMALL)
-            memmove(c->index + 3 * c->triangles++, c->index + i, 3 * sizeof *c->index);
-    memset(number, 0, points * sizeof *number);
-    for (size_t i = 0; i < 3 * c->triangles; i++) number[c->index[i]] = 1;
-    for (size_t i = 0; i < points; i++)
-        if (number[i]) c->point[c->count] = c->point[i], number[i] = (uint32_t)c->count++;
-    for (size_t i = 0; i < 3 * c->triangles; i++) c->index[i] = number[c->index[i]];
-    free(parent);
-}
-
 oxl_result mesh_make(struct surface *s, int enough, double cell, struct cloud *c)
 {
     struct mesh m = {.enough = enough, .cell = cell};
@@ -207,7 +177,6 @@ oxl_result mesh_make(struct surface *s, int enough, double cell, struct cloud *c
     c->index = product_room(18 * c->count, sizeof *c->index); /* three edges a cell, as each has four cells */
     for (size_t i = 0; i < 3 * m.samples; i++)
         if (!isnan(m.distance[i / 3])) mesh_add(&m, i / 3, (int)(i % 3), c);
-    mesh_clean(c);
     free(m.key), free(m.distance), free(m.rgb), free(m.vertex);
     return c->triangles > 0
                ? OXL_OK
