@@ -502,8 +502,7 @@ TEST(map_fills_pinholes_alone)
     CHECK(plane[W * H + 3 * W + 2] == plane[3 * W + 2] && plane[2 * W + 5] == 200);
 }
 
-/* A LAS 1.4 file of the ground above: its header, the CRS by the keys of GeoTIFF, and points on the ground with
- * normals up. */
+/* A LAS 1.4 file of the ground above: its header, the CRS by the keys of GeoTIFF, and points on the ground. */
 TEST(cloud_in_las_has_its_crs_its_scale_and_points_on_the_ground)
 {
     OWNED_SCENE *scene = ortho_test_scene();
@@ -523,13 +522,13 @@ TEST(cloud_in_las_has_its_crs_its_scale_and_points_on_the_ground)
     CHECK(count == ortho_test_integer(t + 107, 4) && count > 300);
     CHECK(ortho_test_integer(t + 375 + 18, 2) == 34735); /* the first record */
     CHECK(ortho_test_key(keys, ortho_test_integer(keys + 6, 2), 3072) == 32632);
-    for (const uint8_t *p = t + first; p < t + first + 38 * (size_t)count; p += 38) {
+    for (const uint8_t *p = t + first; p < t + first + 26 * (size_t)count; p += 26) {
         for (int k = 0; k < 3; k++) {
             const double x = (int32_t)ortho_test_integer(p + 4 * k, 4) * bytes_double(t + 131 + 8 * k) +
                              bytes_double(t + 155 + 8 * k);
             CHECK(x > low[k] && x < high[k]);
         }
-        CHECK(p[17] == 2 && bytes_float(p + 34) > 0.9f);
+        CHECK(p[17] == 2);
     }
 }
 

@@ -6,8 +6,8 @@
  * --scale.
  *
  * The PLY is binary, with double coordinates. The LAS is version 1.4 R15 (ASPRS 2019), point format 2, with the CRS
- * as GeoTIFF keys, which this format allows without a database of CRS; the views are its user data, and the normal
- * is in extra bytes.
+ * as GeoTIFF keys, which this format allows without a database of CRS; the views are its user data, and
+ * it has no normals.
  */
 #include "tools.h"
 
@@ -15,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { LAS_HEADER = 375, LAS_RECORD = 26 + 12 };
+enum { LAS_HEADER = 375, LAS_RECORD = 26 };
 #define CLOUD_EDGE 0.05 /* fraction of the depth by which neighbours on one surface differ at most */
 
 /* ---------------- points of a view */
@@ -155,10 +155,10 @@ static void las_record(struct output *t, const char *user, int id, size_t size)
     las_text(t, "", 32);
 }
 
-/* Adds the four variable length records: the keys of the CRS as in a GeoTIFF, and what the extra bytes are. */
+/* Adds the three variable length records: the keys of the CRS, as in a GeoTIFF. */
 static void las_records(const struct geotiff *place, struct output *t)
 {
-    enum { EXTRA = 192 };
+
     struct geotiff_crs crs;
     geotiff_crs(place, &crs);
     las_record(t, "LASF_Projection", 34735, 2 * crs.keys);
@@ -167,12 +167,6 @@ static void las_records(const struct geotiff *place, struct output *t)
     for (size_t i = 0; i < crs.numbers; i++) output_real(t, crs.number[i], 8);
     las_record(t, "LASF_Projection", 34737, strlen(crs.words) + 1);
     output_bytes(t, crs.words, strlen(crs.words) + 1);
-    las_record(t, "LASF_Spec", 4, 3 * EXTRA);
-    for (int k = 0; k < 3; k++) {
-        output_integer(t, 9 << 16, 4); /* reserved, type 9: float, no options */
-        las_text(t, &"NormalX\0NormalY\0NormalZ"[8 * k], 32);
-        for (int i = 0; i < EXTRA - 36; i++) output_integer(t, 0, 1);
-    }
 }
 
 static void las_header(const struct cloud *c, size_t records, const double low[3], const double high[3],
@@ -186,7 +180,7 @@ static void las_header(const struct cloud *c, size_t records, const double low[3
     output_integer(t, 0, 4); /* no date: the same bytes on any day */
     output_integer(t, LAS_HEADER, 2);
     output_integer(t, LAS_HEADER + records, 4);
-    output_integer(t, 4, 4);
+    output_integer(t, 3, 4);
     output_integer(t, 2, 1); /* format of the points */
     output_integer(t, LAS_RECORD, 2);
     for (int i = 0; i < 6; i++) output_integer(t, i < 2 && c->count <= UINT32_MAX ? c->count : 0, 4);
@@ -219,7 +213,6 @@ static void cloud_put_las(const struct cloud *c, struct output *t)
         output_integer(t, q->views, 1);
         output_integer(t, 0, 2);
         for (int k = 0; k < 3; k++) output_integer(t, 257u * q->rgb[k], 2);
-        for (int k = 0; k < 3; k++) output_real(t, (double)q->normal[k], 4);
     }
     t->failed |= records.failed;
     free(records.data);
