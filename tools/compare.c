@@ -20,7 +20,7 @@ enum {
     COMPARE_SAMPLE = 20000, /* places of a cloud that are paired */
     COMPARE_TRIES = 9,      /* as they are, and eight turns */
     COMPARE_PASSES = 30,
-    COMPARE_TRY_PASSES = 8,
+    
     COMPARE_HOLE = 8,   /* passes that fill holes: volumes would lack them */
     COMPARE_AROUND = 6, /* cells on each side that a significant change is seen in */
     COMPARE_LEAST = (2 * COMPARE_AROUND + 1) * (2 * COMPARE_AROUND + 1) / 2, /* cells of a changed place */
@@ -51,13 +51,13 @@ struct compare {
 
 /* Moves the second cloud onto the first from `move` on. Returns the share of its places with a match; left: the standard
  * deviation of what is left of them. */
-static double compare_approach(const struct compare *c, struct similarity *move, int passes, double *left)
+static double compare_approach(const struct compare *c, struct similarity *move, double *left)
 {
     const size_t count = c->cloud[1].count, stride = 1 + count / COMPARE_SAMPLE;
     struct match *match = product_room(count / stride + 1, sizeof *match);
     double reach = COMPARE_REACH * c->surface[0].distance;
     size_t n = 10;
-    for (int pass = 0; pass < passes && n >= 10; pass++) {
+    for (int pass = 0; pass < COMPARE_PASSES && n >= 10; pass++) {
         struct near near;
         n = 0;
         near_open(&near, &c->cloud[0], reach);
@@ -98,14 +98,14 @@ static struct similarity compare_guess(const struct compare *c, int k)
 
 static oxl_result compare_register(struct compare *c)
 {
-    double left, best = -1;
-    for (int k = 0; k < COMPARE_TRIES && best < COMPARE_OVERLAP; k++) {
+    for (int k = 0; k < COMPARE_TRIES && c->overlap < COMPARE_OVERLAP; k++) {
         struct similarity move = compare_guess(c, k);
-        const double share = compare_approach(c, &move, COMPARE_TRY_PASSES, &left);
-        if (share > best) best = share, c->move = move;
+        double left;
+        const double share = compare_approach(c, &move, &left);
+        if (share <= c->overlap) continue;
+        c->overlap = share, c->move = move;
+        c->noise = c->p->world.scale * left / sqrt(c->surface[0].views + c->surface[1].views);
     }
-    c->overlap = compare_approach(c, &c->move, COMPARE_PASSES, &left);
-    c->noise = c->p->world.scale * left / sqrt(c->surface[0].views + c->surface[1].views);
     if (c->overlap >= COMPARE_OVERLAP) return OXL_OK;
     return oxl_fail(
         c->p->ctx, OXL_ERR_INPUT,
