@@ -1,8 +1,7 @@
 /* map.c - renders a map of a model from straight above: the orthomosaic, the heights and their certainty.
  *
  * Rays are parallel to the frame's above axis, so a place is at one pixel whatever its height. They begin at the
- * highest camera, so that what floats above it is not seen. The map is rendered by bands of rows, each a view of its
- * own. A pixel is empty where the model is see-through, or where fewer than --min-views training views see the
+ * highest camera, so that what floats above it is not seen. A pixel is empty where the model is see-through, or where fewer than --min-views training views see the
  * place (surface.c). It has a colour but no height where no layer of the model is the surface, where fewer views
  * confirm it, or where as many views look through it.
  *
@@ -22,7 +21,6 @@
 #include <string.h>
 
 enum {
-    MAP_ROWS = 512,       /* that are rendered at once */
     MAP_SIDE_MAX = 32768, /* px; longest side of a map */
     MAP_PINHOLE = 3,      /* px; about the widest hole that is filled */
     MAP_KNOWN = 5         /* least neighbours of a pixel that is filled */
@@ -117,32 +115,22 @@ static oxl_result map_open(struct map *m)
 
 /* ---------------- rendering */
 
-/* Renders colours and heights by bands of rows; sigma has the depths yet, which are negative where they are not clear. */
+/* Renders colours and heights; sigma has the depths yet, which are negative where they are not clear. */
 static oxl_result map_draw(struct map *m, const oxl_model *model)
 {
-    oxl_result rc = OXL_OK;
     const size_t pixels = map_pixels(m);
+    oxl_image image = {0};
+    oxl_result rc;
     m->colour = product_room(6 * pixels, sizeof *m->colour), m->level = m->colour + 3 * pixels;
     m->sigma = m->sheet.depth = m->level + pixels, m->views = m->sigma + pixels;
     m->seen = product_room(pixels, 1);
-    for (int y = 0; y < m->height && rc == OXL_OK; y += MAP_ROWS) {
-        struct sheet band = m->sheet;
-        oxl_camera *c = &band.camera;
-        const size_t first = (size_t)y * (size_t)m->width;
-        size_t plane;
-        oxl_image image = {0};
-        c->height = (int)fmin(m->height - y, MAP_ROWS);
-        plane = (size_t)c->height * (size_t)c->width, band.depth += first;
-        c->translation[1] += (c->cy - y - 0.5 * c->height) / c->fy, c->cy = 0.5 * c->height;
-        rc = sheet_render(m->surface->ctx, model, 0, &band, &image);
-        for (size_t i = 0; i < 3 * plane && rc == OXL_OK; i++) {
-            const size_t at = first + i % plane;
-            const double z = fabs((double)m->sigma[at]);
-            m->level[at] = z > 0 ? (float)(m->top - m->to.scale * z) : NAN;
-            m->colour[i / plane * pixels + at] = z > 0 ? fminf(fmaxf(image.rgb[i], 0), 1) : NAN;
-        }
-        oxl_image_free(m->surface->ctx, &image);
+    rc = sheet_render(m->surface->ctx, model, 0, &m->sheet, &image);
+    for (size_t i = 0; i < 3 * pixels && rc == OXL_OK; i++) {
+        const double z = fabs((double)m->sigma[i % pixels]);
+        m->level[i % pixels] = z > 0 ? (float)(m->top - m->to.scale * z) : NAN;
+        m->colour[i] = z > 0 ? fminf(fmaxf(image.rgb[i], 0), 1) : NAN;
     }
+    oxl_image_free(m->surface->ctx, &image);
     return rc;
 }
 
