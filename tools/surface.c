@@ -25,6 +25,7 @@
 #define SURFACE_NEAR 0.03
 #define SURFACE_SHARE 0.05 /* least share of the points around a pixel that are near its depth */
 enum {
+    SURFACE_EACH = 31,
     SURFACE_AROUND = 108,    /* points around a pixel, in the mean */
     SURFACE_NEIGHBOURS = 5,  /* least points around a pixel that may contradict its depth */
     SURFACE_PIXELS = 1 << 26 /* most pixels of all views: 8 bytes each */
@@ -71,24 +72,20 @@ static oxl_result surface_render(struct surface *s, const oxl_model *model, stru
     return rc;
 }
 
-/* Sets the usual distance and the sampling: medians over the views of each one's median depth. */
+/* Sets the usual distance and the sampling: medians over all views of every SURFACE_EACH-th pixel. */
 static void surface_measure(struct surface *s)
 {
-    double *middle = product_room(2 * (size_t)s->views, sizeof *middle), *side = middle + s->views;
-    size_t n = 0;
+    size_t all = 0, n = 0;
+    double *z, *side;
+    for (int i = 0; i < s->views; i++) all += sheet_pixels(&s->view[i].sheet);
+    z = product_room(2 * all, sizeof *z), side = z + all;
     for (int i = 0; i < s->views; i++) {
         const struct sheet *t = &s->view[i].sheet;
-        const size_t pixels = sheet_pixels(t);
-        double *z = product_room(pixels, sizeof *z);
-        size_t count = 0;
-        for (size_t k = 0; k < pixels; k += 7)
-            if (fabsf(t->depth[k]) > 0) z[count++] = fabs((double)t->depth[k]);
-        middle[n] = product_quantile(z, count, 0.5), side[n] = middle[n] / t->camera.fx;
-        n += count > 0;
-        free(z);
+        for (size_t k = 0; k < sheet_pixels(t); k += SURFACE_EACH)
+            if (fabsf(t->depth[k]) > 0) z[n] = fabs((double)t->depth[k]), side[n] = z[n] / t->camera.fx, n++;
     }
-    if (n > 0) s->distance = product_quantile(middle, n, 0.5), s->sampling = product_quantile(side, n, 0.5);
-    free(middle);
+    if (n > 0) s->distance = product_quantile(z, n, 0.5), s->sampling = product_quantile(side, n, 0.5);
+    free(z);
 }
 
 /* ---------------- places in views */
