@@ -20,7 +20,7 @@ enum {
     COMPARE_SAMPLE = 20000, /* places of a cloud that are paired */
     COMPARE_TRIES = 9,      /* as they are, and eight turns */
     COMPARE_PASSES = 30,
-    
+
     COMPARE_HOLE = 8,   /* passes that fill holes: volumes would lack them */
     COMPARE_AROUND = 6, /* cells on each side that a significant change is seen in */
     COMPARE_LEAST = (2 * COMPARE_AROUND + 1) * (2 * COMPARE_AROUND + 1) / 2, /* cells of a changed place */

@@ -129,7 +129,7 @@ oxl_result gps_fit(const struct product *p, const char *survey, struct similarit
 {
     const int views = oxl_scene_view_count(p->scene);
     struct match *match = product_room((size_t)views, sizeof *match);
-    double left = 0, rms[2] = {0, 0}, tilt = 90;
+    double left = 0, tilt = 90;
     int n = 0, zone = 0, used = 0;
     for (int i = 0; i < views; i++) {
         const oxl_view *v = oxl_scene_view(p->scene, i);
@@ -143,13 +143,12 @@ oxl_result gps_fit(const struct product *p, const char *survey, struct similarit
     }
     for (int pass = 0; pass < GPS_PASSES && n >= GPS_LEAST; pass++) {
         if (!similarity_fit(match, (size_t)n, out)) break;
-        used = 0, rms[0] = rms[1] = 0;
+        used = 0;
         for (int i = 0; i < n; i++) {
             double at[3];
             similarity_apply(out, match[i].from, at);
             vector_add(match[i].to, -1, at, at);
             match[i].off = frame_length(at), used += match[i].weight > 0;
-            for (int k = 0; k < 3 && match[i].weight > 0; k++) rms[k == 2] += at[k] * at[k];
         }
         left = similarity_weigh(match, (size_t)n);
         tilt = GPS_EVEN * left / (out->scale * gps_width(match, n) * sqrt(n));
@@ -164,7 +163,7 @@ oxl_result gps_fit(const struct product *p, const char *survey, struct similarit
     print_format(
         p->to,
         "gps       %d of %d photos, UTM zone %d (EPSG:%d): %.6g metres a unit; %d left out, the others off by "
-        "%.3g on the ground and %.3g in height (rms, metres); up uncertain by %.2f degrees\n",
-        n, views, zone, *epsg, out->scale, n - used, sqrt(rms[0] / used), sqrt(rms[1] / used), tilt);
+        "%.3g metres (standard deviation); up uncertain by %.2f degrees\n",
+        n, views, zone, *epsg, out->scale, n - used, left, tilt);
     return OXL_OK;
 }
