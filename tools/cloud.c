@@ -16,7 +16,7 @@
 #include <string.h>
 
 enum { LAS_HEADER = 375, LAS_RECORD = 26 };
-#define CLOUD_EDGE 0.05 /* fraction of the depth by which neighbours on one surface differ at most */
+#define CLOUD_EDGE 0.05 /* fraction of the depth: largest distance of neighbours on one surface */
 
 /* ---------------- points of a view */
 
@@ -26,24 +26,19 @@ struct cloud_view {
     struct cloud_point *point; /* (height,width) views 0: there is none */
 };
 
-/* Sets the unit normal on the camera's side from the depths around; towards the camera where they are no surface. */
+/* Sets the unit normal on the camera's side from the places around; towards the camera where they are no surface. */
 static void cloud_normal(const struct surface_view *v, size_t at, const double p[3], float normal[3])
 {
-    static const int step[4][2] = {{-2, 0}, {2, 0}, {0, -2}, {0, 2}};
     const struct sheet *t = &v->sheet;
-    const int width = t->camera.width, x = (int)(at % (size_t)width), y = (int)(at / (size_t)width);
-    double end[4][3], n[3], length;
-    for (int k = 0; k < 4; k++) {
-        const int u = x + step[k][0], w = y + step[k][1];
-        const int is_inside = u >= 0 && w >= 0 && u < width && w < t->camera.height;
-        const size_t to = is_inside ? (size_t)(w * width + u) : at;
-        sheet_place(t,
-                    fabsf(fabsf(t->depth[to]) - t->depth[at]) <= (float)CLOUD_EDGE * t->depth[at] ? to : at,
-                    end[k]);
+    const size_t row = 2 * (size_t)t->camera.width, step[4] = {(size_t)-2, 2, -row, row};
+    double across[2][3] = {{0}}, q[3], n[3], length;
+    for (int k = 0; k < 4; k++) { /* what is not in the image has a large number, or lies at its other side */
+        if (at + step[k] >= sheet_pixels(t) || !sheet_place(t, at + step[k], q)) continue;
+        vector_add(q, -1, p, q);
+        if (frame_length(q) <= CLOUD_EDGE * (double)t->depth[at])
+            vector_add(across[k / 2], k % 2 ? 1 : -1, q, across[k / 2]);
     }
-    vector_add(end[1], -1, end[0], end[0]);
-    vector_add(end[3], -1, end[2], end[2]);
-    frame_cross(end[2], end[0], n); /* right, down and ahead are right-handed: this is towards the camera */
+    frame_cross(across[1], across[0], n); /* right, down and ahead are right-handed: towards the camera */
     if (!(frame_length(n) > 0)) vector_add(v->eye, -1, p, n);
     length = frame_length(n);
     for (int k = 0; k < 3; k++) normal[k] = (float)(n[k] / length);
