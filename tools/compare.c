@@ -256,14 +256,7 @@ static size_t compare_collect(struct compare *c, size_t from, unsigned char *tak
     return 0;
 }
 
-static int compare_larger(const void *a, const void *b)
-{
-    const double x = fabs(((const struct compare_row *)a)->value[NET]),
-                 y = fabs(((const struct compare_row *)b)->value[NET]);
-    return (x < y) - (x > y);
-}
-
-/* Lists the whole, then the changed places, the largest volume first. Returns the number of rows. */
+/* Lists the whole, then the changed places, from the top of the map down. Returns the number of rows. */
 static int compare_list(struct compare *c, struct compare_row row[COMPARE_PLACES + 1])
 {
     unsigned char *taken = product_room(c->cells, 1);
@@ -273,7 +266,6 @@ static int compare_list(struct compare *c, struct compare_row row[COMPARE_PLACES
         const size_t count = c->sign[i] && !taken[i] ? compare_collect(c, i, taken) : 0;
         if (count) row[rows++] = compare_sum(c, c->place, count, c->sign[i]);
     }
-    qsort(row + 1, (size_t)rows - 1, sizeof *row, compare_larger);
     for (size_t i = 0; i < c->cells; i++)
         if (!isnan(c->difference[i])) c->place[n++] = i;
     row[0] = compare_sum(c, c->place, n, 0);
