@@ -21,6 +21,8 @@
 #define SURFACE_AGREES 0.04
 /* largest distance of a place that is seen, in usual distances: the horizon of oblique views is left out */
 #define SURFACE_FAR 2.0
+#define SURFACE_WIDE \
+    25.0 /* square of the same by another measure: what is farther off is in no image of 130 degrees */
 /* difference from a point's depth, as a fraction of it, that does not contradict */
 #define SURFACE_NEAR 0.03
 #define SURFACE_SHARE 0.05 /* least share of the points around a pixel that are near its depth */
@@ -90,20 +92,14 @@ static void surface_measure(struct surface *s)
 
 /* ---------------- places in views */
 
-/* Sets p in the axes of a camera. */
-static void surface_to_camera(const oxl_camera *c, const double p[3], double out[3])
-{
-    frame_to_camera(c->rotation, p, out);
-    vector_add(out, 1, c->translation, out);
-}
-
 /* Projects p into the view, at: px, and finds the pixel's index; returns camera z, 0 for a place that is not in the
  * image. */
 static double surface_pixel(const struct surface_view *v, const double p[3], double at[2], size_t *pixel)
 {
     const oxl_camera *c = &v->sheet.camera;
     double x[3];
-    surface_to_camera(c, p, x);
+    frame_to_camera(c->rotation, p, x);
+    vector_add(x, 1, c->translation, x);
     at[0] = c->fx * x[0] / x[2] + c->cx;
     at[1] = c->fy * x[1] / x[2] + c->cy;
     if (!(x[2] > 0 && at[0] >= 0 && at[0] < c->width && at[1] >= 0 && at[1] < c->height)) return 0;
@@ -198,47 +194,22 @@ int sheet_place(const struct sheet *t, size_t at, double out[3])
     return depth > 0;
 }
 
-enum { SURFACE_LISTED = 1024 }; /* most views that are asked of a place */
-struct surface_list {
-    int count, view[SURFACE_LISTED];
-};
-
-/* Lists the views that may have any of the places, which lie close together, in their image. */
-static void surface_find(const struct surface *s, double (*place)[3], size_t count, struct surface_list *list)
-{
-    const double *centre = place[count / 2];
-    double radius = 0, away[3];
-    for (size_t i = 0; i < count; i++) {
-        vector_add(place[i], -1, centre, away);
-        radius = fmax(radius, frame_length(away));
-    }
-    list->count = 0;
-    for (int i = 0; i < s->views && list->count < SURFACE_LISTED; i++) {
-        const oxl_camera *c = &s->view[i].sheet.camera;
-        double x[3], far;
-        surface_to_camera(c, centre, x);
-        far = x[2] + radius;
-        if (far > 0 && fabs(x[0]) < radius + far * fmax(c->cx, c->width - c->cx) / c->fx &&
-            fabs(x[1]) < radius + far * fmax(c->cy, c->height - c->cy) / c->fy)
-            list->view[list->count++] = i;
-    }
-}
-
 int surface_holds(const struct surface_vote *v, int enough)
 {
     return v->confirms >= enough && v->confirms > v->passes;
 }
 
-static struct surface_vote surface_ask(const struct surface *s, const struct surface_list *list,
-                                       const double p[3])
+static struct surface_vote surface_ask(const struct surface *s, const double p[3])
 {
     const double usual = s->distance > 0 ? s->distance : HUGE_VAL;
     struct surface_vote out = {.nearest = -1, .footprint = HUGE_VAL, .fine = HUGE_VAL};
-    for (int i = 0; i < list->count; i++) {
-        const struct surface_view *v = &s->view[list->view[i]];
-        double at[2], away[3], own, off;
+    for (int i = 0; i < s->views; i++) {
+        const struct surface_view *v = &s->view[i];
+        double at[2], away[3], z, own, off, footprint;
         size_t pixel;
-        const double z = surface_pixel(v, p, at, &pixel), footprint = z / v->sheet.camera.fx;
+        vector_add(v->eye, -1, p, away);
+        if (vector_dot(away, away) > SURFACE_WIDE * usual * usual) continue; /* most are, of a large survey */
+        z = surface_pixel(v, p, at, &pixel), footprint = z / v->sheet.camera.fx;
         if (!(z > 0 && z <= SURFACE_FAR * usual)) continue;
         own = v->sheet.depth[pixel], off = fabs(own) - z;
         if (own > 0 && !v->guess[pixel] && off >= -s->reach) {
@@ -249,10 +220,9 @@ static struct surface_vote surface_ask(const struct surface *s, const struct sur
         out.sees++;
         if (v->guess[pixel] || own > z + SURFACE_TOLERANCE * fmin(z, usual)) out.passes++;
         else if (fabs(off) <= SURFACE_AGREES * fmin(z, usual)) {
-            vector_add(v->eye, -1, p, away);
             vector_add(out.ray, 1 / frame_length(away), away, out.ray);
             out.confirms++, out.off2 += off / z * (off / z);
-            if (footprint < out.footprint) out.footprint = footprint, out.nearest = list->view[i];
+            if (footprint < out.footprint) out.footprint = footprint, out.nearest = i;
         }
     }
     return out;
@@ -263,18 +233,12 @@ void surface_ask_all(const struct surface *s, size_t count,
                      void (*take)(void *user, size_t at, const double p[3], const struct surface_vote *v),
                      void *user)
 {
-    enum { RUN = 256 }; /* places that are asked of the same views */
-#pragma omp parallel for schedule(dynamic)
-    for (size_t first = 0; first < count; first += RUN) {
-        double p[RUN][3];
-        size_t number[RUN], found = 0;
-        struct surface_list list;
-        for (size_t at = first; at < first + RUN && at < count; at++)
-            if (place(user, at, p[found])) number[found++] = at;
-        if (found > 0) surface_find(s, p, found, &list);
-        for (size_t i = 0; i < found; i++) {
-            const struct surface_vote vote = surface_ask(s, &list, p[i]);
-            take(user, number[i], p[i], &vote);
-        }
+#pragma omp parallel for schedule(dynamic, 256)
+    for (size_t at = 0; at < count; at++) {
+        double p[3];
+        struct surface_vote vote;
+        if (!place(user, at, p)) continue;
+        vote = surface_ask(s, p);
+        take(user, at, p, &vote);
     }
 }

@@ -125,7 +125,7 @@ enum { SURFACE_SIDE = 320 }; /* px; of the views' depths, for maps, reports and 
 /* Returns 1 where `enough` views or more confirm the place, and fewer pass it. */
 int surface_holds(const struct surface_vote *v, int enough);
 /* Asks the views of all places that `place` finds, 0: none, and hands their votes to `take`, in any order and on several
- * threads. Places with near numbers lie close together. */
+ * threads. */
 void surface_ask_all(const struct surface *s, size_t count,
                      int (*place)(const void *user, size_t at, double p[3]),
                      void (*take)(void *user, size_t at, const double p[3], const struct surface_vote *v),
