@@ -61,12 +61,9 @@ static oxl_result map_place(struct map *m)
     memcpy(f.axis, m->to.rotation, sizeof f.axis);
     frame_bounds(&f, m->surface->scene, bound[0], bound[1]);
     longest = m->to.scale * fmax(bound[1][0] - bound[0][0], bound[1][1] - bound[0][1]);
-    if (!(longest > 0))
-        return oxl_fail(m->surface->ctx, OXL_ERR_INPUT,
-                        "map: all points lie in one place\nfix: export the survey again");
-    if (!(m->pixel > 0)) m->pixel = m->sampling > 0 ? m->sampling : longest / 2048;
+    if (!(m->pixel > 0)) m->pixel = m->sampling;
     if (m->side > 0) m->pixel = fmax(m->pixel, longest / m->side);
-    if (longest / m->pixel > MAP_SIDE_MAX)
+    if (!(longest / m->pixel <= MAP_SIDE_MAX))
         return oxl_fail(m->surface->ctx, OXL_ERR_USAGE,
                         "map: it would have more than %d px a side\nfix: use a larger --pixel", MAP_SIDE_MAX);
     similarity_apply(&m->to, f.centre, centre);
@@ -76,7 +73,6 @@ static oxl_result map_place(struct map *m)
         *size[d] = (int)(last - first);
         m->corner[d] = (d ? last : first) * m->pixel;
     }
-
     return OXL_OK;
 }
 
@@ -86,19 +82,13 @@ static oxl_result map_open(struct map *m)
     const struct surface *s = m->surface;
     struct similarity back;
     oxl_result rc = OXL_OK;
-    double eye[3];
+    double eye[3], focal;
     m->sampling = s->sampling * m->to.scale, m->down = 0;
     if (!m->width) rc = map_place(m);
-    back = similarity_inverse(&m->to);
-    m->sheet = (struct sheet){.camera = {m->width,
-                                         m->height,
-                                         1 / (back.scale * m->pixel),
-                                         1 / (back.scale * m->pixel),
-                                         0.5 * m->width,
-                                         0.5 * m->height,
-                                         {0},
-                                         {0}},
-                              .parallel = s->distance};
+    back = similarity_inverse(&m->to), focal = m->to.scale / m->pixel;
+    m->sheet = (struct sheet){
+        .camera = {m->width, m->height, focal, focal, 0.5 * m->width, 0.5 * m->height, {0}, {0}},
+        .parallel = s->distance};
     for (int k = 0; k < 9; k++) m->sheet.camera.rotation[k] = (k < 3 ? 1 : -1) * m->to.rotation[k];
     m->top = -HUGE_VAL;
     for (int i = 0; i < s->views; i++) {
@@ -237,7 +227,7 @@ static void map_smooth(struct map *m)
         memcpy(from, m->level, map_pixels(m) * sizeof *from);
 #pragma omp parallel for schedule(static)
         for (size_t at = 0; at < map_pixels(m); at++)
-            map_mean(m, from, at, from[at], 3 * m->sigma[at], &m->level[at]);
+            if (!isnan(from[at])) map_mean(m, from, at, from[at], 3 * m->sigma[at], &m->level[at]);
     }
     free(from);
 }

@@ -40,15 +40,6 @@ size_t sheet_pixels(const struct sheet *t)
     return (size_t)t->camera.width * (size_t)t->camera.height;
 }
 
-static oxl_camera surface_camera(const oxl_camera *full, int side)
-{
-    const double by = fmin(1, (double)side / fmax(full->width, full->height));
-    oxl_camera c = *full;
-    c.width = (int)fmax(1, floor(full->width * by)), c.height = (int)fmax(1, floor(full->height * by));
-    c.fx *= by, c.fy *= by, c.cx *= by, c.cy *= by;
-    return c;
-}
-
 oxl_result sheet_render(oxl_context *ctx, const oxl_model *model, double near_plane, const struct sheet *t,
                         oxl_image *out)
 {
@@ -77,10 +68,9 @@ static oxl_result surface_render(struct surface *s, const oxl_model *model, stru
 /* Sets the usual distance and the sampling: medians over all views of every SURFACE_EACH-th pixel. */
 static void surface_measure(struct surface *s)
 {
-    size_t all = 0, n = 0;
-    double *z, *side;
-    for (int i = 0; i < s->views; i++) all += sheet_pixels(&s->view[i].sheet);
-    z = product_room(2 * all, sizeof *z), side = z + all;
+    const size_t most = SURFACE_PIXELS / SURFACE_EACH + (size_t)s->views;
+    double *z = product_room(2 * most, sizeof *z), *side = z + most;
+    size_t n = 0;
     for (int i = 0; i < s->views; i++) {
         const struct sheet *t = &s->view[i].sheet;
         for (size_t k = 0; k < sheet_pixels(t); k += SURFACE_EACH)
@@ -155,9 +145,13 @@ oxl_result surface_open(oxl_context *ctx, const oxl_model *model, const oxl_scen
     side = (int)fmin(fmin(side, full), sqrt((double)SURFACE_PIXELS / fmax(count, 1)));
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         struct surface_view *v = &s->view[s->views];
+        oxl_camera *c = &v->sheet.camera;
+        double by;
         if (oxl_scene_view(scene, i)->is_test) continue;
+        *c = oxl_scene_view(scene, i)->camera, by = fmin(1, side / fmax(c->width, c->height));
+        c->width = (int)fmax(1, floor(c->width * by)), c->height = (int)fmax(1, floor(c->height * by));
+        c->fx *= by, c->fy *= by, c->cx *= by, c->cy *= by;
         s->views++;
-        v->sheet.camera = surface_camera(&oxl_scene_view(scene, i)->camera, side);
         rc = surface_render(s, model, v);
     }
     if (rc != OXL_OK) return rc;
