@@ -350,9 +350,10 @@ static oxl_result compare_write(struct compare *c)
     const int rows = compare_list(c, row);
     oxl_result rc = compare_draw(c);
     if (rc == OXL_OK) compare_table(c, row, rows, &csv);
-    if (rc == OXL_OK && !csv.failed) compare_page(c, csv.data, &page);
-    if (rc == OXL_OK && !csv.failed)
+    if (rc == OXL_OK && !csv.failed) {
+        compare_page(c, csv.data, &page);
         print_format(c->p->to, "%.*s\n", (int)strcspn(csv.data, "\n") - 2, csv.data + 2);
+    }
     if (rc == OXL_OK) rc = map_raster(&c->map[0], c->p, "difference.tif", c->difference, 2);
     for (size_t i = 0; i < c->cells; i++)
         if (!c->sign[i]) c->difference[i] = NAN;

@@ -24,10 +24,9 @@ struct mesh {
     int enough;
     double cell, low[3]; /* units; side of a cell, the lattice's origin */
     size_t samples;
-    uint64_t *key;           /* (samples) coordinates of a lattice point, x in the lowest bits; sorted */
-    float *distance;         /* (samples + 1) cells; negative: behind the surface; NaN: too few views */
-    unsigned char (*rgb)[3]; /* (samples) */
-    uint32_t *vertex;        /* (samples + 1) of the cell above the lattice point, from 1; 0: none */
+    uint64_t *key;    /* (samples) coordinates of a lattice point, x in the lowest bits; sorted */
+    float *distance;  /* (samples + 1) cells; negative: behind the surface; NaN: too few views */
+    uint32_t *vertex; /* (samples + 1) of the cell above the lattice point, from 1; 0: none */
 };
 
 static int mesh_compare_key(const void *a, const void *b)
@@ -96,7 +95,6 @@ static void mesh_take(void *user, size_t sample, const double p[3], const struct
     struct mesh *m = user;
     (void)p;
     m->distance[sample] = v->clear >= m->enough ? (float)(v->ahead / v->clear / m->cell) : NAN;
-    if (v->rgb) memcpy(m->rgb[sample], v->rgb, 3);
 }
 
 /* ---------------- vertices and triangles */
@@ -105,16 +103,14 @@ static void mesh_take(void *user, size_t sample, const double p[3], const struct
  * gradient. */
 static int mesh_vertex(const struct mesh *m, size_t sample, struct cloud_point *out)
 {
-    double normal[3] = {0, 0, 0}, rgb[3] = {0, 0, 0}, place[3] = {0, 0, 0}, low[3], length;
+    double normal[3] = {0, 0, 0}, place[3] = {0, 0, 0}, low[3], length;
     size_t corner[8];
     int cuts = 0;
     for (int i = 0; i < 8; i++)
         if (isnan(m->distance[corner[i] = mesh_find(m, m->key[sample] + mesh_corner(i))])) return 0;
-    for (int i = 0; i < 24;
-         i++) { /* the edge from corner i % 8 along axis i / 8, and that channel of its colour */
+    for (int i = 0; i < 24; i++) { /* the edge from corner i % 8 along axis i / 8 */
         const int axis = i / 8;
         const float a = m->distance[corner[i % 8]], b = m->distance[corner[i % 8 | 1 << axis]];
-        rgb[axis] += m->rgb[corner[i % 8]][axis];
         normal[axis] += (double)(b - a);
         if ((a < 0) == (b < 0)) continue;
         cuts++, place[axis] += (double)(a / (a - b));
@@ -124,14 +120,12 @@ static int mesh_vertex(const struct mesh *m, size_t sample, struct cloud_point *
     length = fmax(frame_length(normal), 1e-30);
     mesh_place(m, sample, low);
     vector_add(low, m->cell / cuts, place, out->place);
-    for (int k = 0; k < 3; k++) {
-        out->normal[k] = (float)(normal[k] / length);
-        out->rgb[k] = (unsigned char)(rgb[k] / 8);
-    }
+    for (int k = 0; k < 3; k++) out->normal[k] = (float)(normal[k] / length);
     return 1;
 }
 
-static void mesh_vertices(struct mesh *m, struct cloud *c)
+/* The colour of a vertex is that of the cloud's nearest point. */
+static void mesh_vertices(struct mesh *m, const struct near *near, struct cloud *c)
 {
     size_t n = 0;
     m->vertex = product_room(m->samples, sizeof *m->vertex);
@@ -141,8 +135,15 @@ static void mesh_vertices(struct mesh *m, struct cloud *c)
         n += m->vertex[i] = !isnan(m->distance[i]) && mesh_vertex(m, i, &one);
     }
     c->point = product_room(n, sizeof *c->point);
-    for (size_t i = 0; i < m->samples; i++)
-        if (m->vertex[i]) mesh_vertex(m, i, &c->point[c->count++]), m->vertex[i] = (uint32_t)c->count;
+    for (size_t i = 0; i < m->samples; i++) {
+        struct cloud_point *to = &c->point[c->count];
+        const struct cloud_point *from;
+        double off;
+        if (!m->vertex[i]) continue;
+        mesh_vertex(m, i, to), m->vertex[i] = (uint32_t)++c->count;
+        from = near_find(near, to->place, &off);
+        if (from) memcpy(to->rgb, from->rgb, sizeof to->rgb);
+    }
 }
 
 /* Adds the triangles of the edge from a lattice point along an axis where the surface crosses it. */
@@ -167,17 +168,19 @@ static void mesh_add(const struct mesh *m, size_t sample, int axis, struct cloud
 oxl_result mesh_make(struct surface *s, int enough, double cell, struct cloud *c)
 {
     struct mesh m = {.enough = enough, .cell = cell};
+    struct cloud_point *cloud = c->point;
+    struct near near;
     mesh_find_samples(&m, c);
-    free(c->point), c->count = 0;
+    near_open(&near, c, 2 * cell);
+    c->count = 0;
     m.distance = product_room(m.samples, sizeof *m.distance), m.distance[m.samples] = NAN;
-    m.rgb = product_room(m.samples, sizeof *m.rgb);
     s->reach = MESH_TRUNCATE * cell;
     surface_ask_all(s, m.samples, mesh_place, mesh_take, &m);
-    mesh_vertices(&m, c);
+    mesh_vertices(&m, &near, c);
     c->index = product_room(18 * c->count, sizeof *c->index); /* three edges a cell, as each has four cells */
     for (size_t i = 0; i < 3 * m.samples; i++)
         if (!isnan(m.distance[i / 3])) mesh_add(&m, i / 3, (int)(i % 3), c);
-    free(m.key), free(m.distance), free(m.rgb), free(m.vertex);
+    free(m.key), free(m.distance), free(m.vertex), free(near.first), free(cloud);
     return c->triangles > 0
                ? OXL_OK
                : oxl_fail(s->ctx, OXL_ERR_INPUT,

@@ -196,7 +196,7 @@ int surface_holds(const struct surface_vote *v, int enough)
 static struct surface_vote surface_ask(const struct surface *s, const double p[3])
 {
     const double usual = s->distance > 0 ? s->distance : HUGE_VAL;
-    struct surface_vote out = {.nearest = -1, .footprint = HUGE_VAL, .fine = HUGE_VAL};
+    struct surface_vote out = {.nearest = -1, .footprint = HUGE_VAL};
     for (int i = 0; i < s->views; i++) {
         const struct surface_view *v = &s->view[i];
         double at[2], away[3], z, own, off, footprint;
@@ -206,10 +206,7 @@ static struct surface_vote surface_ask(const struct surface *s, const double p[3
         z = surface_pixel(v, p, at, &pixel), footprint = z / v->sheet.camera.fx;
         if (!(z > 0 && z <= SURFACE_FAR * usual)) continue;
         own = v->sheet.depth[pixel], off = fabs(own) - z;
-        if (own > 0 && !v->guess[pixel] && off >= -s->reach) {
-            out.clear++, out.ahead += fmin(off, s->reach);
-            if (off <= s->reach && footprint < out.fine) out.fine = footprint, out.rgb = v->rgb + 3 * pixel;
-        }
+        if (own > 0 && !v->guess[pixel] && off >= -s->reach) out.clear++, out.ahead += fmin(off, s->reach);
         if (own > 0 && own < (1 - SURFACE_TOLERANCE) * z) continue;
         out.sees++;
         if (v->guess[pixel] || own > z + SURFACE_TOLERANCE * fmin(z, usual)) out.passes++;

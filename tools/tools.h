@@ -117,8 +117,6 @@ struct surface_vote {
     int nearest;      /* view that has it; -1: none */
     int clear;        /* views with a clear depth there that is not before the place by more than `reach` */
     double ahead;     /* sum over `clear` of how far the place is before that depth, `reach` at most */
-    double fine;      /* least footprint of those of them that are no farther than that */
-    const unsigned char *rgb; /* of the view that has it; NULL: there is none */
 };
 enum { SURFACE_SIDE = 320 }; /* px; of the views' depths, for maps, reports and comparisons alike */
 
