@@ -136,8 +136,8 @@ static void cloud_put_obj(const struct cloud *c, struct output *t)
 
 static void las_text(struct output *t, const char *text, size_t size)
 {
-    char room[32] = {0};
-    memcpy(room, text, strlen(text) < size ? strlen(text) : size);
+    char room[36] = {0};
+    memcpy(room, text, strlen(text));
     output_bytes(t, room, size);
 }
 
@@ -171,8 +171,7 @@ static void las_header(const struct cloud *c, size_t records, const double low[3
     las_text(t, "", 20); /* no source, GeoTIFF keys, no project */
     output_bytes(t, "\1\4", 2);
     las_text(t, "OTHER", 32);
-    las_text(t, "oceanxl " OXL_VERSION, 32);
-    output_integer(t, 0, 4); /* no date: the same bytes on any day */
+    las_text(t, "oceanxl " OXL_VERSION, 36); /* and no date: the same bytes on any day */
     output_integer(t, LAS_HEADER, 2);
     output_integer(t, LAS_HEADER + records, 4);
     output_integer(t, 3, 4);
@@ -229,7 +228,7 @@ static void cloud_move(struct cloud *c, const struct similarity *world)
 oxl_result cloud_write(const struct product *p, const oxl_model *model)
 {
     const struct arguments *a = p->a;
-    const char *end = a->out + strlen(a->out) - (strlen(a->out) > 4 ? 4 : 0), *name;
+    const char *dot = strrchr(a->out, '.'), *end = dot ? dot : "", *name;
     void (*const put)(const struct cloud *c, struct output *t) = strcmp(end, ".ply") == 0 ? cloud_put_ply
                                                                  : strcmp(end, a->mesh ? ".obj" : ".las")
                                                                      ? NULL

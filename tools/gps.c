@@ -78,9 +78,10 @@ static int gps_of_view(const char *images, const char *survey, const char *name,
 
 void gps_say(const oxl_scene *scene, const char *images, const char *survey, FILE *to)
 {
-    int views = oxl_scene_view_count(scene), found = 0;
+    const int views = (int)fmin(oxl_scene_view_count(scene), GPS_ASKED);
+    int found = 0;
     double place[3];
-    if (views > GPS_ASKED) views = GPS_ASKED;
+
     for (int i = 0; i < views; i++)
         found += gps_of_view(images, survey, oxl_scene_view(scene, i)->name, place);
     if (found)

@@ -114,7 +114,7 @@ static oxl_result map_draw(struct map *m, const oxl_model *model)
     m->colour = product_room(6 * pixels, sizeof *m->colour), m->level = m->colour + 3 * pixels;
     m->sigma = m->sheet.depth = m->level + pixels, m->views = m->sigma + pixels;
     m->seen = product_room(pixels, 1);
-    rc = sheet_render(m->surface->ctx, model, 0, &m->sheet, &image);
+    rc = sheet_render(m->surface, model, &m->sheet, &image);
     for (size_t i = 0; i < 3 * pixels && rc == OXL_OK; i++) {
         const double z = fabs((double)m->sigma[i % pixels]);
         m->level[i % pixels] = z > 0 ? (float)(m->top - m->to.scale * z) : NAN;
@@ -302,10 +302,8 @@ static void map_say(const struct map *m, const struct product *p)
         p->to,
         "ground    %.4g square %s; of what any view sees %d or more see %.1f %%, %.1f %% have a height\n",
         m->area, p->words, m->enough, 100 * m->covered, 100 * m->high);
-    if (m->filled)
-        print_format(p->to,
-                     "filled    %zu pixels in holes of about %d px, whose views are 0 in certainty.tif\n",
-                     m->filled, MAP_PINHOLE);
+    print_format(p->to, "filled    %zu pixels in holes of about %d px, whose views are 0 in certainty.tif\n",
+                 m->filled, MAP_PINHOLE);
     if (m->down < MAP_DOWN)
         print_format(
             p->to,

@@ -132,7 +132,7 @@ static void mesh_vertices(struct mesh *m, const struct near *near, struct cloud 
 #pragma omp parallel for schedule(dynamic, MESH_GROUP) reduction(+ : n)
     for (size_t i = 0; i < m->samples; i++) {
         struct cloud_point one;
-        n += m->vertex[i] = !isnan(m->distance[i]) && mesh_vertex(m, i, &one);
+        n += m->vertex[i] = mesh_vertex(m, i, &one);
     }
     c->point = product_room(n, sizeof *c->point);
     for (size_t i = 0; i < m->samples; i++) {

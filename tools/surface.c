@@ -40,13 +40,13 @@ size_t sheet_pixels(const struct sheet *t)
     return (size_t)t->camera.width * (size_t)t->camera.height;
 }
 
-oxl_result sheet_render(oxl_context *ctx, const oxl_model *model, double near_plane, const struct sheet *t,
+oxl_result sheet_render(const struct surface *s, const oxl_model *model, const struct sheet *t,
                         oxl_image *out)
 {
     oxl_render_options o = oxl_render_options_default();
-    o.near_plane = (float)near_plane, o.parallel = (float)t->parallel;
+    o.near_plane = (float)oxl_scene_near_plane(s->scene), o.parallel = (float)t->parallel;
     memcpy(o.background, model->background, sizeof o.background);
-    return oxl_render(ctx, model, &t->camera, &o, out, t->depth);
+    return oxl_render(s->ctx, model, &t->camera, &o, out, t->depth);
 }
 
 static oxl_result surface_render(struct surface *s, const oxl_model *model, struct surface_view *v)
@@ -58,7 +58,7 @@ static oxl_result surface_render(struct surface *s, const oxl_model *model, stru
     v->sheet.depth = product_room(pixels, sizeof *v->sheet.depth);
     v->rgb = product_room(pixels, 3);
     v->guess = product_room(pixels, 1);
-    rc = sheet_render(s->ctx, model, oxl_scene_near_plane(s->scene), &v->sheet, &image);
+    rc = sheet_render(s, model, &v->sheet, &image);
     for (size_t i = 0; i < 3 * pixels && rc == OXL_OK; i++)
         v->rgb[i] = (unsigned char)(255 * fminf(fmaxf(image.rgb[i % 3 * pixels + i / 3], 0), 1) + 0.5f);
     oxl_image_free(s->ctx, &image);
@@ -76,7 +76,7 @@ static void surface_measure(struct surface *s)
         for (size_t k = 0; k < sheet_pixels(t); k += SURFACE_EACH)
             if (fabsf(t->depth[k]) > 0) z[n] = fabs((double)t->depth[k]), side[n] = z[n] / t->camera.fx, n++;
     }
-    if (n > 0) s->distance = product_quantile(z, n, 0.5), s->sampling = product_quantile(side, n, 0.5);
+    s->distance = product_quantile(z, n, 0.5), s->sampling = product_quantile(side, n, 0.5);
     free(z);
 }
 
@@ -170,7 +170,6 @@ void surface_close(struct surface *s)
         free(s->view[i].guess);
     }
     free(s->view);
-    *s = (struct surface){0};
 }
 
 /* ---------------- votes */

@@ -80,9 +80,6 @@ struct sheet {
 size_t sheet_pixels(const struct sheet *t);
 /* Finds the place that a pixel shows. Returns 0 where it has no depth. */
 int sheet_place(const struct sheet *t, size_t at, double out[3]);
-/* Renders the model on its own background: out is created, the sheet's depths are set. */
-oxl_result sheet_render(oxl_context *ctx, const oxl_model *model, double near_plane, const struct sheet *t,
-                        oxl_image *out);
 
 /* A training view as the model shows it, at the surface's resolution. */
 struct surface_view {
@@ -96,10 +93,13 @@ struct surface {
     const oxl_scene *scene;
     int views;
     struct surface_view *view; /* (views) training views alone, in the scene's order */
-    double distance;           /* units; median depth of the views' pixels; 0: not known */
-    double sampling; /* units; median side of what a pixel of the scene's images sees; 0: not known */
+    double distance;           /* units; median depth of the views' pixels; NaN: not known */
+    double sampling; /* units; median side of what a pixel of the scene's images sees; NaN: not known */
     double reach;    /* units; of what a mesh is made from: surface_vote.ahead; at first 0 */
 };
+/* Renders the model on its own background: out is created, the sheet's depths are set. */
+oxl_result sheet_render(const struct surface *s, const oxl_model *model, const struct sheet *t,
+                        oxl_image *out);
 /* Renders the depths of all training views at a longer side of at most `side` px. surface_close frees it, also on
  * error. */
 oxl_result surface_open(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, int side,
