@@ -182,7 +182,7 @@ static void device_deferred_step(oxl_context *ctx, struct device_run *r)
 {
     struct renderer_report report;
     device_step(ctx, r);
-    device_check(ctx, renderer_report(ctx, r->renderer, 0, &report));
+    device_check(ctx, renderer_report(r->renderer, 0, &report));
     if (report.halt != HALT_NONE) fprintf(stderr, "bench: a step halted (%d)\n", (int)report.halt), exit(1);
 }
 

@@ -153,7 +153,7 @@ const float *test_draw(struct renderer *r, const oxl_model *model, const oxl_cam
     const oxl_render_options options = oxl_render_options_default();
     const float *rgb;
     CHECK_OK(renderer_forward(test_ctx, r, model, camera, &options));
-    CHECK_OK(renderer_image(test_ctx, r, &rgb));
+    CHECK_OK(renderer_image(r, &rgb));
     return rgb;
 }
 

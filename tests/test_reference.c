@@ -285,7 +285,7 @@ static void reference_run_float(struct reference_case *c, struct renderer *r)
     wide_fill(&c->got, 0, OXL_PLANES, 0); /* rows out of view are not written */
     CHECK_OK(wide_to_model(test_ctx, &c->got, &gradient));
     CHECK_OK(renderer_forward(test_ctx, r, &c->m, &c->w.camera, &c->options));
-    CHECK_OK(renderer_image(test_ctx, r, &rgb));
+    CHECK_OK(renderer_image(r, &rgb));
     for (size_t i = 0; i < values; i++) c->got.rgb[i] = rgb[i];
     CHECK_OK(renderer_backward(test_ctx, r, c->drgb, &gradient));
     for (int k = 0; k < OXL_PLANES; k++)

@@ -196,8 +196,8 @@ TEST(scene_without_points_is_reported_and_gets_random_ones_in_view)
     CHECK(memcmp(points, again, 500 * sizeof *points) == 0);
     for (int i = 0; i < 500; i++)
         for (int v = 0, any = 0; v < 9 && !any; v++) {
-            double pixel[2];
-            seen += any = stats_is_in_image(&oxl_scene_view(scene, v)->camera, points[i].position, pixel);
+            double x[3], pixel[2];
+            seen += any = camera_sees(&oxl_scene_view(scene, v)->camera, points[i].position, x, pixel);
         }
     CHECK(seen == 500);
 }

@@ -26,8 +26,7 @@ TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
     }
     { /* what the prediction of memory says */
         const double bytes =
-            part_track_depth.bytes(&(oxl_train_options){.medium = OXL_AUTO},
-                                   (double)scene->stats.observations, oxl_scene_view_count(scene));
+            part_track_depth.bytes(&(oxl_train_options){.medium = OXL_AUTO}, oxl_scene_view_count(scene));
         CHECK((double)(kept * sizeof *d.all) < bytes && bytes < 1.5 * (double)(kept * sizeof *d.all));
     }
     track_depth_free(&(struct train){.ctx = test_ctx}, &d);

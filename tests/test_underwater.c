@@ -737,7 +737,7 @@ static double depth_hidden(struct renderer *r, const oxl_camera *camera, const o
     double sum = 0;
     for (int k = 0; k < 3; k++) o.background[k] = 1;
     CHECK_OK(renderer_forward(test_ctx, r, front, camera, &o));
-    CHECK_OK(renderer_image(test_ctx, r, &rgb));
+    CHECK_OK(renderer_image(r, &rgb));
     for (int i = 0; i < count; i++) sum += 1 - (double)rgb[(int)point[i].y * camera->width + (int)point[i].x];
     return sum;
 }

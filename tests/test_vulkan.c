@@ -340,7 +340,7 @@ static float *vulkan_image_of(oxl_context *ctx, struct renderer *r, size_t pixel
 {
     float *out = vulkan_memory(3 * pixels, sizeof *out);
     const float *image;
-    CHECK_OK(renderer_image(ctx, r, &image));
+    CHECK_OK(renderer_image(r, &image));
     return memcpy(out, image, 3 * pixels * sizeof *out);
 }
 
@@ -465,13 +465,13 @@ static void vulkan_steps(struct vulkan_run *r, int from, int to)
 
 static void vulkan_fetch(struct vulkan_run *r, enum renderer_download what)
 {
-    CHECK_OK(renderer_download(r->ctx, r->r, what));
+    CHECK_OK(renderer_download(r->r, what));
 }
 
 /* The oldest step not yet reported: whether it is there, and how it halted. */
 static int vulkan_reports(struct vulkan_run *r, int wait)
 {
-    CHECK_OK(renderer_report(r->ctx, r->r, wait, &r->report));
+    CHECK_OK(renderer_report(r->r, wait, &r->report));
     return r->report.exists;
 }
 
@@ -817,7 +817,7 @@ static void vulkan_compare_observed(struct vulkan_twins *t, size_t count)
         float *at = numbers[k] = vulkan_memory(4 * count, sizeof *at);
         const struct renderer_sums sums = {count, 1, 3.5f, 5, at, at + count, at + 2 * count, at + 3 * count};
         CHECK_OK(renderer_observe(vulkan_ctx(k), t->r[k], &sums));
-        CHECK_OK(renderer_download(vulkan_ctx(k), t->r[k], DOWNLOAD_TO_READ));
+        CHECK_OK(renderer_download(t->r[k], DOWNLOAD_TO_READ));
     }
     CHECK_CLOSE(vulkan_distance(numbers[0], numbers[1], 3 * count).relative, 0, 1e-2);
     CHECK_CLOSE(vulkan_distance(numbers[0] + 3 * count, numbers[1] + 3 * count, count).most, 0, 0);
@@ -883,7 +883,7 @@ static struct renderer_loss vulkan_view_of(const struct vulkan_case *c, oxl_cont
     renderer_set_depths(r, point, c->points, 1);
     vulkan_model(m->count, c->degree, m->lobes, gradient);
     CHECK_OK(renderer_backward(ctx, r, NULL, gradient));
-    CHECK_OK(renderer_gradient(ctx, r, gradient));
+    CHECK_OK(renderer_gradient(r, gradient));
     renderer_complete_loss(r, &loss);
     return loss;
 }
@@ -1030,7 +1030,7 @@ DEVICE_TEST(vulkan_clears_nonfinite_rows_after_such_a_loss)
     }
     cleared[0] = nonfinite_clear(run[0].r, &run[0].trained);
     before = v->read_bytes;
-    CHECK_OK(renderer_clear_nonfinite(device, run[1].r, &run[1].trained, &cleared[1]));
+    CHECK_OK(renderer_clear_nonfinite(run[1].r, &run[1].trained, &cleared[1]));
     CHECK(v->read_bytes - before == 12);
     VULKAN_TWICE(k)
     CHECK(cleared[k].rows == 3 && cleared[k].first == 200 && cleared[k].cleared == 3);
@@ -1164,7 +1164,7 @@ static void vulkan_check_given_up(struct vulkan_run *run, int calls, const char 
     const float *image;
     memcpy(before, run->trained.model.plane[OXL_MEAN], run->trained.model.count * sizeof *before);
     vulkan_played = 0;
-    REFUSED(renderer_download(device, run->r, DOWNLOAD_TO_CHANGE), OXL_ERR_FAILED, words);
+    REFUSED(renderer_download(run->r, DOWNLOAD_TO_CHANGE), OXL_ERR_FAILED, words);
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
     CHECK(memcmp(before, run->trained.model.plane[OXL_MEAN], run->trained.model.count * sizeof *before) == 0);
     CHECK(vulkan_played == calls);
@@ -1173,7 +1173,7 @@ static void vulkan_check_given_up(struct vulkan_run *run, int calls, const char 
     VULKAN_FAIL(WaitForFences, 0, -1, VK_ERROR_DEVICE_LOST);
     v->DestroyDevice = vulkan_play_destroy;
     CHECK(vulkan_run_forward(run) == OXL_ERR_FAILED);
-    CHECK(renderer_image(device, run->r, &image) == OXL_ERR_FAILED);
+    CHECK(renderer_image(run->r, &image) == OXL_ERR_FAILED);
     vulkan_close_now();
     CHECK(vulkan_played == 0);
 }
@@ -1253,7 +1253,7 @@ DEVICE_TEST(vulkan_gives_up_a_device_without_memory_for_a_step_not_for_an_image)
         CHECK_OK(vulkan_run_forward(&run));
         VULKAN_FAIL(EndCommandBuffer, 0, 1, VK_SUCCESS);
         v->part = part; /* the image's commands are several submissions then */
-        REFUSED(renderer_image(device, run.r, &image), OXL_ERR_MEMORY, "recording: no host memory");
+        REFUSED(renderer_image(run.r, &image), OXL_ERR_MEMORY, "recording: no host memory");
         CHECK(!v->lost);
         CHECK_OK(vulkan_run_forward(&run));
         CHECK(memcmp(rgb, vulkan_image_of(device, run.r, 64 * 48), 3 * 64 * 48 * sizeof *rgb) == 0);
@@ -1276,7 +1276,7 @@ DEVICE_TEST(vulkan_keeps_uploads_when_an_error_follows)
         vulkan_steps(&d[k], 1, 1);
         vulkan_fetch(&d[k], DOWNLOAD_TO_READ);
         for (int i = 0; i < 300; i++) m->plane[OXL_OPACITY][i] -= 1;
-        CHECK_OK(renderer_send_shape(device, d[k].r, m, 1));
+        CHECK_OK(renderer_send_shape(d[k].r, m, 1));
         CHECK_OK(renderer_set_image(device, d[k].r, 1, &d[k].image, NULL, 0));
         v->range = k ? 64 * 48 * 16 : driver.range;
         if (k) REFUSED(vulkan_draw_with(d[k].r, m, &larger), OXL_ERR_MEMORY, "in one array");
@@ -1729,15 +1729,15 @@ static struct vulkan_run vulkan_densify(size_t lobes, int moves)
     move.count = 300 - change.removed + change.split;
     CHECK(change.removed > 40 && (change.split > 100) == !lobes && move.lobes == (lobes ? 85 : 0));
     if (moves == 2) vulkan_play_full(3, SIZE_MAX);
-    if (moves) CHECK_OK(renderer_move_rows(device, d.r, &move, &moved));
+    if (moves) CHECK_OK(renderer_move_rows(d.r, &move, &moved));
     VULKAN_SOUND(AllocateMemory);
     CHECK(moved == (moves == 1));
     CHECK_OK(density_apply(cpu, density, &d.trained, &change, moved));
-    if (moved) CHECK_OK(renderer_send_shape(device, d.r, &d.trained.model, 0));
+    if (moved) CHECK_OK(renderer_send_shape(d.r, &d.trained.model, 0));
     if (moved) CHECK(v->sent - sent == move.count * (4 + OXL_SH * 4));
     if (moved) vulkan_fetch(&d, DOWNLOAD_SHAPE);
     density_reset_opacity(&d.trained, 0);
-    if (moved) CHECK_OK(renderer_send_shape(device, d.r, &d.trained.model, 1));
+    if (moved) CHECK_OK(renderer_send_shape(d.r, &d.trained.model, 1));
     d.sums.count = 0; /* nothing more is observed */
     vulkan_steps(&d, 3, 4);
     vulkan_fetch(&d, DOWNLOAD_TO_READ);
@@ -1792,7 +1792,7 @@ DEVICE_TEST(vulkan_renders_the_same_whole_and_in_parts)
         before = v->submissions;
         CHECK_OK(renderer_backward(device, r, drgb, &gradient[k]));
         CHECK((v->submissions - before > 5) == k);
-        CHECK_OK(renderer_gradient(device, r, &gradient[k]));
+        CHECK_OK(renderer_gradient(r, &gradient[k]));
         if (k) CHECK(memcmp(whole, image, 3 * 200 * 150 * sizeof *whole) == 0);
         whole = image;
         if (k) vulkan_check_many_parts(r, &m, &camera, whole);
@@ -1902,7 +1902,7 @@ DEVICE_TEST(vulkan_renders_the_current_model)
     }
     CHECK(fabs(psnr[1] - psnr[0]) > 1);
     vulkan_draw_both(&t, &m);
-    VULKAN_TWICE(k) CHECK_OK(renderer_download(vulkan_ctx(k), t.r[k], DOWNLOAD_TO_CHANGE));
+    VULKAN_TWICE(k) CHECK_OK(renderer_download(t.r[k], DOWNLOAD_TO_CHANGE));
     vulkan_repaint(&m);
     vulkan_draw_both(&t, &m);
     vulkan_draw_both(&t, &other);

@@ -184,7 +184,7 @@ static oxl_camera hypothesis_camera(const struct hypotheses *w, const struct hyp
 {
     const struct colmap_image *from = scene_source_image(w->scene, view);
     const double *q = from->rotation, xyzw[4] = {q[3], q[0], q[1], q[2]};
-    oxl_camera out = oxl_scene_view(w->scene, view)->camera;
+    oxl_camera out = w->scene->view[view].camera;
     double r[9], x[9], *t = out.translation;
     camera_rotation_from_quaternion(h->xyzw ? xyzw : q, r);
     memcpy(t, from->translation, sizeof from->translation);
@@ -297,7 +297,7 @@ static void looked_by_projection(const struct hypotheses *w, struct looked *v, c
     for (uint64_t n = 0; n < OXL_MIN(count, (size_t)HYPOTHESIS_POINTS) && v->count < HYPOTHESIS_SAMPLES;
          n++) {
         const struct colmap_point *point = &w->colmap->point[n * 2654435761u % count];
-        if (!tracks_accept_point(point, oxl_scene_origin(w->scene))) continue;
+        if (!tracks_accept_point(point, w->scene->origin)) continue;
         looked_set(v, v->count, camera, point);
         v->count += v->at[v->count].u >= 0;
     }
@@ -307,8 +307,7 @@ static void looked_by_projection(const struct hypotheses *w, struct looked *v, c
 static oxl_result hypotheses_lay_out(struct hypotheses *w)
 {
     oxl_result rc;
-    for (int k = 0; k < w->count; k++)
-        w->look[k].view = (int)((int64_t)k * oxl_scene_view_count(w->scene) / w->count);
+    for (int k = 0; k < w->count; k++) w->look[k].view = (int)((int64_t)k * w->scene->view_count / w->count);
     rc = looked_by_tracks(w);
     for (int k = 0; k < w->count && rc == OXL_OK; k++) {
         struct looked *v = &w->look[k];
@@ -349,7 +348,7 @@ static double hypotheses_correlate(struct hypotheses *w, const struct hypothesis
     int n = 0;
     for (int k = 0; k < v->count; k++) {
         double at[2];
-        hypothesis_place(h, &oxl_scene_view(w->scene, v->view)->camera, v->at[k].u, v->at[k].v, at);
+        hypothesis_place(h, &w->scene->view[v->view].camera, v->at[k].u, v->at[k].v, at);
         value[k] = v->at[k].u < 0 ? NAN : hypotheses_brightness(w, at[0], at[1]);
     }
     looked_differences(value, v->count, w->work);
@@ -433,8 +432,7 @@ static int hypotheses_check_values(struct hypotheses *w)
                 100.0 * masked / points);
     while (factor * OXL_MAX(w->brightest, 1) < 128) factor *= 2;
     if (w->brightest <= HYPOTHESIS_DARK &&
-        image_read_header(w->ctx, PATH(w->scene->images, "%s", oxl_scene_view(w->scene, 0)->name), &header) ==
-            OXL_OK &&
+        image_read_header(w->ctx, PATH(w->scene->images, "%s", w->scene->view[0].name), &header) == OXL_OK &&
         header.bits == 16)
         oxl_log(w->ctx, OXL_LOG_WARNING,
                 "the brightest value of the 16-bit images is %d of 255, so they use few grey levels: their "
@@ -490,11 +488,10 @@ static void hypotheses_name(struct hypotheses *w, const struct looked *v)
     w->explained += v->row > 0, w->exchanged += v->place >= 0;
     if (v->row) w->fix = w->row[v->row].fix;
     if (w->named++ >= HYPOTHESIS_NAMED) return;
-    text_add(&w->names, "%s%s", w->named > 1 ? ", " : "", oxl_scene_view(w->scene, v->view)->name);
+    text_add(&w->names, "%s%s", w->named > 1 ? ", " : "", w->scene->view[v->view].name);
     if (v->row) text_add(&w->names, " (fits %s)", w->row[v->row].json);
     else if (v->place >= 0)
-        text_add(&w->names, " (fits the place of %s)",
-                 oxl_scene_view(w->scene, w->look[v->place].view)->name);
+        text_add(&w->names, " (fits the place of %s)", w->scene->view[w->look[v->place].view].name);
 }
 
 /* Finds the images that fit in another way, or nowhere while the others fit well. */
@@ -604,7 +601,7 @@ OXL_INTERNAL oxl_result hypotheses_check(oxl_context *ctx, oxl_scene *scene, int
     w = oxl_calloc(ctx, 1, sizeof *w);
     if (!w) return OXL_ERR_MEMORY;
     w->ctx = ctx, w->scene = scene, w->colmap = scene_colmap(scene);
-    w->count = OXL_MIN(oxl_scene_view_count(scene), (int)HYPOTHESIS_VIEWS);
+    w->count = OXL_MIN(scene->view_count, (int)HYPOTHESIS_VIEWS);
     w->look = oxl_calloc(ctx, (size_t)w->count + 1, sizeof *w->look);
     hypotheses_fill(w);
     rc = w->look ? hypotheses_lay_out(w) : OXL_ERR_MEMORY;

@@ -12,7 +12,7 @@ enum { LINT_NAMED = 3 }; /* images or masks that are named per message */
 /* Checks what an image's header and segments tell; damaged pixel data are found by decoding. */
 OXL_INTERNAL oxl_result lint_image(oxl_context *ctx, const oxl_scene *scene, int view)
 {
-    const char *path = PATH(scene->images, "%s", oxl_scene_view(scene, view)->name);
+    const char *path = PATH(scene->images, "%s", scene->view[view].name);
     int width = 0, height = 0;
     oxl_result rc = image_size(ctx, path, &width, &height);
     return rc == OXL_OK ? image_check_shape(ctx, path, width, height, scene_source_camera(scene, view)) : rc;
@@ -47,7 +47,7 @@ OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, in
 {
     double masked = 0;
     int usable = 0, stretched = 0;
-    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
+    for (int i = 0; i < scene->view_count; i++) {
         double black = 0;
         char *mask = NULL;
         oxl_result rc = context_stopped(ctx);
@@ -57,7 +57,7 @@ OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, in
             rc = lint_mask(ctx, mask, scene_source_camera(scene, i), closely, &black, &stretched);
         oxl_free(ctx, mask);
         masked += black;
-        usable += rc == OXL_OK && !oxl_scene_view(scene, i)->is_test;
+        usable += rc == OXL_OK && !scene->view[i].is_test;
         if (rc != OXL_OK && rc != OXL_ERR_INPUT) return rc;
         if (rc != OXL_OK && s->unusable++ < LINT_NAMED)
             oxl_log(ctx, OXL_LOG_WARNING, "%s", oxl_error_text(ctx));

@@ -48,10 +48,10 @@ enum quality_value { /* Lists what is measured of an image. */
 /* Returns the distance of two cameras in extents, plus how differently they look: 2 for opposite ways. */
 static double quality_distance(const oxl_scene *scene, int a, int b)
 {
-    const oxl_camera *x = &oxl_scene_view(scene, a)->camera, *y = &oxl_scene_view(scene, b)->camera;
+    const oxl_camera *x = &scene->view[a].camera, *y = &scene->view[b].camera;
     double along = 0;
     for (int i = 0; i < 3; i++) along += x->rotation[6 + i] * y->rotation[6 + i];
-    return camera_distance(x, y) / oxl_scene_extent(scene) + 1 - along;
+    return camera_distance(x, y) / scene->extent + 1 - along;
 }
 
 OXL_INTERNAL int quality_nearest(const oxl_scene *scene, const int *view, int count, int of,
@@ -154,7 +154,7 @@ static int quality_report(const struct quality_check *q, const oxl_scene *scene,
         int worst = 0;
         for (int i = 1; i < q->count; i++)
             if (by[i] > by[worst]) worst = i;
-        text_add(&names, "%s%s", k ? ", " : "", oxl_scene_view(scene, q->view[worst])->name);
+        text_add(&names, "%s%s", k ? ", " : "", scene->view[q->view[worst]].name);
         by[worst] = 0;
     }
     if (found > QUALITY_NAMED) text_add(&names, " and %d more", found - QUALITY_NAMED);
@@ -204,7 +204,7 @@ static void quality_compare(const struct quality_check *q, const oxl_scene *scen
 
 OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_survey *s)
 {
-    const size_t views = (size_t)oxl_scene_view_count(scene) + 1;
+    const size_t views = (size_t)scene->view_count + 1;
     int *list = oxl_alloc(ctx, 2 * views, sizeof *list);
     double *memory = oxl_alloc(ctx, (2 * QUALITY_VALUES + 3) * views, sizeof *memory);
     struct quality_check q = {.ctx = ctx};

@@ -134,6 +134,9 @@ struct text {
     int failed;
 };
 OXL_INTERNAL void text_add(struct text *t, const char *format, ...) OXL_PRINTF(2, 3);
+/* Lists UTF-16's first low surrogate, its first high one, and the number of each. A byte that is not UTF-8
+ * becomes a low surrogate in JSON, from which oxl_json_text restores it. */
+enum { JSON_LOW = 0xDC00, JSON_HIGH = 0xD800, JSON_SURROGATES = 0x400 };
 OXL_INTERNAL void text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
 /* Adds a number as a member of a JSON object, on a line of its own. */
 OXL_INTERNAL void text_add_member(struct text *t, const char *name, double value);

@@ -1,6 +1,6 @@
 /* text.c - makes growing text, copies of text, and paths. */
 #include "core.h"
-#include "json_text.h"
+#include "../../oceanxl_job.h"
 
 OXL_INTERNAL void text_add(struct text *t, const char *format, ...)
 {

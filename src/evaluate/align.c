@@ -23,7 +23,7 @@ OXL_INTERNAL oxl_result align_view(oxl_context *ctx, const struct drawn *d, int 
     struct pose pose = {.visits = 0};
     float gain[3];
     oxl_result rc = OXL_OK;
-    if (!(rule.depth > 0)) rule.depth = oxl_scene_extent(d->scene);
+    if (!(rule.depth > 0)) rule.depth = d->scene->extent;
     *out = given;
     oxl_imaging_gain(d->imaging, view, gain);
     *renderer_settings(d->r) = (struct renderer_settings){.medium = d->imaging->medium,

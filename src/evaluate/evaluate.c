@@ -22,8 +22,7 @@ OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, const
 
 static oxl_render_options evaluate_options(const struct drawn *d)
 {
-    oxl_render_options options = oxl_render_options_default();
-    options.near_plane = (float)oxl_scene_near_plane(d->scene);
+    oxl_render_options options = render_options_of(d->scene);
     evaluate_background(d->model, d->scene, options.background);
     return options;
 }
@@ -116,7 +115,7 @@ static oxl_result evaluate_aligned(oxl_context *ctx, struct evaluate_pass *p, co
 static int evaluate_aligns(const struct evaluate_pass *p, int view)
 {
     return p->of.imaging->pose && p->whole && !renderer_has_device(p->of.r) &&
-           oxl_scene_view(p->of.scene, view)->is_test;
+           p->of.scene->view[view].is_test;
 }
 
 static oxl_result evaluate_view(oxl_context *ctx, struct evaluate_pass *p, const oxl_image *image,
@@ -146,7 +145,7 @@ static oxl_result evaluate_add_view(oxl_context *ctx, struct evaluate_pass *p, i
     if (rc != OXL_ERR_INPUT && (rc != OXL_ERR_IO || scene_misses_too_many(p->of.scene, ++p->missing)))
         return rc;
     oxl_log(ctx, OXL_LOG_WARNING, "%s: %s; the view is left out of the evaluation",
-            oxl_scene_view(p->of.scene, view)->name, oxl_error_text(ctx));
+            p->of.scene->view[view].name, oxl_error_text(ctx));
     return OXL_OK;
 }
 
@@ -180,7 +179,7 @@ static oxl_result evaluate_views(oxl_context *ctx, struct evaluate_pass p, oxl_s
 {
     static const struct oxl_imaging none;
     const oxl_scene *scene = p.of.scene;
-    const size_t room = (size_t)oxl_scene_view_count(scene) + 1;
+    const size_t room = (size_t)scene->view_count + 1;
     struct unshown *unshown = NULL;
     oxl_result rc = OXL_OK;
     int *view = oxl_alloc(ctx, room, sizeof *view), count = 0, all = 0;

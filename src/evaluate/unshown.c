@@ -19,10 +19,9 @@ static size_t unshown_pixels(const struct unshown *u)
 /* Renders the depths of a view. */
 static oxl_result unshown_draw(oxl_context *ctx, const struct drawn *d, int view, struct unshown *u)
 {
-    oxl_render_options options = oxl_render_options_default();
+    oxl_render_options options = render_options_of(d->scene);
     oxl_image image = {0};
     oxl_result rc;
-    options.near_plane = (float)oxl_scene_near_plane(d->scene);
     u->camera = scene_camera(d->scene, d->imaging, view);
     while (OXL_MAX(u->camera.width, u->camera.height) > UNSHOWN_SIDE) u->camera = camera_halve(&u->camera);
     oxl_free(ctx, u->depth);
@@ -42,8 +41,7 @@ static void unshown_ask(const struct unshown *by, struct unshown *u)
         double place[3], x[3], at[2], own;
         if (u->is_shown[i]) continue;
         camera_unproject(&u->camera, pixel, fabs((double)u->depth[i]), place);
-        if (!camera_project(&by->camera, place, NULL, x, at)) continue;
-        if (!(at[0] >= 0 && at[1] >= 0 && at[0] < by->camera.width && at[1] < by->camera.height)) continue;
+        if (!camera_sees(&by->camera, place, x, at)) continue;
         own = fabs((double)by->depth[(size_t)at[1] * (size_t)by->camera.width + (size_t)at[0]]);
         u->is_shown[i] = own == 0 || own >= (1 - UNSHOWN_TOLERANCE) * x[2];
     }
@@ -63,8 +61,8 @@ OXL_INTERNAL oxl_result unshown_find(oxl_context *ctx, const struct drawn *d, co
         for (size_t i = 0; rc == OXL_OK && is_composited && i < unshown_pixels(&u[k]); i++)
             u[k].is_shown[i] = u[k].depth[i] == 0;
     }
-    for (int v = 0; v < oxl_scene_view_count(d->scene) && rc == OXL_OK; v++) {
-        if (oxl_scene_view(d->scene, v)->is_test) continue;
+    for (int v = 0; v < d->scene->view_count && rc == OXL_OK; v++) {
+        if (d->scene->view[v].is_test) continue;
         rc = context_stopped(ctx);
         if (rc == OXL_OK) rc = unshown_draw(ctx, d, v, &by);
         if (rc != OXL_OK) break;

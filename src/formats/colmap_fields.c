@@ -50,7 +50,7 @@ OXL_INTERNAL uint64_t colmap_offset(const struct colmap_reader *r, const char *a
     return r->offset + (uint64_t)(at - r->buffer);
 }
 
-OXL_INTERNAL uint64_t colmap_left(const struct colmap_reader *r)
+static uint64_t colmap_left(const struct colmap_reader *r)
 {
     const uint64_t at = colmap_offset(r, r->next);
     return r->file.size > at ? r->file.size - at : 0;

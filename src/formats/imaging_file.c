@@ -216,7 +216,7 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
                                      struct oxl_imaging *out)
 {
     struct os_file_map map = {0};
-    oxl_result rc = imaging_create(ctx, oxl_scene_view_count(scene), out);
+    oxl_result rc = imaging_create(ctx, scene->view_count, out);
     if (rc == OXL_OK) rc = imaging_set_cameras(ctx, scene, out);
     if (rc == OXL_OK) rc = os_read_file(ctx, path, &map);
     if (rc == OXL_OK) rc = imaging_check_bytes(ctx, path, &map);

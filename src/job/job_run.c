@@ -25,8 +25,7 @@ static oxl_result job_make_key(struct job *job, int images)
     text_add(
         key,
         ", \"found\": {\"images\": %d, \"points\": %zu, \"extent\": %s, \"checksum_of_files\": \"%016llx\"",
-        images, oxl_scene_point_count(job->scene), NUMBER(oxl_scene_extent(job->scene)),
-        (unsigned long long)sum);
+        images, job->scene->point_count, NUMBER(job->scene->extent), (unsigned long long)sum);
     if (rc == OXL_OK && job->options.from) {
         rc = checksum_of_file(job->ctx, job->options.from, &sum);
         text_add(key, ", \"start\": \"%016llx\"", (unsigned long long)sum);
@@ -131,7 +130,7 @@ static oxl_result job_open(struct job *job)
     int images;
     if (rc == OXL_OK) rc = oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
     if (rc != OXL_OK) return rc;
-    memcpy(job->origin, oxl_scene_origin(job->scene), sizeof job->origin);
+    memcpy(job->origin, job->scene->origin, sizeof job->origin);
     images = job->scene->stats.images_listed - job->scene->stats.images_missing;
     job->options.train.iterations = cost_iterations(&job->options, images);
     job->options.iterations_for = 0;

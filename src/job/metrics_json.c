@@ -2,6 +2,7 @@
  * output.
  */
 #include "job.h"
+#include "../survey/scene.h"
 
 /* Counts the values that are always written, and all; the others are left out if they are NaN. */
 enum { METRICS_ALWAYS = 5, METRICS_WRITTEN = 8 };
@@ -29,7 +30,7 @@ OXL_INTERNAL oxl_result metrics_json_add(struct text *t, const oxl_scene *scene,
     for (int i = 0; i < m->count; i++) {
         const oxl_view_metrics *v = &m->views[i];
         text_add(t, "%s\n    {\"name\": ", i ? "," : "");
-        text_add_json_string(t, oxl_scene_view(scene, v->view)->name);
+        text_add_json_string(t, scene->view[v->view].name);
         text_add(t, ", ");
         metrics_json_add_values(t, ", ",
                                 (double[METRICS_WRITTEN]){v->psnr, v->cc_psnr, v->ssim, v->plain_psnr,

@@ -5,6 +5,7 @@
  * where the ground stays in its place. A warning, never an error: the survey may be a part of the model's.
  */
 #include "job.h"
+#include "../render/render.h"
 #include "../survey/scene.h"
 #include "../survey/survey.h"
 
@@ -27,12 +28,10 @@ struct overlap { /* Counts the points in the views. */
 
 static void overlap_count(const oxl_scene *scene, const oxl_camera *c, const float *depth, struct overlap *o)
 {
-    for (size_t i = 0; i < oxl_scene_point_count(scene); i++) {
-        double at[3], x, y, ratio;
-        camera_transform(c, oxl_scene_points(scene)[i].position, NULL, at);
-        x = c->fx * at[0] / at[2] + c->cx, y = c->fy * at[1] / at[2] + c->cy;
-        if (!(at[2] > 0 && x >= 0 && y >= 0 && x < c->width && y < c->height)) continue;
-        ratio = (double)depth[(int)y * c->width + (int)x] / at[2];
+    for (size_t i = 0; i < scene->point_count; i++) {
+        double x[3], pixel[2], ratio;
+        if (!camera_sees(c, scene->point[i].position, x, pixel)) continue;
+        ratio = (double)depth[(int)pixel[1] * c->width + (int)pixel[0]] / x[2];
         o->seen++;
         o->fit += ratio * OVERLAP_FACTOR > 1 && ratio < OVERLAP_FACTOR;
     }
@@ -41,13 +40,12 @@ static void overlap_count(const oxl_scene *scene, const oxl_camera *c, const flo
 static oxl_result overlap_view(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, int view,
                                struct overlap *o)
 {
-    oxl_render_options render = oxl_render_options_default();
-    oxl_camera c = oxl_scene_view(scene, view)->camera;
+    oxl_render_options render = render_options_of(scene);
+    oxl_camera c = scene->view[view].camera;
     oxl_image image = {0};
     oxl_result rc;
     float *depth;
     while (OXL_MAX(c.width, c.height) > OVERLAP_SIDE) c = camera_halve(&c);
-    render.near_plane = (float)oxl_scene_near_plane(scene);
     depth = oxl_alloc(ctx, (size_t)c.width * (size_t)c.height, sizeof *depth);
     rc = depth ? oxl_render(ctx, model, &c, &render, &image, depth) : OXL_ERR_MEMORY;
     if (rc == OXL_OK) overlap_count(scene, &c, depth, o);
@@ -75,7 +73,7 @@ static oxl_result overlap_ratio(oxl_context *ctx, const oxl_model *model, const 
     for (size_t i = 0; own && i < model->count; i++)
         for (int a = 0; a < 3; a++) own[i].position[a] = model->plane[OXL_MEAN + a][i];
     if (rc == OXL_OK) rc = overlap_width(ctx, own, model->count, &of);
-    if (rc == OXL_OK) rc = overlap_width(ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), &its);
+    if (rc == OXL_OK) rc = overlap_width(ctx, scene->point, scene->point_count, &its);
     *ratio = its > 0 && of > 0 ? sqrt(of / its) : 1;
     oxl_free(ctx, own);
     return rc;
@@ -84,8 +82,8 @@ static oxl_result overlap_ratio(oxl_context *ctx, const oxl_model *model, const 
 oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                    const char *name)
 {
-    const int views = oxl_scene_view_count(scene), asked = OXL_MIN(views, OVERLAP_VIEWS);
-    const size_t points = oxl_scene_point_count(scene);
+    const int views = scene->view_count, asked = OXL_MIN(views, OVERLAP_VIEWS);
+    const size_t points = scene->point_count;
     struct overlap o = {0, 0};
     double ratio = 1;
     oxl_result rc = points && model->count ? overlap_ratio(ctx, model, scene, &ratio) : OXL_OK;

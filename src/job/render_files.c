@@ -92,7 +92,7 @@ OXL_INTERNAL void render_depth_grey(float *depth, size_t pixels, double unit, fl
 static oxl_result render_one(oxl_context *ctx, const struct render_files *f, struct renderer *r, int view,
                              struct rendered *out)
 {
-    const oxl_camera *camera = &oxl_scene_view(f->scene, view)->camera;
+    const oxl_camera *camera = &f->scene->view[view].camera;
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
     const oxl_imaging *imaging = f->what->clear ? NULL : f->imaging;
     oxl_result rc = OXL_OK;
@@ -155,10 +155,10 @@ static oxl_result render_write_all(oxl_context *ctx, const char *folder, const c
 static oxl_result render_remove(oxl_context *ctx, const oxl_scene *scene, const char *folder)
 {
     oxl_result rc = OXL_OK;
-    for (int i = 0; i < RENDER_PARTS * oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
+    for (int i = 0; i < RENDER_PARTS * scene->view_count && rc == OXL_OK; i++) {
         char *path;
-        rc = oxl_render_path(ctx, folder, oxl_scene_view(scene, i / RENDER_PARTS)->name,
-                             RENDER_SUFFIX[i % RENDER_PARTS], &path);
+        rc = oxl_render_path(ctx, folder, scene->view[i / RENDER_PARTS].name, RENDER_SUFFIX[i % RENDER_PARTS],
+                             &path);
         if (rc == OXL_OK) os_remove(path);
         oxl_free(ctx, path);
     }
@@ -178,7 +178,7 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_fi
         if (f->what->images) scene_images_ahead(ctx, f->scene, f->view + *count, f->views - *count);
         rc = context_stopped(ctx);
         if (rc == OXL_OK) rc = render_one(ctx, f, r, view, &files);
-        if (rc == OXL_OK) rc = render_write_all(ctx, f->folder, oxl_scene_view(f->scene, view)->name, &files);
+        if (rc == OXL_OK) rc = render_write_all(ctx, f->folder, f->scene->view[view].name, &files);
         rendered_free(ctx, &files);
     }
     renderer_free(ctx, r);
@@ -189,7 +189,7 @@ oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, const oxl_
                             const oxl_imaging *imaging, const oxl_render_output *what, const char *folder,
                             int *count)
 {
-    int *view = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
+    int *view = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *view);
     struct render_files f = {model, scene, imaging, what, folder, view, 0};
     oxl_result rc;
     *count = 0;

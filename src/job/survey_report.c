@@ -24,8 +24,8 @@ static void survey_cameras(const struct colmap *c, oxl_survey *s)
 /* Finds the size of the largest view, on which most of the memory depends. */
 static void survey_largest(const oxl_scene *scene, oxl_survey *s)
 {
-    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
-        const oxl_camera *c = &oxl_scene_view(scene, i)->camera;
+    for (int i = 0; i < scene->view_count; i++) {
+        const oxl_camera *c = &scene->view[i].camera;
         if ((double)c->width * c->height > (double)s->width * s->height)
             s->width = c->width, s->height = c->height;
     }
@@ -138,9 +138,9 @@ static int survey_has_no_baseline(const oxl_scene *scene)
     double apart = 0;
     for (int k = 0; k < 3; k++) {
         double low = HUGE_VAL, high = -HUGE_VAL;
-        for (int i = 0; i < oxl_scene_view_count(scene); i++) {
+        for (int i = 0; i < scene->view_count; i++) {
             double at[3];
-            camera_position(&oxl_scene_view(scene, i)->camera, at);
+            camera_position(&scene->view[i].camera, at);
             low = OXL_MIN(low, at[k]), high = OXL_MAX(high, at[k]);
         }
         apart = OXL_MAX(apart, high - low);
@@ -198,7 +198,7 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, cons
 {
     oxl_result rc;
     const struct scene_stats *stats = &scene->stats;
-    const double *origin = oxl_scene_origin(scene);
+    const double *origin = scene->origin;
     oxl_job_options whole = *options;
     *out = (oxl_survey){.images = stats->images_listed,
                         .images_missing = stats->images_missing,
@@ -212,7 +212,7 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, cons
                         .observations = stats->observations,
                         .mean_track = stats->mean_track,
                         .mean_error = stats->mean_error,
-                        .extent = oxl_scene_extent(scene)};
+                        .extent = scene->extent};
     for (int k = 0; k < 3; k++) {
         out->bounds_min[k] = stats->bounds_min[k] + origin[k];
         out->bounds_max[k] = stats->bounds_max[k] + origin[k];

@@ -111,7 +111,7 @@ static oxl_result training_find_shift(const struct training_views *t, struct tra
         oxl_log(t->ctx, OXL_LOG_WARNING,
                 "training image %s is rendered displaced by %.1f to %.1f px, which explains %.0f %% of the "
                 "error of its detail: check its pose, or refine poses (--poses auto)",
-                oxl_scene_view(t->scene, view)->name, misfit.least, misfit.most, 100 * misfit.explained);
+                t->scene->view[view].name, misfit.least, misfit.most, 100 * misfit.explained);
     }
     oxl_image_free(t->ctx, &image);
     oxl_image_free(t->ctx, &rendered);
@@ -135,7 +135,7 @@ static oxl_result training_flag(const struct training_views *t, int i, int enoug
         oxl_log(
             t->ctx, OXL_LOG_WARNING,
             "training image %s fits %.1f dB worse than its neighbours: check its exposure and white balance",
-            oxl_scene_view(t->scene, row->of->view)->name, worst);
+            t->scene->view[row->of->view].name, worst);
     else if (enough &&
              ((is_misfit && !training_suffers(t, i)) || lacks[TRAINING_DETAIL] > TRAINING_STRUCTURE))
         rc = training_find_shift(t, row);
@@ -176,7 +176,7 @@ static oxl_result training_judge(struct training_views *t, int evident, int *fla
             t->ctx, OXL_LOG_WARNING,
             "%d of %d training views that were rendered lack the structure of their images "
             "(correlation of detail below %.1f; the least is %.2f, %s): train longer, or look at their renders",
-            fog, count, OXL_STRUCTURE_NONE, least->structure, oxl_scene_view(t->scene, least->view)->name);
+            fog, count, OXL_STRUCTURE_NONE, least->structure, t->scene->view[least->view].name);
     qsort(t->row, (size_t)count, sizeof *t->row, training_order);
     return rc;
 }
@@ -194,7 +194,7 @@ static void training_add_json(const struct training_views *t, int flagged, struc
     for (int i = 0; i < m->count; i++) {
         const struct training_row *row = &t->row[i];
         text_add(out, "%s\n    {\"name\": ", i ? "," : "");
-        text_add_json_string(out, oxl_scene_view(t->scene, row->of->view)->name);
+        text_add_json_string(out, t->scene->view[row->of->view].name);
         text_add(out, ", \"psnr\": %s, \"structure\": %s", NUMBER(row->of->psnr), NUMBER(row->of->structure));
         text_add(out, row->flag ? ", \"flag\": \"%s\"}" : "}", TRAINING_FLAG[row->flag]);
     }

@@ -119,16 +119,15 @@ static void plan_paint(oxl_model *model, double colour)
  * that the image is the block's blend weight. */
 static oxl_result plan_windows(struct job *job, struct block_plan *plan)
 {
-    oxl_render_options o = oxl_render_options_default();
+    oxl_render_options o = render_options_of(job->scene);
     struct renderer *r = NULL;
     oxl_result rc = renderer_create(job->ctx, &r);
     o.sh_degree = 0;
-    o.near_plane = (float)oxl_scene_near_plane(job->scene);
     plan_paint(&plan->own, 1);
     plan_paint(&plan->context, 0);
     if (rc == OXL_OK) renderer_set_context(r, &plan->context);
-    for (int i = 0; i < oxl_scene_view_count(job->scene) && rc == OXL_OK; i++) {
-        const oxl_view *view = oxl_scene_view(job->scene, i);
+    for (int i = 0; i < job->scene->view_count && rc == OXL_OK; i++) {
+        const oxl_view *view = &job->scene->view[i];
         oxl_image image = {0};
         size_t row = view->is_test ? plan->own.count : 0;
         while (row < plan->own.count && !plan_shows(&view->camera, o.near_plane, &plan->own, row)) row++;
@@ -173,9 +172,9 @@ static void plan_hide(const struct job *job, const struct block_plan *plan, cons
 #pragma omp parallel for schedule(dynamic, 1024) num_threads(job->ctx->threads)
     for (int64_t i = 0; i < (int64_t)coarse->count; i++) {
         int shown = part[i] == PLAN_OWN;
-        for (int v = 0; v < oxl_scene_view_count(job->scene) && !shown; v++)
-            shown = plan->window[v].width > 0 &&
-                    plan_shows(&oxl_scene_view(job->scene, v)->camera, near, coarse, (size_t)i);
+        for (int v = 0; v < job->scene->view_count && !shown; v++)
+            shown =
+                plan->window[v].width > 0 && plan_shows(&job->scene->view[v].camera, near, coarse, (size_t)i);
         if (!shown) part[i] = PLAN_HIDDEN;
     }
 }
@@ -206,7 +205,7 @@ OXL_INTERNAL oxl_result block_plan_make(struct job *job, int block, const oxl_mo
     uint8_t *part = oxl_alloc(job->ctx, coarse->count + 1, 1);
     oxl_result rc;
     *plan = (struct block_plan){0};
-    plan->window = oxl_calloc(job->ctx, (size_t)oxl_scene_view_count(job->scene) + 1, sizeof *plan->window);
+    plan->window = oxl_calloc(job->ctx, (size_t)job->scene->view_count + 1, sizeof *plan->window);
     rc = part && plan->window ? OXL_OK : OXL_ERR_MEMORY;
     if (rc == OXL_OK) merge_mark(&job->partition, block, coarse, part);
     for (size_t i = 0; i < coarse->count && rc == OXL_OK; i++) part[i] = part[i] ? PLAN_OWN : PLAN_CONTEXT;

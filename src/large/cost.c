@@ -42,7 +42,7 @@ OXL_INTERNAL int cost_iterations(const oxl_job_options *o, int images)
 
 static void cost_add_view(struct cost_load *load, const oxl_scene *scene, int view)
 {
-    const oxl_camera *c = &oxl_scene_view(scene, view)->camera;
+    const oxl_camera *c = &scene->view[view].camera;
     const double pixels = (double)c->width * c->height;
     load->views++;
     load->pixels += pixels;
@@ -56,7 +56,7 @@ OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene)
     struct cost_load load = {.points = stats->points ? stats->points : scene_start_count(scene),
                              .observations = stats->observations,
                              .schedule_pixels = schedule_pixels(scene)};
-    for (int v = 0; v < oxl_scene_view_count(scene); v++) cost_add_view(&load, scene, v);
+    for (int v = 0; v < scene->view_count; v++) cost_add_view(&load, scene, v);
     return load;
 }
 
@@ -72,7 +72,7 @@ OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int 
         .schedule_pixels = schedule_pixels(plan->scene) * size / (double)OXL_MAX(stats->points, (size_t)1),
         .survey = (sizeof(struct colmap_point) + sizeof(oxl_point)) * (double)(stats->points - b->points),
         .context = OXL_MAX(0, (double)b->start_points / size - 1)};
-    for (int v = 0; v < oxl_scene_view_count(plan->scene); v++)
+    for (int v = 0; v < plan->scene->view_count; v++)
         if (partition_has_view(p, block, v)) cost_add_view(&load, plan->scene, v);
     return load;
 }
@@ -94,7 +94,7 @@ OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load
     const int degree = o->train.sh_degree < 0 ? 3 : o->train.sh_degree;
     const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
     const double cache = image_cache_bytes((double)cost_cache(o), load->pixels, load->largest_file);
-    const double depths = parts_bytes(&o->train, (double)load->observations, load->views);
+    const double depths = parts_bytes(&o->train, load->views);
     /* Counts sets of planes: parameters and two moments; a model for viewers is refined beside the one that
      * it begins with. */
     const double sets = cost_may_refine(&o->train) ? 4 : 3;
@@ -139,7 +139,7 @@ OXL_INTERNAL int cost_judged_views(const oxl_scene *scene, int iterations)
 
 OXL_INTERNAL int cost_evaluation_steps(const oxl_scene *scene, int iterations)
 {
-    const int training = schedule_training_views(scene), held_out = oxl_scene_view_count(scene) - training;
+    const int training = schedule_training_views(scene), held_out = scene->view_count - training;
     return held_out > 0 ? COST_HELD_OUT * held_out + cost_judged_views(scene, iterations)
                         : COST_HELD_OUT * training;
 }
@@ -151,18 +151,17 @@ static oxl_result cost_time_steps(oxl_context *ctx, const oxl_scene *scene, stru
                                   double *seconds)
 {
     const double started = os_seconds();
-    const int views = oxl_scene_view_count(scene);
+    const int views = scene->view_count;
     struct renderer *renderer = NULL;
     oxl_adam still = {.beta = RENDERER_BETAS, .step = 1};
     struct renderer_loss loss;
     struct renderer_nonfinite skipped;
-    oxl_render_options render = oxl_render_options_default();
+    oxl_render_options render = render_options_of(scene);
     double took[COST_STEPS];
     int steps = 0;
     oxl_result rc = renderer_create(ctx, &renderer);
-    render.near_plane = (float)oxl_scene_near_plane(scene);
     while (rc == OXL_OK && steps < COST_STEPS && os_seconds() - started < COST_TIMED_SECONDS) {
-        const oxl_camera *c = &oxl_scene_view(scene, (int)((double)steps / COST_STEPS * views))->camera;
+        const oxl_camera *c = &scene->view[(int)((double)steps / COST_STEPS * views)].camera;
         float *image = oxl_calloc(ctx, 3 * (size_t)c->width * (size_t)c->height, sizeof *image);
         took[steps] = os_seconds();
         rc = image ? renderer_forward(ctx, renderer, &trained->model, c, &render) : OXL_ERR_MEMORY;
@@ -185,7 +184,7 @@ OXL_INTERNAL oxl_result cost_seconds(oxl_context *ctx, const oxl_scene *scene, c
     const double cap = (double)schedule_gaussian_cap(scene, &o->train);
     struct trained_model trained = {0};
     double gaussians = cost_start(&o->train, &load, cap);
-    const oxl_camera *c = &oxl_scene_view(scene, 0)->camera;
+    const oxl_camera *c = &scene->view[0].camera;
     oxl_point *some = NULL;
     size_t count = 0;
     oxl_result rc = train_some_points(ctx, scene, COST_POINTS, &some, &count);

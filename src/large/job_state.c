@@ -181,7 +181,7 @@ OXL_INTERNAL void job_add_imaging(struct oxl_imaging *all, int *count, const str
 /* Joins the imaging of all blocks: log gains of mean 0, lamp, medium and poses. */
 static oxl_result job_join_imaging(struct job *job, struct oxl_imaging *out)
 {
-    const int views = oxl_scene_view_count(job->scene);
+    const int views = job->scene->view_count;
     int *count = oxl_calloc(job->ctx, (size_t)views + 1, sizeof *count);
     const double none[] = {0, 0, 0};
     oxl_result rc = imaging_create(job->ctx, views, out);

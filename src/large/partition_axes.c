@@ -24,10 +24,10 @@ static double axes_dot(const double *a, const double *b)
  * scratch: as many. */
 static size_t axes_sample(const oxl_scene *scene, size_t step, double *sample, double *scratch)
 {
-    const oxl_point *point = oxl_scene_points(scene);
+    const oxl_point *point = scene->point;
     size_t n = 0, kept = 0;
     double limit;
-    for (size_t i = 0; i < oxl_scene_point_count(scene); i += step, n++)
+    for (size_t i = 0; i < scene->point_count; i += step, n++)
         for (int k = 0; k < 3; k++) sample[3 * n + (size_t)k] = point[i].position[k];
     for (size_t i = 0; i < n; i++) scratch[i] = axes_dot(sample + 3 * i, sample + 3 * i);
     limit = AXES_REACH * AXES_REACH * stats_select(scratch, n, AXES_QUANTILE);
@@ -52,9 +52,9 @@ static void axes_covariance(const double *p, size_t n, double a[3][3])
 static int axes_is_below(const oxl_scene *scene, const double axis[3])
 {
     int balance = 0;
-    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
+    for (int i = 0; i < scene->view_count; i++) {
         double centre[3], height;
-        camera_position(&oxl_scene_view(scene, i)->camera, centre);
+        camera_position(&scene->view[i].camera, centre);
         height = axes_dot(axis, centre);
         balance += (height > 0) - (height < 0);
     }
@@ -81,8 +81,7 @@ static void axes_orient(const oxl_scene *scene, double a[3][3], double r[3][3])
 
 OXL_INTERNAL oxl_result partition_axes(oxl_context *ctx, const oxl_scene *scene, struct partition *p)
 {
-    const size_t count = oxl_scene_point_count(scene), step = count / AXES_SAMPLE + 1,
-                 most = count / step + 2;
+    const size_t count = scene->point_count, step = count / AXES_SAMPLE + 1, most = count / step + 2;
     double *sample = oxl_alloc(ctx, most, 3 * sizeof *sample);
     double *scratch = oxl_alloc(ctx, most, sizeof *scratch);
     double a[3][3], r[3][3];

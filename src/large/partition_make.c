@@ -17,7 +17,7 @@
 
 OXL_INTERNAL int partition_has_view(const struct partition *p, int block, int view)
 {
-    const size_t views = (size_t)oxl_scene_view_count(p->plan->scene);
+    const size_t views = (size_t)p->plan->scene->view_count;
     return view >= 0 && p->plan->role[(size_t)block * views + (size_t)view] != PARTITION_OUT;
 }
 
@@ -37,11 +37,11 @@ static int partition_starts_from(const struct partition *p, int block, size_t po
 static void partition_assign_views(const struct partition *p, int block, const size_t *seen)
 {
     const struct partition_plan *plan = p->plan;
-    const int views = oxl_scene_view_count(plan->scene);
+    const int views = plan->scene->view_count;
     struct partition_block *b = &p->block[block];
     uint8_t *role = plan->role + (size_t)block * (size_t)views;
     for (int v = 0; v < views; v++) {
-        const int is_alone = p->block_count == 1 && !oxl_scene_view(plan->scene, v)->is_test;
+        const int is_alone = p->block_count == 1 && !plan->scene->view[v].is_test;
         role[v] = is_alone || 10 * seen[v] > 3 * plan->seen[v] ? PARTITION_BASE
                   : 10 * seen[v] > b->points                   ? PARTITION_BORDER
                                                                : PARTITION_OUT;
@@ -54,8 +54,7 @@ static void partition_assign_views(const struct partition *p, int block, const s
 
 static oxl_result partition_find_views(oxl_context *ctx, struct partition *p)
 {
-    const size_t views = (size_t)oxl_scene_view_count(p->plan->scene),
-                 size = (size_t)p->block_count * views + 1;
+    const size_t views = (size_t)p->plan->scene->view_count, size = (size_t)p->block_count * views + 1;
     struct tracks_walk w = tracks_of(scene_colmap(p->plan->scene), p->plan->view_of);
     size_t *seen = oxl_calloc(ctx, size, sizeof *seen);
     p->plan->role = oxl_calloc(ctx, size, 1);
@@ -106,10 +105,10 @@ static oxl_result partition_begin(oxl_context *ctx, const oxl_scene *scene, oxl_
     oxl_result rc = OXL_ERR_MEMORY;
     if (!plan) return rc;
     p->plan = plan;
-    memcpy(p->origin, oxl_scene_origin(scene), sizeof p->origin);
+    memcpy(p->origin, scene->origin, sizeof p->origin);
     plan->scene = scene;
     plan->owner = oxl_alloc(ctx, scene_colmap(scene)->point_count + 1, sizeof *plan->owner);
-    plan->seen = oxl_calloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *plan->seen);
+    plan->seen = oxl_calloc(ctx, (size_t)scene->view_count + 1, sizeof *plan->seen);
     plan->view_of = scene_views_by_image(ctx, scene, OXL_SPLIT_TRAIN);
     if (plan->owner && plan->seen && plan->view_of) rc = partition_axes(ctx, scene, p);
     p->dimensions = kind == OXL_PARTITION_2D                                              ? 2

@@ -41,7 +41,7 @@
 static oxl_result exposure_begin(struct train *t, void *state)
 {
     struct exposure *e = state;
-    const int views = oxl_scene_view_count(t->scene);
+    const int views = t->scene->view_count;
     oxl_result rc = OXL_OK;
     e->mode = !t->continues ? t->options->exposure : t->imaging->on ? OXL_ON : OXL_OFF;
     if (t->task.frozen) e->known_until = 2;

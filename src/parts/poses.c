@@ -33,9 +33,9 @@
 
 static oxl_result poses_allocate(oxl_context *ctx, struct poses *p, const oxl_scene *scene)
 {
-    const size_t views = (size_t)oxl_scene_view_count(scene);
+    const size_t views = (size_t)scene->view_count;
     p->depth = scene_depth_quantile(scene, 0.5);
-    if (!(p->depth > 0)) p->depth = oxl_scene_extent(scene);
+    if (!(p->depth > 0)) p->depth = scene->extent;
     p->view = oxl_calloc(ctx, views + 1, sizeof *p->view);
     p->pose = oxl_calloc(ctx, views + 1, sizeof *p->pose);
     return p->view && p->pose ? OXL_OK : OXL_ERR_MEMORY;
@@ -51,7 +51,7 @@ static oxl_result poses_before_points(struct train *t, void *state)
     p->asked = t->options->poses != OXL_OFF && !t->continues && !t->task.window && !t->task.context;
     if (p->asked || kept) rc = poses_allocate(t->ctx, p, t->scene);
     if (rc != OXL_OK || !kept) return rc;
-    memcpy(p->pose, kept, (size_t)oxl_scene_view_count(t->scene) * sizeof *kept);
+    memcpy(p->pose, kept, (size_t)t->scene->view_count * sizeof *kept);
     scene_move_views(t->survey, kept, t->posed);
     return OXL_OK;
 }
@@ -79,13 +79,13 @@ static void poses_archive(struct archive *a, struct train *t, void *state)
     if (!p->asked) return;
     ARCHIVE(a, &p->on, 1);
     ARCHIVE(a, &p->steps, 1);
-    ARCHIVE(a, p->view, (size_t)oxl_scene_view_count(t->scene));
+    ARCHIVE(a, p->view, (size_t)t->scene->view_count);
 }
 
 static oxl_result poses_before_render(struct train *t, void *state, struct part_view *v)
 {
     const struct poses *p = state;
-    if (p->on) pose_apply(&oxl_scene_view(t->scene, v->view)->camera, p->view[v->view].at, &v->camera);
+    if (p->on) pose_apply(&t->scene->view[v->view].camera, p->view[v->view].at, &v->camera);
     renderer_settings(t->renderer)->pose = p->on && v->progress >= POSES_FROM;
     return OXL_OK;
 }
@@ -96,8 +96,8 @@ static void poses_centre(struct poses *p, const oxl_scene *scene)
     double mean[POSE_TERMS] = {0};
     int count = 0;
     for (int pass = 0; pass < 2; pass++)
-        for (int v = 0; v < oxl_scene_view_count(scene); v++) {
-            const double *r = oxl_scene_view(scene, v)->camera.rotation;
+        for (int v = 0; v < scene->view_count; v++) {
+            const double *r = scene->view[v].camera.rotation;
             double *at = p->view[v].at;
             if (p->view[v].visits == 0) continue;
             count += pass == 0;
@@ -112,7 +112,7 @@ static void poses_centre(struct poses *p, const oxl_scene *scene)
 /* Returns the pull of a view: what its shift by the mean reprojection error of the survey's points costs. */
 static double poses_prior(const oxl_scene *scene, int view)
 {
-    const oxl_camera *c = &oxl_scene_view(scene, view)->camera;
+    const oxl_camera *c = &scene->view[view].camera;
     const double file = scene_file_pixels(scene, view), shown = (double)c->width * c->height;
     const double error = scene->stats.mean_error * (file > 0 ? sqrt(shown / file) : 1);
     const double f = c->fx / OXL_MAX(error, POSES_ERROR);
@@ -123,7 +123,7 @@ static void poses_after_loss(struct train *t, void *state, const struct train_de
                              const struct renderer_loss *loss)
 {
     struct poses *p = state;
-    const oxl_camera *given = &oxl_scene_view(t->scene, step->view)->camera;
+    const oxl_camera *given = &t->scene->view[step->view].camera;
     const double progress = ((double)step->step / t->options->iterations - POSES_FROM) / (1 - POSES_FROM);
     const struct pose_rule rule = {.rate = POSES_RATE / given->fx *
                                            vecmath_exp(progress * vecmath_log(POSES_LAST)),
@@ -141,8 +141,8 @@ static double poses_shift(const struct poses *p, const oxl_scene *scene)
 {
     double sum = 0;
     int count = 0;
-    for (int v = 0; v < oxl_scene_view_count(scene); v++) {
-        const double f = oxl_scene_view(scene, v)->camera.fx, *at = p->view[v].at;
+    for (int v = 0; v < scene->view_count; v++) {
+        const double f = scene->view[v].camera.fx, *at = p->view[v].at;
         if (p->view[v].visits == 0) continue;
         count++;
         for (int k = 0; k < POSE_TERMS; k++) {
@@ -173,7 +173,7 @@ static void poses_store(struct train *t, void *state, oxl_model *model)
 {
     struct poses *p = state;
     (void)model;
-    for (int v = 0; p->on && v < oxl_scene_view_count(t->scene); v++)
+    for (int v = 0; p->on && v < t->scene->view_count; v++)
         memcpy(p->pose[v], p->view[v].at, sizeof p->pose[v]);
     if (!p->asked || p->on) t->imaging->pose = p->pose, p->pose = NULL;
 }

@@ -108,10 +108,16 @@ static void prune_describe(const struct prune *p, char *out, size_t size)
 
 /* ---------------- scores */
 
+struct prune_pass { /* over the views */
+    float *one;     /* (count) the score in the view at hand */
+    float *drgb;    /* (3,H,W) weights of the pixels: dS/d(image) */
+    size_t drgb_capacity;
+};
+
 /* Gives weight 0 to masked pixels, 1 to the others. */
 static oxl_result prune_mask_view(oxl_context *ctx, const oxl_scene *scene, int view, struct prune_pass *pass)
 {
-    const oxl_camera *camera = &oxl_scene_view(scene, view)->camera;
+    const oxl_camera *camera = &scene->view[view].camera;
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
     const struct training_image *image = scene_image(ctx, scene, view);
     oxl_result rc = OXL_RESERVE(ctx, pass->drgb, 3 * pixels);
@@ -123,8 +129,8 @@ static oxl_result prune_mask_view(oxl_context *ctx, const oxl_scene *scene, int 
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result prune_score_view(oxl_context *ctx, const struct prune_of *of,
-                                         const oxl_camera *camera, struct prune_pass *pass, float *score)
+static oxl_result prune_score_view(oxl_context *ctx, const struct prune_of *of, const oxl_camera *camera,
+                                   struct prune_pass *pass, float *score)
 {
     const int64_t count = (int64_t)of->model->count;
     oxl_result rc = renderer_forward(ctx, of->r, of->model, camera, of->options);
@@ -148,8 +154,8 @@ static void prune_finish_scores(int all_views, size_t count, float *score)
     }
 }
 
-OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, const struct prune_of *of,
-                                    float *score)
+static oxl_result prune_score(oxl_context *ctx, const struct prune *p, const struct prune_of *of,
+                              float *score)
 {
     const size_t count = of->model->count;
     const oxl_scene *scene = of->scene;
@@ -158,8 +164,8 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, con
     int index = 0; /* each drop takes other views, every stride-th */
     oxl_result rc = pass.one ? OXL_OK : OXL_ERR_MEMORY;
     memset(score, 0, count * sizeof *score);
-    for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
-        const oxl_view *view = oxl_scene_view(scene, i);
+    for (int i = 0; i < scene->view_count && rc == OXL_OK; i++) {
+        const oxl_view *view = &scene->view[i];
         if (view->is_test || index++ % stride != p->drops % stride) continue;
         rc = prune_mask_view(ctx, of->scene, i, &pass);
         if (rc == OXL_OK) rc = prune_score_view(ctx, of, &view->camera, &pass, score);
@@ -227,7 +233,7 @@ static void prune_after_loss(struct train *t, void *state, const struct train_de
 }
 
 /* Removes Gaussians with their moments and statistics. */
-OXL_INTERNAL oxl_result prune_remove_rows(struct train *t, const struct prune *p, size_t drop)
+static oxl_result prune_remove_rows(struct train *t, const struct prune *p, size_t drop)
 {
     const struct prune_of of = {t->renderer, t->scene, &t->render, &t->trained.model};
     const size_t count = t->trained.model.count;
@@ -242,7 +248,7 @@ OXL_INTERNAL oxl_result prune_remove_rows(struct train *t, const struct prune *p
         for (int k = 0; k < TRAINED_PARTS; k++) model_keep_rows(model_trained_part(&t->trained, k), keep);
         density_keep_rows(&t->density, keep, count);
     }
-    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 0);
+    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->renderer, &t->trained.model, 0);
     oxl_free(t->ctx, keep);
     return rc;
 }

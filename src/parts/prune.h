@@ -36,18 +36,7 @@ struct prune_of { /* what is pruned, and where it is seen */
 /* Chooses keep (count): 0 for the `drop` that matter least, else 1. */
 OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, const struct prune_of *of,
                                      size_t drop, uint8_t *keep);
-/* Parts of prune_choose: the score of each row over the training views; keep[i] = 0 for the `drop` lowest, by
- * row where equal. */
-OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, const struct prune_of *of,
-                                    float *score);
+/* Sets keep[i] = 0 for the `drop` lowest scores, by row where equal. */
 OXL_INTERNAL void prune_select(const float *score, size_t count, size_t drop, uint8_t *keep);
-struct prune_pass { /* over the views */
-    float *one;     /* (count) the score in the view at hand */
-    float *drgb;    /* (3,H,W) weights of the pixels: dS/d(image) */
-    size_t drgb_capacity;
-};
-OXL_INTERNAL oxl_result prune_score_view(oxl_context *ctx, const struct prune_of *of,
-                                         const oxl_camera *camera, struct prune_pass *pass, float *score);
-OXL_INTERNAL oxl_result prune_remove_rows(struct train *t, const struct prune *p, size_t drop);
 
 #endif

@@ -32,7 +32,7 @@ static oxl_result sh_degree_before_step(struct train *t, void *state)
     rc = step_download(t, DOWNLOAD_SHAPE);
     if (rc == OXL_OK) rc = step_move_rows(t, NULL, NULL, wanted, &moved);
     if (rc == OXL_OK) rc = model_trained_set_degree(t->ctx, &t->trained, wanted);
-    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 0);
+    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->renderer, &t->trained.model, 0);
     return rc;
 }
 

@@ -77,9 +77,9 @@ OXL_INTERNAL oxl_result ssim_contrast_measure(oxl_context *ctx, const oxl_scene 
     int seen = 0;
     *contrast = *views = 0;
     if (!value) return OXL_ERR_MEMORY;
-    for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
+    for (int i = 0; i < scene->view_count && rc == OXL_OK; i++) {
         const struct training_image *image;
-        if (oxl_scene_view(scene, i)->is_test || seen++ % step != 0) continue;
+        if (scene->view[i].is_test || seen++ % step != 0) continue;
         image = scene_image(ctx, scene, i);
         if (!image && ctx->failed != OXL_ERR_INPUT && ctx->failed != OXL_ERR_IO) rc = ctx->failed;
         if (!image) continue;

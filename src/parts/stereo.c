@@ -145,7 +145,7 @@ static void stereo_halve(const struct stereo_level *from, struct stereo_level *t
 static oxl_result stereo_make_image(struct stereo *s, const struct training_image *from,
                                     struct stereo_image *to)
 {
-    const int factor = stereo_factor(&oxl_scene_view(s->scene, to->view)->camera);
+    const int factor = stereo_factor(&s->scene->view[to->view].camera);
     for (int k = 0; k < STEREO_LEVELS; k++) {
         struct stereo_level *l = &to->level[k];
         l->width = from->width / factor >> k, l->height = from->height / factor >> k;
@@ -184,25 +184,20 @@ static oxl_result stereo_image(struct stereo *s, int view, const struct stereo_i
 
 /* ---------------- neighbours, and the range of depths */
 
-static int stereo_is_inside(const oxl_camera *c, const double pixel[2])
-{
-    return pixel[0] >= 0 && pixel[1] >= 0 && pixel[0] < c->width && pixel[1] < c->height;
-}
-
 /* Finds a view's inverse depths (low, middle, high) from the survey's points, or, with too few, from its
  * range of depths; returns 0 without. */
 static int stereo_depths(const struct stereo *s, int view, double w[3])
 {
     enum { LEAST = 16 };
-    const oxl_camera *c = &oxl_scene_view(s->scene, view)->camera;
+    const oxl_camera *c = &s->scene->view[view].camera;
     const double *range = scene_depth_range(s->scene, view);
-    const oxl_point *point = oxl_scene_points(s->scene);
-    const size_t count = oxl_scene_point_count(s->scene), step = count / STEREO_POINTS + 1;
+    const oxl_point *point = s->scene->point;
+    const size_t count = s->scene->point_count, step = count / STEREO_POINTS + 1;
     double z[STEREO_POINTS + 1];
     size_t n = 0;
     for (size_t i = 0; i < count; i += step) {
         double x[3], pixel[2];
-        if (camera_project(c, point[i].position, NULL, x, pixel) && stereo_is_inside(c, pixel)) z[n++] = x[2];
+        if (camera_sees(c, point[i].position, x, pixel)) z[n++] = x[2];
     }
     if (n < LEAST && !range) return 0;
     w[0] = (1 - STEREO_MARGIN) / (n < LEAST ? range[1] : stats_select(z, n, 0.995));
@@ -225,7 +220,7 @@ static double stereo_rate(const oxl_camera *a, const oxl_camera *b, double w)
                               a->height * (0.5 + 0.3 * ((k > 2) - (k == 1 || k == 2)))};
         double world[3], x[3], pixel[2];
         camera_unproject(a, at, 1 / w, world);
-        inside += camera_project(b, world, NULL, x, pixel) && stereo_is_inside(b, pixel);
+        inside += camera_sees(b, world, x, pixel);
     }
     return inside * OXL_MIN(angle / STEREO_ANGLE, STEREO_ANGLE / angle);
 }
@@ -233,11 +228,10 @@ static double stereo_rate(const oxl_camera *a, const oxl_camera *b, double w)
 static void stereo_find_neighbours(const struct stereo *s, int view, double w, struct stereo_map *map)
 {
     double rate[STEREO_NEIGHBOURS] = {0};
-    for (int v = 0; v < oxl_scene_view_count(s->scene); v++) {
-        const oxl_view *other = oxl_scene_view(s->scene, v);
-        double r = v == view || other->is_test
-                       ? 0
-                       : stereo_rate(&oxl_scene_view(s->scene, view)->camera, &other->camera, w);
+    for (int v = 0; v < s->scene->view_count; v++) {
+        const oxl_view *other = &s->scene->view[v];
+        double r =
+            v == view || other->is_test ? 0 : stereo_rate(&s->scene->view[view].camera, &other->camera, w);
         for (int k = 0, n = v; k < STEREO_NEIGHBOURS && r > 0; k++)
             if (r > rate[k]) {
                 OXL_SWAP(double, rate[k], r);
@@ -361,7 +355,7 @@ static float stereo_correlate(const struct stereo *s, int level, int k, const do
                               const struct stereo_patch *patch, const struct stereo_cell *plane,
                               double *moves)
 {
-    const oxl_camera *c = &oxl_scene_view(s->scene, s->of->view)->camera;
+    const oxl_camera *c = &s->scene->view[s->of->view].camera;
     const struct stereo_pair *pair = &s->pair[k];
     const double f = stereo_factor(c) << level, scale = 1.0 / (1 << level),
                  ray[2] = {(at[0] * f - c->cx) / c->fx, (at[1] * f - c->cy) / c->fy};
@@ -548,7 +542,7 @@ static oxl_result stereo_keep_map(struct stereo *s, struct stereo_grid *g, struc
 
 static oxl_result stereo_of_view(struct stereo *s, int view)
 {
-    const oxl_camera *c = &oxl_scene_view(s->scene, view)->camera;
+    const oxl_camera *c = &s->scene->view[view].camera;
     struct stereo_map *map = &s->map[view];
     struct stereo_grid grid = {0};
     double w[3] = {0}, baseline = 0;
@@ -557,7 +551,7 @@ static oxl_result stereo_of_view(struct stereo *s, int view)
     stereo_find_neighbours(s, view, w[1], map);
     s->pairs = 0;
     for (int k = 0; k < map->neighbours && rc == OXL_OK && s->of; k++) {
-        const oxl_camera *to = &oxl_scene_view(s->scene, map->neighbour[k])->camera;
+        const oxl_camera *to = &s->scene->view[map->neighbour[k]].camera;
         rc = stereo_image(s, map->neighbour[k], &s->to[s->pairs]);
         if (rc != OXL_OK || !s->to[s->pairs]) continue;
         stereo_pair_cameras(c, to, &s->pair[s->pairs++]);
@@ -604,10 +598,10 @@ static int stereo_agrees(const struct stereo *s, const struct stereo_map *map, c
 {
     for (int k = 0; k < map->neighbours; k++) {
         const struct stereo_map *other = &s->map[map->neighbour[k]];
-        const oxl_camera *c = &oxl_scene_view(s->scene, map->neighbour[k])->camera;
+        const oxl_camera *c = &s->scene->view[map->neighbour[k]].camera;
         double x[3], pixel[2], off[2];
         const struct stereo_cell *cell;
-        if (!other->cell || !camera_project(c, at, NULL, x, pixel) || !stereo_is_inside(c, pixel)) continue;
+        if (!other->cell || !camera_sees(c, at, x, pixel)) continue;
         for (int i = 0; i < 2; i++) {
             const double side = other->factor * STEREO_CELL;
             off[i] = (pixel[i] - (floor(pixel[i] / side) + 0.5) * side) / other->factor;
@@ -624,7 +618,7 @@ static int stereo_agrees(const struct stereo *s, const struct stereo_map *map, c
 
 static oxl_result stereo_add_view(struct stereo *s, int view, struct stereo_points *p)
 {
-    const oxl_camera *c = &oxl_scene_view(s->scene, view)->camera;
+    const oxl_camera *c = &s->scene->view[view].camera;
     const struct stereo_map *map = &s->map[view];
     const double side = map->factor * STEREO_CELL;
     for (int i = 0; map->cell && i < map->across * map->down; i++) {
@@ -679,8 +673,8 @@ static int stereo_take(uint64_t *taken, size_t slots, uint64_t key)
 /* Takes the places of the survey's points, at all sides that places can have. */
 static void stereo_take_survey(const oxl_scene *scene, const int power[2], uint64_t *taken, size_t slots)
 {
-    const oxl_point *point = oxl_scene_points(scene);
-    for (size_t i = 0; i < oxl_scene_point_count(scene); i++)
+    const oxl_point *point = scene->point;
+    for (size_t i = 0; i < scene->point_count; i++)
         for (int p = power[0]; p <= power[1]; p++)
             stereo_take(taken, slots, stereo_place(point[i].position, p));
 }
@@ -706,7 +700,7 @@ static size_t stereo_thin(const oxl_scene *scene, struct stereo_points *p, doubl
 static oxl_result stereo_thin_to(struct stereo *s, struct stereo_points *p, size_t most)
 {
     const size_t powers = (size_t)(stereo_power(p->most) - stereo_power(p->least) + 3),
-                 slots = 2 * (p->count + powers * oxl_scene_point_count(s->scene)) + 1;
+                 slots = 2 * (p->count + powers * s->scene->point_count) + 1;
     uint64_t *taken = oxl_alloc(s->ctx, slots, sizeof *taken);
     double px = 1;
     if (!taken) return OXL_ERR_MEMORY;
@@ -721,13 +715,13 @@ static oxl_result stereo_thin_to(struct stereo *s, struct stereo_points *p, size
 OXL_INTERNAL oxl_result stereo_points(oxl_context *ctx, const oxl_scene *scene, size_t most, oxl_point **out,
                                       size_t *count)
 {
-    const int views = oxl_scene_view_count(scene);
+    const int views = scene->view_count;
     struct stereo s = {.ctx = ctx, .scene = scene, .map = oxl_calloc(ctx, (size_t)views + 1, sizeof *s.map)};
     struct stereo_points p = {.least = FLT_MAX};
     oxl_result rc = s.map ? OXL_OK : OXL_ERR_MEMORY;
     *out = NULL, *count = 0;
     for (int v = 0; v < views && rc == OXL_OK && most > 0; v++)
-        if (!oxl_scene_view(scene, v)->is_test) rc = stereo_of_view(&s, v);
+        if (!scene->view[v].is_test) rc = stereo_of_view(&s, v);
     for (int v = 0; v < views && rc == OXL_OK && most > 0; v++) {
         rc = stereo_add_view(&s, v, &p);
         if (rc == OXL_OK && p.count > STEREO_HELD * most) rc = stereo_thin_to(&s, &p, 2 * most);
@@ -747,7 +741,7 @@ OXL_INTERNAL oxl_result stereo_points(oxl_context *ctx, const oxl_scene *scene, 
 
 static oxl_result stereo_first_points(struct train *t, oxl_point **out, size_t *count)
 {
-    const size_t points = oxl_scene_point_count(t->scene), cap = schedule_gaussian_cap(t->scene, t->options),
+    const size_t points = t->scene->point_count, cap = schedule_gaussian_cap(t->scene, t->options),
                  room = cap > points ? (size_t)(STEREO_FRACTION * (double)(cap - points)) : 0,
                  all = (size_t)(schedule_first_pixels(t->scene, t->options) / STEREO_PIXELS_EACH),
                  wanted = all > points ? OXL_MIN(room, all - points) : 0,
@@ -760,10 +754,9 @@ static oxl_result stereo_first_points(struct train *t, oxl_point **out, size_t *
 
 /* Bounds the memory of the maps from above. The points before they are thinned, STEREO_HELD for each that is
  * wanted, take less than the Gaussians that training makes of these. */
-static double stereo_bytes(const oxl_train_options *options, double observations, int views)
+static double stereo_bytes(const oxl_train_options *options, int views)
 {
     const double cells = (double)STEREO_SIDE * STEREO_SIDE / (STEREO_CELL * STEREO_CELL);
-    (void)observations;
     return options->stereo ? views * cells * (sizeof(struct stereo_cell) + 3) : 0;
 }
 

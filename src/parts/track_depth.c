@@ -34,7 +34,7 @@ static void track_depth_sample(struct track_depth_view *v, int view, struct dept
 static void track_depth_add_all(struct track_depth *d, const oxl_scene *scene, const int *view_of)
 {
     struct tracks_walk w = tracks_of(scene_colmap(scene), view_of);
-    w.origin = oxl_scene_origin(scene);
+    w.origin = scene->origin;
     w.shortest = TRACK_DEPTH_TRACK;
     while (tracks_next(&w)) {
         double x[3], pixel[2];
@@ -48,7 +48,7 @@ OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *
                                           const struct image_window *window)
 {
     const struct colmap *c = scene_colmap(scene);
-    const int views = oxl_scene_view_count(scene);
+    const int views = scene->view_count;
     int *view_of;
     oxl_result rc = OXL_OK;
     d->started = 1;
@@ -66,9 +66,8 @@ OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *
     return rc;
 }
 
-static double track_depth_bytes(const oxl_train_options *options, double observations, int views)
+static double track_depth_bytes(const oxl_train_options *options, int views)
 {
-    (void)observations;
     return options->medium == OXL_OFF
                ? 0
                : views * (TRACK_DEPTH_MAX * sizeof(struct depth_point) + sizeof(struct track_depth_view));

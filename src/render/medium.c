@@ -23,11 +23,11 @@ OXL_INTERNAL void medium_bake(const oxl_scene *scene, const struct oxl_imaging *
     float gain[VIEWS][3];
     const int has_gains = !backwards && imaging_is_gains_alone(imaging);
     int views = 0;
-    const int all = oxl_scene_view_count(scene), stride = OXL_MAX(1, (all + VIEWS - 1) / VIEWS);
+    const int all = scene->view_count, stride = OXL_MAX(1, (all + VIEWS - 1) / VIEWS);
     const int coefficients = (model->sh_degree + 1) * (model->sh_degree + 1);
     if (backwards && !m->on && imaging->lamps == 0) return;
     for (int v = 0; v < all; v += stride, views++) {
-        camera[views] = &oxl_scene_view(scene, v)->camera;
+        camera[views] = &scene->view[v].camera;
         lamp[views] = imaging_lamp(imaging, scene, v);
         camera_position(camera[views], eye[views]);
         gain[views][0] = gain[views][1] = gain[views][2] = 1;

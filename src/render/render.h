@@ -32,10 +32,12 @@ struct renderer; /* state of one view, kept between views to avoid allocations *
 OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out);
 OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r);
 
+/* Returns the default options with the scene's near plane. */
+OXL_INTERNAL oxl_render_options render_options_of(const oxl_scene *scene);
 /* Renders; the image stays in the renderer until the next call. sh_degree as in oxl_render_options. */
 OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model,
                                          const oxl_camera *camera, const oxl_render_options *options);
-OXL_INTERNAL oxl_result renderer_image(oxl_context *ctx, struct renderer *r, const float **out); /* (3,H,W) */
+OXL_INTERNAL oxl_result renderer_image(struct renderer *r, const float **out); /* (3,H,W) */
 
 /* oxl_render for many views of an unchanged model, which is uploaded once to a device. options: not NULL. */
 OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model,
@@ -67,7 +69,7 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
  * memory. */
 OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb,
                                           oxl_model *gradient);
-OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, oxl_model *gradient);
+OXL_INTERNAL oxl_result renderer_gradient(struct renderer *r, oxl_model *gradient);
 
 /* Pruning score, with S = sum over pixels and channels of drgb (3,H,W) x the rendered image: adds to
  * score[row] of each visible row the sum over its pixels of (o dS/dalpha)^2. No loss is needed. A renderer
@@ -105,8 +107,7 @@ struct renderer_report {
     struct renderer_nonfinite skipped;
 };
 OXL_INTERNAL int renderer_defer(struct renderer *r, int on);
-OXL_INTERNAL oxl_result renderer_report(oxl_context *ctx, struct renderer *r, int wait,
-                                        struct renderer_report *out);
+OXL_INTERNAL oxl_result renderer_report(struct renderer *r, int wait, struct renderer_report *out);
 
 /* After the backward pass: adds the last view's gradients of visible rows to the statistics of density
  * control. */
@@ -130,7 +131,7 @@ enum renderer_download {
      * uploads */
     DOWNLOAD_SHAPE
 };
-OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, enum renderer_download what);
+OXL_INTERNAL oxl_result renderer_download(struct renderer *r, enum renderer_download what);
 
 /* After DOWNLOAD_SHAPE, on a device: new row i of the model, its moments and lobes is the old row `from[i]`,
  * with moments of 0 if RENDERER_FRESH is set; the order stays. SH planes that the model did not have are 0.
@@ -142,19 +143,16 @@ struct renderer_move {
     size_t count, lobes;
     int sh_degree; /* not below the model's */
 };
-OXL_INTERNAL oxl_result renderer_move_rows(oxl_context *ctx, struct renderer *r,
-                                           const struct renderer_move *move, int *moved);
+OXL_INTERNAL oxl_result renderer_move_rows(struct renderer *r, const struct renderer_move *move, int *moved);
 /* Uploads the planes before OXL_SH; the device holds the others. reset_opacity: sets the moments of the
  * opacity to 0. */
-OXL_INTERNAL oxl_result renderer_send_shape(oxl_context *ctx, struct renderer *r, oxl_model *model,
-                                            int reset_opacity);
+OXL_INTERNAL oxl_result renderer_send_shape(struct renderer *r, oxl_model *model, int reset_opacity);
 
 /* marks all rows invisible in the last view */
-OXL_INTERNAL oxl_result renderer_clear_visible(oxl_context *ctx, struct renderer *r);
+OXL_INTERNAL oxl_result renderer_clear_visible(struct renderer *r);
 /* On a device: clears rows with a value that is not finite, stored or computed in the last view, as
  * nonfinite.c does on the CPU. */
-OXL_INTERNAL oxl_result renderer_clear_nonfinite(oxl_context *ctx, struct renderer *r,
-                                                 struct trained_model *trained,
+OXL_INTERNAL oxl_result renderer_clear_nonfinite(struct renderer *r, struct trained_model *trained,
                                                  struct renderer_nonfinite *out);
 /* Results of the last view for row i, on the CPU. */
 OXL_INTERNAL int renderer_row_finite(const struct renderer *r, size_t row); /* 1 also for invisible rows */

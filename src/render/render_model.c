@@ -18,7 +18,7 @@ static oxl_result render_view(oxl_context *ctx, struct renderer *r, const oxl_mo
 {
     const float *rgb = NULL;
     oxl_result rc = renderer_forward(ctx, r, model, camera, options);
-    if (rc == OXL_OK) rc = renderer_image(ctx, r, &rgb);
+    if (rc == OXL_OK) rc = renderer_image(r, &rgb);
     if (rc == OXL_OK) rc = oxl_image_create(ctx, camera->width, camera->height, out);
     if (rc == OXL_OK) {
         memcpy(out->rgb, rgb, 3 * (size_t)camera->width * (size_t)camera->height * sizeof *out->rgb);
@@ -47,7 +47,7 @@ OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, cons
     return rc;
 }
 
-static oxl_render_options render_options_of(const float *background)
+static oxl_render_options render_options_on(const float *background)
 {
     oxl_render_options o = oxl_render_options_default();
     memcpy(o.background, background, sizeof o.background);
@@ -57,7 +57,7 @@ static oxl_render_options render_options_of(const float *background)
 oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                       const oxl_render_options *options, oxl_image *out, float *depth)
 {
-    const oxl_render_options o = options ? *options : render_options_of(model->background);
+    const oxl_render_options o = options ? *options : render_options_on(model->background);
     struct renderer *r = NULL;
     oxl_result rc = renderer_create(ctx, &r);
     *out = (oxl_image){0};
@@ -77,7 +77,7 @@ static oxl_result render_gradient(oxl_context *ctx, struct renderer *r, const ox
         memset(out->plane[OXL_ROTATION], 0, out->capacity * sizeof *out->plane[0]);
         rc = renderer_backward(ctx, r, drgb, out);
     }
-    if (rc == OXL_OK) rc = renderer_gradient(ctx, r, out);
+    if (rc == OXL_OK) rc = renderer_gradient(r, out);
     if (rc != OXL_OK) oxl_model_free(ctx, out);
     return rc;
 }
@@ -85,7 +85,7 @@ static oxl_result render_gradient(oxl_context *ctx, struct renderer *r, const ox
 oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                                const oxl_render_options *options, const float *drgb, oxl_model *gradient)
 {
-    const oxl_render_options o = options ? *options : render_options_of(model->background);
+    const oxl_render_options o = options ? *options : render_options_on(model->background);
     struct renderer *r = NULL;
     oxl_result rc = render_check_camera(ctx, camera);
     *gradient = (oxl_model){0};

@@ -15,6 +15,13 @@ oxl_render_options oxl_render_options_default(void)
     return (oxl_render_options){.sh_degree = -1, .near_plane = 0.2f, .alpha_min = ALPHA_MIN};
 }
 
+OXL_INTERNAL oxl_render_options render_options_of(const oxl_scene *scene)
+{
+    oxl_render_options o = oxl_render_options_default();
+    o.near_plane = (float)oxl_scene_near_plane(scene);
+    return o;
+}
+
 /* Warns once of each kind of failure: a device that is lost, or too small, is so for all images that
  * follow. */
 static oxl_result render_say_cpu(oxl_context *ctx, const char *why)
@@ -381,9 +388,8 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
     return rc;
 }
 
-OXL_INTERNAL oxl_result renderer_image(oxl_context *ctx, struct renderer *r, const float **out)
+OXL_INTERNAL oxl_result renderer_image(struct renderer *r, const float **out)
 {
-    (void)ctx;
     *out = r->rgb;
     return r->device ? r->backend->image(r->device, r->rgb) : OXL_OK;
 }

@@ -191,18 +191,17 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
 }
 
 /* Reads the gradients of lamp and medium from a device, where there are any. */
-OXL_INTERNAL oxl_result render_read_imaging_gradient(oxl_context *ctx, struct renderer *r)
+OXL_INTERNAL oxl_result render_read_imaging_gradient(struct renderer *r)
 {
-    (void)ctx;
     if (!r->device || r->deferred || !r->set.lamp) return OXL_OK;
     return r->backend->lamp_gradient(r->device, r->dlamp);
 }
 
-OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, oxl_model *gradient)
+OXL_INTERNAL oxl_result renderer_gradient(struct renderer *r, oxl_model *gradient)
 {
     oxl_result rc = OXL_OK;
     if (r->device) rc = r->backend->gradient(r->device, gradient);
-    return rc == OXL_OK ? render_read_imaging_gradient(ctx, r) : rc;
+    return rc == OXL_OK ? render_read_imaging_gradient(r) : rc;
 }
 
 /* ---------------- score */

@@ -73,7 +73,7 @@ OXL_INTERNAL struct project_job render_project_job(struct renderer *r, int64_t t
 OXL_INTERNAL void render_add_task_sums(struct renderer *r);
 OXL_INTERNAL void render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb,
                                    render_tile_fn *work);
-OXL_INTERNAL oxl_result render_read_imaging_gradient(oxl_context *ctx, struct renderer *r);
+OXL_INTERNAL oxl_result render_read_imaging_gradient(struct renderer *r);
 OXL_INTERNAL oxl_result render_fall_back_to_cpu(oxl_context *ctx, struct renderer *r, oxl_result rc,
                                                 int anew);
 /* Works on packs of the model; out_row: the row that is the first of `out`. */

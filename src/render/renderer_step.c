@@ -77,7 +77,7 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, stru
     oxl_result rc;
     if (r->device) {
         rc = r->backend->step(r->device, trained, adam, out);
-        return rc == OXL_OK ? render_read_imaging_gradient(ctx, r) : rc;
+        return rc == OXL_OK ? render_read_imaging_gradient(r) : rc;
     }
     rc = r->unprojected ? render_reserve_part(ctx, r) : OXL_OK;
     if (rc != OXL_OK) return rc;
@@ -174,27 +174,22 @@ OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, c
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, enum renderer_download what)
+OXL_INTERNAL oxl_result renderer_download(struct renderer *r, enum renderer_download what)
 {
-    (void)ctx;
     return r->device ? r->backend->download(r->device, what) : OXL_OK;
 }
 
-OXL_INTERNAL oxl_result renderer_move_rows(oxl_context *ctx, struct renderer *r,
-                                           const struct renderer_move *move, int *moved)
+OXL_INTERNAL oxl_result renderer_move_rows(struct renderer *r, const struct renderer_move *move, int *moved)
 {
     oxl_result rc = OXL_OK;
-    (void)ctx;
     *moved = 0;
     if (r->device) rc = r->backend->move_rows(r->device, move, moved);
     if (rc == OXL_OK && r->device && !*moved) rc = r->backend->download(r->device, DOWNLOAD_TO_CHANGE);
     return rc;
 }
 
-OXL_INTERNAL oxl_result renderer_send_shape(oxl_context *ctx, struct renderer *r, oxl_model *model,
-                                            int reset_opacity)
+OXL_INTERNAL oxl_result renderer_send_shape(struct renderer *r, oxl_model *model, int reset_opacity)
 {
-    (void)ctx;
     return r->device ? r->backend->send_shape(r->device, model, reset_opacity) : OXL_OK;
 }
 
@@ -204,10 +199,8 @@ OXL_INTERNAL int renderer_defer(struct renderer *r, int on)
     return r->deferred;
 }
 
-OXL_INTERNAL oxl_result renderer_report(oxl_context *ctx, struct renderer *r, int wait,
-                                        struct renderer_report *out)
+OXL_INTERNAL oxl_result renderer_report(struct renderer *r, int wait, struct renderer_report *out)
 {
-    (void)ctx;
     *out = (struct renderer_report){0};
     return r->device ? r->backend->report(r->device, wait, out) : OXL_OK;
 }
@@ -217,19 +210,16 @@ OXL_INTERNAL int renderer_row_visible(const struct renderer *r, size_t row)
     return r->visible[row / PACK] >> (row % PACK) & 1;
 }
 
-OXL_INTERNAL oxl_result renderer_clear_visible(oxl_context *ctx, struct renderer *r)
+OXL_INTERNAL oxl_result renderer_clear_visible(struct renderer *r)
 {
-    (void)ctx;
     if (r->device) return r->backend->clear_visible(r->device);
     memset(r->visible, 0, r->packs * sizeof *r->visible);
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result renderer_clear_nonfinite(oxl_context *ctx, struct renderer *r,
-                                                 struct trained_model *trained,
+OXL_INTERNAL oxl_result renderer_clear_nonfinite(struct renderer *r, struct trained_model *trained,
                                                  struct renderer_nonfinite *out)
 {
-    (void)ctx;
     return r->backend->clear_nonfinite(r->device, trained, out);
 }
 

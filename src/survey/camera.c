@@ -233,6 +233,12 @@ OXL_INTERNAL int camera_project(const oxl_camera *camera, const double world[3],
     return 1;
 }
 
+OXL_INTERNAL int camera_sees(const oxl_camera *camera, const double place[3], double x[3], double pixel[2])
+{
+    return camera_project(camera, place, NULL, x, pixel) && pixel[0] >= 0 && pixel[1] >= 0 &&
+           pixel[0] < camera->width && pixel[1] < camera->height;
+}
+
 OXL_INTERNAL oxl_camera camera_halve(const oxl_camera *camera)
 {
     oxl_camera half = *camera;

@@ -66,12 +66,11 @@ OXL_INTERNAL void imaging_clear(struct oxl_imaging *m)
 
 /* Hashes CAMERA_ID, the folder, and the name without its digits: IMG_0012.JPG and IMG_0013.JPG are of one
  * camera, L/0012.png and R/0012.png are not. */
-OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view)
+static uint64_t imaging_camera(const oxl_scene *scene, int view)
 {
     const struct colmap *from = scene_colmap(scene);
-    const int has_ids =
-        from && from->camera_count * IMAGING_CAMERA_VIEWS <= (size_t)oxl_scene_view_count(scene);
-    const char *name = oxl_scene_view(scene, view)->name, *base = path_base_name(name);
+    const int has_ids = from && from->camera_count * IMAGING_CAMERA_VIEWS <= (size_t)scene->view_count;
+    const char *name = scene->view[view].name, *base = path_base_name(name);
     const uint64_t id = has_ids ? (uint64_t)scene_source_image(scene, view)->camera_id : 0;
     uint64_t hash = CHECKSUM_SEED;
     hash = checksum_add(hash, &id, sizeof id);
@@ -119,7 +118,7 @@ static oxl_result imaging_set_partners(oxl_context *ctx, const oxl_scene *scene,
     struct imaging_timestamp *sorted = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
     if (!sorted) return OXL_ERR_MEMORY;
     for (int i = 0; i < m->views; i++)
-        sorted[i] = (struct imaging_timestamp){imaging_timestamp(oxl_scene_view(scene, i)->name), i};
+        sorted[i] = (struct imaging_timestamp){imaging_timestamp(scene->view[i].name), i};
     qsort(sorted, (size_t)m->views, sizeof *sorted, imaging_compare_moments);
     for (int first = 0, end; first < m->views; first = end) {
         for (end = first + 1; end < m->views && sorted[end].of == sorted[first].of;) end++;
@@ -332,8 +331,8 @@ static int lamp_is_separate(const oxl_scene *scene, int view)
     int count = 0, others = 0;
     for (int i = 0; i < view; i++)
         if (imaging_camera(scene, i) == camera) return 0;
-    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
-        const int trains = !oxl_scene_view(scene, i)->is_test, own = imaging_camera(scene, i) == camera;
+    for (int i = 0; i < scene->view_count; i++) {
+        const int trains = !scene->view[i].is_test, own = imaging_camera(scene, i) == camera;
         count += trains && own;
         others += trains && !own;
         if (count >= LAMP_VIEWS && others > 0) return 1;
@@ -345,7 +344,7 @@ OXL_INTERNAL int imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP
 {
     int count = 1;
     lamp[0] = (struct lamp){.view = -1};
-    for (int i = 0; i < oxl_scene_view_count(scene) && count < LAMP_MAX; i++)
+    for (int i = 0; i < scene->view_count && count < LAMP_MAX; i++)
         if (lamp_is_separate(scene, i)) lamp[count++] = (struct lamp){.view = i};
     return count;
 }

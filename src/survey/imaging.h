@@ -41,9 +41,6 @@ struct oxl_imaging {
 };
 /* Creates an imaging that is off and knows no view's gain. */
 OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct oxl_imaging *out);
-/* Returns a key that is equal for views of one camera: from COLMAP's CAMERA_ID, the folder and the name
- * without digits. */
-OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view);
 /* Sets m->camera and m->partner. */
 OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct oxl_imaging *m);
 static inline void imaging_free(oxl_context *ctx, struct oxl_imaging *m)

@@ -557,7 +557,7 @@ static void photometry_prepare(const oxl_scene *scene, double median, struct pho
     w->gains = 9 + w->of.lamps * LAMP_TERMS;
     for (size_t i = 0; i < w->of.count; i++) {
         struct track_sample *s = &w->of.at[i];
-        const oxl_camera *c = &oxl_scene_view(scene, w->of.chosen[s->view])->camera;
+        const oxl_camera *c = &scene->view[w->of.chosen[s->view]].camera;
         s->range /= median;
         lamp_terms_at(2 * s->x / (float)c->width - 1, 2 * s->y / (float)c->height - 1, w->term[i]);
     }
@@ -566,7 +566,7 @@ static void photometry_prepare(const oxl_scene *scene, double median, struct pho
 OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, const oxl_scene *scene, int parts,
                                            struct photometry *out)
 {
-    const size_t views = (size_t)oxl_scene_view_count(scene);
+    const size_t views = (size_t)scene->view_count;
     const double median = scene_depth_quantile(scene, 0.5);
     struct photometry_work *w;
     oxl_result rc = OXL_ERR_MEMORY;

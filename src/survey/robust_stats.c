@@ -143,13 +143,6 @@ static void stats_add_depth(oxl_scene *scene, int view, const double world[3], c
         scene->depth[scene->depth_count++] = x[2];
 }
 
-OXL_INTERNAL int stats_is_in_image(const oxl_camera *c, const double p[3], double pixel[2])
-{
-    double x[3];
-    return camera_project(c, p, NULL, x, pixel) && pixel[0] >= 0 && pixel[1] >= 0 && pixel[0] < c->width &&
-           pixel[1] < c->height;
-}
-
 /* Adds points that project into an image, which may be hidden there; only scenes without tracks need it. */
 static void stats_by_image(oxl_scene *scene)
 {
@@ -158,8 +151,8 @@ static void stats_by_image(oxl_scene *scene)
     for (int v = 0; v < scene->view_count; v++) {
         if (scene->view[v].is_test || seen++ % (train / STATS_VIEWS + 1) != 0) continue;
         for (size_t i = 0; i < scene->point_count; i += step) {
-            double pixel[2];
-            if (stats_is_in_image(&scene->view[v].camera, scene->point[i].position, pixel))
+            double x[3], pixel[2];
+            if (camera_sees(&scene->view[v].camera, scene->point[i].position, x, pixel))
                 stats_add_depth(scene, v, scene->point[i].position, NULL);
         }
     }

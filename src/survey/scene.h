@@ -104,12 +104,8 @@ OXL_INTERNAL int scene_misses_too_many(const oxl_scene *scene, int more);
 OXL_INTERNAL void scene_images_ahead(oxl_context *ctx, const oxl_scene *scene, const int *view, int count);
 OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene, size_t count);
 OXL_INTERNAL void scene_free_cache(oxl_context *ctx, const oxl_scene *scene);
-/* Frees images until all but `keep` (-1: none) fit into `limit` bytes. */
-OXL_INTERNAL void scene_evict(oxl_context *ctx, const oxl_scene *scene, int keep, size_t limit);
-/* Loads a view's image from its file, undistorted, reduced and masked. Free it with image_training_free. */
-OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view,
-                                         struct training_image *out);
-/* The same at another size, with the mask that files have alone. */
+/* Loads a view's image from its file at another size, with the mask that files have alone. Free it with
+ * image_training_free. */
 OXL_INTERNAL oxl_result scene_load_small(oxl_context *ctx, const oxl_scene *scene, int view, int width,
                                          int height, struct training_image *out);
 /* Finds the file of a view's mask; *out NULL: there is none. */

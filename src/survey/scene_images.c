@@ -79,8 +79,8 @@ static oxl_result scene_load_as(oxl_context *ctx, const oxl_scene *scene, int vi
     return rc;
 }
 
-OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view,
-                                         struct training_image *out)
+static oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view,
+                                   struct training_image *out)
 {
     const struct pixels *fixed =
         scene->fixed ? &scene->fixed[scene->fixed_of[scene->source[view].camera]] : NULL;
@@ -139,7 +139,7 @@ static size_t scene_image_bytes(const struct training_image *image)
 /* Evicts the most recently used images until all but `keep` fit into `limit`. Each epoch uses all images in a
  * new order, so the most recent one is needed last: with memory for half of the images 50 % of the requests
  * are hits; with LRU 15 %. */
-OXL_INTERNAL void scene_evict(oxl_context *ctx, const oxl_scene *scene, int keep, size_t limit)
+static void scene_evict(oxl_context *ctx, const oxl_scene *scene, int keep, size_t limit)
 {
     struct image_cache *c = scene->cache;
     while (c->held > limit) {

@@ -71,8 +71,8 @@ static int start_is_in_hull(const struct start_draw *d, const double at[3])
     for (int i = 0; i < d->views; i++) {
         const oxl_camera *c = &d->scene->view[d->view[i]].camera;
         const struct start_map *m = &d->map[i];
-        double p[2];
-        if (!m->opaque || !stats_is_in_image(c, at, p)) continue;
+        double x[3], p[2];
+        if (!m->opaque || !camera_sees(c, at, x, p)) continue;
         if (!m->opaque[(size_t)(p[1] / c->height * m->height) * (size_t)m->width +
                        (size_t)(p[0] / c->width * m->width)])
             return 0;
@@ -93,8 +93,8 @@ static void start_draw_point(const struct start_draw *d, uint64_t number, struct
     *out = (struct start_point){.number = number};
     camera_unproject(c, pixel, z, out->position);
     for (int i = 0; i < d->views; i++) {
-        double p[2];
-        out->seen += stats_is_in_image(&d->scene->view[d->view[i]].camera, out->position, p);
+        double x[3], p[2];
+        out->seen += camera_sees(&d->scene->view[d->view[i]].camera, out->position, x, p);
     }
 }
 
@@ -131,8 +131,8 @@ static oxl_result start_add_colours(struct start_draw *d)
         const size_t plane = (size_t)c->width * (size_t)c->height;
         if (!image && d->ctx->failed != OXL_ERR_INPUT) return d->ctx->failed;
         for (size_t k = 0; image && k < d->count; k++) {
-            double p[2];
-            if (!stats_is_in_image(c, d->point[k].position, p)) continue;
+            double x[3], p[2];
+            if (!camera_sees(c, d->point[k].position, x, p)) continue;
             for (size_t ch = 0; ch < 3; ch++) {
                 const double v = image->rgb[ch * plane + (size_t)p[1] * (size_t)c->width + (size_t)p[0]];
                 d->point[k].sum[ch] += v, d->point[k].square[ch] += v * v;

@@ -128,6 +128,8 @@ OXL_INTERNAL void camera_transform(const oxl_camera *camera, const double world[
  * it is behind the camera. */
 OXL_INTERNAL int camera_project(const oxl_camera *camera, const double world[3], const double origin[3],
                                 double x[3], double pixel[2]);
+/* Projects a place of the scene; returns 1 if it is in the image. */
+OXL_INTERNAL int camera_sees(const oxl_camera *camera, const double place[3], double x[3], double pixel[2]);
 /* Returns the point of the world that a pixel shows at camera z. */
 OXL_INTERNAL void camera_unproject(const oxl_camera *camera, const double pixel[2], double z,
                                    double world[3]);

@@ -8,8 +8,6 @@
 
 /* Returns a quantile of sorted values by the nearest rank; 0 without values. */
 OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double quantile);
-/* Projects a point; returns 1 if it is in the image. */
-OXL_INTERNAL int stats_is_in_image(const oxl_camera *c, const double p[3], double pixel[2]);
 /* Returns the quantile of unsorted values, which it reorders. */
 OXL_INTERNAL double stats_select(double *value, size_t count, double quantile);
 /* Estimates the standard deviation from the median absolute deviation, which outliers do

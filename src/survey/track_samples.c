@@ -13,15 +13,15 @@
 static void track_samples_choose_views(const oxl_scene *scene, struct track_samples *s)
 {
     const struct colmap *c = scene_colmap(scene);
-    const int views = oxl_scene_view_count(scene);
+    const int views = scene->view_count;
     int train = 0;
     int64_t seen[LAMP_MAX] = {0}, most;
-    for (int i = 0; i < views; i++) train += !oxl_scene_view(scene, i)->is_test;
+    for (int i = 0; i < views; i++) train += !scene->view[i].is_test;
     for (size_t i = 0; i < c->image_count; i++) s->view[i] = -1;
     most = OXL_MAX(train, TRACK_SAMPLES_VIEWS);
     for (int i = 0; i < views; i++) {
         const int lamp = imaging_find_lamp(scene, s->lamp, s->lamps, i);
-        if (oxl_scene_view(scene, i)->is_test) continue;
+        if (scene->view[i].is_test) continue;
         seen[lamp]++;
         if ((seen[lamp] - 1) * TRACK_SAMPLES_VIEWS / most == seen[lamp] * TRACK_SAMPLES_VIEWS / most)
             continue;
@@ -44,7 +44,7 @@ static void track_sample_project(const oxl_scene *scene, int view, struct track_
 
 static double track_sample_depth(const oxl_scene *scene, const struct track_samples *s, size_t k)
 {
-    return s->at[k].z / oxl_scene_view(scene, s->chosen[s->at[k].view])->camera.fx;
+    return s->at[k].z / scene->view[s->chosen[s->at[k].view]].camera.fx;
 }
 
 /* Takes points with all their chosen views; every k-th point if there are too many. */
@@ -58,7 +58,7 @@ static void track_samples_choose(const oxl_scene *scene, size_t most, struct tra
         const size_t first = s->count;
         struct tracks_walk own = tracks_of_point(c, s->view, i);
         double farthest = 0;
-        own.origin = oxl_scene_origin(scene);
+        own.origin = scene->origin;
         while (s->count < most && s->count - first < TRACK_SAMPLES_LONGEST && tracks_next(&own)) {
             s->at[s->count] = (struct track_sample){.point = i, .view = own.view};
             track_sample_project(scene, s->chosen[own.view], &s->at[s->count]);

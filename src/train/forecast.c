@@ -44,7 +44,7 @@ OXL_INTERNAL void forecast_note_step(struct train *t)
 {
     struct forecast *f = &t->forecast;
     const double now = os_seconds();
-    const oxl_camera *c = &oxl_scene_view(t->scene, 0)->camera;
+    const oxl_camera *c = &t->scene->view[0].camera;
     if (f->at > 0 && now > f->at) {
         f->seconds = FORECAST_MEMORY * f->seconds + now - f->at;
         f->work = FORECAST_MEMORY * f->work + forecast_step(c, (double)t->trained.model.count, t->halved);
@@ -55,7 +55,7 @@ OXL_INTERNAL void forecast_note_step(struct train *t)
 OXL_INTERNAL double forecast_left(struct train *t)
 {
     struct forecast *f = &t->forecast;
-    const oxl_camera *c = &oxl_scene_view(t->scene, 0)->camera;
+    const oxl_camera *c = &t->scene->view[0].camera;
     double gaussians = (double)t->trained.model.count, work;
     if (!(f->work > 0)) return 0;
     if (t->step >= f->next) {

@@ -39,12 +39,12 @@ OXL_INTERNAL void selection_record_auto(struct train *t, const char *what, oxl_s
 /* Returns 1 if the run trains the view. */
 static int selection_is_training_view(const struct train *t, int view)
 {
-    return !oxl_scene_view(t->scene, view)->is_test && (!t->task.window || t->task.window[view].width > 0);
+    return !t->scene->view[view].is_test && (!t->task.window || t->task.window[view].width > 0);
 }
 
 OXL_INTERNAL oxl_result selection_begin(struct train *t)
 {
-    const size_t views = (size_t)oxl_scene_view_count(t->scene);
+    const size_t views = (size_t)t->scene->view_count;
     t->view = oxl_alloc(t->ctx, views + 1, sizeof *t->view);
     if (!t->view) return OXL_ERR_MEMORY;
     for (int i = 0; i < (int)views; i++)

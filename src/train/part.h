@@ -66,8 +66,8 @@ struct part {
 
     /* Is called after a step and its density control. */
     oxl_result (*after_step)(struct train *t, void *state);
-    /* Bounds from above the memory for so many observations of tracks in so many views. */
-    double (*bytes)(const oxl_train_options *options, double observations, int views);
+    /* Bounds from above the memory for so many views. */
+    double (*bytes)(const oxl_train_options *options, int views);
 
     /* Records the part's decision for run.json, and logs the result, after the last step. */
     void (*record)(struct train *t, void *state);

@@ -139,10 +139,10 @@ OXL_INTERNAL oxl_result parts_after_step(struct train *t)
     PARTS_CALL(after_step, t, t->part[k]);
 }
 
-OXL_INTERNAL double parts_bytes(const oxl_train_options *options, double observations, int views)
+OXL_INTERNAL double parts_bytes(const oxl_train_options *options, int views)
 {
     double bytes = 0;
-    PARTS_FOR(k, bytes) bytes += parts_at(k)->bytes(options, observations, views);
+    PARTS_FOR(k, bytes) bytes += parts_at(k)->bytes(options, views);
     return bytes;
 }
 

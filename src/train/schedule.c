@@ -119,8 +119,7 @@ OXL_INTERNAL oxl_adam schedule_adam_params(const struct train *t)
                  momentum_factor = schedule_momentum_factor(o),
                  brisk = schedule_factor_below(o, SCHEDULE_BRISK_ITERATIONS);
     const double progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
-    const float mean =
-        (float)(short_run_factor * schedule_position_rate(o, progress) * oxl_scene_extent(t->scene));
+    const float mean = (float)(short_run_factor * schedule_position_rate(o, progress) * t->scene->extent);
     const double early = SCHEDULE_EARLY_EXPONENT * OXL_MAX(0, 1 - progress / SCHEDULE_EARLY_UNTIL) *
                          vecmath_log(short_run_factor);
     oxl_adam adam = {.beta = RENDERER_BETAS, .step = t->step - t->task.first};
@@ -190,15 +189,15 @@ OXL_INTERNAL double schedule_coarse_fraction(const oxl_train_options *o, int wid
 OXL_INTERNAL int schedule_training_views(const oxl_scene *scene)
 {
     int views = 0;
-    for (int i = 0; i < oxl_scene_view_count(scene); i++) views += !oxl_scene_view(scene, i)->is_test;
+    for (int i = 0; i < scene->view_count; i++) views += !scene->view[i].is_test;
     return views;
 }
 
 OXL_INTERNAL double schedule_pixels(const oxl_scene *scene)
 {
     double pixels = 0;
-    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
-        const oxl_view *view = oxl_scene_view(scene, i);
+    for (int i = 0; i < scene->view_count; i++) {
+        const oxl_view *view = &scene->view[i];
         if (!view->is_test) pixels += (double)view->camera.width * view->camera.height;
     }
     return pixels;
@@ -206,13 +205,13 @@ OXL_INTERNAL double schedule_pixels(const oxl_scene *scene)
 
 OXL_INTERNAL double schedule_first_pixels(const oxl_scene *scene, const oxl_train_options *options)
 {
-    const oxl_camera *c = &oxl_scene_view(scene, 0)->camera;
+    const oxl_camera *c = &scene->view[0].camera;
     return schedule_pixels(scene) / (schedule_coarse_fraction(options, c->width, c->height) > 0 ? 4 : 1);
 }
 
 OXL_INTERNAL float schedule_densify_gradient(const oxl_scene *scene, const oxl_train_options *options)
 {
-    const int is_random = oxl_scene_point_count(scene) == 0 && scene_is_composited(scene);
+    const int is_random = scene->point_count == 0 && scene_is_composited(scene);
     return is_random ? OXL_MIN(options->densify_gradient, SCHEDULE_GRADIENT_POINTLESS)
                      : options->densify_gradient;
 }
@@ -228,7 +227,7 @@ OXL_INTERNAL size_t schedule_gaussian_cap_of(size_t points, double pixels, const
 
 OXL_INTERNAL size_t schedule_gaussian_cap(const oxl_scene *scene, const oxl_train_options *options)
 {
-    return schedule_gaussian_cap_of(oxl_scene_point_count(scene), schedule_pixels(scene), options);
+    return schedule_gaussian_cap_of(scene->point_count, schedule_pixels(scene), options);
 }
 
 OXL_INTERNAL int schedule_viewer_steps(int steps)

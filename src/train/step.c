@@ -38,7 +38,7 @@ OXL_INTERNAL const struct image_window *step_window(const struct train *t, int v
 static oxl_camera step_camera(struct train *t, int view)
 {
     const struct image_window *w = step_window(t, view);
-    oxl_camera camera = oxl_scene_view(t->scene, view)->camera;
+    oxl_camera camera = t->scene->view[view].camera;
     const int by = t->halved ? 2 : 1;
     renderer_settings(t->renderer)->window =
         w ? (struct renderer_window){camera.width / by, camera.height / by, (float)w->x / (float)by,
@@ -56,7 +56,7 @@ OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
     const struct image_window *window = step_window(t, view);
     const struct training_image *image;
     oxl_result rc = OXL_ERR_MEMORY;
-    t->halved = step_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
+    t->halved = step_is_coarse(t, &t->scene->view[view].camera);
     if (renderer_has_image(t->renderer, view))
         rc = renderer_set_image(t->ctx, t->renderer, view, NULL, window, t->halved);
     if (rc != OXL_ERR_MEMORY) return rc; /* else the CPU continues, and needs the image */
@@ -146,13 +146,12 @@ static oxl_result step_skip(struct train *t, int step, int view)
 {
     struct renderer_nonfinite cleared;
     oxl_result rc = OXL_OK;
-    if (renderer_has_device(t->renderer))
-        rc = renderer_clear_nonfinite(t->ctx, t->renderer, &t->trained, &cleared);
+    if (renderer_has_device(t->renderer)) rc = renderer_clear_nonfinite(t->renderer, &t->trained, &cleared);
     else cleared = nonfinite_clear(t->renderer, &t->trained);
     if (rc != OXL_OK) return rc;
-    nonfinite_of_view(t->ctx, &t->nonfinite, step, oxl_scene_view(t->scene, view)->name, cleared);
+    nonfinite_of_view(t->ctx, &t->nonfinite, step, t->scene->view[view].name, cleared);
     /* later code must not read gradients of an earlier step */
-    return renderer_clear_visible(t->ctx, t->renderer);
+    return renderer_clear_visible(t->renderer);
 }
 
 /* Records what is known of a step when it is done. */
@@ -163,7 +162,7 @@ static void step_update_means(struct train *t, const struct train_deferred *of,
         -VECMATH_DECIBEL_OF_E * vecmath_log(loss->mse > STEP_MSE_MIN ? loss->mse : STEP_MSE_MIN);
     const double k = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - t->task.first));
     parts_after_loss(t, of, loss);
-    nonfinite_of_rows(t->ctx, &t->nonfinite, of->step, oxl_scene_view(t->scene, of->view)->name, skipped,
+    nonfinite_of_rows(t->ctx, &t->nonfinite, of->step, t->scene->view[of->view].name, skipped,
                       renderer_has_device(t->renderer) ? NULL : &t->trained);
     t->last_loss = loss->total;
     t->loss += k * (loss->total - t->loss);
@@ -254,7 +253,7 @@ static oxl_result step_read_reports(struct train *t, int wait)
     oxl_result rc = OXL_OK;
     while (rc == OXL_OK && t->deferred_steps > 0) {
         struct renderer_report report;
-        rc = renderer_report(t->ctx, t->renderer, wait, &report);
+        rc = renderer_report(t->renderer, wait, &report);
         if (rc != OXL_OK || !report.exists) return rc;
         if (report.halt != HALT_NONE) return step_after_halt(t, report.halt);
         step_update_means(t, &t->deferred[0], &report.loss, report.skipped);
@@ -274,7 +273,7 @@ OXL_INTERNAL oxl_result step_flush(struct train *t)
 OXL_INTERNAL oxl_result step_download(struct train *t, enum renderer_download what)
 {
     const oxl_result rc = step_flush(t);
-    return rc == OXL_OK ? renderer_download(t->ctx, t->renderer, what) : rc;
+    return rc == OXL_OK ? renderer_download(t->renderer, what) : rc;
 }
 
 OXL_INTERNAL oxl_result step_observe(struct train *t)
@@ -325,7 +324,7 @@ OXL_INTERNAL oxl_result step_move_rows(struct train *t, const struct density_cha
         move.count = count, move.lobes = density_sources(&t->density, &t->trained.model, from);
     for (size_t i = 0; from && !change && i < count; i++)
         if (!keep || keep[i]) from[move.count++] = (uint32_t)i, move.lobes += i < t->trained.model.lobes;
-    rc = renderer_move_rows(t->ctx, t->renderer, &move, moved);
+    rc = renderer_move_rows(t->renderer, &move, moved);
     oxl_free(t->ctx, from);
     return rc;
 }
@@ -336,7 +335,7 @@ OXL_INTERNAL oxl_result step_densify(struct train *t)
     struct density_rules rules = {.gradient = schedule_densify_gradient(t->scene, o),
                                   .f_mid = 1,
                                   .f_far = 1,
-                                  .extent = oxl_scene_extent(t->scene),
+                                  .extent = t->scene->extent,
                                   .split_large = t->step > schedule_reset_interval(o),
                                   .cap = schedule_gaussian_cap(t->scene, o),
                                   .terms = o->terms};
@@ -348,7 +347,7 @@ OXL_INTERNAL oxl_result step_densify(struct train *t)
     if (rc == OXL_OK && change.removed + change.split > 0)
         rc = step_move_rows(t, &change, NULL, t->trained.model.sh_degree, &moved);
     if (rc == OXL_OK) rc = density_apply(t->ctx, &t->density, &t->trained, &change, moved);
-    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 0);
+    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->renderer, &t->trained.model, 0);
     if (rc != OXL_OK) return rc;
     if (t->trained.model.count == 0)
         return oxl_fail(t->ctx, OXL_ERR_FAILED,

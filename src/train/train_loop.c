@@ -20,14 +20,13 @@ enum { TRAIN_SHARE_PAIRS = 1 << 17 }; /* of a Gaussian and a view, from which a 
 /* Lists the points that a training view has in its image, of TRAIN_SEEN views at most. */
 static size_t train_seen_points(const oxl_scene *scene, size_t *row)
 {
-    const int views = oxl_scene_view_count(scene), step = (views - 1) / TRAIN_SEEN + 1;
+    const int views = scene->view_count, step = (views - 1) / TRAIN_SEEN + 1;
     size_t seen = 0;
-    for (size_t i = 0; i < oxl_scene_point_count(scene); i++)
+    for (size_t i = 0; i < scene->point_count; i++)
         for (int v = 0; v < views; v += step) {
-            const oxl_view *view = oxl_scene_view(scene, v);
-            double at[2];
-            if (view->is_test || !stats_is_in_image(&view->camera, oxl_scene_points(scene)[i].position, at))
-                continue;
+            const oxl_view *view = &scene->view[v];
+            double x[3], at[2];
+            if (view->is_test || !camera_sees(&view->camera, scene->point[i].position, x, at)) continue;
             row[seen++] = i;
             break;
         }
@@ -37,7 +36,7 @@ static size_t train_seen_points(const oxl_scene *scene, size_t *row)
 OXL_INTERNAL oxl_result train_some_points(oxl_context *ctx, const oxl_scene *scene, size_t most,
                                           oxl_point **out, size_t *count)
 {
-    const size_t all = oxl_scene_point_count(scene);
+    const size_t all = scene->point_count;
     size_t *row, seen;
     if (all == 0) return scene_start_points(ctx, scene, OXL_MIN(scene_start_count(scene), most), out, count);
     row = oxl_alloc(ctx, all, sizeof *row);
@@ -45,7 +44,7 @@ OXL_INTERNAL oxl_result train_some_points(oxl_context *ctx, const oxl_scene *sce
     *count = OXL_MIN(seen, most);
     *out = row ? oxl_alloc(ctx, *count + 1, sizeof **out) : NULL;
     for (size_t i = 0; *out && i < *count; i++)
-        (*out)[i] = oxl_scene_points(scene)[row[(size_t)((double)i * (double)seen / (double)*count)]];
+        (*out)[i] = scene->point[row[(size_t)((double)i * (double)seen / (double)*count)]];
     oxl_free(ctx, row);
     return *out ? OXL_OK : OXL_ERR_MEMORY;
 }
@@ -53,7 +52,7 @@ OXL_INTERNAL oxl_result train_some_points(oxl_context *ctx, const oxl_scene *sce
 /* Starts from `most` points of the survey, which has more, or from random ones. */
 static oxl_result train_first_from_some(struct train *t, size_t most)
 {
-    const size_t all = oxl_scene_point_count(t->scene);
+    const size_t all = t->scene->point_count;
     oxl_point *some = NULL;
     size_t count = 0;
     oxl_result rc = train_some_points(t->ctx, t->scene, most, &some, &count);
@@ -89,8 +88,8 @@ static void train_sharpen_start(struct train *t)
 /* Makes one Gaussian per point, of the survey and of those that a part adds; without, of random ones. */
 static oxl_result train_fresh_model(struct train *t)
 {
-    const oxl_point *points = oxl_scene_points(t->scene);
-    const size_t count = oxl_scene_point_count(t->scene), cap = schedule_gaussian_cap(t->scene, t->options);
+    const oxl_point *points = t->scene->point;
+    const size_t count = t->scene->point_count, cap = schedule_gaussian_cap(t->scene, t->options);
     oxl_point *more = NULL, *all = NULL;
     size_t added = 0;
     oxl_result rc;
@@ -115,7 +114,7 @@ static oxl_result train_first_from_model(struct train *t, const oxl_model *from)
         oxl_log(t->ctx, OXL_LOG_WARNING,
                 "the model to start from has second lobes: they are removed, since Gaussians are split");
     if (rc == OXL_OK) model_drop_lobes(&t->trained.model);
-    if (rc == OXL_OK) oxl_model_move_origin(&t->trained.model, oxl_scene_origin(t->scene));
+    if (rc == OXL_OK) oxl_model_move_origin(&t->trained.model, t->scene->origin);
     return rc;
 }
 
@@ -142,11 +141,10 @@ static double train_share_shown(const struct train *t)
     for (int k = 0; k < TRAIN_SHARE_PAIRS && t->trained.model.count > 0; k++) {
         const struct image_window *w = step_window(t, t->view[k % t->views]);
         const size_t row = (size_t)((double)k / TRAIN_SHARE_PAIRS * (double)t->trained.model.count);
-        oxl_camera c = oxl_scene_view(t->scene, t->view[k % t->views])->camera;
+        oxl_camera c = t->scene->view[t->view[k % t->views]].camera;
         double p[] = {mean[0][row], mean[1][row], mean[2][row]}, x[3], at[2];
         if (w) c.width = w->width, c.height = w->height, c.cx -= w->x, c.cy -= w->y;
-        shown += camera_project(&c, p, NULL, x, at) && at[0] >= 0 && at[1] >= 0 && at[0] < c.width &&
-                 at[1] < c.height;
+        shown += camera_sees(&c, p, x, at);
     }
     return (double)shown / TRAIN_SHARE_PAIRS;
 }
@@ -159,8 +157,7 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
     t->scene = t->posed ? t->posed : t->survey;
     t->imaging = t->task.imaging ? t->task.imaging : &t->own_imaging;
     if (!t->posed) return OXL_ERR_MEMORY;
-    t->render = oxl_render_options_default();
-    t->render.near_plane = (float)oxl_scene_near_plane(t->scene);
+    t->render = render_options_of(t->scene);
     scene_background(t->scene, t->options->background, t->render.background);
     scene_set_background(ctx, t->scene, t->render.background); /* before the first image is read */
     t->continues = t->task.start != NULL;
@@ -168,7 +165,7 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
     if (rc == OXL_OK) rc = parts_before_points(t);
     if (rc == OXL_OK) rc = train_first_model(t);
     if (rc != OXL_OK) return rc;
-    memcpy(t->trained.model.origin, oxl_scene_origin(t->scene), sizeof t->trained.model.origin);
+    memcpy(t->trained.model.origin, t->scene->origin, sizeof t->trained.model.origin);
     rc = model_trained_begin(ctx, &t->trained);
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
     if (rc == OXL_OK && t->options->terms && renderer_has_device(t->renderer))
@@ -264,7 +261,7 @@ OXL_INTERNAL oxl_result train_density(struct train *t)
     rc = step_download(t, DOWNLOAD_SHAPE);
     if (rc != OXL_OK) return rc;
     density_reset_opacity(&t->trained, t->render.alpha_min);
-    return renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 1);
+    return renderer_send_shape(t->renderer, &t->trained.model, 1);
 }
 
 /* Makes one step, with the decisions after it; the passes over the image are in step_on_view (step.c). */

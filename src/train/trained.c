@@ -115,7 +115,7 @@ static oxl_result viewer_refine(oxl_context *ctx, const oxl_scene *scene, const 
                               .frozen = 1};
     const oxl_train_options o = viewer_options(run, t->model.sh_degree, of->viewer_steps, t->imaging);
     oxl_model refined = {0};
-    oxl_result rc = imaging_clone(ctx, t->imaging, (size_t)oxl_scene_view_count(scene), &seen);
+    oxl_result rc = imaging_clone(ctx, t->imaging, (size_t)scene->view_count, &seen);
     if (rc == OXL_OK) rc = viewer_begin(ctx, scene, t, drops_gains, &t->viewer);
     imaging_hide(&seen, 1);
     if (rc == OXL_OK) {
@@ -203,26 +203,26 @@ OXL_INTERNAL oxl_result trained_make(oxl_context *ctx, const oxl_scene *scene,
 /* Sets the view with which viewers begin: that of the training view nearest to the cameras' centre. */
 static void trained_choose_view(const oxl_scene *scene, oxl_model *model)
 {
-    const int views = oxl_scene_view_count(scene);
+    const int views = scene->view_count;
     double centre[3] = {0, 0, 0}, eye[3], nearest = HUGE_VAL;
     int training = 0;
     for (int v = 0; v < views; v++) {
-        if (oxl_scene_view(scene, v)->is_test) continue;
-        camera_position(&oxl_scene_view(scene, v)->camera, eye);
+        if (scene->view[v].is_test) continue;
+        camera_position(&scene->view[v].camera, eye);
         training++;
         for (int k = 0; k < 3; k++) centre[k] += (eye[k] - centre[k]) / training;
     }
     for (int v = 0; v < views; v++) {
-        const oxl_camera *c = &oxl_scene_view(scene, v)->camera;
+        const oxl_camera *c = &scene->view[v].camera;
         double far = 0;
-        if (oxl_scene_view(scene, v)->is_test) continue;
+        if (scene->view[v].is_test) continue;
         camera_position(c, eye);
         for (int k = 0; k < 3; k++) far += (eye[k] - centre[k]) * (eye[k] - centre[k]);
         if (!(far < nearest)) continue;
         nearest = far;
         model->view[0] = c->fx / OXL_MAX(c->width, c->height);
         memcpy(model->view + 1, c->rotation, sizeof c->rotation);
-        for (int k = 0; k < 3; k++) model->view[10 + k] = eye[k] + oxl_scene_origin(scene)[k];
+        for (int k = 0; k < 3; k++) model->view[10 + k] = eye[k] + scene->origin[k];
     }
 }
 

@@ -20,12 +20,11 @@ struct unseen {
 static oxl_result unseen_add_view(oxl_context *ctx, struct unseen *u, const oxl_model *model,
                                   const oxl_scene *scene, int view)
 {
-    const oxl_camera *camera = &oxl_scene_view(scene, view)->camera;
+    const oxl_camera *camera = &scene->view[view].camera;
     const size_t pixels = 3 * (size_t)camera->width * (size_t)camera->height, before = u->pixels;
-    oxl_render_options options = oxl_render_options_default();
+    oxl_render_options options = render_options_of(scene);
     oxl_result rc = oxl_reserve(ctx, &u->drgb, &u->pixels, pixels, sizeof *u->drgb);
     for (size_t i = before; rc == OXL_OK && i < u->pixels; i++) u->drgb[i] = 1;
-    options.near_plane = (float)oxl_scene_near_plane(scene);
     for (int c = 0; c < 3; c++) options.background[c] = 1;
     for (int again = 1; again && rc == OXL_OK;) {
         const int on = renderer_has_device(u->r);
@@ -44,8 +43,8 @@ OXL_INTERNAL oxl_result unseen_drop(oxl_context *ctx, const oxl_scene *scene, ox
     struct unseen u = {.score = oxl_calloc(ctx, count + 1, sizeof *u.score)};
     uint8_t *keep = oxl_alloc(ctx, count + 1, 1);
     oxl_result rc = u.score && keep ? renderer_create(ctx, &u.r) : OXL_ERR_MEMORY;
-    for (int v = 0; v < oxl_scene_view_count(scene) && rc == OXL_OK; v++)
-        if (!oxl_scene_view(scene, v)->is_test) rc = unseen_add_view(ctx, &u, model, scene, v);
+    for (int v = 0; v < scene->view_count && rc == OXL_OK; v++)
+        if (!scene->view[v].is_test) rc = unseen_add_view(ctx, &u, model, scene, v);
     for (size_t i = 0; i < count && rc == OXL_OK; i++)
         keep[i] = u.score[i] != 0; /* keeps a NaN, which is not known to be unseen */
     if (rc == OXL_OK) model_keep_rows(model, keep);
