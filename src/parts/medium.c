@@ -107,23 +107,6 @@ static void medium_store(struct train *t, void *state, oxl_model *model)
     if (model) medium_scale_colours(state, 1, model);
 }
 
-static void medium_record(struct train *t, void *state)
-{
-    const struct medium *m = state;
-    const double span = scene_depth_span(t->scene);
-    if (m->on)
-        oxl_log(
-            t->ctx, OXL_LOG_DEBUG,
-            "medium on: bD %.3g %.3g %.3g, bB %.3g %.3g %.3g per unit, Binf %.3g %.3g %.3g (red green blue); depths span a "
-            "factor of %.1f%s",
-            (double)m->attenuation[0], (double)m->attenuation[1], (double)m->attenuation[2],
-            (double)m->backscatter[0], (double)m->backscatter[1], (double)m->backscatter[2],
-            (double)m->veiling_light[0], (double)m->veiling_light[1], (double)m->veiling_light[2], span,
-            span < SCENE_DEPTH_SPAN_MIN
-                ? ", which does not identify it: the colours of scene_clear.ply are not measured ones"
-                : "");
-}
-
 /* clang-format off */
 static const oxl_option medium_options[] = {
 {"medium", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.medium), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit the water: attenuation and backscatter, nine parameters; auto: if the colours of tracks show it; on: the same, with a warning if they do not"},
@@ -138,5 +121,4 @@ OXL_INTERNAL const struct part part_medium = {.name = "medium",
                                               .tracks = medium_tracks,
                                               .use_tracks = medium_use_tracks,
                                               .form_image = medium_form_image,
-                                              .store = medium_store,
-                                              .record = medium_record};
+                                              .store = medium_store};
