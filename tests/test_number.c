@@ -138,9 +138,8 @@ TEST(number_all_spellings_of_a_number_are_taken)
 
 TEST(number_nan_and_infinity_are_taken_in_every_spelling)
 {
-    static const char *const nan_text[] = {"nan",       "-nan",    "NaN",     "-nan(ind)",
-                                           "nan(snan)", "1.#QNAN", "-1.#IND", "-1.#IND00"};
-    static const char *const inf_text[] = {"inf", "INF", "Infinity", "1.#INF", "1.#INF00"};
+    static const char *const nan_text[] = {"nan", "-nan", "NaN", "-nan(ind)", "nan(snan)"};
+    static const char *const inf_text[] = {"inf", "INF", "Infinity"};
     for (size_t i = 0; i < OXL_COUNT(nan_text); i++) {
         const char *cursor = nan_text[i];
         double value = 0;

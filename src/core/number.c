@@ -125,14 +125,6 @@ static const char *number_parse_name(const char *p, const char *end, double *out
     return past ? past : number_skip_word(p, end, "inf");
 }
 
-/* Parses 1.#INF, 1.#IND00 and 1.#QNAN, as Visual C++ before 2015 printed them. p is at the '#'. */
-static const char *number_parse_sharp(const char *p, const char *end, double *out)
-{
-    *out = number_skip_word(p + 1, end, "inf") ? INFINITY : NAN;
-    for (p++; p < end && (number_is_digit(*p) || ((*p | 0x20) >= 'a' && (*p | 0x20) <= 'z')); p++) {}
-    return p;
-}
-
 /* Parses an exponent at the 'e' at p; returns p if no digit follows. */
 static const char *number_parse_exponent(const char *p, const char *end, int64_t *exponent)
 {
@@ -177,8 +169,6 @@ OXL_INTERNAL int parse_double(const char **cursor, const char *end, double *out)
     if (digits == 0) {
         p = number_parse_name(first, end, &value);
         if (!p) return 0;
-    } else if (p < end && *p == '#') {
-        p = number_parse_sharp(p, end, &value);
     } else {
         if (p < end && (*p | 0x20) == 'e') p = number_parse_exponent(p, end, &exponent);
         if (digits > NUMBER_DIGITS_MAX) digits = number_significant(first, last);
