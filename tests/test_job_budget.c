@@ -90,7 +90,6 @@ TEST(budget_of_a_job_is_kept_and_one_too_small_is_refused_at_once)
     CHECK(!test_has("out/scene.ply") && strstr(oxl_error_text(test_ctx), "fix: --ram ") != NULL);
     options.ram = (size_t)2 << 30;
     job_test_done("out", &options);
-    CHECK_IN("out/metrics.json", "\"predicted_memory_bytes\": ");
     CHECK_IN("out/metrics.json", "\"peak_rss_bytes\": ");
 }
 

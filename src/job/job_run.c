@@ -195,7 +195,7 @@ static oxl_result job_train_single(struct job *job, const char *folder)
     if (o.train.sh_degree != job->options.train.sh_degree)
         oxl_log(job->ctx, OXL_LOG_INFO, "SH degree    %d, since --ram %.0f MB has no room for more",
                 o.train.sh_degree, (double)o.ram / 1e6);
-    job_use_budget(job, &load, &o, &task);
+    job_use_budget(job, &o, &task);
     task.run.viewed = cost_evaluation_steps(job->scene, job->options.train.iterations);
     task.run.viewer_steps = viewer_steps(&job->options.train), task.run.trims = 1;
     if (job->start.count > 0) task.run.from = &job->start;

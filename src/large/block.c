@@ -29,9 +29,9 @@ struct block {
 static const char BLOCK_CHECKSUM[] = "  \"checksum\": \"";
 
 static const char *const BLOCK_NUMBER[BLOCK_NUMBERS] = {
-    "iterations_done",        "gaussians",       "seconds",       "peak_rss_bytes",
-    "predicted_memory_bytes", "images_left_out", "steps_skipped", "gaussian_steps_skipped",
-    "gaussians_cleared"};
+    "iterations_done",        "gaussians",        "seconds",
+    "peak_rss_bytes",         "images_left_out",  "steps_skipped",
+    "gaussian_steps_skipped", "gaussians_cleared"};
 
 OXL_INTERNAL void block_add_numbers(struct text *t, const struct block_record *r, int first)
 {
@@ -128,8 +128,8 @@ static oxl_result block_write_record(struct block *b, const oxl_trained *trained
     const oxl_nonfinite *n = &trained->nonfinite;
     const struct block_record record = {.number = {trained->iterations, (double)trained->model.count,
                                                    block_round(trained->seconds, 1e3), (double)os_peak_rss(),
-                                                   b->task->predicted_peak, (double)n->images,
-                                                   (double)n->steps, (double)n->rows, (double)n->cleared}};
+                                                   (double)n->images, (double)n->steps, (double)n->rows,
+                                                   (double)n->cleared}};
     struct text t = {.ctx = b->ctx};
     oxl_result rc;
     text_add(&t, "{\n  \"finished\": %s,\n", trained->finished ? "true" : "false");

@@ -43,7 +43,7 @@ static oxl_result blocks_train_coarse(struct blocks *b, int block, const char *f
     (void)block;
     o.train = task.train;
     if (!budget_limit_gaussians(&load, &o)) return budget_refuse(job->ctx, &load, &o);
-    job_use_budget(job, &load, &o, &task);
+    job_use_budget(job, &o, &task);
     task.train.keep.kind = OXL_KEEP_ALL;
     task.run.until = (int)OXL_MAX(1, JOB_COARSE * o.train.iterations);
     return job_train_task(job, &task);
@@ -80,8 +80,7 @@ static void blocks_limit(const struct job *job, const struct block_plan *plan, s
     budget_limit_gaussians(&load, &o);
     o.train.max_gaussians = OXL_MAX(o.train.max_gaussians, (int)own);
     o.train.max_gaussians = OXL_MIN(o.train.max_gaussians, task->train.max_gaussians);
-    job_use_budget(job, &load, &o, task);
-    task->predicted_peak += beside;
+    job_use_budget(job, &o, task);
 }
 
 static oxl_result blocks_train_block(struct blocks *b, int block, const char *folder)

@@ -113,7 +113,7 @@ OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
     total->exists |= r->exists;
     for (int k = 0; k < BLOCK_NUMBERS; k++) {
         const double was = total->number[k], more = r->number[k];
-        total->number[k] = k == BLOCK_PEAK || k == BLOCK_PREDICTED ? OXL_MAX(was, more) : was + more;
+        total->number[k] = k == BLOCK_PEAK ? OXL_MAX(was, more) : was + more;
     }
     job->unfinished += !r->finished;
 }
@@ -129,12 +129,11 @@ OXL_INTERNAL struct block_task job_task(struct job *job, const char *folder)
                                .train = job->options.train};
 }
 
-OXL_INTERNAL void job_use_budget(const struct job *job, const struct cost_load *load,
-                                 const oxl_job_options *fitted, struct block_task *task)
+OXL_INTERNAL void job_use_budget(const struct job *job, const oxl_job_options *fitted,
+                                 struct block_task *task)
 {
     job_set_cache(job, fitted->scene.image_cache_bytes);
     task->train = fitted->train;
-    task->predicted_peak = cost_memory(fitted, load, cost_gaussians(fitted, load));
 }
 
 OXL_INTERNAL oxl_result job_train_task(struct job *job, struct block_task *task)

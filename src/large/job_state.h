@@ -58,9 +58,9 @@ OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *rec
 OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress);
 /* Returns the training of the whole run in a folder, which each stage changes to its own. */
 OXL_INTERNAL struct block_task job_task(struct job *job, const char *folder);
-/* Sets what the budget has left of the options, and the predicted memory. */
-OXL_INTERNAL void job_use_budget(const struct job *job, const struct cost_load *load,
-                                 const oxl_job_options *fitted, struct block_task *task);
+/* Sets what the budget has left of the options. */
+OXL_INTERNAL void job_use_budget(const struct job *job, const oxl_job_options *fitted,
+                                 struct block_task *task);
 /* Trains a block in the time that the whole run has left. */
 OXL_INTERNAL oxl_result job_train_task(struct job *job, struct block_task *task);
 /* Decides whether decoded images are kept in files. */

@@ -143,7 +143,6 @@ enum {
     BLOCK_GAUSSIANS,
     BLOCK_SECONDS,
     BLOCK_PEAK,
-    BLOCK_PREDICTED,
     BLOCK_NONFINITE,
     BLOCK_NUMBERS = BLOCK_NONFINITE + 4
 };
@@ -160,7 +159,6 @@ struct block_task {
     oxl_train_options train;
     const oxl_callback *callback;
     struct train_task run; /* without stores, log and notes, which are the folder's; imaging: not NULL */
-    double predicted_peak;
 };
 /* Reads block.json; exists 0: there is none, it has another key, or it or files of a finished block are
  * damaged, which is logged: the training is repeated and gives the same bytes. */
