@@ -68,8 +68,7 @@ static oxl_result image_write_png(oxl_context *ctx, const char *path, const oxl_
                         path);
     bytes = image_interleave(ctx, image, (size_t)channels);
     encoded = bytes ? codec_encode_png(ctx, bytes, image->width, image->height, channels, &size) : NULL;
-    rc = encoded ? os_write_file(ctx, path, encoded, (size_t)size)
-                 : oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to encode the image", path);
+    rc = encoded ? os_write_file(ctx, path, encoded, (size_t)size) : OXL_ERR_MEMORY;
     codec_free(ctx, encoded);
     oxl_free(ctx, bytes);
     return rc;

@@ -83,8 +83,7 @@ OXL_INTERNAL oxl_result splat_file_write(oxl_context *ctx, const char *path, con
 {
     struct splat_file_rank *rank = oxl_alloc(ctx, model->count, sizeof *rank);
     struct os_writer w = {0};
-    oxl_result rc = rank ? model_write_check_finite(ctx, path, model)
-                         : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the model of %s", path);
+    oxl_result rc = rank ? model_write_check_finite(ctx, path, model) : OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = os_writer_open(ctx, path, &w);
     if (rc == OXL_OK) {
         splat_file_warn(ctx, path, model);

@@ -99,12 +99,9 @@ static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os
         packed > INT_MAX)
         return spz_fail(ctx, path, "a gzip length that its data cannot have");
     *out = oxl_alloc(ctx, *size, 1);
-    if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its %zu bytes", path, *size);
+    if (!*out) return OXL_ERR_MEMORY;
     /* Passes the 8 bytes that follow, too: stb 2.27 looks ahead past the last code. */
-    if (!codec_inflate(*out, *size, p + at, packed + 8))
-        return strcmp(codec_failure(), "outofmem") == 0
-                   ? oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to inflate it", path)
-                   : spz_fail(ctx, path, "damaged gzip data");
+    if (!codec_inflate(*out, *size, p + at, packed + 8)) return spz_fail(ctx, path, "damaged gzip data");
     if (codec_png_checksum(*out, (int)*size) != bytes_u32(end - 8))
         return spz_fail(ctx, path, "data with a wrong checksum");
     return OXL_OK;
@@ -122,8 +119,7 @@ static oxl_result spz_pack(oxl_context *ctx, const char *path, const oxl_model *
     uint8_t *zlib = codec_deflate(ctx, data, size, &length);
     oxl_result rc;
     model_write_comments(&comment, "", model);
-    rc = zlib && !comment.failed ? os_writer_open(ctx, path, &w)
-                                 : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compress %zu bytes", size);
+    rc = zlib && !comment.failed ? os_writer_open(ctx, path, &w) : OXL_ERR_MEMORY;
     if (rc == OXL_OK) {
         bytes_put(tail, codec_png_checksum(data, (int)size), 4);
         bytes_put(tail + 4, (uint32_t)size, 4);
@@ -327,8 +323,7 @@ OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_
     if (rc == OXL_OK && size > INT_MAX)
         rc = oxl_fail(ctx, OXL_ERR_FAILED,
                       "%s: SPZ stores 2 GB of data; this model exceeds that\nfix: write it as .ply", path);
-    else if (rc == OXL_OK && !(data && value))
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its %zu bytes", path, size);
+    else if (rc == OXL_OK && !(data && value)) rc = OXL_ERR_MEMORY;
     if (rc == OXL_OK) {
         const int bits = spz_bits(model, value);
         const size_t limited = spz_put(model, bits, data);

@@ -66,8 +66,7 @@ static uint8_t *image_to_8_bits(uint16_t *wide, size_t count)
 }
 
 /* Extends a short palette to 256 entries with black, since stb 2.27 reads past its end. */
-static oxl_result image_fill_palette(oxl_context *ctx, const char *path, const struct image_header *h,
-                                     struct os_file_map *file)
+static oxl_result image_fill_palette(oxl_context *ctx, const struct image_header *h, struct os_file_map *file)
 {
     enum { FULL = 3 * 256 };
     const size_t behind = h->palette + h->palette_size, more = FULL - h->palette_size;
@@ -76,7 +75,7 @@ static oxl_result image_fill_palette(oxl_context *ctx, const char *path, const s
     if (!h->palette || h->palette_size >= FULL || file->size > INT_MAX - FULL) return OXL_OK;
     full.size = file->size + more;
     full.data = data = oxl_calloc(ctx, full.size + 1, 1);
-    if (!data) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to decode it", path);
+    if (!data) return OXL_ERR_MEMORY;
     memcpy(data, file->data, behind);
     memcpy(data + behind + more, file->data + behind, file->size - behind);
     data[h->palette - 6] = FULL >> 8, data[h->palette - 5] = FULL & 255;
@@ -125,7 +124,7 @@ static oxl_result image_decode_of(oxl_context *ctx, const char *path, int channe
     oxl_result rc = image_read_file(ctx, path, &file);
     *out = (struct pixels){0};
     if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, 1, from, &h);
-    if (rc == OXL_OK) rc = image_fill_palette(ctx, path, &h, &file);
+    if (rc == OXL_OK) rc = image_fill_palette(ctx, &h, &file);
     if (rc == OXL_OK)
         rc = image_decode_file(ctx, path, &file, &h, channels ? channels : 3 + h.has_alpha, out);
     os_release_file(ctx, &file);

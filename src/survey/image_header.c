@@ -153,12 +153,10 @@ OXL_INTERNAL oxl_result image_read_header(oxl_context *ctx, const char *path, st
     unsigned char *data = oxl_alloc(ctx, HEADER_BYTES, 1);
     FILE *file = data ? os_open(path) : NULL;
     const size_t size = file ? fread(data, 1, HEADER_BYTES, file) : 0;
-    const oxl_result rc =
-        data ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to read its header", path);
     image_header_of(data, size, 0, out); /* Takes what there is: the file goes on. */
     if (file) fclose(file);
     oxl_free(ctx, data);
-    return rc;
+    return data ? OXL_OK : OXL_ERR_MEMORY;
 }
 
 /* ---------------- an image turned as its EXIF orientation says */

@@ -46,7 +46,7 @@ OXL_INTERNAL void archive_text(struct archive *a, struct text *t)
     }
     if (!archive_fits(a, size, 1)) return;
     data = oxl_calloc(a->ctx, size + 1, 1);
-    if (!data) archive_fail(a, OXL_ERR_MEMORY, "no memory for a text in it");
+    if (!data) a->rc = OXL_ERR_MEMORY;
     else archive_numbers(a, data, size, 1);
     text_free(t);
     if (data) text_add(t, "%s", data);
