@@ -423,7 +423,8 @@ typedef struct oxl_metrics {
 } oxl_metrics;
 
 /* Renders the views of the split as oxl_render_view and compares them with their images, on the model's
- * background; views whose image is not readable are logged and left out. imaging: that of the model. */
+ * background; views whose image is not readable are logged and left out. imaging: that of the model.
+ * OXL_ERR_USAGE: it belongs to a scene with another number of views. */
 OXL_API oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                 const oxl_imaging *imaging, oxl_split split, oxl_metrics *out);
 OXL_API void oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics);
@@ -520,11 +521,9 @@ typedef struct oxl_train_options {
     float lr_rotation;       /* of quaternions [Kerbl 2023] (0.001) */
     float lr_sh0;            /* of SH degree 0 [Kerbl 2023] (0.0025) */
     float lr_sh;             /* of higher SH degrees [Kerbl 2023] (0.0025 / 20) */
-    /* The exponent e by which shorter runs raise these rates. A run of n < 30 000 iterations multiplies the
-     * rates of means, scales and rotations by h = (30 000 / n)^e and those of SH degrees above 0 by sqrt(h);
-     * its initial Gaussians are narrower and more opaque than Kerbl's. A run of n < 7000, with r = (7000 /
-     * n)^e, also multiplies the rate of scales by sqrt(r), 1 - beta1 by r^2 (at most 0.5) and 1 - beta2 by
-     * r^-1.5. 0: none of this (0.45, 0.45, 0) */
+    /* The exponent e by which runs of n < 30 000 iterations raise these rates: by (30 000 / n)^e those of
+     * means, scales and rotations; docs/METHOD.md ("Short runs") has the others, and what else it changes. 0:
+     * none (0.45, 0.45, 0) */
     float short_run_exponent;
     /* last fraction of the run, in which all learning rates fall to a tenth; 0: none (0.2) */
     float cooldown;
@@ -546,7 +545,9 @@ typedef struct oxl_train_options {
     int stereo;             /* 1: starts also from points of the training views' depth maps (1, 1, 0) */
     oxl_dog dog;            /* second lobes (OFF, OFF, SELECTIVE) */
     const oxl_terms *terms; /* NULL: none; not recorded in run.json */
-    /* of oxl_train: Gaussians to start from, copied without second lobes; NULL: the scene's points */
+    /* of oxl_train: Gaussians to start from, copied without second lobes; NULL: the scene's points. Their
+     * colours are those of scene.ply (oxl_trained_write), as imaging is measured anew. The run has all of its
+     * schedule, so it begins at the rates of a fresh one */
     const oxl_model *from;
     /* in a block: iterations of the whole run, from which rates and intervals follow; 0: `iterations` */
     int survey_iterations;

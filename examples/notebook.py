@@ -1,10 +1,10 @@
 # %% [markdown]
 # # Half the Gaussians
 # A survey is trained, half of its Gaussians are removed by a rule of one's own, and the rest is refined.
-# Editors show these cells as a notebook; `python3 examples/notebook.py SURVEY` executes them in order.
+# VS Code, Spyder and PyCharm show these cells as a notebook (the folder "survey" is read); `python3 examples/notebook.py SURVEY` executes
+# them in order.
 
 # %%
-import os
 import pathlib
 import sys
 
@@ -14,8 +14,8 @@ here = pathlib.Path(globals().get("__file__", "examples/x")).resolve().parent
 sys.path.insert(0, str(here.parent / "python"))  # not needed after pip install
 import oceanxl as oxl
 
-survey = sys.argv[1] if len(sys.argv) > 1 and os.path.isdir(sys.argv[1]) else "survey"
-scene = oxl.load(survey, max_side=320)
+script = sys.argv[1:] if "__file__" in globals() and "ipykernel" not in sys.modules else []  # in an editor argv is its own
+scene = oxl.load(script[0] if script else "survey", max_side=320)
 losses = []
 
 # %% train

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """A training loop of one's own, with a loss in numpy: make python, then examples/own_loop.py SURVEY [ITERATIONS].
 
-The loss is the mean absolute error, whose gradient in a pixel is its sign over their number. One Gaussian for each of the survey's points
-moves; none is split or removed.
+The loss is the mean absolute error, weighted: 0 where the image is masked. Its gradient in a pixel is the weight times the error's sign
+over their number. One Gaussian for each of the survey's points moves; none is split or removed.
 """
 import pathlib
 import sys
@@ -19,10 +19,12 @@ def fit(scene, iterations, views, **options):
     adam = oxl.Adam(model, scene, iterations=iterations, **options)
     for i in range(iterations):
         view = views[i % len(views)]
-        error = oxl.render_image(model, view, imaging=False) - view.image
-        adam.step(oxl.render_backward(model, view, np.sign(error) / error.size))
+        image, weight = view.read()
+        weight = 1 if weight is None else weight[..., None]
+        error = oxl.render_image(model, view, imaging=False) - image
+        adam.step(oxl.render_backward(model, view, weight * np.sign(error) / error.size))
         if (i + 1) % 100 == 0:
-            print(f"{i + 1}/{iterations}  loss {abs(error).mean():.4f}")
+            print(f"{i + 1}/{iterations}  loss {abs(weight * error).mean():.4f}")
     return model
 
 

@@ -3,11 +3,11 @@
 
     python3 python/generate.py          rewrites oceanxl.py
     python3 python/generate.py check    fails when oceanxl.py does not match the header
-    python3 python/generate.py sizes    prints a C program that compiles where C's structs have the sizes of ctypes'
 
 It reads the header as clang-format leaves it: typedef struct NAME { ... } NAME, typedef enum, enum, OXL_API functions.
 """
 import json
+import os
 import pathlib
 import re
 import sys
@@ -15,8 +15,7 @@ import textwrap
 
 HERE = pathlib.Path(__file__).resolve().parent
 BEGIN, END = "# ---- generated from oceanxl.h", "# ---- end of what is generated\n"
-BASIC = {"int": "c_int", "float": "c_float", "double": "c_double", "size_t": "c_size_t", "uint8_t": "c_uint8", "uint64_t": "c_uint64",
-         "char": "c_char"}
+BASIC = {"uint8_t": "c_uint8", "uint64_t": "c_uint64", **{word: f"c_{word}" for word in ("int", "float", "double", "size_t", "char")}}
 
 
 class Header:
@@ -24,62 +23,48 @@ class Header:
         text = re.sub(r"/\*.*?\*/", "", text, flags=re.S)
         self.constants = re.findall(r'^#define (OXL_\w+) ([\d.]+|".*?")$', text, flags=re.M)
         text = re.sub(r"^#.*(\\\n.*)*$", "", text, flags=re.M)
-        self.enums, self.structs, self.functions = {}, {}, {}
-        for name, body in re.findall(r"\benum (\w*) ?\{(.*?)\}", text, flags=re.S):
-            self.enums[name or "planes"] = self.members(body)
+        self.enums = {name: self.members(body) for name, body in re.findall(r"\benum (\w*) ?\{(.*?)\}", text, flags=re.S)}
         structs = re.findall(r"typedef struct (\w+) \{(.*?)\n\} \w+;", text, flags=re.S)
-        self.known = {name for name, _ in structs}
-        self.choices = {}
-        for name, body in structs:
-            self.structs[name] = [f for line in body.split(";") if line.strip() for f in self.fields(name, " ".join(line.split()))]
+        self.known, self.choices, self.functions = {name for name, _ in structs}, {}, {}
+        self.structs = {name: [f for line in body.split(";") if line.strip() for f in self.fields(name, " ".join(line.split()))]
+                        for name, body in structs}
         for result, name, arguments in re.findall(r"^OXL_API ([\w ]+?[ *]+)(oxl_\w+)\((.*?)\);", text, flags=re.M | re.S):
             if "..." not in arguments:
-                self.functions[name] = (self.type(result), [] if arguments == "void" else self.arguments(arguments))
+                self.functions[name] = self.signature(result, arguments)
 
     def members(self, body):
         value, found = -1, {}
-        for item in body.split(","):
-            name, _, given = item.partition("=")
-            if name.strip():
-                value = int(given) if given.strip() else value + 1
-                found[name.strip()] = value
+        for name, given in re.findall(r"(\w+)(?: = (\d+))?", body):
+            value = found[name] = int(given) if given else value + 1
         return found
 
     def type(self, text):
         """The ctypes name of a C type such as `const float *`."""
-        stars = text.count("*")
-        word = text.replace("*", " ").replace("const ", "").replace("struct ", "").strip()
-        if word.startswith("enum ") or word in self.enums:
-            word = "int"
+        stars, word = text.count("*"), re.sub(r"\*|\bconst\b|\bstruct\b", "", text).strip()
         if stars and word == "char":
             base, stars = "c_char_p", stars - 1
         elif stars and word not in BASIC and word not in self.known:  # void, and what the header does not lay open
             base, stars = "c_void_p", stars - 1
         else:
-            base = BASIC.get(word, None if word == "void" else word)
-        for _ in range(stars):
-            base = f"POINTER({base})"
-        return base
+            base = "c_int" if word.removeprefix("enum ") in self.enums else BASIC.get(word, None if word == "void" else word)
+        return "POINTER(" * stars + str(base) + ")" * stars
 
-    def arguments(self, text):
-        types = []
-        for argument in text.split(","):
-            kind, name, array = re.fullmatch(r"(.*?)(\w+)((?:\[\w+\])*)", " ".join(argument.split())).groups()
+    def signature(self, result, arguments):
+        types = [self.type(result)]
+        for argument in [] if arguments == "void" else arguments.split(","):
+            kind, array = re.fullmatch(r"(.*?)\w+((?:\[\w+\])*)", " ".join(argument.split())).groups()
             types.append(self.type(kind + ("*" if array else "")))
-        return types
+        return ", ".join(types)
 
     def fields(self, struct, line):
         pointer = re.fullmatch(r"(.*?)\(\*(\w+)\)\((.*)\)", line)
         if pointer:
-            result, name, arguments = pointer.groups()
-            yield name, f"CFUNCTYPE({', '.join([str(self.type(result))] + self.arguments(arguments))})"
+            yield pointer[2], f"CFUNCTYPE({self.signature(pointer[1], pointer[3])})"
             return
         kind, rest = re.fullmatch(r"((?:const |struct |enum )*\w+ )(.*)", line).groups()
-        for item in rest.split(","):
-            stars, name, size = re.fullmatch(r" ?(\**)(\w+)(?:\[(\w+)\])?", item).groups()
-            word = kind.split()[-1]
-            if word in self.enums and not stars:
-                self.choices[f"{struct}.{name}"] = word
+        for stars, name, size in re.findall(r"(\**)(\w+)(?:\[(\w+)\])?", rest):
+            if kind.split()[-1] in self.enums and not stars:
+                self.choices[f"{struct}.{name}"] = kind.split()[-1]
             yield name, self.type(kind + stars) + (f" * {size}" if size else "")
 
     def python(self):
@@ -87,49 +72,23 @@ class Header:
         constants = {name: value for members in self.enums.values() for name, value in members.items()}
         constants.update((name, json.loads(value)) for name, value in self.constants)
         yield f"globals().update({constants})"
-        words = {name: {self.word(m, members): v for m, v in members.items()} for name, members in self.enums.items() if name != "planes"}
-        yield f"WORDS = {words}"
+        # OXL_DOG_SELECTIVE is "selective": the name without what all members begin with.
+        begins = {name: os.path.commonprefix(list(members)).rfind("_") + 1 for name, members in self.enums.items() if name}
+        yield "WORDS = " + str({name: {m[at:].lower(): v for m, v in self.enums[name].items()} for name, at in begins.items()})
         yield f"CHOICES = {self.choices}"
         yield f"globals().update((name, type(name, (Structure,), {{}})) for name in {tuple(self.structs)})"
         for name, fields in self.structs.items():
-            yield f"{name}._fields_ = [{', '.join(f'({chr(34)}{n}{chr(34)}, {t})' for n, t in fields)}]"
-        calls = (f"{chr(34)}{n}{chr(34)}: [{', '.join([str(result)] + arguments)}]" for n, (result, arguments) in self.functions.items())
-        yield f"FUNCTIONS = {{{', '.join(calls)}}}"
+            yield f"{name}._fields_ = [" + ", ".join(f'("{n}", {t})' for n, t in fields) + "]"
+        yield "FUNCTIONS = {" + ", ".join(f'"{name}": [{types}]' for name, types in self.functions.items()) + "}"
         yield END.rstrip()
 
-    @staticmethod
-    def word(member, members):
-        """OXL_DOG_SELECTIVE is "selective": the name without what all members begin with."""
-        parts = [m.split("_") for m in members]
-        common = 0
-        while all(len(p) > common + 1 and p[common] == parts[0][common] for p in parts):
-            common += 1
-        return "_".join(member.split("_")[common:]).lower()
-
     def text(self):
-        lines = [piece for line in self.python() for piece in textwrap.wrap(line, 140, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)]
-        return "\n".join(lines) + "\n"
-
-
-def sizes(header):
-    sys.path.insert(0, str(HERE))
-    import ctypes
-
-    import oceanxl
-    yield '#include "oceanxl.h"'
-    for name, fields in header.structs.items():
-        struct = getattr(oceanxl, name)
-        wanted = [(f"sizeof({name})", ctypes.sizeof(struct))]
-        wanted += [(f"offsetof({name}, {n})", getattr(struct, n).offset) for n, _ in fields]
-        condition = " && ".join(f"{c} == {n}" for c, n in wanted)
-        yield f"typedef char same_{name}[({condition}) ? 1 : -1];"
+        return "".join(textwrap.fill(line, 140, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False) + "\n"
+                       for line in self.python())
 
 
 def main():
     header, target = Header((HERE.parent / "oceanxl.h").read_text()), HERE / "oceanxl.py"
-    if sys.argv[1:] == ["sizes"]:
-        print("\n".join(sizes(header)))
-        return
     old = target.read_text()
     start, end = old.index(BEGIN), old.index(END)
     new = old[:start] + header.text() + old[end + len(END):]

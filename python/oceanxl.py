@@ -5,36 +5,41 @@
     model = oxl.train(scene, preset="draft", iterations=500)
     image, depth, alpha = oxl.render(model, scene.views[3])
     print(oxl.metrics(image, scene.views[3].image), oxl.evaluate(model, scene)["psnr"])
-    model.save("model.ply")
+    model.write("out")
+    model = oxl.Model.read("out", scene)
 
-Images are (H,W,3) float arrays, 0 black and 1 white. Arrays of scenes, images and models are views of the library's memory, which they
-keep alive: nothing is copied, and what is written to model.means, .scales, .quats, .opacities or .sh is in the model. Parameters are raw,
-as gsplat's: log scale, logit opacity, quaternion w x y z. Options have the names and the meaning of oceanxl.h, with words for its enums.
-All functions of oceanxl.h are in `lib`; Context.call raises Error for those that fail. `make python` builds the library.
+A trained model has `imaging`: what lies between its colours and the images, such as gains of each image, a lamp, a medium. write keeps it,
+save does not; medium="off", exposure="off", lamp="off" train without. Images are (H,W,3) floats, 0 black and 1 white; a view's is read anew
+each time. model.means, .scales, .quats, .opacities and .sh are the library's memory: what is written to them is in the model. All of these
+are planar in memory, not C-contiguous. Parameters are raw: log scale, logit opacity, quaternion w x y z. `lib` has all of oceanxl.h.
 """
+import contextlib
+import difflib
 import json
 import os
 import pathlib
 import signal
 import sys
+import tempfile
 import threading
 import time
+import warnings
 import weakref
 from collections import namedtuple
-from ctypes import (CDLL, CFUNCTYPE, POINTER, Array, Structure, addressof, byref, c_char_p, c_double, c_float, c_int, c_size_t, c_uint8,
-                    c_uint64, c_void_p, cast, pointer)
+from ctypes import (CDLL, CFUNCTYPE, POINTER, Array, Structure, byref, c_char_p, c_double, c_float, c_int, c_size_t, c_uint8, c_uint64,
+                    c_void_p, cast, pointer)
+from types import SimpleNamespace
 
 import numpy as np
 
 
 def _open():
-    here, name = pathlib.Path(__file__).resolve().parent, "liboceanxl.so"
-    given = os.environ.get("OXL_LIBRARY")
-    places = [pathlib.Path(given)] if given else [here / name, here.parent / "build" / name]
+    here, given = pathlib.Path(__file__).resolve().parent, os.environ.get("OXL_LIBRARY")
+    places = [pathlib.Path(given)] if given else [here / "liboceanxl.so", here.parent / "build" / "liboceanxl.so"]
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # OpenMP reads it when it is loaded: threads that wait must not spin
-    for place in places:
-        if place.exists():
-            return CDLL(str(place))
+    found = [place for place in places if place.exists()]
+    if found:
+        return CDLL(str(found[0]))
     raise ImportError(f"there is no {' and no '.join(map(str, places))}\nfix: make python, in OceanXL's folder")
 
 
@@ -140,9 +145,71 @@ FUNCTIONS = {"oxl_context_options_default": [oxl_context_options], "oxl_context_
 # ---- end of what is generated
 for _name, (_result, *_arguments) in FUNCTIONS.items():
     getattr(lib, _name).restype, getattr(lib, _name).argtypes = _result, _arguments
+__version__ = OXL_VERSION
+__all__ = ("load train render render_image render_backward evaluate metrics camera write_image Scene View Model Adam Context Error "
+           "OXL_REMOVE OXL_KEEP OXL_SPLIT").split()
 
 
-# ---------------------------------------------------------------- contexts, memory, options
+# ---------------------------------------------------------------- options, contexts, memory
+
+CALLS = {oxl_context_options: "Context", oxl_scene_options: "load", oxl_train_options: "train"}
+FLOATS, Render = POINTER(c_float), namedtuple("Render", "image depth alpha")
+
+
+def _want(value, kind, name):
+    """The value, if it is of a class, or a number that a C type or an enum (its name) holds, or the word for it; else an error."""
+    words = WORDS[kind] if isinstance(kind, str) else {"off": 0, "on": 1, "auto": -1} if kind in (c_int, c_float) else {}
+    given, error = words.get(value, value) if isinstance(value, str) else value, ValueError
+    if isinstance(kind, str):
+        fits, wanted = given in words.values(), f"one of {', '.join(words)}"
+    elif kind in (c_float, c_double):
+        fits, wanted = isinstance(given, (int, float, np.number)), "a number"
+    elif kind in (c_int, c_size_t, c_uint64):
+        given = int(given) if isinstance(given, (int, np.integer)) else None
+        fits, wanted = given is not None and kind(given).value == given, f"an integer of type {kind.__name__[2:]}"
+    else:
+        fits, wanted, error = isinstance(given, kind), f"a {kind.__name__}", TypeError
+    if fits:
+        return given
+    raise error(f"{name} is {value!r:.80}, wanted {wanted}")
+
+
+def _numbers(value, shape, name):
+    """The value as an array of finite numbers."""
+    with contextlib.suppress(TypeError, ValueError):
+        array = np.asarray(value, float)
+        if array.shape == shape and np.isfinite(array).all():
+            return array
+    raise ValueError(f"{name} is {value!r:.200}, wanted {' x '.join(map(str, shape))} finite numbers")
+
+
+def _fill(struct, values):
+    """Sets options: words for enums, sequences for arrays, dictionaries for structs, text and paths for char *."""
+    names, of = dict(struct._fields_), type(struct)
+    for name, value in values.items():
+        if name not in names:
+            others = [f"it is one of {call}" for kind, call in CALLS.items() if hasattr(kind, name)]
+            near = ", ".join(difflib.get_close_matches(name, names) or names)
+            raise TypeError(f"{CALLS.get(of, of.__name__)} has no option {name!r}: {others[0] if others else 'wanted ' + near}")
+        now, least = getattr(struct, name), -1 if name in ("test_every", "device") else 0
+        if isinstance(now, Structure):
+            _fill(now, value if isinstance(value, dict) else {now._fields_[0][0]: value})
+        elif isinstance(now, Array):
+            now[:] = _numbers(value, (len(now),), name)
+        elif names[name] is c_char_p:
+            setattr(struct, name, None if value is None else os.fsencode(value))
+        else:
+            setattr(struct, name, _want(value, CHOICES.get(f"{of.__name__}.{name}", names[name]), name))
+            if names[name] is c_int and of is not oxl_train_options and getattr(struct, name) < least:
+                raise ValueError(f"{name} is {value}, wanted {least} or more")
+    return struct
+
+
+def _train_options(context, preset, options):
+    o = _fill(lib.oxl_train_options_default(_want(preset, "oxl_preset", "preset")), options)
+    context.call(lib.oxl_train_options_check, byref(o))
+    return o
+
 
 class Error(RuntimeError):
     """The library's text: what was found, what was expected, a fix; and `code`, one of OXL_ERR_*."""
@@ -153,32 +220,55 @@ class Error(RuntimeError):
 
 
 class Context:
-    """Threads, seed and log. Scenes and models keep the context that they were made with."""
+    """Threads, seed and log(level, text). Scenes and models keep the context that they were made with."""
 
     def __init__(self, threads=0, seed=1, log=None, **options):
         o = _fill(lib.oxl_context_options_default(), dict(options, threads=threads, seed=seed))
         log = log or (lambda level, text: level <= OXL_LOG_WARNING and print(f"oceanxl: {text}", file=sys.stderr))
-        o.log = type(o.log)(lambda _user, level, text: log(level, text.decode(errors="replace")))
-        self.lock, self.c = threading.RLock(), c_void_p()
+        self.lock, self.c, self.state = threading.RLock(), c_void_p(), SimpleNamespace(listens=False, presses=0, raised=None)
+        o.log = type(o.log)(self.guarded(lambda level, text: log(level, text.decode(errors="replace"))))
+        o.stopped = type(o.stopped)(self.guarded(lambda state=self.state: state.presses))
         if lib.oxl_context_create(byref(o), byref(self.c)) != OXL_OK:
             raise Error(OXL_ERR_FAILED, lib.oxl_error_text(None).decode())
-        weakref.finalize(self, lambda c, _log: lib.oxl_context_free(c), self.c, o.log)
+        weakref.finalize(self, lambda c, _o: lib.oxl_context_free(c), self.c, o)
+
+    def guarded(self, function):
+        """A callback for C. What it raises is kept, stops what the library does, and is raised behind it."""
+        def call(_user, *arguments, state=self.state):
+            try:
+                return 1 if state.raised else function(*arguments)
+            except BaseException as raised:
+                state.raised = None if state.presses == 1 and isinstance(raised, KeyboardInterrupt) else raised
+                return 1
+        return call
 
     def call(self, function, *arguments, allowed=OXL_OK):
+        """Calls the library. Ctrl-C ends what it reads, measures or trains; a second one is raised at once."""
+        def press(*_):
+            state.presses += 1
+            if state.presses > 1:
+                raise KeyboardInterrupt
+        state, old = self.state, None
         with self.lock:  # a context is used by one thread at a time
-            code = function(self.c, *arguments)
+            if not state.listens and threading.current_thread() is threading.main_thread():
+                old, state.listens = signal.signal(signal.SIGINT, press), True
+            try:
+                code, raised, state.raised = function(self.c, *arguments), state.raised, None
+                if raised or (state.presses and allowed != OXL_ERR_INTERRUPTED):
+                    raise raised or KeyboardInterrupt
+            finally:
+                if old is not None:
+                    signal.signal(signal.SIGINT, old)
+                    state.listens, state.presses = False, 0
             if code not in (OXL_OK, allowed):
                 raise Error(code, lib.oxl_error_text(self.c).decode(errors="replace"))
             return code
 
 
-_first = []
-
-
-def _context():
-    if not _first:
-        _first.append(Context())
-    return _first[0]
+def _context(given=None, first=[]):  # first: shared by all that give none
+    if not given and not first:
+        first.append(Context())
+    return _want(given or first[0], Context, "context")
 
 
 class _Owned:
@@ -196,113 +286,78 @@ class _Owned:
 
 def _array(owner, at, shape, kind=np.float32, strides=None):
     """An array on memory that `owner` keeps; `at` is a ctypes pointer."""
-    dtype = np.dtype(kind)
-    strides = strides or tuple(dtype.itemsize * int(np.prod(shape[i + 1:], dtype=int)) for i in range(len(shape)))
-    if 0 in shape:
-        return np.empty(shape, dtype)
-    last = sum((n - 1) * s for n, s in zip(shape, strides)) + dtype.itemsize
+    plain = np.empty(shape, kind)
+    if not plain.size:
+        return plain
+    strides = strides or plain.strides
+    last = sum((n - 1) * s for n, s in zip(shape, strides)) + plain.itemsize
     memory = (c_uint8 * last).from_address(cast(at, c_void_p).value)
     memory.owner = owner
-    return np.ndarray(shape, dtype, memory, strides=strides)
-
-
-def _word(key, value):
-    words = WORDS[CHOICES.get(key, key)]
-    if not isinstance(value, str):
-        return int(value)
-    if value not in words:
-        raise ValueError(f"{key} is {value!r}, wanted one of {', '.join(words)}")
-    return words[value]
-
-
-def _fill(struct, values):
-    """Sets fields of an options struct: words for enums, sequences for arrays, dictionaries for structs, text and paths for char *."""
-    names = dict(struct._fields_)
-    for name, value in values.items():
-        if name not in names:
-            raise TypeError(f"{type(struct).__name__} has no {name!r}, but {', '.join(names)}")
-        now, key = getattr(struct, name), f"{type(struct).__name__}.{name}"
-        if isinstance(now, Structure):
-            _fill(now, value if isinstance(value, dict) else {now._fields_[0][0]: value})
-        elif isinstance(now, Array):
-            now[:] = value
-        elif names[name] is c_char_p:
-            setattr(struct, name, None if value is None else os.fsencode(value))
-        else:
-            setattr(struct, name, _word(key, value) if key in CHOICES else value)
-    return struct
+    return np.ndarray(shape, kind, memory, strides=strides)
 
 
 # ---------------------------------------------------------------- scenes and images
 
-def _image_array(owned):
-    """(H,W,3), in memory as the library has it: (3,H,W)."""
-    image = owned.c
-    return np.moveaxis(_array(owned, image.rgb, (3, image.height, image.width)), 0, -1)
+def _image_arrays(owner, image):
+    """(H,W,3), in memory as the library has it: (3,H,W); its weight (H,W), or None."""
+    size = image.height, image.width
+    return np.moveaxis(_array(owner, image.rgb, (3, *size)), 0, -1), _array(owner, image.weight, size) if image.weight else None
 
 
 def _planar(image):
     """(3,H,W) floats of an (H,W,3) image; a copy only where the memory is laid out in another way."""
-    image = np.asarray(image, np.float32)
-    if image.ndim != 3 or image.shape[2] != 3:
-        raise ValueError(f"an image has the shape {image.shape}, wanted (height, width, 3)")
-    return np.ascontiguousarray(np.moveaxis(image, -1, 0))
-
-
-def _floats(array):
-    return array.ctypes.data_as(POINTER(c_float))
+    image = np.asarray(image)
+    if image.ndim != 3 or image.shape[2] != 3 or not np.issubdtype(image.dtype, np.floating):
+        raise ValueError(f"an image has the shape {image.shape} and is of {image.dtype}, wanted (height, width, 3) floats, 0 to 1")
+    return np.ascontiguousarray(np.moveaxis(image, -1, 0), np.float32)
 
 
 def _image(image, weight=None):
     rgb = _planar(image)
-    out = oxl_image(rgb.shape[2], rgb.shape[1], _floats(rgb))
-    weight = None if weight is None else np.ascontiguousarray(weight, np.float32)
+    out = oxl_image(rgb.shape[2], rgb.shape[1], rgb.ctypes.data_as(FLOATS))
     if weight is not None:
-        out.weight = _floats(weight)
+        weight = _numbers(weight, rgb.shape[1:], "weight").astype(np.float32)
+        out.weight = weight.ctypes.data_as(FLOATS)
     out.kept = rgb, weight
     return out
 
 
 class View:
-    """An image of a scene and the camera that took it."""
-
-    def __init__(self, scene, index):
-        c = lib.oxl_scene_view(scene.c, index).contents
-        self.scene, self.index, self.name = scene, index, os.fsdecode(c.name)
-        self.camera, self.is_test = c.camera, bool(c.is_test)
-
-    def read(self):
-        """The image (H,W,3) and its weight (H,W), 0 where it is masked; None: no pixel is. Read anew at each call."""
-        owned = _Owned(self.scene.context, oxl_image, lib.oxl_image_free)
-        self.scene.context.call(lib.oxl_scene_image, self.scene.c, self.index, None, byref(owned.c))
-        image = owned.c
-        return _image_array(owned), _array(owned, image.weight, (image.height, image.width)) if image.weight else None
+    """An image and the camera that took it. pose: (4,4) local coordinates to camera, as gsplat's viewmats; K: (3,3), as its Ks."""
 
     image = property(lambda self: self.read()[0])
     weight = property(lambda self: self.read()[1])
+    __repr__ = lambda self: f"<View {self.index}: {self.name}, {self.camera.width} x {self.camera.height}{', held out' * self.is_test}>"
 
-    @property
-    def pose(self):
-        """(4,4) world to camera, as gsplat's viewmats, in the scene's local coordinates."""
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = np.reshape(self.camera.rotation, (3, 3)), self.camera.translation
-        return pose
+    def __init__(self, scene, index):
+        view = lib.oxl_scene_view(scene.c, index).contents
+        self.scene, self.index, self.name, self.is_test = scene, index, os.fsdecode(view.name), bool(view.is_test)
+        self.camera = c = view.camera
+        self.K, self.pose = np.array([[c.fx, 0, c.cx], [0, c.fy, c.cy], [0, 0, 1]]), np.eye(4)
+        self.pose[:3, :3], self.pose[:3, 3] = np.reshape(c.rotation, (3, 3)), c.translation
 
-    @property
-    def K(self):
-        """(3,3) intrinsics, as gsplat's Ks."""
-        c = self.camera
-        return np.array([[c.fx, 0, c.cx], [0, c.fy, c.cy], [0, 0, 1]])
+    def read(self, background=None):
+        """The image (H,W,3) and its weight (H,W), 0 where it is masked; None: no pixel is. Read anew at each call. What is transparent lies
+        over the background, (3), or white: compare it with a render on the same."""
+        owned = _Owned(self.scene.context, oxl_image, lib.oxl_image_free)
+        behind = None if background is None else (c_float * 3)(*_numbers(background, (3,), "background"))
+        self.scene.context.call(lib.oxl_scene_image, self.scene.c, self.index, behind, byref(owned.c))
+        return _image_arrays(owned, owned.c)
 
 
 def camera(width, height, K, pose):
-    """A camera to render from: size in px, (3,3) intrinsics, (4,4) world to camera."""
-    K, pose = np.asarray(K, float), np.asarray(pose, float)
-    return oxl_camera(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2], tuple(pose[:3, :3].ravel()), tuple(pose[:3, 3]))
+    """A camera to render from: size in px, (3,3) intrinsics, (4,4) world to camera, in the scene's local coordinates."""
+    K, pose, size = _numbers(K, (3, 3), "K"), _numbers(pose, (4, 4), "pose"), (_want(n, c_int, "size") for n in (width, height))
+    R = pose[:3, :3]
+    if not np.allclose(R @ R.T, np.eye(3), atol=1e-3) or np.linalg.det(R) < 0:
+        raise ValueError(f"pose[:3, :3] is {R.tolist()}, wanted a rotation")
+    return oxl_camera(*size, K[0, 0], K[1, 1], K[0, 2], K[1, 2], tuple(R.ravel()), tuple(pose[:3, 3]))
 
 
 class Scene:
-    """Views and points, relative to `origin`: world = local + origin."""
+    """Views, and points, (N) records of position, error and rgb, relative to `origin`: world = local + origin."""
+
+    __repr__ = lambda self: f"<Scene of {len(self.views)} views, {len(self.training)} of them for training, {len(self.points)} points>"
 
     def __init__(self, owned):
         self._owned, self.context, self.c = owned, owned.context, owned.c
@@ -310,25 +365,30 @@ class Scene:
         self.training = [v for v in self.views if not v.is_test]
         self.origin = np.array(lib.oxl_scene_origin(self.c)[:3])
         self.extent, self.near_plane = lib.oxl_scene_extent(self.c), lib.oxl_scene_near_plane(self.c)
+        record = np.dtype([("position", "f8", 3), ("error", "f4"), ("rgb", "u1", 3)], align=True)
+        self.points = _array(owned, lib.oxl_scene_points(self.c), (lib.oxl_scene_point_count(self.c),), record)
 
     @property
-    def points(self):
-        """(N) records of position, error and rgb."""
-        kind = np.dtype([("position", "f8", 3), ("error", "f4"), ("rgb", "u1", 3)], align=True)
-        return _array(self._owned, lib.oxl_scene_points(self.c), (lib.oxl_scene_point_count(self.c),), kind)
+    def background(self):
+        """(3) What training takes: white where transparent images are composited, else black. A render of no Gaussian shows it."""
+        nothing, image = Model.create(0, context=self.context), _Owned(self.context, oxl_image, lib.oxl_image_free)
+        self.context.call(lib.oxl_render_view, byref(nothing.c), self.c, 0, None, byref(image.c), None)
+        return np.array(_image_arrays(image, image.c)[0][0, 0])
 
 
 def load(path, context=None, **options):
-    """Reads a survey. options: of oxl_scene_options, such as max_side=320."""
-    context = context or _context()
+    """Reads a survey. Options, of oxl_scene_options: max_side=1600 (px), test_every=-1 (8, or as the survey says), images, sparse, masks
+    (folders), alpha="auto" (or "composite", "mask"), image_cache_bytes=1 << 30."""
+    context, o = _context(context), _fill(lib.oxl_scene_options_default(), options)
     owned = _Owned(context, c_void_p, lib.oxl_scene_free)
-    o = _fill(lib.oxl_scene_options_default(), options)
     context.call(lib.oxl_scene_load, os.fsencode(path), byref(o), byref(owned.c))
     return Scene(owned)
 
 
 def write_image(path, image):
     """Writes an 8-bit PNG."""
+    if not os.fspath(path).lower().endswith(".png"):
+        raise ValueError(f"the path is {str(path)!r}, wanted one that ends in .png")
     _context().call(lib.oxl_image_write, os.fsencode(path), byref(_image(image)))
 
 
@@ -338,280 +398,296 @@ def _parameter(first, number, text, shape=None):
     def read(self):
         planes = self._planes(first, number if number else 3 * (self.c.sh_degree + 1) ** 2)
         return shape(planes) if shape else planes.T
-
-    def write(self, value):
-        read(self)[...] = value
-    return property(read, write, doc=text)
+    return property(read, lambda self, value: np.copyto(read(self), value), doc=text)
 
 
 class Model:
-    """Gaussians. len(model) is their number, model[rows] a copy of some."""
+    """Gaussians, in local coordinates: world = local + origin. len(model) is their number, model[rows] a copy of some. Training also sets
+    imaging, viewer (the model of scene.ply, if that was trained apart), iterations, finished, seconds and decisions."""
 
+    __slots__ = "_owned context c imaging scene lent viewer iterations finished seconds decisions __weakref__".split()
+    __iter__ = None
     means = _parameter(OXL_MEAN, 3, "(N,3) local coordinates")
     scales = _parameter(OXL_LOG_SCALE, 3, "(N,3) log of the standard deviations")
     quats = _parameter(OXL_ROTATION, 4, "(N,4) w x y z, of any length")
     opacities = _parameter(OXL_OPACITY, 1, "(N) logit", lambda planes: planes[0])
     sh = _parameter(OXL_SH, 0, "(N,K,3) spherical harmonics; colour = 0.5 + sum of basis x coefficient",
                     lambda planes: planes.reshape(-1, 3, planes.shape[1]).transpose(2, 0, 1))
-    imaging = None  # what lies between the model's colours and the images: gains, lamp, medium, poses
+    sh_degree = property(lambda self: self.c.sh_degree)
+    origin = property(lambda self: np.array(self.c.origin[:]))
+    copy = lambda self: self[:]
+    __len__ = lambda self: self.c.count
+    __repr__ = lambda self: f"<Model of {len(self)} Gaussians, SH degree {self.sh_degree}{', with imaging' if self.imaging else ''}>"
+    antialias = property(lambda self: bool(self.c.antialias), lambda self, on: setattr(self.c, "antialias", bool(on)),
+                         doc="True: a low pass of 0.1 px^2 that keeps a splat's energy; training sets it, except by preset \"paper\"")
 
-    def __init__(self, owned, c=None):
-        self._owned, self.context, self.c = owned, owned and owned.context, owned.c if c is None else c
+    def _set_background(self, rgb):
+        self.c.background[:], self.c.has_background = _numbers(rgb, (3,), "background"), 1
+    background = property(lambda self: np.array(self.c.background[:]), _set_background, doc="(3) the colour behind the Gaussians")
+
+    def __init__(self, owned, c=None, context=None):
+        self._owned, self.context, self.c = owned, context or owned.context, owned.c if c is None else c
+        self.imaging = self.scene = self.viewer = None
+        self.lent = None if owned else {}  # (copy, planes) by their first, of a model that is the library's, for the time of a callback
 
     @classmethod
-    def _made(cls, context, function, *arguments):
-        owned = _Owned(context, oxl_model, lib.oxl_model_free)
-        context.call(function, *arguments, byref(owned.c))
-        return cls(owned)
+    def _made(cls, context, scene, function, *arguments):
+        """A model that a function makes; with a scene, of its origin, and of its background if it has none."""
+        model = cls(_Owned(scene.context if scene else _context(context), oxl_model, lib.oxl_model_free))
+        model.context.call(function, *arguments, byref(model.c))
+        if scene:
+            model.scene, model.c.origin[:] = scene, scene.origin
+            if not model.c.has_background:
+                model.background = scene.background
+        return model
 
     @classmethod
-    def create(cls, count, sh_degree=0, context=None):
-        """All values are 0, except rotations: the identity."""
-        return cls._made(context or _context(), lib.oxl_model_create, count, sh_degree)
+    def create(cls, count, sh_degree=0, context=None, scene=None):
+        """All values are 0, except rotations: the identity. scene: whose origin and background the model has."""
+        return cls._made(context, scene, lib.oxl_model_create, _want(count, c_size_t, "count"), _want(sh_degree, c_int, "sh_degree"))
 
     @classmethod
     def from_points(cls, scene, sh_degree=0):
         """A round Gaussian for each of the scene's points [Kerbl 2023]."""
-        model = cls._made(scene.context, lib.oxl_model_from_points, lib.oxl_scene_points(scene.c), len(scene.points), sh_degree)
-        model.c.origin[:] = scene.origin
-        return model
+        count = len(_want(scene, Scene, "scene").points)
+        if not count:
+            raise ValueError("the scene has no points\nfix: train(scene), or Model.create(count, scene=scene)")
+        return cls._made(None, scene, lib.oxl_model_from_points, lib.oxl_scene_points(scene.c), count, _want(sh_degree, c_int, "sh_degree"))
 
     @classmethod
     def read(cls, path, scene=None, context=None):
-        """Reads .ply, .splat or .spz; with a scene also the imaging beside it, and the scene's origin is taken."""
-        model = cls._made(scene.context if scene else context or _context(), lib.oxl_model_read, os.fsencode(path))
+        """Reads .ply, .splat or .spz, or the folder of a result: its scene_clear.ply, else scene.ply. With a scene also the imaging beside
+        it, and the model is moved to the scene's origin."""
+        path = pathlib.Path(path)
+        if path.is_dir():
+            path /= "scene_clear.ply" if (path / "scene_clear.ply").exists() else "scene.ply"
+        model = cls._made(scene.context if scene else context, None, lib.oxl_model_read, os.fsencode(path))
         if scene:
-            imaging = _Owned(scene.context, c_void_p, lib.oxl_imaging_free)
+            lib.oxl_model_move_origin(byref(model.c), lib.oxl_scene_origin(scene.c))
+            imaging, model.scene = _Owned(scene.context, c_void_p, lib.oxl_imaging_free), scene
             scene.context.call(lib.oxl_imaging_read, os.fsencode(path), scene.c, byref(imaging.c))
             model.imaging = imaging if imaging.c else None
-            lib.oxl_model_move_origin(byref(model.c), lib.oxl_scene_origin(scene.c))
+        elif (path.parent / "imaging.txt").exists():
+            warnings.warn(f"{path.parent}/imaging.txt is not read\nfix: Model.read(path, scene)", stacklevel=2)
         return model
 
     def save(self, path):
-        """Writes .ply, .splat or .spz."""
+        """Writes .ply, .splat or .spz, without the imaging: write(folder) keeps it."""
+        if self.imaging:
+            warnings.warn(f"{path} lacks the imaging\nfix: model.write(folder), then Model.read(folder, scene)", stacklevel=2)
         self.context.call(lib.oxl_model_write, os.fsencode(path), byref(self.c))
+
+    def write(self, folder):
+        """Writes what `oceanxl train` writes: scene.ply for viewers; scene_clear.ply, where that has the medium or gains in its colours;
+        imaging.txt, where there is an imaging; scene_standard.ply. Model.read(folder, scene) reads it."""
+        scene = _want(self.scene, Scene, "model.scene, which read, create and from_points set,")
+        os.makedirs(folder, exist_ok=True)
+        result = oxl_trained(model=self.c, imaging=self.imaging and self.imaging.c.value, viewer=getattr(self.viewer, "c", oxl_model()))
+        self.context.call(lib.oxl_trained_write, os.fsencode(folder), scene.c, byref(result))
 
     def _planes(self, first, number):
         m = self.c
         at = [cast(m.plane[first + k], c_void_p).value for k in range(min(number, 2))]
-        return _array(self._owned, m.plane[first], (number, m.count), strides=(at[-1] - at[0] if m.count else 0, 4))
-
-    def __len__(self):
-        return self.c.count
+        planes = _array(self._owned, m.plane[first], (number, m.count), strides=(at[-1] - at[0] if m.count else 0, 4))
+        return planes if self.lent is None else self.lent.setdefault(first, (planes.copy(), planes))[0]
 
     def __getitem__(self, rows):
         if self.c.lobes:
-            raise ValueError(f"{self.c.lobes} of {len(self)} Gaussians have second lobes\nfix: train with dog=\"off\"")
-        planes = self._planes(0, lib.oxl_model_planes(byref(self.c)))[:, rows]
+            raise ValueError(f"{self.c.lobes} of {len(self)} Gaussians have second lobes: no copy\nfix: train with dog=\"off\"")
+        planes = self._planes(0, lib.oxl_model_planes(byref(self.c)))[:, [rows] if isinstance(rows, (int, np.integer)) else rows]
         out = Model.create(planes.shape[1], self.c.sh_degree, self.context)
         out._planes(0, len(planes))[...] = planes
         for name in ("origin", "scale", "background", "has_background", "antialias", "view"):
             setattr(out.c, name, getattr(self.c, name))
-        out.imaging = self.imaging
+        out.imaging, out.scene = self.imaging, self.scene
         return out
-
-    sh_degree = property(lambda self: self.c.sh_degree)
-    origin = property(lambda self: np.array(self.c.origin[:]))
-
-
-class Trained(Model):
-    """What training gives: the model, its imaging, and how it came about."""
-
-    def __init__(self, owned, scene):
-        super().__init__(owned, owned.c.model)
-        self.scene = scene
-        if owned.c.imaging:
-            self.imaging = _Owned.__new__(_Owned)  # belongs to `owned`
-            self.imaging.context, self.imaging.c, self.imaging.owner = owned.context, c_void_p(owned.c.imaging), owned
-        self.iterations, self.finished, self.seconds = owned.c.iterations, bool(owned.c.finished), owned.c.seconds
-        self.decisions = json.loads("{" + (owned.c.decisions or b"").decode() + "}")
-
-    def write(self, folder):
-        """Writes the files that `oceanxl train` writes: scene.ply and, where needed, scene_standard.ply, imaging.txt."""
-        os.makedirs(folder, exist_ok=True)
-        self.context.call(lib.oxl_trained_write, os.fsencode(folder), self.scene.c, byref(self._owned.c))
 
 
 # ---------------------------------------------------------------- rendering and metrics
 
-def _seen(model, view, background=None):
-    """The camera and the options by which a view, or a camera, is rendered."""
-    o = lib.oxl_render_options_default()
-    o.background[:] = model.c.background if background is None else background
-    if isinstance(view, View):
-        o.near_plane = view.scene.near_plane
-        return view.camera, o
-    return view, o
+def _fits(model, scene):
+    """Raises unless the model has the scene's origin, and its imaging is of the scene's views."""
+    if not np.array_equal(_want(model, Model, "model").origin, _want(scene, Scene, "scene").origin):
+        raise ValueError(f"the model's origin is {model.origin.tolist()}, the scene's {scene.origin.tolist()}\n"
+                         "fix: Model.read(path, scene), or Model.create(count, scene=scene)")
+    if model.imaging and model.scene is not scene and [v.name for v in model.scene.views] != [v.name for v in scene.views]:
+        raise ValueError("the model's imaging is of other views than the scene's\nfix: model.imaging = None")
 
 
-def render_image(model, view, imaging=True, background=None, depth=None):
-    """The image (H,W,3) of a view, or of a camera. imaging: as the view's image was taken, with the model's gains, lamp, medium and
-    pose; False: the model's own colours, of which render_backward is the derivative."""
-    owned = _Owned(model.context, oxl_image, lib.oxl_image_free)
-    at, o = _seen(model, view, background)
-    z = None if depth is None else _floats(depth)
-    if isinstance(view, View) and imaging and model.imaging and background is None:
-        model.context.call(lib.oxl_render_view, byref(model.c), view.scene.c, view.index, model.imaging.c, byref(owned.c), z)
+def _seen(model, view, background):
+    """The model on a background, the camera of a view, or a camera, and options to render by."""
+    o, c = lib.oxl_render_options_default(), oxl_model.from_buffer_copy(_want(model, Model, "model").c)
+    scene = view.scene if isinstance(view, View) else None
+    if scene:
+        _fits(model, scene)
+        o.near_plane = scene.near_plane
+        background = scene.background if background is None and not c.has_background else background
+    if background is not None:
+        c.background[:], c.has_background = _numbers(background, (3,), "background"), 1
+    o.background[:] = c.background
+    return c, view.camera if scene else _want(view, oxl_camera, "view"), o
+
+
+def render_image(model, view, imaging=True, background=None, _depth=None):
+    """The image (H,W,3) of a view, or of a camera, on a background, (3), or the model's. imaging: as the view's image was taken, with the
+    model's gains, lamp, medium and pose; False: the model's own colours, of which render_backward is the derivative."""
+    (c, at, o), owned = _seen(model, view, background), _Owned(model.context, oxl_image, lib.oxl_image_free)
+    if isinstance(view, View) and imaging and model.imaging:
+        model.context.call(lib.oxl_render_view, byref(c), view.scene.c, view.index, model.imaging.c, byref(owned.c), _depth)
     else:
-        model.context.call(lib.oxl_render, byref(model.c), byref(at), byref(o), byref(owned.c), z)
-    return _image_array(owned)
+        model.context.call(lib.oxl_render, byref(c), byref(at), byref(o), byref(owned.c), _depth)
+    return _image_arrays(owned, owned.c)[0]
 
 
-Render = namedtuple("Render", "image depth alpha")
-
-
-def render(model, view, imaging=True):
-    """Image (H,W,3); depth (H,W), camera z of the surface, negative where it is doubtful, 0 where there is none; alpha (H,W). The last
+def render(model, view, imaging=True, background=None):
+    """As render_image; depth (H,W), camera z of the surface, negative where it is doubtful, 0 where there is none; alpha (H,W). The last
     costs two more renders: render_image gives the image alone."""
-    at, _ = _seen(model, view)
+    _, at, _ = _seen(model, view, background)
     depth = np.zeros((at.height, at.width), np.float32)
-    image = render_image(model, view, imaging, depth=depth)
-    black, white = (render_image(model, view, False, background=(g, g, g)) for g in (0, 1))
-    return Render(image, depth, 1 - (white - black)[..., 0])
+    black, white = (render_image(model, view, False, (g, g, g)) for g in (0, 1))
+    return Render(render_image(model, view, imaging, background, depth.ctypes.data_as(FLOATS)), depth, 1 - (white - black)[..., 0])
 
 
-def render_backward(model, view, dimage):
+def render_backward(model, view, dimage, background=None):
     """A Model that holds the gradient of a loss in each parameter, from that in each pixel of render_image(model, view, False)."""
-    at, o = _seen(model, view)
-    drgb = _planar(dimage)
+    (c, at, o), drgb = _seen(model, view, background), _planar(dimage)
     if drgb.shape != (3, at.height, at.width):
         raise ValueError(f"the gradient of an image has the shape {np.shape(dimage)}, wanted {(at.height, at.width, 3)}")
-    return Model._made(model.context, lib.oxl_render_backward, byref(model.c), byref(at), byref(o), _floats(drgb))
+    return Model._made(model.context, None, lib.oxl_render_backward, byref(c), byref(at), byref(o), drgb.ctypes.data_as(FLOATS))
 
 
 def metrics(image, reference, weight=None):
-    """PSNR (dB), colour-corrected PSNR, SSIM and structure of an image against another; weight 0: pixels that do not count."""
+    """PSNR (dB), colour-corrected PSNR, SSIM and structure of an image against another; weight (H,W) 0: pixels that do not count. NaN: a
+    value is not finite, or too few pixels count."""
     a, b, out, value = _image(image), _image(reference, weight), {}, c_double()
-    for name in ("psnr", "cc_psnr", "ssim"):
-        _context().call(getattr(lib, f"oxl_{name}"), byref(a), byref(b), byref(value))
-        out[name] = value.value
-    _context().call(lib.oxl_structure, byref(a), byref(b), byref(value))
-    return dict(out, structure=value.value)
+    finite = np.isfinite(a.kept[0]).all() and np.isfinite(b.kept[0]).all()
+    for name in ("psnr", "cc_psnr", "ssim", "structure"):
+        code = _context().call(getattr(lib, f"oxl_{name}"), byref(a), byref(b), byref(value), allowed=OXL_ERR_INPUT)
+        out[name] = value.value if finite and code == OXL_OK else np.nan
+    return out
 
 
 def evaluate(model, scene, split="test"):
     """Means over the views of a split, "test", "train" or "all", and `views`, a row each."""
-    owned = _Owned(scene.context, oxl_metrics, lib.oxl_metrics_free)
-    scene.context.call(lib.oxl_evaluate, byref(model.c), scene.c, model.imaging.c if model.imaging else None, _word("oxl_split", split),
-                       byref(owned.c))
+    _fits(model, scene)
+    owned, split = _Owned(scene.context, oxl_metrics, lib.oxl_metrics_free), _want(split, "oxl_split", "split")
+    scene.context.call(lib.oxl_evaluate, byref(model.c), scene.c, model.imaging.c if model.imaging else None, split, byref(owned.c))
+    if not owned.c.count:
+        raise ValueError("the split has no view\nfix: load(path, test_every=8), or evaluate(model, scene, \"train\")")
 
     def row(struct):
-        return {n: getattr(struct, n) for n, _ in struct._fields_ if n != "views"}
+        values = {n: getattr(struct, n) for n, _ in struct._fields_ if n != "views"}
+        return {n: list(v) if isinstance(v, Array) else v for n, v in values.items()}
     return dict(row(owned.c), views=[row(owned.c.views[i]) for i in range(owned.c.count)])
 
 
 # ---------------------------------------------------------------- training
 
 class _Run:
-    """The callbacks of a run. What they raise is kept, stops the run, and is raised behind it."""
+    """The callbacks of a run. They get copies of arrays, which may be kept, and models that end with the call."""
 
-    def __init__(self, context, show, callback, pixels, parameters, density):
-        self.context, self.show, self.callback = context, show, callback
-        self.pixels, self.parameters, self.density = pixels, parameters, density
-        self.raised, self.stopped, self.shown = None, False, 0
-        self.c = oxl_callback(dict(oxl_callback._fields_)["progress"](self._guarded(self._progress)))
-        self.terms = oxl_terms()
-        for name in ("pixels", "parameters", "density"):
-            if getattr(self, name):
-                setattr(self.terms, name, dict(oxl_terms._fields_)[name](self._guarded(getattr(self, f"_{name}"))))
+    def __init__(self, context, steps, show, callback, terms):
+        self.context, self.steps, self.show, self.callback, self.of, self.shown = context, steps, show, callback, terms, 0
+        self.c, self.terms = oxl_callback(dict(oxl_callback._fields_)["progress"](context.guarded(self._progress))), oxl_terms()
+        for name in terms:
+            setattr(self.terms, name, dict(oxl_terms._fields_)[name](context.guarded(getattr(self, f"_{name}"))))
 
-    def _guarded(self, function):
-        def call(_user, *arguments):
-            try:
-                return function(*arguments) if self.raised is None else 1
-            except BaseException as raised:
-                self.raised = raised
-                return 1
-        return call
+    @contextlib.contextmanager
+    def _model(self, m, changes=False):
+        model = Model(None, m.contents, self.context)
+        try:
+            yield model
+            for copy, planes in model.lent.values() if changes else ():
+                planes[...] = copy
+        finally:
+            del model.c
 
-    def _model(self, m):
-        model = Model(None, m.contents)
-        model.context = self.context
-        return model
+    def say(self, text, always=False):
+        if self.show and (always or time.monotonic() - self.shown > (0.2 if sys.stderr.isatty() else 10)):
+            self.shown = time.monotonic()
+            print(text, end="   \r" if sys.stderr.isatty() and not always else "\n", file=sys.stderr, flush=True)
 
     def _progress(self, progress):
-        p = progress.contents
-        if self.show and (time.monotonic() - self.shown > (0.2 if sys.stderr.isatty() else 10) or p.iteration == p.iterations):
-            self.shown = time.monotonic()
-            print(f"{p.iteration}/{p.iterations}  loss {p.loss:.4f}  PSNR {p.psnr:.2f} dB  {p.gaussians} Gaussians  "
-                  f"{p.seconds_left:.0f} s left", end="   \r" if sys.stderr.isatty() else "\n", file=sys.stderr, flush=True)
-        return bool((self.callback and self.callback(p)) or self.stopped)
-
-    @staticmethod
-    def _pixel_arrays(image):
-        size = image.height, image.width
-        return np.moveaxis(_array(None, image.rgb, (3, *size)), 0, -1), _array(None, image.weight, size) if image.weight else None
+        p = SimpleNamespace(**{n: getattr(progress.contents, n) for n, _ in oxl_progress._fields_})
+        p.stage = "viewer" if p.iteration > self.steps else "model"
+        p.nonfinite = {n: getattr(p.nonfinite, n) for n, _ in oxl_nonfinite._fields_}
+        with self._model(p.model) as p.model:
+            ends = bool((self.callback and self.callback(p)) or self.context.state.presses)
+        left = f"  {p.seconds_left:.0f} s left" if p.seconds_left >= 0.5 else ""
+        self.say(f"{p.iteration}/{p.iterations}  loss {p.loss:.4f}  PSNR {p.psnr:.2f} dB  {p.gaussians} Gaussians{left}",
+                 ends or p.iteration == p.iterations)
+        return ends
 
     def _pixels(self, rendered, image, drgb):
-        x, _ = self._pixel_arrays(rendered.contents)
-        y, weight = self._pixel_arrays(image.contents)
-        value, gradient = self.pixels(x, y, weight)
-        np.moveaxis(_array(None, drgb, (3, *x.shape[:2])), 0, -1)[...] += gradient
-        return value
+        arrays = _image_arrays(None, rendered.contents)[0], *_image_arrays(None, image.contents)
+        value, gradient = self.of["pixels"](*(a if a is None else a.copy("K") for a in arrays))
+        np.moveaxis(_array(None, drgb, (3, *arrays[0].shape[:2])), 0, -1)[...] += gradient
+        return float(value)
 
     def _parameters(self, model, gradient):
-        return self.parameters(self._model(model), self._model(gradient))
+        with self._model(model) as m, self._model(gradient, True) as g:
+            return float(self.of["parameters"](m, g))
 
     def _density(self, model, gradient, views, change):
-        n = (model.contents.count,)
-        self.density(self._model(model), _array(None, gradient, n), _array(None, views, n), _array(None, change, n, np.uint8))
-
-    def __enter__(self):
-        self.main = threading.current_thread() is threading.main_thread()
-        if self.main:
-            self.old = signal.signal(signal.SIGINT, lambda *_: setattr(self, "stopped", True))
-        return self
-
-    def __exit__(self, *_):
-        if self.main:
-            signal.signal(signal.SIGINT, self.old)
-        if self.show and sys.stderr.isatty():
-            print(file=sys.stderr)
-        if self.raised is not None:
-            raise self.raised
-
-
-def _train_options(preset, start, options):
-    o = _fill(lib.oxl_train_options_default(_word("oxl_preset", preset)), options)
-    if start is not None:
-        setattr(o, "from", pointer(start.c))
-    return o
+        arrays = [_array(None, a, (model.contents.count,), k) for a, k in ((gradient, "f4"), (views, "f4"), (change, "u1"))]
+        copies = [a.copy() for a in arrays]
+        with self._model(model) as m:
+            self.of["density"](m, *copies)
+        arrays[2][:] = copies[2]
 
 
 def train(scene, preset="draft", start=None, callback=None, pixels=None, parameters=None, density=None, progress=True, **options):
-    """Trains as `oceanxl train` does one block; options: of oxl_train_options, such as iterations=500, exposure="off". Ctrl-C stops,
-    and the model so far is returned, with .finished False.
+    """Trains as `oceanxl train` does one block. Options, of oxl_train_options: iterations=1200 by preset "draft", sh_degree="auto",
+    max_gaussians=0 (by pixels), exposure, lamp and medium="auto" (or "on", "off"). Ctrl-C returns the model so far, with .finished False;
+    before the first step it raises KeyboardInterrupt. Callbacks get copies, which may be kept, but models that end with the call.
 
-    start         a model to begin with, instead of the scene's points
-    callback(p)   after each step, p as oxl_progress; what is true stops the run
+    start         a model, or its path, to begin with, instead of the scene's points. It begins with the colours of scene.ply, and the run
+                  has all of its schedule, so rates are high again and PSNR falls at first
+    callback(p)   after each step, p as oxl_progress; what is true stops the run. p.stage "viewer": steps behind `iterations`, in which
+                  .viewer is trained, for viewers that do not know the imaging
     pixels(rendered, image, weight) -> (value, gradient)    a term in the loss, and d/d rendered (H,W,3); weight None: no pixel is masked
     parameters(model, gradient) -> value    a term that adds to gradient.means, .scales and so on
     density(model, gradient, views, change) rewrites change: OXL_REMOVE, OXL_KEEP or OXL_SPLIT; gradient / views is the mean of |dL/d(u, v)|
     """
-    o = _train_options(preset, start, options)
-    owned = _Owned(scene.context, oxl_trained, lib.oxl_trained_free)
-    with _Run(scene.context, progress, callback, pixels, parameters, density) as run:
-        if pixels or parameters or density:
-            o.terms = pointer(run.terms)
-        scene.context.call(lib.oxl_train, scene.c, byref(o), byref(run.c), byref(owned.c), allowed=OXL_ERR_INTERRUPTED)
-    return Trained(owned, scene)
+    context = _want(scene, Scene, "scene").context
+    o, owned = _train_options(context, preset, options), _Owned(context, oxl_trained, lib.oxl_trained_free)
+    terms = {n: f for n, f in (("pixels", pixels), ("parameters", parameters), ("density", density)) if f}
+    run = _Run(context, o.iterations, progress, callback, terms)
+    if terms:
+        o.terms = pointer(run.terms)
+    if start is not None:
+        start = Model.read(start, scene) if isinstance(start, (str, os.PathLike)) else _want(start, Model, "start")
+        _fits(start, scene)
+        with tempfile.TemporaryDirectory() as folder:
+            if start.imaging:  # is measured anew, from the colours of scene.ply
+                start.write(folder)
+                start = Model.read(folder + "/scene.ply", scene)
+        setattr(o, "from", pointer(start.c))
+    run.say(f"preparing {o.iterations} steps", True)
+    context.call(lib.oxl_train, scene.c, byref(o), byref(run.c), byref(owned.c), allowed=OXL_ERR_INTERRUPTED)
+    if not owned.c.model.count:
+        raise KeyboardInterrupt
+    model, c = Model(owned, owned.c.model), owned.c
+    model.scene, model.viewer = scene, Model(owned, c.viewer) if c.viewer.count else None
+    model.iterations, model.finished, model.seconds = c.iterations, bool(c.finished), c.seconds
+    model.decisions = json.loads("{" + (c.decisions or b"").decode() + "}")
+    parts = "exposure", "lamp", "medium", "poses"
+    if any(getattr(o, n) == OXL_ON or model.decisions.get(n, {}).get("chosen", "off") != "off" for n in parts):
+        model.imaging = SimpleNamespace(c=c_void_p(c.imaging), owner=owned)
+    return model
 
 
 class Adam:
     """Adam with the rates of a run of `iterations` steps, for a loop of one's own: adam.step(gradient) moves the model."""
 
     def __init__(self, model, scene, preset="draft", **options):
-        self.model, self.scene, self.steps = model, scene, 0
-        self.options = _train_options(preset, None, options)
-        self.moments = (oxl_model * 2)()
-        weakref.finalize(self, Adam.release, model.context, self.moments)
-
-    @staticmethod
-    def release(context, moments):
-        for m in moments:
-            _Owned.release(context, lib.oxl_model_free, m)
+        _fits(model, scene)
+        self.model, self.scene, self.steps, self.moments = model, scene, 0, (oxl_model * 2)()
+        self.options = _train_options(scene.context, preset, options)
+        for moment in self.moments:
+            weakref.finalize(self, _Owned.release, model.context, lib.oxl_model_free, moment)
 
     def step(self, gradient):
         self.steps += 1
-        adam = lib.oxl_adam_at(self.scene.c, byref(self.options), self.steps)
-        self.model.context.call(lib.oxl_adam_step, byref(self.model.c), byref(gradient.c), self.moments, byref(adam))
+        adam, c = lib.oxl_adam_at(self.scene.c, byref(self.options), self.steps), _want(gradient, Model, "gradient").c
+        self.model.context.call(lib.oxl_adam_step, byref(self.model.c), byref(c), self.moments, byref(adam))

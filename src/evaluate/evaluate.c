@@ -52,6 +52,16 @@ OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, i
     return rc == OXL_OK && d->imaging ? evaluate_light(ctx, d, view, out) : rc;
 }
 
+/* Refuses the imaging of another scene, whose gains are of other views. */
+static oxl_result evaluate_check(oxl_context *ctx, const oxl_scene *scene, const oxl_imaging *imaging)
+{
+    if (!imaging || !imaging->views || imaging->views == scene->view_count) return OXL_OK;
+    return oxl_fail(
+        ctx, OXL_ERR_USAGE,
+        "the imaging belongs to a scene of %d views, this one has %d\nfix: pass the scene of the model",
+        imaging->views, scene->view_count);
+}
+
 oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, int view,
                            const oxl_imaging *imaging, oxl_image *out, float *depth)
 {
@@ -61,7 +71,8 @@ oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_s
     if (view < 0 || view >= scene->view_count)
         return oxl_fail(ctx, OXL_ERR_USAGE, "view %d does not exist: the scene has %d views", view,
                         scene->view_count);
-    rc = renderer_create(ctx, &r);
+    rc = evaluate_check(ctx, scene, imaging);
+    if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     if (rc == OXL_OK) rc = evaluate_draw(ctx, &(struct drawn){r, model, scene, imaging}, view, out, depth);
     renderer_free(ctx, r);
     return rc;
@@ -213,7 +224,9 @@ oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, const oxl_scen
                         const oxl_imaging *imaging, oxl_split split, oxl_metrics *out)
 {
     const struct evaluate_pass p = {.of = {NULL, model, scene, imaging}, .whole = 1, .most = INT_MAX};
-    return evaluate_views(ctx, p, split, out);
+    const oxl_result rc = evaluate_check(ctx, scene, imaging);
+    *out = (oxl_metrics){0};
+    return rc != OXL_OK ? rc : evaluate_views(ctx, p, split, out);
 }
 
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,

@@ -720,8 +720,10 @@ OXL_INTERNAL oxl_result stereo_points(oxl_context *ctx, const oxl_scene *scene, 
     struct stereo_points p = {.least = FLT_MAX};
     oxl_result rc = s.map ? OXL_OK : OXL_ERR_MEMORY;
     *out = NULL, *count = 0;
-    for (int v = 0; v < views && rc == OXL_OK && most > 0; v++)
-        if (!scene->view[v].is_test) rc = stereo_of_view(&s, v);
+    for (int v = 0; v < views && rc == OXL_OK && most > 0; v++) {
+        rc = context_stopped(ctx);
+        if (rc == OXL_OK && !scene->view[v].is_test) rc = stereo_of_view(&s, v);
+    }
     for (int v = 0; v < views && rc == OXL_OK && most > 0; v++) {
         rc = stereo_add_view(&s, v, &p);
         if (rc == OXL_OK && p.count > STEREO_HELD * most) rc = stereo_thin_to(&s, &p, 2 * most);

@@ -242,6 +242,9 @@ OXL_INTERNAL int trained_hides(const oxl_trained *t)
 oxl_result oxl_trained_write(oxl_context *ctx, const char *folder, const oxl_scene *scene,
                              const oxl_trained *t)
 {
+    oxl_imaging none = {0};
+    oxl_trained plain = *t;
+    if (!t->imaging) plain.imaging = &none, t = &plain;
     const int hides = trained_hides(t),
               is_standard = t->model.sh_degree == 3 && (hides || t->model.lobes == 0),
               makes = !t->viewer.count && (hides || t->model.lobes > 0);
