@@ -34,4 +34,6 @@ TEST(exposure_auto_is_on_where_neighbours_predict_gains_better_than_other_views_
     CHECK(exposure_test_takes(0.02, 0, 0.032, PHOTOMETRY_GAINS));
     CHECK(!exposure_test_takes(0.02, 0, 0.029, PHOTOMETRY_GAINS));
     CHECK(!exposure_test_takes(0.02, 0.04, 0.07, PHOTOMETRY_GAINS));
+    CHECK(!exposure_test_takes(0, 0.3, 0.29, PHOTOMETRY_GAINS));
+    CHECK(exposure_test_takes(0, 0.3, 0.31, PHOTOMETRY_GAINS)); /* brackets */
 }

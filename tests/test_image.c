@@ -129,6 +129,33 @@ TEST(image_colours_that_a_palette_has_not_are_black)
     codec_free(test_ctx, packed);
 }
 
+TEST(image_png_of_linear_light_gets_the_curve_of_srgb_but_no_mask_or_alpha_does)
+{
+    static unsigned char row[5] = {0, 0, 55, 255, 55}; /* no filter; a pixel */
+    static const char head[] = {0, 0, 0, 1, 0, 0, 0, 1, 8, 6, 0, 0, 0},
+                      gamma[] = {0, 1, (char)0x86, (char)0xa0};
+    int size;
+    unsigned char *packed = codec_deflate(test_ctx, row, 5, &size);
+    for (int states = 0; states < 2; states++) {
+        OWNED_TEXT png = {.ctx = test_ctx};
+        struct pixels pixels;
+        const uint8_t wanted[4] = {0, states ? 55 : 128, 255, 55};
+        image_append(&png, (void *)(uintptr_t) "\x89PNG\r\n\x1a\n", 8);
+        image_chunk(&png, "IHDR", head, 13);
+        image_chunk(&png, "gAMA", gamma, 4);
+        if (states) image_chunk(&png, "sRGB", "", 1);
+        image_chunk(&png, "IDAT", packed, (size_t)size);
+        image_chunk(&png, "IEND", "", 0);
+        CHECK_OK(image_decode(test_ctx, image_bytes("linear.png", png.data, png.size), 4, &pixels));
+        CHECK(memcmp(pixels.data, wanted, 4) == 0);
+        image_pixels_free(test_ctx, &pixels);
+        CHECK_OK(image_decode(test_ctx, test_path("linear.png"), 1, &pixels));
+        CHECK(pixels.data[0] < 100);
+        image_pixels_free(test_ctx, &pixels);
+    }
+    codec_free(test_ctx, packed);
+}
+
 TEST(image_write_clamps_and_paints_not_a_number_black)
 {
     const float in[4] = {-3, NAN, 7, INFINITY}, out[4] = {0, 0, 1, 1};

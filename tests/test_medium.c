@@ -27,4 +27,9 @@ TEST(medium_is_what_the_tracks_support_and_says_why)
         CHECK(m.on == on);
         CHECK_TEXT(why, on ? "bD 0.1 0.1 0.1" : "depths differ too little to show haze, by a factor of 1.2");
     }
+    struct medium m = {.training_range = 100};
+    char why[400];
+    medium_set_from_tracks(&m, 1.2, &p, why, sizeof why);
+    CHECK(!m.on);
+    CHECK_TEXT(why, "leaves no light");
 }

@@ -62,7 +62,7 @@ static oxl_result alpha_measure(oxl_context *ctx, const oxl_scene *scene, const 
 
 OXL_INTERNAL oxl_result scene_decide_alpha(oxl_context *ctx, oxl_scene *scene, oxl_alpha option)
 {
-    int *view = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *view), count = 0;
+    int *view = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *view), count = 0, linear = 0;
     struct alpha_sum sum = {{0}, {0}};
     const double *points = sum.points, *pixels = sum.pixels;
     oxl_result rc;
@@ -71,11 +71,16 @@ OXL_INTERNAL oxl_result scene_decide_alpha(oxl_context *ctx, oxl_scene *scene, o
         const char *name = scene->view[i].name, *dot = strrchr(name, '.');
         struct image_header h;
         if ((dot && (dot[1] | 0x20) == 'j') ||
-            image_read_header(ctx, PATH(scene->images, "%s", name), &h) != OXL_OK || !h.has_alpha)
+            image_read_header(ctx, PATH(scene->images, "%s", name), &h) != OXL_OK)
             continue;
-        scene->transparent++;
-        if (!scene->view[i].is_test) view[count++] = i;
+        linear += h.is_linear;
+        scene->transparent += h.has_alpha;
+        if (h.has_alpha && !scene->view[i].is_test) view[count++] = i;
     }
+    if (linear)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%d of %d images hold linear light, as their gAMA states: they are converted to sRGB", linear,
+                scene->view_count);
     rc = alpha_measure(ctx, scene, view, count, &sum);
     oxl_free(ctx, view);
     if (rc != OXL_OK || scene->transparent == 0) return rc;

@@ -12,7 +12,8 @@
  *
  * auto: a model without gains shows a place with the mean gain of the views that see it; a held-out view has
  * about the gain of its neighbours. So gains are on where neighbours explain more of the tracks' gains than
- * EXPOSURE_CLEAR times the tracks' noise: the root of the difference of squares. Where gains are refused,
+ * EXPOSURE_CLEAR times the tracks' noise: the root of the difference of squares. They are on, too, where
+ * exposures jump by EXPOSURE_BRACKETS, as no single brightness fits the images. Where gains are refused,
  * lamp and medium have the values of a fit without them, if it shows the same parts (train_imaging.c).
  *
  * Rendering on a device, a step's gains do not depend on the gradient of the step before: that is read while
@@ -37,6 +38,8 @@
 /* what neighbours explain over the noise: gains are worth -0.5 to 0.25 dB at 0.8 to 1.1, 0.3 to 0.8 at 1.7 to
  * 2.6, and cost 0.6 dB in a viewer at 3.0 in brighton_beach (docs/log/IMAGING.md) */
 #define EXPOSURE_CLEAR 1.5
+#define EXPOSURE_BRACKETS \
+    0.3 /* difference of images from which gains are on anyway; surveys have .04 to .13 */
 
 static oxl_result exposure_begin(struct train *t, void *state)
 {
@@ -135,7 +138,8 @@ OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct phot
             100 * p->unexplained, p->points, p->observations, 100 * explained, 100 * left, EXPOSURE_CLEAR,
             100 * noise);
     }
-    if (e->mode == OXL_AUTO) e->of.on = fits && explained >= EXPOSURE_CLEAR * noise;
+    if (e->mode == OXL_AUTO)
+        e->of.on = fits && (explained >= EXPOSURE_CLEAR * noise || p->unexplained >= EXPOSURE_BRACKETS);
     if (!e->of.on) imaging_clear(&e->of);
 }
 

@@ -17,12 +17,16 @@
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 
+/* optical depth of the median range: from there on a white surface is darker than one step of 8 bits */
+#define MEDIUM_THICKEST 6
 #define MEDIUM_DRIFT 0.8 /* correlation of exposure with range from which a warning is due */
 
 OXL_INTERNAL void medium_set_from_tracks(struct medium *m, double span, const struct photometry *p, char *why,
                                          size_t size)
 {
-    m->on = (p->parts & PHOTOMETRY_MEDIUM) != 0;
+    double most = 0; /* optical depth of the median range */
+    for (int c = 0; c < 3; c++) most = OXL_MAX(most, p->attenuation[c] * (double)m->training_range);
+    m->on = (p->parts & PHOTOMETRY_MEDIUM) && most <= MEDIUM_THICKEST;
     for (int c = 0; c < 3 && m->on; c++) {
         m->attenuation[c] = (float)p->attenuation[c];
         m->backscatter[c] = (float)p->backscatter[c];
@@ -36,6 +40,8 @@ OXL_INTERNAL void medium_set_from_tracks(struct medium *m, double span, const st
             p->points, p->observations, 100 * p->with_medium, 100 * p->without[0], p->attenuation[0],
             p->attenuation[1], p->attenuation[2], p->backscatter[0], p->backscatter[1], p->backscatter[2],
             p->veiling_light[0], p->veiling_light[1], p->veiling_light[2]);
+    else if (most > MEDIUM_THICKEST)
+        snprintf(why, size, "its fit leaves no light of the scene: the images' exposures may differ");
     else if (!p->points) snprintf(why, size, "too few points are seen in several images");
     else if (span < SCENE_DEPTH_SPAN_MIN)
         snprintf(

@@ -11,6 +11,7 @@
 #include "image_header.h"
 #include "../core/codec.h"
 #include "../core/simd.h"
+#include "../core/vecmath.h"
 
 enum {
     IMAGE_SIDE_MAX = 32768, /* px; a header with a larger side is an error */
@@ -53,13 +54,19 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
     return OXL_OK;
 }
 
-/* Rounds 16 bits to 8, 0..65535 to 0..255, to nearest, in place. */
-static uint8_t *image_to_8_bits(uint16_t *wide, size_t count)
+/* Rounds 16 bits to 8, 0..65535 to 0..255, to nearest, in place. is_linear 1: colours get the curve of
+ * sRGB (IEC 61966-2-1), as all other images have it. */
+static uint8_t *image_to_8_bits(uint16_t *wide, size_t count, int channels, int is_linear)
 {
     uint8_t *narrow = (uint8_t *)wide;
     for (size_t i = 0; wide && i < count; i++) {
         uint16_t v;
         memcpy(&v, narrow + 2 * i, sizeof v);
+        if (is_linear && (channels == 3 || i % 4 < 3)) {
+            const double x = v / 65535.0;
+            v = (uint16_t)(65535 *
+                           (x > 0.0031308 ? 1.055 * vecmath_exp(vecmath_log(x) / 2.4) - 0.055 : 12.92 * x));
+        }
         narrow[i] = (uint8_t)((v * 255u + 32767u) / 65535u);
     }
     return narrow;
@@ -103,9 +110,10 @@ static oxl_result image_decode_file(oxl_context *ctx, const char *path, const st
                                     const struct image_header *h, int channels, struct pixels *out)
 {
     struct pixels p = {.channels = channels};
-    if (h->bits == 16)
+    const int is_linear = h->is_linear && channels >= 3; /* not of masks */
+    if (h->bits == 16 || is_linear)
         p.data = image_to_8_bits(codec_decode_16(ctx, file->data, file->size, channels, &p.width, &p.height),
-                                 (size_t)h->width * h->height * channels);
+                                 (size_t)h->width * h->height * channels, channels, is_linear);
     else p.data = codec_decode(ctx, file->data, file->size, channels, &p.width, &p.height);
     if (p.data) return *out = p, OXL_OK;
     if (strcmp(codec_failure(), "outofmem") == 0)

@@ -1,5 +1,5 @@
-/* image_header.c - reads size, bits, transparency and EXIF orientation of an image from its file, and finds
- * what is damaged in it.
+/* image_header.c - reads size, bits, transparency, gamma and EXIF orientation of an image, and finds what is
+ * damaged in its file.
  *
  * Sources: PNG (ISO 15948, 11.2.2), JPEG (ITU T.81 B.1.1, B.2.2), EXIF (CIPA DC-008, 4.5.4, 4.6.4).
  *
@@ -116,7 +116,9 @@ static const char *header_of_jpeg(const unsigned char *data, size_t size, struct
 static const char *header_of_png(const unsigned char *data, size_t size, int sums, struct image_header *out)
 {
     enum { COLOURS = 25, PALETTE = 3, GREY_ALPHA = 4, RGB_ALPHA = 6 }; /* COLOURS: place of the type */
+    enum { LINEAR = 90000 }; /* 1e5 times the exponent of the values of linear light, or nearly */
     const unsigned char *p = data + 8, *end = data + size;
+    int states = 0; /* 1: sRGB states the curve, and gAMA does not count */
     if (size <= 32 || memcmp(p + 4, "IHDR", 4)) return HEADER_EARLY;
     out->width = (int)header_number(data + 16, 4, 1);
     out->height = (int)header_number(data + 20, 4, 1);
@@ -131,6 +133,9 @@ static const char *header_of_png(const unsigned char *data, size_t size, int sum
         if (!memcmp(p + 4, "IEND", 4)) return NULL;
         if (!memcmp(p + 4, "eXIf", 4)) out->orientation = header_orientation(p + 8, length);
         out->has_alpha |= !memcmp(p + 4, "tRNS", 4);
+        states |= !memcmp(p + 4, "sRGB", 4) || !memcmp(p + 4, "cICP", 4);
+        out->is_linear |= !memcmp(p + 4, "gAMA", 4) && length == 4 && header_number(p + 8, 4, 1) > LINEAR;
+        out->is_linear &= !states;
         if (!memcmp(p + 4, "PLTE", 4) && data[COLOURS] == PALETTE)
             out->palette = (size_t)(p + 8 - data), out->palette_size = length;
         p += 12 + length;

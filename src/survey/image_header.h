@@ -10,6 +10,7 @@ struct image_header {
     int bits;                     /* bits of a channel */
     int orientation;              /* EXIF: 1 upright, 5 to 8 turned by a quarter */
     int has_alpha;                /* 1: some pixels may be transparent */
+    int is_linear;                /* 1: values are proportional to light */
     size_t palette, palette_size; /* place and bytes of a PNG's palette; 0: none */
 };
 #define IMAGE_SHAPE_ERROR 0.01 /* Limits how far the ratios of sides may differ. */
