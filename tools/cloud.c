@@ -27,11 +27,11 @@ struct cloud_view {
 };
 
 /* Sets the unit normal on the camera's side from the places around; towards the camera where they are no surface. */
-static void cloud_normal(const struct surface_view *v, size_t at, const double p[3], float normal[3])
+static void cloud_normal(const struct surface_view *v, size_t at, const double p[3], double normal[3])
 {
     const struct sheet *t = &v->sheet;
     const size_t row = 2 * (size_t)t->camera.width, step[4] = {(size_t)-2, 2, -row, row};
-    double across[2][3] = {{0}}, q[3], n[3], length;
+    double across[2][3] = {{0}}, q[3], n[3];
     for (int k = 0; k < 4; k++) { /* what is not in the image has a large number, or lies at its other side */
         if (at + step[k] >= sheet_pixels(t) || !sheet_place(t, at + step[k], q)) continue;
         vector_add(q, -1, p, q);
@@ -40,8 +40,7 @@ static void cloud_normal(const struct surface_view *v, size_t at, const double p
     }
     frame_cross(across[1], across[0], n); /* right, down and ahead are right-handed: towards the camera */
     if (!(frame_length(n) > 0)) vector_add(v->eye, -1, p, n);
-    length = frame_length(n);
-    for (int k = 0; k < 3; k++) normal[k] = (float)(n[k] / length);
+    for (int k = 0; k < 3; k++) normal[k] = n[k] / frame_length(n);
 }
 
 static int cloud_place(const void *user, size_t at, double p[3])
@@ -111,7 +110,7 @@ static void cloud_put_ply(const struct cloud *c, struct output *t)
     for (size_t i = 0; i < c->count; i++) {
         const struct cloud_point *q = &c->point[i];
         for (int k = 0; k < 3; k++) output_real(t, q->place[k], 8);
-        for (int k = 0; k < 3; k++) output_real(t, (double)q->normal[k], 4);
+        for (int k = 0; k < 3; k++) output_real(t, q->normal[k], 4);
         output_bytes(t, q->rgb, 3);
         output_bytes(t, &q->views, 1);
     }
@@ -217,11 +216,10 @@ static void cloud_move(struct cloud *c, const struct similarity *world)
 {
     for (size_t i = 0; i < c->count; i++) {
         struct cloud_point *q = &c->point[i];
-        const double n[3] = {q->normal[0], q->normal[1], q->normal[2]};
         double turned[3];
         similarity_apply(world, q->place, q->place);
-        frame_to_camera(world->rotation, n, turned);
-        for (int k = 0; k < 3; k++) q->normal[k] = (float)turned[k];
+        frame_to_camera(world->rotation, q->normal, turned);
+        memcpy(q->normal, turned, sizeof turned);
     }
 }
 

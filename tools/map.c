@@ -237,7 +237,7 @@ static void map_smooth(struct map *m)
 struct map map_of(const struct product *p, const struct surface *s)
 {
     return (struct map){.surface = s,
-                        .kind = p->has_gps ? FRAME_WORLD_AXES : (enum frame_kind)p->a->frame,
+                        .kind = p->has_gps ? FRAME_WORLD_AXES : p->a->frame,
                         .to = p->world,
                         .pixel = p->a->pixel,
                         .enough = p->a->min_views,
@@ -292,18 +292,17 @@ static oxl_result map_write_frame(const struct map *m, const struct product *p)
 
 static void map_say(const struct map *m, const struct product *p)
 {
-    print_format(p->to, "map       %s/ortho.tif, height.tif and certainty.tif, %d x %d px of %.6g %s, %s\n",
-                 p->a->out, m->width, m->height, m->pixel, p->words,
-                 p->has_gps    ? "in UTM"
-                 : m->is_world ? "in the world's x and y"
-                               : "along the survey's principal axes, which frame.txt has (--frame world: "
-                                 "the world's)");
     print_format(
         p->to,
-        "ground    %.4g square %s; of what any view sees %d or more see %.1f %%, %.1f %% have a height\n",
-        m->area, p->words, m->enough, 100 * m->covered, 100 * m->high);
-    print_format(p->to, "filled    %zu pixels in holes of about %d px, whose views are 0 in certainty.tif\n",
-                 m->filled, MAP_PINHOLE);
+        "map       %s/ortho.tif, height.tif and certainty.tif, %d x %d px of %.6g %s, %s\n"
+        "ground    %.4g square %s; of what any view sees %d or more see %.1f %%, %.1f %% have a height\n"
+        "filled    %zu pixels in holes of about %d px, whose views are 0 in certainty.tif\n",
+        p->a->out, m->width, m->height, m->pixel, p->words,
+        p->has_gps    ? "in UTM"
+        : m->is_world ? "in the world's x and y"
+                      : "along the survey's principal axes, which frame.txt has (--frame world: "
+                        "the world's)",
+        m->area, p->words, m->enough, 100 * m->covered, 100 * m->high, m->filled, MAP_PINHOLE);
     if (m->down < MAP_DOWN)
         print_format(
             p->to,
@@ -316,7 +315,6 @@ oxl_result map_write(const struct product *p, const oxl_model *model)
 {
     struct surface s = {0};
     struct map m = map_of(p, &s);
-
     struct frame f;
     oxl_result rc = product_folder(p);
     frame_choose(p->scene, m.kind, &f);

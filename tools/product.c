@@ -10,7 +10,6 @@
 #include <string.h>
 
 #define PRODUCT_GREY 1.7724538509055159 /* 0.5 in units of the harmonic of degree 0: sqrt(pi) */
-enum { PRODUCT_CHECKED = 100000 };      /* most points of the survey that a surface is compared with */
 
 void *product_room(size_t count, size_t size)
 {
@@ -39,11 +38,11 @@ void vector_add(const double a[3], double by, const double b[3], double out[3])
 struct deviation product_deviation(const struct surface *s, const struct similarity *to,
                                    double (*off)(const void *user, const double p[3]), const void *user)
 {
-    const size_t points = oxl_scene_point_count(s->scene), stride = 2 * (1 + points / 2 / PRODUCT_CHECKED);
+    const size_t points = oxl_scene_point_count(s->scene);
     double *by = product_room(points, sizeof *by), all = 0;
     struct deviation d = {.distance = to->scale * s->distance};
     size_t n = 0;
-    for (size_t i = 1; i < points; i += stride) {
+    for (size_t i = 1; i < points; i += 2) {
         double p[3];
         similarity_apply(to, oxl_scene_points(s->scene)[i].position, p);
         by[n] = off(user, p);
@@ -82,6 +81,7 @@ oxl_result product_open(oxl_context *ctx, const oxl_scene *scene, const char *su
                   .reference = a->scale > 0 ? NULL : reference,
                   .citation = "oceanxl: coordinates of the survey's world, height along its z",
                   .is_metric = a->scale > 0}};
+
     if (a->gps && (a->epsg || a->scale > 0))
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "--gps finds the CRS and the scale itself\nfix: leave --epsg and --scale out");
@@ -116,8 +116,7 @@ void product_balance(const oxl_scene *scene, const oxl_imaging *imaging, oxl_mod
 {
     const int views = oxl_scene_view_count(scene);
     const double least = pow(oxl_scene_extent(scene), 2);
-    double(*eye)[3] = product_room((size_t)views, sizeof *eye),
-    (*hue)[3] = product_room((size_t)views, sizeof *hue);
+    double(*eye)[3] = product_room(2 * (size_t)views, sizeof *eye), (*hue)[3] = eye + views;
     for (int v = 0; v < views; v++) {
         float gain[3];
         frame_eye(&oxl_scene_view(scene, v)->camera, eye[v]);
@@ -126,19 +125,19 @@ void product_balance(const oxl_scene *scene, const oxl_imaging *imaging, oxl_mod
     }
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < model->count; i++) {
-        double all = 0, sum[3] = {0};
+        float *const *at = model->plane;
+        const double p[3] = {(double)at[OXL_MEAN][i], (double)at[OXL_MEAN + 1][i],
+                             (double)at[OXL_MEAN + 2][i]};
+        double all = 0, sum[3] = {0}, away[3];
         for (int v = 0; v < views; v++) {
-            double away[3], weight;
-            for (int k = 0; k < 3; k++) away[k] = (double)model->plane[OXL_MEAN + k][i] - eye[v][k];
-            weight = pow(least + vector_dot(away, away), -3);
+            double weight;
+            vector_add(p, -1, eye[v], away), weight = pow(least + vector_dot(away, away), -3);
             vector_add(sum, weight, hue[v], sum), all += weight;
         }
-        for (int k = 0, c; k < 3 * (model->sh_degree + 1) * (model->sh_degree + 1); k++) {
-            const double factor = exp(sum[c = k % 3] / all);
-            float *at = &model->plane[OXL_SH + k][i];
-            *at = (float)(factor * (double)*at + (k < 3 ? PRODUCT_GREY * (factor - 1) : 0));
+        for (int k = 0; k < 3 * (model->sh_degree + 1) * (model->sh_degree + 1); k++) {
+            const double factor = exp(sum[k % 3] / all), grey = k < 3 ? PRODUCT_GREY : 0;
+            at[OXL_SH + k][i] = (float)(factor * ((double)at[OXL_SH + k][i] + grey) - grey);
         }
     }
     free(eye);
-    free(hue);
 }

@@ -47,7 +47,7 @@ const struct cloud_point *near_find(const struct near *n, const double p[3], dou
             vector_add(p, -1, q->place, away);
             if (!(frame_length(away) < least)) continue;
             least = frame_length(away), best = q;
-            *off = away[0] * q->normal[0] + away[1] * q->normal[1] + away[2] * q->normal[2];
+            *off = vector_dot(away, q->normal);
         }
     return best;
 }

@@ -104,21 +104,20 @@ static double surface_pixel(const struct surface_view *v, const double p[3], dou
 static void surface_doubt(const oxl_scene *scene, struct surface_view *v)
 {
     const oxl_point *point = oxl_scene_points(scene);
-    const size_t points = oxl_scene_point_count(scene), width = (size_t)v->sheet.camera.width,
-                 height = (size_t)v->sheet.camera.height, pixels = sheet_pixels(&v->sheet);
+    const size_t points = oxl_scene_point_count(scene), pixels = sheet_pixels(&v->sheet);
+    const int width = v->sheet.camera.width, height = v->sheet.camera.height;
     unsigned *all = product_room(2 * pixels, sizeof *all), *agree = all + pixels;
-    size_t n = 0, pixel;
-    double reach, at[2];
+    size_t pixel;
+    double reach, at[2], n = 1;
     for (size_t i = 0; i < points; i += 2) n += surface_pixel(v, point[i].position, at, &pixel) > 0;
-    reach = 0.5 * sqrt(SURFACE_AROUND * (double)pixels / ((double)n + 1));
+    reach = 0.5 * sqrt(SURFACE_AROUND * (double)pixels / n);
     for (size_t i = 0; i < points; i += 2) {
         const double z = surface_pixel(v, point[i].position, at, &pixel);
-        size_t left, right, bottom;
         if (!(z > 0)) continue; /* It is not in the image. */
-        left = (size_t)fmax(0, at[0] - reach), right = (size_t)fmin((double)width, at[0] + reach);
-        bottom = (size_t)fmin((double)height, at[1] + reach);
-        for (size_t y = (size_t)fmax(0, at[1] - reach); y < bottom; y++)
-            for (size_t k = y * width + left; k < y * width + right; k++) {
+        const int left = (int)fmax(0, at[0] - reach), right = (int)fmin(width, at[0] + reach),
+                  bottom = (int)fmin(height, at[1] + reach);
+        for (int y = (int)fmax(0, at[1] - reach); y < bottom; y++)
+            for (int k = y * width + left; k < y * width + right; k++) {
                 const double own = fabs((double)v->sheet.depth[k]);
                 all[k]++, agree[k] += fabs(z - own) <= SURFACE_NEAR * own;
             }

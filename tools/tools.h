@@ -63,7 +63,7 @@ oxl_result product_save(const struct product *p, struct output *t, const char *n
 
 /* ---------------- gps.c: the world that the photos' GPS says */
 
-/* Prints how many photos of the survey's first views have GPS, if any. */
+/* Prints how many photos of the survey's views have GPS, if any. */
 void gps_say(const oxl_scene *scene, const char *images, const char *survey, FILE *to);
 /* Fits the similarity from local coordinates to UTM, metres, by the places where the photos say that they were taken,
  * and prints the residuals. epsg: the zone's code. */
@@ -191,7 +191,7 @@ oxl_result map_write(const struct product *p, const oxl_model *model);
 
 struct cloud_point {
     double place[3];             /* local coordinates */
-    float normal[3];             /* unit, on the cameras' side */
+    double normal[3];            /* unit, on the cameras' side */
     unsigned char rgb[3], views; /* views that confirm it, 255 at most */
 };
 struct cloud {
