@@ -21,9 +21,10 @@ enum {
     COMPARE_TRIES = 9,      /* as they are, and eight turns */
     COMPARE_PASSES = 30,
 
-    COMPARE_HOLE = 8,   /* passes that fill holes: volumes would lack them */
-    COMPARE_AROUND = 6, /* cells on each side that a significant change is seen in */
-    COMPARE_LEAST = (2 * COMPARE_AROUND + 1) * (2 * COMPARE_AROUND + 1) / 2, /* cells of a changed place */
+    COMPARE_HOLE = 8, /* passes that fill holes: volumes would lack them */
+    COMPARE_AROUND =
+        21, /* passes that smooth: 3.7 cells are a standard deviation of what a significant change is seen in */
+    COMPARE_LEAST = 84,    /* cells of a changed place */
     COMPARE_PLACES = 1000, /* most changed places that are listed */
     COMPARE_LINKED = 400   /* cells whose errors are taken as one in the volume's uncertainty */
 };
@@ -67,9 +68,9 @@ static double compare_approach(const struct compare *c, struct similarity *move,
             double p[3];
             similarity_apply(move, from, p);
             q = near_find(&near, p, &match[n].off);
-            for (int k = 0; q && k < 3; k++)
-                match[n].from[k] = from[k], match[n].to[k] = p[k] - match[n].off * (double)q->normal[k];
-            n += q != NULL;
+            if (!q) continue;
+            memcpy(match[n].from, from, sizeof match[n].from);
+            vector_add(p, -match[n].off, q->normal, match[n].to), n++;
         }
         free(near.first);
         *left = similarity_weigh(match, n);
@@ -185,21 +186,21 @@ static int compare_beyond(const struct compare *c, size_t at)
     return (c->difference[at] > c->level[at]) - (c->difference[at] < -c->level[at]); /* NaN: 0 */
 }
 
+/* A window at the map's edge reaches over to its other side, where there hardly is a difference. */
 static void compare_judge(struct compare *c)
 {
     enum { SIDE = 2 * COMPARE_AROUND + 1 };
-    const int width = c->map[0].width, height = c->map[0].height;
+    const int width = c->map[0].width;
 #pragma omp parallel for schedule(static)
-    for (int y = COMPARE_AROUND; y < height - COMPARE_AROUND; y++)
-        for (int x = COMPARE_AROUND; x < width - COMPARE_AROUND; x++) {
-            const size_t first = (size_t)(y - COMPARE_AROUND) * (size_t)width + (size_t)(x - COMPARE_AROUND),
-                         at = (size_t)y * (size_t)width + (size_t)x;
-            const int own = compare_beyond(c, at);
-            int same = 0;
-            for (size_t k = 0; k < SIDE * SIDE && own; k++)
-                same += compare_beyond(c, first + k / SIDE * (size_t)width + k % SIDE) == own;
-            c->sign[at] = (signed char)(same >= COMPARE_LEAST + 1 ? own : 0);
+    for (size_t at = 0; at < c->cells; at++) {
+        const int own = compare_beyond(c, at);
+        int same = 0;
+        for (int k = 0; k < SIDE * SIDE && own; k++) {
+            const size_t to = at + (size_t)((k / SIDE - COMPARE_AROUND) * width + k % SIDE - COMPARE_AROUND);
+            same += to < c->cells && compare_beyond(c, to) == own;
         }
+        c->sign[at] = (signed char)(same > COMPARE_LEAST ? own : 0);
+    }
 }
 
 /* Columns of a row: centre; areas of all cells and of those that changed; net volume, 95 % of it; volumes raised and
@@ -275,7 +276,7 @@ static int compare_list(struct compare *c, struct compare_row row[COMPARE_PLACES
 
 /* ---------------- files */
 
-/* The first orthomosaic in grey; raised red, lowered blue, without a difference dark. */
+/* The first orthomosaic's green in grey; raised red, lowered blue, without a difference dark. */
 static oxl_result compare_draw(const struct compare *c)
 {
     char path[4200];
@@ -283,8 +284,7 @@ static oxl_result compare_draw(const struct compare *c)
     oxl_result rc = oxl_image_create(c->p->ctx, c->map[0].width, c->map[0].height, &image);
     for (size_t i = 0; i < 3 * c->cells && rc == OXL_OK; i++) {
         const size_t at = i % c->cells;
-        const float *colour = c->map[0].colour + at,
-                    grey = isnan(*colour) ? 0 : (colour[0] + colour[c->cells] + colour[2 * c->cells]) / 3;
+        const float green = c->map[0].colour[c->cells + at], grey = isnan(green) ? 0 : green;
         image.rgb[i] = isnan(c->difference[at]) ? 0.3f * grey : 0.3f + 0.6f * grey;
         if (c->sign[at])
             image.rgb[i] = 0.5f * image.rgb[i] + (i / c->cells == 1 - (size_t)c->sign[at] ? 0.5f : 0);
@@ -324,16 +324,10 @@ static void compare_table(const struct compare *c, const struct compare_row *row
     output_add(
         t,
         "# oceanxl comparison: %.1f %% of the second survey lie on the first; registration: scale %.5f, uncertain by "
-        "%.5f %s. ",
-        100 * c->overlap, c->move.scale, c->noise, words);
-    output_add(
-        t,
-        "%.2f square %s have both heights (%zu cells filled from around), %.2f of them changed significantly, at %d places. ",
-        v[AREA], words, c->filled, v[CHANGED], rows - 1);
-    output_add(
-        t,
-        "Volume: %.4f cubic %s raised, %.4f lowered where it is significant; net of all cells %.4f, within %.4f (95 %%).\n"
-        "change,x,y,area,significant_area,volume,volume_95,raised,lowered,largest_difference\n",
+        "%.5f %s. %.2f square %s have both heights (%zu cells filled from around), %.2f of them changed significantly, at "
+        "%d places. Volume: %.4f cubic %s raised, %.4f lowered where it is significant; net of all cells %.4f, within %.4f "
+        "(95 %%).\nchange,x,y,area,significant_area,volume,volume_95,raised,lowered,largest_difference\n",
+        100 * c->overlap, c->move.scale, c->noise, words, v[AREA], words, c->filled, v[CHANGED], rows - 1,
         v[RAISED], words, -v[LOWERED], v[NET], v[DOUBT]);
     for (int i = 0; i < rows; i++) {
         output_add(t, "%s", names[row[i].sign + 1]);

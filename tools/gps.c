@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { GPS_HEAD = 1 << 16, GPS_LEAST = 4, GPS_PASSES = 20, GPS_ASKED = 1000 };
+enum { GPS_HEAD = 1 << 16, GPS_LEAST = 4, GPS_PASSES = 20 };
 #define GPS_TILT 10.0 /* degrees; largest uncertainty of up */
 #define GPS_EVEN \
     200.0 /* degrees; 180 / pi times the square root of 12: of places that lie evenly across a width */
@@ -78,7 +78,7 @@ static int gps_of_view(const char *images, const char *survey, const char *name,
 
 void gps_say(const oxl_scene *scene, const char *images, const char *survey, FILE *to)
 {
-    const int views = (int)fmin(oxl_scene_view_count(scene), GPS_ASKED);
+    const int views = oxl_scene_view_count(scene);
     int found = 0;
     double place[3];
 
@@ -96,13 +96,12 @@ void gps_say(const oxl_scene *scene, const char *images, const char *survey, FIL
 
 static void gps_utm(const double place[3], int zone, double out[3])
 {
-    static const double a = 6378137, f = 1 / 298.257223563, k0 = 0.9996, degree = 0.017453292519943295;
-    const double n = f / (2 - f), e = 2 * sqrt(n) / (1 + n), s = sin(place[0] * degree),
-                 length = k0 * a / (1 + n) * (1 + n * n / 4 + n * n * n * n / 64),
-                 t = sinh(atanh(s) - e * atanh(e * s)), east = (place[1] - 6 * zone + 183) * degree,
-                 alpha[] = {n / 2 - 2 * n * n / 3 + 5 * n * n * n / 16, 13 * n * n / 48 - 3 * n * n * n / 5,
-                            61 * n * n * n / 240},
-                 xi = atan2(t, cos(east)), eta = atanh(sin(east) / sqrt(1 + t * t));
+    /* of the ellipsoid, with the scale of UTM: quarter circle by pi / 2 in metres, eccentricity, Krueger's coefficients */
+    static const double length = 6364902.166165087, e = 0.08181919084262149, degree = 0.017453292519943295,
+                        alpha[] = {8.377318188192541e-4, 7.608496958699166e-7, 1.2034877875966646e-9};
+    const double s = sin(place[0] * degree), t = sinh(atanh(s) - e * atanh(e * s)),
+                 east = (place[1] - 6 * zone + 183) * degree, xi = atan2(t, cos(east)),
+                 eta = atanh(sin(east) / sqrt(1 + t * t));
     double x = eta, y = xi;
     for (int j = 1; j <= 3; j++) {
         x += alpha[j - 1] * cos(2 * j * xi) * sinh(2 * j * eta);

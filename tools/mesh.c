@@ -14,10 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum {
-    MESH_BITS = 20,  /* of a coordinate in a key */
-    MESH_GROUP = 512 /* lattice points that a thread takes */
-};
+enum { MESH_BITS = 20 };  /* of a coordinate in a key */
 #define MESH_TRUNCATE 4.0 /* cells */
 
 struct mesh {
@@ -103,7 +100,7 @@ static void mesh_take(void *user, size_t sample, const double p[3], const struct
  * gradient. */
 static int mesh_vertex(const struct mesh *m, size_t sample, struct cloud_point *out)
 {
-    double normal[3] = {0, 0, 0}, place[3] = {0, 0, 0}, low[3], length;
+    double normal[3] = {0, 0, 0}, place[3] = {0, 0, 0}, low[3];
     size_t corner[8];
     int cuts = 0;
     for (int i = 0; i < 8; i++)
@@ -117,31 +114,24 @@ static int mesh_vertex(const struct mesh *m, size_t sample, struct cloud_point *
         for (int k = 0; k < 3; k++) place[k] += i >> k & 1;
     }
     if (cuts == 0) return 0;
-    length = fmax(frame_length(normal), 1e-30);
+
     mesh_place(m, sample, low);
     vector_add(low, m->cell / cuts, place, out->place);
-    for (int k = 0; k < 3; k++) out->normal[k] = (float)(normal[k] / length);
+    for (int k = 0; k < 3; k++) out->normal[k] = normal[k] / fmax(frame_length(normal), 1e-30);
     return 1;
 }
 
 /* The colour of a vertex is that of the cloud's nearest point. */
 static void mesh_vertices(struct mesh *m, const struct near *near, struct cloud *c)
 {
-    size_t n = 0;
     m->vertex = product_room(m->samples, sizeof *m->vertex);
-#pragma omp parallel for schedule(dynamic, MESH_GROUP) reduction(+ : n)
-    for (size_t i = 0; i < m->samples; i++) {
-        struct cloud_point one;
-        n += m->vertex[i] = mesh_vertex(m, i, &one);
-    }
-    c->point = product_room(n, sizeof *c->point);
+    c->point = product_room(m->samples, sizeof *c->point);
     for (size_t i = 0; i < m->samples; i++) {
         struct cloud_point *to = &c->point[c->count];
         const struct cloud_point *from;
         double off;
-        if (!m->vertex[i]) continue;
-        mesh_vertex(m, i, to), m->vertex[i] = (uint32_t)++c->count;
-        from = near_find(near, to->place, &off);
+        if (!mesh_vertex(m, i, to)) continue;
+        m->vertex[i] = (uint32_t)++c->count, from = near_find(near, to->place, &off);
         if (from) memcpy(to->rgb, from->rgb, sizeof to->rgb);
     }
 }
