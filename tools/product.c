@@ -82,9 +82,6 @@ oxl_result product_open(oxl_context *ctx, const oxl_scene *scene, const char *su
                   .citation = "oceanxl: coordinates of the survey's world, height along its z",
                   .is_metric = a->scale > 0}};
 
-    if (a->gps && (a->epsg || a->scale > 0))
-        return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "--gps finds the CRS and the scale itself\nfix: leave --epsg and --scale out");
     if (a->epsg && reference)
         return oxl_fail(
             ctx, OXL_ERR_USAGE,
