@@ -20,11 +20,9 @@ enum {
     COMPARE_SAMPLE = 20000, /* places of a cloud that are paired */
     COMPARE_TRIES = 9,      /* as they are, and eight turns */
     COMPARE_PASSES = 30,
-
-    COMPARE_HOLE = 8, /* passes that fill holes: volumes would lack them */
-    COMPARE_AROUND =
-        21, /* passes that smooth: 3.7 cells are a standard deviation of what a significant change is seen in */
-    COMPARE_LEAST = 84,    /* cells of a changed place */
+    COMPARE_HOLE = 8,      /* passes that fill holes: volumes would lack them */
+    COMPARE_AROUND = 6,    /* cells on each side that a significant change is seen in */
+    COMPARE_LEAST = 84,    /* cells of a changed place: half of a square of them */
     COMPARE_PLACES = 1000, /* most changed places that are listed */
     COMPARE_LINKED = 400   /* cells whose errors are taken as one in the volume's uncertainty */
 };
@@ -181,26 +179,24 @@ static void compare_subtract(struct compare *c, const double *polygon, int corne
 
 /* ---------------- what is significant */
 
-static int compare_beyond(const struct compare *c, size_t at)
+static int compare_beyond(const struct compare *c, int at)
 {
     return (c->difference[at] > c->level[at]) - (c->difference[at] < -c->level[at]); /* NaN: 0 */
 }
 
-/* A window at the map's edge reaches over to its other side, where there hardly is a difference. */
 static void compare_judge(struct compare *c)
 {
-    enum { SIDE = 2 * COMPARE_AROUND + 1 };
-    const int width = c->map[0].width;
+    enum { A = COMPARE_AROUND, SIDE = 2 * A + 1 };
+    const int width = c->map[0].width, height = c->map[0].height;
 #pragma omp parallel for schedule(static)
-    for (size_t at = 0; at < c->cells; at++) {
-        const int own = compare_beyond(c, at);
-        int same = 0;
-        for (int k = 0; k < SIDE * SIDE && own; k++) {
-            const size_t to = at + (size_t)((k / SIDE - COMPARE_AROUND) * width + k % SIDE - COMPARE_AROUND);
-            same += to < c->cells && compare_beyond(c, to) == own;
+    for (int y = A; y < height - A; y++)
+        for (int x = A; x < width - A; x++) {
+            const int at = y * width + x, own = compare_beyond(c, at);
+            int same = 0;
+            for (int k = 0; k < SIDE * SIDE && own; k++)
+                same += compare_beyond(c, at + (k / SIDE - A) * width + k % SIDE - A) == own;
+            c->sign[at] = same > COMPARE_LEAST ? own : 0;
         }
-        c->sign[at] = (signed char)(same > COMPARE_LEAST ? own : 0);
-    }
 }
 
 /* Columns of a row: centre; areas of all cells and of those that changed; net volume, 95 % of it; volumes raised and
