@@ -137,7 +137,7 @@ sanitize: ## the library's tests under the address and undefined-behaviour sanit
 	printf 'leak:libomp\n' >$(BUILD)/sanitize/ours # What clang's OpenMP keeps for its threads is not ours.
 	ASAN_OPTIONS=detect_leaks=1 LSAN_OPTIONS=suppressions=$(CURDIR)/$(BUILD)/sanitize/ours tests/share.sh $(BUILD)/sanitize/test $(T)
 
-reference: $(BUILD)/splat ## the algorithm in one file, reference/splat.c: trains its scene, writes build/splat.ply and build/splat.ppm
+reference: $(BUILD)/splat ## the algorithm in one file, reference/splat.c: trains its scene, writes build/splat.ply and build/splat.bmp
 	cd $(BUILD) && ./splat
 $(BUILD)/splat: reference/splat.c reference/scene.h
 	$(CC) -O2 $< -o $@ -lm

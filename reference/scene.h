@@ -1,5 +1,5 @@
-/* scene.h - the scene of splat.c: a patch of sand with a coral, two boulders and two fish, and 13 cameras around it; and the two
- * files that splat.c writes. */
+/* scene.h - the scene of splat.c: a patch of sand with a coral, two boulders and two fish, and 13 cameras around it; and the
+ * files that splat.c writes and reads. */
 
 enum { SCENE_WIDTH = 48, SCENE_HEIGHT = 36 };
 
@@ -87,14 +87,36 @@ struct camera scene_camera(int view) {
     return cam;
 }
 
-/* Two images (H,W,3), one above the other. Returns 1 if the file cannot be written. */
-int write_ppm(const char *path, const double *above, const double *below) {
-    const int n = 3 * SCENE_WIDTH * SCENE_HEIGHT;
+/* Two images (H,W,3), one above the other, enlarged 8 times, as BMP: rows from below, blue first. Returns 1 if the file cannot be
+ * written. */
+int write_bmp(const char *path, const double *above, const double *below) {
+    enum { ZOOM = 8, W = ZOOM * SCENE_WIDTH, H = 2 * ZOOM * SCENE_HEIGHT, HEAD = 54, SIZE = HEAD + 3 * W * H };
+    const int head[13] = {SIZE, 0, HEAD, 40, W, H, 1 | 24 << 16, 0, 3 * W * H, 0, 0, 0, 0}; /* one plane, 24 bits a pixel */
     FILE *f = fopen(path, "wb");
     if (!f) return perror(path), 1;
-    fprintf(f, "P6 %d %d 255\n", SCENE_WIDTH, 2 * SCENE_HEIGHT);
-    for (int i = 0; i < 2 * n; i++) fputc((int)(0.5 + 255 * fmax(0, fmin(1, i < n ? above[i] : below[i - n]))), f);
+    fputs("BM", f);
+    for (int i = 0; i < 4 * 13; i++) fputc(head[i / 4] >> 8 * (i % 4) & 255, f);
+    for (int i = 0; i < 3 * W * H; i++) {
+        const int x = i / 3 % W / ZOOM, y = (H - 1 - i / 3 / W) / ZOOM, at = 3 * (y % SCENE_HEIGHT * SCENE_WIDTH + x) + 2 - i % 3;
+        fputc((int)(0.5 + 255 * fmax(0, fmin(1, y < SCENE_HEIGHT ? above[at] : below[at]))), f);
+    }
     return fclose(f) != 0;
+}
+
+/* The images as they are in memory. Returns 1 if the file cannot be written. */
+int write_images(const char *path, const double *images, size_t size) {
+    FILE *f = fopen(path, "wb");
+    if (!f) return perror(path), 1;
+    fwrite(images, size, 1, f);
+    return fclose(f) != 0;
+}
+
+/* Returns 1 if the file cannot be read. */
+int read_images(const char *path, double *images, size_t size) {
+    FILE *f = fopen(path, "rb");
+    const int is_read = f && fread(images, size, 1, f) == 1;
+    if (f) fclose(f);
+    return is_read ? 0 : (fprintf(stderr, "%s: wanted the splat.truth of make reference\n", path), 1);
 }
 
 /* [K*]'s columns but for the normals, which are 0; those of the harmonics count by channel. Viewers know no second lobes. Returns 1

@@ -3,15 +3,16 @@
  *     cc reference/splat.c -lm && ./a.out
  *
  * trains a model of the small scene in scene.h, prints the loss, and writes splat.ply, which viewers of Gaussian splats open, and
- * splat.ppm: a view that training never saw, the truth above the model.
+ * splat.bmp: a view that training never saw, the truth above the model. splat.truth has the images, for a changed copy to train with.
  *
  * A scene is a cloud of Gaussians: soft ellipsoids with an opacity and a colour that depends on the direction of view. Each is
  * projected to an ellipse on the image; a pixel mixes the ellipses over it, front to back. All of it has a derivative, so gradient
  * descent fits the cloud to images. dX stands for dL/dX, the derivative of the loss L in X. A backward function follows its forward
  * function, and adds to the gradients that it is given. tests/test_reference.c compares src/, float and fast, with this file.
  *
- * [K] Kerbl et al. 2023, 3D Gaussian Splatting; [K*] its code   [Z] Zwicker et al. 2001, EWA Volume Splatting   [O] OceanXL
+ * [K] Kerbl et al. 2023, 3D Gaussian Splatting; [K*] its code   [Z] Zwicker et al. 2001, EWA Volume Splatting
  * [W] Wang et al. 2004, Image Quality Assessment (SSIM)   [A] Kingma & Ba 2015, Adam   [Y] Yu et al. 2024, Mip-Splatting
+ * [O] OceanXL, SIGGRAPH Asia 2026, doi 10.1145/3829340.3842316
  */
 #include <math.h>
 #include <stdio.h>
@@ -19,14 +20,14 @@
 #include <string.h>
 
 #define PI            3.14159265358979323846
-#define LOW_PASS      0.3         /* px^2 added to the variances of a splat: none is thinner than a pixel [K*] */
-#define MIP_LOW_PASS  0.1         /* the same of an anti-aliased model: a pixel's own width [Y] */
-#define FADE_MIN      2.5e-5      /* least ratio of areas, squared, by which its splats are made fainter [Y, its code] */
-#define FRUSTUM_CLAMP 1.3         /* half fields of view; the Jacobian further out is that of this edge [K*] */
+#define LOW_PASS      0.3    /* px^2 added to the variances of a splat: none is thinner than a pixel [K*] */
+#define MIP_LOW_PASS  0.1    /* the same of an anti-aliased model: a pixel's own width [Y] */
+#define FADE_MIN      2.5e-5 /* its opacity is multiplied by sqrt(max(this, det V0 / det V)), V0 without a low pass [Y, its code] */
+#define FRUSTUM_CLAMP 1.3    /* half fields of view; the Jacobian further out is that of this edge [K*] */
 #define ALPHA_MIN     (1.0 / 255) /* fainter contributions are skipped [K app. C] */
 #define ALPHA_MAX     0.99        /* no splat hides all that is behind it [K app. C] */
 #define T_MIN         1e-4        /* a pixel ends before its transmittance falls below this [K app. C] */
-#define T_MAX         16          /* from here on it takes no negative alpha, which would let it grow */
+#define T_MAX         16          /* from here on a pixel takes no negative alpha, which would let its transmittance grow */
 
 /* 64 numbers, raw as in a PLY file. Gradients and Adam's moments have the same shape, and so the same type. */
 struct gaussian {
@@ -67,19 +68,22 @@ void unit_backward(const double *n, double length, const double *dn, double *dv,
 
 /* ---------------------------------------------------------------- projection: what the camera sees of a Gaussian */
 
-struct splat {                      /* in a gradient: dL/d(centre, colour, opacity, conic) */
-    int row, lobes;                 /* of the model; 1, or 2: alpha is the first's less the second's */
-    double centre[2], half[2];      /* px; px, half the box outside of which |alpha| < ALPHA_MIN */
-    double colour[3], opacity[2];   /* RGB; of each lobe */
-    double conic[2][3];             /* of each lobe: A, B, C of the covariance's inverse, 1/px^2 */
-    double p[3];                    /* this and what follows for backward: centre seen from the camera, world units */
-    double d[3], distance;          /* unit vector from the camera to the centre, world axes; their distance */
-    double past[2];                 /* how far the slope p_x/p_z, p_y/p_z is past the clamp */
-    double Y[16], dY[16][3];        /* harmonics at d and their derivatives */
-    double n[4], D[4][9], Q[9];     /* unit quaternion; half of dQ/dn; its rotation, row by row */
-    double T[2][3];                 /* J W, px per world unit */
-    double scale[2][3], B[2][2][3]; /* of each lobe: s, world units; T Q S, px */
-    double V[2][3];                 /* of each lobe, if anti-aliased: b0 x b1, px^2; 0 where its fading is at its least */
+struct splat {                 /* in a gradient: dL/d(centre, colour, opacity, conic) */
+    int row, lobes;            /* of the model; 1, or 2: alpha is the first's less the second's, [k] below */
+    double centre[2], half[2]; /* px; px, half the sides of the box outside of which |alpha| < ALPHA_MIN */
+    double colour[3];          /* RGB */
+    double opacity[2];         /* [k] */
+    double conic[2][3];        /* [k]: xx, xy, yy of K, the inverse of the covariance V, 1/px^2 */
+    double p[3];               /* this and what follows is for backward: the centre seen from the camera, world units */
+    double d[3], distance;     /* unit vector from the camera to the centre, world axes; their distance */
+    double past[2];            /* how far the slopes p_x/p_z, p_y/p_z are beyond the clamp */
+    double Y[16], dY[16][3];   /* harmonics at d and their derivatives */
+    double n[4];               /* unit quaternion */
+    double D[4][9], Q[9];      /* half of dQ/dn; the rotation Q, row by row */
+    double JW[2][3];           /* Jacobian times camera rotation, px per world unit */
+    double scale[2][3];        /* [k]: s, world units */
+    double B[2][2][3];         /* [k]: J W Q S, px: its rows are b0, b1 */
+    double cross[2][3];        /* [k], if anti-aliased: b0 x b1, px^2; 0 where the fading is at its least */
 };
 
 #define SH(k, factor, f, fx, fy, fz) \
@@ -133,26 +137,26 @@ void ellipse_forward(struct splat *s, int k, int mip) {
     const double bare = dot(cross, cross, 3);
     const double det = bare + low * (xx + yy - low);            /* xx yy - xy^2, but a needle keeps all digits */
     if (mip) s->opacity[k] *= sqrt(fmax(FADE_MIN, bare / det)); /* its sum over the pixels stays [Y eq. 9] */
-    if (mip && bare > FADE_MIN * det) memcpy(s->V[k], cross, sizeof cross);
+    if (mip && bare > FADE_MIN * det) memcpy(s->cross[k], cross, sizeof cross);
     const double reach = 2 * log(fmax(1, s->opacity[k] / ALPHA_MIN)); /* (standard deviations)^2 to o G = ALPHA_MIN */
     s->conic[k][0] = yy / det, s->conic[k][1] = -xy / det, s->conic[k][2] = xx / det;
     s->half[0] = fmax(s->half[0], sqrt(reach * xx)), s->half[1] = fmax(s->half[1], sqrt(reach * yy));
 }
 
-/* K = V^-1 has dV = -K dK K, V = B B^T + LOW_PASS I has dB = 2 dV B. With U = K B that is dB = -2 K dK U; and since column j of B goes with
- * s_j, s_j dL/ds_j = B_j . dB_j = -2 U_j . dK U_j. In this order the digits of a needle survive. Fading: dlog o of
- * log|b0 x b1| - log(det V)/2, V0 = B B^T: dB = dlog_o (V0^-1 B - U), V0^-1 B = (b1 x v, v x b0) / v^2 with v = b0 x b1. */
+/* K = V^-1 has dV = -K dK K, and V = B B^T + LOW_PASS I has dB = 2 dV B. With U = K B, dB is -2 K dK U. Column j of B is proportional
+ * to s_j, so s_j dL/ds_j = B_j . dB_j = -2 U_j . dK U_j. In this order the digits of a needle survive. Fading multiplies o by
+ * |b0 x b1| / sqrt(det V): with v = b0 x b1 that adds (b1 x v, v x b0) / v^2 - U, times dlog o, to the rows of dB. */
 void ellipse_backward(const struct splat *s, int k, const double dK[3], double dlog_o, double dB[2][3], double dlog_scale[3]) {
-    const double *K = s->conic[k], *v = s->V[k], *b0 = s->B[k][0], *b1 = s->B[k][1], vv = dot(v, v, 3);
+    const double *K = s->conic[k], *v = s->cross[k], *b0 = s->B[k][0], *b1 = s->B[k][1], vv = dot(v, v, 3);
     for (int j = 0; j < 3; j++) {
-        const double u = K[0] * b0[j] + K[1] * b1[j], w = K[1] * b0[j] + K[2] * b1[j];
-        const double dKu = -2 * dK[0] * u - dK[1] * w, dKv = -dK[1] * u - 2 * dK[2] * w; /* -2 dK U_j; dK has dK[1] / 2 twice */
-        dB[0][j] = K[0] * dKu + K[1] * dKv, dB[1][j] = K[1] * dKu + K[2] * dKv;
-        dlog_scale[j] = u * dKu + w * dKv;
+        const double U0 = K[0] * b0[j] + K[1] * b1[j], U1 = K[1] * b0[j] + K[2] * b1[j];
+        const double F0 = -2 * dK[0] * U0 - dK[1] * U1, F1 = -dK[1] * U0 - 2 * dK[2] * U1; /* -2 dK U_j; dK[1] is of both xy */
+        dB[0][j] = K[0] * F0 + K[1] * F1, dB[1][j] = K[1] * F0 + K[2] * F1;
+        dlog_scale[j] = U0 * F0 + U1 * F1;
         if (vv > 0) {
             const int x = (j + 1) % 3, y = (j + 2) % 3;
-            const double f0 = dlog_o * ((b1[x] * v[y] - b1[y] * v[x]) / vv - u),
-                         f1 = dlog_o * ((v[x] * b0[y] - v[y] * b0[x]) / vv - w);
+            const double f0 = dlog_o * ((b1[x] * v[y] - b1[y] * v[x]) / vv - U0);
+            const double f1 = dlog_o * ((v[x] * b0[y] - v[y] * b0[x]) / vv - U1);
             dB[0][j] += f0, dB[1][j] += f1, dlog_scale[j] += b0[j] * f0 + b1[j] * f1;
         }
     }
@@ -169,7 +173,7 @@ void rotation_forward(const double q[4], double n[4], double D[4][9], double Q[9
     for (int i = 0; i < 9; i++) Q[i] = w * D[0][i] + x * D[1][i] + y * D[2][i] + z * D[3][i];
 }
 
-/* Returns 0 for a Gaussian that is not in view. */
+/* s is zero but for its row. Returns 0 for a Gaussian that is not in view. */
 int project_forward(const struct gaussian *g, int degree, const struct camera *cam, struct splat *s) {
     const double v[3] = {g->mean[0] - cam->origin[0], g->mean[1] - cam->origin[1], g->mean[2] - cam->origin[2]};
     s->distance = sqrt(dot(v, v, 3)), s->lobes = g->lobed > 0 ? 2 : 1;
@@ -180,24 +184,25 @@ int project_forward(const struct gaussian *g, int degree, const struct camera *c
     for (int a = 0; a < 2; a++) { /* row a of J is f/p_z at a and -f/p_z slope at z */
         const double f = cam->focal[a], slope = s->p[a] / s->p[2], most = FRUSTUM_CLAMP * cam->size[a] / (2 * f);
         s->centre[a] = f * slope + cam->centre[a], s->past[a] = slope - fmax(-most, fmin(most, slope));
-        for (int i = 0; i < 3; i++) s->T[a][i] = f / s->p[2] * (cam->rotation[a][i] - (slope - s->past[a]) * cam->rotation[2][i]);
+        for (int i = 0; i < 3; i++)
+            s->JW[a][i] = f / s->p[2] * (cam->rotation[a][i] - (slope - s->past[a]) * cam->rotation[2][i]);
     }
     for (int k = 0; k < s->lobes; k++) {
         for (int j = 0; j < 3; j++) s->scale[k][j] = exp(g->log_scale[j] + k * g->lobe[1 + j]);
         for (int a = 0; a < 2; a++)
             for (int i = 0; i < 3; i++)
-                for (int j = 0; j < 3; j++) s->B[k][a][j] += s->T[a][i] * s->Q[3 * i + j] * s->scale[k][j];
+                for (int j = 0; j < 3; j++) s->B[k][a][j] += s->JW[a][i] * s->Q[3 * i + j] * s->scale[k][j];
         s->opacity[k] = sigmoid(g->logit) * (k ? sigmoid(g->lobe[0]) : 1);
         ellipse_forward(s, k, cam->mip);
     }
-    for (int a = 0; a < 2; a++)
+    for (int a = 0; a < 2; a++) /* the box ends before the first pixel centre, or begins behind the last */
         if (s->half[a] <= fmax(0, fabs(s->centre[a] - cam->size[a] / 2.0) - (cam->size[a] - 1) / 2.0)) return 0;
     return 1;
 }
 
 void project_backward(const struct gaussian *g, int degree, const struct camera *cam, const struct splat *s,
                       const struct splat *ds, struct gaussian *dg) {
-    double dd[3] = {0}, dQ[9] = {0}, dn[4], dT[2][3] = {{0}}, dp[3] = {0}, dB[2][3], dlog_scale[3];
+    double dd[3] = {0}, dQ[9] = {0}, dn[4], dJW[2][3] = {{0}}, dp[3] = {0}, dB[2][3], dlog_scale[3];
     colour_backward(g->sh, degree, s, ds, dg->sh, dd);
     unit_backward(s->d, s->distance, dd, dg->mean, 3);
     for (int k = 0; k < s->lobes; k++) { /* o' = o sigmoid(a), s' = s exp(b): dlog o' adds to dlog o, dlog s' to dlog s */
@@ -205,19 +210,19 @@ void project_backward(const struct gaussian *g, int degree, const struct camera 
         dg->logit += dlog_opacity * sigmoid(-g->logit), dg->lobe[0] += k * dlog_opacity * sigmoid(-g->lobe[0]);
         ellipse_backward(s, k, ds->conic[k], dlog_opacity, dB, dlog_scale);
         for (int j = 0; j < 3; j++) dg->log_scale[j] += dlog_scale[j], dg->lobe[1 + j] += k * dlog_scale[j];
-        for (int a = 0; a < 2; a++) /* B_aj = sum_i T_ai Q_ij s_j */
+        for (int a = 0; a < 2; a++) /* B_aj = sum_i JW_ai Q_ij s_j */
             for (int i = 0; i < 3; i++)
                 for (int j = 0; j < 3; j++) {
-                    dT[a][i] += dB[a][j] * s->Q[3 * i + j] * s->scale[k][j];
-                    dQ[3 * i + j] += dB[a][j] * s->T[a][i] * s->scale[k][j];
+                    dJW[a][i] += dB[a][j] * s->Q[3 * i + j] * s->scale[k][j];
+                    dQ[3 * i + j] += dB[a][j] * s->JW[a][i] * s->scale[k][j];
                 }
     }
     for (int k = 0; k < 4; k++) dn[k] = 2 * dot(s->D[k], dQ, 9);
     unit_backward(s->n, sqrt(dot(g->rotation, g->rotation, 4)), dn, dg->rotation, 4);
-    for (int a = 0; a < 2; a++) { /* the slope moves the centre, and T unless it is clamped; T goes with 1/p_z besides */
-        const double dslope = ds->centre[a] - (s->past[a] != 0 ? 0 : dot(dT[a], cam->rotation[2], 3) / s->p[2]);
+    for (int a = 0; a < 2; a++) { /* the slope moves the centre, and JW unless it is clamped; JW is proportional to 1/p_z, too */
+        const double dslope = ds->centre[a] - (s->past[a] != 0 ? 0 : dot(dJW[a], cam->rotation[2], 3) / s->p[2]);
         dp[a] += cam->focal[a] * dslope / s->p[2];
-        dp[2] -= (cam->focal[a] * dslope * s->p[a] / s->p[2] + dot(dT[a], s->T[a], 3)) / s->p[2];
+        dp[2] -= (cam->focal[a] * dslope * s->p[a] / s->p[2] + dot(dJW[a], s->JW[a], 3)) / s->p[2];
     }
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) dg->mean[j] += cam->rotation[i][j] * dp[i];
@@ -276,7 +281,7 @@ void composite_backward(const struct splat *s, int count, double x, double y, co
     }
 }
 
-/* s (m->count): the splats in view by depth, ties by row; rgb (H,W,3). Returns how many are in view. */
+/* s (m->count): the splats in view, sorted by depth (insertion sort), ties by row; rgb (H,W,3). Returns how many are in view. */
 int render_forward(const struct model *m, const struct camera *cam, struct splat *s, double *rgb) {
     const int w = cam->size[0], h = cam->size[1];
     int count = 0;
@@ -317,8 +322,7 @@ double ssim(const double *x, const double *y, int w, int h, double scale, double
     const double C1 = 0.01 * 0.01, C2 = 0.03 * 0.03; /* [W] */
     const int n = w * h;
     double *mx = calloc(5 * n, sizeof *mx), *m = mx + n, *p = m + n, *my = p + n, sum = 0; /* means of x, x^2 + y^2, x y, y */
-    for (int i = 0; i < n; i++) mx[i] = x[3 * i], my[i] = y[3 * i];
-    for (int i = 0; i < n; i++) m[i] = mx[i] * mx[i] + my[i] * my[i], p[i] = mx[i] * my[i];
+    for (int i = 0; i < n; i++) mx[i] = x[3 * i], my[i] = y[3 * i], m[i] = mx[i] * mx[i] + my[i] * my[i], p[i] = mx[i] * my[i];
     for (int k = 0; k < 4; k++) blur(mx + k * n, w, h, my + n), blur(my + n, h, w, mx + k * n);
     for (int i = 0; i < n; i++) {
         const double u = mx[i], v = my[i], a1 = 2 * u * v + C1, a2 = 2 * (p[i] - u * v) + C2;
@@ -337,8 +341,7 @@ double ssim(const double *x, const double *y, int w, int h, double scale, double
 double loss(const double *x, const double *y, int w, int h, double weight, double *dx) {
     const int n = 3 * w * h;
     double sum = weight * n, rest = 1 - weight;
-    for (int i = 0; i < n; i++) sum += rest * fabs(x[i] - y[i]);
-    for (int i = 0; i < n; i++) dx[i] = rest / n * ((x[i] > y[i]) - (x[i] < y[i]));
+    for (int i = 0; i < n; i++) sum += rest * fabs(x[i] - y[i]), dx[i] = rest / n * ((x[i] > y[i]) - (x[i] < y[i]));
     for (int c = 0; c < 3; c++) sum -= weight * ssim(x + c, y + c, w, h, -weight / n, dx + c);
     return sum / n;
 }
@@ -395,8 +398,7 @@ struct trainer {
 double train_step(struct trainer *t, const struct camera *cam, const double *truth, int step, double progress) {
     const int w = cam->size[0], h = cam->size[1], count = render_forward(&t->model, cam, t->s, t->rgb);
     const double value = loss(t->rgb, truth, w, h, 0.2, t->drgb); /* [K] */
-    memset(t->ds, 0, sizeof t->ds);
-    memset(t->d, 0, sizeof t->d);
+    memset(t->ds, 0, sizeof t->ds), memset(t->d, 0, sizeof t->d);
     render_backward(&t->model, cam, t->s, count, t->rgb, t->drgb, t->ds, t->d);
     for (int i = 0; i < count; i++) {
         const int row = t->s[i].row;
@@ -409,7 +411,6 @@ double train_step(struct trainer *t, const struct camera *cam, const double *tru
 }
 
 void densify(struct trainer *t, int was_reset) {
-    static const struct gaussian zero; /* moments of new rows */
     for (int i = t->model.count - 1; i >= 0; i--) {
         const enum verdict verdict = classify(&t->x[i], t->gradient_sum[i] / fmax(1, t->views[i]), t->extent, was_reset);
         if (verdict == REMOVE) { /* the last row takes its place */
@@ -418,27 +419,27 @@ void densify(struct trainer *t, int was_reset) {
         } else if (verdict == SPLIT && t->model.count < MOST) {
             const int n = t->model.count++;
             t->x[n] = t->x[i];
-            t->m[i] = t->v[i] = t->m[n] = t->v[n] = zero;
-            split(&t->x[i], -1);
-            split(&t->x[n], 1);
+            t->m[i] = t->v[i] = t->m[n] = t->v[n] = (struct gaussian){.lobed = 0}; /* Adam begins anew */
+            split(&t->x[i], -1), split(&t->x[n], 1);
         }
     }
-    memset(t->gradient_sum, 0, sizeof t->gradient_sum);
-    memset(t->views, 0, sizeof t->views);
+    memset(t->gradient_sum, 0, sizeof t->gradient_sum), memset(t->views, 0, sizeof t->views);
 }
 
 #ifndef SPLAT_NO_MAIN
-#include "scene.h" /* its sizes, Gaussians and cameras; write_ppm, write_ply */
-int main(void) {
+#include "scene.h" /* its sizes, Gaussians and cameras; write_bmp, write_ply, read_images, write_images */
+/* a.out [IMAGES]: a splat.truth in place of its own renderings. The numbers suit this scene; src/train/schedule.c has others. */
+int main(int argc, char **argv) {
     enum { STEPS = 600, RESET = STEPS / 4, DENSIFY_UNTIL = STEPS / 2, ADD_LOBES = STEPS * 3 / 4 };
     static struct trainer t = {{SCENE_GAUSSIANS, 0, {0.05, 0.25, 0.35}, t.x}, .extent = 3.5};
     static double truth[SCENE_VIEWS][3 * PIXELS];
     struct camera cam[SCENE_VIEWS];
     double mean = 0, square = 0;
     for (int i = 0; i < SCENE_GAUSSIANS; i++) memcpy(&t.x[i], SCENE_GAUSSIAN[i], sizeof *SCENE_GAUSSIAN);
-    for (int i = 0; i < SCENE_VIEWS; i++) cam[i] = scene_camera(i);
-    for (int i = 0; i < SCENE_VIEWS; i++) render_forward(&t.model, &cam[i], t.s, truth[i]);
-    for (int i = 0; i < SCENE_GAUSSIANS; i++) { /* training knows the images, and rough places; o = 0.1, o' = 0.1 o, s' = 1.6 s */
+    for (int i = 0; i < SCENE_VIEWS; i++) cam[i] = scene_camera(i), render_forward(&t.model, &cam[i], t.s, truth[i]);
+    if (argc > 1 && read_images(argv[1], truth[0], sizeof truth)) return 1;
+    for (int i = 0; i < SCENE_GAUSSIANS;
+         i++) { /* training knows the images, and rough places; o = 0.1, o' = 0.1 o, s' = exp(0.5) s */
         struct gaussian start = {.log_scale = {-2, -2, -2}, .rotation = {1}, .logit = -2.2, .lobe = {-2.2, 0.5, 0.5, 0.5}};
         for (int a = 0; a < 3; a++) start.mean[a] = rint(4 * t.x[i].mean[a]) / 4;
         t.x[i] = start;
@@ -448,8 +449,7 @@ int main(void) {
         mean += train_step(&t, &cam[v], truth[v], step, (double)step / STEPS) / 50;
         if (step % 50) continue;
         printf("step %4d  loss %.4f  %d Gaussians\n", step, mean, t.model.count);
-        mean = 0;
-        t.model.degree = 4 * step / (STEPS + 1);
+        mean = 0, t.model.degree = 4 * step / (STEPS + 1);
         if (step <= DENSIFY_UNTIL) densify(&t, step > RESET);
         for (int i = 0; i < t.model.count; i++) {
             if (step == RESET) t.x[i].logit = fmin(t.x[i].logit, -4.6), t.m[i].logit = t.v[i].logit = 0; /* o = .01 [K*] */
@@ -459,6 +459,7 @@ int main(void) {
     render_forward(&t.model, &cam[0], t.s, t.rgb);
     for (int i = 0; i < 3 * PIXELS; i++) square += pow(t.rgb[i] - truth[0][i], 2) / (3 * PIXELS);
     printf("view that was held out: %.2f dB\n", -10 * log10(square));
-    return write_ppm("splat.ppm", truth[0], t.rgb) || write_ply("splat.ply", &t.model);
+    return write_bmp("splat.bmp", truth[0], t.rgb) || write_ply("splat.ply", &t.model) ||
+           write_images("splat.truth", truth[0], sizeof truth);
 }
 #endif

@@ -118,7 +118,7 @@ static void put_test(char *file) {
     *name++ = 0;
     snprintf(macro, sizeof macro, "TEST(%s)", name);
     if (!strstr(read_file(file, NULL), macro)) fail(file, no_function(name), "correct examples/course/exercises.txt");
-    printf("<br>Both are held together by <a href=\"../../%s\"><code>%s</code></a>.</p>", file, name);
+    printf("<br>This test compares the two: <a href=\"../../%s\"><code>%s</code></a>.</p>", file, name);
 }
 
 /* The fast twin of a step, "FILE FUNCTION". */
@@ -130,10 +130,15 @@ static void put_kernel(char *file) {
     put_link(file, name);
 }
 
-static void put_step_code(const char *name) {
-    printf("<details><summary><code>%s</code></summary>", name);
-    put_function("reference/splat.c", name);
-    printf("</details>");
+/* One or two functions of splat.c. */
+static void put_step_code(const char *names) {
+    char name[2][100];
+    const int count = sscanf(names, "%99s %99s", name[0], name[1]);
+    for (int i = 0; i < count; i++) {
+        printf("<details><summary><code>%s</code></summary>", name[i]);
+        put_function("reference/splat.c", name[i]);
+        printf("</details>");
+    }
 }
 
 /* Blocks of lines "key: text"; "exercise: N" opens one. The keys at, from and to are for exercises.c and exercises.sh. */
@@ -145,7 +150,8 @@ static void put_exercises(const char *file) {
                                               {"about", "<p>", "</p>"},
                                               {"change", "<p><b>Change.</b> ", "</p>"},
                                               {"predict", "<p><b>Predict.</b> ", "</p>"},
-                                              {"observe", "<details><summary>Result</summary><p>", "</p></details>"}};
+                                              {"observe", "<details><summary>Result</summary><p>", "</p>"},
+                                              {"picture", "<p><b>Picture.</b> ", "</p></details>"}};
         char *value = strstr(line, ": ");
         int number;
         if (line[0] == '#' || !value) continue;
