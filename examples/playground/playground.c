@@ -16,7 +16,8 @@
 IMPORT(report)
 extern int page_report(int step, int steps, double loss, double psnr, int gaussians, double seconds_left);
 IMPORT(log) extern void page_log(const char *text);
-IMPORT(image) extern void page_image(int width, int height, const float *rgb);
+/* is_photo: 1: an image of the survey, 0: a rendering */
+IMPORT(image) extern void page_image(int width, int height, const float *rgb, int is_photo);
 
 static oxl_context *ctx;
 static oxl_scene *scene;
@@ -24,7 +25,9 @@ static oxl_trained trained;
 static int seen;         /* the view that is shown, */
 static double turned[2]; /* turned by these angles about what it sees in the middle */
 static double shown_at;  /* s: when it was shown last */
+static int photo_of;     /* the view whose image is shown beside it; -1: none */
 static int wants_to_see; /* 1: the page moved the camera */
+static int wants_clear;  /* 1: after training, show the model without water and gains */
 
 /* ---------------- what the makers of a survey take from oceanxl_job.h, without a process or links */
 
@@ -94,7 +97,7 @@ EXPORT(begin) int begin(int seed)
     oxl_trained_free(ctx, &trained);
     oxl_scene_free(ctx, scene);
     oxl_context_free(ctx);
-    scene = NULL, ctx = NULL;
+    scene = NULL, ctx = NULL, photo_of = -1;
     o.seed = (uint64_t)seed, o.threads = 1, o.log = write_log;
     return fail(oxl_context_create(&o, &ctx));
 }
@@ -144,15 +147,37 @@ static void show(const oxl_model *model)
     turn(&camera, 2 * oxl_scene_extent(scene), turned[0], turned[1]);
     o.near_plane = (float)oxl_scene_near_plane(scene);
     if (oxl_render(ctx, model, &camera, &o, &image, NULL) == OXL_OK)
-        page_image(image.width, image.height, image.rgb);
+        page_image(image.width, image.height, image.rgb, 0);
     oxl_image_free(ctx, &image);
 }
 
-/* Chooses what is shown, now or with the next step. */
-EXPORT(look) void look(int view, double yaw, double pitch)
+static void show_photo(void)
 {
-    seen = view, turned[0] = yaw, turned[1] = pitch, wants_to_see = 1;
-    if (trained.model.count) show(&trained.model);
+    oxl_image image = {0};
+    if (oxl_scene_image(ctx, scene, seen, NULL, &image) == OXL_OK)
+        page_image(image.width, image.height, image.rgb, 1);
+    oxl_image_free(ctx, &image);
+}
+
+/* What is shown after training: the model of scene.ply, or that of scene_clear.ply. */
+static void show_trained(void)
+{
+    if (trained.model.count) show(trained.viewer.count && !wants_clear ? &trained.viewer : &trained.model);
+}
+
+/* 1: the model without water and gains differs from scene.ply */
+EXPORT(has_clear) int has_clear(void)
+{
+    return trained.viewer.count > 0;
+}
+
+/* Chooses what is shown, now or with the next step. */
+EXPORT(look) void look(int view, double yaw, double pitch, int clear)
+{
+    seen = view, turned[0] = yaw, turned[1] = pitch, wants_clear = clear, wants_to_see = 1;
+    if (photo_of != view) show_photo();
+    photo_of = view;
+    show_trained();
 }
 
 static int progress(void *user, const oxl_progress *p)
