@@ -158,7 +158,7 @@ int main(int argc, char **argv)
         "`make extremes` writes this page and fails if a bound does not hold; `build/test` asserts all but the slow rows. Float kernels: %s. The\n"
         "reference is the same source in double (`tests/wide_kernels.c`), which `build/test reference_` compares with an independent one.\n"
         "\n"
-        "Cells: largest/mean error, relative to the largest and mean magnitude. Where float takes the other side of a threshold (alpha >= 1/255,\n"
+        "A cell has the largest and the mean error, relative to the largest and mean magnitude. Where float takes the other side of a threshold (alpha >= 1/255,\n"
         "T >= 1e-4), a pixel may change by 1/255; bounds of 4e-03 allow for this.\n"
         "\n"
         "A Gaussian at or before the near plane, wider than 1e30 px or fainter than 1/255 is not rendered. A quaternion shorter than 1.2e-38 is the\n"
