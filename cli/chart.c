@@ -1,5 +1,4 @@
-/* chart.c - draws curves as SVG: a report's loss, PSNR and Gaussians over the iterations, a line for each block;
- * any others over an axis that may be logarithmic.
+/* chart.c - draws curves as SVG: a report's loss, PSNR and Gaussians over the iterations, a line for each block.
  *
  * Lengths are in the drawing's own units; at a width of 420 px a phone shows it unscaled.
  */
@@ -49,32 +48,34 @@ static int curve_next(const char **at, int place, double *x, double *y)
     return 1;
 }
 
-/* ---------------- axes and lines */
+/* ---------------- axes and lines. First all points are included, then the lines drawn, point by point. */
 
-void chart_include(struct chart *c, double x, double y)
+struct chart {
+    int points, lines, in_line;   /* included; drawn; 1: a line has begun */
+    double last, low, high, step; /* end of x; ends of y; between two lines of y */
+};
+
+static void chart_include(struct chart *c, double x, double y)
 {
-    if (c->is_log) x = log10(x);
     if (!isfinite(x) || !isfinite(y)) return;
-    if (c->points++ == 0) c->low = c->high = y, c->first = c->is_log ? floor(x) : 0, c->last = x;
+    if (c->points++ == 0) c->low = c->high = y;
     c->low = fmin(c->low, y), c->high = fmax(c->high, y);
-    c->first = fmin(c->first, floor(x)), c->last = fmax(c->last, x);
+    c->last = fmax(c->last, x);
 }
 
-double chart_x(const struct chart *c, double x)
+static double chart_x(const struct chart *c, double x)
 {
-    return CHART_LEFT +
-           (CHART_RIGHT - CHART_LEFT) * ((c->is_log ? log10(x) : x) - c->first) / (c->last - c->first);
+    return CHART_LEFT + (CHART_RIGHT - CHART_LEFT) * x / c->last;
 }
 
-double chart_y(const struct chart *c, double y)
+static double chart_y(const struct chart *c, double y)
 {
     return CHART_FOOT - (CHART_FOOT - CHART_TOP) * (y - c->low) / (c->high - c->low);
 }
 
-int chart_begin(struct chart *c, struct output *t, const char *title)
+/* Writes the attributes of an svg element, and the axes. */
+static void chart_begin(struct chart *c, struct output *t, const char *title)
 {
-    if (c->is_log) c->last = floor(c->last) + 1;
-    if (c->points == 0 || !(c->last > c->first)) return 0;
     c->step = axis_step(fmax(c->high - c->low, fmax(1e-3 * fabs(c->high), 1e-5)));
     c->low = c->step * floor(c->low / c->step), c->high = c->step * (floor(c->high / c->step) + 1);
     output_add(t, "viewBox=\"0 0 %d %d\" width=\"%d\" height=\"%d\" role=\"img\" aria-label=\"%s\">",
@@ -85,25 +86,20 @@ int chart_begin(struct chart *c, struct output *t, const char *title)
                    "text-anchor=\"end\">%s</text>\n",
                    CHART_LEFT, chart_y(c, y), CHART_RIGHT, CHART_LEFT - 6, chart_y(c, y) + 4,
                    OUTPUT_FIXED(y, c->step >= 1 ? 0 : (int)ceil(-log10(c->step) - 1e-9)));
-    for (double x = c->first; x < c->last + 0.5; x += c->is_log ? 1 : c->last - c->first) {
-        const double value = c->is_log ? pow(10, x) : x;
-        output_add(t, "<text x=\"%.1f\" y=\"202\" text-anchor=\"%s\">%s</text>\n", chart_x(c, value),
-                   c->is_log      ? "middle"
-                   : x > c->first ? "end"
-                                  : "start",
-                   value < 1 && value > 0 ? OUTPUT_FIXED(value, 2) : OUTPUT_COUNT(value));
-    }
-    return 1;
+    output_add(t,
+               "<text x=\"%d.0\" y=\"202\" text-anchor=\"start\">0</text>\n"
+               "<text x=\"%d.0\" y=\"202\" text-anchor=\"end\">%s</text>\n",
+               CHART_LEFT, CHART_RIGHT, OUTPUT_COUNT(c->last));
 }
 
-void chart_line(struct chart *c, struct output *t, double x, double y)
+static void chart_line(struct chart *c, struct output *t, double x, double y)
 {
     output_add(t, c->in_line ? "L" : "<path style=\"stroke:var(--s%d)\" d=\"M", c->lines % CHART_COLOURS);
     output_add(t, "%.1f %.1f", chart_x(c, x), chart_y(c, y));
     c->in_line = 1;
 }
 
-void chart_end_line(struct chart *c, struct output *t, const char *name)
+static void chart_end_line(struct chart *c, struct output *t, const char *name)
 {
     if (c->in_line) output_add(t, "\"><title>%s</title></path>\n", name);
     c->in_line = 0, c->lines++;

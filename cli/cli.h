@@ -215,22 +215,6 @@ typedef struct synth_options {
 
 synth_options synth_options_default(void); /* sets all but `out` */
 
-/* ---------------- chart.c: curves as SVG. First all points are included, then the lines drawn, point by point. */
-
-struct chart {
-    int is_log;                          /* 1: the x axis is logarithmic */
-    int points, lines, in_line;          /* included; drawn; 1: a line has begun */
-    double first, last, low, high, step; /* ends of x (its log10), of y; between two lines of y */
-};
-
-void chart_include(struct chart *c, double x, double y);
-/* Writes the attributes of an svg element, and the axes. Returns 0: nothing was included. */
-int chart_begin(struct chart *c, struct output *t, const char *title);
-double chart_x(const struct chart *c, double x); /* in the drawing */
-double chart_y(const struct chart *c, double y);
-void chart_line(struct chart *c, struct output *t, double x, double y);
-void chart_end_line(struct chart *c, struct output *t, const char *name);
-
 /* ---------------- options.c: commands and options */
 
 enum exit_code {

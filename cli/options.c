@@ -74,15 +74,15 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
         {"tradeoff", 1, 1, "SCENE -o OUT",
          "Measures speed against accuracy on a survey: options one at a time, and the presets.",
          "oceanxl tradeoff survey -o tradeoff --budget 20m",
-         "OUT gets tradeoff.md (tables), tradeoff.csv, speed.svg (a plot), and a run for each row and seed, in SCENE/ROW-seedS/. Rows that do\n"
+         "OUT gets tradeoff.md (tables), tradeoff.csv, and a run for each row and seed, in SCENE/ROW-seedS/. Rows that do\n"
          "not fit the budget are named; the same command with a larger one trains them, too."},
     [COMMAND_RESULTS] =
         {"results", 1, 1, "SURVEY... -o OUT",
          "Measures what the documents publish: speed, the paper's parts, light and water, blocks, extremes, published scenes.",
          "oceanxl results survey1 survey2 lego -o results --max-side 240",
-         "OUT gets results.md (tables), results.csv, speed.svg (a plot), all with the commit, and the runs. Scenes in the layout of NeRF\n"
+         "OUT gets results.md (tables), results.csv, both with the commit, and the runs. Scenes in the layout of NeRF\n"
          "synthetic or LLFF are trained with draft, with standard, and with standard for 30,000 iterations instead. The budget is ten minutes by default; a release takes --budget 24h\n"
-         "--seeds 3. The same command resumes a stopped study. If OUT holds others.csv, lines of NAME,CPU_SECONDS,PSNR are plotted, too."},
+         "--seeds 3. The same command resumes a stopped study."},
 };
 
 /* ---------------- options of the program */

@@ -34,8 +34,8 @@ typedef struct study_options {
     oxl_callback callback;     /* progress of each training */
 } study_options;
 
-/* Trains all rows of the studies on the surveys with all seeds. Leaves in `out`: NAME.md, NAME.csv, speed.svg with
- * the trade-off's rows, and SURVEY/ROW-seedS/ of each training. Prints the page to `to`. When the callback stops it,
+/* Trains all rows of the studies on the surveys with all seeds. Leaves in `out`: NAME.md, NAME.csv
+ * and SURVEY/ROW-seedS/ of each training. Prints the page to `to`. When the callback stops it,
  * or with a larger budget, the next call resumes; what another build trained is trained anew. */
 oxl_result study_run(oxl_context *ctx, const study_options *options, FILE *to);
 

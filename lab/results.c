@@ -1,6 +1,6 @@
-/* results.c - tables and a plot by one command: one study or all, on one survey or several, on one build.
+/* results.c - tables by one command: one study or all, on one survey or several, on one build.
  *
- * The time is divided evenly among what is left. The page and the plot name the commit that wrote them.
+ * The time is divided evenly among what is left. The page names the commit that wrote it.
  */
 #include "study.h"
 
@@ -14,88 +14,7 @@
 #endif
 const char STUDY_BUILD[] = LAB_COMMIT;
 
-/* ---------------- the plot: PSNR against CPU seconds, one curve per survey */
-
-enum { PLOT_POINTS = 400 /* most points */ };
-
-struct plot {
-    int count, curves;
-    struct chart chart;
-    struct plot_point {
-        int curve;
-        double seconds, psnr;
-        char name[40];
-    } point[PLOT_POINTS];
-};
-
-static void plot_add(struct plot *p, const char *name, double seconds, double psnr)
-{
-    struct plot_point *to = &p->point[p->count];
-    p->chart.is_log = 1;
-    if (p->count == PLOT_POINTS || !(seconds > 0) || isnan(psnr)) return;
-    *to = (struct plot_point){p->curves, seconds, psnr, ""};
-    snprintf(to->name, sizeof to->name, "%s", name);
-    p->count++;
-    chart_include(&p->chart, seconds, psnr);
-}
-
-/* Adds the rows of a study that differ in iterations alone. */
-static void plot_add_study(struct plot *p, const struct study *s, const char *name)
-{
-    for (int r = 0; r < s->rows; r++)
-        if (s->row[r]->iterations > 0)
-            plot_add(p, name, study_mean(s, r, STUDY_CPU).mean, study_mean(s, r, STUDY_PSNR).mean);
-    p->curves++;
-}
-
-/* Adds points of other programs from lines of NAME,CPU_SECONDS,PSNR, each a curve of its own. */
-static void plot_add_others(struct plot *p, const char *folder)
-{
-    char *text = output_read(folder, "others.csv"), name[40];
-    double seconds, psnr;
-    for (const char *at = text; at && *at; at += strcspn(at, "\n"), at += *at == '\n') {
-        if (sscanf(at, "%39[^,#],%lf,%lf", name, &seconds, &psnr) != 3) continue;
-        plot_add(p, name, seconds, psnr);
-        p->curves++;
-    }
-    free(text);
-}
-
-static int plot_compare(const void *a, const void *b)
-{
-    const struct plot_point *x = a, *y = b;
-    return x->curve != y->curve ? x->curve - y->curve : (x->seconds > y->seconds) - (x->seconds < y->seconds);
-}
-
-static void plot_draw(struct output *t, struct plot *p)
-{
-    static const char style[] =
-        "<style>svg{background:#fff;--s0:#1f6fb4;--s1:#d1495b;--s2:#2e933c;--s3:#8d5a97;--s4:#b8860b;--s5:#444}"
-        "text{font:9px sans-serif}path{fill:none;stroke-width:1.5}.grid{stroke:#ddd;stroke-width:.7}</style>\n";
-    struct chart *c = &p->chart;
-    qsort(p->point, (size_t)p->count, sizeof *p->point, plot_compare);
-    output_add(t, "<svg xmlns=\"http://www.w3.org/2000/svg\" ");
-    if (!chart_begin(c, t, "Held-out PSNR in dB against CPU seconds, commit " LAB_COMMIT)) output_add(t, ">");
-    output_add(
-        t, "%s<text x=\"50\" y=\"9\">Held-out PSNR, dB, against CPU seconds (commit " LAB_COMMIT ")</text>\n",
-        style);
-    for (int i = 0; i < p->count; i++) {
-        const struct plot_point *at = &p->point[i];
-        const int ends = i + 1 == p->count || at[1].curve != at->curve, of = c->lines % 6;
-        const double x = chart_x(c, at->seconds), y = chart_y(c, at->psnr);
-        chart_line(c, t, at->seconds, at->psnr);
-        if (!ends) continue;
-        chart_end_line(c, t, at->name);
-        output_add(
-            t,
-            "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"3\" style=\"fill:var(--s%d)\"/><text x=\"%.1f\" y=\"%.1f\" text-anchor=\"%s\">%s"
-            "</text>\n",
-            x, y, of, x > 250 ? x - 5 : x + 5, y + 3, x > 250 ? "end" : "start", at->name);
-    }
-    output_add(t, "</svg>\n");
-}
-
-/* ---------------- page, CSV and plot */
+/* ---------------- page and CSV */
 
 static void results_begin(struct output *page, struct output *csv, const study_options *o)
 {
@@ -167,26 +86,19 @@ static int results_plan(oxl_context *ctx, const study_options *o, struct study *
     return count;
 }
 
-/* Writes the page, study by study, the CSV, and the plot where there are points for it. */
+/* Writes the page, study by study, and the CSV. */
 static oxl_result results_write_all(oxl_context *ctx, const study_options *o, const struct study *s,
-                                    int count, struct plot *plot, FILE *to)
+                                    int count, FILE *to)
 {
-    struct output page = {0}, csv = {0}, svg = {0};
+    struct output page = {0}, csv = {0};
     oxl_result rc = OXL_OK;
     results_begin(&page, &csv, o);
     for (int i = 0, same; i < count; i += same) {
         for (same = 1; i + same < count && s[i + same].kind == s[i].kind;) same++;
         study_section(&page, &s[i], same);
         study_csv(&csv, &s[i], same);
-        for (int k = i; k < i + same && s[i].kind == &STUDY_KINDS[STUDY_TRADEOFF]; k++)
-            plot_add_study(plot, &s[k], study_scene(&s[k]));
     }
     if (!page.failed) print_format(to, "%s\n", page.data);
-    if (plot->count > 0) {
-        plot_add_others(plot, o->out);
-        plot_draw(&svg, plot);
-        rc = results_write(ctx, o->out, "speed", "svg", &svg, to);
-    }
     for (int i = 0; i < 2; i++) {
         const oxl_result written =
             results_write(ctx, o->out, o->name, i ? "csv" : "md", i ? &csv : &page, to);
@@ -199,15 +111,13 @@ oxl_result study_run(oxl_context *ctx, const study_options *o, FILE *to)
 {
     const time_t started = time(NULL);
     struct study *s = calloc((size_t)(STUDY_ALL * o->surveys), sizeof *s);
-    struct plot *plot = calloc(1, sizeof *plot);
-    oxl_result rc = s && plot ? OXL_OK : OXL_ERR_MEMORY;
+    oxl_result rc = s ? OXL_OK : OXL_ERR_MEMORY;
     const int count = rc == OXL_OK ? results_plan(ctx, o, s, &rc) : 0;
     if (rc == OXL_OK) rc = results_check(ctx, o);
     for (int i = 0; i < count && rc == OXL_OK; i++)
         rc = study_train_all(
             &s[i], o->budget > 0 ? fmax(o->budget - difftime(time(NULL), started), 1e-3) / (count - i) : 0);
-    if (rc == OXL_OK) rc = results_write_all(ctx, o, s, count, plot, to);
-    free(plot);
+    if (rc == OXL_OK) rc = results_write_all(ctx, o, s, count, to);
     free(s);
     return rc;
 }

@@ -3,7 +3,7 @@
  *     studies.c       the studies, as tables of rows
  *     study.c         trains each row of a study on a survey with each seed, and makes controls equal
  *     study_page.c    means, spreads, comparisons, the Pareto front: the page (Markdown) and the CSV
- *     results.c       trains studies on surveys and writes one page, one CSV and a plot
+ *     results.c       trains studies on surveys and writes one page and one CSV
  */
 #ifndef STUDY_H
 #define STUDY_H

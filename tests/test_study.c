@@ -320,30 +320,6 @@ TEST(results_of_published_scenes_are_those_of_their_own_study_alone)
     free(s);
 }
 
-/* ---------------- the plot of results */
-
-/* A survey of two points, given in the wrong order, and another program's. */
-TEST(results_plot_joins_the_points_of_a_survey_and_no_others)
-{
-    struct plot *p = calloc(1, sizeof *p);
-    struct output t = {0};
-    CHECK(p != NULL);
-    plot_add(p, "reef", 100, 30), plot_add(p, "reef", 10, 20), plot_add(p, "reef", NAN, 25);
-    p->curves++;
-    test_write("others.csv", "# name,seconds,dB\nOther 1.0,1000,25\n");
-    plot_add_others(p, test_folder());
-    plot_draw(&t, p);
-    CHECK(p->count == 3 && p->point[0].seconds == 10 && p->point[2].curve == 1);
-    CHECK(p->chart.low <= 20 && p->chart.high > 30 && p->chart.first == 1 && p->chart.last == 4);
-    CHECK_TEXT(t.data, ">reef</text>");
-    CHECK_TEXT(t.data, ">Other 1.0</text>");
-    CHECK(study_test_count(t.data, "<path style=\"stroke:var(--s0)", 'L') ==
-          1); /* one line joins two points */
-    CHECK(study_test_count(t.data, "<path style=\"stroke:var(--s1)", 'L') == 0);
-    free(t.data);
-    free(p);
-}
-
 /* ---------------- trainings */
 
 TEST(study_reads_what_a_training_left_and_says_when_it_is_not_whole)
