@@ -3,7 +3,8 @@
 #
 # Replaces each #include "..." of oceanxl.c by the text of the file, once. What is above the checks of a survey in oceanxl.c is the trainer;
 # oceanxl_job.c includes the header with its implementation, and has the rest. Of the comment at the head of a file its first paragraph stays,
-# a system header is included once, and tabs indent: the same text in nine tenths of the size.
+# a system header is included once, tabs indent, comments are not aligned, and what the tests' reference, the Vulkan backend and include guards
+# need is left out: the same text in nine tenths of the size. It has at most 1.0 MB.
 set -eu
 cd "$(dirname "$0")/.."
 out=${1:-dist}
@@ -34,8 +35,8 @@ END
     tabs oceanxl_job.h | awk '
         { sub(/ *\/\*.*\*\//, ""); if (sub(/ *\/\*.*/, "")) inside = 1; else if (sub(/.*\*\//, "")) inside = 0; else if (inside) next }
         NF && !/^#include "oceanxl.h"/'
-    # The compiler without OpenMP is not to warn of `#pragma omp`.
-    printf '#ifdef __GNUC__\n#pragma GCC diagnostic push\n#pragma GCC diagnostic ignored "-Wunknown-pragmas"\n#endif\n'
+    # The compiler without OpenMP is not to warn of `#pragma omp`, nor of functions that the job alone uses.
+    printf '#ifdef __GNUC__\n#pragma GCC diagnostic push\n#pragma GCC diagnostic ignored "-Wunknown-pragmas"\n#pragma GCC diagnostic ignored "-Wunused-function"\n#endif\n'
 } >"$trainer"
 {
     echo "/* OceanXL $version, the job: survey folder in, output folder out. Made by scripts/dist.sh: do not edit."
@@ -52,10 +53,17 @@ awk -v trainer="$trainer" -v job="$job" '
         while (sub(/[^\/.]+\/\.\.\//, "", name)) { } # a/../b is b
         return name
     }
-    function emit(path,    line, name, got, head, depth) {
+    # Returns 0 for a line of a branch that is never compiled here, and for the directives of such a choice.
+    function chosen(line) {
+        if (line ~ /^#if/) choice[++depth] = line ~ /^#ifndef OXL_([A-Z_]+_H|REFERENCE)$/ ? 1 : line ~ /^#ifdef OXL_(VULKAN|REFERENCE)$/ ? -1 : 0
+        else if (line ~ /^#else/ && choice[depth]) { choice[depth] = -choice[depth]; return 0 }
+        else if (line ~ /^#endif/ && choice[depth--]) return 0
+        for (i = 1; i <= depth; i++) if (choice[i] < 0) return 0
+        return !(line ~ /^#if/ && choice[depth])
+    }
+    function emit(path,    line, name, got, head) {
         if (path in seen || path ~ /^oceanxl(_job)?\.h$/) return
         seen[path] = 1
-        if (path ~ /^backends\//) { print "#error \"the Vulkan backend is built from the tree alone\"" >>to; return }
         head = 1 # 1: its first paragraph; 2: the others; 0: what follows
         while ((got = getline line < path) > 0) {
             if (path == "oceanxl.c" && line ~ /^\/\* checks of a survey/) to = job
@@ -69,7 +77,11 @@ awk -v trainer="$trainer" -v job="$job" '
                 continue
             }
             while (line ~ /^\t*    /) sub(/    /, "\t", line)
-            depth += (line ~ /^#if/) - (line ~ /^#endif/)
+            if (!chosen(line) || line ~ /^#define OXL_[A-Z_]+_H$/) continue
+            sub(/ +\\$/, " \\", line)
+            if (line ~ /[^ ]  +\/\*/) sub(/  +\/\*/, " /*", line)
+            sub(/\/\* ----------------/, "/* ----", line)
+            if (line !~ /^#/) sub(/OXL_INTERNAL/, "static", line)
             if (line ~ /^#include </ && depth == 0 && path ~ /\.c$/) {
                 if (line in seen) continue
                 seen[line] = 1
