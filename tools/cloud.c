@@ -58,7 +58,7 @@ static void cloud_take(void *user, size_t at, const double p[3], const struct su
     if (v->nearest != c->view || !surface_holds(v, c->enough)) return;
     memcpy(out->place, p, sizeof out->place);
     memcpy(out->rgb, view->rgb + 3 * at, 3);
-    out->views = (unsigned char)fmin(v->confirms, 255);
+    out->views = fmin(v->confirms, 255);
     cloud_normal(view, at, p, out->normal);
 }
 

@@ -170,7 +170,7 @@ static void compare_subtract(struct compare *c, const double *polygon, int corne
                      y = compare_along(a, 1, (double)(i / (size_t)a->width)),
                      sigma[3] = {(double)a->sigma[i], (double)b->sigma[i], c->noise};
         c->difference[i] = b->level[i] - a->level[i];
-        c->level[i] = (float)(COMPARE_LEVEL * frame_length(sigma));
+        c->level[i] = COMPARE_LEVEL * frame_length(sigma);
         if (isnan(c->difference[i]) || !compare_is_inside(polygon, corners, x, y))
             c->difference[i] = c->level[i] = NAN;
     }

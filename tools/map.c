@@ -28,7 +28,6 @@ enum {
 /* factors of map_sigma */
 #define MAP_SIGMA_SPREAD 1.75
 #define MAP_SIGMA_OPEN 0.33
-#define MAP_SIGMA_LEAST 0.0022
 
 static size_t map_pixels(const struct map *m)
 {
@@ -126,16 +125,16 @@ static oxl_result map_draw(struct map *m, const oxl_model *model)
 
 /* ---------------- what the views confirm */
 
-/* The standard deviation of a confirmed height, units: of what the views' depths differ by, of what their parallax
- * leaves open, both along the mean ray, and of a share of the distance that is always left. The factors are calibrated (docs/log/TRAINING.md). */
+/* The standard deviation of a confirmed height, units: of what the views' depths differ by, and of what their parallax
+ * leaves open, both along the mean ray. map_make adds what all views have in common. The factors are calibrated
+ * (docs/log/TRAINING.md). */
 static double map_sigma(const struct map *m, const struct surface_vote *v, double distance)
 {
     const double n = v->confirms, straight = frame_length(v->ray) / n,
                  parallax = sqrt(fmax(2 * (1 - straight), 1e-4)), spread = sqrt(v->off2 / n) * distance,
                  open = m->to.scale * v->footprint / parallax / sqrt(n),
                  upright = vector_dot(v->ray, m->to.rotation + 6) / (n * straight);
-    return sqrt(pow(MAP_SIGMA_SPREAD * upright * spread, 2) + pow(MAP_SIGMA_OPEN * upright * open, 2) +
-                pow(MAP_SIGMA_LEAST * distance, 2));
+    return sqrt(pow(MAP_SIGMA_SPREAD * upright * spread, 2) + pow(MAP_SIGMA_OPEN * upright * open, 2));
 }
 
 static int map_place_of(const void *user, size_t at, double p[3])
@@ -149,12 +148,11 @@ static void map_take_vote(void *user, size_t at, const double p[3], const struct
     struct map *m = user;
     const double scale = m->to.scale;
     (void)p;
-    m->seen[at] = (unsigned char)((v->sees > 0) + (v->sees >= m->enough));
+    m->seen[at] = (v->sees > 0) + (v->sees >= m->enough);
     for (size_t k = 0; k < 3 && v->sees < m->enough; k++) m->colour[k * map_pixels(m) + at] = NAN;
     if (!(m->sigma[at] > 0 && surface_holds(v, m->enough))) return;
-    m->views[at] = (float)v->confirms;
-    m->sigma[at] =
-        (float)map_sigma(m, v, scale * v->footprint * m->surface->view[v->nearest].sheet.camera.fx);
+    m->views[at] = v->confirms;
+    m->sigma[at] = map_sigma(m, v, scale * v->footprint * m->surface->view[v->nearest].sheet.camera.fx);
 }
 
 /* Keeps the heights that the views confirm, and measures the ground. */
@@ -251,8 +249,11 @@ oxl_result map_make(struct map *m, const oxl_model *model)
     if (rc == OXL_OK) rc = map_confirm(m);
     if (rc != OXL_OK) return rc;
     m->filled = map_fill(m, m->colour, 3, MAP_PINHOLE);
-    map_smooth(m);
     m->off = product_deviation(m->surface, &m->to, map_off, m);
+    for (size_t i = 0; i < map_pixels(m);
+         i++) /* where all views are off, none disagrees: the survey's points tell */
+        m->sigma[i] = hypot(m->sigma[i], fmax(m->off.median, 0));
+    map_smooth(m);
     return OXL_OK;
 }
 

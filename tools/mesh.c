@@ -91,7 +91,7 @@ static void mesh_take(void *user, size_t sample, const double p[3], const struct
 {
     struct mesh *m = user;
     (void)p;
-    m->distance[sample] = v->clear >= m->enough ? (float)(v->ahead / v->clear / m->cell) : NAN;
+    m->distance[sample] = v->clear >= m->enough ? v->ahead / v->clear / m->cell : NAN;
 }
 
 /* ---------------- vertices and triangles */

@@ -148,7 +148,7 @@ oxl_result surface_open(oxl_context *ctx, const oxl_model *model, const oxl_scen
         double by;
         if (oxl_scene_view(scene, i)->is_test) continue;
         *c = oxl_scene_view(scene, i)->camera, by = fmin(1, side / fmax(c->width, c->height));
-        c->width = (int)fmax(1, floor(c->width * by)), c->height = (int)fmax(1, floor(c->height * by));
+        c->width = fmax(1, floor(c->width * by)), c->height = fmax(1, floor(c->height * by));
         c->fx *= by, c->fy *= by, c->cx *= by, c->cy *= by;
         s->views++;
         rc = surface_render(s, model, v);
