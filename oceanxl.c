@@ -36,6 +36,7 @@
 #include "src/survey/imaging.c"       /* imaging.txt: exposure gains and medium of a model */
 #include "src/survey/contrast.c"      /* fall of image contrast with depth */
 #include "src/survey/scene_fixed.c" /* finds the pixels that show the same in all images of a camera, wherever it is */
+#include "src/survey/misfit.c"     /* measures how much of a render's error a displaced camera explains */
 #include "src/survey/photometry.c" /* exposure, lamp and medium from the colours of tracks */
 
 /* the model */
@@ -174,7 +175,6 @@
 #include "src/job/out_folder.c"      /* folders that a run may not write to */
 #include "src/job/overlap.c"         /* does a model belong to a survey? */
 #include "src/job/render_files.c"    /* renders as files */
-#include "src/job/misfit.c"          /* how much of an error a displaced camera explains */
 #include "src/job/training_views.c"  /* training views with much larger error than their neighbours */
 #include "src/job/metrics_json.c"    /* metrics as JSON */
 #include "src/job/job_result.c"      /* the model in its files, metrics.json, run.json, renders */

@@ -62,14 +62,6 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
                                              const oxl_metrics *measured, struct text *json,
                                              const char *folder);
 
-struct misfit {         /* Says how a displaced camera explains a render's error (misfit.c). */
-    double explained;   /* fraction of the squared error of detail */
-    double least, most; /* px; the shifts of the render over the image */
-};
-/* Measures the misfit. Clamps the render; gives masked pixels of the image NaN. */
-OXL_INTERNAL oxl_result misfit_measure(oxl_context *ctx, oxl_image *rendered, oxl_image *image,
-                                       struct misfit *out);
-
 /* ---------------- survey_report.c: content of a survey, predicted cost */
 
 /* Describes the survey and predicts the memory of its training. closely: also the time, and checks each image

@@ -21,10 +21,7 @@ enum {
     TRAINING_MIN = 6,   /* views; with fewer no view is flagged */
     TRAINING_SHOWN = 4  /* worst views, which are rendered */
 };
-#define TRAINING_DECIBEL 2.5 /* Flags a view that lacks so many decibels. */
-/* Warns of a flagged view if a shift explains more than this fraction of its error: others may show what is
- * hard to render, such as woods. */
-#define TRAINING_SHIFTED 0.12
+#define TRAINING_DECIBEL 2.5    /* Flags a view that lacks so many decibels. */
 #define TRAINING_STRUCTURE 0.15 /* Looks for a shift where so much structure is lacking. */
 /* Flags a view whose exposure is off by so many spreads: one of 10^5 views of a normal distribution. */
 #define TRAINING_SPREADS 4.5
@@ -106,7 +103,7 @@ static oxl_result training_find_shift(const struct training_views *t, struct tra
     oxl_result rc = scene_copy_image(t->ctx, t->scene, view, &image);
     if (rc == OXL_OK) rc = oxl_render_view(t->ctx, t->model, t->scene, view, t->imaging, &rendered, NULL);
     if (rc == OXL_OK) rc = misfit_measure(t->ctx, &rendered, &image, &misfit);
-    if (misfit.explained > TRAINING_SHIFTED) {
+    if (misfit.explained > MISFIT_EVIDENT) {
         row->flag = TRAINING_MISFIT;
         oxl_log(t->ctx, OXL_LOG_WARNING,
                 "training image %s is rendered displaced by %.1f to %.1f px, which explains %.0f %% of the "

@@ -4,6 +4,9 @@
  * few tracks; such errors blur the model. Each training view has a turn and a move of its own
  * (survey/pose.c), which take a step at each visit by the exact gradient of the loss (render/pose.h).
  *
+ * Gradients find a shift of a few pixels. At POSES_SEARCH of the run, a view whose render is displaced
+ * farther is turned by the shift that explains its error (survey/misfit.c).
+ *
  * Held-out views keep their poses: they are test data, so that PSNR compares runs with and without.
  *
  * Gauge: poses and scene could drift together, away from the poses of held-out views. After each epoch the
@@ -21,8 +24,11 @@
 #include "../core/option_rows.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
+#include "../survey/survey.h"
 
 #define POSES_FROM 0.05    /* of the run: Gaussians are rough before */
+#define POSES_SEARCH 0.2   /* of the run: renders show whose images are displaced */
+#define POSES_FAR 2.0      /* px: by more than this */
 #define POSES_DECIDE 0.4   /* of the run: auto */
 #define POSES_SHIFT 0.2    /* px, root of the mean square: smaller ones are the noise of the steps */
 #define POSES_RATE 1.0     /* px by which the first step shifts an image, at most */
@@ -153,12 +159,42 @@ static double poses_shift(const struct poses *p, const oxl_scene *scene)
     return sqrt(count ? sum / count : 0);
 }
 
+/* Turns the cameras whose renders are displaced too far for gradients to bring them home. */
+static oxl_result poses_search(struct train *t, struct poses *p)
+{
+    oxl_result rc = step_flush(t);
+    for (int v = 0; v < oxl_scene_view_count(t->scene) && rc == OXL_OK; v++) {
+        const oxl_camera *given = &oxl_scene_view(t->scene, v)->camera;
+        oxl_camera camera = *given;
+        oxl_image image = {0}, rendered = {0};
+        struct misfit m = {0};
+        double *at = p->view[v].at, x, y;
+        if (p->view[v].visits == 0) continue;
+        pose_apply(given, at, &camera);
+        rc = scene_copy_image(t->ctx, t->scene, v, &image);
+        if (rc == OXL_OK) rc = oxl_render(t->ctx, &t->trained.model, &camera, &t->render, &rendered, NULL);
+        if (rc == OXL_OK) rc = misfit_measure(t->ctx, &rendered, &image, &m);
+        x = m.shift[0] / given->fx, y = m.shift[1] / given->fy;
+        if (m.explained > MISFIT_EVIDENT && OXL_MAX(fabs(m.shift[0]), fabs(m.shift[1])) > POSES_FAR) {
+            at[0] = OXL_CLAMP(at[0] + y, -POSES_MOST, POSES_MOST);
+            at[1] = OXL_CLAMP(at[1] - x, -POSES_MOST, POSES_MOST);
+        }
+        oxl_image_free(t->ctx, &image);
+        oxl_image_free(t->ctx, &rendered);
+    }
+    return rc;
+}
+
 /* auto: returns to the given poses where they were not found to be off. */
 static oxl_result poses_after_step(struct train *t, void *state)
 {
     struct poses *p = state;
     char why[200];
     double shift;
+    if (p->on && t->step == (int)(POSES_SEARCH * t->options->iterations)) {
+        const oxl_result rc = poses_search(t, p);
+        if (rc != OXL_OK) return rc;
+    }
     if (!p->on || t->options->poses != OXL_AUTO || t->step != (int)(POSES_DECIDE * t->options->iterations))
         return OXL_OK;
     shift = poses_shift(p, t->scene);

@@ -24,6 +24,18 @@ OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const oxl_scene *s
  * tracks, in those whose image they project into. */
 OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, oxl_scene *scene);
 
+/* ---------------- misfit.c: how a displaced camera explains a render's error */
+
+struct misfit {
+    double explained;   /* fraction of the squared error of detail */
+    double least, most; /* px; the shifts of the render over the image */
+    double shift[2];    /* px, right and down; in the middle */
+};
+#define MISFIT_EVIDENT 0.12 /* bounds what a displaced camera explains from below; woods explain less */
+/* Measures the misfit. Clamps the render; gives masked pixels of the image NaN. */
+OXL_INTERNAL oxl_result misfit_measure(oxl_context *ctx, oxl_image *rendered, oxl_image *image,
+                                       struct misfit *out);
+
 /* ---------------- contrast.c: how fast contrast fades with depth */
 
 struct contrast {

@@ -8,7 +8,7 @@
  *
  * Invariant: masked pixels, NaN in the images here, take no part.
  */
-#include "job.h"
+#include "survey.h"
 
 enum {
     MISFIT_SMALLEST = 24, /* px; longer side of the smallest image in which a shift is sought */
@@ -172,6 +172,7 @@ static void misfit_find(const oxl_image *rendered, const oxl_image *image, float
         if (!begun++) misfit_search(&pair, field);
         out->explained = misfit_improve(&pair, field);
     }
+    for (int k = 0; k < 2; k++) out->shift[k] = largest * field[3 * k];
     out->least = HUGE_VAL;
     for (int k = 0; k < 9; k++) {
         double shift[2], size;
