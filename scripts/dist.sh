@@ -61,14 +61,15 @@ awk -v trainer="$trainer" -v job="$job" '
         for (i = 1; i <= depth; i++) if (choice[i] < 0) return 0
         return !(line ~ /^#if/ && choice[depth])
     }
-    function emit(path,    line, name, got, head) {
+    function emit(path,    line, name, got, head, file) {
         if (path in seen || path ~ /^oceanxl(_job)?\.h$/) return
         seen[path] = 1
+        file = path; sub(/^src\//, "", file)
         head = 1 # 1: its first paragraph; 2: the others; 0: what follows
         while ((got = getline line < path) > 0) {
             if (path == "oceanxl.c" && line ~ /^\/\* checks of a survey/) to = job
             if (head == 1) {
-                if (line ~ /^\/\*/) sub(/[^ ]* - /, path " - ", line)
+                if (line ~ /^\/\*/) sub(/[^ ]* - /, file " - ", line)
                 if (line == " *") { head = 2; print " */" >>to }
             }
             if (head) {
@@ -80,7 +81,7 @@ awk -v trainer="$trainer" -v job="$job" '
             if (!chosen(line) || line ~ /^#define OXL_[A-Z_]+_H$/) continue
             sub(/ +\\$/, " \\", line)
             if (line ~ /[^ ]  +\/\*/) sub(/  +\/\*/, " /*", line)
-            sub(/\/\* ----------------/, "/* ----", line)
+            sub(/\/\* ----------------/, "/* --", line)
             if (line !~ /^#/) sub(/OXL_INTERNAL/, "static", line)
             if (line ~ /^#include </ && depth == 0 && path ~ /\.c$/) {
                 if (line in seen) continue

@@ -31,5 +31,8 @@ OXL_INTERNAL int quality_nearest(const oxl_scene *scene, const int *view, int co
                                  int out[QUALITY_NEIGHBOURS]);
 /* Returns the median of the neighbours' values, which are `stride` apart. */
 OXL_INTERNAL double quality_beside(const double *value, size_t stride, const int *near, int neighbours);
+/* Estimates the standard deviation from the median absolute deviation, which outliers do
+ * not change. work: (count). */
+OXL_INTERNAL double quality_spread(const double *value, size_t count, double *work, double *median);
 
 #endif

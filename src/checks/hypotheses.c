@@ -501,7 +501,7 @@ static oxl_result hypotheses_find_images(struct hypotheses *w)
     size_t n = 0;
     for (int k = 0; k < w->count; k++)
         if (w->look[k].judged) value[n++] = w->look[k].score[0];
-    low = w->median - HYPOTHESIS_SPREADS * stats_spread(value, n, w->work, &middle);
+    low = w->median - HYPOTHESIS_SPREADS * quality_spread(value, n, w->work, &middle);
     low = w->none ? -1 : OXL_MIN(low, HYPOTHESIS_LOW * w->median);
     for (int k = 0; k < w->count; k++) {
         struct looked *v = &w->look[k];

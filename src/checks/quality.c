@@ -23,6 +23,8 @@ enum {
 };
 /* Reports an image from so many standard deviations on: one of 10^5 views of a normal distribution. */
 #define QUALITY_SPREADS 4.5
+/* Makes the median absolute deviation the standard deviation of a normal distribution. */
+#define QUALITY_NORMAL 1.4826
 #define QUALITY_BLUR 0.6  /* Counts an image as blurred below this fraction of its neighbours' sharpness. */
 #define QUALITY_STOPS 1.0 /* Bounds the difference to the neighbours' light from below, in stops. */
 /* Limits the fraction of the finest detail of a blurred image, in fractions of the neighbours': a plain
@@ -135,11 +137,19 @@ OXL_INTERNAL double quality_beside(const double *value, size_t stride, const int
     return stats_select(beside, (size_t)neighbours, 0.5);
 }
 
+OXL_INTERNAL double quality_spread(const double *value, size_t count, double *work, double *median)
+{
+    for (size_t i = 0; i < count; i++) work[i] = value[i];
+    *median = stats_select(work, count, 0.5);
+    for (size_t i = 0; i < count; i++) work[i] = fabs(value[i] - *median);
+    return QUALITY_NORMAL * stats_select(work, count, 0.5);
+}
+
 /* Returns the distance from the median of all ratios from which on a view is an outlier, at least
  * `least`. *middle: the median. */
 static double quality_limit(const struct quality_check *q, const double *ratio, double least, double *middle)
 {
-    return OXL_MAX(least, QUALITY_SPREADS * stats_spread(ratio, (size_t)q->count, q->work, middle));
+    return OXL_MAX(least, QUALITY_SPREADS * quality_spread(ratio, (size_t)q->count, q->work, middle));
 }
 
 /* Warns once of the views of a kind, the worst first. by: (count) size of the

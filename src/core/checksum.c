@@ -9,8 +9,6 @@
 
 #define CHECKSUM_PRIME UINT64_C(1099511628211)
 
-enum { CHECKSUM_CHUNK = 1 << 16 };
-
 OXL_INTERNAL uint64_t checksum_add(uint64_t sum, const void *data, size_t size)
 {
     const unsigned char *bytes = data;
@@ -20,24 +18,6 @@ OXL_INTERNAL uint64_t checksum_add(uint64_t sum, const void *data, size_t size)
     }
     for (; size > 0; bytes++, size--) sum = (sum ^ *bytes) * CHECKSUM_PRIME;
     return sum;
-}
-
-OXL_INTERNAL oxl_result checksum_of_file(oxl_context *ctx, const char *path, uint64_t *sum)
-{
-    struct os_reader file;
-    unsigned char *chunk = oxl_alloc(ctx, CHECKSUM_CHUNK, 1);
-    size_t got = CHECKSUM_CHUNK;
-    oxl_result rc = chunk ? os_reader_open(ctx, path, &file) : OXL_ERR_MEMORY;
-    *sum = CHECKSUM_SEED;
-    if (rc == OXL_OK) {
-        while (rc == OXL_OK && got == CHECKSUM_CHUNK) {
-            rc = os_reader_read(ctx, &file, chunk, CHECKSUM_CHUNK, &got);
-            if (rc == OXL_OK) *sum = checksum_add(*sum, chunk, got);
-        }
-        os_reader_close(&file);
-    }
-    oxl_free(ctx, chunk);
-    return rc;
 }
 
 /* ---------------- of text: its last line */

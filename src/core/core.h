@@ -138,8 +138,6 @@ OXL_INTERNAL void text_add(struct text *t, const char *format, ...) OXL_PRINTF(2
  * becomes a low surrogate in JSON, from which oxl_json_text restores it. */
 enum { JSON_LOW = 0xDC00, JSON_HIGH = 0xD800, JSON_SURROGATES = 0x400 };
 OXL_INTERNAL void text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
-/* Adds a number as a member of a JSON object, on a line of its own. */
-OXL_INTERNAL void text_add_member(struct text *t, const char *name, double value);
 OXL_INTERNAL void text_free(struct text *t);
 /* Moves the text to *out and empties t; OXL_ERR_MEMORY if an addition failed. */
 OXL_INTERNAL oxl_result text_take(struct text *t, char **out);
@@ -250,8 +248,7 @@ OXL_INTERNAL int os_is_special(const char *path);
 OXL_INTERNAL int64_t os_modified(const char *path); /* modification time in the system's unit; 0: unknown */
 /* Returns the number of processors that the process may use (Linux cgroups); 0: no limit is known. */
 OXL_INTERNAL int os_processor_quota(void);
-OXL_INTERNAL double os_seconds(void);     /* seconds of a monotonic clock */
-OXL_INTERNAL size_t os_memory_free(void); /* bytes available without swapping; 0: unknown */
+OXL_INTERNAL double os_seconds(void); /* seconds of a monotonic clock */
 /* Calls `visit` with the name of each entry of a folder, in any order. */
 OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path,
                                        void (*visit)(void *user, const char *name), void *user);
@@ -261,7 +258,6 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path,
 #define CHECKSUM_SEED UINT64_C(14695981039346656037)
 /* begins with CHECKSUM_SEED */
 OXL_INTERNAL uint64_t checksum_add(uint64_t sum, const void *data, size_t size);
-OXL_INTERNAL oxl_result checksum_of_file(oxl_context *ctx, const char *path, uint64_t *sum);
 
 /* Ends a text with the line "# checksum HEX", the checksum of all text before it;
  * checksum_of_text compares it. */

@@ -29,4 +29,13 @@ OXL_INTERNAL int os_sync(FILE *file);                  /* makes written data rea
 /* Makes renames in the folder reach the disk, if the system supports this. */
 OXL_INTERNAL void os_sync_folder(const char *path);
 
+#ifndef _WIN32
+/* Reads the number after `name` in a file of a folder, or the file's first number with
+ * name ""; -1: none, or "max". */
+OXL_INTERNAL double os_number_in(const char *folder, const char *file, const char *name);
+/* Returns the least `limit` of the process's control group and those above it, in cgroups version 2; 0: none
+ * has a limit. In a container, and in version 1, the root's files are the container's. */
+OXL_INTERNAL double os_least_limit(double (*limit)(const char *folder), double of_version_1);
+#endif
+
 #endif

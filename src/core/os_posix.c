@@ -111,9 +111,7 @@ OXL_INTERNAL double os_seconds(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Reads the number after `name` in a file of a folder, or the file's first number with
- * name ""; -1: none, or "max". */
-static double os_number_in(const char *folder, const char *file, const char *name)
+OXL_INTERNAL double os_number_in(const char *folder, const char *file, const char *name)
 {
     char path[3200], line[300];
     double value = -1;
@@ -127,9 +125,7 @@ static double os_number_in(const char *folder, const char *file, const char *nam
     return value;
 }
 
-/* Returns the least `limit` of the process's control group and those above it, in cgroups version 2; 0: none
- * has a limit. In a container, and in version 1, the root's files are the container's. */
-static double os_least_limit(double (*limit)(const char *folder), double of_version_1)
+OXL_INTERNAL double os_least_limit(double (*limit)(const char *folder), double of_version_1)
 {
     FILE *file = fopen("/proc/self/cgroup", "r");
     double least = of_version_1;
@@ -174,29 +170,6 @@ OXL_INTERNAL int os_processor_quota(void)
     const double quota = os_number_in(root, "cpu.cfs_quota_us", ""),
                  period = os_number_in(root, "cpu.cfs_period_us", "");
     return (int)OXL_MIN(os_least_limit(os_processors_in, os_processors_of(quota, period)), INT_MAX);
-}
-
-/* Returns the limit less the memory used, without counting file caches that can be dropped. */
-static double os_memory_of(double limit, double used, double cache)
-{
-    return limit > 0 && used >= 0 ? OXL_MAX(limit - used + OXL_MAX(cache, 0), 1) : 0;
-}
-
-static double os_memory_in(const char *folder)
-{
-    return os_memory_of(os_number_in(folder, "memory.max", ""), os_number_in(folder, "memory.current", ""),
-                        os_number_in(folder, "memory.stat", "inactive_file "));
-}
-
-OXL_INTERNAL size_t os_memory_free(void)
-{
-    static const char root[] = "/sys/fs/cgroup/memory";                           /* cgroups version 1 */
-    const double free = 1024 * os_number_in("/proc", "meminfo", "MemAvailable:"); /* known on Linux only */
-    const double limit =
-        os_least_limit(os_memory_in, os_memory_of(os_number_in(root, "memory.limit_in_bytes", ""),
-                                                  os_number_in(root, "memory.usage_in_bytes", ""),
-                                                  os_number_in(root, "memory.stat", "inactive_file ")));
-    return free > 0 ? (size_t)(limit > 0 ? OXL_MIN(free, limit) : free) : 0;
 }
 
 OXL_INTERNAL int os_list(const char *path, void (*visit)(void *user, const char *name), void *user)

@@ -111,12 +111,6 @@ OXL_INTERNAL int os_processor_quota(void)
     return 0;
 }
 
-OXL_INTERNAL size_t os_memory_free(void)
-{
-    MEMORYSTATUSEX status = {.dwLength = sizeof status};
-    return GlobalMemoryStatusEx(&status) ? (size_t)status.ullAvailPhys : 0;
-}
-
 OXL_INTERNAL int os_list(const char *path, void (*visit)(void *user, const char *name), void *user)
 {
     wchar_t wide[OS_PATH_MAX];

@@ -67,11 +67,6 @@ OXL_INTERNAL void text_add_json_string(struct text *t, const char *s)
     text_add(t, "\"");
 }
 
-OXL_INTERNAL void text_add_member(struct text *t, const char *name, double value)
-{
-    text_add(t, "  \"%s\": %s,\n", name, NUMBER(value));
-}
-
 OXL_INTERNAL void text_free(struct text *t)
 {
     oxl_free(t->ctx, t->data);

@@ -232,19 +232,6 @@ static int imaging_has_clear(const char *model_path)
     return os_is_file(PATH_BESIDE(model_path, "scene_clear.ply"));
 }
 
-/* Tells by the words that begin lines, whatever the survey; a damaged file is refused where it is read. */
-int oxl_has_gains_alone(oxl_context *ctx, const char *model_path)
-{
-    const char *path = PATH_BESIDE(model_path, "imaging.txt");
-    struct os_file_map map = {0};
-    int is_alone;
-    if (!imaging_has_clear(model_path) || !os_is_file(path) || os_read_file(ctx, path, &map) != OXL_OK)
-        return 0;
-    is_alone = strstr(map.data, "\ngain ") && !strstr(map.data, "\nlamp ") && !strstr(map.data, "\nbD ");
-    os_release_file(ctx, &map);
-    return is_alone;
-}
-
 OXL_INTERNAL oxl_result imaging_read_beside(oxl_context *ctx, const char *model_path, const oxl_scene *scene,
                                             struct oxl_imaging *out)
 {

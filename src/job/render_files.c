@@ -4,6 +4,7 @@
  */
 #include "job.h"
 #include "../evaluate/evaluate.h"
+#include "../formats/survey_read.h"
 #include "../render/render.h"
 #include "../survey/scene.h"
 
@@ -198,4 +199,18 @@ oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, const oxl_
     rc = render_files_of(ctx, &f, count);
     oxl_free(ctx, view);
     return rc;
+}
+
+/* Tells by the words that begin lines, whatever the survey; a damaged file is refused where it is read. */
+int oxl_has_gains_alone(oxl_context *ctx, const char *model_path)
+{
+    const char *path = PATH_BESIDE(model_path, "imaging.txt");
+    struct os_file_map map = {0};
+    int is_alone;
+    if (!os_is_file(PATH_BESIDE(model_path, "scene_clear.ply")) || !os_is_file(path) ||
+        os_read_file(ctx, path, &map) != OXL_OK)
+        return 0;
+    is_alone = strstr(map.data, "\ngain ") && !strstr(map.data, "\nlamp ") && !strstr(map.data, "\nbD ");
+    os_release_file(ctx, &map);
+    return is_alone;
 }

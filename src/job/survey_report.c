@@ -4,6 +4,7 @@
  * Invariant: nothing here changes what is trained.
  */
 #include "job.h"
+#include "../large/os_job.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
 #include "../checks/checks.h"

@@ -79,7 +79,7 @@ static double training_limit(struct training_views *t)
     const size_t count = (size_t)t->m->count;
     double middle, spread;
     for (size_t i = 0; i < count; i++) t->work[i] = t->row[i].lacks[TRAINING_LIGHT];
-    spread = stats_spread(t->work, count, t->work + count, &middle);
+    spread = quality_spread(t->work, count, t->work + count, &middle);
     return OXL_MAX(TRAINING_DECIBEL, middle + TRAINING_SPREADS * spread);
 }
 

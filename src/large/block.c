@@ -26,6 +26,11 @@ struct block {
 
 /* ---------------- block.json */
 
+OXL_INTERNAL void text_add_member(struct text *t, const char *name, double value)
+{
+    text_add(t, "  \"%s\": %s,\n", name, NUMBER(value));
+}
+
 static const char BLOCK_CHECKSUM[] = "  \"checksum\": \"";
 
 static const char *const BLOCK_NUMBER[BLOCK_NUMBERS] = {

@@ -22,6 +22,24 @@ enum { CHECKPOINT_CHUNK = 1 << 16, CHECKPOINT_HEAD = 3 };
 
 static const char CHECKPOINT_NAME[] = "checkpoint.oxl";
 
+OXL_INTERNAL oxl_result checksum_of_file(oxl_context *ctx, const char *path, uint64_t *sum)
+{
+    struct os_reader file;
+    unsigned char *chunk = oxl_alloc(ctx, CHECKPOINT_CHUNK, 1);
+    size_t got = CHECKPOINT_CHUNK;
+    oxl_result rc = chunk ? os_reader_open(ctx, path, &file) : OXL_ERR_MEMORY;
+    *sum = CHECKSUM_SEED;
+    if (rc == OXL_OK) {
+        while (rc == OXL_OK && got == CHECKPOINT_CHUNK) {
+            rc = os_reader_read(ctx, &file, chunk, CHECKPOINT_CHUNK, &got);
+            if (rc == OXL_OK) *sum = checksum_add(*sum, chunk, got);
+        }
+        os_reader_close(&file);
+    }
+    oxl_free(ctx, chunk);
+    return rc;
+}
+
 /* ---------------- writing */
 
 static void checkpoint_head(uint64_t head[CHECKPOINT_HEAD], const char *key)

@@ -89,11 +89,18 @@ OXL_INTERNAL size_t cost_cache(const oxl_job_options *o)
                   : o->scene.image_cache_bytes;
 }
 
+/* Bounds the bytes of images of `pixels` in total, without masks, and of decoding file_pixels. */
+static double cost_images(double cache, double pixels, double file_pixels)
+{
+    const double one = SCENE_DECODE_BYTES * file_pixels, ahead = OXL_MIN(cache / 4, SCENE_AHEAD * one);
+    return OXL_MIN(3 * pixels + ahead, cache) + one;
+}
+
 OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load *load, double gaussians)
 {
     const int degree = o->train.sh_degree < 0 ? 3 : o->train.sh_degree;
     const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
-    const double cache = image_cache_bytes((double)cost_cache(o), load->pixels, load->largest_file);
+    const double cache = cost_images((double)cost_cache(o), load->pixels, load->largest_file);
     const double depths = parts_bytes(&o->train, load->views);
     /* Counts sets of planes: parameters and two moments; a model for viewers is refined beside the one that
      * it begins with. */

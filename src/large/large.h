@@ -64,6 +64,7 @@ OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, co
 /* Returns a store that keeps a run's state in checkpoints of a folder. */
 OXL_INTERNAL struct train_store checkpoint_in(const char *folder, const char *key);
 OXL_INTERNAL void checkpoint_remove(const char *folder);
+OXL_INTERNAL oxl_result checksum_of_file(oxl_context *ctx, const char *path, uint64_t *sum);
 
 /* ---------------- merge.c: rows of models */
 
@@ -146,6 +147,8 @@ enum {
     BLOCK_NONFINITE,
     BLOCK_NUMBERS = BLOCK_NONFINITE + 4
 };
+/* Adds a number as a member of a JSON object, on a line of its own. */
+OXL_INTERNAL void text_add_member(struct text *t, const char *name, double value);
 #define BLOCK_NUMBER_MAX 1e18 /* Limits numbers that are read from files. */
 struct block_record {         /* Holds members of block.json. */
     int exists, finished;

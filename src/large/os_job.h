@@ -13,6 +13,7 @@ OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *fold
 OXL_INTERNAL int os_is_same(const char *a, const char *b);
 OXL_INTERNAL double os_disk_free(const char *folder); /* bytes; 0: unknown */
 OXL_INTERNAL int os_remove_folder(const char *path);  /* an empty folder; 0: success */
+OXL_INTERNAL size_t os_memory_free(void);             /* bytes available without swapping; 0: unknown */
 OXL_INTERNAL size_t os_peak_rss(void);                /* bytes; 0 when unknown */
 
 /* ---------------- locks; see lock.c */

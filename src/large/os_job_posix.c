@@ -44,6 +44,29 @@ OXL_INTERNAL void os_sleep(double seconds)
     nanosleep(&t, NULL);
 }
 
+/* Returns the limit less the memory used, without counting file caches that can be dropped. */
+static double os_memory_of(double limit, double used, double cache)
+{
+    return limit > 0 && used >= 0 ? OXL_MAX(limit - used + OXL_MAX(cache, 0), 1) : 0;
+}
+
+static double os_memory_in(const char *folder)
+{
+    return os_memory_of(os_number_in(folder, "memory.max", ""), os_number_in(folder, "memory.current", ""),
+                        os_number_in(folder, "memory.stat", "inactive_file "));
+}
+
+OXL_INTERNAL size_t os_memory_free(void)
+{
+    static const char root[] = "/sys/fs/cgroup/memory";                           /* cgroups version 1 */
+    const double free = 1024 * os_number_in("/proc", "meminfo", "MemAvailable:"); /* known on Linux only */
+    const double limit =
+        os_least_limit(os_memory_in, os_memory_of(os_number_in(root, "memory.limit_in_bytes", ""),
+                                                  os_number_in(root, "memory.usage_in_bytes", ""),
+                                                  os_number_in(root, "memory.stat", "inactive_file ")));
+    return free > 0 ? (size_t)(limit > 0 ? OXL_MIN(free, limit) : free) : 0;
+}
+
 OXL_INTERNAL size_t os_peak_rss(void)
 {
     struct rusage usage;

@@ -55,6 +55,12 @@ OXL_INTERNAL void os_sleep(double seconds)
     Sleep((DWORD)(1000 * seconds));
 }
 
+OXL_INTERNAL size_t os_memory_free(void)
+{
+    MEMORYSTATUSEX status = {.dwLength = sizeof status};
+    return GlobalMemoryStatusEx(&status) ? (size_t)status.ullAvailPhys : 0;
+}
+
 OXL_INTERNAL size_t os_peak_rss(void)
 {
     PROCESS_MEMORY_COUNTERS counters;

@@ -61,8 +61,13 @@ static inline uint8_t image_to_byte(float v)
 
 /* ---------------- scene_images.c: which images are in memory */
 
-/* Bounds the bytes of images of `pixels` in total, without masks, and of decoding file_pixels. */
-OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_pixels);
+enum {
+    /* most images that are loaded in parallel; memory is planned for as many on any number of threads */
+    SCENE_AHEAD = 4,
+    /* bytes per pixel of a file: planes and colours of a JPEG; a progressive one
+     * and 16 bits take twice that */
+    SCENE_DECODE_BYTES = 6
+};
 
 struct image_cache {
     struct training_image *image; /* (views) rgb is NULL if not in memory */

@@ -305,10 +305,12 @@ OXL_INTERNAL void lamp_add_row(const struct lamp_area *area, int y, const double
             sum[t] += (double)py[lamp_terms[t][0]] * lamp_legendre[lamp_terms[t][1]][k] * power[k];
 }
 
+#ifdef OXL_VULKAN
 OXL_INTERNAL double lamp_coefficient(int term, int j, int k)
 {
     return (double)lamp_legendre[lamp_terms[term][0]][j] * (double)lamp_legendre[lamp_terms[term][1]][k];
 }
+#endif
 
 OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_area *area, float *gain)
 {

@@ -74,8 +74,10 @@ static inline float lamp_coordinate(float at, int count)
 {
     return (2 * at + 1) / (float)count - 1;
 }
+#ifdef OXL_VULKAN
 /* Returns the coefficient of y^j x^k in a term. */
 OXL_INTERNAL double lamp_coefficient(int term, int j, int k);
+#endif
 /* Evaluates exp of the polynomial: gain (H,W). */
 OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_area *area, float *gain);
 /* Prepares row y of the area: the log gain is the sum over k of a[k] x^k, with x by lamp_coordinate. */

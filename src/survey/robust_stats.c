@@ -17,8 +17,6 @@ enum {
     STATS_VIEWS = 64,
     STATS_POINTS = STATS_SAMPLE / STATS_VIEWS
 };
-/* Makes the median absolute deviation the standard deviation of a normal distribution. */
-#define STATS_NORMAL 1.4826
 #define STATS_OUTLIER 5.0 /* Leaves out cameras beyond this multiple of the median distance. */
 
 /* ---------------- quantiles */
@@ -60,14 +58,6 @@ OXL_INTERNAL double stats_select(double *value, size_t count, double quantile)
         else first = j + 1;
     }
     return count ? value[nth] : 0;
-}
-
-OXL_INTERNAL double stats_spread(const double *value, size_t count, double *work, double *median)
-{
-    for (size_t i = 0; i < count; i++) work[i] = value[i];
-    *median = stats_select(work, count, 0.5);
-    for (size_t i = 0; i < count; i++) work[i] = fabs(value[i] - *median);
-    return STATS_NORMAL * stats_select(work, count, 0.5);
 }
 
 OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride,

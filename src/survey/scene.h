@@ -128,9 +128,6 @@ OXL_INTERNAL double scene_depth_span(const oxl_scene *scene);
 /* Bounds this ratio from below: with less a medium is not identifiable, and `auto`
  * is off (docs/UNDERWATER.md). */
 #define SCENE_DEPTH_SPAN_MIN 2
-/* Keeps decoded training images in files of `folder`, which are then read instead of the
- * originals; NULL: keeps none. */
-OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, const oxl_scene *scene, const char *folder);
 /* Makes points to start from for a scene without points, at most `count`, as a function of the survey and the
  * seed (scene_start.c). Free with oxl_free. scene_start_count returns how many are useful: more with
  * composited images, which outline the scene. */

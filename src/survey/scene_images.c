@@ -8,14 +8,6 @@
 #include "image.h"
 #include "scene.h"
 
-enum {
-    /* most images that are loaded in parallel; memory is planned for as many on any number of threads */
-    SCENE_AHEAD = 4,
-    /* bytes per pixel of a file: planes and colours of a JPEG; a progressive one
-     * and 16 bits take twice that */
-    SCENE_DECODE_BYTES = 6
-};
-
 /* Finds masks/NAME.png, with or without the extension in NAME, or else the mask that
  * the survey's files name. */
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, int view, char **out)
@@ -36,14 +28,6 @@ OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene
                ? oxl_strdup(ctx, PATH(scene->colmap.folder, "%s", name))
                : NULL;
     return OXL_OK;
-}
-
-OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, const oxl_scene *scene, const char *folder)
-{
-    char **decoded = &scene->cache->decoded;
-    oxl_free(ctx, *decoded);
-    *decoded = folder ? oxl_strdup(ctx, folder) : NULL;
-    return *decoded || !folder ? OXL_OK : OXL_ERR_MEMORY;
 }
 
 /* Loads the whole image of a view for a camera: from the file that an earlier request has left, or decoded,
@@ -168,12 +152,6 @@ OXL_INTERNAL const struct training_image *scene_image(oxl_context *ctx, const ox
     c->held += scene_image_bytes(image);
     scene_evict(ctx, scene, view, c->limit);
     return image;
-}
-
-OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_pixels)
-{
-    const double one = SCENE_DECODE_BYTES * file_pixels, ahead = OXL_MIN(cache / 4, SCENE_AHEAD * one);
-    return OXL_MIN(3 * pixels + ahead, cache) + one;
 }
 
 /* Chooses views that are not in memory, at most one per thread, and as many as can be decoded in a quarter of

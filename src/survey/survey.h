@@ -10,9 +10,6 @@
 OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double quantile);
 /* Returns the quantile of unsorted values, which it reorders. */
 OXL_INTERNAL double stats_select(double *value, size_t count, double quantile);
-/* Estimates the standard deviation from the median absolute deviation, which outliers do
- * not change. work: (count). */
-OXL_INTERNAL double stats_spread(const double *value, size_t count, double *work, double *median);
 /* Finds the 1st, 50th and 99th percentile of each coordinate of n positions, which
  * are `stride` bytes apart. */
 OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride,
