@@ -1,4 +1,5 @@
-"""pip install . - builds the shared library by make, and installs it beside python/oceanxl.py. Needs no network: setuptools, make, a C compiler.
+"""pip install --no-build-isolation . - builds the shared library by make, and installs it beside python/oceanxl.py. Needs no
+network: setuptools, make, a C compiler.
 
 STB=folder and CC are make's; a wheel fits any Python 3 of the machine's kind.
 """

@@ -308,6 +308,9 @@ def test_transparent_images_have_the_models_background():
     clear = oxl.load(work / "clear", alpha="composite")
     black, white = (clear.views[0].read(background=(g, g, g))[0] for g in (0, 1))
     assert np.array_equal(white, clear.views[0].image) and (white - black)[:, 0].min() > 0.99
+    means = [oxl.train(clear, progress=False, iterations=9, background=(0, 0, 0), callback=look).means
+             for look in (None, lambda p: clear.views[0].image is None)]
+    assert np.array_equal(*means)
     for made in (oxl.Model.from_points(clear), oxl.Model.create(3, scene=clear), oxl.Model.create(3, scene=scene)):
         assert np.allclose(made.background, made.scene is clear)
         assert oxl.evaluate(made, made.scene, "all")["views"][0]["psnr"] == oxl.metrics(oxl.render_image(made, made.scene.views[0]), made.scene.views[0].image)["psnr"]

@@ -56,10 +56,8 @@ OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, i
 static oxl_result evaluate_check(oxl_context *ctx, const oxl_scene *scene, const oxl_imaging *imaging)
 {
     if (!imaging || !imaging->views || imaging->views == scene->view_count) return OXL_OK;
-    return oxl_fail(
-        ctx, OXL_ERR_USAGE,
-        "the imaging belongs to a scene of %d views, this one has %d\nfix: pass the scene of the model",
-        imaging->views, scene->view_count);
+    return oxl_fail(ctx, OXL_ERR_USAGE, "the imaging is of %d views, the scene has %d\nfix: pass the model's",
+                    imaging->views, scene->view_count);
 }
 
 oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, int view,
@@ -192,7 +190,7 @@ static oxl_result evaluate_views(oxl_context *ctx, struct evaluate_pass p, oxl_s
     const oxl_scene *scene = p.of.scene;
     const size_t room = (size_t)scene->view_count + 1;
     struct unshown *unshown = NULL;
-    oxl_result rc = OXL_OK;
+    oxl_result rc = evaluate_check(ctx, scene, p.of.imaging);
     int *view = oxl_alloc(ctx, room, sizeof *view), count = 0, all = 0;
     *out = (oxl_metrics){.views = oxl_alloc(ctx, room, sizeof *out->views)};
     if (!view || !out->views) rc = OXL_ERR_MEMORY;
@@ -224,9 +222,7 @@ oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, const oxl_scen
                         const oxl_imaging *imaging, oxl_split split, oxl_metrics *out)
 {
     const struct evaluate_pass p = {.of = {NULL, model, scene, imaging}, .whole = 1, .most = INT_MAX};
-    const oxl_result rc = evaluate_check(ctx, scene, imaging);
-    *out = (oxl_metrics){0};
-    return rc != OXL_OK ? rc : evaluate_views(ctx, p, split, out);
+    return evaluate_views(ctx, p, split, out);
 }
 
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,

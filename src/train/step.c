@@ -68,6 +68,8 @@ OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
 static void step_read_ahead(struct train *t, int slot)
 {
     int view[STEP_READ_AHEAD], count = 0;
+    /* A callback may have read images on another background. */
+    scene_set_background(t->ctx, t->scene, t->render.background);
     for (int i = slot; i < t->views && count < STEP_READ_AHEAD; i++)
         if (!renderer_has_image(t->renderer, t->view[i])) view[count++] = t->view[i];
     if (count > 0 && view[0] == t->view[slot]) scene_images_ahead(t->ctx, t->scene, view, count);
