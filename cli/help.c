@@ -6,9 +6,8 @@
 
 #include <string.h>
 
-static const char HELP_PURPOSE[] =
-    "from a COLMAP model of an underwater survey to one compact 3D Gaussian Splatting model,\n"
-    "on a laptop without a GPU.\n";
+static const char HELP_PURPOSE[] = "trains one compact 3D Gaussian Splatting model of an underwater survey,\n"
+                                   "from a COLMAP model and its images, on a laptop without a GPU.\n";
 static const char HELP_SCENE[] =
     "SCENE is a folder with images/ and sparse/0/ (or sparse/, or the files of a COLMAP model, text or "
     "binary), or with a\ntransforms.json, poses_bounds.npy or reconstruction.json. MODEL is a .ply, .spz "
@@ -29,7 +28,7 @@ static const struct {
      "the model without its medium or, if images differ only by gains, the model that needs gains; and "
      "the parameters of exposure, lamp, medium and poses. eval and render use both files."},
     {"metrics.json",
-     "psnr, cc_psnr, ssim, structure of held-out views, each and mean; psnr, cc_psnr, structure of training views, flag (misfit, exposure, no structure); gaussians, bytes, seconds, iterations, peak_rss_bytes."},
+     "psnr, cc_psnr, ssim and structure of each held-out view, and their means; psnr, cc_psnr, structure and flag (misfit, exposure, no structure) of training views; gaussians, bytes, seconds, iterations, peak_rss_bytes."},
     {"run.json",
      "version, options (\"job\"), renderer (\"backend\"), the survey, decisions with evidence, log lines."},
     {"report.html", "one page: charts, map, worst views."},
@@ -96,7 +95,7 @@ static void help_row(FILE *to, const char *left, const char *right, const char *
 
 static void help_overview(FILE *to)
 {
-    fprintf(to, "OceanXL " OXL_VERSION ": %s\n", HELP_PURPOSE);
+    fprintf(to, "OceanXL " OXL_VERSION " %s\n", HELP_PURPOSE);
     fputs("  oceanxl train survey -o out\n\n"
           "Commands (oceanxl COMMAND --help says more, oceanxl --man is the manual page)\n",
           to);
@@ -138,9 +137,9 @@ static void help_first(FILE *to)
 {
     fputs("\nIn place of a command\n", to);
     help_row(to, "--help [all], -h", "print this overview; all: with every option of every command", "");
-    help_row(to, "--version, -V", "version", "");
-    help_row(to, "--man", "the manual page, in roff: oceanxl --man | man -l -", "");
-    help_row(to, "--options-page", "docs/OPTIONS.md", "");
+    help_row(to, "--version, -V", "print the version", "");
+    help_row(to, "--man", "print the manual page in roff: oceanxl --man | man -l -", "");
+    help_row(to, "--options-page", "print docs/OPTIONS.md", "");
 }
 
 void help_print(FILE *to, enum command command, int all)
@@ -153,7 +152,7 @@ void help_print(FILE *to, enum command command, int all)
                 c->usage, c->more);
     if (command == COMMAND_NONE && all) help_first(to);
     if (command != COMMAND_NONE || all) left_out = help_options(to, command, all);
-    if (left_out > 0) fprintf(to, "\n%d more options, advanced and expert: --help all\n", left_out);
+    if (left_out > 0) fprintf(to, "\nAdvanced and expert options not shown: %d (--help all)\n", left_out);
 }
 
 /* ---------------- all options and outputs, for the manual page and docs/OPTIONS.md */

@@ -17,12 +17,12 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
     [COMMAND_TRAIN] =
         {"train", 1, 1, "SCENE -o OUT", "Trains a survey: images and a COLMAP model in, one splat model out.",
          "oceanxl train survey -o out",
-         "OUT gets scene.ply (scene_standard.ply too, if other viewers need it), report.html to look at, metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
-         "Ctrl-C stops and saves the state; a crash loses at most a minute. Run the same command again to resume."},
+         "OUT gets scene.ply (and scene_standard.ply, if other viewers need it), report.html (a page for a browser), metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
+         "Ctrl-C saves the state and stops; a crash loses at most a minute of training. The same command resumes."},
     [COMMAND_CHECK] = {"check", 1, 0, "SCENE",
-                       "Checks a survey: prints what train reads, predicted memory and time.",
+                       "Checks a survey: prints what train would read, and the predicted memory and time.",
                        "oceanxl check survey",
-                       "Exit code 3: it cannot be trained; the message gives the reason."},
+                       "Exit code 3 means that the survey cannot be trained; the message gives the reason."},
     [COMMAND_RENDER] =
         {"render", 2, 1, "MODEL SCENE -o DIR",
          "Renders a model from the cameras of a survey, from above, or along a flight.",
@@ -30,14 +30,14 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
          "Writes one PNG per view, named after its image; --ortho and --flight render other views instead."},
     [COMMAND_CLOUD] =
         {"cloud", 2, 1, "MODEL SCENE -o FILE",
-         "Writes points on the surface that the training views agree on, or with --mesh triangles.",
+         "Writes points on the surface that the training views agree on, or triangles with --mesh.",
          "oceanxl cloud out/scene.ply survey -o cloud.las",
          "FILE is .ply or .las (.ply or .obj with --mesh), in the survey's world coordinates; in metres with --scale."},
     [COMMAND_COMPARE] =
         {"compare", 2, 1, "OUT1 OUT2 -o DIR",
-         "Compares two trained surveys of one place: height differences, volumes, significant changes.",
+         "Compares two trained surveys of one place: differences of height, volumes, significant changes.",
          "oceanxl compare dive1 dive2 -o change",
-         "DIR gets compare.html to look at, compare.csv, change.png, difference.tif with the level of detection, significant.tif."},
+         "DIR gets compare.html (a page for a browser), compare.csv, change.png, difference.tif (with the level of detection) and significant.tif."},
     [COMMAND_MEASURE] =
         {"measure", 1, 0, "SCENE --scale-bar ENDS",
          "Measures in a survey: the length of a scale bar, and from it metres per unit.",
@@ -65,7 +65,8 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
          "oceanxl synth -o survey",
          "DIR gets images/, sparse/0/ and truth/: images without water, depth maps, the water's parameters."},
     [COMMAND_ABLATE] =
-        {"ablate", 1, 1, "SCENE -o OUT", "Trains the paper's variants: gain and cost of each part.",
+        {"ablate", 1, 1, "SCENE -o OUT",
+         "Trains the variants of the OceanXL paper, and measures the gain and cost of each part.",
          "oceanxl ablate survey -o ablation --preset standard --seeds 3",
          "OUT gets ablate.md (tables), ablate.csv, and for each row and seed a run of train, in SCENE/ROW-seedS/. The same command\n"
          "resumes a stopped study. All rows share the options below. Rows: 3dgs (midpoint cuts), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4\n"
@@ -78,7 +79,7 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
          "not fit the budget are named; the same command with a larger one trains them, too."},
     [COMMAND_RESULTS] =
         {"results", 1, 1, "SURVEY... -o OUT",
-         "Measures what the documents publish: speed, the paper's parts, light and water, blocks, extremes, published scenes.",
+         "Measures the figures in the documents: speed, the paper's parts, light and water, blocks, extremes, published scenes.",
          "oceanxl results survey1 survey2 lego -o results --max-side 240",
          "OUT gets results.md (tables), results.csv, both with the commit, and the runs. Scenes in the layout of NeRF\n"
          "synthetic or LLFF are trained with draft, with standard, and with standard for 30,000 iterations instead. The budget is ten minutes by default; a release takes --budget 24h\n"
@@ -108,7 +109,7 @@ static const oxl_option CLI_OPTIONS[] = {
 /* name, value, kind, field, lowest, highest, tier, commands, group, help */
 ROW("rows", "NAME,NAME...", TEXT, rows, 0, 0, BASIC, IN(ABLATE) | IN(TRADEOFF), "Study", "rows to train; otherwise, ablate: 3dgs,v1,v2,v1-count,v3,v4,oceanxl,v3-bytes, each control after its row; tradeoff: all, compared with the base"),
 ROW("seeds", "N", INT, seeds, 1, CLI_SEEDS, BASIC, STUDIES, "Study", "train each row with seeds 1 to N"),
-ROW("budget", "TIME", SECONDS, budget, 0.001, MOST, BASIC, IN(TRADEOFF) | IN(RESULTS), "Study", "time for all rows, e.g. 90s, 20m or 8h; otherwise 20m, for results 10m"),
+ROW("budget", "TIME", SECONDS, budget, 0.001, MOST, BASIC, IN(TRADEOFF) | IN(RESULTS), "Study", "time for all rows, e.g. 90s, 20m or 8h; otherwise 20m, or 10m for results"),
 ROW("views", "N", INT, synth.views, 2, 1000000, BASIC, IN(SYNTH), "Synthetic survey", "number of images"),
 ROW("size", "WxH", SIZE, synth.width, 16, 8192, BASIC, IN(SYNTH), "Synthetic survey", "size of an image, 16 to 8192 px a side"),
 ROW("path", "lawnmower|orbit|forward", CHOICE, synth.path, 0, 2, BASIC, IN(SYNTH), "Synthetic survey", "camera path; forward: one line, looking ahead and down"),
@@ -119,7 +120,7 @@ ROW("lamp", "POWER", DOUBLE, synth.lamp, 0, 2, BASIC, IN(SYNTH), "Synthetic surv
 ROW("backscatter", "FRACTION", DOUBLE, synth.backscatter, 0, 1, BASIC, IN(SYNTH), "Synthetic survey", "largest backscatter of --lamp, as a fraction of full white"),
 ROW("sand-contrast", "FRACTION", DOUBLE, synth.sand_contrast, 0, 1, BASIC, IN(SYNTH), "Synthetic survey", "contrast of bare sand, as a fraction of its usual contrast; below 1 it is dark and has few points"),
 ROW("stereo", "METRES", DOUBLE, synth.stereo, 0, 10, BASIC, IN(SYNTH), "Synthetic survey", "distance between two cameras that take the images in pairs; 0: one camera"),
-ROW("change", "none|light|all", CHOICE, synth.change, 0, 2, BASIC, IN(SYNTH), "Synthetic survey", "a second dive at the place of the same seed, with other cameras, sun and noise; all: a mound is heaped up and a stone taken away (truth/change.txt)"),
+ROW("change", "none|light|all", CHOICE, synth.change, 0, 2, BASIC, IN(SYNTH), "Synthetic survey", "make a second dive at the place of the same seed, with other cameras, sun and noise; all: also a mound more and a stone less (truth/change.txt)"),
 ROW("water", "none|I|IA|IB|II|III|1C|3C|5C|7C|9C", CHOICE, synth.water, 0, 10, BASIC, IN(SYNTH), "Synthetic survey", "Jerlov's water type"),
 ROW("pose-noise", "X", DOUBLE, synth.pose_noise, 0, 10, ADVANCED, IN(SYNTH), "Synthetic survey", "turn exported poses by X degrees, move them by X % of the distance (rms); truth/poses.txt has the true ones"),
 ROW("noise", "SIGMA", DOUBLE, synth.noise, 0, 100, BASIC, IN(SYNTH), "Synthetic survey", "sensor noise, standard deviation in 8-bit levels"),
@@ -133,8 +134,8 @@ ROW("length", "METRES", DOUBLE, length, LEAST, MOST, BASIC, IN(MEASURE), "Measur
 ROW("split", "test|train|all", CHOICE, split, 0, 2, BASIC, IN(RENDER) | IN(EVAL), "Views", "views to use"),
 ROW("depth", NULL, FLAG, depth, 0, 1, BASIC, IN(RENDER), "Views", "also write depth: NAME.depth.png for viewing and NAME.depth.pfm in the survey's unit"),
 ROW("clear", NULL, FLAG, clear, 0, 1, ADVANCED, IN(RENDER), "Views", "render at mean exposure and without the medium, for models with an imaging.txt beside them"),
-ROW("ortho", NULL, FLAG, ortho, 0, 1, BASIC, IN(RENDER), "Views", "render a map instead: ortho.tif (orthomosaic), height.tif (heights) and certainty.tif (their standard deviation and number of views), all GeoTIFF, and frame.txt (axes)"),
-ROW("pixel", "SIZE", DOUBLE, pixel, LEAST, MOST, BASIC, IN(RENDER) | IN(CLOUD) | IN(COMPARE), "Map", "pixel size in units, in metres with --scale; otherwise the median size of an image pixel on the ground; with --mesh, twice that"),
+ROW("ortho", NULL, FLAG, ortho, 0, 1, BASIC, IN(RENDER), "Views", "render a map instead: the GeoTIFF files ortho.tif (orthomosaic), height.tif (heights) and certainty.tif (their standard deviation and number of views), and frame.txt (axes)"),
+ROW("pixel", "SIZE", DOUBLE, pixel, LEAST, MOST, BASIC, IN(RENDER) | IN(CLOUD) | IN(COMPARE), "Map", "pixel size in the survey's unit, or in metres with --scale; otherwise the median size of an image pixel on the ground, or twice that with --mesh"),
 ROW("epsg", "CODE", INT, epsg, 0, 32766, BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD), "Map", "the survey's projected coordinate system, for the GeoTIFF and LAS files, e.g. 32632 for UTM zone 32N"),
 ROW("gps", NULL, FLAG, gps, 0, 1, BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD), "Map", "write coordinates in metres (UTM) with z up, fitted to the GPS positions in the photos' EXIF data"),
 ROW("min-views", "N", INT, min_views, 1, 1000, BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD), "Map", "number of training views that must have seen a place; other places are transparent, have no height and are left out of clouds"),
@@ -144,16 +145,16 @@ ROW("smooth", "N", INT, smooth, 0, 1000, BASIC, IN(RENDER), "Map", "number of pa
 ROW("frame", "auto|world|survey", CHOICE, frame, 0, 2, ADVANCED, IN(RENDER) | IN(COMPARE), "Map", "axes: the world's x and y, seen along z, or the survey's principal axes; auto: the world's where its z is up"),
 ROW("flight", "none|orbit|survey", CHOICE, flight, 0, 2, BASIC, IN(RENDER), "Views", "render the frames of a flight instead, around the centre or along the cameras: frame_00000.png, ..."),
 ROW("frames", "N", INT, frames, 0, 2147483647, BASIC, IN(RENDER), "Views", "number of frames of the flight"),
-ROW("scale", "METRES", DOUBLE, scale, LEAST, MOST, BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD) | IN(CONVERT) | IN(REPORT), "Views", "metres per unit of the survey, as printed by measure: depths, heights, positions, models and the report's lengths are then in metres"),
+ROW("scale", "METRES", DOUBLE, scale, LEAST, MOST, BASIC, IN(RENDER) | IN(COMPARE) | IN(CLOUD) | IN(CONVERT) | IN(REPORT), "Views", "metres per unit of the survey, as measure prints it; depths, heights, positions, models and the report's lengths are then in metres"),
 ROW("o", "FOLDER", TEXT, out, 0, 0, BASIC, IN(TRAIN) | IN(RENDER) | IN(CLOUD) | IN(COMPARE) | IN(SYNTH) | STUDIES, "Program", "output folder, created if missing; for cloud: the output file"),
 ROW("json", NULL, FLAG, json, 0, 1, BASIC, IN(CHECK) | IN(EVAL) | IN(INFO), "Program", "print results on standard output as JSON"),
 ROW("quality", NULL, FLAG, quality, 0, 1, BASIC, IN(CHECK), "Program", "read every image, and name those that are more blurred, darker or brighter than their neighbours"),
 ROW("control", "FILE", TEXT, control, 0, 0, BASIC, IN(CHECK), "Program", "also compare control points with the places where the cameras see them; a line is NAME,X,Y,Z,IMG,X,Y,IMG,X,Y: world coordinates, and pixels in two images or more"),
 ROW("dry-run", NULL, FLAG, dry_run, 0, 1, BASIC, IN(TRAIN), "Program", "check the survey, the options and OUT, print predicted time and memory, and write nothing"),
-ROW("progress", "text|json", CHOICE, progress_json, 0, 1, ADVANCED, IN(TRAIN), "Program", "form of progress on standard error; json: JSON lines, {\"event\": \"progress\" or \"log\", ...}"),
+ROW("progress", "text|json", CHOICE, progress_json, 0, 1, ADVANCED, IN(TRAIN), "Program", "form of the progress on standard error; json: JSON lines, {\"event\": \"progress\" or \"log\", ...}"),
 ROW("backend", "cpu|auto|vulkan", CHOICE, backend, 0, 2, ADVANCED, DRAWS, "Program", "device that renders and trains; vulkan: in builds with make VULKAN=1; auto: a GPU if there is one"),
-ROW("device", "best|N", INT, device, 0, 2147483647, ADVANCED, DRAWS, "Program", "index of the device in the list of info --devices, from 0"),
-ROW("devices", NULL, FLAG, devices, 0, 1, ADVANCED, IN(INFO), "Program", "list the Vulkan devices instead; no FILE"),
+ROW("device", "best|N", INT, device, 0, 2147483647, ADVANCED, DRAWS, "Program", "index of the device in the list that info --devices prints, counted from 0"),
+ROW("devices", NULL, FLAG, devices, 0, 1, ADVANCED, IN(INFO), "Program", "list the Vulkan devices instead; FILE is not needed"),
 ROW("threads", "all|T", INT, threads, 0, 2147483647, BASIC, EVERYWHERE, "Program", "number of threads; the result does not depend on it"),
 ROW("quiet", NULL, FLAG, quiet, 0, 1, BASIC, EVERYWHERE, "Program", "print only warnings and errors"),
 ROW("verbose", NULL, FLAG, verbose, 0, 1, BASIC, EVERYWHERE, "Program", "also print the evidence of each decision, as in run.json and the report"),

@@ -162,8 +162,7 @@ int main(int argc, char **argv)
         "(alpha >= 1/255, T >= 1e-4), a pixel may differ by 1/255; bounds of 4e-03 allow for this.\n"
         "\n"
         "A Gaussian at or before the near plane, wider than 1e30 px or fainter than 1/255 is not rendered. A quaternion shorter than 1.2e-38 is the\n"
-        "identity. Log scales are clamped to +-87, Adam's gradient to +-1e18. Non-finite values are skipped, counted and reported\n"
-        "(`src/train/nonfinite.c`).\n"
+        "identity. Log scales are clamped to +-87, Adam's gradient to +-1e18.\n"
         "\n",
         oxl_isa_name(ctx));
     extreme_print_renders(ctx);

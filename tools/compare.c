@@ -304,7 +304,7 @@ static void compare_page(const struct compare *c, const char *csv, struct output
     output_bytes(page, csv + 2, (size_t)(end - csv - 2));
     output_add(
         page,
-        "</p><p>The first survey in grey; red: raised, blue: lowered, beyond the level of detection of 95 %% in most "
+        "</p><p>Grey: the first survey; red: raised, blue: lowered, by more than the 95 %% level of detection in most "
         "cells around; dark: no height in one of the two.</p><img src=\"change.png\" alt=\"Map of changes\"><table>");
     for (; *end; end++)
         if (*end == ',' || *end == '\n') output_add(page, *end == ',' ? "<td>" : "\n<tr><td>");
@@ -319,9 +319,9 @@ static void compare_table(const struct compare *c, const struct compare_row *row
     const double *v = row->value;
     output_add(
         t,
-        "# oceanxl comparison: %.1f %% of the second survey lie on the first; registration: scale %.5f, uncertain by "
-        "%.5f %s. %.2f square %s have both heights (%zu cells filled from around), %.2f of them changed significantly, at "
-        "%d places. Volume: %.4f cubic %s raised, %.4f lowered where it is significant; net of all cells %.4f, within %.4f "
+        "# oceanxl comparison: %.1f %% of the second survey overlaps the first; registration: scale %.5f, uncertainty "
+        "%.5f %s. %.2f square %s have heights in both surveys (%zu cells are filled from their neighbours); %.2f of them changed significantly, at "
+        "%d places. Volume of significant changes: %.4f cubic %s raised, %.4f lowered; net volume of all cells: %.4f +- %.4f "
         "(95 %%).\nchange,x,y,area,significant_area,volume,volume_95,raised,lowered,largest_difference\n",
         100 * c->overlap, c->move.scale, c->noise, words, v[AREA], words, c->filled, v[CHANGED], rows - 1,
         v[RAISED], words, -v[LOWERED], v[NET], v[DOUBT]);

@@ -296,8 +296,8 @@ static void map_say(const struct map *m, const struct product *p)
     print_format(
         p->to,
         "map       %s/ortho.tif, height.tif and certainty.tif, %d x %d px of %.6g %s, %s\n"
-        "ground    %.4g square %s; of what any view sees %d or more see %.1f %%, %.1f %% have a height\n"
-        "filled    %zu pixels in holes of about %d px, whose views are 0 in certainty.tif\n",
+        "ground    %.4g square %s are seen by %d or more views: %.1f %% of what any view sees; %.1f %% has a height\n"
+        "filled    %zu pixels in holes of about %d px; certainty.tif has 0 views there\n",
         p->a->out, m->width, m->height, m->pixel, p->words,
         p->has_gps    ? "in UTM"
         : m->is_world ? "in the world's x and y"

@@ -59,8 +59,8 @@ void product_say(const struct product *p, const struct deviation *d)
     if (isnan(d->median)) return;
     print_format(
         p->to,
-        "deviation from every second point of the survey: %.3g %s in the median, 90 %% less than %.3g: %.2f and %.2f %% "
-        "of the cameras' distance, %.2f %% more than %.0f %%; nothing at %.1f %% of them\n",
+        "deviation of the surface from every second survey point: median %.3g %s, 90 %% are below %.3g (%.2f and %.2f %% "
+        "of the cameras' distance), %.2f %% above %.0f %% of it; no surface at %.1f %% of the points\n",
         d->median, p->words, d->most, 100 * d->median / d->distance, 100 * d->most / d->distance,
         100 * d->gross, 100 * PRODUCT_GROSS, 100 * d->none);
 }

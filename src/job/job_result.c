@@ -80,7 +80,7 @@ static oxl_result job_add_viewer(struct job *job, struct text *t, const oxl_trai
     imaging_hide(&seen, hides);
     rc = evaluate_plain(job->ctx, &trained->viewer, job->scene, &seen, job_evaluated_split(job), &plain);
     if (rc != OXL_OK) return rc;
-    oxl_log(job->ctx, OXL_LOG_INFO, "viewers      %s without imaging.txt: PSNR %.2f dB (%+.2f)", name,
+    oxl_log(job->ctx, OXL_LOG_INFO, "viewers      %s without imaging.txt: PSNR %.2f dB (%+.2f dB)", name,
             plain.psnr, plain.psnr - m->psnr);
     for (int i = 0; i < m->count && i < plain.count && hides; i++)
         m->views[i].plain_psnr = plain.views[i].plain_psnr;
@@ -110,14 +110,15 @@ static void job_log_metrics(struct job *job, const oxl_metrics *m, size_t gaussi
     if (m->count == 0)
         oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be evaluated, so there are no metrics");
     else
-        oxl_log(job->ctx, OXL_LOG_INFO,
-                "%s views: PSNR %.2f dB, SSIM %.4f, structure %.3f, means over %d; %zu Gaussians, %.1f MB",
-                job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "training", m->psnr, m->ssim,
-                m->structure, m->count, gaussians, (double)bytes / 1e6);
+        oxl_log(
+            job->ctx, OXL_LOG_INFO,
+            "%s views: PSNR %.2f dB, SSIM %.4f, structure %.3f (means over %d views); %zu Gaussians, %.1f MB",
+            job_evaluated_split(job) == OXL_SPLIT_TEST ? "held-out" : "training", m->psnr, m->ssim,
+            m->structure, m->count, gaussians, (double)bytes / 1e6);
     if (m->unshown >= JOB_UNSHOWN)
         oxl_log(
             job->ctx, OXL_LOG_INFO,
-            "shown        PSNR %.2f dB without the %.0f %% of the pixels whose place no training view shows",
+            "shown        PSNR %.2f dB without the %.0f %% of the pixels that show places no training view shows",
             m->shown_psnr, 100 * m->unshown);
     if (!isnan(m->aligned_psnr))
         oxl_log(job->ctx, OXL_LOG_INFO,

@@ -64,15 +64,17 @@ static void survey_write_facts(oxl_survey *s)
                s->images, s->images_missing, s->train_views, s->test_views, s->masks);
     if (s->masked > 0)
         survey_add(s->text, " (%.0f %% of their pixels are black and ignored)", 100 * s->masked);
-    if (s->fixed > 0) survey_add(s->text, "; %.1f %% of all pixels are fixed and ignored", 100 * s->fixed);
+    if (s->fixed > 0)
+        survey_add(s->text, "; %.1f %% of all pixels look the same in all images and are ignored",
+                   100 * s->fixed);
     survey_add(s->text, "\n");
     survey_add(s->text, "cameras      %s; trained at %d x %d\n",
                s->cameras_text[0] ? s->cameras_text : "given by the caller", s->width, s->height);
     if (s->points == 0) return;
-    survey_add(s->text, "points       %zu in %.3g x %.3g x %.3g units", s->points,
+    survey_add(s->text, "points       %zu in a box of %.3g x %.3g x %.3g units", s->points,
                s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1],
                s->bounds_max[2] - s->bounds_min[2]);
-    if (s->mean_track > 0) survey_add(s->text, ", each in %.1f images", s->mean_track);
+    if (s->mean_track > 0) survey_add(s->text, ", each seen in %.1f images on average", s->mean_track);
     if (s->mean_error > 0) survey_add(s->text, "; reprojection error %.2f px", s->mean_error);
     survey_add(s->text, "\n");
 }
@@ -121,7 +123,7 @@ static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, 
     oxl_result rc = set || limit > 0 || o->device_ram ? budget_partition(ctx, scene, o, &p) : OXL_OK;
     if (rc != OXL_OK) return rc;
     survey_add(s->text, "blocks       %d, %s", OXL_MAX(1, p.block_count), set ? "as set" : "");
-    if (!set) survey_add(s->text, "since one takes about %.2f GB", needs / 1e9);
+    if (!set) survey_add(s->text, "since one block takes about %.2f GB", needs / 1e9);
     if (o->ram) survey_add(s->text, ", --ram is %.2f GB", limit / 1e9);
     if (o->device_ram) survey_add(s->text, ", --device-ram is %.2f GB", (double)o->device_ram / 1e9);
     else if (!o->ram && !set && s->memory_free > 0)

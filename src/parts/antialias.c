@@ -17,7 +17,7 @@ static oxl_result antialias_begin(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option antialias_options[] = {
-{"antialias", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.antialias), 0, 1, PRESETS("on", "on", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "keep a splat's light at every image size: gains 2 to 8 dB at half and twice the training size"},
+{"antialias", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.antialias), 0, 1, PRESETS("on", "on", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "keep a splat's light the same at every image size, which gains 2 to 8 dB at half and twice the training size"},
 {0}};
 /* clang-format on */
 

@@ -206,7 +206,7 @@ static void exposure_store(struct train *t, void *state, oxl_model *model)
 
 /* clang-format off */
 static const oxl_option exposure_options[] = {
-{"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit each image's brightness and white balance; auto: where neighbouring images predict them"},
+{"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit each image's brightness and white balance; auto: if neighbouring images predict them"},
 {0}};
 /* clang-format on */
 

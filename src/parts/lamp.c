@@ -121,7 +121,7 @@ static void lamp_after_loss(struct train *t, void *state, const struct train_def
 
 /* clang-format off */
 static const oxl_option lamp_options[] = {
-{"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit a light that moves with the camera, or vignetting: a smooth gain over the image; auto: if tracks show it"},
+{"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit a light that moves with the camera, or vignetting, as a smooth gain over the image; auto: if the colours of tracks show it"},
 {0}};
 /* clang-format on */
 

@@ -115,7 +115,7 @@ static void medium_store(struct train *t, void *state, oxl_model *model)
 
 /* clang-format off */
 static const oxl_option medium_options[] = {
-{"medium", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.medium), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit the water: attenuation and backscatter, nine parameters; auto: if the colours of tracks show it; on: the same, with a warning if they do not"},
+{"medium", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.medium), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit the water: attenuation and backscatter, nine parameters; auto: if the colours of tracks show it; on: as auto, with a warning if they do not"},
 {0}};
 /* clang-format on */
 

@@ -281,7 +281,7 @@ static void prune_record(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option prune_options[] = {
-{"keep", "FRACTION|COUNT|SIZE|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, PRESETS("all", "all", "0.5"), OXL_TIER_BASIC, TRAINING | RESULT | NOT_REFINED, "Scene content", "Gaussians to keep when pruning, in all blocks together, e.g. 0.5, 400000 or 80MB. Half costs 0 to 0.7 dB, more in short runs"},
+{"keep", "FRACTION|COUNT|SIZE|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, PRESETS("all", "all", "0.5"), OXL_TIER_BASIC, TRAINING | RESULT | NOT_REFINED, "Scene content", "Gaussians to keep when pruning, in all blocks together, e.g. 0.5, 400000 or 80MB. Keeping half costs 0 to 0.7 dB, and more in short runs"},
 {0}};
 /* clang-format on */
 

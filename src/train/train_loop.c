@@ -58,10 +58,10 @@ static oxl_result train_first_from_some(struct train *t, size_t most)
     oxl_result rc = train_some_points(t->ctx, t->scene, most, &some, &count);
     if (rc == OXL_OK && all > 0)
         oxl_log(t->ctx, OXL_LOG_WARNING,
-                "training starts from %zu of the %zu points, evenly spaced among those in view: %s", count,
-                all,
-                t->options->max_gaussians > 0 ? "more Gaussians are not allowed"
-                                              : "the images cannot tell more apart");
+                "training starts from %zu of the %zu points, taken at even steps from those in view: %s",
+                count, all,
+                t->options->max_gaussians > 0 ? "--max-gaussians allows no more"
+                                              : "the images have too few pixels to determine more");
     else if (rc == OXL_OK)
         oxl_log(t->ctx, OXL_LOG_WARNING, "the scene has no points; training starts from %zu random ones%s",
                 count, scene_is_composited(t->scene) ? " within the outlines of its images" : "");
