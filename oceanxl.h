@@ -188,11 +188,12 @@ typedef enum oxl_alpha {
 /* Defaults and ranges of all options: src/core/options.c, docs/OPTIONS.md. */
 typedef struct oxl_scene_options {
     const char *images; /* image folder; NULL: SCENE/images */
-    const char *sparse; /* folder of the COLMAP model; NULL: SCENE/sparse/0, SCENE/sparse or SCENE */
-    const char *masks;  /* mask folder; NULL: SCENE/masks if it exists */
-    int auto_mask;      /* 1: pixels that show the same in all images of a camera are masked (1) */
-    oxl_alpha alpha;    /* what transparent pixels are, of images with an alpha channel (AUTO) */
-    int max_side;       /* larger images are reduced to this longer side, px; 0: full size (1600) */
+    /* folder of the COLMAP model; NULL: SCENE/sparse/0, SCENE/sparse or SCENE; or a file of points to use */
+    const char *sparse;
+    const char *masks; /* mask folder; NULL: SCENE/masks if it exists */
+    int auto_mask;     /* 1: pixels that show the same in all images of a camera are masked (1) */
+    oxl_alpha alpha;   /* what transparent pixels are, of images with an alpha channel (AUTO) */
+    int max_side;      /* larger images are reduced to this longer side, px; 0: full size (1600) */
     /* every n-th view by name is held out; 0: none; -1: 8, or those that the survey names (-1) */
     int test_every;
     size_t image_cache_bytes; /* memory for decoded images; others are decoded when needed (1 GiB) */

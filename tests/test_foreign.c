@@ -339,6 +339,24 @@ TEST(points_of_a_ply_stand_for_a_dummy_point_and_for_no_others)
     CHECK_WARNED("the 3 points of points3D.ply are read; points3D.txt or .bin there holds 1");
 }
 
+TEST(points_come_from_the_file_that_sparse_names)
+{
+    static const char *const names[] = {"survey/sparse/0/points3D.ply", "cloud.ply", "cloud.txt"};
+    oxl_scene_options options = oxl_scene_options_default();
+    foreign_upright(1);
+    for (int i = 0; i < 3; i++) {
+        const char *path = test_path(names[i]);
+        OWNED_SCENE *scene = NULL;
+        test_write(names[i],
+                   i < 2 ? "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
+                           "property float z\nend_header\n0 0 1\n0 1 0\n"
+                         : "1 0 0 1 9 9 9 0\n2 0 1 0 9 9 9 0\n");
+        options.sparse = path;
+        CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &options, &scene));
+        CHECK(oxl_scene_point_count(scene) == 2 && oxl_scene_view_count(scene) == FOREIGN_VIEWS);
+    }
+}
+
 /* Writes a PNG of 16-bit grey: one of 8-bit grey with alpha, which has as many bytes per pixel, with another
  * header. */
 static void foreign_write_png16(const char *path, const uint16_t *grey, int width, int height)

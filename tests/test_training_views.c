@@ -34,7 +34,7 @@ static void tviews_draw(const oxl_model *m, const oxl_camera *camera, int in_med
 }
 
 /* The views that `broken` names: two with a displaced pose, one darkened, one out of focus; 2: and one of
- * ground that the model does not have. */
+ * ground that the model does not have. 3: one turned. 4: one with a fish. */
 static oxl_scene *tviews_scene(const oxl_model *m, int broken, int in_medium)
 {
     oxl_view view[TVIEWS];
@@ -59,6 +59,8 @@ static oxl_scene *tviews_scene(const oxl_model *m, int broken, int in_medium)
                 0.3f + 0.1f * (float)random_unit(random_bits(9, i % (TVIEWS_W * TVIEWS_H) / 2, 0));
         if (displaces && v == 15) view[v].camera.translation[1] -= 0.25;
         for (size_t i = 0; displaces && v == 20 && i < 3 * TVIEWS_W * TVIEWS_H; i++) image[v].rgb[i] *= 0.6f;
+        for (int i = 0; broken == 4 && v == 9 && i < 3 * TVIEWS_W * TVIEWS_H; i++) /* a fish */
+            if (abs(i % TVIEWS_W - 30) < 12 && abs(i / TVIEWS_W % TVIEWS_H - 30) < 5) image[v].rgb[i] = 1;
         for (int pass = 0; displaces && v == 3 && pass < 2;
              pass++) /* a running mean of 5 px along the rows */
             for (size_t i = 2; i + 3 < 3 * TVIEWS_W * TVIEWS_H; i++)
@@ -132,6 +134,14 @@ TEST(training_views_displaced_by_an_amount_that_changes_over_the_image_are_named
     CHECK(sscanf(test_said.all, "warning: training image v08 is rendered displaced by %lf to %lf", &least,
                  &most) == 2);
     CHECK(least < 0.5 && most > 5 && most < 6.5); /* 0.1 rad of the half diagonal of 58 px */
+}
+
+TEST(training_views_with_a_thing_that_no_other_has_are_named_with_masks)
+{
+    OWNED_TEXT t = tviews_judge(4, 0, 20 * TVIEWS, NULL);
+    CHECK(test_said.warnings == 1);
+    CHECK_LOGGED("a small part of training image v09 is not in the others");
+    CHECK_LOGGED("(--masks)");
 }
 
 TEST(training_views_of_a_valid_survey_are_not_flagged)

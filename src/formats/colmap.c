@@ -261,13 +261,13 @@ static const struct colmap_file {
 };
 
 /* Reads a file's rows and sorts them by id. */
-static void colmap_read_file(struct colmap_reader *r, const char *folder, int i)
+static void colmap_read_file(struct colmap_reader *r, const char *path, int i)
 {
     const struct colmap_file *file = &colmap_files[i];
     struct colmap *out = r->out;
     const void *twice;
     int64_t id;
-    colmap_open(r, folder, file->name[out->format]);
+    colmap_open(r, "", path);
     while (colmap_next_record(r)) file->read(r);
     if (r->rows == 0 && file->row)
         colmap_fail(r, file->fix, "found the end of the file, expected %s", file->row);
@@ -283,31 +283,44 @@ static void colmap_read_file(struct colmap_reader *r, const char *folder, int i)
                      r->path, id);
 }
 
+OXL_INTERNAL oxl_result colmap_read_points(oxl_context *ctx, const char *path, struct colmap *out)
+{
+    struct colmap_reader r = {.ctx = ctx, .out = out, .buffer_size = COLMAP_BUFFER};
+    const enum colmap_format format = out->format;
+    out->point_count = out->track_count = 0;
+    out->format = strstr(path_base_name(path), ".bin") ? COLMAP_BINARY : COLMAP_TEXT;
+    if (strstr(path_base_name(path), ".ply")) ply_points_read(&r, path);
+    else colmap_read_file(&r, path, COLMAP_POSES);
+    out->format = format;
+    oxl_free(ctx, r.buffer);
+    return r.rc;
+}
+
 /* Takes the points of points3D.ply where there are no others, which simulators and motion capture export, or
  * where the others are fewer and in no track: some programs leave a dummy point there. */
 static void colmap_read_other_points(struct colmap_reader *r, const char *folder, int has_points)
 {
     struct colmap *out = r->out;
     const size_t own = out->point_count;
+    struct colmap other = {0};
     const char *ply = PATH(folder, "points3D.ply");
     if (!os_is_file(ply)) ply = PATH(folder, "points3d.ply");
     if (r->rc != OXL_OK || (has_points && out->track_count && own >= COLMAP_DUMMY)) return;
-    if (os_is_file(ply)) r->rc = ply_points_read(r, ply);
+    if (os_is_file(ply)) r->rc = colmap_read_points(r->ctx, ply, &other);
     else if (!has_points)
         oxl_log(r->ctx, OXL_LOG_WARNING,
                 "%s: there is no points3D.txt or .bin, so training starts from depth maps of the images\n"
                 "fix: compute points for these poses: colmap point_triangulator",
                 folder);
-    if (r->rc != OXL_OK || out->point_count <= 2 * own) {
-        out->point_count = own;
-        return;
+    if (r->rc == OXL_OK && other.point_count > 2 * own) {
+        OXL_SWAP(struct colmap_point *, out->point, other.point);
+        out->point_count = other.point_count, out->track_count = 0;
+        oxl_log(
+            r->ctx, own ? OXL_LOG_WARNING : OXL_LOG_INFO,
+            "%s: the %zu points of %s are read; points3D.txt or .bin there holds %zu\nfix: --sparse FILE names the points",
+            folder, out->point_count, path_base_name(ply), own);
     }
-    out->point_count -= own, out->track_count = 0;
-    memmove(out->point, out->point + own, out->point_count * sizeof *out->point);
-    for (size_t i = 0; i < out->point_count; i++) out->point[i].id = (int64_t)i;
-    oxl_log(r->ctx, own ? OXL_LOG_WARNING : OXL_LOG_INFO,
-            "%s: the %zu points of %s are read; points3D.txt or .bin there holds %zu", folder,
-            out->point_count, path_base_name(ply), own);
+    colmap_free(r->ctx, &other);
 }
 
 /* Reads the model of one format; the file of points may be missing. */
@@ -318,7 +331,8 @@ static oxl_result colmap_read_as(oxl_context *ctx, const char *folder, enum colm
     const int has_points = os_is_file(PATH(folder, "%s", colmap_files[2].name[format]));
     *out = (struct colmap){.format = format, .images_file = colmap_files[1].name[format]};
     if ((out->folder = oxl_strdup(ctx, folder)) == NULL) r.rc = OXL_ERR_MEMORY;
-    for (int i = 0; i < COLMAP_POSES + has_points && r.rc == OXL_OK; i++) colmap_read_file(&r, folder, i);
+    for (int i = 0; i < COLMAP_POSES + has_points && r.rc == OXL_OK; i++)
+        colmap_read_file(&r, PATH(folder, "%s", colmap_files[i].name[format]), i);
     colmap_read_other_points(&r, folder, has_points);
     oxl_free(ctx, r.buffer);
     if (r.rc != OXL_OK) colmap_free(ctx, out);

@@ -10,7 +10,8 @@
 /* ---------------- survey_find.c: the survey of a folder */
 
 /* Reads the sub-model with most images among the folder `sparse` (NULL: SCENE/sparse), its sub-folders and,
- * without `sparse`, SCENE. Observations are not kept. images: as in json_survey_read. */
+ * without `sparse`, SCENE. A file `sparse` replaces the points of its folder's model or else of SCENE's.
+ * Observations are not kept. images: as in json_survey_read. */
 OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse,
                                           const char *images, struct colmap *out);
 /* Reads a survey in JSON, or LLFF's, by the reader of its file's name. images: the folder in which names
@@ -26,6 +27,8 @@ OXL_INTERNAL const char *survey_folder(char out[PATH_LENGTH], const char *survey
 /* Reads a model, .txt or .bin; of both, the one with more images or points.
  * Invariants: colmap.c. 2D points are not read. */
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out);
+/* Replaces a model's points by those of a file, .txt, .bin or .ply. */
+OXL_INTERNAL oxl_result colmap_read_points(oxl_context *ctx, const char *path, struct colmap *out);
 /* Reads a model like colmap_read, with a buffer of `buffer` bytes, for tests. */
 OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folder, size_t buffer,
                                              struct colmap *out);

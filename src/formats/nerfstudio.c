@@ -284,7 +284,7 @@ static void nerfstudio_name_ignored(struct colmap_reader *r, const char *json)
  * essential: without them training starts from random ones. */
 static void nerfstudio_points(struct colmap_reader *r, const char *json)
 {
-    static const char *const beside[] = {"sparse_pc.ply", "points3d.ply", "points3D.ply"};
+    static const char *const beside[] = {"sparse_pc.ply", "points3d.ply", "points3D.ply", ""};
     char name[NERFSTUDIO_PATH] = "";
     const size_t named = oxl_json_text(oxl_json_member(json, "ply_file_path"), name, sizeof name);
     const char *folder = PATH_BESIDE(r->path, ""), *path;
@@ -296,13 +296,12 @@ static void nerfstudio_points(struct colmap_reader *r, const char *json)
         r->rc = ply_points_read(r, path);
         return;
     }
-    while (i < OXL_COUNT(beside) && !os_is_file(PATH(folder, "%s", beside[i]))) i++;
-    if (named || i < OXL_COUNT(beside))
+    while (*beside[i] && !os_is_file(PATH(folder, "%s", beside[i]))) i++;
+    if (named || *beside[i])
         oxl_log(r->ctx, OXL_LOG_WARNING,
                 "%s: ply_file_path names %s, which is not there%s%s, so no points are read\n"
-                "fix: name a file that is there, or take ply_file_path out",
-                r->path, named ? name : "no file", i < OXL_COUNT(beside) ? ", nor does it name " : "",
-                i < OXL_COUNT(beside) ? beside[i] : "");
+                "fix: name a file of points by --sparse",
+                r->path, named ? name : "no file", *beside[i] ? ", nor does it name " : "", beside[i]);
 }
 
 OXL_INTERNAL void nerfstudio_read(struct colmap_reader *r, const struct os_file_map *map)

@@ -154,9 +154,12 @@ static oxl_result survey_find_fail(oxl_context *ctx, const char *path, const cha
     return rc;
 }
 
-OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse_option,
+OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *option,
                                           const char *images, struct colmap *out)
 {
+    const int is_file = option && os_is_file(option);
+    const char *folder = is_file ? PATH_BESIDE(option, "") : option;
+    const char *sparse_option = is_file && !survey_holds(0, folder) ? NULL : folder;
     const char *sparse = survey_folder((char[PATH_LENGTH]){0}, path, sparse_option, "sparse");
     const char *requested = sparse_option ? sparse : path;
     struct survey_search s = {.ctx = ctx, .in = sparse, .images = images, .best = out};
@@ -164,7 +167,7 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
     if (!os_is_folder(requested))
         return oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s", requested,
                         sparse_option
-                            ? "--sparse names the folder of cameras, images and points3D, .txt or .bin"
+                            ? "--sparse names a file of points, or the folder of cameras, images and points3D"
                             : "give the folder that holds images/ and sparse/");
     for (; s.row < OXL_COUNT(SURVEY_FILES) && s.rc == OXL_OK && s.models == 0; s.row++) {
         if (s.row < SURVEY_COLMAP) {
@@ -183,6 +186,7 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
                 out->folder, out->image_count);
     if (s.rc == OXL_OK && !sparse_option && out->format != COLMAP_JSON && os_is_file(PATH(path, SURVEY_LLFF)))
         s.rc = survey_use_llff(ctx, path, images, out);
+    if (s.rc == OXL_OK && is_file) s.rc = colmap_read_points(ctx, option, out);
     if (s.rc != OXL_OK) colmap_free(ctx, out);
     return s.rc;
 }

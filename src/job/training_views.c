@@ -23,6 +23,7 @@ enum {
 };
 #define TRAINING_DECIBEL 2.5    /* Flags a view that lacks so many decibels. */
 #define TRAINING_STRUCTURE 0.15 /* Looks for a shift where so much structure is lacking. */
+#define TRAINING_PART 0.1       /* Names the part that holds a view's error if it is smaller. */
 /* Flags a view whose exposure is off by so many spreads: one of 10^5 views of a normal distribution. */
 #define TRAINING_SPREADS 4.5
 
@@ -94,12 +95,27 @@ static int training_suffers(const struct training_views *t, int i)
 
 /* ---------------- flags */
 
+/* Returns the part of the image whose squared error exceeds the mean: a third for noise, less for a thing
+ * that the model lacks. */
+static double training_part(const oxl_image *rendered, const oxl_image *image)
+{
+    const int n = 3 * image->width * image->height;
+    double sum = 0, part = 0;
+    for (int i = 0; i < 2 * n; i++) {
+        const double e = rendered->rgb[i % n] - image->rgb[i % n];
+        if (i >= n) part += e * e * n > sum;
+        else if (!isnan(e)) sum += e * e;
+    }
+    return part / n;
+}
+
 /* Warns of a view whose render is displaced, which then counts as a misfit. */
 static oxl_result training_find_shift(const struct training_views *t, struct training_row *row)
 {
     oxl_image image = {0}, rendered = {0};
     struct misfit misfit = {0};
     const int view = row->of->view;
+    const char *name = t->scene->view[view].name;
     oxl_result rc = scene_copy_image(t->ctx, t->scene, view, &image);
     if (rc == OXL_OK) rc = oxl_render_view(t->ctx, t->model, t->scene, view, t->imaging, &rendered, NULL);
     if (rc == OXL_OK) rc = misfit_measure(t->ctx, &rendered, &image, &misfit);
@@ -108,8 +124,12 @@ static oxl_result training_find_shift(const struct training_views *t, struct tra
         oxl_log(t->ctx, OXL_LOG_WARNING,
                 "training image %s is rendered displaced by %.1f to %.1f px, which explains %.0f %% of the "
                 "error of its detail: check its pose, or refine poses (--poses auto)",
-                t->scene->view[view].name, misfit.least, misfit.most, 100 * misfit.explained);
-    }
+                name, misfit.least, misfit.most, 100 * misfit.explained);
+    } else if (rc == OXL_OK && row->lacks[TRAINING_FIT] > 3 * TRAINING_DECIBEL &&
+               training_part(&rendered, &image) < TRAINING_PART)
+        oxl_log(t->ctx, OXL_LOG_WARNING,
+                "a small part of training image %s is not in the others: mask what moves there (--masks)",
+                name);
     oxl_image_free(t->ctx, &image);
     oxl_image_free(t->ctx, &rendered);
     return rc;
@@ -120,7 +140,7 @@ static oxl_result training_find_shift(const struct training_views *t, struct tra
 static oxl_result training_flag(const struct training_views *t, int i, int enough, double limit)
 {
     struct training_row *row = &t->row[i];
-    const double *lacks = row->lacks, worst = OXL_MAX(lacks[TRAINING_FIT], lacks[TRAINING_LIGHT]);
+    const double *lacks = row->lacks;
     const int is_light = enough && lacks[TRAINING_LIGHT] > limit,
               is_misfit = enough && lacks[TRAINING_FIT] > TRAINING_DECIBEL;
     oxl_result rc = OXL_OK;
@@ -132,7 +152,7 @@ static oxl_result training_flag(const struct training_views *t, int i, int enoug
         oxl_log(
             t->ctx, OXL_LOG_WARNING,
             "training image %s fits %.1f dB worse than its neighbours: check its exposure and white balance",
-            t->scene->view[row->of->view].name, worst);
+            t->scene->view[row->of->view].name, row->badness);
     else if (enough &&
              ((is_misfit && !training_suffers(t, i)) || lacks[TRAINING_DETAIL] > TRAINING_STRUCTURE))
         rc = training_find_shift(t, row);
@@ -160,10 +180,9 @@ static oxl_result training_judge(struct training_views *t, int evident, int *fla
     limit = training_limit(t);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         struct training_row *row = &t->row[i];
-        if (evident) rc = training_flag(t, i, enough, limit);
         row->badness = OXL_MAX(row->lacks[TRAINING_FIT], row->lacks[TRAINING_LIGHT]);
-        *flagged += row->flag != TRAINING_NONE;
-        if (row->flag != TRAINING_NONE) row->badness += 2e3; /* more than any decibels */
+        if (evident) rc = training_flag(t, i, enough, limit);
+        if (row->flag != TRAINING_NONE) row->badness += 2e3, ++*flagged; /* more than any decibels */
         if (row->flag != TRAINING_NO_STRUCTURE) continue;
         row->badness = 1e3 - row->of->structure;
         if (fog++ == 0 || row->of->structure < least->structure) least = row->of;
