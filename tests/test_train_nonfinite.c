@@ -66,7 +66,7 @@ TEST(nonfinite_pixel_skips_one_step_only)
     }
 }
 
-TEST(nonfinite_gaussian_is_named_and_removed_and_the_others_are_trained)
+TEST(nonfinite_gaussian_is_removed_and_the_others_are_trained)
 {
     static const int planes[] = {OXL_SH + 1, OXL_OPACITY, OXL_MEAN, OXL_LOG_SCALE + 2, OXL_ROTATION + 3};
     for (size_t k = 0; k < OXL_COUNT(planes); k++) {
@@ -79,7 +79,8 @@ TEST(nonfinite_gaussian_is_named_and_removed_and_the_others_are_trained)
             CHECK_OK(train_step(&c.t));
         }
         CHECK(c.t.nonfinite.steps <= 1 && c.t.nonfinite.rows <= 15);
-        if (k == 0) CHECK_WARNED("a value of Gaussian 77 is not finite; its step is skipped, 1 cleared");
+        if (k == 0)
+            CHECK_WARNED("1 Gaussians have values that are not finite; their steps are skipped, 1 cleared");
         for (size_t i = 0; i < c.t.trained.model.count; i++)
             bad += !model_row_is_finite(&c.t.trained.model, i);
         /* one that no view can see harms none, and goes at the end */
@@ -109,14 +110,14 @@ TEST(nonfinite_gradient_skips_the_step_of_that_gaussian_only)
     gradient.plane[OXL_ROTATION + 1][40] = NAN;
     gradient.plane[OXL_SH + 2][41] = -INFINITY;
     CHECK_OK(renderer_step(test_ctx, c.t.renderer, &c.t.trained, &gradient, &adam, &aside));
-    CHECK(aside.rows == 2 && aside.first == 40 && !renderer_row_visible(c.t.renderer, 40) &&
+    CHECK(aside.rows == 2 && !renderer_row_visible(c.t.renderer, 40) &&
           renderer_row_visible(c.t.renderer, 42));
     for (int k = 0; k < oxl_model_planes(&c.t.trained.model); k++)
         for (int i = 40; i < 42; i++) CHECK(c.t.trained.model.plane[k][i] == c.before.plane[k][i]);
     CHECK(c.t.trained.model.plane[OXL_SH][39] != c.before.plane[OXL_SH][39] &&
           c.t.trained.model.plane[OXL_SH][42] != c.before.plane[OXL_SH][42]);
     nonfinite_of_rows(test_ctx, &c.t.nonfinite, c.t.step, "v02.png", aside, &c.t.trained);
-    CHECK_WARNED("step 4: v02.png: a value of Gaussian 40 and 1 more is not finite; its step is skipped, 0");
+    CHECK_WARNED("step 4: v02.png: 2 Gaussians have values that are not finite; their steps are skipped, 0");
     CHECK(c.t.nonfinite.rows == 2 && c.t.nonfinite.cleared == 0 &&
           nonfinite_test_model_is_finite(&c.t.trained.model) &&
           nonfinite_test_model_is_finite(&c.t.trained.mean) &&

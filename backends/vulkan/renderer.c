@@ -171,7 +171,7 @@ static oxl_result vulkan_score(void *device, const float *drgb, float *score)
 /* counts: from COUNT_NONFINITE on. */
 static struct renderer_nonfinite vulkan_nonfinite_of(const uint32_t counts[3])
 {
-    return (struct renderer_nonfinite){counts[0], counts[0] ? counts[1] : SIZE_MAX, counts[2]};
+    return (struct renderer_nonfinite){counts[0], counts[2]};
 }
 
 static oxl_result vulkan_read_nonfinite(struct vulkan_renderer *r, struct renderer_nonfinite *out)

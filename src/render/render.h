@@ -82,7 +82,7 @@ OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, con
         0.9, 0.999     \
     } /* [Kerbl 2023] */
 struct renderer_nonfinite {
-    size_t rows, first; /* number; the first */
+    size_t rows;
     /* on a device: those of them that held such a value and were cleared, as in nonfinite.c */
     size_t cleared;
 };

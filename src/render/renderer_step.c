@@ -26,17 +26,6 @@ static struct adam_job render_step_job(const struct trained_model *trained, cons
     return job;
 }
 
-/* Counts rows of a pack whose visibility bit the step cleared: their values were not finite. */
-static void render_count_nonfinite(unsigned before, unsigned after, size_t pack,
-                                   struct renderer_nonfinite *out)
-{
-    for (unsigned l = 0; before != after && l < PACK; l++)
-        if ((before & ~after) >> l & 1) {
-            out->first = OXL_MIN(out->first, pack * PACK + l);
-            out->rows++;
-        }
-}
-
 /* Allocates room for the gradients of the packs that the threads step at a time. */
 static oxl_result render_reserve_part(oxl_context *ctx, struct renderer *r)
 {
@@ -50,12 +39,14 @@ static oxl_result render_reserve_part(oxl_context *ctx, struct renderer *r)
     return rc == OXL_OK && lobes ? model_set_lobes(ctx, &r->part, rows) : rc;
 }
 
-/* Steps the packs of a job, whose gradient is complete or, if unprojected, is completed here. */
-static void render_step_packs(const oxl_context *ctx, struct renderer *r, const struct gaussians *part,
-                              struct adam_job *job, struct renderer_nonfinite *out)
+/* Steps the packs of a job, whose gradient is complete or, if unprojected, is completed here. Returns the
+ * number of rows whose visibility the step cleared: their values were not finite. */
+static size_t render_step_packs(const oxl_context *ctx, struct renderer *r, const struct gaussians *part,
+                                struct adam_job *job)
 {
     uint16_t seen[RENDER_STEP_PART];
     const size_t first = job->first_pack, thread = (size_t)context_thread();
+    size_t skipped = 0;
     if (r->unprojected) {
         job->gradient_row = (first - thread * RENDER_STEP_PART) * PACK;
         render_project_backward(ctx, r, first, job->end_pack, part, job->gradient_row);
@@ -63,7 +54,9 @@ static void render_step_packs(const oxl_context *ctx, struct renderer *r, const 
     memcpy(seen, r->visible + first, (job->end_pack - first) * sizeof *seen);
     adam_step(ctx->isa, job);
     for (size_t pack = first; pack < job->end_pack; pack++)
-        render_count_nonfinite(seen[pack - first], r->visible[pack], pack, out);
+        for (unsigned left = seen[pack - first] & ~(unsigned)r->visible[pack]; left; left &= left - 1)
+            skipped++;
+    return skipped;
 }
 
 OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, struct trained_model *trained,
@@ -71,7 +64,7 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, stru
                                       struct renderer_nonfinite *out)
 {
     const int64_t tasks = render_tasks(r);
-    size_t skipped = 0, first_skipped = SIZE_MAX;
+    size_t skipped = 0;
     struct adam_job rows;
     struct gaussians part;
     oxl_result rc;
@@ -84,21 +77,18 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, stru
     part = render_gaussians(&r->part, r->in.sh_degree);
     rows = render_step_job(trained, r->unprojected ? &r->part : gradient, adam, r->in.sh_degree, r->in.lobes);
     rows.visible = r->visible;
-#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : skipped) reduction(min : first_skipped)
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : skipped)
     for (int64_t task = 0; task < tasks; task++) {
         const size_t begin = (size_t)task * RENDER_TASK, end = OXL_MIN(begin + RENDER_TASK, r->packs);
-        struct renderer_nonfinite here = {0, SIZE_MAX, 0};
         struct adam_job job = rows;
         for (job.first_pack = begin; job.first_pack < end; job.first_pack += RENDER_STEP_PART) {
             job.end_pack = OXL_MIN(job.first_pack + RENDER_STEP_PART, end);
-            render_step_packs(ctx, r, &part, &job, &here);
+            skipped += render_step_packs(ctx, r, &part, &job);
         }
-        skipped += here.rows;
-        first_skipped = OXL_MIN(first_skipped, here.first);
     }
     if (r->unprojected) render_add_task_sums(r);
     r->unprojected = 0;
-    *out = (struct renderer_nonfinite){skipped, first_skipped, 0};
+    *out = (struct renderer_nonfinite){skipped, 0};
     return OXL_OK;
 }
 

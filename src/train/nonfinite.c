@@ -18,13 +18,6 @@ enum { NONFINITE_NAMED = 10 }; /* messages per kind; the total is logged at the 
 
 #define NONFINITE_OPACITY -30.0f /* logit: far below 1/255 */
 
-/* Writes the clause of a message that traces the first of some Gaussians. */
-static void nonfinite_name_rows(char out[64], size_t first, size_t rows)
-{
-    if (rows == 1) snprintf(out, 64, "Gaussian %zu", first);
-    else snprintf(out, 64, "Gaussian %zu and %zu more", first, rows - 1);
-}
-
 /* ---------------- in a step */
 
 OXL_INTERNAL void nonfinite_count_unreadable(oxl_context *ctx, oxl_nonfinite *n)
@@ -44,10 +37,10 @@ static void nonfinite_clear_row(oxl_model *m, size_t row, float rotation, float 
 OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r,
                                                        struct trained_model *trained)
 {
-    struct renderer_nonfinite out = {0, SIZE_MAX, 0};
+    struct renderer_nonfinite out = {0, 0};
     for (size_t i = 0; i < trained->model.count; i++) {
         if (model_row_is_finite(&trained->model, i) && (!r || renderer_row_finite(r, i))) continue;
-        if (out.rows++ == 0) out.first = i;
+        out.rows++;
         nonfinite_clear_row(&trained->model, i, 1, NONFINITE_OPACITY);
         nonfinite_clear_row(&trained->mean, i, 0, 0);
         nonfinite_clear_row(&trained->square, i, 0, 0);
@@ -59,26 +52,24 @@ OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r,
 OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *n, int step, const char *view,
                                     struct renderer_nonfinite cleared)
 {
-    char rows_text[64];
     n->cleared += cleared.rows;
-    if (n->steps++ >= NONFINITE_NAMED) return;
-    nonfinite_name_rows(rows_text, cleared.first, cleared.rows);
-    oxl_log(ctx, OXL_LOG_WARNING, "step %d: the loss of %s is not finite%s%s; the step is skipped", step,
-            view, cleared.rows ? " because of " : "", cleared.rows ? rows_text : "");
+    if (n->steps++ < NONFINITE_NAMED)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "step %d: the loss of %s is not finite; the step is skipped, %zu Gaussians are cleared", step,
+                view, cleared.rows);
 }
 
 OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *n, int step, const char *view,
                                     struct renderer_nonfinite skipped, struct trained_model *trained)
 {
     size_t cleared;
-    char rows_text[64];
     if (skipped.rows == 0) return;
     cleared = trained ? nonfinite_clear(NULL, trained).rows : skipped.cleared;
-    nonfinite_name_rows(rows_text, skipped.first, skipped.rows);
     if (n->rows < NONFINITE_NAMED)
         oxl_log(ctx, OXL_LOG_WARNING,
-                "step %d: %s: a value of %s is not finite; its step is skipped, %zu cleared", step, view,
-                rows_text, cleared);
+                "step %d: %s: %zu Gaussians have values that are not finite; their steps are skipped, %zu "
+                "cleared",
+                step, view, skipped.rows, cleared);
     n->rows += skipped.rows;
     n->cleared += cleared;
 }
