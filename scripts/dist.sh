@@ -2,9 +2,9 @@
 # dist.sh DIR - the trainer in one header, DIR/single/oceanxl.h, and the job on top of it: DIR/oceanxl_job.c, DIR/oceanxl_job.h.
 #
 # Replaces each #include "..." of oceanxl.c by the text of the file, once. What is above the checks of a survey in oceanxl.c is the trainer;
-# oceanxl_job.c includes the header with its implementation, and has the rest. Of the comment at the head of a file its first paragraph stays,
-# a system header is included once, tabs indent, comments are not aligned, and what the tests' reference, the Vulkan backend and include guards
-# need is left out: the same text in nine tenths of the size. It has at most 1.0 MB.
+# oceanxl_job.c includes the header with its implementation, and has the rest. Of the comment at the head of a file its first line stays,
+# a system header is included once, tabs indent (six at most), nothing is aligned, and what the tests' reference, the Vulkan backend and include guards
+# need is left out: the same text in nine tenths of the size.
 set -eu
 cd "$(dirname "$0")/.."
 out=${1:-dist}
@@ -65,19 +65,20 @@ awk -v trainer="$trainer" -v job="$job" '
         if (path in seen || path ~ /^oceanxl(_job)?\.h$/) return
         seen[path] = 1
         file = path; sub(/^src\//, "", file)
-        head = 1 # 1: its first paragraph; 2: the others; 0: what follows
+        head = 1 # 1: its first line; 2: the others; 0: what follows
         while ((got = getline line < path) > 0) {
             if (path == "oceanxl.c" && line ~ /^\/\* checks of a survey/) to = job
             if (head == 1) {
                 if (line ~ /^\/\*/) sub(/[^ ]* - /, file " - ", line)
-                if (line == " *") { head = 2; print " */" >>to }
+                print line (line ~ /\*\/$/ ? "" : " */") >>to
             }
             if (head) {
-                if (head == 1) print line >>to
-                if (line ~ /\*\/$/) head = 0
+                head = line ~ /\*\/$/ ? 0 : 2
                 continue
             }
             while (line ~ /^\t*    /) sub(/    /, "\t", line)
+            if (line ~ /^\t+ +[^ *]/) sub(/ +/, "", line)
+            while (line ~ /^\t\t\t\t\t\t\t/) sub(/\t/, "", line)
             if (!chosen(line) || line ~ /^#define OXL_[A-Z_]+_H$/) continue
             sub(/ +\\$/, " \\", line)
             if (line ~ /[^ ]  +\/\*/) sub(/  +\/\*/, " /*", line)
