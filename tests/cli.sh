@@ -137,7 +137,7 @@ promise an_output_folder_with_the_name_of_a_model_is_refused 2 "fix: -o model" o
 promise missing_scene_is_a_usage_error 2 "needs SCENE -o OUT" "$program" train
 promise missing_value_is_named 2 "option --max-time takes a value: TIME" "$program" train s -o o --max-time
 promise wrong_value_is_shown 2 "found '-3'" "$program" train s -o o --iterations=-3
-promise missing_sparse_folder_is_named 3 "--sparse names the folder" on_stderr "$program" check . --sparse nowhere
+promise missing_sparse_folder_is_named 3 "--sparse names a file of points, or the folder" on_stderr "$program" check . --sparse nowhere
 promise endless_numbers_are_refused 2 "found '1e999'" "$program" render m.ply s -o o --scale 1e999
 promise endless_places_are_refused 2 "found '0,1e999,0'" "$program" synth -o o --origin 0,1e999,0
 promise wrong_unit_is_refused 2 "found '20q'" "$program" train s -o o --max-time 20q
