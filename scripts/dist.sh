@@ -2,8 +2,8 @@
 # dist.sh DIR - the trainer in one header, DIR/single/oceanxl.h, and the job on top of it: DIR/oceanxl_job.c, DIR/oceanxl_job.h.
 #
 # Replaces each #include "..." of oceanxl.c by the text of the file, once. What is above the checks of a survey in oceanxl.c is the trainer;
-# oceanxl_job.c includes the header with its implementation, and has the rest. Of the comment at the head of a file its first line stays,
-# a system header is included once, tabs indent (six at most), nothing is aligned, and what the tests' reference, the Vulkan backend and include guards
+# oceanxl_job.c includes the header with its implementation, and has the rest. Of the comment at the head of a .c file its first line stays,
+# a system header is included once, tabs indent (six at most), nothing is aligned, and blank lines and what the tests' reference, the Vulkan backend and include guards
 # need is left out: the same text in nine tenths of the size.
 set -eu
 cd "$(dirname "$0")/.."
@@ -70,7 +70,7 @@ awk -v trainer="$trainer" -v job="$job" '
             if (path == "oceanxl.c" && line ~ /^\/\* checks of a survey/) to = job
             if (head == 1) {
                 if (line ~ /^\/\*/) sub(/[^ ]* - /, file " - ", line)
-                print line (line ~ /\*\/$/ ? "" : " */") >>to
+                if (path ~ /\.c$/) print line (line ~ /\*\/$/ ? "" : " */") >>to
             }
             if (head) {
                 head = line ~ /\*\/$/ ? 0 : 2
@@ -91,7 +91,7 @@ awk -v trainer="$trainer" -v job="$job" '
             if (line ~ /^#include "/) {
                 name = line; sub(/^#include "/, "", name); sub(/".*/, "", name)
                 emit(resolve(path, name))
-            } else print line >>to
+            } else if (line != "") print line >>to
         }
         if (got < 0) { print "dist.sh: cannot read " path > "/dev/stderr"; exit 1 }
         close(path)
