@@ -1,6 +1,7 @@
 /* oceanxl.c - the whole library as one translation unit, and its table of contents in reading order.
  *
- *     cc -O3 -std=c99 -fopenmp -ffp-contract=off main.c cli/ *.c tools/ *.c oceanxl.c -lm    is a whole build
+ *     cc -O3 -std=c99 -fopenmp -ffp-contract=off -fno-math-errno -fno-trapping-math \
+ *         main.c cli/ *.c tools/ *.c oceanxl.c -lm    is a whole build
  */
 #define OXL_UNITY
 #include "src/core/core.h"  /* context, errors, memory, text, numbers, files */

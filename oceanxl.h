@@ -30,13 +30,15 @@
  *   errors      every function that can fail returns oxl_result; oxl_error_text(ctx) then names what was
  *               found, what was expected and a fix. The library never exits and never prints.
  *   ownership   the function that fills `out` allocates it; the _free of the same name releases it (NULL and
- *               zeroed structs are allowed). On error `*out` is zeroed, except where a function says that a
- *               run which was stopped leaves a usable result.
+ *               zeroed structs are allowed). Free scenes, models and images before their context. On error
+ *               `*out` is zeroed, except where a function says that a run which was stopped leaves a usable
+ *               result.
  *   threads     a context may be used by one thread at a time; OpenMP uses `threads` threads inside.
  *               The result does not depend on their number. Set OMP_WAIT_POLICY=passive before the program
  *               starts: else waiting threads spin, which slows a small scene down on a busy machine.
- *   building    cc -O3 -std=c99 -fopenmp -ffp-contract=off program.c oceanxl.c -lm; never -ffast-math. C++
- *               may include this header; the implementation is C99.
+ *   pointers    must not be NULL, except where a function says so.
+ *   building    cc -O3 -std=c99 -fopenmp -ffp-contract=off -fno-math-errno -fno-trapping-math program.c
+ *               oceanxl.c -lm; never -ffast-math. C++ may include this header; the implementation is C99.
  *
  * Licence: MIT, see LICENSE.
  */
@@ -60,13 +62,14 @@ extern "C" {
 
 typedef enum oxl_result {
     OXL_OK = 0,
-    OXL_ERR_FAILED,     /* any other failure */
-    OXL_ERR_USAGE,      /* invalid arguments, or arguments that contradict each other */
-    OXL_ERR_INPUT,      /* a file is missing, malformed or of an unknown format */
-    OXL_ERR_IO,         /* reading or writing failed: disk full, permission */
-    OXL_ERR_MEMORY,     /* allocation failed */
-    OXL_ERR_BUDGET,     /* the memory budget is too small; the text names the option that helps */
-    OXL_ERR_INTERRUPTED /* `stopped` ended reading or writing, or a callback a run, whose result is usable */
+    OXL_ERR_FAILED, /* any other failure */
+    OXL_ERR_USAGE,  /* invalid arguments, or arguments that contradict each other */
+    OXL_ERR_INPUT,  /* a file is missing, malformed or of an unknown format */
+    OXL_ERR_IO,     /* reading or writing failed: disk full, permission */
+    OXL_ERR_MEMORY, /* allocation failed */
+    OXL_ERR_BUDGET, /* the memory budget is too small; the text names the option that helps */
+    /* stopped, by `stopped` or a callback; of training, out is usable if out->model.count is not 0 */
+    OXL_ERR_INTERRUPTED
 } oxl_result;
 
 /* ---------------- context */
@@ -141,8 +144,8 @@ typedef struct oxl_image {
 /* Creates a black image without weights. */
 OXL_API oxl_result oxl_image_create(oxl_context *ctx, int width, int height, oxl_image *out);
 OXL_API void oxl_image_free(oxl_context *ctx, oxl_image *image);
-/* Reads a JPG or PNG file. OXL_ERR_INPUT: the file is missing, or not such an image; OXL_ERR_IO: it cannot be
- * read. */
+/* Reads a JPG or PNG file. OXL_ERR_IO: the file is missing or cannot be read; OXL_ERR_INPUT: it is not such
+ * an image. */
 OXL_API oxl_result oxl_image_read(oxl_context *ctx, const char *path, oxl_image *out);
 /* Writes an 8-bit PNG file, whole or not at all. Values are clamped to 0..1; NaN is written as 0.
  * OXL_ERR_IO: it cannot be written. */
@@ -198,7 +201,7 @@ typedef struct oxl_scene_options {
     int test_every;
     size_t image_cache_bytes; /* memory for decoded images; others are decoded when needed (1 GiB) */
     double missing_images;    /* fail if more than this fraction of the images is missing on disk (0.25) */
-    int read_images;          /* 0: read the COLMAP model only (1) */
+    int read_images;          /* 0: image files are not looked for while loading; masks are off (1) */
     /* 1: a text file with fewer rows than its header states is read; 0: OXL_ERR_INPUT (0) */
     int allow_truncated;
 } oxl_scene_options;
@@ -213,9 +216,10 @@ OXL_API oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_
                                   oxl_scene **out);
 
 /* A scene from arrays: views (view_count) with name, camera and is_test; images (view_count), in the same
- * order; points (point_count), from which training starts. All are copied; the origin is 0. With
- * point_count 0, training starts from depth maps of the images (oxl_train_options.stereo), or from random
- * points in front of the cameras. */
+ * order; points (point_count), from which training starts. All are copied, colours in 8 bits, weights
+ * above a half as 1, others as 0; the origin is 0. Views are sorted by name, so an index of the scene is not
+ * one of the arrays. With point_count 0, training starts from depth maps of the images
+ * (oxl_train_options.stereo), or from random points in front of the cameras; points may then be NULL. */
 OXL_API oxl_result oxl_scene_from_arrays(oxl_context *ctx, const oxl_view *views, const oxl_image *images,
                                          int view_count, const oxl_point *points, size_t point_count,
                                          oxl_scene **out);
@@ -246,7 +250,7 @@ OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int v
 /* Returns the image of a view as training uses it: undistorted, reduced, masked; where the scene's images are
  * transparent, over this background, 0..1 (NULL: white). To compare it with a rendering, pass the background
  * of that rendering. Free with oxl_image_free.
- * OXL_ERR_INPUT: its file is missing, not readable, or masked completely. */
+ * OXL_ERR_IO: its file is missing or cannot be read; OXL_ERR_INPUT: it is damaged, or masked completely. */
 OXL_API oxl_result oxl_scene_image(oxl_context *ctx, const oxl_scene *scene, int view,
                                    const float background[3], oxl_image *out);
 
@@ -257,11 +261,12 @@ typedef struct oxl_imaging oxl_imaging;
  * scene.ply has the medium in its colours, scene_clear.ply has not. */
 OXL_API oxl_result oxl_imaging_read(oxl_context *ctx, const char *model_path, const oxl_scene *scene,
                                     oxl_imaging **out);
-/* Writes such a file; path: of the file. */
+/* Writes such a file; path: of the file. OXL_ERR_USAGE: the scene has another number of views. */
 OXL_API oxl_result oxl_imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
                                      const oxl_imaging *imaging);
 /* Sets the factors of red, green and blue by which a view's image differs from the render at mean exposure;
- * those of a view that was held out are predicted from its neighbours. 1: the imaging has none. */
+ * those of a view that was held out are predicted from its neighbours. 1: the imaging has none, or no such
+ * view. */
 OXL_API void oxl_imaging_gain(const oxl_imaging *imaging, int view, float gain[3]);
 OXL_API void oxl_imaging_free(oxl_context *ctx, oxl_imaging *imaging);
 
@@ -347,7 +352,8 @@ typedef struct oxl_render_options {
     int sh_degree;       /* largest degree evaluated; -1: the model's */
     /* Gaussians of smaller camera z are culled; the scene's unit (0.2). Of a scene: oxl_scene_near_plane */
     float near_plane;
-    float alpha_min; /* smaller alpha values are skipped; at least 1/255 (1/255) [Kerbl 2023] */
+    /* smaller alpha values are skipped; values below 1/255 are raised to it (1/255) [Kerbl 2023] */
+    float alpha_min;
     /* For maps: above 0, all rays are parallel to the camera's z axis, fx and fy are px per unit, and this is
      * the distance from which the survey's cameras saw the ground, in the scene's unit. CPU only (0) */
     float parallel;
@@ -444,7 +450,7 @@ typedef enum oxl_dog {
 typedef enum oxl_switch {
     OXL_OFF = 0,
     OXL_ON,
-    OXL_AUTO /* on where the colours of the tracks show it */
+    OXL_AUTO /* on where the colours of the tracks show it; off in a scene from arrays: it has no tracks */
 } oxl_switch;
 
 /* Sets of defaults: fast; longer; the paper's method. */
@@ -483,7 +489,7 @@ typedef struct oxl_terms {
      * in blocks. drgb: (3,H,W) d/d rendered. NULL: no such term */
     double (*pixels)(void *user, const oxl_image *rendered, const oxl_image *image, float *drgb);
     /* gradient: planes of the model's shape. Gaussians that the view does not show take no step. NULL: no
-     * such term */
+     * such term. A row whose gradient is not finite is skipped (oxl_nonfinite.rows) */
     double (*parameters)(void *user, const oxl_model *model, oxl_model *gradient);
     /* Rewrites the library's choice, change (count) of oxl_change, before max_gaussians limits it; other
      * values keep the Gaussian. gradient (count) is the sum of |dL/d(u, v)|, of the splat's centre, in units
@@ -609,7 +615,8 @@ typedef struct oxl_trained {
 /* Trains a model on the scene's training views, as the command `oceanxl train` does with a survey of one
  * block; for more than 170 images the command raises the iterations (oxl_job_options.iterations_for). The
  * same scene, options and seed give the same bytes. callback may be NULL.
- * OXL_ERR_USAGE: an option is out of its range; OXL_ERR_INTERRUPTED: stopped, out is usable. */
+ * OXL_ERR_USAGE: an option is out of its range; OXL_ERR_INTERRUPTED: stopped; out is usable if
+ * out->model.count is not 0. */
 OXL_API oxl_result oxl_train(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
                              const oxl_callback *callback, oxl_trained *out);
 OXL_API void oxl_trained_free(oxl_context *ctx, oxl_trained *trained);
@@ -618,7 +625,10 @@ OXL_API void oxl_trained_free(oxl_context *ctx, oxl_trained *trained);
  *   scene.ply           the model for any viewer
  *   scene_clear.ply     the model without the medium or gains that scene.ply has in its colours
  *   scene_standard.ply  the columns that all viewers read, where scene.ply has others
- *   imaging.txt         exposure, lamp, medium and poses */
+ *   imaging.txt         exposure, lamp, medium and poses
+ * To read the result back for a scene, read scene_clear.ply if it is there, else scene.ply, and
+ * oxl_imaging_read of that path.
+ * OXL_ERR_USAGE: the result has no Gaussian, or its imaging is of a scene with another number of views. */
 OXL_API oxl_result oxl_trained_write(oxl_context *ctx, const char *folder, const oxl_scene *scene,
                                      const oxl_trained *trained);
 

@@ -39,8 +39,9 @@ int main(int argc, char **argv)
     const int frames = argc > 3 ? atoi(argv[3]) : 24;
     oxl_context *ctx = NULL;
     oxl_model model = {0};
-    oxl_result rc = oxl_context_create(NULL, &ctx);
+    oxl_result rc;
     if (argc < 3) return fprintf(stderr, "usage: %s MODEL.ply FOLDER [FRAMES]\n", argv[0]), 2;
+    rc = oxl_context_create(NULL, &ctx);
     if (rc == OXL_OK) rc = oxl_model_read(ctx, argv[1], &model);
     if (rc == OXL_OK && model.view[0] == 0) rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s has no view", argv[1]);
     for (int i = 0; rc == OXL_OK && i < frames; i++) {

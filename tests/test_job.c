@@ -657,6 +657,26 @@ TEST(job_leaves_out_images_that_cannot_be_read_and_counts_them)
     CHECK_IN("out/run.json", "trained without 3 images");
 }
 
+/* Reads tracks, then images for pruning; then there are no points, and images colour random ones. */
+TEST(training_leaves_out_an_image_that_goes_after_loading)
+{
+    for (int k = 0; k < 6; k++) {
+        oxl_job_options options = job_test_options();
+        oxl_train_options *o = &options.train;
+        oxl_trained trained = {.finished = 0};
+        options.scene.image_cache_bytes = 1;
+        o->exposure = o->medium = k < 2 ? OXL_AUTO : OXL_OFF;
+        if (k / 2 == 1) o->keep = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
+        o->stereo = 0;
+        OWNED_SCENE *scene = test_load(k < 4 ? job_test_survey() : job_test_survey_of(0), &options.scene);
+        if (k % 2) CHECK(remove(test_path("survey/images/4.png")) == 0);
+        else test_write("survey/images/4.png", "no image");
+        CHECK_OK(oxl_train(test_ctx, scene, o, NULL, &trained));
+        CHECK(trained.nonfinite.images == 1);
+        oxl_trained_free(test_ctx, &trained);
+    }
+}
+
 /* It used to start from every point, and each block had the whole number to itself. */
 TEST(job_has_as_many_gaussians_as_were_asked_for_also_in_blocks)
 {

@@ -36,6 +36,10 @@ TEST(exposure_of_a_view_that_was_not_trained_lies_on_the_line_between_its_neighb
     CHECK_CLOSE(gain[0], exp(0.2), 1e-5);
     oxl_imaging_gain(&m, 8, gain);
     CHECK_CLOSE(gain[2], exp(0.62), 1e-5);
+    for (int k = 0; k < 2; k++) {
+        oxl_imaging_gain(&m, k ? 9 : INT_MIN / 4, gain); /* no such view */
+        CHECK(gain[0] == 1 && gain[1] == 1 && gain[2] == 1);
+    }
 }
 
 TEST(exposure_of_a_stereo_pair_is_interpolated_for_each_camera_on_its_own)
@@ -217,6 +221,24 @@ TEST(gains_medium_and_lamp_are_read_as_they_were_written)
         for (int i = 0; i < 21; i++) CHECK_CLOSE(read.log_gain[i], m.log_gain[i], 1e-6);
         CHECK(!memcmp(&read.medium, &m.medium, sizeof m.medium) && read.lamps == 1);
         CHECK(!memcmp(read.lamp, m.lamp, sizeof *m.lamp) && imaging_lamp(&read, scene, 0) == read.lamp);
+    }
+}
+
+TEST(imaging_and_results_of_another_scene_or_without_gaussians_are_not_written)
+{
+    OWNED_SCENE *scene = train_scene(3);
+    OWNED_IMAGING other = imaging_test_make(4000, (int[]){3000, 3999}, 2);
+    OWNED_MODEL model = test_model(2, 0);
+    const oxl_trained results[] = {{.model = model, .imaging = &other}, {.finished = 1}};
+    other.medium = imaging_test_murky;
+    CHECK_ERROR(oxl_imaging_write(test_ctx, test_path("imaging.txt"), scene, &other), OXL_ERR_USAGE,
+                "4000 views, the scene has 3");
+    for (int k = 0; k < 2; k++) {
+        test_write("imaging.txt", "# kept\n");
+        CHECK_ERROR(oxl_trained_write(test_ctx, test_folder(), scene, &results[k]), OXL_ERR_USAGE,
+                    k ? "no Gaussian" : "4000 views, the scene has 3");
+        CHECK(!test_has("scene.ply"));
+        CHECK_IN("imaging.txt", "# kept");
     }
 }
 

@@ -382,7 +382,7 @@ static oxl_result hypotheses_take(struct hypotheses *w, int k)
     if (rc != OXL_OK) return rc;
     scene_images_ahead(w->ctx, w->scene, ahead, n);
     w->image = scene_image(w->ctx, w->scene, w->look[k].view);
-    return w->image || w->ctx->failed == OXL_ERR_INPUT ? OXL_OK : w->ctx->failed;
+    return w->image || scene_lacks_image(w->ctx->failed) ? OXL_OK : w->ctx->failed;
 }
 
 /* Scores the image taken last: as it is, in all readings but other poses, and with the points of another

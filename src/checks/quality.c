@@ -230,7 +230,7 @@ OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_su
         scene_images_ahead(ctx, scene, list + i, count - i);
         image = scene_image(ctx, scene, i);
         /* Leaves unreadable images to lint_images. */
-        if (!image && ctx->failed != OXL_ERR_INPUT) rc = ctx->failed;
+        if (!image && !scene_lacks_image(ctx->failed)) rc = ctx->failed;
         if (image && quality_measure(image, q.value[q.count])) q.view[q.count++] = i;
     }
     if (rc == OXL_OK && q.count >= QUALITY_MIN) quality_compare(&q, scene, s);

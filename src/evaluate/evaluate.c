@@ -52,14 +52,6 @@ OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, i
     return rc == OXL_OK && d->imaging ? evaluate_light(ctx, d, view, out) : rc;
 }
 
-/* Refuses the imaging of another scene, whose gains are of other views. */
-static oxl_result evaluate_check(oxl_context *ctx, const oxl_scene *scene, const oxl_imaging *imaging)
-{
-    if (!imaging || !imaging->views || imaging->views == scene->view_count) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_USAGE, "the imaging is of %d views, the scene has %d\nfix: pass the model's",
-                    imaging->views, scene->view_count);
-}
-
 oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, int view,
                            const oxl_imaging *imaging, oxl_image *out, float *depth)
 {
@@ -69,7 +61,7 @@ oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_s
     if (view < 0 || view >= scene->view_count)
         return oxl_fail(ctx, OXL_ERR_USAGE, "view %d does not exist: the scene has %d views", view,
                         scene->view_count);
-    rc = evaluate_check(ctx, scene, imaging);
+    rc = imaging_check_scene(ctx, scene, imaging);
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     if (rc == OXL_OK) rc = evaluate_draw(ctx, &(struct drawn){r, model, scene, imaging}, view, out, depth);
     renderer_free(ctx, r);
@@ -190,7 +182,7 @@ static oxl_result evaluate_views(oxl_context *ctx, struct evaluate_pass p, oxl_s
     const oxl_scene *scene = p.of.scene;
     const size_t room = (size_t)scene->view_count + 1;
     struct unshown *unshown = NULL;
-    oxl_result rc = evaluate_check(ctx, scene, p.of.imaging);
+    oxl_result rc = imaging_check_scene(ctx, scene, p.of.imaging);
     int *view = oxl_alloc(ctx, room, sizeof *view), count = 0, all = 0;
     *out = (oxl_metrics){.views = oxl_alloc(ctx, room, sizeof *out->views)};
     if (!view || !out->views) rc = OXL_ERR_MEMORY;

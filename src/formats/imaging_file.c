@@ -79,7 +79,8 @@ OXL_INTERNAL int imaging_is_needed(const struct oxl_imaging *m)
 oxl_result oxl_imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const oxl_imaging *m)
 {
     struct text t = {.ctx = ctx};
-    oxl_result rc;
+    oxl_result rc = imaging_check_scene(ctx, scene, m);
+    if (rc != OXL_OK) return rc;
     text_add(&t, "# what lies between the colours of the model and the images: OceanXL " OXL_VERSION
                  ", docs/UNDERWATER.md\n"
                  "# gain RED GREEN BLUE NAME: the rendered image times these is the image; training views\n");

@@ -123,7 +123,7 @@ static oxl_result prune_mask_view(oxl_context *ctx, const oxl_scene *scene, int 
     oxl_result rc = OXL_RESERVE(ctx, pass->drgb, 3 * pixels);
     if (rc != OXL_OK) return rc;
     /* else it was named when it was trained on */
-    if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
+    if (!image && !scene_lacks_image(ctx->failed)) return ctx->failed;
     for (size_t i = 0; i < 3 * pixels; i++)
         pass->drgb[i] = !image || !image->mask || image->mask[i % pixels] >= 128;
     return OXL_OK;

@@ -81,7 +81,7 @@ OXL_INTERNAL oxl_result ssim_contrast_measure(oxl_context *ctx, const oxl_scene 
         const struct training_image *image;
         if (scene->view[i].is_test || seen++ % step != 0) continue;
         image = scene_image(ctx, scene, i);
-        if (!image && ctx->failed != OXL_ERR_INPUT && ctx->failed != OXL_ERR_IO) rc = ctx->failed;
+        if (!image && !scene_lacks_image(ctx->failed)) rc = ctx->failed;
         if (!image) continue;
         count += ssim_contrast_of_image(image, value + count);
         ++*views;

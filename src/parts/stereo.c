@@ -175,8 +175,7 @@ static oxl_result stereo_image(struct stereo *s, int view, const struct stereo_i
     *out = NULL;
     stereo_free_image(s->ctx, oldest);
     image = scene_image(s->ctx, s->scene, view);
-    if (!image)
-        return s->ctx->failed == OXL_ERR_INPUT || s->ctx->failed == OXL_ERR_IO ? OXL_OK : s->ctx->failed;
+    if (!image) return scene_lacks_image(s->ctx->failed) ? OXL_OK : s->ctx->failed;
     oldest->view = view, oldest->used = ++s->clock;
     *out = oldest;
     return stereo_make_image(s, image, oldest);

@@ -213,9 +213,17 @@ OXL_INTERNAL void imaging_predict(const struct oxl_imaging *m, int view, float o
     for (int c = 0; c < 3; c++) out[c] += (float)(fraction * other[c]);
 }
 
+OXL_INTERNAL oxl_result imaging_check_scene(oxl_context *ctx, const oxl_scene *scene,
+                                            const oxl_imaging *imaging)
+{
+    if (!imaging || !imaging->views || imaging->views == scene->view_count) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_USAGE, "the imaging is of %d views, the scene has %d\nfix: pass the model's",
+                    imaging->views, scene->view_count);
+}
+
 void oxl_imaging_gain(const oxl_imaging *m, int view, float out[3])
 {
-    if (!m || !m->on) out[0] = out[1] = out[2] = 0;
+    if (!m || !m->on || view < 0 || view >= m->views) out[0] = out[1] = out[2] = 0;
     else if (m->known[view]) memcpy(out, m->log_gain + 3 * view, 3 * sizeof *out);
     else imaging_predict(m, view, out);
     for (int c = 0; c < 3; c++) out[c] = (float)vecmath_exp(out[c]);

@@ -48,6 +48,9 @@ static inline void imaging_free(oxl_context *ctx, struct oxl_imaging *m)
     OXL_FREE(ctx, m->log_gain, m->known, m->camera, m->partner, m->pose);
     *m = (struct oxl_imaging){0};
 }
+/* Refuses the imaging of another scene, whose gains are of other views; NULL: none. */
+OXL_INTERNAL oxl_result imaging_check_scene(oxl_context *ctx, const oxl_scene *scene,
+                                            const oxl_imaging *imaging);
 /* Makes an independent copy of the imaging of a scene with so many views. */
 OXL_INTERNAL oxl_result imaging_clone(oxl_context *ctx, const struct oxl_imaging *from, size_t views,
                                       struct oxl_imaging *out);

@@ -95,6 +95,11 @@ OXL_INTERNAL const double *scene_depth_range(const oxl_scene *scene, int view);
 /* Returns a view's image from the cache, after loading it if necessary; it is borrowed until the next request
  * of another view. NULL: the error is set. */
 OXL_INTERNAL const struct training_image *scene_image(oxl_context *ctx, const oxl_scene *scene, int view);
+/* Returns 1 if an image is missing or damaged: left out, and reported when training comes to it. */
+static inline int scene_lacks_image(oxl_result rc)
+{
+    return rc == OXL_ERR_INPUT || rc == OXL_ERR_IO;
+}
 /* Copies a view's image, on the background of scene_set_background; errors as of oxl_scene_image. */
 OXL_INTERNAL oxl_result scene_copy_image(oxl_context *ctx, const oxl_scene *scene, int view, oxl_image *out);
 /* Returns 1 if, with `more` unreadable images, too many of the model's images are missing. */

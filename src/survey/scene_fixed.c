@@ -56,7 +56,7 @@ static oxl_result fixed_add_image(oxl_context *ctx, const oxl_scene *scene, int 
     const size_t pixels = (size_t)f->width * (size_t)f->height;
     struct training_image image;
     const oxl_result rc = scene_load_small(ctx, scene, view, f->width, f->height, &image);
-    if (rc != OXL_OK) return rc == OXL_ERR_INPUT || rc == OXL_ERR_IO ? OXL_OK : rc;
+    if (rc != OXL_OK) return scene_lacks_image(rc) ? OXL_OK : rc;
     for (size_t i = 0; i < pixels; i++) {
         uint8_t *value = f->value + i * FIXED_VIEWS;
         const uint8_t grey =

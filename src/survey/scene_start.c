@@ -52,7 +52,7 @@ static oxl_result start_read_map(oxl_context *ctx, const oxl_scene *scene, int v
     struct pixels image = {0};
     const oxl_result rc = image_decode(ctx, PATH(scene->images, "%s", scene->view[view].name), 4, &image);
     const int side = OXL_MAX(image.width, image.height), reduction = (side + START_MAP - 1) / START_MAP;
-    if (rc == OXL_ERR_INPUT) return OXL_OK; /* Leaves an unreadable image to training, which reports it. */
+    if (scene_lacks_image(rc)) return OXL_OK; /* Leaves an unreadable image to training, which reports it. */
     if (rc != OXL_OK) return rc;
     out->width = (image.width + reduction - 1) / reduction;
     out->height = (image.height + reduction - 1) / reduction;
@@ -129,7 +129,7 @@ static oxl_result start_add_colours(struct start_draw *d)
         const oxl_camera *c = &d->scene->view[d->view[i]].camera;
         const struct training_image *image = scene_image(d->ctx, d->scene, d->view[i]);
         const size_t plane = (size_t)c->width * (size_t)c->height;
-        if (!image && d->ctx->failed != OXL_ERR_INPUT) return d->ctx->failed;
+        if (!image && !scene_lacks_image(d->ctx->failed)) return d->ctx->failed;
         for (size_t k = 0; image && k < d->count; k++) {
             double x[3], p[2];
             if (!camera_sees(c, d->point[k].position, x, p)) continue;

@@ -135,7 +135,7 @@ OXL_INTERNAL oxl_result track_samples_measure(oxl_context *ctx, const oxl_scene 
         if (context_stopped(ctx) != OXL_OK) return OXL_ERR_INTERRUPTED;
         scene_images_ahead(ctx, scene, s->chosen + v, s->views - v);
         image = scene_image(ctx, scene, s->chosen[v]);
-        if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
+        if (!image && !scene_lacks_image(ctx->failed)) return ctx->failed;
         for (size_t i = 0; i < s->count; i++)
             if (s->at[i].view == v) s->at[i].valid = image && measure(image, &s->at[i]);
     }

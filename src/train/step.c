@@ -98,7 +98,7 @@ static oxl_result step_next_image(struct train *t, int *view)
         *view = t->view[slot];
         step_read_ahead(t, slot);
         rc = step_load_image(t, *view);
-        if (rc != OXL_ERR_INPUT && rc != OXL_ERR_IO) return rc;
+        if (!scene_lacks_image(rc)) return rc;
         nonfinite_count_unreadable(t->ctx, &t->nonfinite);
         if (rc == OXL_ERR_IO && scene_misses_too_many(t->scene, (int)t->nonfinite.images))
             return step_refuse_unreadable(t, rc);
@@ -354,8 +354,8 @@ OXL_INTERNAL oxl_result step_densify(struct train *t)
     if (t->trained.model.count == 0)
         return oxl_fail(t->ctx, OXL_ERR_FAILED,
                         "step %d: no Gaussian is left\nfix: run oceanxl check, which examines cameras "
-                        "and points",
-                        t->step);
+                        "and points%s",
+                        t->step, o->terms ? ", or change oxl_terms.density" : "");
     oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu split, %zu removed, %zu left", t->step, change.split,
             change.removed, t->trained.model.count);
     return OXL_OK;

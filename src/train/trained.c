@@ -255,7 +255,10 @@ oxl_result oxl_trained_write(oxl_context *ctx, const char *folder, const oxl_sce
                     *shown = hides ? viewer : &t->model;
     const char *clear = PATH(folder, "scene_clear.ply"), *standard = PATH(folder, "scene_standard.ply"),
                *imaging = PATH(folder, "imaging.txt");
-    oxl_result rc = makes ? viewer_begin(ctx, scene, t, 0, &made) : OXL_OK;
+    oxl_result rc = imaging_check_scene(ctx, scene, t->imaging);
+    if (rc == OXL_OK && t->model.count == 0)
+        rc = oxl_fail(ctx, OXL_ERR_USAGE, "the result has no Gaussian; files are kept");
+    if (rc == OXL_OK && makes) rc = viewer_begin(ctx, scene, t, 0, &made);
     if (rc == OXL_OK) rc = trained_write_ply(ctx, PATH(folder, "scene.ply"), scene, shown, shown->sh_degree);
     if (rc == OXL_OK && hides) rc = trained_write_ply(ctx, clear, scene, &t->model, t->model.sh_degree);
     if (rc == OXL_OK && !is_standard) rc = trained_write_ply(ctx, standard, scene, viewer, 3);
