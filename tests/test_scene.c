@@ -131,9 +131,11 @@ TEST(scene_extent_is_that_of_3dgs_and_an_outlier_camera_does_not_change_it)
     }
     CHECK_OK(stats_camera_radius(test_ctx, &scene, &plain));
     CHECK_CLOSE(plain, 4, 1e-12); /* cameras at 0..8, mean 4 */
+    test_listen();
     scene.view_count = 10;
     CHECK_OK(stats_camera_radius(test_ctx, &scene, &robust));
     CHECK_CLOSE(robust, 4, 1e-12);
+    CHECK_LOGGED("1 cameras are far from all others");
 }
 
 /* Two thirds of the points in front of the cameras were seen by none of them: haze. */

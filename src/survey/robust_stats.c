@@ -88,13 +88,22 @@ static double stats_distance(const double a[3], const double b[3])
                 (a[2] - b[2]) * (a[2] - b[2]));
 }
 
-/* Returns the largest distance from the middle, where 3DGS takes the mean: an outlier moves that. */
+/* Returns the largest distance from the mean of the centres, as in 3DGS. */
+static double stats_radius(const double *centre, size_t n)
+{
+    double mean[3] = {0, 0, 0}, radius = 0;
+    for (size_t i = 0; i < n; i++)
+        for (int k = 0; k < 3; k++) mean[k] += centre[3 * i + k] / (double)n;
+    for (size_t i = 0; i < n; i++) radius = OXL_MAX(radius, stats_distance(centre + 3 * i, mean));
+    return radius;
+}
+
 OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const oxl_scene *scene, double *radius)
 {
     double *centre = oxl_alloc(ctx, (size_t)scene->view_count + 1, 3 * sizeof *centre);
     double *distance = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *distance);
     double low[3], middle[3], high[3], limit;
-    size_t count = 0;
+    size_t count = 0, kept = 0;
     oxl_result rc = centre && distance ? OXL_OK : OXL_ERR_MEMORY;
     *radius = 0;
     for (int v = 0; v < scene->view_count && rc == OXL_OK; v++)
@@ -104,7 +113,12 @@ OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const oxl_scene *s
     for (size_t i = 0; i < count; i++) distance[i] = stats_distance(centre + 3 * i, middle);
     limit = STATS_OUTLIER * stats_select(distance, count, 0.5);
     for (size_t i = 0; i < count; i++)
-        if (distance[i] <= limit) *radius = OXL_MAX(*radius, distance[i]);
+        if (stats_distance(centre + 3 * i, middle) <= limit)
+            memmove(centre + 3 * kept++, centre + 3 * i, 3 * sizeof *centre);
+    *radius = stats_radius(centre, kept);
+    if (kept < count)
+        oxl_log(ctx, OXL_LOG_WARNING, "%zu cameras are far from all others and are excluded from the extent",
+                count - kept);
     OXL_FREE(ctx, centre, distance);
     return rc;
 }
