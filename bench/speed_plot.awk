@@ -25,8 +25,8 @@ function draw(k, color,    curve, i, j, n, x, y, keep, line, end) {
     for (i = 1; i <= n; i++) line = line sprintf("%s%.1f %.1f", i > 1 ? "L" : "M", at_x(x[i]), at_y(y[i]))
     printf "<path stroke=\"%s\" d=\"%s\"><title>%s</title></path>\n", color, line, curve
     printf "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"3\" fill=\"%s\"/>\n", at_x(x[n]), at_y(y[n]), color
-    end = at_x(x[n]) > 250
-    label(at_x(x[n]) + (end ? -5 : 5), at_y(y[n]) + 3, end ? "end" : "start", curve)
+    end = at_x(x[n]) > 120
+    label(at_x(x[n]) + (end ? 0 : 5), at_y(y[n]) + (end ? -6 : 3), end ? "end" : "start", curve)
 }
 BEGIN { FS = ","; split("#1f6fb4 #d1495b #2e933c #8d5a97 #b8860b #444", colors, " ") }
 $1 == "tradeoff" && ($3 == "base" || $3 ~ /^iterations-/) { add($2, $3, $13, $6) }
