@@ -242,8 +242,8 @@ static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct
     oxl_result rc = load(ctx, a, &l);
     console_catch_signals();
     if (rc == OXL_OK && a->ortho) rc = product_open(ctx, l.scene, a->path[1], a, stdout, &product);
-    if (rc == OXL_OK && a->ortho)
-        product_balance(l.scene, l.imaging, &l.model), rc = map_write(&product, &l.model);
+    if (rc == OXL_OK && a->ortho) product_balance(l.scene, l.imaging, &l.model);
+    if (rc == OXL_OK && a->ortho) rc = map_write(&product, &l.model);
     else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &l.model, l.scene, a, console_count, console);
     else if (rc == OXL_OK) rc = oxl_render_views(ctx, &l.model, l.scene, l.imaging, &what, a->out, &count);
     console_clear(console);
@@ -258,7 +258,8 @@ static oxl_result run_cloud(oxl_context *ctx, const struct arguments *a)
     struct product product;
     oxl_result rc = load(ctx, a, &l);
     if (rc == OXL_OK) rc = product_open(ctx, l.scene, a->path[1], a, stdout, &product);
-    if (rc == OXL_OK) product_balance(l.scene, l.imaging, &l.model), rc = cloud_write(&product, &l.model);
+    if (rc == OXL_OK) product_balance(l.scene, l.imaging, &l.model);
+    if (rc == OXL_OK) rc = cloud_write(&product, &l.model);
     unload(ctx, &l);
     return rc;
 }

@@ -1,9 +1,9 @@
 /* map.c - renders a map of a model from straight above: the orthomosaic, the heights and their certainty.
  *
  * Rays are parallel to the frame's above axis, so a place is at one pixel whatever its height. They begin at the
- * highest camera, so that what floats above it is not seen. A pixel is empty where the model is see-through, or where fewer than --min-views training views see the
- * place (surface.c). It has a colour but no height where no layer of the model is the surface, where fewer views
- * confirm it, or where as many views look through it.
+ * highest camera, so that what floats above it is not seen. A pixel is empty where the model is see-through, or
+ * where fewer than --min-views training views see the place (surface.c). It has a colour but no height where no
+ * layer of the model is the surface, where fewer views confirm it, or where as many views look through it.
  *
  * The standard deviation of a height is calibrated on `synth` (docs/log/TRAINING.md). Pinholes in the colours are
  * filled from around; `views` is 0 there.
@@ -250,9 +250,8 @@ oxl_result map_make(struct map *m, const oxl_model *model)
     if (rc != OXL_OK) return rc;
     m->filled = map_fill(m, m->colour, 3, MAP_PINHOLE);
     m->off = product_deviation(m->surface, &m->to, map_off, m);
-    for (size_t i = 0; i < map_pixels(m);
-         i++) /* where all views are off, none disagrees: the survey's points tell */
-        m->sigma[i] = hypot(m->sigma[i], fmax(m->off.median, 0));
+    /* where all views are off, none disagrees: the survey's points tell */
+    for (size_t i = 0; i < map_pixels(m); i++) m->sigma[i] = hypot(m->sigma[i], fmax(m->off.median, 0));
     map_smooth(m);
     return OXL_OK;
 }

@@ -1,5 +1,5 @@
-/* product.c - what all products share: memory, options, the world of their files, their distance from the survey's
- * points.
+/* product.c - what all products share: memory, options, the world of their files, the hue of their colours, their
+ * distance from the survey's points.
  *
  * Invariant: product.world is the one place where coordinates of the model become those of a file.
  */
@@ -128,8 +128,10 @@ void product_balance(const oxl_scene *scene, const oxl_imaging *imaging, oxl_mod
         double all = 0, sum[3] = {0}, away[3];
         for (int v = 0; v < views; v++) {
             double weight;
-            vector_add(p, -1, eye[v], away), weight = pow(least + vector_dot(away, away), -3);
-            vector_add(sum, weight, hue[v], sum), all += weight;
+            vector_add(p, -1, eye[v], away);
+            weight = pow(least + vector_dot(away, away), -3);
+            vector_add(sum, weight, hue[v], sum);
+            all += weight;
         }
         for (int k = 0; k < 3 * (model->sh_degree + 1) * (model->sh_degree + 1); k++) {
             const double factor = exp(sum[k % 3] / all), grey = k < 3 ? PRODUCT_GREY : 0;

@@ -21,8 +21,9 @@
 #define SURFACE_AGREES 0.04
 /* largest distance of a place that is seen, in usual distances: the horizon of oblique views is left out */
 #define SURFACE_FAR 2.0
-#define SURFACE_WIDE \
-    25.0 /* square of the same by another measure: what is farther off is in no image of 130 degrees */
+/* square of the largest distance of a place that is asked for, in usual distances: what is farther off is in no image
+ * of 130 degrees */
+#define SURFACE_WIDE 25.0
 /* difference from a point's depth, as a fraction of it, that does not contradict */
 #define SURFACE_NEAR 0.03
 #define SURFACE_SHARE 0.05 /* least share of the points around a pixel that are near its depth */

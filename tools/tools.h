@@ -131,9 +131,9 @@ void surface_ask_all(const struct surface *s, size_t count,
 
 /* How far every second point of the survey, which did not help to find it, is from a product's surface. */
 struct deviation {
-    double median, most, gross,
-        none;        /* most: of 90 %; shares: beyond PRODUCT_GROSS; of points without a surface */
-    double distance; /* of the cameras */
+    double median, most; /* most: 90 % of the points are nearer */
+    double gross, none;  /* share of points beyond PRODUCT_GROSS; share of points without a surface */
+    double distance;     /* of the cameras */
 };
 #define PRODUCT_GROSS 0.05 /* of the cameras' distance */
 /* Asks `off` how far each of these points, moved by `to`, is from it; NaN: it has nothing there; negative: the point is

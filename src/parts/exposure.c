@@ -38,8 +38,8 @@
 /* what neighbours explain over the noise: gains are worth -0.5 to 0.25 dB at 0.8 to 1.1, 0.3 to 0.8 at 1.7 to
  * 2.6, and cost 0.6 dB in a viewer at 3.0 in brighton_beach (docs/log/IMAGING.md) */
 #define EXPOSURE_CLEAR 1.5
-#define EXPOSURE_BRACKETS \
-    0.3 /* difference of images from which gains are on anyway; surveys have .04 to .13 */
+/* difference of images from which gains are on anyway; surveys have .04 to .13 (docs/log/IMAGING.md) */
+#define EXPOSURE_BRACKETS 0.3
 
 static oxl_result exposure_begin(struct train *t, void *state)
 {
