@@ -175,7 +175,7 @@ cost: $(BUILD)/cost ## build/cost SCENE: how a step's time grows with Gaussians,
 floaters: $(BUILD)/floaters ## build/floaters IMAGES SURVEY: floaters in a model's images of a synthetic survey (docs/log/TRAINING.md)
 heights: $(BUILD)/heights ## build/heights MAX_SIDE MODEL SURVEY: rendered depths against points and truth (docs/log/TRAINING.md)
 $(BUILD)/heights: SOURCE = bench/heights.c
-borders: $(BUILD)/borders ## build/borders MAX_SIDE SURVEY PARTITION OUT...: PSNR near borders between blocks at the same pixels (docs/SCALE.md)
+borders: $(BUILD)/borders ## build/borders MAX_SIDE SURVEY BLOCKS OUT...: PSNR near borders between blocks at the same pixels (docs/SCALE.md)
 $(BUILD)/borders: SOURCE = bench/borders.c
 $(BUILD)/floaters: SOURCE = bench/floaters.c
 $(BUILD)/cost: SOURCE = bench/cost.c

@@ -154,7 +154,6 @@
 #include "src/large/partition_axes.c" /* principal axes, the frame of the partition */
 #include "src/large/partition_cut.c"  /* where a box is cut */
 #include "src/large/partition_make.c" /* how many blocks, and the plan of them */
-#include "src/large/partition_file.c" /* partition.txt */
 #include "src/large/merge.c"          /* merge the models of blocks */
 #include "src/large/cost.c"           /* predicted Gaussians, memory and time of training */
 #include "src/large/budget.c"         /* --ram: limits that fit a memory budget */

@@ -176,7 +176,7 @@ OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *mo
  * is not in the standard
  * 62 columns; metrics.json, run.json, renders/; and per block blocks/KKK/ with model.ply, log.csv and
  * block.json. A survey that fits the memory (or, with block_points, has no more points than that) is one
- * block, 000. A larger one is cut (partition.txt). Training then has three stages: a coarse
+ * block, 000. A larger one is cut. Training then has three stages: a coarse
  * model of the survey (blocks/coarse/), the blocks, each with the coarse model's other Gaussians as
  * context, and the
  * merged model (blocks/whole/). train.iterations is the number of steps of all stages; a

@@ -1,6 +1,6 @@
 /* borders.c - PSNR near the borders between blocks, of several models at the same pixels (docs/SCALE.md).
  *
- *     build/borders MAX_SIDE SURVEY PARTITION.txt OUT...
+ *     build/borders MAX_SIDE SURVEY BLOCKS OUT...
  *
  * The first OUT's depth places the pixels of all. A line of each OUT: PSNR near borders and elsewhere, of held-out and of training views; its Gaussians near
  * borders, and all.
@@ -75,13 +75,14 @@ static void borders_print(const struct borders *b, int k, const char *out)
 int main(int count, char **word)
 {
     oxl_scene_options o = oxl_scene_options_default();
+    oxl_partition_options cut = oxl_job_options_default(OXL_PRESET_DRAFT).partition;
     static struct borders b;
     oxl_result rc = oxl_context_create(NULL, &b.ctx);
     if (count < 5 || count - 4 > BORDERS_MODELS)
-        return printf("usage: borders MAX_SIDE SURVEY PARTITION.txt OUT...\n"), 2;
-    o.max_side = atoi(word[1]);
+        return printf("usage: borders MAX_SIDE SURVEY BLOCKS OUT...\n"), 2;
+    o.max_side = atoi(word[1]), cut.blocks = atoi(word[3]);
     if (rc == OXL_OK) rc = oxl_scene_load(b.ctx, word[2], &o, &b.scene);
-    if (rc == OXL_OK) rc = partition_read(b.ctx, word[3], &b.partition);
+    if (rc == OXL_OK) rc = partition_make(b.ctx, b.scene, &cut, &b.partition);
     if (rc == OXL_OK) rc = renderer_create(b.ctx, &b.renderer);
     for (; b.models < count - 4 && rc == OXL_OK; b.models++)
         rc = borders_read(&b, b.models, word[4 + b.models]);

@@ -34,7 +34,6 @@ static const struct {
     {"report.html", "one page: charts, map, worst views."},
     {"renders/, training_views/",
      "NAME.png and NAME.image.png of each held-out view and of the worst training views; NAME.clear.png without lamp and medium, where a medium is fitted."},
-    {"partition.txt", "blocks of a cut survey."},
     {"blocks/KKK/", "for each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained."},
     {"blocks/coarse/", "the coarse model, from which blocks start; blocks/whole/: the merged model."},
 };

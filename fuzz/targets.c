@@ -84,9 +84,9 @@ static void fuzz_write(const char *name, const uint8_t *data, size_t size)
 static void fuzz_clean(void)
 {
     static const char *const names[] = {
-        "cameras.txt", "images.txt",  "points3D.txt",  "model.ply",       "model.splat",
-        "run.json",    "block.json",  "partition.txt", "transforms.json", "reconstruction.json",
-        "model.spz",   "cameras.bin", "images.bin",    "points3D.bin",    "imaging.txt"};
+        "cameras.txt", "images.txt", "points3D.txt",    "model.ply",           "model.splat",
+        "run.json",    "block.json", "transforms.json", "reconstruction.json", "model.spz",
+        "cameras.bin", "images.bin", "points3D.bin",    "imaging.txt"};
     for (size_t i = 0; i < OXL_COUNT(names); i++) os_remove(fuzz_path(names[i]));
     remove(fuzz_folder());
     os_make_one_folder(fuzz_folder());
@@ -274,7 +274,7 @@ static oxl_scene *fuzz_scene(oxl_context *ctx)
     return scene;
 }
 
-/* ---------------- run.json, block.json, partition.txt */
+/* ---------------- run.json, block.json */
 
 static void fuzz_run(oxl_context *ctx, const uint8_t *data, size_t size)
 {
@@ -297,21 +297,6 @@ static void fuzz_run(oxl_context *ctx, const uint8_t *data, size_t size)
     text_free(&inputs);
     manifest_free(ctx, &run);
     fuzz_explained(ctx, block_read(ctx, fuzz_folder(), "\"job\": {", &record));
-}
-
-static void fuzz_partition(oxl_context *ctx, const uint8_t *data, size_t size)
-{
-    struct partition p;
-    oxl_result rc;
-    const double place[3] = {1, 2, 3};
-    double frame[3];
-    fuzz_write("partition.txt", data, size);
-    rc = partition_read(ctx, fuzz_path("partition.txt"), &p);
-    fuzz_explained(ctx, rc);
-    if (rc != OXL_OK) return;
-    partition_to_frame(&p, place, frame);
-    for (int i = 0; i < p.block_count; i++) partition_contains(&p.block[i].box, frame);
-    partition_free(ctx, &p);
 }
 
 /* ---------------- what a run leaves for itself: with a right checksum, so that ranges are all that is left */
@@ -364,7 +349,6 @@ static const struct fuzz_target {
                     {"ply", fuzz_ply},
                     {"splat", fuzz_splat},
                     {"run", fuzz_run},
-                    {"partition", fuzz_partition},
                     {"imaging", fuzz_imaging},
                     {"options", fuzz_options}};
 

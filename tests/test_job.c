@@ -213,7 +213,7 @@ TEST(job_by_blocks_gives_the_same_bytes_in_one_process_and_in_many)
 {
     oxl_job_options options = job_test_blocks();
     job_test_done("whole", &options);
-    CHECK(test_has("whole/partition.txt") && test_has("whole/blocks/001/model.ply"));
+    CHECK(test_has("whole/blocks/001/model.ply"));
     for (options.block = 1; options.block >= 0; options.block--) job_test_done("parts", &options);
     CHECK(!test_has("parts/scene.ply"));
     job_test_done("parts", &options);
@@ -313,12 +313,19 @@ TEST(job_in_blocks_of_a_wholly_black_survey_ends_with_a_model)
     CHECK(test_has("out/scene.ply"));
 }
 
-/* Memory that a partition states is kept, whatever the machine has. */
+/* Leaves in `out` a run with these options that was stopped after five steps. */
+static void job_test_stopped(const oxl_job_options *options)
+{
+    struct job_test_watch watch = {0, 5};
+    CHECK(job_test_watched("out", options, &watch) == OXL_ERR_INTERRUPTED);
+}
+
+/* Memory that an earlier process of the run has found is kept, whatever the machine has. */
 TEST(job_in_blocks_grows_to_what_memory_holds_of_the_merged_model)
 {
     oxl_job_options options = job_test_blocks(), limited;
     struct cost_load load;
-    OWNED_PARTITION p;
+    char memory[40];
     OWNED_MODEL model = {0};
     options.train.iterations = 120;
     options.train.densify_gradient = 1e-12f;
@@ -328,10 +335,9 @@ TEST(job_in_blocks_grows_to_what_memory_holds_of_the_merged_model)
     load = cost_load_of_scene(scene);
     limited = options;
     for (limited.ram = (size_t)1e7; budget_max_gaussians(&load, &limited) < 150;) limited.ram += 1000;
-    CHECK_OK(partition_make(test_ctx, scene, &options.partition, &p));
-    p.memory = (double)limited.ram;
-    CHECK_OK(oxl_make_folder(test_ctx, test_path("out")));
-    CHECK_OK(partition_write(test_ctx, test_path("out/partition.txt"), &p));
+    job_test_stopped(&options);
+    snprintf(memory, sizeof memory, "\"memory\": %zu", limited.ram);
+    job_test_replace("out/run.json", "\"memory\": 0", memory);
     job_test_done("out", &options);
     test_read_model("out/blocks/whole/model.ply", &model);
     CHECK(model.count > 100 && model.count <= 150);
@@ -428,13 +434,6 @@ TEST(job_in_blocks_with_gains_alone_writes_a_model_for_viewers_and_resumes_it)
     job_test_done("stopped", &options);
     CHECK(job_test_same("whole/scene.ply", "stopped/scene.ply"));
     CHECK(job_test_same("whole/scene_clear.ply", "stopped/scene_clear.ply"));
-}
-
-/* Leaves in `out` a run with these options that was stopped after five steps. */
-static void job_test_stopped(const oxl_job_options *options)
-{
-    struct job_test_watch watch = {0, 5};
-    CHECK(job_test_watched("out", options, &watch) == OXL_ERR_INTERRUPTED);
 }
 
 TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)

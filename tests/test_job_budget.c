@@ -139,7 +139,7 @@ TEST(budget_cuts_into_blocks_that_are_predicted_to_fit)
     /* not less than the tests hold, which is more with a sanitizer */
     options.ram = (size_t)OXL_MAX(0.9 * cost_memory(&options, &load, cost_gaussians(&options, &load)),
                                   1.5 * (double)os_peak_rss());
-    CHECK_OK(budget_partition(test_ctx, scene, &options, &p));
+    CHECK_OK(budget_partition(test_ctx, scene, &options, NAN, &p));
     for (int k = 0; k < p.block_count; k++) {
         oxl_job_options fitted = options;
         load = cost_load_of_block(&p, k);

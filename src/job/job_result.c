@@ -157,12 +157,11 @@ static void job_add_partition_decision(const struct job *job, struct text *t)
     const struct partition *p = &job->partition;
     const double ratio = p->extent[1] > 0 ? p->extent[2] / p->extent[1] : 0;
     text_add(
-        t,
-        "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"memory\": %.0f, \"evidence\": \"%zu points; l3/l2 = %s%s\"}",
+        t, "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"evidence\": \"%zu points; l3/l2 = %s%s\"}",
         p->block_count == 1  ? "none"
         : p->dimensions == 2 ? "2d"
                              : "3d",
-        p->block_count, p->memory, job->survey.points, NUMBER(floor(ratio * 1e3 + 0.5) / 1e3),
+        p->block_count, job->survey.points, NUMBER(floor(ratio * 1e3 + 0.5) / 1e3),
         job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as set");
 }
 
@@ -202,9 +201,11 @@ OXL_INTERNAL oxl_result job_write_run(struct job *job, int finished)
     text_add(&t, ",\n  \"preset\": ");
     text_add_json_string(&t, job->options.preset ? job->options.preset : "");
     text_add(
-        &t, ",\n  \"iterations_done\": %.0f,\n  \"blocks\": %d,\n  \"origin\": [%s, %s, %s],\n  %s,\n  %s,\n",
-        job->total.number[BLOCK_ITERATIONS], job->partition.block_count, NUMBER(job->origin[0]),
-        NUMBER(job->origin[1]), NUMBER(job->origin[2]), job->inputs.data, job->key.data);
+        &t,
+        ",\n  \"iterations_done\": %.0f,\n  \"blocks\": %d,\n  \"memory\": %.0f,\n  \"origin\": [%s, %s, %s],\n  %s,\n  %s,\n",
+        job->total.number[BLOCK_ITERATIONS], job->partition.block_count, job->partition.memory,
+        NUMBER(job->origin[0]), NUMBER(job->origin[1]), NUMBER(job->origin[2]), job->inputs.data,
+        job->key.data);
     if (finished) rc = job_add_decisions(job, &t);
     text_add(&t, "  \"survey\": ");
     survey_add_json(&t, &job->survey, "  ");

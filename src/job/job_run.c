@@ -78,7 +78,7 @@ static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
 /* Removes what another run, or one that is trained anew, left in OUT. */
 static oxl_result job_replace_run(struct job *job)
 {
-    static const char *const files[] = {"run.json", "metrics.json", "partition.txt"};
+    static const char *const files[] = {"run.json", "metrics.json"};
     const oxl_result rc = job_lock_alone(job);
     if (rc != OXL_OK) return rc;
     if (job->options.block < 0) job_drop_blocks(job);
@@ -148,35 +148,24 @@ static oxl_result job_describe_survey(struct job *job)
 
 /* ---------------- blocks */
 
-/* Reads the blocks from partition.txt, or makes and writes them. Of several processes the first one does,
- * since they may find different free memory; the others wait. One block that fits in any case has no file. */
-static oxl_result job_make_partition(struct job *job)
-{
-    const char *path = PATH(job->out, "partition.txt");
-    oxl_lock *lock = NULL;
-    oxl_result rc =
-        job->options.block < 0 ? OXL_OK : lock_wait(job->ctx, PATH(job->out, "blocks"), path, &lock);
-    if (rc == OXL_OK && os_is_file(path)) rc = partition_read(job->ctx, path, &job->partition);
-    else if (rc == OXL_OK) {
-        rc = budget_partition(job->ctx, job->scene, &job->options, &job->partition);
-        if (rc == OXL_OK && job->options.from && job->partition.block_count > 1)
-            rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
-                          "--from needs a survey of one block, but this one is cut into %d\nfix: add "
-                          "--partition none",
-                          job->partition.block_count);
-        if (rc == OXL_OK &&
-            (job->partition.block_count > 1 || job->partition.memory > (double)job->options.ram || lock))
-            rc = partition_write(job->ctx, path, &job->partition);
-    }
-    oxl_unlock_folder(job->ctx, &lock);
-    return rc;
-}
-
+/* Cuts the survey into blocks that fit the memory in run.json, since a later machine may have other free
+ * memory; without it, the memory that is free, and blocks that are there may be of another cut. */
 static oxl_result job_partition(struct job *job)
 {
-    oxl_result rc = job_make_partition(job);
+    struct oxl_manifest run = {0};
+    oxl_result rc = manifest_read(job->ctx, job->out, &run);
+    const double memory = oxl_json_number(run.text, "memory");
+    if (rc == OXL_OK) rc = budget_partition(job->ctx, job->scene, &job->options, memory, &job->partition);
+    if (isnan(memory) && (job->partition.block_count > 1 || os_is_folder(JOB_BLOCK(job, JOB_COARSE_MODEL))))
+        job_drop_blocks(job);
+    manifest_free(job->ctx, &run);
     partition_free_plan(job->ctx, &job->partition);
     if (rc == OXL_OK && job->partition.memory > 0) job->options.ram = (size_t)job->partition.memory;
+    if (rc == OXL_OK && job->options.from && job->partition.block_count > 1)
+        rc = oxl_fail(
+            job->ctx, OXL_ERR_USAGE,
+            "--from needs a survey of one block, but this one is cut into %d\nfix: add --partition none",
+            job->partition.block_count);
     if (rc == OXL_OK && job->options.block >= job->partition.block_count)
         rc = oxl_fail(
             job->ctx, OXL_ERR_USAGE,
@@ -291,15 +280,20 @@ static oxl_result job_remove_temporaries(struct job *job)
 }
 
 /* Describes the survey, cuts it and writes run.json. One block of a run that others began needs no
- * description. */
+ * description; of several processes that begin, the others wait for the memory that the first one finds. */
 static oxl_result job_plan(struct job *job)
 {
-    const int begins = job->options.block < 0 || !os_is_file(PATH(job->out, "run.json"));
+    const char *path = PATH(job->out, "run.json");
+    const int begins = job->options.block < 0 || !os_is_file(path);
+    oxl_lock *lock = NULL;
     oxl_result rc = begins ? job_describe_survey(job) : OXL_OK;
     if (rc == OXL_OK) rc = context_stopped(job->ctx);
+    if (rc == OXL_OK && job->options.block >= 0)
+        rc = lock_wait(job->ctx, PATH(job->out, "blocks"), path, &lock);
     if (rc == OXL_OK) rc = job_partition(job);
     if (rc == OXL_OK && !begins && job->partition.block_count == 1) rc = job_describe_survey(job);
     if (rc == OXL_OK && begins) rc = job_write_run(job, 0);
+    oxl_unlock_folder(job->ctx, &lock);
     if (rc == OXL_OK && job->options.block >= 0) rc = lock_change(job->ctx, job->lock, job->out, 1);
     return rc;
 }

@@ -120,7 +120,7 @@ static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, 
     const int set =
         o->partition.kind == OXL_PARTITION_NONE || o->partition.blocks > 0 || o->partition.block_points > 0;
     struct partition p = {0};
-    oxl_result rc = set || limit > 0 || o->device_ram ? budget_partition(ctx, scene, o, &p) : OXL_OK;
+    oxl_result rc = set || limit > 0 || o->device_ram ? budget_partition(ctx, scene, o, NAN, &p) : OXL_OK;
     if (rc != OXL_OK) return rc;
     survey_add(s->text, "blocks       %d, %s", OXL_MAX(1, p.block_count), set ? "as set" : "");
     if (!set) survey_add(s->text, "since one block takes about %.2f GB", needs / 1e9);

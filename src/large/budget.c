@@ -3,7 +3,7 @@
  *
  * The image cache is reduced first, then an SH degree that is `auto`, the expected number of Gaussians and
  * the size of the blocks. Without --ram, a run that would exceed the free memory is planned as if --ram were
- * that much; partition.txt records the number.
+ * that much; run.json records the number.
  *
  * Invariant: the result depends on the survey, the options and that number alone, not on the memory that a
  * later machine has free.
@@ -158,13 +158,13 @@ static oxl_result budget_divide(oxl_context *ctx, const oxl_scene *scene, const 
 }
 
 OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
-                                         struct partition *out)
+                                         double memory, struct partition *out)
 {
     /* MiB that reading the survey needs */
     const double reading = o->ram ? ceil((double)os_peak_rss() / BUDGET_MARGIN / 1048576) : 0;
     oxl_job_options limited = *o;
     oxl_result rc = partition_make(ctx, scene, &o->partition, out);
-    limited.ram = OXL_MAX(budget_limit(scene, o), (size_t)reading * 1048576);
+    limited.ram = memory >= 0 ? (size_t)memory : OXL_MAX(budget_limit(scene, o), (size_t)reading * 1048576);
     if (rc == OXL_OK && budget_is_limited(&limited)) rc = budget_divide(ctx, scene, o, &limited, out);
     if (rc == OXL_OK && o->ram && limited.ram > o->ram)
         rc = oxl_fail(ctx, OXL_ERR_BUDGET,

@@ -23,7 +23,6 @@ struct partition_block {
     struct partition_box finite; /* `box` clipped to the trimmed extents of the points */
     /* points inside `box`; these, and others that its views see */
     size_t points, start_points;
-    int base_views, border_views; /* training views by overlap [OceanXL sec. 3.1, BlockGaussian] */
 };
 struct partition {
     double rotation[9]; /* (3,3) rows are the principal axes, longest first; frame = R (world - origin) */
@@ -33,8 +32,7 @@ struct partition {
     double memory; /* bytes; memory of a process for which the number of blocks was chosen; 0: no limit */
     int block_count;
     struct partition_block *block;
-    /* block of each point and view; NULL if the partition was read from partition.txt */
-    struct partition_plan *plan;
+    struct partition_plan *plan; /* block of each point and view; NULL: freed */
 };
 OXL_INTERNAL void partition_to_frame(const struct partition *p, const double world[3], double out[3]);
 
@@ -46,10 +44,6 @@ OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene,
 OXL_INTERNAL void partition_free(oxl_context *ctx, struct partition *p);
 /* Frees the plan, the part of the partition that refers to the scene. */
 OXL_INTERNAL void partition_free_plan(oxl_context *ctx, struct partition *p);
-
-/* Write and read partition.txt, which is read back to the same bits (partition_file.c). */
-OXL_INTERNAL oxl_result partition_write(oxl_context *ctx, const char *path, const struct partition *p);
-OXL_INTERNAL oxl_result partition_read(oxl_context *ctx, const char *path, struct partition *out);
 
 /* ---------------- checkpoint.c: files of a run's state */
 
@@ -132,9 +126,10 @@ OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *
 /* Returns --ram, or, if neither it nor a number of blocks is set and the run may exceed the free memory, the
  * free memory; 0: no limit. */
 OXL_INTERNAL size_t budget_limit(const oxl_scene *scene, const oxl_job_options *o);
-/* Makes a partition whose blocks each fit budget_limit. OXL_ERR_BUDGET: even the smallest blocks do not. */
+/* Makes a partition whose blocks each fit `memory` bytes, those that an earlier process found (0: no limit),
+ * or, if it is NaN, budget_limit. OXL_ERR_BUDGET: even the smallest blocks do not. */
 OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
-                                         struct partition *out);
+                                         double memory, struct partition *out);
 
 /* ---------------- block.c: the training of one block in its folder */
 

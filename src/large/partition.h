@@ -5,16 +5,13 @@
 
 #include "large.h"
 
-/* Why a block has a view: it holds a large part of what the view sees, or is a large part of it. */
-enum partition_role { PARTITION_OUT, PARTITION_BASE, PARTITION_BORDER };
-
 struct partition_plan {
     const oxl_scene *scene;
     struct partition_box finite; /* trimmed extents of the survey */
     int *owner;                  /* (points of the COLMAP model) block; -1: the scene drops the point */
     int *view_of;                /* (images of the COLMAP model) training view; -1: none */
     size_t *seen;                /* (views) number of points that each training view sees */
-    uint8_t *role;               /* (blocks, views) enum partition_role */
+    uint8_t *has;                /* (blocks, views) 1: the block has the view */
 };
 
 /* Finds the frame, the principal axes of the survey, and its extents along them (partition_axes.c). */

@@ -18,7 +18,7 @@
 OXL_INTERNAL int partition_has_view(const struct partition *p, int block, int view)
 {
     const size_t views = (size_t)p->plan->scene->view_count;
-    return view >= 0 && p->plan->role[(size_t)block * views + (size_t)view] != PARTITION_OUT;
+    return view >= 0 && p->plan->has[(size_t)block * views + (size_t)view];
 }
 
 /* Returns 1 if the block starts from the point: it is its own, or a view of the block sees it. */
@@ -39,14 +39,10 @@ static void partition_assign_views(const struct partition *p, int block, const s
     const struct partition_plan *plan = p->plan;
     const int views = plan->scene->view_count;
     struct partition_block *b = &p->block[block];
-    uint8_t *role = plan->role + (size_t)block * (size_t)views;
+    uint8_t *has = plan->has + (size_t)block * (size_t)views;
     for (int v = 0; v < views; v++) {
         const int is_alone = p->block_count == 1 && !plan->scene->view[v].is_test;
-        role[v] = is_alone || 10 * seen[v] > 3 * plan->seen[v] ? PARTITION_BASE
-                  : 10 * seen[v] > b->points                   ? PARTITION_BORDER
-                                                               : PARTITION_OUT;
-        b->base_views += role[v] == PARTITION_BASE;
-        b->border_views += role[v] == PARTITION_BORDER;
+        has[v] = is_alone || 10 * seen[v] > 3 * plan->seen[v] || 10 * seen[v] > b->points;
     }
     for (size_t i = 0; i < scene_colmap(plan->scene)->point_count; i++)
         b->start_points += (size_t)partition_starts_from(p, block, i);
@@ -57,15 +53,15 @@ static oxl_result partition_find_views(oxl_context *ctx, struct partition *p)
     const size_t views = (size_t)p->plan->scene->view_count, size = (size_t)p->block_count * views + 1;
     struct tracks_walk w = tracks_of(scene_colmap(p->plan->scene), p->plan->view_of);
     size_t *seen = oxl_calloc(ctx, size, sizeof *seen);
-    p->plan->role = oxl_calloc(ctx, size, 1);
-    if (seen && p->plan->role) {
+    p->plan->has = oxl_calloc(ctx, size, 1);
+    if (seen && p->plan->has) {
         for (w.origin = p->origin; tracks_next(&w); p->plan->seen[w.view]++)
             seen[(size_t)p->plan->owner[w.point] * views + (size_t)w.view]++;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
         for (int i = 0; i < p->block_count; i++) partition_assign_views(p, i, seen + (size_t)i * views);
     }
     oxl_free(ctx, seen);
-    return seen && p->plan->role ? OXL_OK : OXL_ERR_MEMORY;
+    return seen && p->plan->has ? OXL_OK : OXL_ERR_MEMORY;
 }
 
 /* ---------------- a partition */
@@ -155,7 +151,7 @@ OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene,
 OXL_INTERNAL void partition_free_plan(oxl_context *ctx, struct partition *p)
 {
     if (!p->plan) return;
-    OXL_FREE(ctx, p->plan->owner, p->plan->view_of, p->plan->seen, p->plan->role, p->plan);
+    OXL_FREE(ctx, p->plan->owner, p->plan->view_of, p->plan->seen, p->plan->has, p->plan);
     p->plan = NULL;
 }
 
