@@ -701,12 +701,17 @@ static oxl_result stereo_thin_to(struct stereo *s, struct stereo_points *p, size
     const size_t powers = (size_t)(stereo_power(p->most) - stereo_power(p->least) + 3),
                  slots = 2 * (p->count + powers * s->scene->point_count) + 1;
     uint64_t *taken = oxl_alloc(s->ctx, slots, sizeof *taken);
-    double px = 1;
+    double px[STEREO_ROUNDS + 1] = {1};
+    int low = 0, high = STEREO_ROUNDS;
     if (!taken) return OXL_ERR_MEMORY;
     qsort(p->of, p->count, sizeof *p->of, stereo_compare);
-    for (int k = 0; k < STEREO_ROUNDS && stereo_thin(s->scene, p, px, taken, slots, 0) > most; k++)
-        px *= STEREO_COARSER;
-    p->count = OXL_MIN(stereo_thin(s->scene, p, px, taken, slots, 1), most);
+    for (int k = 0; k < STEREO_ROUNDS; k++) px[k + 1] = px[k] * STEREO_COARSER;
+    while (low < high) {
+        const int middle = (low + high) / 2;
+        if (stereo_thin(s->scene, p, px[middle], taken, slots, 0) > most) low = middle + 1;
+        else high = middle;
+    }
+    p->count = OXL_MIN(stereo_thin(s->scene, p, px[low], taken, slots, 1), most);
     oxl_free(s->ctx, taken);
     return OXL_OK;
 }

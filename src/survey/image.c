@@ -210,9 +210,12 @@ static void image_reduce_row(const struct pixels *in, const struct training_imag
 
 static void image_reduce(const oxl_context *ctx, const struct pixels *in, const struct training_image *out)
 {
+    const size_t pixels = (size_t)in->width * (size_t)in->height;
+    const int is_same = in->width == out->width && in->height == out->height;
+    for (size_t i = 0; is_same && i < 3 * pixels; i++) out->rgb[i % 3 * pixels + i / 3] = in->data[i];
+#pragma omp parallel for schedule(static) num_threads(ctx->threads) if (!is_same)
+    for (int y = 0; y < (is_same ? 0 : out->height); y++) image_reduce_row(in, out, y);
     (void)ctx; /* without OpenMP */
-#pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int y = 0; y < out->height; y++) image_reduce_row(in, out, y);
 }
 
 /* Masks a pixel that overlaps a black mask pixel, since its colour contains masked content. */
