@@ -36,9 +36,10 @@ int main(int argc, char **argv)
     oxl_context *ctx = NULL;
     oxl_scene *scene = NULL;
     oxl_result rc = oxl_context_create(NULL, &ctx);
-    /* twice the points of a small survey, so there is room for splits */
-    options.iterations = 300, options.max_gaussians = 12000, reading.max_side = 320;
+    options.iterations = 300, reading.max_side = 320;
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, argc > 1 ? argv[1] : "survey", &reading, &scene);
+    /* leaves room for splits, also in a small survey */
+    if (rc == OXL_OK) options.max_gaussians = 2 * (int)oxl_scene_point_count(scene);
     for (int own = 0; rc == OXL_OK && own < 2; own++) {
         oxl_trained t = {.finished = 0};
         oxl_metrics m = {0};
