@@ -31,7 +31,7 @@ static const oxl_option OPTIONS[] = {
 {"iterations", "N", OXL_OPTION_INT, OPTION_AT(train.iterations), 1, INT_MAX, PRESETS("1200", "3000", "40000"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "training steps, one image each"},
 {"max-time", "TIME", OXL_OPTION_SECONDS, OPTION_AT(train.max_seconds), 0, 1e15, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "save the state and stop after this time, e.g. 90s, 20m or 8h; 0: no limit"},
 {"max-gaussians", "N", OXL_OPTION_INT, OPTION_AT(train.max_gaussians), 0, INT_MAX, EACH("0"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "maximum number of Gaussians in all blocks together; 0: one per 60 training pixels, or one per point if there are more points, up to twice as many"},
-{"seed", "S", OXL_OPTION_SEED, OPTION_AT(seed), 0, 0, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "seed of all random choices; the same seed gives the same bytes; 0 means 1"},
+{"seed", "S", OXL_OPTION_SEED, OPTION_AT(seed), 0, 0, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "seed of all random choices; 0 means 1"},
 {"ram", "SIZE", OXL_OPTION_BYTES, OPTION_AT(ram), 0, OPTION_BYTES_MAX, EACH("0"), OXL_TIER_BASIC, SURVEY | TRAINING | RESULT, "Training", "memory limit, e.g. 4G; it determines blocks, image cache and number of Gaussians; 0: the free memory"},
 {"device-ram", "SIZE", OXL_OPTION_BYTES, OPTION_AT(device_ram), 0, OPTION_BYTES_MAX, EACH("0"), OXL_TIER_ADVANCED, SURVEY | TRAINING | RESULT, "Training", "memory limit of the device, e.g. 2G; it determines blocks and number of Gaussians; 0: none"},
 {"from", "MODEL", OXL_OPTION_TEXT, OPTION_AT(from), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, TRAINING | RESULT | ONE_BLOCK, "Training", "start from this .ply, .spz or .splat model instead of the points, with the schedule of a whole run"},
@@ -64,7 +64,7 @@ static const oxl_option OPTIONS[] = {
 {"lr-rotation", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_rotation), 0, 1, EACH("0.001"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "learning rate of quaternions"},
 {"lr-sh0", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_sh0), 0, 1, EACH("0.0025"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "learning rate of base colours"},
 {"lr-sh", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_sh), 0, 1, EACH("0.0025/20"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "learning rate of SH above degree 0"},
-{"densify-gradient", "T", OXL_OPTION_FLOAT, OPTION_AT(train.densify_gradient), 0, 1e15, PRESETS("0.00055", "0.0002", "0.0002"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Density control", "split Gaussians above this mean position gradient, in units of half an image; at most 0.0002 without points"},
+{"densify-gradient", "T", OXL_OPTION_FLOAT, OPTION_AT(train.densify_gradient), 0, 1e15, PRESETS("0.00055", "0.0002", "0.0002"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Density control", "split Gaussians whose mean position gradient exceeds this, in units of half an image; at most 0.0002 without points"},
 {"densify-until", "FRACTION", OXL_OPTION_FLOAT, OPTION_AT(train.densify_until), 0, 1, EACH("0.5"), OXL_TIER_EXPERT, TRAINING | RESULT | NOT_REFINED, "Density control", "fraction of the run at which densification ends"},
 {"densify-every", "auto|N", OXL_OPTION_INT, OPTION_AT(train.densify_every), 1, INT_MAX, PRESETS("auto", "100", "100"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "iterations between densifications; auto: a tenth of the run, 15 to 50"},
 };

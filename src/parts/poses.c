@@ -216,7 +216,7 @@ static void poses_store(struct train *t, void *state, oxl_model *model)
 
 /* clang-format off */
 static const oxl_option poses_options[] = {
-{"poses", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.poses), 0, 2, EACH("off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "refine the training views' poses with the scene, on the CPU; auto: keep them if images shift by 0.2 px"},
+{"poses", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.poses), 0, 2, EACH("off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "refine the training views' poses with the scene, on the CPU; auto: keep the refined poses if images shift by 0.2 px"},
 {0}};
 /* clang-format on */
 
