@@ -138,7 +138,7 @@ oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scen
 
 /* ---------------- scale_bar.c: metres per unit */
 
-/* Prints the ends and lengths of bars, "ENDS=METRES;ENDS=METRES", the metres a unit that fit the known
+/* Prints the ends and lengths of bars, "ENDS=METRES;ENDS=METRES", the metres per unit that fit the known
  * lengths best, and what is left of each. length: metres of the bars without METRES; 0: not known. */
 oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bars, double length, FILE *to);
 /* Finds the place of "IMG,X,Y,IMG,X,Y..." or "X,Y,Z", in the scene's coordinates. Sets by how much its rays
@@ -265,7 +265,7 @@ struct arguments {
     double budget;                                      /* s; time for all rows of a study */
     int ortho, flight, frames, min_views, smooth, epsg; /* flight: FLIGHT_ORBIT... */
     int frame;                                          /* enum frame_kind */
-    double pixel, scale, length; /* units of the map; metres a unit; metres; 0: not given */
+    double pixel, scale, length; /* units of the map; metres per unit; metres; 0: not given */
     const char *bar;             /* --scale-bar of measure */
     const char *control;         /* file of --control of check */
     const char *out, *rows, *polygon;

@@ -107,7 +107,7 @@ static void report_head(struct report *r)
     if (oxl_json_number(r->metrics, "unshown") >= REPORT_GAP)
         report_tile(r, r->metrics, "shown_psnr", '2', "dB over pixels whose place a training view shows");
     if (oxl_json_number(r->metrics, "psnr") - oxl_json_number(r->metrics, "plain_psnr") >= REPORT_VIEWER_LOSS)
-        report_tile(r, r->metrics, "plain_psnr", '2', "dB in other viewers, without gains and lamp");
+        report_tile(r, r->metrics, "plain_psnr", '2', "dB in other viewers (scene.ply alone)");
     report_tile(r, r->metrics, "cc_psnr", '2', "dB mean cc-PSNR");
     report_tile(r, r->metrics, "ssim", '3', "mean SSIM");
     report_tile(r, r->metrics, "structure", '3', "mean structure: correlation of detail, 0 is haze");
@@ -148,7 +148,7 @@ static void report_warnings(struct report *r)
     count = report_notes(t, "", r->run);
     for (int k = 0; k < r->parts; k++)
         count += report_notes(t, r->blocks > 1 ? r->part[k].name : "", r->part[k].json);
-    output_add(t, "</ul>\n%s</section>\n", count > 0 ? "" : "<p>The log has none.</p>\n");
+    output_add(t, "</ul>\n%s</section>\n", count > 0 ? "" : "<p>The run gave none.</p>\n");
 }
 
 /* Adds each decision of the job or a part that has evidence. */
@@ -222,8 +222,8 @@ static void report_map(struct report *r, const struct map *m)
     oxl_image_free(r->ctx, &image);
     output_add(
         t,
-        "<figcaption>The model from straight above, reduced. Blank: ground in fewer than %d training "
-        "images, or no ground. White: cameras of training views, yellow: of held-out views.</figcaption>"
+        "<figcaption>The model from above, reduced. Blank areas have no ground, or fewer than %d training "
+        "images show it. Dots are cameras: white of training views, yellow of held-out views.</figcaption>"
         "</figure>\n<p>An image pixel covers %s %s on the ground, the map %s square %s. %.0f %% of the "
         "ground that any image shows is in %d or more; %.0f %% has a surface clear enough for a height. ",
         REPORT_VIEWS, REPORT_LENGTH(m->sampling), r->words, REPORT_LENGTH(m->area), r->words,
@@ -343,7 +343,7 @@ static void report_reproduction(struct report *r)
     output_add(t, "\noceanxl eval %S/scene.ply", PRINT_WORD(r->out));
     output_add(
         t,
-        " %S\n</pre>\n<p><small>OceanXL %J, %s threads, instruction set %J. All options are in run.json."
+        " %S\n</pre>\n<p><small>OceanXL %J, threads: %s, instruction set %J. All options are in run.json."
         "</small></p>\n</section>\n",
         PRINT_WORD(scene), oxl_json_member(r->run, "oceanxl"),
         OUTPUT_COUNT(oxl_json_number(r->run, "threads")), oxl_json_member(r->run, "instructions"));

@@ -20,7 +20,7 @@ struct report_part { /* a block, the coarse or the merged model */
 struct report {
     oxl_context *ctx;
     const char *out;          /* folder of the run */
-    double unit;              /* metres a unit; 1 if it is not known */
+    double unit;              /* metres per unit; 1 if it is not known */
     const char *words;        /* "metres" or "units" */
     char *run, *scene;        /* text of run.json; the survey's folder as it was given */
     char *metrics;            /* text of metrics.json; NULL: the run is not evaluated yet */

@@ -189,7 +189,7 @@ static void scale_print_fit(const struct scale_bar *bar, int count, FILE *to)
                 scale * bar[i].units, left,
                 fabs(left) > SCALE_LEFT * bar[i].metres ? ": warning, more than 3 %" : "");
     }
-    fprintf(to, "scale     %.9g metres a unit\n", scale);
+    fprintf(to, "scale     %.9g metres per unit\n", scale);
 }
 
 oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bars, double length, FILE *to)

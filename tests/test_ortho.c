@@ -687,7 +687,7 @@ TEST(gps_turns_a_survey_into_utm_metres_with_up_without_what_is_off)
     for (int i = 0; i < 8; i++) oxl_image_free(test_ctx, &image[i]);
     CHECK_OK(product_open(test_ctx, scene, test_path("survey"), &a, to, &p));
     fclose(to);
-    ortho_test_said("8 of 8 photos, UTM zone 32 (EPSG:32632): 0.5 metres a unit; 1 left out");
+    ortho_test_said("8 of 8 photos, UTM zone 32 (EPSG:32632): 0.5 metres per unit; 1 left out");
     CHECK(p.place.epsg == 32632);
     vector_add((double[3]){7, -3, 2}, -1, oxl_scene_origin(scene), at);
     similarity_apply(&p.world, at, at);
@@ -697,7 +697,7 @@ TEST(gps_turns_a_survey_into_utm_metres_with_up_without_what_is_off)
         ortho_test_photo(view[i].name, 0, (double[3]){63.4305, 10.3951 + 0.00014 * i, 12.5 + 3 * (i % 2)});
     scene->view_count = 4;
     CHECK_ERROR(product_open(test_ctx, scene, test_path("survey"), &a, stderr, &p), OXL_ERR_INPUT,
-                "up is uncertain");
+                "the vertical is uncertain");
     scene->view_count = 8;
 }
 

@@ -106,11 +106,10 @@ static oxl_result compare_register(struct compare *c)
         c->noise = c->p->world.scale * left / sqrt(c->surface[0].views + c->surface[1].views);
     }
     if (c->overlap >= COMPARE_OVERLAP) return OXL_OK;
-    return oxl_fail(
-        c->p->ctx, OXL_ERR_INPUT,
-        "compare: only %.0f %% of the second survey lies on the first, at least %.0f %% are wanted\n"
-        "fix: georeference both surveys, so that their coordinates are of one system",
-        100 * c->overlap, 100 * COMPARE_OVERLAP);
+    return oxl_fail(c->p->ctx, OXL_ERR_INPUT,
+                    "compare: %.0f %% of the second survey lies on the first, expected at least %.0f %%\n"
+                    "fix: georeference both surveys in one coordinate system",
+                    100 * c->overlap, 100 * COMPARE_OVERLAP);
 }
 
 /* ---------------- both heights on one grid */
@@ -304,8 +303,8 @@ static void compare_page(const struct compare *c, const char *csv, struct output
     output_bytes(page, csv + 2, (size_t)(end - csv - 2));
     output_add(
         page,
-        "</p><p>Grey: the first survey; red: raised, blue: lowered, by more than the 95 %% level of detection in most "
-        "cells around; dark: no height in one of the two.</p><img src=\"change.png\" alt=\"Map of changes\"><table>");
+        "</p><p>Grey is the first survey. Red ground was raised and blue ground lowered by more than the 95 %% level of detection, "
+        "as were most cells around it. Dark cells have no height in one of the two surveys.</p><img src=\"change.png\" alt=\"Map of changes\"><table>");
     for (; *end; end++)
         if (*end == ',' || *end == '\n') output_add(page, *end == ',' ? "<td>" : "\n<tr><td>");
         else output_bytes(page, end, 1);
@@ -319,12 +318,12 @@ static void compare_table(const struct compare *c, const struct compare_row *row
     const double *v = row->value;
     output_add(
         t,
-        "# oceanxl comparison: %.1f %% of the second survey overlaps the first; registration: scale %.5f, uncertainty "
-        "%.5f %s. %.2f square %s have heights in both surveys (%zu cells are filled from their neighbours); %.2f of them changed significantly, at "
-        "%d places. Volume of significant changes: %.4f cubic %s raised, %.4f lowered; net volume of all cells: %.4f +- %.4f "
+        "# oceanxl compare: %.1f %% of the second survey lies on the first. Its registration has the scale %.5f and a standard deviation of "
+        "%.5f %s. %.2f square %s have a height in both surveys (%zu cells are filled from their neighbours). Of these, %.2f changed significantly, at "
+        "%d places: %.4f cubic %s were added and %.4f removed there. The net change of all cells is %.4f +- %.4f cubic %s "
         "(95 %%).\nchange,x,y,area,significant_area,volume,volume_95,raised,lowered,largest_difference\n",
         100 * c->overlap, c->move.scale, c->noise, words, v[AREA], words, c->filled, v[CHANGED], rows - 1,
-        v[RAISED], words, -v[LOWERED], v[NET], v[DOUBT]);
+        v[RAISED], words, -v[LOWERED], v[NET], v[DOUBT], words);
     for (int i = 0; i < rows; i++) {
         output_add(t, "%s", names[row[i].sign + 1]);
         for (int k = 0; k < COLUMNS; k++)

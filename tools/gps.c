@@ -87,8 +87,8 @@ void gps_say(const oxl_scene *scene, const char *images, const char *survey, FIL
     if (found)
         print_format(
             to,
-            "gps       %d of %d photos say where they were taken: --gps of render --ortho, cloud and "
-            "compare writes UTM\n",
+            "gps       %d of %d photos have a GPS position: with --gps, render --ortho, cloud and compare write "
+            "UTM coordinates\n",
             found, views);
 }
 
@@ -157,13 +157,13 @@ oxl_result gps_fit(const struct product *p, const char *survey, struct similarit
     if (!(tilt < GPS_TILT))
         return oxl_fail(
             p->ctx, OXL_ERR_INPUT,
-            "--gps: %d photos say where they were taken, and up is uncertain by %.0f degrees, as %d or "
-            "more in several lines are wanted\nfix: give control points to COLMAP's model_aligner instead",
+            "--gps: %d photos have a GPS position, so that the vertical is uncertain by %.0f degrees; expected %d or "
+            "more that are not on one line\nfix: give control points to COLMAP's model_aligner instead",
             n, fmin(tilt, 90), GPS_LEAST);
     print_format(
         p->to,
-        "gps       %d of %d photos, UTM zone %d (EPSG:%d): %.6g metres a unit; %d left out, the others off by "
-        "%.3g metres (standard deviation); up uncertain by %.2f degrees\n",
+        "gps       %d of %d photos, UTM zone %d (EPSG:%d): %.6g metres per unit; %d left out; the others deviate by "
+        "%.3g metres (standard deviation); the vertical is uncertain by %.2f degrees\n",
         n, views, zone, *epsg, out->scale, n - used, left, tilt);
     return OXL_OK;
 }

@@ -295,18 +295,18 @@ static void map_say(const struct map *m, const struct product *p)
     print_format(
         p->to,
         "map       %s/ortho.tif, height.tif and certainty.tif, %d x %d px of %.6g %s, %s\n"
-        "ground    %.4g square %s are seen by %d or more views: %.1f %% of what any view sees; %.1f %% has a height\n"
-        "filled    %zu pixels in holes of about %d px; certainty.tif has 0 views there\n",
+        "ground    %.4g square %s are seen by %d or more views (%.1f %% of what any view sees); %.1f %% of them have a height\n"
+        "filled    %zu pixels, in holes of up to about %d px; certainty.tif has 0 views there\n",
         p->a->out, m->width, m->height, m->pixel, p->words,
         p->has_gps    ? "in UTM"
         : m->is_world ? "in the world's x and y"
-                      : "along the survey's principal axes, which frame.txt has (--frame world: "
+                      : "along the survey's principal axes, which are in frame.txt (--frame world takes "
                         "the world's)",
         m->area, p->words, m->enough, 100 * m->covered, 100 * m->high, m->filled, MAP_PINHOLE);
     if (m->down < MAP_DOWN)
         print_format(
             p->to,
-            "warning   the cameras look along this map more than down on it, as on a wall or in a room, so that little "
+            "warning   the cameras look along this map more than down on it, as at a wall or in a room, so little of it "
             "has a height; --frame survey maps the plane of the points\n");
     product_say(p, &m->off);
 }
@@ -320,9 +320,9 @@ oxl_result map_write(const struct product *p, const oxl_model *model)
     frame_choose(p->scene, m.kind, &f);
     if (rc == OXL_OK && p->a->epsg && !f.is_world)
         rc = oxl_fail(p->ctx, OXL_ERR_USAGE,
-                      "map: --epsg names the system of the world's coordinates, but the map is along the "
-                      "survey's own axes\nfix: use --frame world if the survey is georeferenced, else "
-                      "georeference it first (docs/GUIDE.md, 5)");
+                      "map: --epsg names the world's coordinate system, but the map is along the "
+                      "survey's principal axes\nfix: use --frame world if the survey is georeferenced, else "
+                      "georeference it first (docs/GUIDE.md, section 6)");
     if (rc == OXL_OK) rc = surface_open(p->ctx, model, p->scene, SURFACE_SIDE, &s);
     if (rc == OXL_OK) rc = map_make(&m, model);
     if (rc == OXL_OK) {

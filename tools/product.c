@@ -15,7 +15,7 @@ void *product_room(size_t count, size_t size)
 {
     void *room = calloc(count + 1, size);
     if (room) return room;
-    fputs("oxl: no memory\n     fix: use a larger --pixel, or a smaller --max-side\n", stderr);
+    fputs("oxl: out of memory\n     fix: use a larger --pixel, or a smaller --max-side\n", stderr);
     exit(EXIT_FAILED);
 }
 
@@ -59,8 +59,8 @@ void product_say(const struct product *p, const struct deviation *d)
     if (isnan(d->median)) return;
     print_format(
         p->to,
-        "deviation of the surface from every second survey point: median %.3g %s, 90 %% are below %.3g (%.2f and %.2f %% "
-        "of the cameras' distance), %.2f %% above %.0f %% of it; no surface at %.1f %% of the points\n",
+        "deviation of every second survey point from the surface: median %.3g %s, 90th percentile %.3g (%.2f and %.2f %% "
+        "of the cameras' distance); %.2f %% of the points deviate by more than %.0f %% of it; %.1f %% have no surface\n",
         d->median, p->words, d->most, 100 * d->median / d->distance, 100 * d->most / d->distance,
         100 * d->gross, 100 * PRODUCT_GROSS, 100 * d->none);
 }

@@ -137,7 +137,7 @@ static void opensfm_read_reference(struct colmap_reader *r, const char *reconstr
     if (r->rc == OXL_OK && !oxl_json_error(map.data)) opensfm_reference(r->out, map.data);
     if (r->rc == OXL_OK && !r->out->has_reference)
         oxl_log(r->ctx, OXL_LOG_WARNING,
-                "%s has no latitude and longitude in degrees: maps have no place on Earth", path);
+                "%s has no latitude and longitude in degrees, so maps are not georeferenced", path);
     os_release_file(r->ctx, &map);
 }
 

@@ -118,7 +118,7 @@ static void job_log_metrics(struct job *job, const oxl_metrics *m, size_t gaussi
     if (m->unshown >= JOB_UNSHOWN)
         oxl_log(
             job->ctx, OXL_LOG_INFO,
-            "shown        PSNR %.2f dB without the %.0f %% of the pixels that show places no training view shows",
+            "shown        PSNR %.2f dB without the %.0f %% of the pixels whose place no training view shows",
             m->shown_psnr, 100 * m->unshown);
     if (!isnan(m->aligned_psnr))
         oxl_log(job->ctx, OXL_LOG_INFO,
@@ -157,7 +157,8 @@ static void job_add_partition_decision(const struct job *job, struct text *t)
     const struct partition *p = &job->partition;
     const double ratio = p->extent[1] > 0 ? p->extent[2] / p->extent[1] : 0;
     text_add(
-        t, "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"evidence\": \"%zu points; l3/l2 = %s%s\"}",
+        t,
+        "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"evidence\": \"%zu points; third / second extent = %s%s\"}",
         p->block_count == 1  ? "none"
         : p->dimensions == 2 ? "2d"
                              : "3d",

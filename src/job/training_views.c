@@ -128,7 +128,7 @@ static oxl_result training_find_shift(const struct training_views *t, struct tra
     } else if (rc == OXL_OK && row->lacks[TRAINING_FIT] > 3 * TRAINING_DECIBEL &&
                training_part(&rendered, &image) < TRAINING_PART)
         oxl_log(t->ctx, OXL_LOG_WARNING,
-                "a small part of training image %s is not in the others: mask what moves there (--masks)",
+                "training image %s differs from the others in a small part: mask what moves there (--masks)",
                 name);
     oxl_image_free(t->ctx, &image);
     oxl_image_free(t->ctx, &rendered);

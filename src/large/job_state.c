@@ -112,7 +112,7 @@ OXL_INTERNAL oxl_result job_read_record(struct job *job, const char *folder, str
     if (rc == OXL_OK && out->finished && out->number[BLOCK_NONFINITE] > 0) /* of an earlier process */
         oxl_log(job->ctx, OXL_LOG_WARNING,
                 "%s was trained without %.0f images that could not be read\n"
-                "fix: if they are back, --restart trains with them",
+                "fix: restore them, then train with --restart",
                 folder, out->number[BLOCK_NONFINITE]);
     return rc;
 }

@@ -118,7 +118,7 @@ static void partition_log(oxl_context *ctx, const struct partition *p, int has_t
     if (p->block_count > 1)
         oxl_log(
             ctx, OXL_LOG_INFO,
-            "blocks       %d, cut in %dD; principal extents %.4g x %.4g x %.4g, l3/l2 = %.3f (below %.1f: 2D)",
+            "blocks       %d, cut in %dD; principal extents %.4g x %.4g x %.4g, third / second = %.3f (below %.1f: 2D)",
             p->block_count, p->dimensions, p->extent[0], p->extent[1], p->extent[2], partition_flatness(p),
             PARTITION_FLAT);
     else

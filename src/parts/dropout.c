@@ -60,7 +60,7 @@ static void dropout_record(struct train *t, void *state)
     const struct dropout *d = state;
     const int views = schedule_training_views(t->scene);
     char why[320];
-    snprintf(why, sizeof why, "%d training views of %.0f steps, %.1f images per point", views,
+    snprintf(why, sizeof why, "%d training views, %.0f steps each, %.1f images per point", views,
              (double)t->options->iterations / OXL_MAX(views, 1), t->scene->stats.mean_track);
     selection_record(t, "dropout", NUMBER(floor(d->rate * 1e5 + 0.5) / 1e5),
                      t->options->dropout >= 0 ? "as set" : why);

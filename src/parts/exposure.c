@@ -133,8 +133,8 @@ OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct phot
         e->known_until = EXPOSURE_HOLD;
         snprintf(
             why, size,
-            "images differ by %.1f %%; rms of the gain against other images of the same points, %zu points in %zu observations; "
-            "neighbouring images explain %.1f %% of it and leave %.1f %%; on from %.2g times the noise of %.1f %%",
+            "images differ by %.1f %%; this is the rms gain relative to other images of the same points (%zu points, %zu observations); "
+            "neighbouring images predict %.1f %% and leave %.1f %%; auto is on from %.2g times the noise of %.1f %%",
             100 * p->unexplained, p->points, p->observations, 100 * explained, 100 * left, EXPOSURE_CLEAR,
             100 * noise);
     }

@@ -46,7 +46,7 @@ OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, cons
     snprintf(
         why, size,
         "light is %s across the images; residuals of %zu points in %zu observations are %.2f %% of white, %.2f without a lamp",
-        fits ? "uneven, by a lamp or vignetting," : "even", p->points, p->observations, 100 * p->residual,
+        fits ? "uneven (a lamp or vignetting)" : "even", p->points, p->observations, 100 * p->residual,
         100 * p->without[1]);
     if (!p->points) snprintf(why, size, "too few points are seen in several images");
 }

@@ -92,7 +92,7 @@ static void medium_use_tracks(struct train *t, void *state, const struct photome
     char why[400] = "";
     if (mode != OXL_OFF) medium_set_from_tracks(m, scene_depth_span(t->scene), p, why, sizeof why);
     selection_record_auto(t, "medium", mode, m->on, why);
-    if (mode == OXL_ON && !m->on) oxl_log(t->ctx, OXL_LOG_WARNING, "no medium is modelled, %s", why);
+    if (mode == OXL_ON && !m->on) oxl_log(t->ctx, OXL_LOG_WARNING, "no medium is modelled: %s", why);
     if (m->on && fabs(p->drift) > MEDIUM_DRIFT)
         oxl_log(
             t->ctx, OXL_LOG_WARNING,

@@ -128,8 +128,8 @@ static void ssim_contrast_record(struct train *t, void *state)
     char why[200];
     snprintf(
         why, sizeof why,
-        "detail of the images has a standard deviation of %.2g of white (median of %d views)%s; from %g on "
-        "or without a lamp SSIM keeps its own constant, %g",
+        "detail of the images has a standard deviation of %.2g of white (median of %d views)%s; from %g on, "
+        "and without a lamp, SSIM keeps its usual constant, %g",
         s->measured, s->views, s->is_unlit ? ", no lamp is known" : "", SSIM_CONTRAST_FAINT,
         SSIM_CONTRAST_WANG);
     selection_record(t, "ssim_contrast", NUMBER(floor(s->contrast * 1e5 + 0.5) / 1e5), why);
