@@ -225,7 +225,7 @@ static void report_map(struct report *r, const struct map *m)
         "<figcaption>The model from above, reduced. Blank areas have no ground, or fewer than %d training "
         "images show it. Dots are cameras: white of training views, yellow of held-out views.</figcaption>"
         "</figure>\n<p>An image pixel covers %s %s on the ground, the map %s square %s. %.0f %% of the "
-        "ground that any image shows is in %d or more; %.0f %% has a surface clear enough for a height. ",
+        "ground that any image shows is in %d or more; %.0f %% has a height. ",
         REPORT_VIEWS, REPORT_LENGTH(m->sampling), r->words, REPORT_LENGTH(m->area), r->words,
         100 * m->covered, REPORT_VIEWS, 100 * m->high);
     if (m->off.median > 0)

@@ -388,7 +388,8 @@ static void ortho_test_ground(oxl_scene *scene, oxl_model *model)
                             (float[]){0.2f, 0.2f, 0.01f}, 1);
 }
 
-/* Then cameras that look at a wall, north and level, on the world's map. */
+/* Then two veils, neither with a third of a pixel's weight; then cameras that look at a wall, north and level, on the
+ * world's map. */
 TEST(map_measures_the_ground_that_two_views_share_its_certainty_and_where_cameras_look)
 {
     static const double level[9] = {1, 0, 0, 0, 0, -1, 0, 1, 0};
@@ -411,6 +412,13 @@ TEST(map_measures_the_ground_that_two_views_share_its_certainty_and_where_camera
     middle = (size_t)(m.height / 2 * m.width + m.width / 2);
     CHECK(m.views[middle] == 2 && m.sigma[middle] > 0.005f && m.sigma[middle] < 0.3f);
     CHECK(m.views[0] == 0 && isnan(m.sigma[0]) && isnan(m.level[0]) && isnan(m.colour[0]));
+    map_free(&m);
+    surface_close(&s);
+    ortho_test_gaussian(scene, &model, 1, (double[]){5, 2, -6}, (float[]){30, 30, 0.01f}, 0);
+    model.count = 2, model.plane[OXL_OPACITY][0] = model.plane[OXL_OPACITY][1] = -0.7f;
+    s = ortho_test_surface(&model, scene, SURFACE_SIDE);
+    map_make(&m, &model);
+    CHECK_CLOSE(m.high, 0.32, 0.03);
     map_free(&m);
     surface_close(&s);
     for (int v = 0; v < 2; v++) memcpy(scene->view[v].camera.rotation, level, sizeof level);

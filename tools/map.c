@@ -2,8 +2,9 @@
  *
  * Rays are parallel to the frame's above axis, so a place is at one pixel whatever its height. They begin at the
  * highest camera, so that what floats above it is not seen. A pixel is empty where the model is see-through, or
- * where fewer than --min-views training views see the place (surface.c). It has a colour but no height where no
- * layer of the model is the surface, where fewer views confirm it, or where as many views look through it.
+ * where fewer than --min-views training views see the place (surface.c). It has a colour but no height where fewer
+ * views confirm it, or where as many views look through it. Where the views confirm it, its depth from above need not
+ * be clear: rays from above cross more layers than those of the views that the model was trained on.
  *
  * The standard deviation of a height is calibrated on `synth` (docs/log/TRAINING.md). Pinholes in the colours are
  * filled from around; `views` is 0 there.
@@ -104,7 +105,7 @@ static oxl_result map_open(struct map *m)
 
 /* ---------------- rendering */
 
-/* Renders colours and heights; sigma has the depths yet, which are negative where they are not clear. */
+/* Renders colours and heights; sigma has the depths yet. */
 static oxl_result map_draw(struct map *m, const oxl_model *model)
 {
     const size_t pixels = map_pixels(m);
@@ -150,7 +151,7 @@ static void map_take_vote(void *user, size_t at, const double p[3], const struct
     (void)p;
     m->seen[at] = (v->sees > 0) + (v->sees >= m->enough);
     for (size_t k = 0; k < 3 && v->sees < m->enough; k++) m->colour[k * map_pixels(m) + at] = NAN;
-    if (!(m->sigma[at] > 0 && surface_holds(v, m->enough))) return;
+    if (!surface_holds(v, m->enough)) return;
     m->views[at] = v->confirms;
     m->sigma[at] = map_sigma(m, v, scale * v->footprint * m->surface->view[v->nearest].sheet.camera.fx);
 }
@@ -295,7 +296,7 @@ static void map_say(const struct map *m, const struct product *p)
     print_format(
         p->to,
         "map       %s/ortho.tif, height.tif and certainty.tif, %d x %d px of %.6g %s, %s\n"
-        "ground    %.4g square %s are seen by %d or more views (%.1f %% of what any view sees); %.1f %% of them have a height\n"
+        "ground    %.4g square %s are seen by %d or more views: %.1f %% of what any view sees, of which %.1f %% has a height\n"
         "filled    %zu pixels, in holes of up to about %d px; certainty.tif has 0 views there\n",
         p->a->out, m->width, m->height, m->pixel, p->words,
         p->has_gps    ? "in UTM"
