@@ -68,7 +68,8 @@ typedef enum oxl_result {
     OXL_ERR_IO,     /* reading or writing failed: disk full, permission */
     OXL_ERR_MEMORY, /* allocation failed */
     OXL_ERR_BUDGET, /* the memory budget is too small; the text names the option that helps */
-    /* stopped, by `stopped` or a callback; of training, out is usable if out->model.count is not 0 */
+    /* stopped by oxl_context_options.stopped or a callback; after training, out is usable if out->model.count
+     * is not 0 */
     OXL_ERR_INTERRUPTED
 } oxl_result;
 
@@ -98,7 +99,7 @@ typedef struct oxl_context_options {
     void (*log)(void *user, oxl_log_level level, const char *text);
     /* nonzero: long reading and writing soon ends with OXL_ERR_INTERRUPTED; NULL: never */
     int (*stopped)(void *user);
-    void *user;          /* passed to all three */
+    void *user;          /* passed to reallocate, log and stopped */
     oxl_backend backend; /* (CPU) */
     int device;          /* index in the list of oxl_devices; -1: discrete devices first (-1) */
     size_t device_ram;   /* bytes of the device's memory that may be used; 0: all (0) */
@@ -113,8 +114,8 @@ OXL_API void oxl_context_free(oxl_context *ctx);
 
 /* Text of the last error, "" without one; valid as long as the context. ctx may be NULL. */
 OXL_API const char *oxl_error_text(const oxl_context *ctx);
-/* Stores such a text and returns rc, for functions of a program that fail as the library's do. A second line
- * that starts with "fix: " names one action. ctx may be NULL. */
+/* Stores an error text and returns rc, for a program's own functions that fail as the library's do. A second
+ * line that starts with "fix: " names one action. ctx may be NULL. */
 OXL_API oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...);
 
 /* Frees text returned by the library; text may be NULL. */
@@ -129,8 +130,8 @@ OXL_API oxl_result oxl_backend_begin(oxl_context *ctx);
 /* Returns what has rendered so far: the device's name, "cpu", or "NAME and cpu" if the CPU took over. Before
  * the first rendering it returns what will render. */
 OXL_API const char *oxl_backend_name(const oxl_context *ctx);
-/* The Vulkan devices in the order of options.device, one line each, with their limits; free with
- * oxl_text_free. */
+/* Lists the Vulkan devices in the order of oxl_context_options.device, one line each, with their limits; free
+ * with oxl_text_free. */
 OXL_API oxl_result oxl_devices(oxl_context *ctx, char **out);
 
 /* ---------------- images */
@@ -138,14 +139,14 @@ OXL_API oxl_result oxl_devices(oxl_context *ctx, char **out);
 typedef struct oxl_image {
     int width, height;
     float *rgb;    /* (3,H,W) planar, 0..1 */
-    float *weight; /* (H,W), or NULL: all are 1. Weight of a pixel, 0 (masked) to 1, in losses and metrics */
+    float *weight; /* (H,W) weights of pixels in losses and metrics, 0 (masked) to 1; NULL: all are 1 */
 } oxl_image;
 
 /* Creates a black image without weights. */
 OXL_API oxl_result oxl_image_create(oxl_context *ctx, int width, int height, oxl_image *out);
 OXL_API void oxl_image_free(oxl_context *ctx, oxl_image *image);
-/* Reads a JPG or PNG file. OXL_ERR_IO: the file is missing or cannot be read; OXL_ERR_INPUT: it is not such
- * an image. */
+/* Reads a JPG or PNG file. OXL_ERR_IO: the file is missing or cannot be read; OXL_ERR_INPUT: it is neither a
+ * JPG nor a PNG, or damaged. */
 OXL_API oxl_result oxl_image_read(oxl_context *ctx, const char *path, oxl_image *out);
 /* Writes an 8-bit PNG file, whole or not at all. Values are clamped to 0..1; NaN is written as 0.
  * OXL_ERR_IO: it cannot be written. */
@@ -181,11 +182,11 @@ typedef struct oxl_point {
 
 typedef struct oxl_scene oxl_scene;
 
-/* What transparent pixels of images are. */
+/* What is done with transparent pixels of images. */
 typedef enum oxl_alpha {
     OXL_ALPHA_AUTO = 0,  /* masked where points of the scene project onto them, else composited */
-    OXL_ALPHA_COMPOSITE, /* over the background */
-    OXL_ALPHA_MASK       /* ignored, where alpha is below a half */
+    OXL_ALPHA_COMPOSITE, /* composited over the background */
+    OXL_ALPHA_MASK       /* masked where alpha is below a half */
 } oxl_alpha;
 
 /* Defaults and ranges of all options: src/core/options.c, docs/OPTIONS.md. */
@@ -195,13 +196,13 @@ typedef struct oxl_scene_options {
     const char *sparse;
     const char *masks; /* mask folder; NULL: SCENE/masks if it exists */
     int auto_mask;     /* 1: pixels that show the same in all images of a camera are masked (1) */
-    oxl_alpha alpha;   /* what transparent pixels are, of images with an alpha channel (AUTO) */
+    oxl_alpha alpha;   /* what is done with transparent pixels (AUTO) */
     int max_side;      /* larger images are reduced to this longer side, px; 0: full size (1600) */
     /* every n-th view by name is held out; 0: none; -1: 8, or those that the survey names (-1) */
     int test_every;
     size_t image_cache_bytes; /* memory for decoded images; others are decoded when needed (1 GiB) */
     double missing_images;    /* fail if more than this fraction of the images is missing on disk (0.25) */
-    int read_images;          /* 0: image files are not looked for while loading; masks are off (1) */
+    int read_images;          /* 0: loading does not look for image files, and ignores masks (1) */
     /* 1: a text file with fewer rows than its header states is read; 0: OXL_ERR_INPUT (0) */
     int allow_truncated;
 } oxl_scene_options;
@@ -237,36 +238,36 @@ OXL_API double oxl_scene_near_plane(const oxl_scene *scene);
 /* (2) latitude and longitude (WGS 84, degrees) of the world's origin, if its axes are metres east, north, up
  * there, as OpenSfM's reference_lla says; NULL: not known. */
 OXL_API const double *oxl_scene_reference(const oxl_scene *scene);
-/* The length that steps and sizes of training are relative to: 1.3 x the median depth of the points in the
+/* Returns the unit of position rates and split sizes in training: 1.3 x the median depth of the points in the
  * training views; without points 1.1 x the robust radius of the training cameras [Kerbl 2023]. */
 OXL_API double oxl_scene_extent(const oxl_scene *scene);
 
-/* The ray of pixel (x, y) of the original image (size as in cameras.txt, before undistortion): origin `start`
- * and unit `direction`, local coordinates. OXL_ERR_INPUT: the pixel is outside the image or outside the
- * domain of the distortion model. */
+/* Gives the ray of pixel (x, y) of the original image (size as in cameras.txt, before undistortion): origin
+ * `start` and unit `direction`, local coordinates. OXL_ERR_INPUT: the pixel is outside the image or outside
+ * the domain of the distortion model. */
 OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y,
                                  double start[3], double direction[3]);
 
-/* Returns the image of a view as training uses it: undistorted, reduced, masked; where the scene's images are
- * transparent, over this background, 0..1 (NULL: white). To compare it with a rendering, pass the background
- * of that rendering. Free with oxl_image_free.
+/* Gives the image of a view as training uses it: undistorted, reduced and masked. Where the scene's images
+ * are transparent, it is composited over `background`, 0..1 (NULL: white). To compare it with a rendering,
+ * pass the background of that rendering. Free with oxl_image_free.
  * OXL_ERR_IO: its file is missing or cannot be read; OXL_ERR_INPUT: it is damaged, or masked completely. */
 OXL_API oxl_result oxl_scene_image(oxl_context *ctx, const oxl_scene *scene, int view,
                                    const float background[3], oxl_image *out);
 
 /* What lies between the colours of a model and the images of its scene: exposure gains of each image, a lamp,
- * a medium, refined poses (docs/UNDERWATER.md). Wherever one is taken, NULL means none. */
+ * a medium, refined poses (docs/UNDERWATER.md). Where a function takes an oxl_imaging, NULL means none. */
 typedef struct oxl_imaging oxl_imaging;
 /* Reads the imaging that belongs to a model file, from imaging.txt in its folder; *out NULL: there is none.
  * scene.ply has the medium in its colours, scene_clear.ply has not. */
 OXL_API oxl_result oxl_imaging_read(oxl_context *ctx, const char *model_path, const oxl_scene *scene,
                                     oxl_imaging **out);
-/* Writes such a file; path: of the file. OXL_ERR_USAGE: the scene has another number of views. */
+/* Writes an imaging.txt to the file `path`. OXL_ERR_USAGE: the scene has another number of views. */
 OXL_API oxl_result oxl_imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
                                      const oxl_imaging *imaging);
-/* Sets the factors of red, green and blue by which a view's image differs from the render at mean exposure;
- * those of a view that was held out are predicted from its neighbours. 1: the imaging has none, or no such
- * view. */
+/* Writes to gain the factors of red, green and blue by which a view's image differs from the render at mean
+ * exposure; those of a held-out view are predicted from its neighbours. They are 1 if the imaging has no
+ * gains, or no such view. */
 OXL_API void oxl_imaging_gain(const oxl_imaging *imaging, int view, float gain[3]);
 OXL_API void oxl_imaging_free(oxl_context *ctx, oxl_imaging *imaging);
 
@@ -306,15 +307,15 @@ typedef struct oxl_model {
     /* colour behind the Gaussians, 0..1, of evaluation and renders; has_background 0: not known */
     float background[3];
     int has_background;
-    /* 1: trained and rendered with a low pass of 0.1 px^2 that keeps a splat's energy [Yu 2024] */
+    /* 1: trained and rendered with a low pass of 0.1 px^2 that keeps a splat's light [Yu 2024] */
     int antialias;
-    /* a camera of the survey, from which viewers begin: [0] focal length by the longer side of its image
-     * (0: none), [1..9] rotation from world to camera, row-major, [10..12] position in the world */
+    /* camera of the survey from which viewers begin: [0] focal length over the longer side of its image (0:
+     * no camera), [1..9] rotation from world to camera, row-major, [10..12] position in the world */
     double view[13];
     size_t not_finite; /* rows of the file that oxl_model_read left out */
 } oxl_model;
 
-/* All values are 0, except rotations: the identity. */
+/* Creates a model. All values are 0, except that rotations are the identity. */
 OXL_API oxl_result oxl_model_create(oxl_context *ctx, size_t count, int sh_degree, oxl_model *out);
 OXL_API void oxl_model_free(oxl_context *ctx, oxl_model *model);
 OXL_API int oxl_model_planes(const oxl_model *model); /* 11 + 3 (degree + 1)^2: planes of `count` values */
@@ -325,8 +326,8 @@ OXL_API void oxl_model_move_origin(oxl_model *model, const double origin[3]);
  * product of all factors. Other factors change nothing. */
 OXL_API void oxl_model_rescale(oxl_model *model, double factor);
 
-/* One isotropic Gaussian per position; its scale is the mean distance to the 3 nearest neighbours [Kerbl
- * 2023]. Of points at the same position the first is used, so out->count may be less than `count`. */
+/* Creates one isotropic Gaussian per position; its scale is the mean distance to the 3 nearest neighbours
+ * [Kerbl 2023]. Of points at the same position the first is used, so out->count may be less than `count`. */
 OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count,
                                          int sh_degree, oxl_model *out);
 
@@ -350,7 +351,8 @@ OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl
 typedef struct oxl_render_options {
     float background[3]; /* red, green, blue, 0..1 (0,0,0) */
     int sh_degree;       /* largest degree evaluated; -1: the model's */
-    /* Gaussians of smaller camera z are culled; the scene's unit (0.2). Of a scene: oxl_scene_near_plane */
+    /* Gaussians whose camera z is smaller are culled; in the scene's unit (0.2). For the views of a scene use
+     * oxl_scene_near_plane */
     float near_plane;
     /* smaller alpha values are skipped; values below 1/255 are raised to it (1/255) [Kerbl 2023] */
     float alpha_min;
@@ -375,8 +377,9 @@ OXL_API oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const ox
 OXL_API oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, int view,
                                    const oxl_imaging *imaging, oxl_image *out, float *depth);
 
-/* The gradient of a scalar loss with respect to all parameters, given drgb = dL/d(image), (3,H,W): the exact
- * derivative of oxl_render. gradient is created with the shape of model; errors are those of oxl_render. */
+/* Computes the gradient of a scalar loss L with respect to all parameters, given drgb = dL/d(image), (3,H,W):
+ * the exact derivative of oxl_render. gradient is created with the shape of model; errors are those of
+ * oxl_render. */
 OXL_API oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                                        const oxl_render_options *options, const float *drgb,
                                        oxl_model *gradient);
@@ -409,8 +412,8 @@ typedef struct oxl_view_metrics {
     int view; /* index in the scene */
     double psnr, cc_psnr, ssim;
     double plain_psnr; /* PSNR of the render at mean exposure: without the image's exposure gains and lamp */
-    /* from the pose at which the image fits best, of a held-out view, where training refined poses; else
-     * NaN */
+    /* of a held-out view, rendered from the pose at which its image fits best, where training refined poses;
+     * else NaN */
     double aligned_psnr, aligned_ssim;
     double structure; /* of oxl_structure; NaN: the image has no detail */
     /* of a held-out view: share of its pixels whose place no training view shows, in the upper left, upper
@@ -421,10 +424,11 @@ typedef struct oxl_view_metrics {
 typedef struct oxl_metrics {
     double psnr, cc_psnr, ssim, plain_psnr; /* means over the views; 0 without views */
     double aligned_psnr, aligned_ssim;      /* NaN: not measured */
-    /* means over the views that have them, and the least; NaN: no view has */
+    /* mean and minimum over the views whose images have detail; NaN: there is none */
     double structure, structure_least;
-    double unshown, shown_psnr; /* means of the sum over the quarters, and of the views that have it */
-    int no_structure;           /* views below OXL_STRUCTURE_NONE */
+    /* mean of the sum over the quarters; mean of shown_psnr over the views that have it */
+    double unshown, shown_psnr;
+    int no_structure; /* views below OXL_STRUCTURE_NONE */
     int count;
     oxl_view_metrics *views; /* (count) */
 } oxl_metrics;
@@ -486,7 +490,7 @@ typedef enum oxl_change { OXL_REMOVE = 0, OXL_KEEP, OXL_SPLIT /* into two */ } o
 typedef struct oxl_terms {
     /* rendered: the step's view with its gains and lamp, not clamped; image: the one that it is compared
      * with. Their size changes from call to call: half the sides while the run is coarse, a part of the view
-     * in blocks. drgb: (3,H,W) d/d rendered. NULL: no such term */
+     * in blocks. drgb: (3,H,W) gradient with respect to rendered. NULL: no such term */
     double (*pixels)(void *user, const oxl_image *rendered, const oxl_image *image, float *drgb);
     /* gradient: planes of the model's shape. Gaussians that the view does not show take no step. NULL: no
      * such term. A row whose gradient is not finite is skipped (oxl_nonfinite.rows) */
@@ -512,7 +516,8 @@ typedef struct oxl_train_options {
      * (-1,-1,-1) */
     float background[3];
     float ssim_weight; /* w in the loss (1 - w) L1 + w (1 - SSIM) [Kerbl 2023] (0.3, 0.2, 0.2) */
-    /* first fraction of the run, at half resolution; -1: 0.75 for images of at least 640 px (-1, 0, 0) */
+    /* first fraction of the run, which trains at half resolution; -1: 0.75 for images of at least 640 px
+     * (-1, 0, 0) */
     float coarse;
     /* Fraction of the Gaussians that a step leaves out [Park 2025], rising from 0 to this during the run. -1:
      * 0, except below 30 training views and 4.6 images per point: there 0 up to 30 steps per view, and from
@@ -523,14 +528,14 @@ typedef struct oxl_train_options {
     /* learning rate of positions at the first step, in extents (oxl_scene_extent); it decays exponentially
      * [Kerbl 2023] (0.00016) */
     float lr_position;
-    float lr_position_final; /* the same at the last step (0.0000016) */
+    float lr_position_final; /* learning rate of positions at the last step, in extents (0.0000016) */
     float lr_scale;          /* learning rate of log scales [Kerbl 2023] (0.005) */
-    float lr_rotation;       /* of quaternions [Kerbl 2023] (0.001) */
-    float lr_sh0;            /* of SH degree 0 [Kerbl 2023] (0.0025) */
-    float lr_sh;             /* of higher SH degrees [Kerbl 2023] (0.0025 / 20) */
-    /* The exponent e by which runs of n < 30 000 iterations raise these rates: by (30 000 / n)^e those of
-     * means, scales and rotations; docs/METHOD.md ("Short runs") has the others, and what else it changes. 0:
-     * none (0.45, 0.45, 0) */
+    float lr_rotation;       /* learning rate of quaternions [Kerbl 2023] (0.001) */
+    float lr_sh0;            /* learning rate of SH degree 0 [Kerbl 2023] (0.0025) */
+    float lr_sh;             /* learning rate of higher SH degrees [Kerbl 2023] (0.0025 / 20) */
+    /* An exponent e: runs of n < 30 000 iterations multiply the rates of means, scales and rotations by
+     * (30 000 / n)^e. docs/METHOD.md ("Short runs") has the other rates, and what else it changes. 0: nothing
+     * changes (0.45, 0.45, 0) */
     float short_run_exponent;
     /* last fraction of the run, in which all learning rates fall to a tenth; 0: none (0.2) */
     float cooldown;
@@ -552,11 +557,11 @@ typedef struct oxl_train_options {
     int stereo;             /* 1: starts also from points of the training views' depth maps (1, 1, 0) */
     oxl_dog dog;            /* second lobes (OFF, OFF, SELECTIVE) */
     const oxl_terms *terms; /* NULL: none; not recorded in run.json */
-    /* of oxl_train: Gaussians to start from, copied without second lobes; NULL: the scene's points. Their
-     * colours are those of scene.ply (oxl_trained_write), as imaging is measured anew. The run has all of its
-     * schedule, so it begins at the rates of a fresh one */
+    /* for oxl_train: Gaussians to start from, copied without second lobes; NULL: the scene's points. Their
+     * colours are taken as those of a scene.ply (oxl_trained_write), since imaging is measured anew. The run
+     * has its whole schedule, so it begins at the rates of a fresh one */
     const oxl_model *from;
-    /* in a block: iterations of the whole run, from which rates and intervals follow; 0: `iterations` */
+    /* for a block: iterations of the whole run, from which rates and intervals follow; 0: `iterations` */
     int survey_iterations;
     float experimental[4]; /* values of options that are tried out: CONTRIBUTING, "An idea of your own" */
 } oxl_train_options;
@@ -606,7 +611,7 @@ typedef struct oxl_trained {
     /* for viewers that know neither second lobes nor imaging; count 0: they show `model` */
     oxl_model viewer;
     char *decisions; /* members of a JSON object: what was decided by measurement, and the evidence */
-    int iterations;  /* that were made, without those of `viewer` */
+    int iterations;  /* iterations that `model` was trained for */
     int finished;    /* 0: stopped by max_seconds or the callback */
     double seconds;
     oxl_nonfinite nonfinite;
@@ -636,7 +641,7 @@ OXL_API oxl_result oxl_trained_write(oxl_context *ctx, const char *folder, const
 
 /* For each step: oxl_render, a loss and its gradient, oxl_render_backward, oxl_adam_step. */
 typedef struct oxl_adam {
-    float rate[OXL_PLANES]; /* of each plane at this step */
+    float rate[OXL_PLANES]; /* learning rate of each plane at this step */
     double beta[2];         /* decay of the first and second moment */
     int step;               /* from 1, for bias correction */
 } oxl_adam;

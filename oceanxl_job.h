@@ -50,7 +50,8 @@ typedef struct oxl_job_options {
     /* peak memory allowed, bytes; limits blocks, image cache and Gaussians; 0: what is free */
     size_t ram;
     size_t device_ram; /* peak device memory allowed, bytes; 0: no limit */
-    /* images that train.iterations suffice for: more raise it, few limit it; 0: train.iterations as given */
+    /* number of images that train.iterations suffice for: more images raise the iterations, few lower them;
+     * 0: train.iterations as given */
     int iterations_for;
     int block;        /* train only this block; -1: all, and the merged model */
     int restart;      /* 1: discard the run in OUT, train from the start */
@@ -65,37 +66,39 @@ OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);
 /* One row per option; the table is in src/core/options.c. Defaults, parsing, range checks, run.json, the
  * command line, its help, the manual page and docs/OPTIONS.md are generated from it. A program can have a
  * table of the same type for its own options. */
-typedef enum oxl_option_kind {                    /* what the field holds, and its text */
-                               OXL_OPTION_FLAG,   /* int, 0 or 1: no text, or true | false */
-                               OXL_OPTION_INT,    /* int */
-                               OXL_OPTION_SEED,   /* uint64_t below 2^53 */
-                               OXL_OPTION_FLOAT,  /* float: 0.05 or 1/255 */
-                               OXL_OPTION_DOUBLE, /* double */
-                               OXL_OPTION_CHOICE, /* an enum from 0: a word of `value` */
-                               /* size_t: 1000000, 512M, 4G; K, M, G, T are powers of 1024 */
-                               OXL_OPTION_BYTES,
-                               OXL_OPTION_SECONDS, /* double: 90s, 20m, 8h, 1d */
-                               OXL_OPTION_TEXT,    /* const char *, borrowed; NULL: not set */
-                               OXL_OPTION_RGB,     /* float[3]: 0,0.1,0.2 */
-                               OXL_OPTION_POINT,   /* double[3]: X,Y,Z */
-                               OXL_OPTION_SIZE,    /* int[2]: 400x260 */
-                               /* const char *; sets all options of the job to the preset's defaults */
-                               OXL_OPTION_PRESET,
-                               /* oxl_keep: 0.5, 400000, 80MB (B, KB, MB, GB, TB; KiB...), auto, all */
-                               OXL_OPTION_KEEP,
+
+/* What the field of an option holds, and its text. */
+typedef enum oxl_option_kind {
+    OXL_OPTION_FLAG,   /* int, 0 or 1: no text, or true | false */
+    OXL_OPTION_INT,    /* int */
+    OXL_OPTION_SEED,   /* uint64_t below 2^53 */
+    OXL_OPTION_FLOAT,  /* float: 0.05 or 1/255 */
+    OXL_OPTION_DOUBLE, /* double */
+    OXL_OPTION_CHOICE, /* an enum from 0: a word of `value` */
+    /* size_t: 1000000, 512M, 4G; K, M, G, T are powers of 1024 */
+    OXL_OPTION_BYTES,
+    OXL_OPTION_SECONDS, /* double: 90s, 20m, 8h, 1d */
+    OXL_OPTION_TEXT,    /* const char *, borrowed; NULL: not set */
+    OXL_OPTION_RGB,     /* float[3]: 0,0.1,0.2 */
+    OXL_OPTION_POINT,   /* double[3]: X,Y,Z */
+    OXL_OPTION_SIZE,    /* int[2]: 400x260 */
+    /* const char *; sets all options of the job to the preset's defaults */
+    OXL_OPTION_PRESET,
+    /* oxl_keep: 0.5, 400000, 80MB (B, KB, MB, GB, TB; KiB...), auto, all */
+    OXL_OPTION_KEEP,
 } oxl_option_kind;
 
 typedef enum oxl_option_tier { OXL_TIER_BASIC = 0, OXL_TIER_ADVANCED, OXL_TIER_EXPERT } oxl_option_tier;
 
-/* what accepts the option, and where it does not apply: bits of oxl_option.use */
+/* Bits of oxl_option.use: what accepts the option, and where it does not apply. */
 enum {
     OXL_OPTION_OF_SURVEY = 1,   /* reading a survey */
     OXL_OPTION_OF_TRAINING = 2, /* training, in a run or a study, and its prediction */
     OXL_OPTION_OF_RUN = 4,      /* one run, or its prediction */
     OXL_OPTION_OF_OUT = 8,      /* an existing folder OUT */
     OXL_OPTION_OF_BLOCK = 16,   /* a run or one block of it, not its prediction */
-    OXL_OPTION_OF_RESULT =
-        64, /* no command: the bytes of every block depend on it; recorded in "job" of run.json */
+    /* no command; the bytes of every block depend on the option, so "job" of run.json records it */
+    OXL_OPTION_OF_RESULT = 64,
     /* off while a finished model is refined: after merging, for viewers, to continue a run */
     OXL_OPTION_NOT_REFINED = 128,
     OXL_OPTION_ONE_BLOCK = 256 /* refused if the survey is cut into several blocks */
@@ -103,8 +106,8 @@ enum {
 
 typedef struct oxl_option {
     const char *name; /* "sh-degree" */
-    const char
-        *value; /* "auto|0..3"; NULL: a flag. A number with a value WORD|... also takes WORD, stored as -1 */
+    /* "auto|0..3"; NULL: a flag. A number with a value WORD|... also takes WORD, stored as -1 */
+    const char *value;
     oxl_option_kind kind;
     /* offset of the field in oxl_job_options, or in the struct of the program's table */
     size_t at;
@@ -122,8 +125,8 @@ OXL_API const oxl_option *oxl_option_find(const char *name); /* NULL: none */
  * and error, which may be NULL, names the option, the value found, the values allowed and a fix. */
 OXL_API oxl_result oxl_option_set(const oxl_option *option, void *options, const char *text, char *error,
                                   size_t error_size);
-/* The shortest text that oxl_option_set parses to the same value; "" for a folder that is not set. Returns
- * out. */
+/* Writes the shortest text that oxl_option_set parses to the same value, or "" for a folder that is not set.
+ * Returns out. */
 OXL_API const char *oxl_option_get(const oxl_option *option, const void *options, char *out, size_t size);
 /* Writes the option's member name in run.json: sh_degree, images_folder. Returns out. */
 OXL_API const char *oxl_option_member(const oxl_option *option, char out[40]);
@@ -145,20 +148,22 @@ typedef struct oxl_survey {
     double mean_track, mean_error;       /* images per point; reprojection error, px */
     double bounds_min[3], bounds_max[3]; /* 1st to 99th percentile of the points, world coordinates */
     double extent;                       /* see oxl_scene_extent */
-    /* black fraction of the masks; only oxl_check sets this and the next field */
-    double masked;
-    double fixed; /* fraction of pixels that look the same in all images of a camera: ignored */
+    double masked;                       /* black fraction of the masks; set by oxl_check alone */
+    /* fraction of pixels that look the same in all images of a camera, which are ignored; set by oxl_check
+     * alone */
+    double fixed;
     /* images that are not readable, have another aspect ratio or are masked completely */
     int unusable;
     int foreign; /* images that do not fit poses and points */
-    /* images, against those beside them; only oxl_check with quality sets these */
+    /* images that are more blurred, or darker or brighter, than their neighbours; set by oxl_check with
+     * quality alone */
     int blurred, badly_exposed;
     double gaussians, memory;       /* predicted: number at the end of the run; peak in bytes */
     double seconds;                 /* predicted by oxl_check: duration with ctx's threads; 0: unknown */
     double memory_free;             /* available now, bytes; 0: unknown */
     char cameras_text[160];         /* "1 x OPENCV 1920 x 1080, distorted" */
-    char text[OXL_SURVEY_TEXT];     /* the report: lines that end in a newline */
-    char warnings[OXL_SURVEY_TEXT]; /* what is wrong, likewise */
+    char text[OXL_SURVEY_TEXT];     /* the lines that `check` prints; each ends in a newline */
+    char warnings[OXL_SURVEY_TEXT]; /* warnings; each line ends in a newline */
 } oxl_survey;
 
 /* OXL_ERR_INPUT: the survey cannot be trained; the error text gives the reason. quality 1: also decodes every
@@ -173,22 +178,19 @@ OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *mo
                                            const char *name);
 
 /* Trains the survey in folder `scene` and writes to folder `out`: scene.ply; scene_standard.ply if scene.ply
- * is not in the standard
- * 62 columns; metrics.json, run.json, renders/; and per block blocks/KKK/ with model.ply, log.csv and
- * block.json. A survey that fits the memory (or, with block_points, has no more points than that) is one
- * block, 000. A larger one is cut. Training then has three stages: a coarse
- * model of the survey (blocks/coarse/), the blocks, each with the coarse model's other Gaussians as
- * context, and the
- * merged model (blocks/whole/). train.iterations is the number of steps of all stages; a
- * step on a window of an image counts as the window's fraction of the pixels.
+ * is not in the standard 62 columns; metrics.json, run.json, renders/; and for each block a folder
+ * blocks/KKK/ with model.ply, log.csv and block.json. A survey that fits the memory (or, with block_points,
+ * has no more points than that) is one block, 000. A larger one is cut, and training has three stages: a
+ * coarse model of the survey (blocks/coarse/); the blocks, each with the coarse model's other Gaussians as
+ * context; the merged model (blocks/whole/). train.iterations is the number of steps of all stages; a step on
+ * a window of an image counts as the window's fraction of the pixels. With options->from, training starts
+ * from that model instead of the points.
  *
- * During training, the block's folder holds checkpoints. An interrupted run resumes from them when called
- * again and ends in the same bytes as an uninterrupted one; a finished run is not changed. If the callback
+ * During training, a block's folder holds checkpoints. An interrupted run resumes from them when it is called
+ * again, and ends in the same bytes as an uninterrupted one; a finished run is not changed. If the callback
  * stops the run (OXL_ERR_INTERRUPTED) or train.max_seconds has passed (OXL_OK), model.ply is the current
- * model, and scene.ply too if there is one block.
- * With `from`, training starts from that model instead of the points.
- * A run with other options is not overwritten (OXL_ERR_USAGE) unless options->restart is set.
- * options may be NULL: the draft preset. */
+ * model, and so is scene.ply if there is one block. A run with other options is not overwritten
+ * (OXL_ERR_USAGE) unless options->restart is set. options may be NULL: the draft preset. */
 OXL_API oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out,
                                const oxl_job_options *options, const oxl_callback *callback);
 
@@ -225,25 +227,25 @@ OXL_API oxl_result oxl_render_path(oxl_context *ctx, const char *folder, const c
 OXL_API oxl_result oxl_write_pfm(oxl_context *ctx, const char *path, const float *value, int width,
                                  int height);
 
-/* Convert to JSON, in the form of metrics.json; free with oxl_text_free. */
+/* Convert metrics to the JSON text of metrics.json, and a survey's check to JSON; free with oxl_text_free. */
 OXL_API oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics,
                                        char **out);
 OXL_API oxl_result oxl_survey_to_json(oxl_context *ctx, const oxl_survey *survey, char **out);
 
 /* ---------------- JSON: run.json, metrics.json, block.json */
 
-/* Read JSON text through a cursor, without building a tree. A value is a pointer to its first byte in the
- * text;
- * NULL is a missing value, without members or number. No function reads past the terminating 0, for any
- * text. */
+/* These read JSON text through a cursor, without building a tree. A value is a pointer to its first byte in
+ * the text; NULL is a missing value, without members or number. No function reads past the terminating 0,
+ * whatever the text. */
 OXL_API const char *oxl_json_member(const char *object, const char *name);
 OXL_API double oxl_json_number(const char *object, const char *name); /* NaN: there is none */
 OXL_API int oxl_json_is_true(const char *object, const char *name);
-/* Find places in an array or object: its first element or key; the element after an element, or the key after
- * a value; a key's value; the first byte after a value. */
+/* Return the first element of an array or the first key of an object; the element after an element, or the
+ * key after a value; the value of a key. NULL: there is none. */
 OXL_API const char *oxl_json_first(const char *value);
 OXL_API const char *oxl_json_next(const char *value);
 OXL_API const char *oxl_json_value(const char *key);
+/* Returns the first byte after a value, which must not be NULL. */
 OXL_API const char *oxl_json_end(const char *value);
 /* Reads a number, whatever the locale, and moves the cursor past it; NaN: there is none. */
 OXL_API double oxl_json_number_at(const char **cursor);
@@ -251,7 +253,7 @@ OXL_API double oxl_json_number_at(const char **cursor);
  * does not fit. The length is at most oxl_json_room. */
 OXL_API size_t oxl_json_text(const char *value, char *out, size_t size);
 OXL_API size_t oxl_json_room(const char *value);
-/* Writes the character at s for a string of JSON and returns the number of its bytes in s. */
+/* Writes the character at s as a string of JSON has it, and returns the number of its bytes in s. */
 OXL_API size_t oxl_json_escape(const char *s, char out[8]);
 /* Writes a number as text that parses to the same value, or "null" if it is not finite; returns out. */
 OXL_API const char *oxl_json_number_text(char out[48], double value);
@@ -259,9 +261,8 @@ OXL_API const char *oxl_json_number_text(char out[48], double value);
 /* ---------------- files and terminal */
 
 /* Locks a folder against writing by other processes until it is unlocked or this process ends; creates the
- * folder if it is missing.
- * OXL_ERR_FAILED: another process holds the lock, and the text names it. oxl_job_run
- * locks OUT itself. */
+ * folder if it is missing. OXL_ERR_FAILED: another process holds the lock, and the text names it. oxl_job_run
+ * locks its folder itself. */
 typedef struct oxl_lock oxl_lock;
 OXL_API oxl_result oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out);
 OXL_API void oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock); /* *lock may be NULL */
@@ -274,18 +275,18 @@ OXL_API int oxl_is_folder(const char *path);
  * Returns out. */
 OXL_API const char *oxl_shell_word(const char *path, char *out, size_t size);
 
-/* Returns 1 for a model beside a scene_clear.ply whose imaging.txt has gains, perhaps poses, and nothing
- * else: models called scene.* there were trained without gains. */
+/* Returns 1 if the model lies beside a scene_clear.ply whose imaging.txt has gains, perhaps poses, and
+ * nothing else. Models called scene.* in such a folder were trained without gains. */
 OXL_API int oxl_has_gains_alone(oxl_context *ctx, const char *model_path);
 
 /* Opens a file for reading; refuses folders, pipes and devices. NULL: errno has the reason. */
 OXL_API FILE *oxl_open(const char *path);
-/* Creates NAME.PID.oxl.tmp beside `path` for writing; the caller renames it, `temporary`, to `path`. Neither
- * is a link of that name followed nor a file of another process written. NULL: errno says why. */
+/* Creates NAME.PID.oxl.tmp beside `path` for writing; the caller renames it, `temporary`, to `path`. It
+ * neither follows a link of that name nor writes to a file of another process. NULL: errno has the reason. */
 OXL_API FILE *oxl_create_beside(const char *path, char *temporary, size_t size);
-/* Rename a file, replacing an existing one; remove a file. Paths are UTF-8 on Windows, too. Not 0: errno
- * has the reason. */
+/* Renames a file, replacing an existing one. Paths are UTF-8 on Windows, too. Not 0: errno has the reason. */
 OXL_API int oxl_rename(const char *from, const char *to);
+/* Removes a file. Not 0: errno has the reason. */
 OXL_API int oxl_remove(const char *path);
 
 /* 1: standard output (stream 1) or standard error (2) is a terminal, where a progress line can be
