@@ -201,7 +201,7 @@ typedef struct oxl_scene_options {
     /* every n-th view by name is held out; 0: none; -1: 8, or those that the survey names (-1) */
     int test_every;
     size_t image_cache_bytes; /* memory for decoded images; others are decoded when needed (1 GiB) */
-    double missing_images;    /* fail if more than this fraction of the images is missing on disk (0.25) */
+    double missing_images;    /* fail if more than this fraction of the images is missing on disk (0.3) */
     int read_images;          /* 0: loading does not look for image files, and ignores masks (1) */
     /* 1: a text file with fewer rows than its header states is read; 0: OXL_ERR_INPUT (0) */
     int allow_truncated;

@@ -177,16 +177,14 @@ TEST(scene_of_one_image_trains_on_it_and_has_an_extent)
     CHECK_CLOSE(oxl_scene_extent(scene), 13, 1e-9); /* 1.3 median depths */
 }
 
-TEST(scene_without_points_is_reported_and_gets_random_ones_in_view)
+TEST(scene_without_points_gets_random_ones_in_view)
 {
     OWNED_MEMORY oxl_point *points = NULL, *again = NULL;
     size_t found;
     int seen = 0;
     const char *path = scene_survey("s", 9, 100, 1);
     test_write("s/sparse/0/points3D.txt", "# none\n");
-    test_listen();
     OWNED_SCENE *scene = test_load(path, NULL);
-    CHECK_LOGGED("no points");
     CHECK(oxl_scene_point_count(scene) == 0 && oxl_scene_near_plane(scene) > 0);
     CHECK_CLOSE(oxl_scene_origin(scene)[0], 104, 1e-9);  /* the median camera */
     CHECK_CLOSE(oxl_scene_extent(scene), 1.1 * 3, 1e-9); /* training views stand at 101..107 */

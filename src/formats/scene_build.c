@@ -93,7 +93,6 @@ static oxl_result scene_copy_points(oxl_context *ctx, oxl_scene *scene)
     if (scene->point_count < c->point_count)
         oxl_log(ctx, OXL_LOG_WARNING, "%zu of %zu points have no finite position and are left out",
                 c->point_count - scene->point_count, c->point_count);
-    if (scene->point_count == 0) oxl_log(ctx, OXL_LOG_WARNING, "the survey holds no points");
     scene_default_colours(ctx, scene);
     return OXL_OK;
 }

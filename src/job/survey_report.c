@@ -153,9 +153,6 @@ static int survey_has_no_baseline(const oxl_scene *scene)
 
 static void survey_write_warnings(oxl_survey *s, int one_place)
 {
-    if (s->images_missing > 0)
-        survey_add(s->warnings, "%d of %d images are missing on disk and are left out\n", s->images_missing,
-                   s->images);
     if (s->images_unregistered > 0)
         survey_add(
             s->warnings,
