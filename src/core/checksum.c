@@ -30,13 +30,12 @@ OXL_INTERNAL void checksum_end_text(struct text *t)
     text_add(t, "%s%016llx\n", CHECKSUM_LINE, (unsigned long long)sum);
 }
 
-OXL_INTERNAL enum checksum_found checksum_of_text(const char *data, size_t size)
+OXL_INTERNAL int checksum_is_wrong(const char *data, size_t size)
 {
     char line[48];
     const size_t length = sizeof CHECKSUM_LINE - 1 + 17;
-    if (size < length || memcmp(data + size - length, CHECKSUM_LINE, sizeof CHECKSUM_LINE - 1) != 0)
-        return CHECKSUM_NONE;
+    if (size < length || memcmp(data + size - length, CHECKSUM_LINE, sizeof CHECKSUM_LINE - 1) != 0) return 0;
     snprintf(line, sizeof line, "%s%016llx\n", CHECKSUM_LINE,
              (unsigned long long)checksum_add(CHECKSUM_SEED, data, size - length));
-    return memcmp(data + size - length, line, length) == 0 ? CHECKSUM_RIGHT : CHECKSUM_WRONG;
+    return memcmp(data + size - length, line, length) != 0;
 }

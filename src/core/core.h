@@ -243,8 +243,6 @@ OXL_INTERNAL void os_library_close(void *library);
 
 OXL_INTERNAL int os_is_file(const char *path);
 OXL_INTERNAL int os_is_folder(const char *path);
-/* 1: exists and is neither file nor folder, e.g. a pipe or a device */
-OXL_INTERNAL int os_is_special(const char *path);
 OXL_INTERNAL int64_t os_modified(const char *path); /* modification time in the system's unit; 0: unknown */
 /* Returns the number of processors that the process may use (Linux cgroups); 0: no limit is known. */
 OXL_INTERNAL int os_processor_quota(void);
@@ -259,10 +257,9 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path,
 /* begins with CHECKSUM_SEED */
 OXL_INTERNAL uint64_t checksum_add(uint64_t sum, const void *data, size_t size);
 
-/* Ends a text with the line "# checksum HEX", the checksum of all text before it;
- * checksum_of_text compares it. */
-enum checksum_found { CHECKSUM_RIGHT, CHECKSUM_NONE /* the text does not end in one */, CHECKSUM_WRONG };
+/* Ends a text with the line "# checksum HEX", the checksum of all text before it. checksum_is_wrong returns 1
+ * if a text ends in such a line with another checksum. */
 OXL_INTERNAL void checksum_end_text(struct text *t);
-OXL_INTERNAL enum checksum_found checksum_of_text(const char *data, size_t size);
+OXL_INTERNAL int checksum_is_wrong(const char *data, size_t size);
 
 #endif

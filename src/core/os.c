@@ -50,11 +50,6 @@ OXL_INTERNAL int os_is_file(const char *path)
     return os_kind_of(path, NULL) == OS_FILE;
 }
 
-OXL_INTERNAL int os_is_special(const char *path)
-{
-    return os_kind_of(path, NULL) == OS_SPECIAL;
-}
-
 OXL_INTERNAL int os_is_folder(const char *path)
 {
     return os_kind_of(path, NULL) == OS_FOLDER;

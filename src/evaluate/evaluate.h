@@ -47,6 +47,8 @@ struct unshown {       /* A held-out view, and which of its pixels a training vi
     float *depth;      /* (H,W) as of oxl_render */
     uint8_t *is_shown; /* (H,W) */
 };
+/* Renders the depths of a view at a reduced size: sets u->camera, and u->depth anew. */
+OXL_INTERNAL oxl_result unshown_draw(oxl_context *ctx, const struct drawn *d, int view, struct unshown *u);
 /* Finds the pixels of `count` views; u: (count) zeroed; unshown_free frees it, also on error. */
 OXL_INTERNAL oxl_result unshown_find(oxl_context *ctx, const struct drawn *d, const int *view, int count,
                                      struct unshown *u);

@@ -16,8 +16,7 @@ static size_t unshown_pixels(const struct unshown *u)
     return (size_t)u->camera.width * (size_t)u->camera.height;
 }
 
-/* Renders the depths of a view. */
-static oxl_result unshown_draw(oxl_context *ctx, const struct drawn *d, int view, struct unshown *u)
+OXL_INTERNAL oxl_result unshown_draw(oxl_context *ctx, const struct drawn *d, int view, struct unshown *u)
 {
     oxl_render_options options = render_options_of(d->scene);
     oxl_image image = {0};

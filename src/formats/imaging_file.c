@@ -206,7 +206,7 @@ static oxl_result imaging_check_bytes(oxl_context *ctx, const char *path, const 
             ctx, OXL_ERR_INPUT,
             "%s:%d: found a byte of value 0, expected text\nfix: write the file again by training", path,
             line);
-    if (checksum_of_text(map->data, map->size) != CHECKSUM_WRONG) return OXL_OK;
+    if (!checksum_is_wrong(map->data, map->size)) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT,
                     "%s: the checksum does not match the lines: the file was damaged or edited\nfix: "
                     "write the file again by training, or remove its last line if you have edited it",

@@ -27,7 +27,7 @@ static oxl_result job_make_key(struct job *job, int images)
         ", \"found\": {\"images\": %d, \"points\": %zu, \"extent\": %s, \"checksum_of_files\": \"%016llx\"",
         images, job->scene->point_count, NUMBER(job->scene->extent), (unsigned long long)sum);
     if (rc == OXL_OK && job->options.from) {
-        rc = checksum_of_file(job->ctx, job->options.from, &sum);
+        rc = checksum_of_file(job->ctx, job->options.from, 0, &sum);
         text_add(key, ", \"start\": \"%016llx\"", (unsigned long long)sum);
     }
     text_add(key, "}");

@@ -5,6 +5,7 @@
  * where the ground stays in its place. A warning, never an error: the survey may be a part of the model's.
  */
 #include "job.h"
+#include "../evaluate/evaluate.h"
 #include "../render/render.h"
 #include "../survey/scene.h"
 #include "../survey/survey.h"
@@ -18,8 +19,7 @@
 #define OVERLAP_SMALL 0.7
 enum {
     OVERLAP_POINTS = 20, /* least points that say anything */
-    OVERLAP_VIEWS = 4,   /* views that are rendered */
-    OVERLAP_SIDE = 160   /* px; longer side to which they are halved */
+    OVERLAP_VIEWS = 4    /* views that are rendered */
 };
 
 struct overlap { /* Counts the points in the views. */
@@ -35,23 +35,6 @@ static void overlap_count(const oxl_scene *scene, const oxl_camera *c, const flo
         o->seen++;
         o->fit += ratio * OVERLAP_FACTOR > 1 && ratio < OVERLAP_FACTOR;
     }
-}
-
-static oxl_result overlap_view(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, int view,
-                               struct overlap *o)
-{
-    oxl_render_options render = render_options_of(scene);
-    oxl_camera c = scene->view[view].camera;
-    oxl_image image = {0};
-    oxl_result rc;
-    float *depth;
-    while (OXL_MAX(c.width, c.height) > OVERLAP_SIDE) c = camera_halve(&c);
-    depth = oxl_alloc(ctx, (size_t)c.width * (size_t)c.height, sizeof *depth);
-    rc = depth ? oxl_render(ctx, model, &c, &render, &image, depth) : OXL_ERR_MEMORY;
-    if (rc == OXL_OK) overlap_count(scene, &c, depth, o);
-    oxl_image_free(ctx, &image);
-    oxl_free(ctx, depth);
-    return rc;
 }
 
 static oxl_result overlap_width(oxl_context *ctx, const oxl_point *point, size_t count, double *width)
@@ -85,10 +68,17 @@ oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *model, con
     const int views = scene->view_count, asked = OXL_MIN(views, OVERLAP_VIEWS);
     const size_t points = scene->point_count;
     struct overlap o = {0, 0};
+    struct drawn drawn = {.model = model, .scene = scene};
+    struct unshown seen = {.depth = NULL};
     double ratio = 1;
     oxl_result rc = points && model->count ? overlap_ratio(ctx, model, scene, &ratio) : OXL_OK;
-    for (int k = 0; k < asked && rc == OXL_OK; k++)
-        rc = overlap_view(ctx, model, scene, (int)((2 * (long)k + 1) * views / (2 * asked)), &o);
+    if (rc == OXL_OK) rc = renderer_create(ctx, &drawn.r);
+    for (int k = 0; k < asked && rc == OXL_OK; k++) {
+        rc = unshown_draw(ctx, &drawn, (int)((2 * (long)k + 1) * views / (2 * asked)), &seen);
+        if (rc == OXL_OK) overlap_count(scene, &seen.camera, seen.depth, &o);
+    }
+    renderer_free(ctx, drawn.r);
+    oxl_free(ctx, seen.depth);
     if (rc == OXL_OK && o.seen >= OVERLAP_POINTS &&
         ((double)o.fit < OVERLAP_LEAST * (double)o.seen || ratio > OVERLAP_LARGE || ratio < OVERLAP_SMALL))
         oxl_log(

@@ -139,15 +139,8 @@ static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, 
 static int survey_has_no_baseline(const oxl_scene *scene)
 {
     double apart = 0;
-    for (int k = 0; k < 3; k++) {
-        double low = HUGE_VAL, high = -HUGE_VAL;
-        for (int i = 0; i < scene->view_count; i++) {
-            double at[3];
-            camera_position(&scene->view[i].camera, at);
-            low = OXL_MIN(low, at[k]), high = OXL_MAX(high, at[k]);
-        }
-        apart = OXL_MAX(apart, high - low);
-    }
+    for (int i = 1; i < scene->view_count; i++)
+        apart = OXL_MAX(apart, camera_distance(&scene->view[0].camera, &scene->view[i].camera));
     return apart <= SURVEY_BASELINE * scene_depth_quantile(scene, 0.5);
 }
 

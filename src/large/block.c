@@ -53,7 +53,7 @@ static oxl_result block_add_checksum(oxl_context *ctx, const char *folder, const
     for (size_t i = 0; i < OXL_COUNT(files) && rc == OXL_OK; i++) {
         const char *path = PATH(folder, "%s", files[i]);
         uint64_t of_file = 0;
-        if (os_is_file(path)) rc = checksum_of_file(ctx, path, &of_file);
+        if (os_is_file(path)) rc = checksum_of_file(ctx, path, 0, &of_file);
         sum = checksum_add(sum, &of_file, sizeof of_file);
     }
     text_add(out, "%s%016llx\"\n}\n", BLOCK_CHECKSUM, (unsigned long long)sum);

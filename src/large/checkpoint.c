@@ -12,6 +12,7 @@
  * none: the run starts again and ends in the same bytes.
  */
 #include "large.h"
+#include "../core/os.h"
 #include "../train/train_tools.h"
 
 #include <errno.h>
@@ -22,20 +23,18 @@ enum { CHECKPOINT_CHUNK = 1 << 16, CHECKPOINT_HEAD = 3 };
 
 static const char CHECKPOINT_NAME[] = "checkpoint.oxl";
 
-OXL_INTERNAL oxl_result checksum_of_file(oxl_context *ctx, const char *path, uint64_t *sum)
+OXL_INTERNAL oxl_result checksum_of_file(oxl_context *ctx, const char *path, size_t end, uint64_t *sum)
 {
-    struct os_reader file;
+    struct os_reader file = {0};
     unsigned char *chunk = oxl_alloc(ctx, CHECKPOINT_CHUNK, 1);
-    size_t got = CHECKPOINT_CHUNK;
+    size_t got = 1;
     oxl_result rc = chunk ? os_reader_open(ctx, path, &file) : OXL_ERR_MEMORY;
     *sum = CHECKSUM_SEED;
-    if (rc == OXL_OK) {
-        while (rc == OXL_OK && got == CHECKPOINT_CHUNK) {
-            rc = os_reader_read(ctx, &file, chunk, CHECKPOINT_CHUNK, &got);
-            if (rc == OXL_OK) *sum = checksum_add(*sum, chunk, got);
-        }
-        os_reader_close(&file);
+    for (uint64_t left = file.size > end ? file.size - end : 0; rc == OXL_OK && left && got; left -= got) {
+        rc = os_reader_read(ctx, &file, chunk, (size_t)OXL_MIN(left, (uint64_t)CHECKPOINT_CHUNK), &got);
+        *sum = checksum_add(*sum, chunk, got);
     }
+    os_reader_close(&file);
     oxl_free(ctx, chunk);
     return rc;
 }
@@ -64,7 +63,7 @@ OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, c
     state(&a, user);
     if (a.rc == OXL_OK && fflush(writer.file) != 0)
         archive_fail(&a, OXL_ERR_IO, "cannot write; the disk may be full");
-    if (a.rc == OXL_OK) a.rc = checksum_of_file(ctx, writer.temporary, &sum);
+    if (a.rc == OXL_OK) a.rc = checksum_of_file(ctx, writer.temporary, 0, &sum);
     archive_numbers(&a, &sum, 1, sizeof sum);
     return os_writer_close(ctx, &writer, a.rc);
 }
@@ -76,36 +75,21 @@ OXL_INTERNAL struct train_store checkpoint_in(const char *folder, const char *ke
 
 /* ---------------- reading */
 
-/* Reads the file once; returns 1 if it ends in the checksum of its bytes. */
-static int checkpoint_is_whole(FILE *file, uint64_t *size)
-{
-    unsigned char chunk[CHECKPOINT_CHUNK + 8];
-    uint64_t sum = CHECKSUM_SEED;
-    size_t held = 0, got;
-    *size = 0;
-    /* Holds the last 8 bytes back: they may be the checksum. */
-    while ((got = fread(chunk + held, 1, CHECKPOINT_CHUNK, file)) > 0) {
-        const size_t body = held + got > 8 ? held + got - 8 : 0;
-        sum = checksum_add(sum, chunk, body);
-        *size += got;
-        held = held + got - body;
-        memmove(chunk, chunk + body, held);
-    }
-    rewind(file);
-    return held == sizeof sum && memcmp(chunk, &sum, sizeof sum) == 0;
-}
-
 OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key,
                                         archive_state *state, void *user, int *found)
 {
     const char *path = PATH(folder, "%s", CHECKPOINT_NAME);
     struct archive a = {.ctx = ctx, .reading = 1, .path = path, .file = os_open(path)};
-    uint64_t head[CHECKPOINT_HEAD] = {0}, wanted[CHECKPOINT_HEAD];
+    uint64_t head[CHECKPOINT_HEAD] = {0}, wanted[CHECKPOINT_HEAD], sum, end = 0;
     *found = 0;
     if (!a.file) return os_is_file(path) ? os_fail(ctx, OXL_ERR_IO, path, "cannot open", errno) : OXL_OK;
     checkpoint_head(wanted, key);
-    if (checkpoint_is_whole(a.file, &a.left)) archive_numbers(&a, head, CHECKPOINT_HEAD, sizeof *head);
-    else oxl_log(ctx, OXL_LOG_WARNING, "%s is damaged (wrong checksum); the run starts again", path);
+    os_kind_of(path, &a.left);
+    a.rc = checksum_of_file(ctx, path, sizeof sum, &sum);
+    if (os_seek(a.file, a.left - sizeof end) == 0 && fread(&end, sizeof end, 1, a.file) == 1 && end == sum) {
+        rewind(a.file);
+        archive_numbers(&a, head, CHECKPOINT_HEAD, sizeof *head);
+    } else oxl_log(ctx, OXL_LOG_WARNING, "%s is damaged (wrong checksum); the run starts again", path);
     if (a.rc == OXL_OK && memcmp(head, wanted, sizeof head) == 0) {
         state(&a, user);
         *found = a.rc == OXL_OK;

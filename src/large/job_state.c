@@ -51,16 +51,6 @@ OXL_INTERNAL void job_remove_decoded(struct job *job)
     os_remove_folder(folder);
 }
 
-/* Keeps decoded training images in files of `folder`, which are then read instead of the
- * originals; NULL: keeps none. */
-static oxl_result job_set_decoded(oxl_context *ctx, const oxl_scene *scene, const char *folder)
-{
-    char **decoded = &scene->cache->decoded;
-    oxl_free(ctx, *decoded);
-    *decoded = folder ? oxl_strdup(ctx, folder) : NULL;
-    return *decoded || !folder ? OXL_OK : OXL_ERR_MEMORY;
-}
-
 /* Decides whether decoded images are kept in files: if each would be decoded several times, since there are
  * blocks or memory does not hold all images. */
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
@@ -76,7 +66,9 @@ OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
     }
     job->decoded = os_is_folder(folder);
     job_set_cache(job, job->options.scene.image_cache_bytes);
-    return rc == OXL_OK ? job_set_decoded(job->ctx, job->scene, job->decoded ? folder : NULL) : rc;
+    if (rc == OXL_OK && job->decoded && !(job->scene->cache->decoded = oxl_strdup(job->ctx, folder)))
+        rc = OXL_ERR_MEMORY;
+    return rc;
 }
 
 /* ---------------- progress and records */

@@ -58,7 +58,8 @@ OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, co
 /* Returns a store that keeps a run's state in checkpoints of a folder. */
 OXL_INTERNAL struct train_store checkpoint_in(const char *folder, const char *key);
 OXL_INTERNAL void checkpoint_remove(const char *folder);
-OXL_INTERNAL oxl_result checksum_of_file(oxl_context *ctx, const char *path, uint64_t *sum);
+/* Computes the checksum of a file without its last `end` bytes. */
+OXL_INTERNAL oxl_result checksum_of_file(oxl_context *ctx, const char *path, size_t end, uint64_t *sum);
 
 /* ---------------- merge.c: rows of models */
 

@@ -91,16 +91,11 @@ static oxl_result image_fill_palette(oxl_context *ctx, const struct image_header
     return OXL_OK;
 }
 
-/* Reads an image file. A missing or unreadable file is OXL_ERR_IO, not bad input, since it may come back.
- * Refuses a pipe, which would wait forever. */
+/* Reads an image file. A missing or unreadable file is OXL_ERR_IO, not bad input, since it may come back. */
 static oxl_result image_read_file(oxl_context *ctx, const char *path, struct os_file_map *file)
 {
     char text[sizeof ctx->error];
-    oxl_result rc;
-    if (os_is_special(path))
-        return oxl_fail(ctx, OXL_ERR_INPUT, "%s is a pipe or a device, not a file\nfix: give an image file",
-                        path);
-    rc = os_read_file(ctx, path, file);
+    const oxl_result rc = os_read_file(ctx, path, file);
     if (rc != OXL_ERR_INPUT) return rc;
     memcpy(text, ctx->error, sizeof text);
     return oxl_fail(ctx, OXL_ERR_IO, "%s", text);
