@@ -239,7 +239,7 @@ promise info_counts_gaussians 0 '"gaussians": ' on_stdout "$program" info out/sc
 promise eval_prints_the_mean 0 "mean of 2" on_stdout "$program" eval out/scene.ply survey
 promise eval_within_ram_prints_the_same 0 "mean of 2" bash -c "'$program' eval out/scene.ply survey >all.txt && '$program' eval out/scene.ply survey --ram 40K >limited.txt; test \$? = 4 && '$program' eval out/scene.ply survey --ram 24M | cmp - all.txt && cat all.txt"
 promise ram_is_a_limit_of_memory_also_for_eval 4 "fix: --ram 64M" on_stderr "$program" eval out/scene.ply survey --ram 40K
-promise check_says_how_many_blocks_and_why 0 "blocks       1, since one block takes about" on_stdout "$program" check survey
+promise check_says_how_many_blocks_and_why 0 "blocks       1; one block takes about" on_stdout "$program" check survey
 promise eval_prints_json 0 '  "psnr": ' on_stdout "$program" eval out/scene.ply survey --json
 promise a_model_is_placed_by_its_origin 0 "" sh -c \
     "LC_ALL=C sed '1,/^end_header/s/^comment origin.*/comment origin 1e6 0 0/' out/scene.ply >moved.ply; for m in out/scene moved; do '$program' eval \$m.ply survey >\$(basename \$m).txt || exit 1; done; ! cmp -s scene.txt moved.txt"

@@ -122,13 +122,9 @@ static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, 
     struct partition p = {0};
     oxl_result rc = set || limit > 0 || o->device_ram ? budget_partition(ctx, scene, o, NAN, &p) : OXL_OK;
     if (rc != OXL_OK) return rc;
-    survey_add(s->text, "blocks       %d, %s", OXL_MAX(1, p.block_count), set ? "as set" : "");
-    if (!set) survey_add(s->text, "since one block takes about %.2f GB", needs / 1e9);
-    if (o->ram) survey_add(s->text, ", --ram is %.2f GB", limit / 1e9);
-    if (o->device_ram) survey_add(s->text, ", --device-ram is %.2f GB", (double)o->device_ram / 1e9);
-    else if (!o->ram && !set && s->memory_free > 0)
-        survey_add(s->text, " of the %.1f GB that are free", s->memory_free / 1e9);
-    survey_add(s->text, "\n");
+    survey_add(s->text, "blocks       %d%s; one block takes about %.2f GB", OXL_MAX(1, p.block_count),
+               set ? ", as set" : "", needs / 1e9);
+    survey_add(s->text, limit > 0 ? ", of the %.2f GB allowed\n" : "\n", limit / 1e9);
     partition_free(ctx, &p);
     return OXL_OK;
 }

@@ -43,17 +43,13 @@ OXL_INTERNAL void medium_set_from_tracks(struct medium *m, double span, const st
     else if (most > MEDIUM_THICKEST)
         snprintf(why, size, "its fit leaves no light of the scene: the images' exposures may differ");
     else if (!p->points) snprintf(why, size, "too few points are seen in several images");
-    else if (span < SCENE_DEPTH_SPAN_MIN)
-        snprintf(
-            why, size,
-            "depths differ too little to show haze, by a factor of %.1f; below %d it takes more evidence: residuals are %.2f %% of white, "
-            "%.2f without a medium; on from %.2g times as much",
-            span, SCENE_DEPTH_SPAN_MIN, 100 * p->with_medium, 100 * p->without[0], 1 + PHOTOMETRY_EVIDENT);
     else
         snprintf(
             why, size,
-            "no haze grows with distance; residuals of %zu points in %zu observations are %.2f %% of white, %.2f without the medium",
-            p->points, p->observations, 100 * p->with_medium, 100 * p->without[0]);
+            "%s; depths differ by a factor of %.1f; residuals of %zu points in %zu observations are %.2f %% of white, %.2f without the medium",
+            span < SCENE_DEPTH_SPAN_MIN ? "depths differ too little to show haze"
+                                        : "no haze grows with distance",
+            span, p->points, p->observations, 100 * p->with_medium, 100 * p->without[0]);
 }
 
 /* Converts the model's colours from those of training to those without the medium, or back. */
