@@ -219,7 +219,8 @@ OXL_API oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_
 /* A scene from arrays: views (view_count) with name, camera and is_test; images (view_count), in the same
  * order; points (point_count), from which training starts. All are copied, colours in 8 bits, weights
  * above a half as 1, others as 0; the origin is 0. Views are sorted by name, so an index of the scene is not
- * one of the arrays. With point_count 0, training starts from depth maps of the images
+ * one of the arrays. OXL_ERR_USAGE: sizes that differ, equal names, or a pose that is not finite or no
+ * rotation. With point_count 0, training starts from depth maps of the images
  * (oxl_train_options.stereo), or from random points in front of the cameras; points may then be NULL. */
 OXL_API oxl_result oxl_scene_from_arrays(oxl_context *ctx, const oxl_view *views, const oxl_image *images,
                                          int view_count, const oxl_point *points, size_t point_count,

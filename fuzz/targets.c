@@ -256,6 +256,7 @@ static void fuzz_splat(oxl_context *ctx, const uint8_t *data, size_t size)
 static oxl_scene *fuzz_scene(oxl_context *ctx)
 {
     enum { SIDE = 12, VIEWS = 3, POINTS = 6 };
+    static const char *const names[VIEWS] = {"a", "b", "c"};
     oxl_view view[VIEWS];
     oxl_image image[VIEWS];
     oxl_point point[POINTS];
@@ -265,7 +266,7 @@ static oxl_scene *fuzz_scene(oxl_context *ctx)
             (oxl_point){.position = {0.3 * (i % 3) - 0.3, 0.3 * (i / 3), 0.1 * i}, .rgb = {90, 120, 200}};
     for (int v = 0; v < VIEWS; v++) {
         view[v] =
-            (oxl_view){"view", {SIDE, SIDE, 14, 14, 6, 6, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.1 * v, 0, 2}}, 0};
+            (oxl_view){names[v], {SIDE, SIDE, 14, 14, 6, 6, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.1 * v, 0, 2}}, 0};
         fuzz_promise(oxl_image_create(ctx, SIDE, SIDE, &image[v]) == OXL_OK, "memory for an image");
     }
     fuzz_promise(oxl_scene_from_arrays(ctx, view, image, VIEWS, point, POINTS, &scene) == OXL_OK,

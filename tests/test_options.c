@@ -77,6 +77,20 @@ TEST(options_are_named_as_fields_in_texts_for_programs)
     CHECK_SAYS("limit it by --max-side");
 }
 
+TEST(options_are_named_as_fields_in_the_warnings_of_a_survey)
+{
+    OWNED_IMAGE image = test_image(8, 8);
+    const char *survey = job_test_survey();
+    static oxl_survey s;
+    test_write_image(test_path("survey/images/more.png"), &image);
+    for (int program = 0; program < 2; program++) {
+        test_ctx->options.command_line = !program;
+        CHECK_OK(oxl_check(test_ctx, survey, NULL, 0, &s));
+        CHECK_TEXT(s.warnings, program ? "by sparse" : "by --sparse");
+    }
+    test_ctx->options.command_line = 1;
+}
+
 TEST(options_of_sizes_and_times_are_read_as_people_write_them)
 {
     static const struct {

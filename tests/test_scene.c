@@ -589,6 +589,28 @@ TEST(scene_from_arrays_is_sorted_and_keeps_what_it_was_given)
     for (int i = 0; i < 3; i++) oxl_image_free(test_ctx, &image[i]);
 }
 
+TEST(scene_from_arrays_refuses_poses_that_are_none_and_equal_names)
+{
+    enum { NAN_TURN, NAN_MOVE, FAR, TWICE, MIRRORED, SHEARED, SAME_NAME, CASES };
+    for (int k = 0; k < CASES; k++) {
+        oxl_view view[2] = {{.name = "a"}, {.name = k == SAME_NAME ? "a" : "b"}};
+        oxl_image image[2] = {test_image(4, 2), test_image(4, 2)};
+        oxl_scene *scene;
+        for (int v = 0; v < 2; v++) view[v].camera = test_camera(4, 2, 4, -v, 0, 0);
+        double *r = view[1].camera.rotation;
+        if (k == NAN_TURN) r[4] = NAN;
+        if (k == NAN_MOVE) view[1].camera.translation[1] = INFINITY;
+        if (k == FAR) view[1].camera.translation[2] = 1e16;
+        for (int i = 0; i < 9 && k == TWICE; i++) r[i] *= 2;
+        for (int i = 0; i < 3 && k == MIRRORED; i++) r[i] = -r[i];
+        if (k == SHEARED) r[1] += 0.1;
+        CHECK_ERROR(oxl_scene_from_arrays(test_ctx, view, image, 2, NULL, 0, &scene), OXL_ERR_USAGE,
+                    k == SAME_NAME ? "two views have the name 'a'" : "view b: its pose is no rotation");
+        CHECK_SAYS("\nfix: ");
+        for (int v = 0; v < 2; v++) oxl_image_free(test_ctx, &image[v]);
+    }
+}
+
 TEST(scene_frees_all_memory_when_any_allocation_fails)
 {
     const char *path = scene_usual(3);

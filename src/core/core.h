@@ -83,6 +83,12 @@ struct oxl_context {
 OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_context **out);
 OXL_INTERNAL void context_close(oxl_context *ctx);
 
+/* Names options in a text as fields, unless the caller is the command line. */
+static inline void context_name_fields(const oxl_context *ctx, char *text)
+{
+    if (!ctx->options.command_line && ctx->name_fields) ctx->name_fields(text);
+}
+
 OXL_INTERNAL int context_thread(void); /* index of this thread in a parallel region, from 0 */
 
 /* Returns OXL_ERR_INTERRUPTED if the caller asks to stop. Loops over files, images and blocks that report no

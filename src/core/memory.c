@@ -10,7 +10,7 @@ oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...)
     va_start(args, format);
     vsnprintf(ctx->error, sizeof ctx->error, format, args);
     va_end(args);
-    if (!ctx->options.command_line && ctx->name_fields) ctx->name_fields(ctx->error);
+    context_name_fields(ctx, ctx->error);
     ctx->failed = rc;
     return rc;
 }

@@ -57,8 +57,6 @@ OXL_INTERNAL int64_t json_names_find(const struct json_names *names, const char 
 
 /* ---------------- poses */
 
-#define JSON_SURVEY_ROTATION_ERROR 1e-3 /* Limits how far a matrix may be off the nearest rotation. */
-
 /* Computes the unit quaternion of a rotation matrix, by its largest component [Shepperd 1978]. */
 static void json_survey_quaternion(const double m[9], double q[4])
 {
@@ -81,12 +79,10 @@ static void json_survey_quaternion(const double m[9], double q[4])
 OXL_INTERNAL void json_survey_pose(struct colmap_reader *r, const char *what, double m[3][4], double q[4],
                                    double t[3])
 {
-    double rotation[9], same[9], off = 0;
+    double rotation[9];
     for (int i = 0; i < 9; i++) rotation[i] = i < 3 ? m[i][0] : -m[i % 3][i / 3];
     json_survey_quaternion(rotation, q);
-    camera_rotation_from_quaternion(q, same);
-    for (int i = 0; i < 9; i++) off += fabs(rotation[i] - same[i]);
-    if (!(off < 9 * JSON_SURVEY_ROTATION_ERROR))
+    if (!camera_is_rotation(rotation))
         json_survey_fail(r, what, "no rotation",
                          "columns of length 1 at right angles, and right-handed: two axes exchanged need one "
                          "of them negated");

@@ -67,7 +67,7 @@ static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
         manifest_differences(run, job->inputs.data, &t);
     rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
                   "%s holds the %s of a run with other options or of another survey:\n%s"
-                  "fix: use the same options%s, --restart to %s it, or another -o%s",
+                  "fix: use the same options%s, --restart to %s it, or another output folder%s",
                   job->out, run->finished ? "finished result" : "unfinished work", t.data ? t.data : "",
                   run->finished ? "" : " to resume it", run->finished ? "replace" : "discard",
                   run->finished ? ", with --from to start from its scene.ply" : "");

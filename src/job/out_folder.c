@@ -22,8 +22,7 @@ OXL_INTERNAL oxl_result out_check_inputs(oxl_context *ctx, const char *out, cons
         if (os_is_same(out, inputs[i].path))
             return oxl_fail(
                 ctx, OXL_ERR_USAGE,
-                "%s holds the %s, which the output could replace\nfix: use a folder of its own, such as "
-                "-o %s",
+                "%s holds the %s, which the output could replace\nfix: use a folder of its own, such as %s",
                 out, inputs[i].holds, SHELL_WORD(PATH(scene, "out")));
     return OXL_OK;
 }
@@ -36,7 +35,7 @@ OXL_INTERNAL oxl_result out_check_files(oxl_context *ctx, const char *out)
         if (os_is_file(PATH(out, "%s", files[i])))
             return oxl_fail(ctx, OXL_ERR_USAGE,
                             "%s/%s exists, but no run.json shows which run wrote it\nfix: name "
-                            "another folder with -o; --restart replaces it",
+                            "another output folder; --restart replaces it",
                             out, files[i]);
     return OXL_OK;
 }

@@ -190,6 +190,20 @@ OXL_INTERNAL void camera_rotation_from_quaternion(const double q[4], double r[9]
     r[8] = 1 - s * (x * x + y * y);
 }
 
+#define CAMERA_ROTATION_ERROR 1.5e-2 /* Limits the sum of what a matrix is off a rotation. */
+
+/* Compares the first two rows with unit vectors at right angles, and the third with their cross product. */
+OXL_INTERNAL int camera_is_rotation(const double r[9])
+{
+    double aa = 0, bb = 0, ab = 0, off = 0;
+    for (int k = 0; k < 3; k++) {
+        const int i = (k + 1) % 3, j = (k + 2) % 3;
+        aa += r[k] * r[k], bb += r[3 + k] * r[3 + k], ab += r[k] * r[3 + k];
+        off += fabs(r[6 + k] - (r[i] * r[3 + j] - r[j] * r[3 + i]));
+    }
+    return off + fabs(aa - 1) + fabs(bb - 1) + fabs(ab) <= CAMERA_ROTATION_ERROR; /* 0 for NaN, too */
+}
+
 OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3])
 {
     const double *r = camera->rotation, *t = camera->translation;

@@ -11,6 +11,7 @@
 #include "photometry.h"
 #include "scene.h"
 #include "survey.h"
+#include "tracks.h"
 
 #define SCENE_EXTENT 1.3        /* Sets the extent, in median depths (docs/log/TRAINING.md), or, */
 #define SCENE_EXTENT_RADIUS 1.1 /* without points, in radii of the training cameras [Kerbl 2023]. */
@@ -93,6 +94,7 @@ static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_
 {
     const size_t pixels = (size_t)image->width * image->height;
     struct training_image *to = &scene->cache->image[scene->view_count];
+    const double *t = view->camera.translation;
     char *name = oxl_strdup(ctx, view->name ? view->name : "");
     if (!name) return OXL_ERR_MEMORY;
     scene->view[scene->view_count] = *view;
@@ -112,6 +114,12 @@ static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_
                         "view %s: focal lengths of %g and %g px, expected positive ones\n"
                         "fix: give each camera its fx and fy",
                         name, (double)view->camera.fx, (double)view->camera.fy);
+    if (!camera_is_rotation(view->camera.rotation) ||
+        !(fabs(t[0]) + fabs(t[1]) + fabs(t[2]) <= TRACKS_FARTHEST))
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "view %s: its pose is no rotation, or a translation beyond 1e15\n"
+                        "fix: give finite numbers, and rows of length 1 at right angles, right-handed",
+                        name);
     *to = (struct training_image){.width = image->width, .height = image->height};
     to->rgb = oxl_alloc(ctx, pixels, 3);
     to->mask = image->weight ? oxl_alloc(ctx, pixels, 1) : NULL;
@@ -144,6 +152,10 @@ oxl_result oxl_scene_from_arrays(oxl_context *ctx, const oxl_view *views, const 
     for (int i = 0; i < view_count && rc == OXL_OK; i++)
         order[i] = (struct scene_order){views[i].name ? views[i].name : "", (size_t)i};
     if (rc == OXL_OK) qsort(order, (size_t)view_count, sizeof *order, scene_compare_order);
+    for (int i = 1; i < view_count && rc == OXL_OK; i++)
+        if (!strcmp(order[i - 1].name, order[i].name))
+            rc = oxl_fail(ctx, OXL_ERR_USAGE,
+                          "two views have the name '%s'\nfix: give each a name of its own", order[i].name);
     for (int i = 0; i < view_count && rc == OXL_OK; i++)
         rc = scene_copy_view(ctx, scene, &views[order[i].image], &images[order[i].image]);
     if (rc == OXL_OK) rc = scene_measure(ctx, scene);

@@ -303,7 +303,7 @@ static oxl_result train_loop(struct train *t)
         if (rc != OXL_OK) break;
         if (step_report(t)) return train_stop(t);
         if (o->max_seconds > 0 && os_seconds() - t->started > o->max_seconds && t->step < o->iterations) {
-            oxl_log(t->ctx, OXL_LOG_INFO, "stopped by --max-time after %d of %d iterations", t->step,
+            oxl_log(t->ctx, OXL_LOG_INFO, "stopped by the time limit after %d of %d iterations", t->step,
                     o->iterations);
             return train_save(t);
         }
