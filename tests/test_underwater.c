@@ -487,55 +487,6 @@ TEST(photometry_of_more_images_than_it_fits_takes_as_many_of_each_camera_of_a_st
     track_samples_free(test_ctx, &s);
 }
 
-/* The run's first step warns or does not. */
-static int photometry_test_warns(const char *survey)
-{
-    oxl_train_options o = train_options(1);
-    o.medium = o.exposure = OXL_AUTO;
-    test_listen();
-    OWNED_SCENE *scene = test_load(survey, NULL);
-    OWNED_MODEL model = test_trained(scene, &o);
-    return strstr(test_said.warning, "exposure is correlated with the range") != NULL;
-}
-
-/* Mean distance of the points that each view has tracks of. */
-static void photometry_test_ranges(const char *survey, double range[14])
-{
-    const struct colmap *c;
-    double x[3], pixel[2];
-    OWNED_SCENE *scene = test_load(survey, NULL);
-    c = scene_colmap(scene);
-    for (int v = 0; v < oxl_scene_view_count(scene); v++) {
-        const size_t row = (size_t)(scene_source_image(scene, v) - c->image);
-        int n = 0;
-        range[v] = 0;
-        for (size_t i = 0; i < c->point_count; i++)
-            for (uint32_t k = 0; k < c->point[i].track_count; k++) {
-                if (c->track[c->point[i].first_track + k].image_row != row ||
-                    !scene_project_point(scene, v, i, x, pixel))
-                    continue;
-                range[v] += sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]), n++;
-            }
-        range[v] /= OXL_MAX(n, 1);
-    }
-}
-
-TEST(photometry_warns_where_exposure_goes_with_distance_and_else_does_not)
-{
-    NEEDS_PART(exposure);
-    NEEDS_PART(medium);
-    const synth_options o = photometry_test_make("far", SYNTH_7C);
-    double range[14], least = DBL_MAX, most = 0;
-    CHECK(!photometry_test_warns("far"));
-    photometry_test_ranges("far", range);
-    for (int v = 0; v < o.views; v++) least = OXL_MIN(least, range[v]), most = OXL_MAX(most, range[v]);
-    for (int v = 0; v < o.views; v++) {
-        const double by = exp(-0.8 * (range[v] - least) / (most - least));
-        photometry_test_scale(&o, "far", v, (const double[3]){by, by, by});
-    }
-    CHECK(photometry_test_warns("far"));
-}
-
 /* Gains that jump from image to image predict no other image. Larger ones hide the lamp from a fit without
  * gains, which then does not count. */
 TEST(exposure_that_is_refused_leaves_a_lamp_fitted_without_it_unless_that_hides_the_lamp)

@@ -19,7 +19,6 @@
 
 /* optical depth of the median range: from there on a white surface is darker than one step of 8 bits */
 #define MEDIUM_THICKEST 6
-#define MEDIUM_DRIFT 0.8 /* correlation of exposure with range from which a warning is due */
 
 OXL_INTERNAL void medium_set_from_tracks(struct medium *m, double span, const struct photometry *p, char *why,
                                          size_t size)
@@ -89,12 +88,6 @@ static void medium_use_tracks(struct train *t, void *state, const struct photome
     if (mode != OXL_OFF) medium_set_from_tracks(m, scene_depth_span(t->scene), p, why, sizeof why);
     selection_record_auto(t, "medium", mode, m->on, why);
     if (mode == OXL_ON && !m->on) oxl_log(t->ctx, OXL_LOG_WARNING, "no medium is modelled: %s", why);
-    if (m->on && fabs(p->drift) > MEDIUM_DRIFT)
-        oxl_log(
-            t->ctx, OXL_LOG_WARNING,
-            "the images' exposure is correlated with the range of what they show (%.2f): exposure and attenuation are not "
-            "separated, and scene_clear.ply is not measured colour",
-            p->drift);
 }
 
 static void medium_form_image(const void *state, struct oxl_imaging *m)

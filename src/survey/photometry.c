@@ -463,26 +463,6 @@ static void photometry_choose_parts(struct photometry_work *w, int requested, do
     photometry_fit(w, out->parts);
 }
 
-/* Returns Pearson's correlation of gain and mean range over the images; 0: gains are not
- * fitted, or nothing varies. */
-static double photometry_drift(const struct photometry_work *w, const struct photometry *p)
-{
-    double x[PHOTOMETRY_VIEWS] = {0}, sum[2] = {0, 0}, xx = 0, xy = 0, yy = 0;
-    int count[PHOTOMETRY_VIEWS] = {0}, views = 0;
-    for (size_t i = 0; i < w->of.count; i++)
-        x[w->of.at[i].view] += w->of.at[i].range, count[w->of.at[i].view]++;
-    for (int v = 0; v < w->of.views; v++) {
-        const double *gain = w->at + w->gains + 3 * v, y = gain[0] + gain[1] + gain[2],
-                     range = x[v] / OXL_MAX(count[v], 1);
-        if (count[v] == 0) continue;
-        views++, sum[0] += range, sum[1] += y;
-        xx += range * range, xy += range * y, yy += y * y;
-    }
-    views = OXL_MAX(views, 1);
-    xx -= sum[0] * sum[0] / views, xy -= sum[0] * sum[1] / views, yy -= sum[1] * sum[1] / views;
-    return (p->parts & PHOTOMETRY_GAINS) && xx > 0 && yy > 0 ? xy / sqrt(xx * yy) : 0;
-}
-
 /* Returns the rms over images and channels of the mean of the log gain less that of the other images of the
  * same points. */
 static double photometry_unexplained(const struct photometry_work *w)
@@ -540,7 +520,6 @@ static void photometry_report(struct photometry_work *w, const oxl_scene *scene,
             (float)(w->at[9 + t % LAMP_TERMS] + (t < LAMP_TERMS ? 0 : w->at[9 + t]));
     for (int i = 0; i < 3 * w->of.views; i++)
         out->log_gain[3 * w->of.chosen[i / 3] + i % 3] = (float)w->at[w->gains + i];
-    out->drift = photometry_drift(w, out);
     out->unexplained = photometry_unexplained(w);
     for (size_t i = 0; i < 3 * w->of.count; i++) {
         const struct track_sample *at = &w->of.at[i / 3];

@@ -18,7 +18,6 @@ struct photometry {
     float *log_gain;  /* (views,3) log gains of mean 0 */
     uint8_t *fitted;  /* (views) bit c: channel c has observations in the fit; else log_gain is its prior */
     double colour[3]; /* mean colour of the images over that of the points; 0: the points are black */
-    double drift;     /* correlation of the images' gains with the mean range of their points */
     /* rms over images and channels of the log gain less the mean of those of the other images of the same
      * points: by how much a model without gains is wrong about a held-out image */
     double unexplained;
