@@ -201,14 +201,6 @@ static void scene_find_unplaced(oxl_context *ctx, const oxl_scene *scene, struct
     text_free(&names);
 }
 
-static int scene_is_finite_pose(const struct colmap_image *image)
-{
-    double size = 0;
-    for (int i = 0; i < 4; i++) size += fabs(image->rotation[i]);
-    for (int i = 0; i < 3; i++) size += fabs(image->translation[i]);
-    return size <= TRACKS_FARTHEST;
-}
-
 /* Adds the view of an image that is there. */
 static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scene_build *b,
                                  const struct scene_order *o)
@@ -218,16 +210,16 @@ static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scen
     const size_t camera = (size_t)(from - scene->colmap.camera);
     oxl_view *view = &scene->view[scene->view_count];
     oxl_result rc;
-    if (!scene_is_finite_pose(image))
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s/%s:%d: the pose of %s is not finite, or beyond 1e15\n"
-                        "fix: remove the image, or export the model again",
-                        scene->colmap.folder, scene->colmap.images_file, image->line, o->name);
     rc = scene_ideal_camera(ctx, scene, b, camera);
     if (rc != OXL_OK) return rc;
     *view = (oxl_view){.name = o->name, .camera = b->ideal[camera]};
     camera_rotation_from_quaternion(image->rotation, view->camera.rotation);
     memcpy(view->camera.translation, image->translation, sizeof image->translation);
+    if (!camera_has_pose(&view->camera))
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s/%s:%d: the pose of %s is not finite, or beyond 1e15\n"
+                        "fix: remove the image, or export the model again",
+                        scene->colmap.folder, scene->colmap.images_file, image->line, o->name);
     scene->source[scene->view_count++] = (struct scene_source){o->image, camera};
     return OXL_OK;
 }

@@ -38,7 +38,7 @@ OXL_INTERNAL void partition_to_frame(const struct partition *p, const double wor
 
 /* Cuts a scene from files into blocks; the scene must outlive the partition. It stays one block if it is
  * small enough, if the options say so, or if it has no tracks, without which a view's points are unknown. The
- * log states the reason, and the evidence for 2D or 3D. */
+ * log states the evidence for 2D or 3D. */
 OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene,
                                        const oxl_partition_options *options, struct partition *out);
 OXL_INTERNAL void partition_free(oxl_context *ctx, struct partition *p);

@@ -113,37 +113,32 @@ static oxl_result partition_begin(oxl_context *ctx, const oxl_scene *scene, oxl_
     return rc;
 }
 
-static void partition_log(oxl_context *ctx, const struct partition *p, int has_tracks)
+static void partition_log(oxl_context *ctx, const struct partition *p)
 {
-    if (p->block_count > 1)
-        oxl_log(
-            ctx, OXL_LOG_INFO,
-            "blocks       %d, cut in %dD; principal extents %.4g x %.4g x %.4g, third / second = %.3f (below %.1f: 2D)",
-            p->block_count, p->dimensions, p->extent[0], p->extent[1], p->extent[2], partition_flatness(p),
-            PARTITION_FLAT);
-    else
-        oxl_log(ctx, OXL_LOG_DEBUG, "blocks       1, of %zu points%s", p->block[0].points,
-                has_tracks ? "" : ": without tracks it is not known which view sees them");
+    oxl_log(
+        ctx, p->block_count > 1 ? OXL_LOG_INFO : OXL_LOG_DEBUG,
+        "blocks       %d, cut in %dD; principal extents %.4g x %.4g x %.4g, third / second = %.3f (below %.1f: 2D)",
+        p->block_count, p->dimensions, p->extent[0], p->extent[1], p->extent[2], partition_flatness(p),
+        PARTITION_FLAT);
 }
 
 OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene,
                                        const oxl_partition_options *o, struct partition *out)
 {
     const size_t points = scene->stats.points;
-    int blocks = partition_wanted(points, o), has_tracks = 0;
+    int blocks = partition_wanted(points, o);
     size_t limit = points;
     oxl_result rc = partition_check(ctx, scene, blocks);
     *out = (struct partition){.dimensions = 3};
     if (rc == OXL_OK) rc = partition_begin(ctx, scene, o->kind, out);
     if (rc == OXL_OK) {
-        has_tracks = scene_colmap(scene)->track_count > 0;
-        if (!has_tracks) blocks = 1;
+        if (scene_colmap(scene)->track_count == 0) blocks = 1;
         if (blocks > 1 && o->blocks == 0) limit = (size_t)o->block_points;
         else if (o->cut == OXL_CUT_MIDPOINT) limit = points / (size_t)blocks + 1;
         rc = partition_cut(ctx, out, o->cut, blocks, limit);
     }
     if (rc == OXL_OK) rc = partition_find_views(ctx, out);
-    if (rc == OXL_OK) partition_log(ctx, out, has_tracks);
+    if (rc == OXL_OK) partition_log(ctx, out);
     else partition_free(ctx, out);
     return rc;
 }

@@ -15,6 +15,7 @@
  * Invariant: no libm transcendental is used: the same bytes on every machine.
  */
 #include "sparse.h"
+#include "tracks.h"
 #include "../core/vecmath.h"
 
 /* ---------------- the table of models */
@@ -202,6 +203,12 @@ OXL_INTERNAL int camera_is_rotation(const double r[9])
         off += fabs(r[6 + k] - (r[i] * r[3 + j] - r[j] * r[3 + i]));
     }
     return off + fabs(aa - 1) + fabs(bb - 1) + fabs(ab) <= CAMERA_ROTATION_ERROR; /* 0 for NaN, too */
+}
+
+OXL_INTERNAL int camera_has_pose(const oxl_camera *camera)
+{
+    const double *t = camera->translation;
+    return camera_is_rotation(camera->rotation) && fabs(t[0]) + fabs(t[1]) + fabs(t[2]) <= TRACKS_FARTHEST;
 }
 
 OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3])

@@ -11,7 +11,6 @@
 #include "photometry.h"
 #include "scene.h"
 #include "survey.h"
-#include "tracks.h"
 
 #define SCENE_EXTENT 1.3        /* Sets the extent, in median depths (docs/log/TRAINING.md), or, */
 #define SCENE_EXTENT_RADIUS 1.1 /* without points, in radii of the training cameras [Kerbl 2023]. */
@@ -94,7 +93,6 @@ static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_
 {
     const size_t pixels = (size_t)image->width * image->height;
     struct training_image *to = &scene->cache->image[scene->view_count];
-    const double *t = view->camera.translation;
     char *name = oxl_strdup(ctx, view->name ? view->name : "");
     if (!name) return OXL_ERR_MEMORY;
     scene->view[scene->view_count] = *view;
@@ -114,8 +112,7 @@ static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_
                         "view %s: focal lengths of %g and %g px, expected positive ones\n"
                         "fix: give each camera its fx and fy",
                         name, (double)view->camera.fx, (double)view->camera.fy);
-    if (!camera_is_rotation(view->camera.rotation) ||
-        !(fabs(t[0]) + fabs(t[1]) + fabs(t[2]) <= TRACKS_FARTHEST))
+    if (!camera_has_pose(&view->camera))
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "view %s: its pose is no rotation, or a translation beyond 1e15\n"
                         "fix: give finite numbers, and rows of length 1 at right angles, right-handed",
