@@ -167,16 +167,6 @@ static struct survey_file *survey_files_find(const struct survey_files *f, const
     return most ? best : NULL;
 }
 
-OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out,
-                                   size_t size)
-{
-    struct survey_files files;
-    const struct survey_file *found =
-        survey_files_list(ctx, folder, &files) == OXL_OK ? survey_files_find(&files, name, 0) : NULL;
-    snprintf(out, size, "%s", found ? PATH(folder, "%s", found->path) : "");
-    survey_files_free(&files);
-}
-
 /* ---------------- the names of the model */
 
 /* Gives an image the name of a file. */

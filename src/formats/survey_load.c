@@ -5,16 +5,11 @@
 #include "survey_read.h"
 #include "../survey/scene.h"
 
-/* Refuses a folder that does not exist. The fix names the folder that holds an image of the model. */
-static oxl_result scene_fail_folder(oxl_context *ctx, const char *path, const char *option,
-                                    const char *folder, const struct colmap *c)
+static oxl_result scene_fail_folder(oxl_context *ctx, const char *folder, const char *option,
+                                    const char *holds)
 {
-    char like[256] = "", *slash;
-    if (c && c->image_count) survey_find_like(ctx, path, c->names + c->image[0].name, like, sizeof like);
-    if ((slash = strrchr(like, '/')) != NULL) *slash = 0;
-    return oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s names the folder of %s%s%s",
-                    folder, option, c ? "images" : "masks",
-                    like[0] ? "; the first image of the model may be in " : "", like);
+    return oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s names the folder of %s", folder,
+                    option, holds);
 }
 
 /* Warns of a folder that may hold masks and is not used. */
@@ -53,9 +48,9 @@ static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene
     if (!scene->images || !scene->masks) return OXL_ERR_MEMORY;
     scene->stats.images_listed = (int)scene->colmap.image_count;
     if (o->read_images && !os_is_folder(scene->images))
-        return scene_fail_folder(ctx, path, "--images", scene->images, &scene->colmap);
+        return scene_fail_folder(ctx, scene->images, "--images", "images");
     if (os_is_folder(scene->masks)) return OXL_OK;
-    if (o->masks) return scene_fail_folder(ctx, path, "--masks", o->masks, NULL);
+    if (o->masks) return scene_fail_folder(ctx, o->masks, "--masks", "masks");
     oxl_free(ctx, scene->masks);
     scene->masks = NULL;
     scene_name_masks(ctx, path);

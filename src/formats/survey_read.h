@@ -24,10 +24,6 @@ OXL_INTERNAL int colmap_has_places(const struct colmap *a, const struct scene_or
 
 /* ---------------- survey_files.c: image files of a survey */
 
-/* Finds the image file, at most 3 folders deep, whose path ends most like `name`; out "": there is none. */
-OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out,
-                                   size_t size);
-
 OXL_INTERNAL int survey_is_image_name(const char *name); /* 1: it ends as those of JPEG and PNG files do */
 /* Gives images that are not there under their names the names of the files whose paths end alike, and counts
  * the files that the model does not have. */
