@@ -25,7 +25,8 @@ TEST(medium_is_what_the_tracks_support_and_says_why)
         p.parts = on ? PHOTOMETRY_MEDIUM : 0;
         medium_set_from_tracks(&m, 1.2, &p, why, sizeof why);
         CHECK(m.on == on);
-        CHECK_TEXT(why, on ? "bD 0.1 0.1 0.1" : "depths differ too little to show haze; depths differ by a factor of 1.2");
+        CHECK_TEXT(why, on ? "bD 0.1 0.1 0.1"
+                           : "depths differ too little to show haze; depths differ by a factor of 1.2");
     }
     struct medium m = {.training_range = 100};
     char why[400];

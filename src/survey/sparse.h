@@ -118,10 +118,11 @@ OXL_INTERNAL int camera_is_distorted(const struct colmap_camera *camera);
 OXL_INTERNAL oxl_camera camera_halve(const oxl_camera *camera);
 
 OXL_INTERNAL void camera_rotation_from_quaternion(const double q[4], double r[9]); /* normalises q */
-OXL_INTERNAL int camera_is_rotation(const double r[9]);    /* 1: finite, orthonormal and right-handed */
-OXL_INTERNAL int camera_has_pose(const oxl_camera *camera); /* 1: such a rotation, and no place too far away */
-OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3]);        /* -R^T t */
-OXL_INTERNAL double camera_distance(const oxl_camera *a, const oxl_camera *b);     /* of their centres */
+OXL_INTERNAL int camera_is_rotation(const double r[9]); /* 1: finite, orthonormal and right-handed */
+OXL_INTERNAL int camera_has_pose(
+    const oxl_camera *camera); /* 1: such a rotation, and no place too far away */
+OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3]);    /* -R^T t */
+OXL_INTERNAL double camera_distance(const oxl_camera *a, const oxl_camera *b); /* of their centres */
 /* Transforms a point to the camera's axes, x (3). origin: origin of the scene's frame; NULL:
  * the point is in that frame. */
 OXL_INTERNAL void camera_transform(const oxl_camera *camera, const double world[3], const double origin[3],
