@@ -349,6 +349,8 @@ TEST(surface_is_confirmed_by_clear_images_of_that_depth_that_points_do_not_contr
         vote = surface_ask(&s, p);
         CHECK(vote.sees == row[i].sees && vote.confirms == row[i].confirms && vote.passes == row[i].passes);
     }
+    for (int i = 1; i < 5; i++)
+        CHECK(surface_holds(&(struct surface_vote){.confirms = 2, .passes = i}, 2) == (i < 4));
 }
 
 /* In the image of the camera at x = 3; above both cameras; in the image of the one at 7 alone, which is held out;

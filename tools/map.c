@@ -3,7 +3,7 @@
  * Rays are parallel to the frame's above axis, so a place is at one pixel whatever its height. They begin at the
  * highest camera, so that what floats above it is not seen. A pixel is empty where the model is see-through, or
  * where fewer than --min-views training views see the place (surface.c). It has a colour but no height where fewer
- * views confirm it, or where as many views look through it. Where the views confirm it, its depth from above need not
+ * views confirm it, or where twice as many look through it. Where the views confirm it, its depth from above need not
  * be clear: rays from above cross more layers than those of the views that the model was trained on.
  *
  * The standard deviation of a height is calibrated on `synth` (docs/log/TRAINING.md). Pinholes in the colours are

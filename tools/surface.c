@@ -189,7 +189,7 @@ int sheet_place(const struct sheet *t, size_t at, double out[3])
 
 int surface_holds(const struct surface_vote *v, int enough)
 {
-    return v->confirms >= enough && v->confirms > v->passes;
+    return v->confirms >= enough && 2 * v->confirms > v->passes;
 }
 
 static struct surface_vote surface_ask(const struct surface *s, const double p[3])

@@ -120,7 +120,7 @@ struct surface_vote {
 };
 enum { SURFACE_SIDE = 320 }; /* px; of the views' depths, for maps, reports and comparisons alike */
 
-/* Returns 1 where `enough` views or more confirm the place, and fewer pass it. */
+/* Returns 1 where `enough` views or more confirm the place, and fewer than twice as many pass it. */
 int surface_holds(const struct surface_vote *v, int enough);
 /* Asks the views of all places that `place` finds, 0: none, and hands their votes to `take`, in any order and on several
  * threads. */
