@@ -135,7 +135,7 @@ static void fuzz_use_colmap(oxl_context *ctx)
     struct partition partition;
     struct colmap c;
     oxl_scene *scene = NULL;
-    oxl_result rc = colmap_read_buffered(ctx, fuzz_folder(), 64, &c);
+    oxl_result rc = colmap_read(ctx, fuzz_folder(), 64, NULL, &c);
     fuzz_explained(ctx, rc);
     if (rc != OXL_OK) return;
     fuzz_check_colmap(&c);

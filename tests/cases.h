@@ -34,6 +34,7 @@ struct colmap_observed colmap_observe(const char *folder, const struct colmap *c
 size_t colmap_observed_count(const struct colmap_observed *o, size_t image);
 void colmap_observed_free(struct colmap_observed *o);
 int colmap_same(const struct colmap *a, const struct colmap *b);
+oxl_result colmap_read_folder(const char *folder, struct colmap *out);
 oxl_result colmap_try(const char *cameras, const char *images, const char *points, struct colmap *out);
 
 enum { JOB_VIEWS = 9, JOB_WIDTH = 48, JOB_HEIGHT = 32 };

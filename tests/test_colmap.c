@@ -23,6 +23,11 @@ static void colmap_file(const char *name, const char *text)
     CHECK(file && fputs(text, file) >= 0 && fclose(file) == 0);
 }
 
+oxl_result colmap_read_folder(const char *folder, struct colmap *out)
+{
+    return colmap_read(test_ctx, folder, COLMAP_BUFFER, NULL, out);
+}
+
 /* Any of the three may be NULL: not written. */
 oxl_result colmap_try(const char *cameras, const char *images, const char *points, struct colmap *out)
 {
@@ -30,7 +35,7 @@ oxl_result colmap_try(const char *cameras, const char *images, const char *point
     if (cameras) colmap_file("model/cameras.txt", cameras);
     if (images) colmap_file("model/images.txt", images);
     if (points) colmap_file("model/points3D.txt", points);
-    return colmap_read(test_ctx, test_path("model"), out);
+    return colmap_read_folder(test_path("model"), out);
 }
 
 /* The good model with another text in the place of one of the files is refused, and `out` is zeroed; returns
@@ -214,7 +219,7 @@ TEST(colmap_real_surveys_are_read_without_a_warning)
     const char *path = test_shared("data/caliterra/sparse/0");
     OWNED_COLMAP c = {0};
     if (!path) SKIP("no shared data");
-    CHECK_OK(colmap_read(test_ctx, path, &c));
+    CHECK_OK(colmap_read_folder(path, &c));
     CHECK(c.image_count == 75 && c.point_count == 28366 && c.track_count == 229775 && c.warnings == 0);
 }
 
@@ -424,14 +429,14 @@ TEST(colmap_the_window_does_not_matter_to_rows_and_errors)
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, points.data, &whole));
     CHECK(whole.point_count == 1000 && whole.warnings > 0);
     for (size_t window = 1; window < 100000; window += window / 2 + 1) {
-        CHECK_OK(colmap_read_buffered(test_ctx, test_path("model"), window, &parts));
+        CHECK_OK(colmap_read(test_ctx, test_path("model"), window, NULL, &parts));
         CHECK(colmap_same(&whole, &parts) && whole.warnings == parts.warnings);
         colmap_free(test_ctx, &parts);
     }
     text_add(&points, "5 1 2 3 4 5 6 0.5 7 0\n7 1 2 x 4 5 6 0.5\n7 1 2 y 4 5 6 0.5\n");
     colmap_refused(2, points.data);
     for (size_t window = 1; window < 100000; window += window / 2 + 1) {
-        CHECK_ERROR(colmap_read_buffered(test_ctx, test_path("model"), window, &parts), OXL_ERR_INPUT,
+        CHECK_ERROR(colmap_read(test_ctx, test_path("model"), window, NULL, &parts), OXL_ERR_INPUT,
                     "points3D.txt:1003: found 'x', expected Z");
     }
 }
@@ -457,7 +462,7 @@ TEST(colmap_records_the_offset_of_the_text_of_2d_points)
     colmap_free(test_ctx, &c);
     OWNED_FILE file = test_file("model/images.txt");
     for (size_t window = 1; window < 1000; window += window / 2 + 1) {
-        CHECK_OK(colmap_read_buffered(test_ctx, test_path("model"), window, &c));
+        CHECK_OK(colmap_read(test_ctx, test_path("model"), window, NULL, &c));
         for (size_t i = 0; i < 3; i++)
             CHECK(c.image[i].points_size == strlen(wanted[i]) &&
                   !memcmp(file.data + c.image[i].points_at, wanted[i], c.image[i].points_size));

@@ -91,7 +91,7 @@ static const char *binary_refused(void)
 {
     const struct colmap zero = {0};
     struct colmap c;
-    CHECK(colmap_read_buffered(test_ctx, test_path("binary"), 64, &c) == OXL_ERR_INPUT);
+    CHECK(colmap_read(test_ctx, test_path("binary"), 64, NULL, &c) == OXL_ERR_INPUT);
     CHECK(memcmp(&c, &zero, sizeof c) == 0);
     CHECK_SAYS("\nfix: ");
     return oxl_error_text(test_ctx);
@@ -102,8 +102,8 @@ static const char *binary_refused(void)
 static void binary_check_same(const char *text_folder, const char *binary_folder, size_t window)
 {
     OWNED_COLMAP text = {0}, binary = {0};
-    CHECK_OK(colmap_read(test_ctx, text_folder, &text));
-    CHECK_OK(colmap_read_buffered(test_ctx, binary_folder, window, &binary));
+    CHECK_OK(colmap_read_folder(text_folder, &text));
+    CHECK_OK(colmap_read(test_ctx, binary_folder, window, NULL, &binary));
     CHECK(text.format == COLMAP_TEXT && binary.format == COLMAP_BINARY && binary.warnings == 0);
     CHECK(colmap_same(&text, &binary));
 }
@@ -125,7 +125,7 @@ TEST(colmap_binary_real_surveys_are_those_of_their_text)
     if (!path) SKIP("no shared data");
     snprintf(text, sizeof text, "%s", path);
     test_make_folder("binary");
-    CHECK_OK(colmap_read(test_ctx, text, &c));
+    CHECK_OK(colmap_read_folder(text, &c));
     binary_write(test_path("binary"), &c, text);
     colmap_free(test_ctx, &c);
     binary_check_same(text, test_path("binary"), COLMAP_BUFFER);
@@ -141,33 +141,39 @@ TEST(colmap_binary_invalid_values_are_handled_as_in_text)
     c.image[1].rotation[0] = 8;
     binary_write(test_path("binary"), &c, test_path("model"));
     colmap_free(test_ctx, &c);
-    CHECK_OK(colmap_read(test_ctx, test_path("binary"), &c));
+    CHECK_OK(colmap_read_folder(test_path("binary"), &c));
     CHECK(c.warnings == 3 && c.point_count == 1 && c.point[0].id == 4 && c.point[0].error == -1 &&
           c.track_count == 2);
 }
 
-TEST(colmap_of_text_and_binary_the_one_with_more_is_read_with_a_message)
+/* Does what the words say, and reads the model in `binary`; only numbers are left of it. */
+static struct colmap binary_after(const char *words, const char *images)
 {
-    OWNED_COLMAP c = {0};
-    char command[1000];
+    const struct survey_given given = {.folder = images};
+    OWNED_TEXT t = {.ctx = test_ctx};
+    struct colmap c, seen;
+    text_add(&t, "cd '%s' && %s", test_path("binary"), words);
+    CHECK(system(t.data) == 0);
+    CHECK_OK(colmap_read(test_ctx, test_path("binary"), COLMAP_BUFFER, &given, &c));
+    seen = c;
+    colmap_free(test_ctx, &c);
+    return seen;
+}
+
+TEST(colmap_of_text_and_binary_the_one_that_the_images_fit_better_is_read_with_a_message)
+{
+    struct colmap c;
     binary_good();
-    snprintf(command, sizeof command, "cp '%s'/*.txt '%s'", test_path("model"), test_path("binary"));
-    CHECK(system(command) == 0);
     test_listen();
-    CHECK_OK(colmap_read(test_ctx, test_path("binary"), &c));
-    CHECK(c.format == COLMAP_BINARY && !strstr(test_said.all, "two models"));
-    colmap_free(test_ctx, &c);
-    snprintf(command, sizeof command, "sed -i '$d' '%s/points3D.txt'",
-             test_path("binary")); /* one point less */
-    CHECK(system(command) == 0);
-    CHECK_OK(colmap_read(test_ctx, test_path("binary"), &c));
-    CHECK(c.format == COLMAP_BINARY);
-    CHECK_LOGGED("holds two models that differ");
-    colmap_free(test_ctx, &c);
+    CHECK(binary_after("cp ../model/*.txt .", NULL).format == COLMAP_BINARY);
+    CHECK(!strstr(test_said.all, "two models"));
     binary_replace("points3D.bin", "\0\0\0\0\0\0\0\0", 8); /* none */
-    CHECK_OK(colmap_read(test_ctx, test_path("binary"), &c));
-    CHECK(c.format == COLMAP_TEXT);
+    CHECK(binary_after("true", NULL).format == COLMAP_TEXT);
     CHECK_LOGGED("the text one is read");
+    c = binary_after("touch ../model/b.jpg; sed -i 4,7d images.txt", test_path("model")); /* fits */
+    CHECK(c.format == COLMAP_TEXT && c.image_count == 1);
+    c = binary_after("rm images.txt points3D.bin", NULL);
+    CHECK(c.format == COLMAP_BINARY && c.point_count == 2);
 }
 
 /* ---------------- what is refused */
@@ -193,7 +199,7 @@ TEST(colmap_binary_that_is_cut_or_has_a_wrong_byte_is_refused_with_the_place_or_
             memcpy(copy, map.data, map.size);
             copy[i] = (char)0xff;
             binary_replace(binary_names[f], copy, map.size);
-            rc = colmap_read(test_ctx, test_path("binary"), &c);
+            rc = colmap_read_folder(test_path("binary"), &c);
             CHECK(rc == OXL_OK || rc == OXL_ERR_INPUT);
             if (rc != OXL_OK) CHECK_SAYS("\nfix: ");
             refused += rc != OXL_OK;

@@ -96,7 +96,7 @@ static void jsurvey_check_case(const char *const camera[2],
     OWNED_COLMAP colmap = {0}, other = {0};
     CHECK_OK(colmap_try(camera[0], jsurvey_images, jsurvey_points, &colmap));
     write(&colmap, camera[1]);
-    CHECK_OK(survey_find_model(test_ctx, test_path("%s", folder), NULL, NULL, &other));
+    CHECK_OK(survey_find_model(test_ctx, test_path("%s", folder), NULL, NULL, NULL, &other));
     CHECK(other.camera_count == cameras && !other.images && other.warnings == 0);
     jsurvey_check_same(&colmap, &other);
 }

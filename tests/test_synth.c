@@ -24,7 +24,7 @@ synth_options synth_test_options(const char *name)
 void synth_test_make(const synth_options *o, struct colmap *survey)
 {
     CHECK_OK(synth_run(test_ctx, o));
-    if (survey) CHECK_OK(colmap_read(test_ctx, PATH(o->out, "sparse/0"), survey));
+    if (survey) CHECK_OK(colmap_read_folder(PATH(o->out, "sparse/0"), survey));
 }
 
 /* A survey as its text files have it: the model, its keypoints, the list of its outliers. */

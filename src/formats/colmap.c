@@ -19,6 +19,7 @@
  * (an unknown reprojection error is -1, as in COLMAP); no image name points outside the image folder.
  * Not guaranteed: that points named by observations, and observations named by tracks, exist.
  */
+#include "formats.h"
 #include "colmap.h"
 #include "../core/bytes.h"
 #include "json_survey.h"
@@ -283,57 +284,71 @@ static void colmap_read_file(struct colmap_reader *r, const char *path, int i)
                      r->path, id);
 }
 
-OXL_INTERNAL oxl_result colmap_read_points(oxl_context *ctx, const char *path, struct colmap *out)
+static void colmap_read_points_file(struct colmap_reader *r, const char *path)
 {
-    struct colmap_reader r = {.ctx = ctx, .out = out, .buffer_size = COLMAP_BUFFER};
+    struct colmap *out = r->out;
     const enum colmap_format format = out->format;
     out->point_count = out->track_count = 0;
     out->format = strstr(path_base_name(path), ".bin") ? COLMAP_BINARY : COLMAP_TEXT;
-    if (strstr(path_base_name(path), ".ply")) ply_points_read(&r, path);
-    else colmap_read_file(&r, path, COLMAP_POSES);
+    if (strstr(path_base_name(path), ".ply")) ply_points_read(r, path);
+    else colmap_read_file(r, path, COLMAP_POSES);
     out->format = format;
+}
+
+OXL_INTERNAL oxl_result colmap_read_points(oxl_context *ctx, const char *path, struct colmap *out)
+{
+    struct colmap_reader r = {.ctx = ctx, .out = out, .buffer_size = COLMAP_BUFFER};
+    colmap_read_points_file(&r, path);
     oxl_free(ctx, r.buffer);
     return r.rc;
 }
 
 /* Takes the points of points3D.ply where there are no others, which simulators and motion capture export, or
- * where the others are fewer and in no track: some programs leave a dummy point there. */
-static void colmap_read_other_points(struct colmap_reader *r, const char *folder, int has_points)
+ * where the others are fewer and in no track: some programs leave a dummy point there. Names a PLY of more
+ * points that is not read: other programs read it first. */
+static oxl_result colmap_read_other_points(oxl_context *ctx, struct colmap *out)
 {
-    struct colmap *out = r->out;
     const size_t own = out->point_count;
+    const int keeps = out->track_count && own >= COLMAP_DUMMY;
     struct colmap other = {0};
-    const char *ply = PATH(folder, "points3D.ply");
-    if (!os_is_file(ply)) ply = PATH(folder, "points3d.ply");
-    if (r->rc != OXL_OK || (has_points && out->track_count && own >= COLMAP_DUMMY)) return;
-    if (os_is_file(ply)) r->rc = colmap_read_points(r->ctx, ply, &other);
-    else if (!has_points)
-        oxl_log(r->ctx, OXL_LOG_WARNING,
-                "%s: there is no points3D.txt or .bin, so training starts from depth maps of the images\n"
-                "fix: compute points for these poses: colmap point_triangulator",
-                folder);
-    if (r->rc == OXL_OK && other.point_count > 2 * own) {
-        OXL_SWAP(struct colmap_point *, out->point, other.point);
-        out->point_count = other.point_count, out->track_count = 0;
-        oxl_log(
-            r->ctx, own ? OXL_LOG_WARNING : OXL_LOG_INFO,
-            "%s: the %zu points of %s are read; points3D.txt or .bin there holds %zu\nfix: --sparse FILE names the points",
-            folder, out->point_count, path_base_name(ply), own);
+    const char *ply = PATH(out->folder, "points3D.ply"), *lower = PATH(out->folder, "points3d.ply");
+    oxl_result rc = OXL_OK;
+    if (!os_is_file(ply)) ply = lower;
+    if (os_is_file(ply)) rc = colmap_read_points(ctx, ply, &other);
+    else if (!own)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: points3D.txt or .bin is not there or empty, so training starts from depth maps of the "
+                "images\nfix: compute points for these poses: colmap point_triangulator",
+                out->folder);
+    if (rc == OXL_OK && other.point_count > 2 * own) {
+        oxl_log(ctx, own ? OXL_LOG_WARNING : OXL_LOG_INFO,
+                "%s: the %zu points of %s are %s; points3D.txt or .bin there holds %zu\n"
+                "fix: --sparse FILE names the points",
+                out->folder, other.point_count, path_base_name(ply), keeps ? "not read" : "read", own);
+        if (!keeps) {
+            OXL_SWAP(struct colmap_point *, out->point, other.point);
+            out->point_count = other.point_count, out->track_count = 0;
+        }
     }
-    colmap_free(r->ctx, &other);
+    colmap_free(ctx, &other);
+    return rc;
 }
 
-/* Reads the model of one format; the file of points may be missing. */
-static oxl_result colmap_read_as(oxl_context *ctx, const char *folder, enum colmap_format format,
-                                 size_t buffer, struct colmap *out)
+/* Reads the poses of one format, and the points of the other where this one has none. */
+static oxl_result colmap_read_as(oxl_context *ctx, const char *folder, int format, size_t buffer,
+                                 const struct survey_given *given, struct colmap *out)
 {
     struct colmap_reader r = {.ctx = ctx, .out = out, .buffer_size = buffer};
-    const int has_points = os_is_file(PATH(folder, "%s", colmap_files[2].name[format]));
-    *out = (struct colmap){.format = format, .images_file = colmap_files[1].name[format]};
+    const char *own = PATH(folder, "%s", colmap_files[2].name[format]),
+               *other = PATH(folder, "%s", colmap_files[2].name[!format]),
+               *points = given->points     ? given->points
+                         : os_is_file(own) ? own
+                                           : other;
+    *out = (struct colmap){.format = (enum colmap_format)format, .images_file = colmap_files[1].name[format]};
     if ((out->folder = oxl_strdup(ctx, folder)) == NULL) r.rc = OXL_ERR_MEMORY;
-    for (int i = 0; i < COLMAP_POSES + has_points && r.rc == OXL_OK; i++)
+    for (int i = 0; i < COLMAP_POSES && r.rc == OXL_OK; i++)
         colmap_read_file(&r, PATH(folder, "%s", colmap_files[i].name[format]), i);
-    colmap_read_other_points(&r, folder, has_points);
+    if (r.rc == OXL_OK && os_is_file(points)) colmap_read_points_file(&r, points);
     oxl_free(ctx, r.buffer);
     if (r.rc != OXL_OK) colmap_free(ctx, out);
     return r.rc;
@@ -352,19 +367,40 @@ OXL_INTERNAL int colmap_has_places(const struct colmap *a, const struct scene_or
     return off <= COLMAP_SAME * all;
 }
 
-/* Reads both formats, and keeps the one with more images, or else more points, or else the binary one, which
- * COLMAP and 3DGS read first. Times tell nothing: a checkout of git makes them. */
-static oxl_result colmap_read_both(oxl_context *ctx, const char *folder, size_t buffer, struct colmap *out)
+/* Returns how many of the images are in the folder. */
+static size_t colmap_count_files(const struct colmap *c, const char *images)
+{
+    size_t count = 0;
+    for (size_t i = 0; images && i < c->image_count; i++)
+        count += os_is_file(PATH(images, "%s", c->names + c->image[i].name));
+    return count;
+}
+
+/* Returns 1 if the images fit a better than b: more of its images are there, or else it names more images,
+ * or, where some are there, fewer that are not, or else it has more points. */
+static int colmap_fits_better(const struct colmap *a, const struct colmap *b, const char *images)
+{
+    const size_t x = colmap_count_files(a, images), y = colmap_count_files(b, images);
+    if (x != y) return x > y;
+    if (a->image_count != b->image_count) return (a->image_count > b->image_count) == (x == 0);
+    return a->point_count > b->point_count;
+}
+
+/* Reads both formats, and keeps the one that the images fit better, or else the binary one, which COLMAP and
+ * 3DGS read first. Times tell nothing: a checkout of git makes them. */
+static oxl_result colmap_read_both(oxl_context *ctx, const char *folder, size_t buffer,
+                                   const struct survey_given *given, struct colmap *out)
 {
     struct colmap text;
-    const oxl_result read = colmap_read_as(ctx, folder, COLMAP_TEXT, buffer, &text);
+    const oxl_result read = colmap_read_as(ctx, folder, COLMAP_TEXT, buffer, given, &text);
     oxl_result rc = read == OXL_OK || read == OXL_ERR_INPUT
-                        ? colmap_read_as(ctx, folder, COLMAP_BINARY, buffer, out)
+                        ? colmap_read_as(ctx, folder, COLMAP_BINARY, buffer, given, out)
                         : read;
-    const int has_more = text.image_count != out->image_count ? text.image_count > out->image_count
-                                                              : text.point_count > out->point_count;
-    const int is_text = read == OXL_OK && (rc == OXL_OK ? has_more : rc == OXL_ERR_INPUT);
-    if (text.point_count != out->point_count || !colmap_has_places(&text, NULL, out))
+    const int differ = text.point_count != out->point_count || !colmap_has_places(&text, NULL, out);
+    const int is_text =
+        read == OXL_OK &&
+        (rc == OXL_OK ? differ && colmap_fits_better(&text, out, given->folder) : rc == OXL_ERR_INPUT);
+    if (differ)
         oxl_log(
             ctx, OXL_LOG_WARNING,
             "%s holds two models that differ: text with %zu images and %zu points, binary with %zu and %zu; the "
@@ -379,20 +415,19 @@ static oxl_result colmap_read_both(oxl_context *ctx, const char *folder, size_t 
     return rc;
 }
 
-OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folder, size_t buffer,
-                                             struct colmap *out)
+/* Reads the format that is there, or the better one. */
+static oxl_result colmap_read_any(oxl_context *ctx, const char *folder, size_t buffer,
+                                  const struct survey_given *given, struct colmap *out)
 {
-    int poses[2] = {0}, has[2] = {0}, format; /* files that are there; has: compressed ones, too */
-    *out = (struct colmap){0};
+    int has[2] = {0}, format; /* has: files of poses that are there, and half for a compressed one */
     for (int f = 0; f < 2; f++)
-        for (int i = 0; i < COLMAP_FILES; i++) {
+        for (int i = 0; i < COLMAP_POSES; i++) {
             const char *path = PATH(folder, "%s", colmap_files[i].name[f]);
-            has[f] += os_is_file(path) || os_is_compressed(path);
-            poses[f] += i < COLMAP_POSES && os_is_file(path);
+            has[f] += 2 * os_is_file(path) + os_is_compressed(path);
         }
-    if (poses[0] == COLMAP_POSES && poses[1] == COLMAP_POSES)
-        return colmap_read_both(ctx, folder, buffer, out);
-    format = poses[0] != poses[1] ? poses[1] > poses[0] : has[1] > has[0];
+    if (has[0] == 2 * COLMAP_POSES && has[0] == has[1])
+        return colmap_read_both(ctx, folder, buffer, given, out);
+    format = has[1] > has[0];
     for (int i = 0; i < COLMAP_FILES; i++) {
         const char *name = colmap_files[i].name[format], *path = PATH(folder, "%s", name);
         if (os_is_compressed(path))
@@ -406,10 +441,17 @@ OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folde
                 "colmap model_converter --output_type TXT",
                 folder, name);
     }
-    return colmap_read_as(ctx, folder, (enum colmap_format)format, buffer, out);
+    return colmap_read_as(ctx, folder, format, buffer, given, out);
 }
 
-OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out)
+OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, size_t buffer,
+                                    const struct survey_given *given, struct colmap *out)
 {
-    return colmap_read_buffered(ctx, folder, COLMAP_BUFFER, out);
+    static const struct survey_given nothing;
+    oxl_result rc;
+    *out = (struct colmap){0};
+    rc = colmap_read_any(ctx, folder, buffer, given ? given : &nothing, out);
+    if (rc == OXL_OK && !(given && given->points)) rc = colmap_read_other_points(ctx, out);
+    if (rc != OXL_OK) colmap_free(ctx, out);
+    return rc;
 }

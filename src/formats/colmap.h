@@ -48,8 +48,7 @@ struct colmap_reader {
     uint64_t rows, announced; /* records read, and stated by the file; 0: not stated */
     size_t warned[WARN_COUNT];
     size_t camera_capacity, image_capacity, point_capacity, track_capacity, names_capacity;
-    /* Folder in which names of a survey without COLMAP's files start; NULL: as the file has it. */
-    const char *image_folder;
+    struct survey_given given;
     int beside; /* 1: names in a file of JSON start in its folder; 0: in images/ there */
     /* px; size of the first image, for a survey in JSON that does not state it; 0: not read yet */
     int width, height;

@@ -6,32 +6,30 @@
 #include "../survey/imaging.h"
 #include "../survey/sparse.h"
 #include "../../oceanxl_job.h"
+#include "survey_read.h"
 
 /* ---------------- survey_find.c: the survey of a folder */
 
 /* Reads the sub-model with most images among the folder `sparse` (NULL: SCENE/sparse), its sub-folders and,
  * without `sparse`, SCENE. A file `sparse` replaces the points of its folder's model or else of SCENE's.
- * Observations are not kept. images: as in json_survey_read. */
+ * Observations are not kept. images: as in struct survey_given. file: of SCENE, read first; or NULL. */
 OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse,
-                                          const char *images, struct colmap *out);
-/* Reads a survey in JSON, or LLFF's, by the reader of its file's name. images: the folder in which names
- * start; NULL: as the file has it. */
+                                          const char *images, const char *file, struct colmap *out);
+/* Reads a survey in JSON, or LLFF's, by the reader of its file's name. given NULL: nothing. */
 OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name,
-                                         const char *images, struct colmap *out);
+                                         const struct survey_given *given, struct colmap *out);
 
 /* Returns the folder that an option names, from here or else from the survey's folder, which has `otherwise`
  * where the option is NULL. */
 OXL_INTERNAL const char *survey_folder(char out[PATH_LENGTH], const char *survey, const char *option,
                                        const char *otherwise);
 
-/* Reads a model, .txt or .bin; of both, the one with more images or points.
- * Invariants: colmap.c. 2D points are not read. */
-OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out);
+/* Reads a model, .txt or .bin, by parts of `buffer` bytes; of both, the one that the images fit better.
+ * Invariants: colmap.c. 2D points are not read. given NULL: nothing. */
+OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, size_t buffer,
+                                    const struct survey_given *given, struct colmap *out);
 /* Replaces a model's points by those of a file, .txt, .bin or .ply. */
 OXL_INTERNAL oxl_result colmap_read_points(oxl_context *ctx, const char *path, struct colmap *out);
-/* Reads a model like colmap_read, with a buffer of `buffer` bytes, for tests. */
-OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folder, size_t buffer,
-                                             struct colmap *out);
 
 /* ---------------- spz.c, splat_file.c: rows of the table in model_formats.c */
 

@@ -58,15 +58,16 @@ static void json_file_add_splits(struct colmap_reader *r, const char *folder)
 }
 
 OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name,
-                                         const char *images, struct colmap *out)
+                                         const struct survey_given *given, struct colmap *out)
 {
-    struct colmap_reader r = {.ctx = ctx, .out = out, .image_folder = images};
+    struct colmap_reader r = {.ctx = ctx, .out = out, .given = given ? *given : (struct survey_given){0}};
     *out = (struct colmap){.format = COLMAP_JSON, .images_file = path_base_name(name)};
     if (strncmp(name, "transforms_", 11)) json_file_add(&r, folder, name);
     else json_file_add_splits(&r, folder);
     *strrchr(r.path, '/') = 0;
     if (r.rc == OXL_OK && (out->folder = oxl_strdup(ctx, r.path)) == NULL) r.rc = OXL_ERR_MEMORY;
     if (r.rc == OXL_OK && r.beside && (out->images = oxl_strdup(ctx, r.path)) == NULL) r.rc = OXL_ERR_MEMORY;
+    if (r.rc == OXL_OK && r.given.points) r.rc = colmap_read_points(ctx, r.given.points, out);
     out->warnings += r.warned[WARN_QUATERNION];
     if (r.rc != OXL_OK) colmap_free(ctx, out);
     else

@@ -146,8 +146,8 @@ OXL_INTERNAL void llff_read(struct colmap_reader *r, const struct os_file_map *f
     struct llff_array array = {0};
     llff_read_header(r, file, &array);
     if (r->rc != OXL_OK) return;
-    snprintf(f.path, sizeof f.path, "%s", r->image_folder ? r->image_folder : "");
-    if (r->image_folder) llff_list(&f);
+    snprintf(f.path, sizeof f.path, "%s", r->given.images ? r->given.images : "");
+    if (r->given.images) llff_list(&f);
     else llff_choose(r, &f);
     r->rc = f.rc;
     if (f.count != array.rows)

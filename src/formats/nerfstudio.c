@@ -167,7 +167,7 @@ static const char *nerfstudio_path(const struct colmap_reader *r, const char *na
 {
     char file[NERFSTUDIO_PATH];
     const char *beside = PATH_BESIDE(r->path, r->beside ? "" : "images"),
-               *folder = r->image_folder ? r->image_folder : beside;
+               *folder = r->given.images ? r->given.images : beside;
     strcpy(file + colmap_safe_name(name, strlen(name), file), extension);
     return path_in(out, folder, "%s", path_longest_tail(folder, file));
 }
@@ -291,7 +291,8 @@ static void nerfstudio_points(struct colmap_reader *r, const char *json)
     size_t i = 0;
     name[colmap_safe_name(name, named, name)] = 0;
     path = PATH(folder, "%s", path_longest_tail(folder, name));
-    if (r->rc != OXL_OK || r->out->point_count) return; /* Files of several splits name the same. */
+    if (r->rc != OXL_OK || r->out->point_count || r->given.points)
+        return; /* Files of several splits name the same. */
     if (named && os_is_file(path)) {
         r->rc = ply_points_read(r, path);
         return;
@@ -299,9 +300,10 @@ static void nerfstudio_points(struct colmap_reader *r, const char *json)
     while (*beside[i] && !os_is_file(PATH(folder, "%s", beside[i]))) i++;
     if (named || *beside[i])
         oxl_log(r->ctx, OXL_LOG_WARNING,
-                "%s: ply_file_path names %s, which is not there%s%s, so no points are read\n"
+                "%s: ply_file_path names %s%s%s%s, so no points are read\n"
                 "fix: name a file of points by --sparse",
-                r->path, named ? name : "no file", *beside[i] ? ", nor does it name " : "", beside[i]);
+                r->path, named ? name : "no file", named ? ", which is not there" : "",
+                *beside[i] ? "; beside it is " : "", beside[i]);
 }
 
 OXL_INTERNAL void nerfstudio_read(struct colmap_reader *r, const struct os_file_map *map)

@@ -8,6 +8,7 @@
  * folder.
  */
 #include "formats.h"
+#include "colmap.h"
 #include "json_survey.h"
 #include "survey_read.h"
 #include "../survey/scene.h"
@@ -29,9 +30,9 @@ static const char *const SURVEY_FILES[][2] = {
 
 struct survey_search { /* Tries folders, and keeps the model of most images. */
     oxl_context *ctx;
-    size_t row;         /* of SURVEY_FILES */
-    const char *in;     /* folder whose entries are tried */
-    const char *images; /* as in json_survey_read */
+    size_t row;     /* of SURVEY_FILES */
+    const char *in; /* folder whose entries are tried */
+    struct survey_given given;
     struct colmap *best;
     int models;
     oxl_result rc;
@@ -53,8 +54,8 @@ static void survey_try(struct survey_search *s, const char *folder)
     struct colmap found;
     if (s->rc != OXL_OK || !survey_holds(s->row, folder)) return;
     s->rc = s->row < SURVEY_COLMAP
-                ? colmap_read(s->ctx, folder, &found)
-                : json_survey_read(s->ctx, folder, SURVEY_FILES[s->row][0], s->images, &found);
+                ? colmap_read(s->ctx, folder, COLMAP_BUFFER, &s->given, &found)
+                : json_survey_read(s->ctx, folder, SURVEY_FILES[s->row][0], &s->given, &found);
     if (s->rc != OXL_OK) return;
     if (s->models++ == 0 || found.image_count > s->best->image_count ||
         (found.image_count == s->best->image_count && strcmp(found.folder, s->best->folder) < 0))
@@ -77,7 +78,8 @@ static oxl_result survey_use_llff(oxl_context *ctx, const char *path, const char
 {
     struct scene_order *order = oxl_alloc(ctx, model->image_count + 1, sizeof *order);
     struct colmap llff = {0};
-    oxl_result rc = order ? json_survey_read(ctx, path, SURVEY_LLFF, images, &llff) : OXL_ERR_MEMORY;
+    const struct survey_given given = {.images = images};
+    oxl_result rc = order ? json_survey_read(ctx, path, SURVEY_LLFF, &given, &llff) : OXL_ERR_MEMORY;
     for (size_t i = 0; order && i < model->image_count; i++)
         order[i] = (struct scene_order){model->names + model->image[i].name, i};
     if (order) qsort(order, model->image_count, sizeof *order, scene_compare_order);
@@ -155,20 +157,23 @@ static oxl_result survey_find_fail(oxl_context *ctx, const char *path, const cha
 }
 
 OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *option,
-                                          const char *images, struct colmap *out)
+                                          const char *images, const char *file, struct colmap *out)
 {
     const int is_file = option && os_is_file(option);
     const char *folder = is_file ? PATH_BESIDE(option, "") : option;
     const char *sparse_option = is_file && !survey_holds(0, folder) ? NULL : folder;
     const char *sparse = survey_folder((char[PATH_LENGTH]){0}, path, sparse_option, "sparse");
     const char *requested = sparse_option ? sparse : path;
-    struct survey_search s = {.ctx = ctx, .in = sparse, .images = images, .best = out};
+    struct survey_search s = {.ctx = ctx, .in = sparse, .best = out};
+    s.given = (struct survey_given){images, images ? images : PATH(path, "images"), is_file ? option : NULL};
     *out = (struct colmap){0};
     if (!os_is_folder(requested))
         return oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s", requested,
                         sparse_option
                             ? "--sparse names a file of points, or the folder of cameras, images and points3D"
                             : "give the folder that holds images/ and sparse/");
+    for (size_t i = SURVEY_COLMAP; file && i < OXL_COUNT(SURVEY_FILES); i++)
+        if (!strcmp(file, SURVEY_FILES[i][0])) s.row = i;
     for (; s.row < OXL_COUNT(SURVEY_FILES) && s.rc == OXL_OK && s.models == 0; s.row++) {
         if (s.row < SURVEY_COLMAP) {
             survey_try(&s, sparse);
@@ -186,7 +191,6 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
                 out->folder, out->image_count);
     if (s.rc == OXL_OK && !sparse_option && out->format != COLMAP_JSON && os_is_file(PATH(path, SURVEY_LLFF)))
         s.rc = survey_use_llff(ctx, path, images, out);
-    if (s.rc == OXL_OK && is_file) s.rc = colmap_read_points(ctx, option, out);
     if (s.rc != OXL_OK) colmap_free(ctx, out);
     return s.rc;
 }

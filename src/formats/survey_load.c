@@ -28,11 +28,12 @@ static void scene_name_masks(oxl_context *ctx, const char *path)
 }
 
 /* Reads the survey's files and finds the folders of images and masks. */
-static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene_options *o, oxl_scene *scene)
+static oxl_result scene_open(oxl_context *ctx, const char *path, const char *file, const oxl_scene_options *o,
+                             oxl_scene *scene)
 {
     const char *images = survey_folder((char[PATH_LENGTH]){0}, path, o->images, "images");
     const char *masks = survey_folder((char[PATH_LENGTH]){0}, path, o->masks, "masks");
-    oxl_result rc = survey_find_model(ctx, path, o->sparse, o->images ? images : NULL, &scene->colmap);
+    oxl_result rc = survey_find_model(ctx, path, o->sparse, o->images ? images : NULL, file, &scene->colmap);
     if (rc == OXL_OK && scene->colmap.is_truncated && !o->allow_truncated)
         rc = oxl_fail(
             ctx, OXL_ERR_INPUT,
@@ -61,13 +62,14 @@ oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_op
                           oxl_scene **out)
 {
     const oxl_scene_options o = options ? *options : oxl_scene_options_default();
-    const int length = (int)(path_base_name(path) - path) - 1;
+    const char *file = os_is_file(path) ? path_base_name(path) : NULL,
+               *folder = PATH("", "%.*s", file > path ? (int)(file - path) - 1 : 0, path);
     oxl_scene *scene = oxl_calloc(ctx, 1, sizeof *scene);
     oxl_result rc;
     *out = NULL;
     if (!scene) return OXL_ERR_MEMORY;
-    if (os_is_file(path)) path = length > 0 ? PATH("", "%.*s", length, path) : ".";
-    rc = scene_open(ctx, path, &o, scene);
+    if (file) path = *folder ? folder : ".";
+    rc = scene_open(ctx, path, file, &o, scene);
     if (rc == OXL_OK) rc = scene_build(ctx, scene, &o);
     if (rc != OXL_OK) oxl_scene_free(ctx, scene);
     else *out = scene;

@@ -8,6 +8,13 @@
 /* Makes the path of a file in the folder of another. */
 #define PATH_BESIDE(path, name) PATH("", "%.*s%s", (int)(path_base_name(path) - (path)), path, name)
 
+/* Paths beside a survey's files; NULL: as the files have it. */
+struct survey_given {
+    const char *images; /* folder in which names start */
+    const char *folder; /* the same, or SCENE/images: of two models, its files decide */
+    const char *points; /* file of the points */
+};
+
 /* ---------------- colmap.c */
 
 /* Finds a camera; NULL: there is none. */
