@@ -319,6 +319,21 @@ TEST(poses_without_points_start_from_points3D_ply_or_from_random_points)
     CHECK(oxl_scene_point_count(scene) == 2);
 }
 
+/* The second half by name shows what the first does, as those of stereo pairs or of two dives do. */
+TEST(images_of_a_survey_taken_twice_are_those_of_the_model)
+{
+    OWNED_TEXT t = {.ctx = test_ctx};
+    foreign_upright(1);
+    text_add(
+        &t,
+        "cd '%s'/images && for i in *.png; do cp $i z$i; done && cd ../sparse/0 && "
+        "sed -n 's/^\\([0-9]* .*\\)\\(..[.]png\\)$/9\\1z\\2\\n/p' images.txt > more && cat more >> images.txt",
+        test_path("survey"));
+    CHECK(system(t.data) == 0);
+    test_listen();
+    CHECK(foreign_check() == 0);
+}
+
 /* ---------------- values and headers */
 
 TEST(points_of_a_ply_stand_for_a_dummy_point_and_for_no_others)

@@ -391,6 +391,9 @@ static void hypotheses_score_image(struct hypotheses *w, int k)
         v->masked += v->at[i].u >= 0 && isnan(hypotheses_brightness(w, v->at[i].u, v->at[i].v));
     for (int r = 0; r < w->rows; r++) v->score[r] = w->row[r].pose ? 0 : hypotheses_score(w, &w->row[r], v);
     v->chance = hypotheses_correlate(w, &w->row[0], &w->look[(k + w->count / 2) % w->count]);
+    /* The image half of all later shows the same where stereo pairs, or two dives, follow each other. */
+    if (v->score[0] > 2 * HYPOTHESIS_CHANCE && 2 * v->chance > v->score[0])
+        v->chance = hypotheses_correlate(w, &w->row[0], &w->look[(k + w->count / 3) % w->count]);
 }
 
 /* Scores the images by colours. damaged: warns of images whose pixel data are damaged, unless lint_image
