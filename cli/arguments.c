@@ -46,6 +46,7 @@ static const char *const OTHER_NAMES[][2] = {
     {"-r -d --resolution --data_factor --downscale-factor --max-resolution", "--max-side PX"},
     {"-i", "--images FOLDER"},
     {"--eval", "--test-every 8, the default"},
+    {"--data_device --cache-images", "--ram SIZE, which limits the cache of images"},
     {"-w --white_background", "--background 1,1,1"},
     {"--max-cap --cap-max --cap_max --max-splats", "--max-gaussians N"},
     {"--checkpoint --start_checkpoint --load-checkpoint --resume", "the same command again, which resumes"},
