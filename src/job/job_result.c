@@ -112,7 +112,7 @@ static void job_log_metrics(struct job *job, const oxl_metrics *m, size_t gaussi
     else
         oxl_log(
             job->ctx, OXL_LOG_INFO,
-            "%s views: PSNR %.2f dB, SSIM %.4f, structure %.3f (means over %d views); %zu Gaussians, %.1f MB",
+            "%s views: PSNR %.2f dB, SSIM %.4f, structure %.3f, means over %d views; %zu Gaussians, %.1f MB",
             job_evaluated_split(job) == OXL_SPLIT_TEST ? "held-out test" : "training", m->psnr, m->ssim,
             m->structure, m->count, gaussians, (double)bytes / 1e6);
     if (m->unshown >= JOB_UNSHOWN)
