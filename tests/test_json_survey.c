@@ -463,6 +463,22 @@ TEST(llff_is_read_for_the_images_in_name_order_of_the_largest_folder_of_1600_px)
     }
 }
 
+/* A program that was stopped leaves a part of COLMAP's model beside the poses. */
+TEST(llff_is_read_beside_a_model_of_colmap_that_lacks_a_file)
+{
+    static const char *const names[] = {"a.png", "b.png"}, *const left[] = {"cameras.bin", "images.bin"};
+    jsurvey_write_llff("images", names, 64);
+    jsurvey_write_array(LLFF_HEAD, 8, 2, 64);
+    for (int i = 0; i < 2; i++) {
+        remove(test_path("llff/sparse/0/%s", left[!i]));
+        test_write(test_path("llff/sparse/0/%s", left[i]), "");
+        test_listen();
+        OWNED_SCENE *scene = test_load("llff", NULL);
+        CHECK(oxl_scene_view_count(scene) == 2);
+        CHECK_WARNED(i ? "cameras.bin is not there, expected" : "images.bin is not there, expected");
+    }
+}
+
 TEST(llff_array_that_is_damaged_or_foreign_is_refused_with_what_it_is)
 {
     static const char *const names[] = {"a.png", "b.png"};

@@ -13,13 +13,13 @@
 #include "survey_read.h"
 #include "../survey/scene.h"
 
-/* Lists the files of surveys: a folder with one of a row holds such a survey; the first row that does is
- * taken. */
+/* Lists the files of surveys: a folder with one of a row holds such a survey, and one with both of COLMAP's rows
+ * a whole model of COLMAP's; the first row that does is taken. */
 enum { SURVEY_COLMAP = 2 }; /* rows of COLMAP's files; json_survey_read reads the others */
 #define SURVEY_LLFF "poses_bounds.npy"
 static const char *const SURVEY_FILES[][2] = {
     {"images.txt", "images.bin"},
-    {"cameras.txt", "cameras.bin"}, /* an incomplete model, whose reader says what is missing */
+    {"cameras.txt", "cameras.bin"},
     {"transforms.json", NULL},
     {"transforms_train.json", "transforms_test.json"},
     {"transforms_val.json", NULL},
@@ -38,7 +38,7 @@ struct survey_search { /* Tries folders, and keeps the model of most images. */
     oxl_result rc;
 };
 
-static int survey_holds(size_t row, const char *folder)
+static int survey_has(size_t row, const char *folder)
 {
     for (int i = 0; i < 2 && SURVEY_FILES[row][i]; i++) {
         const char *path = PATH(folder, "%s", SURVEY_FILES[row][i]);
@@ -46,6 +46,14 @@ static int survey_holds(size_t row, const char *folder)
         if (os_is_file(path) || os_is_compressed(path)) return 1;
     }
     return 0;
+}
+
+/* Returns 1 if a folder holds a survey of a row. The second row is of models that lack a file, whose reader says
+ * which. */
+static int survey_holds(size_t row, const char *folder)
+{
+    if (row >= SURVEY_COLMAP) return survey_has(row, folder);
+    return survey_has(0, folder) + survey_has(1, folder) == (row == 0 ? 2 : 1);
 }
 
 /* Reads the model of a folder, if it holds one; of equally many images, the first by name counts. */
@@ -161,7 +169,7 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
 {
     const int is_file = option && os_is_file(option);
     const char *folder = is_file ? PATH_BESIDE(option, "") : option;
-    const char *sparse_option = is_file && !survey_holds(0, folder) ? NULL : folder;
+    const char *sparse_option = is_file && !survey_has(0, folder) ? NULL : folder;
     const char *sparse = survey_folder((char[PATH_LENGTH]){0}, path, sparse_option, "sparse");
     const char *requested = sparse_option ? sparse : path;
     struct survey_search s = {.ctx = ctx, .in = sparse, .best = out};
@@ -183,6 +191,13 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
             }
         }
         if (s.models == 0 && !sparse_option) survey_try(&s, path);
+        for (size_t i = SURVEY_COLMAP; s.row == 1 && s.rc == OXL_ERR_INPUT && i < OXL_COUNT(SURVEY_FILES);
+             i++)
+            if (!sparse_option && survey_has(i, path)) {
+                oxl_log(ctx, OXL_LOG_WARNING, "%s is read, not the model of COLMAP: %s",
+                        PATH(path, "%s", SURVEY_FILES[i][0]), oxl_error_text(ctx));
+                s.rc = OXL_OK;
+            }
     }
     if (s.rc == OXL_OK && s.models == 0) s.rc = survey_find_fail(ctx, path, sparse, sparse_option != NULL);
     if (s.rc == OXL_OK && s.models > 1)
