@@ -232,10 +232,6 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     oxl_result rc = OXL_OK;
     if (!measured) rc = evaluate_quick(ctx, model, scene, imaging, OXL_SPLIT_TRAIN, judged, &m);
     if (rc != OXL_OK) return rc;
-    if (!measured && judged < all)
-        oxl_log(ctx, OXL_LOG_DEBUG,
-                "%d of %d training views are evaluated, evenly spaced: one per %d iterations", m.count, all,
-                OXL_MAX(1, iterations / judged));
     room = (size_t)t.m->count + 1;
     t.row = oxl_calloc(ctx, room, sizeof *t.row);
     t.work = oxl_alloc(ctx, room, TRAINING_VALUES * sizeof *t.work);

@@ -150,9 +150,6 @@ static oxl_result budget_divide(oxl_context *ctx, const oxl_scene *scene, const 
         if (tried.kind == OXL_PARTITION_NONE || scene->stats.points / (size_t)tried.blocks < BUDGET_POINTS)
             return budget_refuse(ctx, &worst, o);
         rc = partition_make(ctx, scene, &tried, out);
-        if (rc == OXL_OK)
-            oxl_log(ctx, OXL_LOG_DEBUG, "%.0f MB of memory are available: a cut into %d blocks is tried",
-                    (double)(limited->ram ? limited->ram : limited->device_ram) / 1e6, out->block_count);
     }
     return rc;
 }

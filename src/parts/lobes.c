@@ -40,17 +40,14 @@ static oxl_result lobes_assign(struct train *t)
 {
     const oxl_train_options *o = t->options;
     uint8_t *active = oxl_alloc(t->ctx, t->trained.model.count + 1, 1);
-    size_t given = 0;
+    int any = 0;
     const float threshold = o->dog == OXL_DOG_ALL ? -1 : LOBES_THRESHOLD;
     oxl_result rc = active ? step_download(t, DOWNLOAD_TO_CHANGE) : OXL_ERR_MEMORY;
     for (size_t i = 0; rc == OXL_OK && i < t->trained.model.count; i++) {
         active[i] = density_mean_gradient(&t->density, i) > threshold;
-        given += active[i];
+        any |= active[i];
     }
-    if (rc == OXL_OK)
-        oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu of %zu Gaussians get a second lobe", t->step, given,
-                t->trained.model.count);
-    if (given > 0) rc = model_trained_make_lobes(t->ctx, &t->trained, active, LOBES_OPACITY, LOBES_SCALE);
+    if (any) rc = model_trained_make_lobes(t->ctx, &t->trained, active, LOBES_OPACITY, LOBES_SCALE);
     oxl_free(t->ctx, active);
     return rc;
 }

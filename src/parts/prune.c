@@ -264,11 +264,7 @@ static oxl_result prune_after_step(struct train *t, void *state)
     p->row_bytes = prune_row_bytes(t->trained.model.sh_degree, t->options->dog != OXL_DOG_OFF);
     drop = prune_due(p, t->step, t->trained.model.count);
     if (drop == 0) return OXL_OK;
-    rc = prune_remove_rows(t, p, drop);
-    if (rc == OXL_OK)
-        oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu Gaussians of the lowest score removed, %zu left",
-                t->step, drop, t->trained.model.count);
-    return rc;
+    return prune_remove_rows(t, p, drop);
 }
 
 static void prune_record(struct train *t, void *state)

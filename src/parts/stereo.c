@@ -752,10 +752,7 @@ static oxl_result stereo_first_points(struct train *t, oxl_point **out, size_t *
                  all = (size_t)(schedule_first_pixels(t->scene, t->options) / STEREO_PIXELS_EACH),
                  wanted = all > points ? OXL_MIN(room, all - points) : 0,
                  most = t->options->stereo && !scene_is_composited(t->scene) ? wanted : 0;
-    const oxl_result rc = stereo_points(t->ctx, t->scene, most, out, count);
-    if (rc == OXL_OK && most > 0)
-        oxl_log(t->ctx, OXL_LOG_DEBUG, "stereo adds %zu points to the %zu of the survey", *count, points);
-    return rc;
+    return stereo_points(t->ctx, t->scene, most, out, count);
 }
 
 /* Bounds the memory of the maps from above. The points before they are thinned, STEREO_HELD for each that is

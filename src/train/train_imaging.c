@@ -22,11 +22,6 @@ static void train_imaging_match_colours(struct train *t, const double colour[3])
     }
     if (most < TRAIN_IMAGING_COLOUR) return;
     model_scale_colour(&t->trained.model, colour);
-    oxl_log(
-        t->ctx, OXL_LOG_DEBUG,
-        "the images' colours are %.2f, %.2f, %.2f (red green blue) times those of the survey's points, so Gaussians begin with "
-        "the images' colours",
-        colour[0], colour[1], colour[2]);
 }
 
 /* Measures what the tracks say. A fit without gains that are refused must show the same other parts as that

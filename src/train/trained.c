@@ -118,12 +118,8 @@ static oxl_result viewer_refine(oxl_context *ctx, const oxl_scene *scene, const 
     oxl_result rc = imaging_clone(ctx, t->imaging, (size_t)scene->view_count, &seen);
     if (rc == OXL_OK) rc = viewer_begin(ctx, scene, t, drops_gains, &t->viewer);
     imaging_hide(&seen, 1);
-    if (rc == OXL_OK) {
-        oxl_log(ctx, OXL_LOG_DEBUG,
-                "a model for viewers, without second lobes%s, is refined for %d iterations",
-                drops_gains ? " and gains" : " and medium", o.iterations);
+    if (rc == OXL_OK)
         rc = train_run(ctx, scene, &o, &(oxl_callback){trained_progress, progress}, &task, &refined);
-    }
     task.nonfinite.images -= OXL_MIN(task.nonfinite.images, t->nonfinite.images); /* out of both runs */
     nonfinite_add(&t->nonfinite, &task.nonfinite);
     t->finished = rc == OXL_OK && task.finished;
@@ -143,13 +139,10 @@ static oxl_result viewer_refine(oxl_context *ctx, const oxl_scene *scene, const 
 static oxl_result trained_trim(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
                                oxl_trained *t)
 {
-    size_t dropped = 0, of_viewer = 0;
     oxl_result rc = OXL_OK;
     if (schedule_training_views(scene) > options->iterations / TRAINED_STEPS_A_VIEW) return OXL_OK;
-    rc = unseen_drop(ctx, scene, &t->model, &dropped);
-    if (rc == OXL_OK && t->viewer.count) rc = unseen_drop(ctx, scene, &t->viewer, &of_viewer);
-    if (rc == OXL_OK && dropped)
-        oxl_log(ctx, OXL_LOG_DEBUG, "%zu Gaussians that no training view shows are removed", dropped);
+    rc = unseen_drop(ctx, scene, &t->model);
+    if (rc == OXL_OK && t->viewer.count) rc = unseen_drop(ctx, scene, &t->viewer);
     if (rc == OXL_OK && t->model.count == 0)
         rc = oxl_fail(ctx, OXL_ERR_FAILED,
                       "no Gaussian is left\nfix: run oceanxl check, which examines cameras, points and "

@@ -23,7 +23,6 @@ OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from);
 /* ---------------- unseen.c */
 
 /* Removes the Gaussians that change no pixel of any training view; renders each view once. */
-OXL_INTERNAL oxl_result unseen_drop(oxl_context *ctx, const oxl_scene *scene, oxl_model *model,
-                                    size_t *dropped);
+OXL_INTERNAL oxl_result unseen_drop(oxl_context *ctx, const oxl_scene *scene, oxl_model *model);
 
 #endif

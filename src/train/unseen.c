@@ -36,8 +36,7 @@ static oxl_result unseen_add_view(oxl_context *ctx, struct unseen *u, const oxl_
     return rc;
 }
 
-OXL_INTERNAL oxl_result unseen_drop(oxl_context *ctx, const oxl_scene *scene, oxl_model *model,
-                                    size_t *dropped)
+OXL_INTERNAL oxl_result unseen_drop(oxl_context *ctx, const oxl_scene *scene, oxl_model *model)
 {
     const size_t count = model->count;
     struct unseen u = {.score = oxl_calloc(ctx, count + 1, sizeof *u.score)};
@@ -48,7 +47,6 @@ OXL_INTERNAL oxl_result unseen_drop(oxl_context *ctx, const oxl_scene *scene, ox
     for (size_t i = 0; i < count && rc == OXL_OK; i++)
         keep[i] = u.score[i] != 0; /* keeps a NaN, which is not known to be unseen */
     if (rc == OXL_OK) model_keep_rows(model, keep);
-    *dropped = count - model->count;
     renderer_free(ctx, u.r);
     OXL_FREE(ctx, u.score, u.drgb, keep);
     return rc;
