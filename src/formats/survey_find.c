@@ -13,8 +13,8 @@
 #include "survey_read.h"
 #include "../survey/scene.h"
 
-/* Lists the files of surveys: a folder with one of a row holds such a survey, and one with both of COLMAP's rows
- * a whole model of COLMAP's; the first row that does is taken. */
+/* Lists the files of surveys: a folder with one of a row holds such a survey, and one with both of COLMAP's
+ * rows a whole model of COLMAP's; the first row that does is taken. */
 enum { SURVEY_COLMAP = 2 }; /* rows of COLMAP's files; json_survey_read reads the others */
 #define SURVEY_LLFF "poses_bounds.npy"
 static const char *const SURVEY_FILES[][2] = {
@@ -48,8 +48,8 @@ static int survey_has(size_t row, const char *folder)
     return 0;
 }
 
-/* Returns 1 if a folder holds a survey of a row. The second row is of models that lack a file, whose reader says
- * which. */
+/* Returns 1 if a folder holds a survey of a row. The second row is of models that lack a file, whose reader
+ * says which. */
 static int survey_holds(size_t row, const char *folder)
 {
     if (row >= SURVEY_COLMAP) return survey_has(row, folder);

@@ -1,8 +1,8 @@
 /* overlap.c - does a model belong to a survey? If it does, the survey's cameras see a surface of the model
  * about where they see the survey's points.
  *
- * Another origin, frame or scale moves the surface or empties the pixels. A warning, never an error: the survey
- * may be a part of the model's.
+ * Another origin, frame or scale moves the surface or empties the pixels. A warning, never an error: the
+ * survey may be a part of the model's.
  */
 #include "job.h"
 #include "../evaluate/evaluate.h"
