@@ -374,6 +374,36 @@ TEST(points_come_from_the_file_that_sparse_names)
     }
 }
 
+/* Writes a PNG of 16-bit grey: one of 8-bit grey with alpha, which has as many bytes per pixel, with another
+ * header. */
+static void foreign_write_png16(const char *path, const uint16_t *grey, int width, int height)
+{
+    uint8_t bytes[2 * FOREIGN_WIDTH * FOREIGN_HEIGHT];
+    unsigned char *png;
+    unsigned sum;
+    int size = 0;
+    for (int i = 0; i < 2 * width * height; i++) bytes[i] = (uint8_t)(grey[i / 2] >> (i % 2 ? 0 : 8));
+    CHECK((png = codec_encode_png(test_ctx, bytes, width, height, 2, &size)) != NULL);
+    png[24] = 16, png[25] = 0; /* bits, colour [RFC 2083] */
+    sum = codec_png_checksum(png + 12, 17);
+    for (int k = 0; k < 4; k++) png[29 + k] = (unsigned char)(sum >> (24 - 8 * k));
+    test_write_bytes(path, png, (size_t)size);
+    codec_free(test_ctx, png);
+}
+
+TEST(wide_images_of_twelve_bits_are_said_to_be_dark)
+{
+    foreign_upright(1);
+    for (int i = 0; i < FOREIGN_VIEWS; i++) {
+        uint16_t grey[FOREIGN_WIDTH * FOREIGN_HEIGHT];
+        for (int k = 0; k < FOREIGN_WIDTH * FOREIGN_HEIGHT; k++)
+            grey[k] = (uint16_t)(4095 * foreign_pixel(k, i, FOREIGN_UPRIGHT));
+        foreign_write_png16(test_path("survey/images/%02d.png", i), grey, FOREIGN_WIDTH, FOREIGN_HEIGHT);
+    }
+    foreign_check();
+    CHECK_WARNED("mogrify -evaluate multiply 18");
+}
+
 static float foreign_mask(int i, int kind, enum foreign_place place)
 {
     (void)place;

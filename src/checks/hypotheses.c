@@ -13,6 +13,7 @@
 #include "../core/random.h"
 #include "../core/vecmath.h"
 #include "../formats/survey_read.h"
+#include "../survey/image_header.h"
 #include "../survey/scene.h"
 #include "../survey/survey.h"
 #include "../survey/tracks.h"
@@ -29,7 +30,8 @@ enum {
     HYPOTHESIS_STRIPS = 24,   /* strips of an image in which points lie side by side */
     HYPOTHESIS_ROWS = 80,     /* most ways to read a survey */
     HYPOTHESIS_MANY = 12,     /* images, from which on HYPOTHESIS_ALWAYS decides */
-    HYPOTHESIS_NAMED = 3      /* images that are named */
+    HYPOTHESIS_NAMED = 3,     /* images that are named */
+    HYPOTHESIS_DARK = 76      /* brightest value of 16-bit images that hold fewer bits (14 bits: 64) */
 };
 #define HYPOTHESIS_CLIP 1.5    /* Limits differences, in medians of their absolute values. */
 #define HYPOTHESIS_BORDER 0.01 /* Leaves out points in the border of an image, as a fraction of its sides. */
@@ -126,6 +128,7 @@ struct hypotheses {
     struct looked *look, room;          /* (count); points under another pose */
     int coloured;                       /* colours differ from point to point */
     const struct training_image *image; /* taken last */
+    int brightest;                      /* value of all images */
     double work[HYPOTHESIS_SAMPLES];
     /* scores of the images as they are, of the best tenth, and by chance; 1: as by chance; images judged */
     double median, high, by_chance;
@@ -383,10 +386,12 @@ static oxl_result hypotheses_take(struct hypotheses *w, int k)
 }
 
 /* Scores the image taken last: as it is, in all readings but other poses, and with the points of another
- * image, by chance; and counts the points that its mask hides. */
+ * image, by chance; and notes what its values tell. */
 static void hypotheses_score_image(struct hypotheses *w, int k)
 {
     struct looked *v = &w->look[k];
+    const size_t pixels = (size_t)w->image->width * (size_t)w->image->height;
+    for (size_t i = 0; i < 3 * pixels; i++) w->brightest = OXL_MAX(w->brightest, w->image->rgb[i]);
     for (int i = 0; i < v->count; i++)
         v->masked += v->at[i].u >= 0 && isnan(hypotheses_brightness(w, v->at[i].u, v->at[i].v));
     for (int r = 0; r < w->rows; r++) v->score[r] = w->row[r].pose ? 0 : hypotheses_score(w, &w->row[r], v);
@@ -416,9 +421,10 @@ static oxl_result hypotheses_score_images(struct hypotheses *w, int damaged)
     return OXL_OK;
 }
 
-/* Warns of masks that may be inverted. Returns 1 if masks hide too much to compare colours. */
-static int hypotheses_check_masks(const struct hypotheses *w)
+/* Warns of what the values of images and masks tell. Returns 1 if masks hide too much to compare colours. */
+static int hypotheses_check_values(struct hypotheses *w)
 {
+    struct image_header header = {0};
     int masked = 0, points = 0;
     for (int k = 0; k < w->count; k++) masked += w->look[k].masked, points += w->look[k].count;
     if (2 * masked > points)
@@ -427,6 +433,14 @@ static int hypotheses_check_masks(const struct hypotheses *w)
                 "pixels are ignored\nfix: exchange black and white if the masks mark ignored pixels in "
                 "white",
                 100.0 * masked / points);
+    if (w->brightest <= HYPOTHESIS_DARK &&
+        image_read_header(w->ctx, PATH(w->scene->images, "%s", w->scene->view[0].name), &header) == OXL_OK &&
+        header.bits == 16)
+        oxl_log(w->ctx, OXL_LOG_WARNING,
+                "the brightest value of the 16-bit images is %d of 255, so they use few grey levels: their "
+                "values have fewer bits\nfix: brighten all of them alike: mogrify -evaluate multiply %d "
+                "IMAGES",
+                w->brightest, 255 / OXL_MAX(w->brightest, 1));
     return 10 * masked > 9 * points;
 }
 
@@ -594,7 +608,7 @@ OXL_INTERNAL oxl_result hypotheses_check(oxl_context *ctx, oxl_scene *scene, int
     hypotheses_fill(w);
     rc = w->look ? hypotheses_lay_out(w) : OXL_ERR_MEMORY;
     if (rc == OXL_OK) rc = hypotheses_score_images(w, damaged);
-    if (rc == OXL_OK && !hypotheses_check_masks(w)) rc = hypotheses_judge(w, foreign);
+    if (rc == OXL_OK && !hypotheses_check_values(w)) rc = hypotheses_judge(w, foreign);
     oxl_free(ctx, w->look);
     oxl_free(ctx, w);
     return rc;

@@ -356,8 +356,6 @@ OXL_INTERNAL oxl_result step_densify(struct train *t)
                         "step %d: no Gaussian is left\nfix: run oceanxl check, which examines cameras "
                         "and points%s",
                         t->step, o->terms ? ", or change oxl_terms.density" : "");
-    oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu split, %zu removed, %zu left", t->step, change.split,
-            change.removed, t->trained.model.count);
     return OXL_OK;
 }
 
