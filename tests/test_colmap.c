@@ -59,7 +59,10 @@ struct colmap_observed colmap_observe(const char *folder, const struct colmap *c
     OWNED_FILE file = test_file(test_path("%s/images.txt", folder));
     o.at = oxl_alloc(test_ctx, file.size / 6 + 1, sizeof *o.at); /* "0 0 0 " is the shortest */
     for (size_t i = 0; i < c->image_count; i++) {
-        const char *p = file.data + c->image[i].points_at, *end = p + c->image[i].points_size;
+        const char *p = file.data, *end = p + file.size;
+        for (int line = 0; line < c->image[i].line; line++)
+            p = (const char *)memchr(p, '\n', (size_t)(end - p)) + 1;
+        end = memchr(p, '\n', (size_t)(end - p));
         size_t n = o.first[i];
         for (size_t k = 0; p < end; p += *p == ' ', k++, n = o.first[i] + k / 3) { /* X Y POINT3D_ID */
             struct colmap_observation *to = &o.at[n];
@@ -94,8 +97,7 @@ int colmap_same(const struct colmap *a, const struct colmap *b)
         same = x->id == y->id && x->camera_id == y->camera_id &&
                strcmp(a->names + x->name, b->names + y->name) == 0 &&
                memcmp(x->rotation, y->rotation, sizeof x->rotation) == 0 &&
-               memcmp(x->translation, y->translation, sizeof x->translation) == 0 &&
-               (x->points_size == 0) == (y->points_size == 0);
+               memcmp(x->translation, y->translation, sizeof x->translation) == 0;
     }
     for (size_t i = 0; same && i < a->point_count; i++) {
         const struct colmap_point *x = &a->point[i], *y = &b->point[i];
@@ -193,10 +195,10 @@ TEST(colmap_rows_are_read_as_written_by_id)
     CHECK(strcmp(camera_model_at(c.camera[0].model)->name, "PINHOLE") == 0);
     CHECK(c.camera[1].id == 3 && c.camera[1].parameter_count == 8 && c.camera[1].parameter[7] == -2e-4);
     CHECK(c.image[2].id == 7 && c.image[2].camera_id == 1 && c.image[2].line == 2 &&
-          c.image[2].points_size > 0 && c.image[2].translation[1] == -1.5);
-    CHECK(c.image[0].id == 2 && c.image[0].camera_id == 3 && c.image[0].points_size == 0 &&
-          c.image[0].rotation[1] == 0.6 && !strcmp(c.names + c.image[0].name, "dive 1/IMG 0001.JPG"));
-    CHECK(c.image[1].id == 5 && c.image[1].points_at > c.image[2].points_at && c.image[1].points_size > 0);
+          c.image[2].translation[1] == -1.5);
+    CHECK(c.image[0].id == 2 && c.image[0].camera_id == 3 && c.image[0].rotation[1] == 0.6 &&
+          !strcmp(c.names + c.image[0].name, "dive 1/IMG 0001.JPG"));
+    CHECK(c.image[1].id == 5);
     CHECK(c.point[1].id == 9 && c.point[1].rgb[0] == 255 && c.point[1].rgb[1] == 0 &&
           c.point[1].rgb[2] == 128 && c.point[1].error == 0.25 && c.point[0].position[0] == 100);
     CHECK(c.point[1].first_track == 0 && c.point[1].track_count == 1 &&
@@ -259,7 +261,6 @@ TEST(colmap_missing_lines_of_2d_points_are_noticed)
         OWNED_COLMAP c = {0};
         CHECK_OK(colmap_try(colmap_good_cameras, cases[i].images, "", &c));
         CHECK(c.image_count == cases[i].count && c.warnings == cases[i].warnings);
-        CHECK((c.image[0].points_size > 0) == (i == 2));
     }
 }
 
@@ -451,21 +452,4 @@ TEST(colmap_ids_and_places_in_tracks_may_be_any)
     CHECK(c.point_count == 3 && c.point[0].id == INT64_MIN && c.point[2].id == INT64_MAX);
     CHECK(c.track_count == 2 && c.track[0].observation == 4294967295u &&
           c.image[c.track[1].image_row].id == 5);
-}
-
-TEST(colmap_records_the_offset_of_the_text_of_2d_points)
-{
-    static const char *const wanted[3] = {"", "1.5 2.5 9", "10.5 20.25 4 30 -0.5 -1"};
-    struct colmap c;
-    CHECK_OK(colmap_try(colmap_good_cameras, colmap_replaced(colmap_good_images, '\n', " \r\n\t"),
-                        colmap_good_points, &c));
-    colmap_free(test_ctx, &c);
-    OWNED_FILE file = test_file("model/images.txt");
-    for (size_t window = 1; window < 1000; window += window / 2 + 1) {
-        CHECK_OK(colmap_read(test_ctx, test_path("model"), window, NULL, &c));
-        for (size_t i = 0; i < 3; i++)
-            CHECK(c.image[i].points_size == strlen(wanted[i]) &&
-                  !memcmp(file.data + c.image[i].points_at, wanted[i], c.image[i].points_size));
-        colmap_free(test_ctx, &c);
-    }
 }

@@ -161,23 +161,15 @@ static int colmap_is_pose(const struct colmap_reader *r)
     return n >= 9 && n < 12 && (p < r->end || n % 3);
 }
 
-/* Finds where an image's 2D points are. If their line is missing, the reader does not advance. */
-static void colmap_read_observations(struct colmap_reader *r, struct colmap_image *image)
+/* Skips an image's 2D points. If their line is missing, the reader does not advance. */
+static void colmap_skip_observations(struct colmap_reader *r)
 {
-    if (r->out->format == COLMAP_BINARY) {
-        image->points_size = (size_t)colmap_count(r, "the number of 2D points", COLMAP_OBSERVATION);
-        image->points_size *= COLMAP_OBSERVATION;
-        image->points_at = colmap_offset(r, r->next);
-        colmap_skip(r, image->points_size);
-    } else if (colmap_next_line(r)) {
-        if (r->cursor < r->end && (*r->cursor == '#' || colmap_is_pose(r))) {
-            colmap_warn(r, WARN_NO_POINTS_LINE);
-            r->next = r->cursor;
-            r->line--;
-            return;
-        }
-        image->points_at = colmap_offset(r, r->cursor);
-        image->points_size = (size_t)(r->end - r->cursor);
+    if (r->out->format == COLMAP_BINARY)
+        colmap_skip(r, COLMAP_OBSERVATION * colmap_count(r, "the number of 2D points", COLMAP_OBSERVATION));
+    else if (colmap_next_line(r) && r->cursor < r->end && (*r->cursor == '#' || colmap_is_pose(r))) {
+        colmap_warn(r, WARN_NO_POINTS_LINE);
+        r->next = r->cursor;
+        r->line--;
     }
 }
 
@@ -192,7 +184,7 @@ static void colmap_read_image(struct colmap_reader *r)
     colmap_check_camera(r, image.camera_id);
     colmap_begin_name(r);
     colmap_read_name(r, &image.name);
-    colmap_read_observations(r, &image);
+    colmap_skip_observations(r);
     COLMAP_ADD(r, image, image);
 }
 

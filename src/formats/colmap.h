@@ -63,8 +63,6 @@ OXL_INTERNAL void colmap_close(struct colmap_reader *r, const char *rows);
 /* Moves to the next record: of text, a line that is not blank and no comment. 0: there is none. */
 OXL_INTERNAL int colmap_next_record(struct colmap_reader *r);
 OXL_INTERNAL int colmap_next_line(struct colmap_reader *r);
-/* Returns the position in the file of a byte of the buffer, and the number of bytes that follow it. */
-OXL_INTERNAL uint64_t colmap_offset(const struct colmap_reader *r, const char *at);
 
 /* Sets the error "PLACE: TEXT", with a fix, unless there is one. */
 OXL_INTERNAL oxl_result colmap_fail(struct colmap_reader *r, const char *fix, const char *format, ...)

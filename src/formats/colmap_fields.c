@@ -45,7 +45,8 @@ static int colmap_fill(struct colmap_reader *r)
     return r->rc == OXL_OK;
 }
 
-OXL_INTERNAL uint64_t colmap_offset(const struct colmap_reader *r, const char *at)
+/* Returns the position in the file of a byte of the buffer. */
+static uint64_t colmap_offset(const struct colmap_reader *r, const char *at)
 {
     return r->offset + (uint64_t)(at - r->buffer);
 }

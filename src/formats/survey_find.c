@@ -56,6 +56,14 @@ static int survey_holds(size_t row, const char *folder)
     return survey_has(0, folder) + survey_has(1, folder) == (row == 0 ? 2 : 1);
 }
 
+/* Returns the name of a file there that describes a survey without COLMAP's; NULL: there is none. */
+static const char *survey_has_other(const char *folder)
+{
+    for (size_t i = SURVEY_COLMAP; i < OXL_COUNT(SURVEY_FILES); i++)
+        if (survey_has(i, folder)) return SURVEY_FILES[i][0];
+    return NULL;
+}
+
 /* Reads the model of a folder, if it holds one; of equally many images, the first by name counts. */
 static void survey_try(struct survey_search *s, const char *folder)
 {
@@ -191,13 +199,11 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
             }
         }
         if (s.models == 0 && !sparse_option) survey_try(&s, path);
-        for (size_t i = SURVEY_COLMAP; s.row == 1 && s.rc == OXL_ERR_INPUT && i < OXL_COUNT(SURVEY_FILES);
-             i++)
-            if (!sparse_option && survey_has(i, path)) {
-                oxl_log(ctx, OXL_LOG_WARNING, "%s is read, not the model of COLMAP: %s",
-                        PATH(path, "%s", SURVEY_FILES[i][0]), oxl_error_text(ctx));
-                s.rc = OXL_OK;
-            }
+        if (s.row == 1 && s.rc == OXL_ERR_INPUT && !sparse_option && survey_has_other(path)) {
+            oxl_log(ctx, OXL_LOG_WARNING, "%s describes the survey, since COLMAP's model lacks a file: %s",
+                    survey_has_other(path), oxl_error_text(ctx));
+            s.rc = OXL_OK;
+        }
     }
     if (s.rc == OXL_OK && s.models == 0) s.rc = survey_find_fail(ctx, path, sparse, sparse_option != NULL);
     if (s.rc == OXL_OK && s.models > 1)

@@ -156,7 +156,8 @@ static oxl_result job_partition(struct job *job)
     oxl_result rc = manifest_read(job->ctx, job->out, &run);
     const double memory = oxl_json_number(run.text, "memory");
     if (rc == OXL_OK) rc = budget_partition(job->ctx, job->scene, &job->options, memory, &job->partition);
-    if (isnan(memory) && (job->partition.block_count > 1 || os_is_folder(JOB_BLOCK(job, JOB_COARSE_MODEL))))
+    if (rc == OXL_OK && isnan(memory) &&
+        (job->partition.block_count > 1 || os_is_folder(JOB_BLOCK(job, JOB_COARSE_MODEL))))
         job_drop_blocks(job);
     manifest_free(job->ctx, &run);
     partition_free_plan(job->ctx, &job->partition);

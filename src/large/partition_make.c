@@ -115,11 +115,8 @@ static oxl_result partition_begin(oxl_context *ctx, const oxl_scene *scene, oxl_
 
 static void partition_log(oxl_context *ctx, const struct partition *p)
 {
-    oxl_log(
-        ctx, p->block_count > 1 ? OXL_LOG_INFO : OXL_LOG_DEBUG,
-        "blocks       %d, cut in %dD; principal extents %.4g x %.4g x %.4g, third / second = %.3f (below %.1f: 2D)",
-        p->block_count, p->dimensions, p->extent[0], p->extent[1], p->extent[2], partition_flatness(p),
-        PARTITION_FLAT);
+    oxl_log(ctx, p->block_count > 1 ? OXL_LOG_INFO : OXL_LOG_DEBUG, "blocks       %d, cut in %dD",
+            p->block_count, p->dimensions);
 }
 
 OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene,

@@ -29,9 +29,6 @@ struct colmap_image {
     int64_t camera_id;
     size_t name; /* offset in colmap.names */
     size_t mask; /* offset of the mask's name, a path from colmap.folder; 0: the files name none */
-    /* offset of the image's 2D points in its file, text or binary, from which exports copy them */
-    uint64_t points_at;
-    size_t points_size; /* bytes; 0: none */
     int line;
     enum colmap_split split;
     double range[2]; /* nearest and farthest depth of what it shows, where the files state it; 0 0: unknown */
