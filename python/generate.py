@@ -92,11 +92,10 @@ def main():
     old = target.read_text()
     start, end = old.index(BEGIN), old.index(END)
     new = old[:start] + header.text() + old[end + len(END):]
-    if sys.argv[1:] == ["check"]:
-        if new != old:
-            sys.exit("python/oceanxl.py does not match oceanxl.h\nfix: python3 python/generate.py")
-    elif new != old:
+    if sys.argv[1:] != ["check"]:
         target.write_text(new)
+    elif new != old:
+        sys.exit("python/oceanxl.py does not match oceanxl.h\nfix: python3 python/generate.py")
 
 
 if __name__ == "__main__":

@@ -402,8 +402,8 @@ def _parameter(first, number, text, shape=None):
 
 
 class Model:
-    """Gaussians, in local coordinates: world = local + origin. len(model) is their number, model[rows] a copy of some. Training also sets
-    imaging, viewer (the model of scene.ply, if that was trained apart), iterations, finished, seconds and decisions."""
+    """Gaussians, in local coordinates: world = local + origin. len(model) is their number, model[rows] a copy, in which second lobes come
+    first. Training also sets imaging, viewer (scene.ply's model, if that was trained apart), iterations, finished, seconds, decisions."""
 
     __slots__ = "_owned context c imaging scene lent viewer iterations finished seconds decisions __weakref__".split()
     __iter__ = None
@@ -412,7 +412,8 @@ class Model:
     quats = _parameter(OXL_ROTATION, 4, "(N,4) w x y z, of any length")
     opacities = _parameter(OXL_OPACITY, 1, "(N) logit", lambda planes: planes[0])
     sh = _parameter(OXL_SH, 0, "(N,K,3) spherical harmonics; colour = 0.5 + sum of basis x coefficient",
-                    lambda planes: planes.reshape(-1, 3, planes.shape[1]).transpose(2, 0, 1))
+                    lambda planes: planes.reshape(len(planes) // 3, 3, -1).transpose(2, 0, 1))
+    lobes = _parameter(OXL_LOBE, 4, "(M,4) factors of the second lobes, which the first M Gaussians have: logit of opacity, log of scales")
     sh_degree = property(lambda self: self.c.sh_degree)
     origin = property(lambda self: np.array(self.c.origin[:]))
     copy = lambda self: self[:]
@@ -437,8 +438,7 @@ class Model:
         model.context.call(function, *arguments, byref(model.c))
         if scene:
             model.scene, model.c.origin[:] = scene, scene.origin
-            if not model.c.has_background:
-                model.background = scene.background
+            model.background = model.background if model.c.has_background else scene.background
         return model
 
     @classmethod
@@ -486,17 +486,20 @@ class Model:
         self.context.call(lib.oxl_trained_write, os.fsencode(folder), scene.c, byref(result))
 
     def _planes(self, first, number):
-        m = self.c
+        m, rows = self.c, self.c.lobes if first == OXL_LOBE else self.c.count
         at = [cast(m.plane[first + k], c_void_p).value for k in range(min(number, 2))]
-        planes = _array(self._owned, m.plane[first], (number, m.count), strides=(at[-1] - at[0] if m.count else 0, 4))
+        planes = _array(self._owned, m.plane[first], (number, rows), strides=(at[-1] - at[0] if rows else 0, 4))
         return planes if self.lent is None else self.lent.setdefault(first, (planes.copy(), planes))[0]
 
     def __getitem__(self, rows):
-        if self.c.lobes:
-            raise ValueError(f"{self.c.lobes} of {len(self)} Gaussians have second lobes: no copy\nfix: train with dog=\"off\"")
-        planes = self._planes(0, lib.oxl_model_planes(byref(self.c)))[:, [rows] if isinstance(rows, (int, np.integer)) else rows]
-        out = Model.create(planes.shape[1], self.c.sh_degree, self.context)
-        out._planes(0, len(planes))[...] = planes
+        rows = np.atleast_1d(np.arange(len(self))[rows])
+        rows = rows[np.argsort(rows >= self.c.lobes, kind="stable")]
+        out, lobes = Model.create(len(rows), self.c.sh_degree, self.context), np.count_nonzero(rows < self.c.lobes)
+        if lobes:  # in four planes of another model
+            out._owned.lobes = kept = Model.create(lobes, context=self.context)
+            out.c.lobes, out.c.plane[OXL_LOBE:] = lobes, kept.c.plane[:OXL_PLANES - OXL_LOBE]
+        for name in "means", "scales", "quats", "opacities", "sh", "lobes":
+            setattr(out, name, getattr(self, name)[rows[:lobes] if name == "lobes" else rows])
         for name in ("origin", "scale", "background", "has_background", "antialias", "view"):
             setattr(out.c, name, getattr(self.c, name))
         out.imaging, out.scene = self.imaging, self.scene
@@ -576,8 +579,7 @@ def evaluate(model, scene, split="test"):
         raise ValueError("the split has no view\nfix: load(path, test_every=8), or evaluate(model, scene, \"train\")")
 
     def row(struct):
-        values = {n: getattr(struct, n) for n, _ in struct._fields_ if n != "views"}
-        return {n: list(v) if isinstance(v, Array) else v for n, v in values.items()}
+        return {n: list(v) if isinstance(v, Array) else v for n, _ in struct._fields_ if n != "views" for v in [getattr(struct, n)]}
     return dict(row(owned.c), views=[row(owned.c.views[i]) for i in range(owned.c.count)])
 
 

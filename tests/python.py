@@ -106,6 +106,32 @@ def test_models_are_saved_read_and_cut():
     assert (work / "scene.ply").stat().st_size > 1000
 
 
+def test_models_with_second_lobes_are_cut():
+    copies, view = [], scene.views[3]
+
+    def keep(p):
+        assert len(p.model.means) == len(p.model)  # copy must not take this array for all planes
+        if p.iteration == 300:
+            copies.append((p.model.copy(), oxl.render_image(p.model, view, False)))
+    model = train(iterations=300, dog="selective", callback=keep)
+    lobes, image = model.lobes, oxl.render_image(model, view, False)
+    assert 0 < len(lobes) < len(model) and np.isfinite(lobes).all() and lobes.std() > 0
+    for same, wanted in [(model.copy(), image), (model[::-1].copy(), image), *copies]:
+        assert np.allclose(oxl.render_image(same, view, False), wanted, atol=1e-4)
+    clear = model.copy()
+    clear.c.lobes = 0
+    assert abs(oxl.render_image(clear, view, False) - image).max() > 1e-3
+    mask = np.arange(len(model)) % 3 == 1
+    cut = model[mask]
+    assert len(cut) == mask.sum() and np.array_equal(cut.lobes, lobes[mask[:len(lobes)]]) and np.array_equal(cut.means, model.means[mask])
+    turned = model[[len(model) - 1, 2, 0]]
+    assert np.array_equal(turned.means, model.means[[2, 0, len(model) - 1]]) and np.array_equal(turned.lobes, lobes[[2, 0]])
+    assert [len(model[i].lobes) for i in (0, -1, slice(0, 0), [])] == [1, 0, 0, 0]
+    cut.imaging = None
+    cut.save(work / "lobes.ply")
+    assert np.allclose(oxl.Model.read(work / "lobes.ply", scene).lobes, cut.lobes)
+
+
 def test_images_depth_and_alpha_are_of_one_surface():
     model = train(iterations=300)
     view = scene.views[3]
