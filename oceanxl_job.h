@@ -111,6 +111,7 @@ typedef struct oxl_option {
     oxl_option_kind kind;
     /* offset of the field in oxl_job_options, or in the struct of the program's table */
     size_t at;
+    const char *field;     /* its name, "train.sh_degree" */
     double low, high;      /* inclusive range of a number */
     const char *preset[3]; /* default as text, by oxl_preset; NULL: 0 */
     oxl_option_tier tier;

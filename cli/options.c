@@ -97,10 +97,10 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
 #define LEAST 1e-9 /* Limits, in metres, a length that may not be 0. */
 #define MOST 1e15  /* Limits plausible values, in metres or seconds. */
 /* Makes a row of what differs between the options of the program: none has presets. */
-#define ROW(name, value, kind, field, low, high, tier, use, group, help)                                    \
-    {                                                                                                       \
-        name, value, OXL_OPTION_##kind, offsetof(struct arguments, field), low, high, {0}, OXL_TIER_##tier, \
-            use, group, help                                                                                \
+#define ROW(name, value, kind, field, low, high, tier, use, group, help)                           \
+    {                                                                                              \
+        name, value, OXL_OPTION_##kind, offsetof(struct arguments, field), #field, low, high, {0}, \
+            OXL_TIER_##tier, use, group, help                                                      \
     }
 
 /* Lists the program's options. arguments_default has their defaults; `use` has a bit for each command. */

@@ -70,9 +70,14 @@ TEST(options_of_floats_are_the_shortest_text_of_the_same_bits)
 TEST(options_are_named_as_fields_in_texts_for_programs)
 {
     test_ctx->options.command_line = 0;
-    oxl_fail(test_ctx, OXL_ERR_MEMORY, "limit it by --max-side or --ram; colmap --output_path, a--b");
+    oxl_fail(test_ctx, OXL_ERR_MEMORY,
+             "by --max-side or --image-cache; colmap --output_path, --partition none, --force");
+    CHECK(!strcmp(
+        oxl_error_text(test_ctx),
+        "by max_side or image_cache_bytes; colmap --output_path, partition.kind none, allow_truncated"));
+    oxl_fail(test_ctx, OXL_ERR_MEMORY, "%*s--image-cache", (int)sizeof test_ctx->error - 14, "");
     test_ctx->options.command_line = 1;
-    CHECK_SAYS("limit it by max_side or ram; colmap --output_path, a--b");
+    CHECK_SAYS(" image_cache_");
     oxl_fail(test_ctx, OXL_ERR_MEMORY, "limit it by --max-side");
     CHECK_SAYS("limit it by --max-side");
 }
@@ -179,6 +184,9 @@ TEST(options_check_names_the_one_that_is_out_of_range)
     o.train.cooldown = NAN;
     CHECK_ERROR(oxl_train_options_check(test_ctx, &o.train), OXL_ERR_USAGE,
                 "cooldown is nan, expected a number from 0 to 1");
+    o = oxl_job_options_default(OXL_PRESET_DRAFT);
+    o.train.max_seconds = -1;
+    CHECK_ERROR(oxl_job_options_check(test_ctx, &o), OXL_ERR_USAGE, "max_seconds is -1, expected a time");
 }
 
 /* Another value than the default's for every option of the result. */

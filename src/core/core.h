@@ -76,7 +76,7 @@ struct oxl_context {
     char error[1024];
     struct text *notes; /* copies of log lines, as elements of a JSON array; NULL: none are kept */
     oxl_result failed;  /* code of `error`, for callers of functions that return a pointer */
-    void (*name_fields)(char *text); /* option_name_fields, or NULL */
+    void (*name_fields)(char *text, size_t size); /* option_name_fields, or NULL */
 };
 
 /* Open and close a context without its backend, which backend.c opens. */
@@ -84,9 +84,9 @@ OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_con
 OXL_INTERNAL void context_close(oxl_context *ctx);
 
 /* Names options in a text as fields, unless the caller is the command line. */
-static inline void context_name_fields(const oxl_context *ctx, char *text)
+static inline void context_name_fields(const oxl_context *ctx, char *text, size_t size)
 {
-    if (!ctx->options.command_line && ctx->name_fields) ctx->name_fields(text);
+    if (!ctx->options.command_line && ctx->name_fields) ctx->name_fields(text, size);
 }
 
 OXL_INTERNAL int context_thread(void); /* index of this thread in a parallel region, from 0 */
@@ -160,8 +160,8 @@ OXL_INTERNAL const char *path_in(char out[PATH_LENGTH], const char *folder, cons
 /* Makes oxl_shell_word's text in a temporary, for the commands in messages. */
 #define SHELL_WORD(path) oxl_shell_word(path, (char[PATH_LENGTH]){0}, PATH_LENGTH)
 OXL_API const char *oxl_shell_word(const char *path, char *out, size_t size);
-/* Names options in a text as the fields that programs set: --max-side becomes max_side. */
-OXL_INTERNAL void option_name_fields(char *text);
+/* Names options in a text as the fields that programs set: --image-cache becomes image_cache_bytes. */
+OXL_INTERNAL void option_name_fields(char *text, size_t size);
 OXL_INTERNAL const char *path_base_name(const char *path); /* part after the last slash */
 /* Returns the longest end of a name, from a slash on, that is a file of the folder; else the name. */
 OXL_INTERNAL const char *path_longest_tail(const char *folder, const char *name);

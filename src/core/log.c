@@ -10,7 +10,7 @@ OXL_INTERNAL void oxl_log(oxl_context *ctx, oxl_log_level level, const char *for
     va_start(args, format);
     vsnprintf(line, sizeof line, format, args);
     va_end(args);
-    context_name_fields(ctx, line);
+    context_name_fields(ctx, line, sizeof line);
     if (ctx->notes) {
         text_add(ctx->notes, "%s\n    {\"level\": \"%s\", \"text\": ", ctx->notes->size ? "," : "",
                  levels[level]);

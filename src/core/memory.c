@@ -10,7 +10,7 @@ oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...)
     va_start(args, format);
     vsnprintf(ctx->error, sizeof ctx->error, format, args);
     va_end(args);
-    context_name_fields(ctx, ctx->error);
+    context_name_fields(ctx, ctx->error, sizeof ctx->error);
     ctx->failed = rc;
     return rc;
 }

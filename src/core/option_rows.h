@@ -11,7 +11,7 @@
 
 #include <stddef.h>
 
-#define OPTION_AT(member) offsetof(oxl_job_options, member)
+#define OPTION_AT(member) offsetof(oxl_job_options, member), #member
 #define EACH(text)       \
     {                    \
         text, text, text \

@@ -72,7 +72,7 @@ static const oxl_option OPTIONS[] = {
 
 int oxl_option_count(void)
 {
-    int count = (int)OXL_COUNT(OPTIONS);
+    int count = 0;
     while (oxl_option_at(count)) count++;
     return count;
 }
@@ -82,18 +82,23 @@ const oxl_option *oxl_option_at(int index)
     return index < (int)OXL_COUNT(OPTIONS) ? &OPTIONS[index] : parts_option(index - (int)OXL_COUNT(OPTIONS));
 }
 
-OXL_INTERNAL void option_name_fields(char *text)
+/* Names a field as in the struct that holds it: "max_side", but "partition.cut". */
+static const char *option_field(const oxl_option *o)
 {
-    for (char *at = text; (at = strstr(at, "--")) != NULL;) {
-        char name[40];
-        const size_t size = strspn(at + 2, "abcdefghijklmnopqrstuvwxyz-");
-        snprintf(name, sizeof name, "%.*s", (int)OXL_MIN(size, sizeof name - 1), at + 2);
-        if (oxl_option_find(name)) {
-            memmove(at, at + 2, strlen(at + 2) + 1);
-            for (size_t i = 0; i < size; i++)
-                if (at[i] == '-') at[i] = '_';
-        } else at += 2;
-        at += size;
+    return o->field + (strcspn(o->field, ".") == 5 ? 6 : 0); /* "train." and "scene." have 6 letters */
+}
+
+OXL_INTERNAL void option_name_fields(char *text, size_t size)
+{
+    char rest[OXL_SURVEY_TEXT];
+    for (char *at = text; (at = strstr(at, "--")) != NULL; at += 2) {
+        char *end = at + 2 + strspn(at + 2, "abcdefghijklmnopqrstuvwxyz-");
+        const oxl_option *o;
+        snprintf(rest, sizeof rest, "%s", end);
+        *end = 0;
+        o = oxl_option_find(at + 2);
+        *end = rest[0];
+        if (o) snprintf(at, size - (size_t)(at - text), "%s%s", option_field(o), rest);
     }
 }
 
@@ -119,20 +124,16 @@ const char *oxl_option_member(const oxl_option *option, char out[40])
 
 /* ---------------- defaults */
 
-/* Returns options that every check refuses, in the place of an unknown preset's. */
-static oxl_job_options option_no_preset(void)
-{
-    oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
-    o.preset = "unknown";
-    o.train.iterations = 0;
-    return o;
-}
-
 oxl_job_options oxl_job_options_default(oxl_preset preset)
 {
     oxl_job_options o = {.scene = {.read_images = 1}};
     const oxl_option *row;
-    if (preset < OXL_PRESET_DRAFT || preset > OXL_PRESET_PAPER) return option_no_preset();
+    if (preset < OXL_PRESET_DRAFT || preset > OXL_PRESET_PAPER) { /* refused by every check */
+        o = oxl_job_options_default(OXL_PRESET_DRAFT);
+        o.preset = "unknown";
+        o.train.iterations = 0;
+        return o;
+    }
     o.preset = OPTIONS[0].preset[preset];
     for (int i = 1; (row = oxl_option_at(i)) != NULL; i++)
         if (row->preset[preset]) oxl_option_set(row, &o, row->preset[preset], NULL, 0);
@@ -214,7 +215,7 @@ static int option_quantity(const char *text, const struct option_unit *units, do
 
 static int option_whole(const char *text, double *out)
 {
-    return text[0] && text[strspn(text, "0123456789")] == 0 && option_unsigned(&text, out);
+    return text[strspn(text, "0123456789")] == 0 && option_unsigned(&text, out);
 }
 
 /* Parses 0.004, or 1/255: the quotient of two floats. */
@@ -245,10 +246,11 @@ static int option_three(const char *text, double out[3])
 static int option_read_rgb(const oxl_option *o, const char *text, float *out)
 {
     double v[3] = {-1, -1, -1};
-    const int is_word = option_word(o) && !strcmp(text, "auto");
-    if (!is_word && !option_three(text, v)) return 0;
-    for (int k = 0; k < 3; k++)
-        if (!is_word && !(v[k] >= o->low && v[k] <= o->high)) return 0;
+    if (!option_word(o) || strcmp(text, "auto")) {
+        if (!option_three(text, v)) return 0;
+        for (int k = 0; k < 3; k++)
+            if (!(v[k] >= o->low && v[k] <= o->high)) return 0;
+    }
     for (int k = 0; k < 3; k++) out[k] = (float)v[k];
     return 1;
 }
@@ -359,9 +361,12 @@ static void option_describe_range(const oxl_option *o, char out[160])
     format_shortest(high, o->high);
     if (option_word(o)) snprintf(word, sizeof word, "%.*s or ", (int)option_word(o), o->value);
     switch (o->kind) {
-    case OXL_OPTION_INT: snprintf(out, 160, "%sa whole number from %s to %s", word, low, high); break;
+    case OXL_OPTION_INT:
     case OXL_OPTION_FLOAT:
-    case OXL_OPTION_DOUBLE: snprintf(out, 160, "%sa number from %s to %s", word, low, high); break;
+    case OXL_OPTION_DOUBLE:
+        snprintf(out, 160, "%sa %snumber from %s to %s", word, o->kind == OXL_OPTION_INT ? "whole " : "", low,
+                 high);
+        break;
     case OXL_OPTION_SIZE: snprintf(out, 160, "WxH, each from %s to %s", low, high); break;
     case OXL_OPTION_SEED: snprintf(out, 160, "a whole number below 2^53"); break;
     case OXL_OPTION_BYTES: snprintf(out, 160, "a size, e.g. 512M or 4G"); break;
@@ -493,7 +498,7 @@ OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag)
 oxl_result oxl_job_options_check(oxl_context *ctx, const oxl_job_options *options)
 {
     oxl_job_options read = *options;
-    char text[128], wanted[160], name[40];
+    char text[128], wanted[160];
     const oxl_option *row;
     for (int i = 1; (row = oxl_option_at(i)) != NULL; i++) {
         if (row->kind == OXL_OPTION_TEXT) continue;
@@ -501,7 +506,7 @@ oxl_result oxl_job_options_check(oxl_context *ctx, const oxl_job_options *option
         if (oxl_option_set(row, &read, text, NULL, 0) == OXL_OK) continue;
         option_describe_range(row, wanted);
         return oxl_fail(ctx, OXL_ERR_USAGE, "%s is %s, expected %s\nfix: the default is %s",
-                        oxl_option_member(row, name), text, wanted, row->preset[0] ? row->preset[0] : "0");
+                        option_field(row), text, wanted, row->preset[0] ? row->preset[0] : "0");
     }
     return OXL_OK;
 }

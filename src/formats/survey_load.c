@@ -39,8 +39,8 @@ static oxl_result scene_open(oxl_context *ctx, const char *path, const char *fil
             ctx, OXL_ERR_INPUT,
             "%s: a file in this folder holds fewer rows than its header announces (see the warning), "
             "expected all of them\nfix: export the model again: colmap model_converter --output_type "
-            "TXT; or train on the rows that exist: %s",
-            scene->colmap.folder, ctx->options.command_line ? "--force" : "allow_truncated");
+            "TXT; or train on the rows that exist: --force",
+            scene->colmap.folder);
     scene->from_files = 1;
     scene->may_miss = o->missing_images;
     scene->images = oxl_strdup(ctx, o->images || !scene->colmap.images ? images : scene->colmap.images);

@@ -219,7 +219,7 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, cons
     survey_write_iterations(options, whole.train.iterations, out);
     if (closely) rc = survey_write_blocks(ctx, scene, &whole, out);
     survey_write_warnings(out, survey_has_no_baseline(scene));
-    context_name_fields(ctx, out->warnings);
+    context_name_fields(ctx, out->warnings, OXL_SURVEY_TEXT);
     return rc;
 }
 
