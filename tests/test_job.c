@@ -311,6 +311,7 @@ TEST(job_in_blocks_of_a_wholly_black_survey_ends_with_a_model)
     }
     job_test_done("out", &options);
     CHECK(test_has("out/scene.ply"));
+    CHECK_IN("out/blocks/000/block.json", "\"iterations_done\": 0,"); /* no view shows it: not trained */
 }
 
 /* Leaves in `out` a run with these options that was stopped after five steps. */

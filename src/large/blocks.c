@@ -99,10 +99,8 @@ static oxl_result blocks_train_block(struct blocks *b, int block, const char *fo
     /* A block without Gaussians, or without a window in any view, as in a survey that is wholly black, keeps
      * the coarse model's Gaussians. */
     if (rc == OXL_OK && (plan.own.count == 0 || plan.views == 0))
-        rc = block_keep(
-            job->ctx, job->scene, &task,
-            &(oxl_trained){
-                .model = plan.own, .imaging = &job->imaging, .iterations = plan.last, .finished = 1});
+        rc = block_keep(job->ctx, job->scene, &task,
+                        &(oxl_trained){.model = plan.own, .imaging = &job->imaging, .finished = 1});
     else if (rc == OXL_OK) {
         blocks_set_options(&plan, &task.train);
         blocks_limit(job, &plan, &task);
