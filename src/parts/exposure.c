@@ -11,10 +11,11 @@
  * while Gaussians are coarse.
  *
  * auto: a model without gains shows a place with the mean gain of the views that see it; a held-out view has
- * about the gain of its neighbours. So gains are on where neighbours explain more of the tracks' gains than
- * EXPOSURE_CLEAR times the tracks' noise: the root of the difference of squares. They are on, too, where
- * exposures jump by EXPOSURE_BRACKETS, as no single brightness fits the images. Where gains are refused,
- * lamp and medium have the values of a fit without them, if it shows the same parts (train_imaging.c).
+ * about the gain of its neighbours. So gains are on where neighbours explain more of the tracks' gains (the
+ * root of the difference of squares) than EXPOSURE_CLEAR times the tracks' noise, or than EXPOSURE_SMOOTHER
+ * times what they leave. They are on, too, where exposures jump by EXPOSURE_BRACKETS, as no single
+ * brightness fits the images. Where gains are refused, lamp and medium have the values of a fit without
+ * them, if it shows the same parts (train_imaging.c).
  *
  * Rendering on a device, a step's gains do not depend on the gradient of the step before: that is read while
  * the device works on the step
@@ -38,6 +39,9 @@
 /* what neighbours explain over the noise: gains are worth -0.5 to 0.25 dB at 0.8 to 1.1, 0.3 to 0.8 at 1.7 to
  * 2.6, and cost 0.6 dB in a viewer at 3.0 in brighton_beach (docs/log/IMAGING.md) */
 #define EXPOSURE_CLEAR 1.5
+/* what neighbours explain over what they leave: 3.4 in subvo_pool, which gains 0.23 dB, and 0 to 3.0 in
+ * surveys that the noise decides (docs/log/IMAGING.md) */
+#define EXPOSURE_SMOOTHER 3.0
 /* difference of images from which gains are on anyway; surveys have .04 to .13 (docs/log/IMAGING.md) */
 #define EXPOSURE_BRACKETS 0.3
 
@@ -120,26 +124,27 @@ static double exposure_left(const struct oxl_imaging *m, const uint8_t *fitted)
 OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct photometry *p, char *why,
                                            size_t size)
 {
-    const int fits = (p->parts & PHOTOMETRY_GAINS) != 0;
-    double left = 0, explained = 0, noise = 0;
+    int on = 0;
     snprintf(why, size, p->points ? "images do not differ" : "too few points are seen in several images");
-    if (fits) {
+    if (p->parts & PHOTOMETRY_GAINS) {
+        double left, explained, noise;
         memcpy(e->of.log_gain, p->log_gain, 3 * (size_t)e->of.views * sizeof *e->of.log_gain);
         for (int i = 0; i < e->of.views; i++) e->of.known[i] = p->fitted[i] != 0;
         imaging_centre(&e->of, e->level);
         left = exposure_left(&e->of, p->fitted);
         explained = sqrt(OXL_MAX(0, p->unexplained * p->unexplained - left * left));
         noise = p->residual / p->brightness;
+        on = explained > OXL_MIN(EXPOSURE_CLEAR * noise, EXPOSURE_SMOOTHER * left) ||
+             p->unexplained >= EXPOSURE_BRACKETS;
         e->known_until = EXPOSURE_HOLD;
         snprintf(
             why, size,
             "images differ by %.1f %%; this is the rms gain relative to other images of the same points (%zu points, %zu observations); "
-            "neighbouring images predict %.1f %% and leave %.1f %%; auto is on from %.2g times the noise of %.1f %%",
-            100 * p->unexplained, p->points, p->observations, 100 * explained, 100 * left, EXPOSURE_CLEAR,
-            100 * noise);
+            "neighbouring images predict %.1f %% and leave %.1f %%; auto is on above %.2g times that, or %.2g times the noise of %.1f %%",
+            100 * p->unexplained, p->points, p->observations, 100 * explained, 100 * left, EXPOSURE_SMOOTHER,
+            EXPOSURE_CLEAR, 100 * noise);
     }
-    if (e->mode == OXL_AUTO)
-        e->of.on = fits && (explained >= EXPOSURE_CLEAR * noise || p->unexplained >= EXPOSURE_BRACKETS);
+    if (e->mode == OXL_AUTO) e->of.on = on;
     if (!e->of.on) imaging_clear(&e->of);
 }
 
