@@ -471,7 +471,7 @@ TEST(job_keeps_what_the_log_said_also_over_an_interruption)
     CHECK(job_test_watched("out", &options, &watch) == OXL_ERR_INTERRUPTED);
     job_test_done("out", &options);
     CHECK_IN("out/run.json", "{\"level\": \"info\", \"text\": \"images ");
-    CHECK_IN("out/run.json", "blocks       1, cut in 2D");
+    CHECK_IN("out/run.json", "{\"level\": \"info\", \"text\": \"iterations ");
     CHECK(!job_test_has("out/run.json", "resumed after iteration"));
     CHECK_IN("out/blocks/000/block.json", "{\"level\": \"info\", \"text\": \"resumed after iteration 5\"}");
 }

@@ -80,7 +80,8 @@ static oxl_result job_add_viewer(struct job *job, struct text *t, const oxl_trai
     imaging_hide(&seen, hides);
     rc = evaluate_plain(job->ctx, &trained->viewer, job->scene, &seen, job_evaluated_split(job), &plain);
     if (rc != OXL_OK) return rc;
-    oxl_log(job->ctx, OXL_LOG_INFO, "viewers      %s without imaging.txt: PSNR %.2f dB (%+.2f dB)", name,
+    oxl_log(job->ctx, OXL_LOG_INFO,
+            "viewers      other viewers show %s without imaging.txt: PSNR %.2f dB (%+.2f dB)", name,
             plain.psnr, plain.psnr - m->psnr);
     for (int i = 0; i < m->count && i < plain.count && hides; i++)
         m->views[i].plain_psnr = plain.views[i].plain_psnr;
@@ -110,11 +111,10 @@ static void job_log_metrics(struct job *job, const oxl_metrics *m, size_t gaussi
     if (m->count == 0)
         oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be evaluated, so there are no metrics");
     else
-        oxl_log(
-            job->ctx, OXL_LOG_INFO,
-            "%s views: PSNR %.2f dB, SSIM %.4f, structure %.3f, means over %d views; %zu Gaussians, %.1f MB",
-            job_evaluated_split(job) == OXL_SPLIT_TEST ? "held-out test" : "training", m->psnr, m->ssim,
-            m->structure, m->count, gaussians, (double)bytes / 1e6);
+        oxl_log(job->ctx, OXL_LOG_INFO,
+                "%s PSNR %.2f dB, SSIM %.3f, structure %.3f, means over %d views; %zu Gaussians, %.1f MB",
+                job_evaluated_split(job) == OXL_SPLIT_TEST ? "held out    " : "training    ", m->psnr,
+                m->ssim, m->structure, m->count, gaussians, (double)bytes / 1e6);
     if (m->unshown >= JOB_UNSHOWN)
         oxl_log(
             job->ctx, OXL_LOG_INFO,
@@ -122,7 +122,7 @@ static void job_log_metrics(struct job *job, const oxl_metrics *m, size_t gaussi
             m->shown_psnr, 100 * m->unshown);
     if (!isnan(m->aligned_psnr))
         oxl_log(job->ctx, OXL_LOG_INFO,
-                "refined      PSNR %.2f dB, SSIM %.4f with the poses of held-out views refined, too",
+                "refined      PSNR %.2f dB, SSIM %.3f if the poses of held-out views are refined, too",
                 m->aligned_psnr, m->aligned_ssim);
 }
 
@@ -158,7 +158,7 @@ static void job_add_partition_decision(const struct job *job, struct text *t)
     const double ratio = p->extent[1] > 0 ? p->extent[2] / p->extent[1] : 0;
     text_add(
         t,
-        "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"evidence\": \"%zu points; third / second extent = %s%s\"}",
+        "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"evidence\": \"%zu points; their smallest extent is %s of the second%s\"}",
         p->block_count == 1  ? "none"
         : p->dimensions == 2 ? "2d"
                              : "3d",

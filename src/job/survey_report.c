@@ -88,7 +88,7 @@ static void survey_write_prediction(const oxl_context *ctx, oxl_survey *s)
     survey_add(s->text, ", %.2f GB of memory", s->memory / 1e9);
     if (s->memory_free > 0) survey_add(s->text, " (%.1f GB free)", s->memory_free / 1e9);
     if (seconds > 0)
-        survey_add(s->text, ", about %.*f %s on %d thread%s (%s)", unit > 60, seconds / unit,
+        survey_add(s->text, ", about %.*f %s on %d thread%s (%s)", unit > 60, OXL_MAX(seconds / unit, 1),
                    seconds < 90     ? "s"
                    : seconds < 5400 ? "min"
                                     : "h",

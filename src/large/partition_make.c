@@ -113,12 +113,6 @@ static oxl_result partition_begin(oxl_context *ctx, const oxl_scene *scene, oxl_
     return rc;
 }
 
-static void partition_log(oxl_context *ctx, const struct partition *p)
-{
-    oxl_log(ctx, p->block_count > 1 ? OXL_LOG_INFO : OXL_LOG_DEBUG, "blocks       %d, cut in %dD",
-            p->block_count, p->dimensions);
-}
-
 OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene,
                                        const oxl_partition_options *o, struct partition *out)
 {
@@ -135,8 +129,9 @@ OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene,
         rc = partition_cut(ctx, out, o->cut, blocks, limit);
     }
     if (rc == OXL_OK) rc = partition_find_views(ctx, out);
-    if (rc == OXL_OK) partition_log(ctx, out);
-    else partition_free(ctx, out);
+    if (rc != OXL_OK) partition_free(ctx, out);
+    else if (out->block_count > 1)
+        oxl_log(ctx, OXL_LOG_INFO, "blocks       %d, cut in %dD", out->block_count, out->dimensions);
     return rc;
 }
 

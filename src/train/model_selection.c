@@ -21,9 +21,10 @@ OXL_INTERNAL void selection_record(struct train *t, const char *what, const char
 
 OXL_INTERNAL void selection_log(struct train *t, const char *what, int on, const char *why)
 {
-    if (!t->task.window) /* a block repeats what the coarse model has decided */
-        oxl_log(t->ctx, OXL_LOG_INFO, "%-12s %s, %.*s", what, on ? "on" : "off", (int)strcspn(why, ";"), why);
-    oxl_log(t->ctx, OXL_LOG_DEBUG, "%s %s: %s", what, on ? "on" : "off", why);
+    const size_t end = strcspn(why, ";");
+    if (t->task.window) return; /* a block repeats what the coarse model has decided */
+    oxl_log(t->ctx, OXL_LOG_INFO, "%-12s %s, %.*s", what, on ? "on" : "off", (int)end, why);
+    if (why[end]) oxl_log(t->ctx, OXL_LOG_DEBUG, "             %s", why + end + 2);
 }
 
 OXL_INTERNAL void selection_record_auto(struct train *t, const char *what, oxl_switch mode, int on,
