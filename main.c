@@ -89,7 +89,8 @@ static oxl_result check_places(oxl_context *ctx, const struct arguments *a, cons
     if (a->json && a->control)
         return oxl_fail(ctx, OXL_ERR_USAGE, "--control prints a table\nfix: leave --json out");
     if (a->json) return OXL_OK;
-    read.read_images = 0;
+    read.read_images = !a->control; /* by the names of the images, which may differ from those in the model */
+    read.auto_mask = 0;
     rc = oxl_context_create(NULL, &quiet);
     if (rc == OXL_OK) rc = oxl_scene_load(quiet, a->path[0], &read, &scene);
     if (rc == OXL_OK) gps_say(scene, read.images, a->path[0], stdout);
@@ -294,19 +295,18 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
     printf("%8s %8s %8s %9s  view\n", "PSNR dB", "cc-PSNR", "SSIM", "structure");
     for (int i = 0; i < m->count; i++) {
         const oxl_view_metrics *v = &m->views[i];
-        printf("%8.3f %8.3f %8.5f %9.4f", v->psnr, v->cc_psnr, v->ssim, v->structure);
-        print_format(stdout, "  %s\n", oxl_scene_view(scene, v->view)->name);
+        print_format(stdout, "%8.2f %8.2f %8.4f %9.3f  %s\n", v->psnr, v->cc_psnr, v->ssim, v->structure,
+                     oxl_scene_view(scene, v->view)->name);
     }
-    printf("%8.3f %8.3f %8.5f %9.4f", m->psnr, m->cc_psnr, m->ssim, m->structure);
-    printf("  mean of %d\n", m->count);
+    printf("%8.2f %8.2f %8.4f %9.3f  mean of %d\n", m->psnr, m->cc_psnr, m->ssim, m->structure, m->count);
     printf(
-        "the lowest structure of a view is %.4f; structure is below %.1f in %d views; PSNR at mean exposure is %.3f dB\n",
-        m->structure_least, OXL_STRUCTURE_NONE, m->no_structure, m->plain_psnr);
+        "The lowest structure of a view is %.3f; %d of %d views have a structure below %.1f. PSNR at mean exposure is %.2f dB.\n",
+        m->structure_least, m->no_structure, m->count, OXL_STRUCTURE_NONE, m->plain_psnr);
     if (m->unshown > 0)
-        printf("PSNR is %.3f dB without the %.1f %% of the pixels whose place no training view shows\n",
+        printf("PSNR is %.2f dB without the %.0f %% of the pixels whose place no training view shows.\n",
                m->shown_psnr, 100 * m->unshown);
     puts("cc-PSNR is PSNR after one factor per channel and view: it ignores exposure and white balance.\n"
-         "structure is the correlation of detail between image and rendering: 1 is identical, 0 is haze.");
+         "Structure is the correlation of detail between image and rendering: 1 is identical, 0 is haze.");
 }
 
 static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)

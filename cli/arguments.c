@@ -194,13 +194,7 @@ int arguments_parse(int argc, char **argv, struct arguments *a)
     *a = arguments_default();
     parse_first(argc, argv, a);
     if (a->version || a->help || a->manual || a->page) return 0;
-    if (argc < 2) {
-        char names[200] = "";
-        size_t used = 0;
-        for (int i = 1; i < COMMANDS && used < sizeof names; i++)
-            used += (size_t)snprintf(names + used, sizeof names - used, " %s", CLI_COMMANDS[i].name);
-        return fail(a, "a command is expected:%s\nfix: oceanxl --help", names);
-    }
+    if (argc < 2) return fail(a, "a command is expected\nfix: oceanxl --help lists them");
     if (find_command(argv[1], a)) return 1;
     for (int i = 2; i < argc; i++) {
         if (!ended && strcmp(argv[i], "--") == 0) ended = 1; /* paths that follow may begin with a dash */

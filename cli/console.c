@@ -157,6 +157,7 @@ static void print_progress(struct console *c, const oxl_progress *p)
     static const char *const stages[] = {"block", "coarse", "merged"}; /* enum oxl_stage */
     const double rate =
         (p->iteration - c->iteration) / (p->seconds > c->seconds ? p->seconds - c->seconds : 1e-9);
+    const int before = p->iterations > c->planned ? c->planned : 0; /* steps of the run, during those added */
     if (rate > 0) c->rate = c->rate > 0 ? 0.7 * c->rate + 0.3 * rate : rate;
     c->iteration = p->iteration;
     c->seconds = p->seconds;
@@ -173,7 +174,8 @@ static void print_progress(struct console *c, const oxl_progress *p)
     console_clear(c);
     if (p->stage != OXL_STAGE_BLOCK) fprintf(stderr, "%s model ", stages[p->stage]);
     else if (p->blocks > 1) fprintf(stderr, "block %d/%d ", p->block, p->blocks);
-    fprintf(stderr, "%6d/%d", p->iteration, p->iterations);
+    if (before) fprintf(stderr, "model for other viewers ");
+    fprintf(stderr, "%6d/%d", p->iteration - before, p->iterations - before);
     if (p->loss > 0) /* else no step has told it: a stage begins, or a device has the first step still */
         fprintf(stderr, "  loss %.4f  PSNR %.2f dB", p->loss, p->psnr);
     fprintf(stderr, "  %zu Gaussians", p->gaussians);
@@ -192,7 +194,8 @@ int console_progress(void *user, const oxl_progress *p)
     const int twentieth = (int)(20.0 * p->iteration / (p->iterations > 0 ? p->iterations : 1));
     double since;
     int due;
-    if (p->seconds < c->seconds) { /* another block or job has begun */
+    if (!c->planned || p->seconds < c->seconds) { /* another block or job has begun */
+        c->planned = p->iterations;
         c->iteration = p->iteration;
         c->seconds = p->seconds;
         c->twentieth = 0;

@@ -10,7 +10,8 @@ struct console {
     int live;           /* 1: standard error is a terminal, on which one line is rewritten */
     int shown;          /* 1: the live line has no newline yet */
     int twentieth;      /* last twentieth of the run that was shown */
-    int iteration;      /* iteration and seconds at the last line */
+    int planned;   /* steps of the block or job as first reported; the model for other viewers adds some */
+    int iteration; /* iteration and seconds at the last line */
     double seconds;
     double rate; /* iterations a second, smoothed over the lines */
     struct cli_memory memory;

@@ -94,23 +94,16 @@ static void help_row(FILE *to, const char *left, const char *right, const char *
 
 static void help_overview(FILE *to)
 {
-    fprintf(to, "OceanXL " OXL_VERSION " %s\n", HELP_PURPOSE);
-    fputs("  oceanxl train survey -o out\n\n"
-          "Commands (oceanxl COMMAND --help says more, oceanxl --man is the manual page)\n",
-          to);
+    fprintf(to,
+            "OceanXL " OXL_VERSION " %s\n  oceanxl train survey -o out\n\n"
+            "Commands (oceanxl COMMAND --help describes one; oceanxl --man prints the manual page)\n",
+            HELP_PURPOSE);
     for (int i = 1; i < COMMANDS; i++) {
         char left[64];
         snprintf(left, sizeof left, "%s %s", CLI_COMMANDS[i].name, CLI_COMMANDS[i].usage);
         help_row(to, left, CLI_COMMANDS[i].purpose, "");
     }
     fprintf(to, "\n%sExit codes: %s", HELP_SCENE, HELP_CODES);
-}
-
-static void help_option(FILE *to, int index)
-{
-    const oxl_option *o = cli_option_at(index);
-    char left[100], standard[HELP_DEFAULT];
-    help_row(to, help_option_text(o, left), o->help, help_default(index, standard));
 }
 
 /* Prints the options of a command, or of all commands, group by group. Returns how many it left out. */
@@ -121,12 +114,13 @@ static int help_options(FILE *to, enum command command, int all)
         for (int i = g, shown = 0; i < cli_option_count() && help_group_begins(g); i++) {
             const oxl_option *o = cli_option_at(i);
             const int hidden = o->tier != OXL_TIER_BASIC && !all;
+            char left[100], standard[HELP_DEFAULT];
             if (!help_is_of_group(i, g) || (command != COMMAND_NONE && !cli_option_is_of(i, command)))
                 continue;
             left_out += hidden;
             if (hidden) continue;
             if (!shown++) fprintf(to, "\n%s (default in parentheses)\n", o->group);
-            help_option(to, i);
+            help_row(to, help_option_text(o, left), o->help, help_default(i, standard));
         }
     return left_out;
 }

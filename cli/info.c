@@ -21,81 +21,74 @@ static void info_line(FILE *to, int json, const char *name, const char *text)
     else print_format(to, "%-11s %s\n", name, text);
 }
 
-/* Prints the 5th, 50th and 95th percentile of the finite values of a plane, each through `map`. */
-static void info_spread(FILE *to, int json, const char *name, const float *plane, size_t count, float *sorted,
-                        double (*map)(double))
+/* Prints the 5th, 50th and 95th percentile of the finite values of a plane, as a file's user knows them. */
+static void info_spread(FILE *to, int json, const oxl_model *m, int row, float *sorted)
 {
+    static const char *const names[] = {"x", "y", "z", "scale_0", "scale_1", "scale_2", "opacity"};
+    static const int planes[] = {OXL_MEAN, OXL_LOG_SCALE, OXL_OPACITY};
+    const float *plane = m->plane[planes[row / 3] + row % 3];
     char text[200];
-    size_t n = 0, at[3];
-    for (size_t i = 0; i < count; i++)
+    size_t n = 0;
+    double value[3];
+    for (size_t i = 0; i < m->count; i++)
         if (isfinite(plane[i])) sorted[n++] = plane[i];
     qsort(sorted, n, sizeof *sorted, info_compare);
     if (n == 0) sorted[n++] = 0;
-    at[0] = n / 20, at[1] = n / 2, at[2] = n - 1 - n / 20;
-    snprintf(text, sizeof text, "[%.6g, %.6g, %.6g]", map((double)sorted[at[0]]), map((double)sorted[at[1]]),
-             map((double)sorted[at[2]]));
-    info_line(to, json, name, text);
-}
-
-static double info_same(double value)
-{
-    return value;
-}
-
-static double info_logistic(double value)
-{
-    return 1 / (1 + exp(-value));
+    for (int k = 0; k < 3; k++) {
+        const double v = (double)sorted[k == 0 ? n / 20 : k == 1 ? n / 2 : n - 1 - n / 20];
+        value[k] = row < 3 ? v : row < 6 ? exp(v) : 1 / (1 + exp(-v));
+    }
+    snprintf(text, sizeof text, json ? "[%.6g, %.6g, %.6g]" : "[%.4g, %.4g, %.4g]", value[0], value[1],
+             value[2]);
+    info_line(to, json, names[row], text);
 }
 
 static void info_model(FILE *to, const oxl_model *m, float *sorted, int json)
 {
-    static const struct {
-        const char *name;
-        int plane;
-        double (*map)(double);
-    } planes[] = {{"x", OXL_MEAN, info_same},
-                  {"y", OXL_MEAN + 1, info_same},
-                  {"z", OXL_MEAN + 2, info_same},
-                  {"scale_0", OXL_LOG_SCALE, exp},
-                  {"scale_1", OXL_LOG_SCALE + 1, exp},
-                  {"scale_2", OXL_LOG_SCALE + 2, exp},
-                  {"opacity", OXL_OPACITY, info_logistic}};
     const double counts[] = {(double)m->count, (double)m->lobes, m->sh_degree, (double)m->not_finite,
                              m->scale > 0 ? m->scale : 1};
     static const char *const names[] = {INFO_FIRST, "lobes", "sh_degree", "not_finite", "scale"};
     char origin[3][48], text[160];
     for (int i = 0; i < 5; i++) info_line(to, json, names[i], oxl_json_number_text((char[48]){0}, counts[i]));
-    for (int k = 0; k < 3; k++) oxl_json_number_text(origin[k], m->origin[k]);
+    for (int k = 0; k < 3; k++)
+        if (json) oxl_json_number_text(origin[k], m->origin[k]);
+        else snprintf(origin[k], sizeof origin[k], "%.3f", m->origin[k]);
     snprintf(text, sizeof text, "[%s, %s, %s]", origin[0], origin[1], origin[2]);
     info_line(to, json, "origin", text);
     if (!json) fputs("            5th, 50th, 95th percentile\n", to);
-    for (size_t i = 0; i < sizeof planes / sizeof *planes; i++)
-        info_spread(to, json, planes[i].name, m->plane[planes[i].plane], m->count, sorted, planes[i].map);
+    for (int row = 0; row < 7; row++) info_spread(to, json, m, row, sorted);
 }
 
 /* ---------------- imaging.txt beside a model (docs/UNDERWATER.md) */
 
-/* Prints the lines of the imaging.txt beside the model, and how many images have gains and poses. */
+/* Prints the parameters in the imaging.txt beside the model: as JSON its lines, as text the medium's; and how many
+ * lamps, gains and poses it has. */
 static void info_imaging(FILE *to, const char *path, int json)
 {
-    char folder[4096], *text;
-    int gains = 0, poses = 0, lines = 0;
+    static const char *const kinds[] = {"lamp", "gain", "pose"};
+    char folder[4096], *text, name[8];
+    int count[3] = {0, 0, 0}, lines = 0;
+    double value[3];
     output_split(path, folder);
     text = output_read(folder, "imaging.txt");
     for (char *line = text, *next; line && *line; line = next) {
+        int kind = 0;
         next = line + strcspn(line, "\n");
         if (*next) *next++ = 0;
-        gains += strncmp(line, "gain ", 5) == 0;
-        poses += strncmp(line, "pose ", 5) == 0;
-        if (line[0] == '#' || strncmp(line, "gain ", 5) == 0 || strncmp(line, "pose ", 5) == 0) continue;
-        fputs(json ? lines ? ", " : ",\n  \"imaging\": [" : lines ? "            " : "imaging     ", to);
-        if (json) json_print(to, line);
-        else print_format(to, "%s\n", line);
-        lines++;
+        while (kind < 3 && strncmp(line, kinds[kind], 4) != 0) kind++;
+        if (kind < 3) count[kind]++;
+        if (line[0] == '#' || kind == 1 || kind == 2) continue;
+        if (json) {
+            fputs(lines++ ? ", " : ",\n  \"imaging\": [", to);
+            json_print(to, line);
+        } else if (kind == 3 && sscanf(line, "%7s %lf %lf %lf", name, value, value + 1, value + 2) == 4)
+            print_format(to, "%s%-11s [%.4g, %.4g, %.4g]\n", lines++ ? "" : "            red, green, blue\n",
+                         name, value[0], value[1], value[2]);
     }
     if (lines && json) fputc(']', to);
-    if (gains) fprintf(to, json ? ",\n  \"gains\": %d" : "gains       of %d images, in imaging.txt\n", gains);
-    if (poses) fprintf(to, json ? ",\n  \"poses\": %d" : "poses       of %d images, in imaging.txt\n", poses);
+    for (int k = json; k < 3; k++)
+        if (count[k])
+            fprintf(to, json ? ",\n  \"%ss\": %d" : "%ss       %d, in imaging.txt\n", kinds[k], count[k]);
     free(text);
 }
 

@@ -25,9 +25,9 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
                        "Exit code 3 means that the survey cannot be trained; the message gives the reason."},
     [COMMAND_RENDER] =
         {"render", 2, 1, "MODEL SCENE -o DIR",
-         "Renders a model from the cameras of a survey, from above, or along a flight.",
+         "Renders a model from the cameras of a survey; with --ortho, as an orthomosaic with heights; with --flight, along a path.",
          "oceanxl render out/scene.ply survey -o renders",
-         "Writes one PNG per view, named after its image; --ortho and --flight render other views instead."},
+         "Writes one PNG per view, named after its image. With --ortho, writes a map as GeoTIFF instead; with --flight, numbered frames."},
     [COMMAND_CLOUD] =
         {"cloud", 2, 1, "MODEL SCENE -o FILE",
          "Writes points on the surface that the training views agree on, or triangles with --mesh.",
@@ -37,7 +37,8 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
         {"compare", 2, 1, "OUT1 OUT2 -o DIR",
          "Compares two trained surveys of one place: differences of height, volumes, significant changes.",
          "oceanxl compare dive1 dive2 -o change",
-         "DIR gets compare.html (a page for a browser), compare.csv, change.png, difference.tif (with the level of detection) and significant.tif."},
+         "DIR gets compare.html (a page for a browser), compare.csv, change.png, difference.tif (with the level of detection) and significant.tif.\n"
+         "Coordinates are those of the first survey; --gps takes the positions of its photos."},
     [COMMAND_MEASURE] =
         {"measure", 1, 0, "SCENE --scale-bar ENDS",
          "Measures in a survey: the length of a scale bar, and from it metres per unit.",
@@ -49,14 +50,16 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
          "oceanxl eval out/scene.ply survey",
          "The images are those that train held out, unless --split says otherwise.\n"
          "examples/lpips.py compares the renders of a run with their images by LPIPS."},
-    [COMMAND_INFO] = {"info", 1, 0, "FILE", "Prints what a model file holds.", "oceanxl info out/scene.ply",
-                      "Reads .ply, .spz and .splat."},
+    [COMMAND_INFO] =
+        {"info", 1, 0, "FILE",
+         "Prints the number of Gaussians in a model file, and where they are, how large and how opaque.",
+         "oceanxl info out/scene.ply", "Reads .ply, .spz and .splat."},
     [COMMAND_CONVERT] =
         {"convert", 2, 0, "IN OUT", "Converts between .ply, .spz and .splat by the files' extensions.",
          "oceanxl convert out/scene.ply scene.splat",
          ".spz is the smallest; .splat holds 32 bytes per Gaussian and no view-dependent colour."},
     [COMMAND_REPORT] =
-        {"report", 1, 0, "OUT", "Writes one page about a run: input, decisions, metrics.",
+        {"report", 1, 0, "OUT", "Writes a page about a run: its input, decisions and metrics.",
          "oceanxl report out",
          "OUT gets report.html: one file, for a screen, a phone or paper, that needs no network. train writes it too, at its end, in the survey's unit."},
     [COMMAND_SYNTH] =

@@ -108,7 +108,6 @@ static void report_head(struct report *r)
         report_tile(r, r->metrics, "shown_psnr", '2', "dB over pixels whose place a training view shows");
     if (oxl_json_number(r->metrics, "psnr") - oxl_json_number(r->metrics, "plain_psnr") >= REPORT_VIEWER_LOSS)
         report_tile(r, r->metrics, "plain_psnr", '2', "dB in other viewers (scene.ply alone)");
-    report_tile(r, r->metrics, "cc_psnr", '2', "dB mean cc-PSNR");
     report_tile(r, r->metrics, "ssim", '3', "mean SSIM");
     report_tile(r, r->metrics, "structure", '3', "mean structure: correlation of detail, 0 is haze");
     report_tile(r, r->metrics, "gaussians", 'c', "Gaussians");
@@ -117,7 +116,6 @@ static void report_head(struct report *r)
     report_tile(r, r->metrics, "peak_rss_bytes", 'b', "peak memory");
     report_tile(r, r->survey, "images", 'c', "images with a camera");
     report_tile(r, r->survey, "images_unregistered", 'c', "images without a camera");
-    report_tile(r, r->survey, "points", 'c', "initial points");
     output_add(t, "</div>\n");
 }
 
@@ -151,13 +149,33 @@ static void report_warnings(struct report *r)
     output_add(t, "</ul>\n%s</section>\n", count > 0 ? "" : "<p>The run gave none.</p>\n");
 }
 
+/* Returns the name on the page of a decision, with the option that sets it (docs/OPTIONS.md); key: a member of JSON, with
+ * its quotes. */
+static const char *report_title(const char *key)
+{
+    static const char *const titles[] = {"partition\"blocks (--partition)",
+                                         "ucd\"depth weights (--ucd)",
+                                         "dog\"second lobes (--dog)",
+                                         "keep\"Gaussians after pruning (--keep)",
+                                         "ssim_contrast\"contrast constant of SSIM",
+                                         "dropout\"share of Gaussians left out (--dropout)",
+                                         "exposure\"gain of each image (--exposure)",
+                                         "medium\"water (--medium)",
+                                         "lamp\"lamp or vignetting (--lamp)",
+                                         "poses\"refined poses (--poses)"};
+    const size_t size = strcspn(key + 1, "\"") + 1;
+    for (int k = 0; k < 10; k++)
+        if (!strncmp(key + 1, titles[k], size)) return titles[k] + size;
+    return "";
+}
+
 /* Adds each decision of the job or a part that has evidence. */
 static void report_decision(struct output *t, const char *name, const char *json)
 {
     for (const char *key = oxl_json_first(oxl_json_member(json, "decisions")); key;) {
         const char *value = oxl_json_value(key), *evidence = oxl_json_member(value, "evidence");
         if (evidence && strncmp(evidence, "\"\"", 2) != 0)
-            output_add(t, "<dt>%J</dt><dd>%J<small>%s%s%J</small></dd>\n", key,
+            output_add(t, "<dt>%s</dt><dd>%J<small>%s%s%J</small></dd>\n", report_title(key),
                        oxl_json_member(value, "chosen"), name, name[0] ? ": " : "", evidence);
         key = value ? oxl_json_next(value) : NULL;
     }
@@ -224,8 +242,8 @@ static void report_map(struct report *r, const struct map *m)
         t,
         "<figcaption>The model from above, reduced. Blank areas have no ground, or fewer than %d training "
         "images show it. Dots are cameras: white of training views, yellow of held-out views.</figcaption>"
-        "</figure>\n<p>An image pixel covers %s %s on the ground, the map %s square %s. %.0f %% of the "
-        "ground that any image shows is in %d or more; %.0f %% has a height. ",
+        "</figure>\n<p>An image pixel covers %s %s on the ground, and the map %s square %s. Of the ground that any image shows, %.0f %% is "
+        "in %d images or more, and %.0f %% has a height. ",
         REPORT_VIEWS, REPORT_LENGTH(m->sampling), r->words, REPORT_LENGTH(m->area), r->words,
         100 * m->covered, REPORT_VIEWS, 100 * m->high);
     if (m->off.median > 0)

@@ -183,7 +183,7 @@ void views_section(struct report *r, const char *title, const char *list, const 
         output_add(
             t,
             "<p><b class=\"warn\">%d of %d views are rendered without the structure of their images</b>: "
-            "the detail of the two correlates by less than %.1f. Train longer, or with more "
+            "the detail of the two has a correlation below %.1f. Train longer, or with more "
             "Gaussians.</p>\n",
             fog, count, OXL_STRUCTURE_NONE);
     for (int i = 0; i < count; i++) {

@@ -166,7 +166,7 @@ static void scale_print(const oxl_scene *scene, const struct scale_bar *b, FILE 
     for (int i = 0; i < 2; i++)
         fprintf(to, "end %d     %.6f %.6f %.6f, its rays miss it by at most %.3g units\n", i + 1,
                 b->end[i][0] + origin[0], b->end[i][1] + origin[1], b->end[i][2] + origin[2], b->miss[i]);
-    fprintf(to, "distance  %.9g units\n", b->units);
+    fprintf(to, "distance  %.6g units\n", b->units);
 }
 
 /* Fits the scale to all bars of known length by least squares, and prints it, and what it leaves of each
@@ -189,7 +189,7 @@ static void scale_print_fit(const struct scale_bar *bar, int count, FILE *to)
                 scale * bar[i].units, left,
                 fabs(left) > SCALE_LEFT * bar[i].metres ? ": warning, more than 3 %" : "");
     }
-    fprintf(to, "scale     %.9g metres per unit\n", scale);
+    fprintf(to, "scale     %.6g metres per unit\n", scale);
 }
 
 oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bars, double length, FILE *to)

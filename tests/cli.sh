@@ -175,13 +175,19 @@ promise report_is_written_by_train 0 "</html>" tail -n 1 out/report.html
 promise report_is_rewritten 0 "out/report.html" sh -c "rm out/report.html; '$program' report out; test -s out/report.html && echo out/report.html"
 promise report_of_nothing_is_bad_input 3 "holds no run.json" "$program" report survey
 promise train_prints_at_most_15_lines_of_prose 0 "" sh -c "'$program' train survey -o prose --iterations 60 --exposure on --lamp auto >prose.txt 2>&1 && test \$(grep -vc it/s prose.txt) -le 15 && ! grep residuals prose.txt"
+promise check_counts_photos_with_gps_whose_names_differ_from_the_model_s 0 "gps       16 of 16 photos" sh -c \
+    "cp -r survey placed && for i in placed/images/*.png; do printf 'Exif\0\0MM\0*\0\0\0\10\0\1\210\45\0\4\0\0\0\1\0\0\0\32\0\0\0\0\0\5\0\1\0\2\0\0\0\2N\0\0\0\0\2\0\5\0\0\0\1\0\0\0\134\0\3\0\2\0\0\0\2E\0\0\0\0\4\0\5\0\0\0\1\0\0\0\144\0\6\0\5\0\0\0\1\0\0\0\154\0\0\0\0\0\0\0\73\0\0\0\1\0\0\0\12\0\0\0\1\0\0\0\24\0\0\0\1' >>\$i; mv \$i \${i%.png}.PNG; done; '$program' check placed"
+promise the_model_for_other_viewers_has_its_own_count 0 "model for other viewers      6/6 " sh -c \
+    "'$program' train survey -o counted --exposure on --iterations 40 2>&1 | tr '\\r' '\\n' >counted.txt; grep -q '    40/40 ' counted.txt && cat counted.txt"
+promise verbose_prints_each_decision_once 0 "" sh -c "'$program' train survey -o twice --iterations 9 --verbose >twice.txt 2>&1; test \$(grep -c 'exposure ' twice.txt) = 1 && ! grep 'blocks .*cut' twice.txt"
+promise info_prints_few_digits 0 "" sh -c "'$program' info out/scene.ply >digits.txt && ! grep '[0-9][.][0-9]\{7\}' digits.txt"
 promise verbose_prints_the_evidence 0 "residuals" "$program" train survey -o verbose --iterations 9 --verbose
 promise the_second_run_has_nothing_to_do 0 "already holds the finished result" "$program" train survey -o out --iterations 60
 promise run_json_has_floats_as_short_as_they_are 0 '"ssim_weight": 0.3,' grep '"ssim_weight"' out/run.json
 promise the_report_repeats_the_command 0 "--preset draft --iterations 60" grep "oceanxl train" out/report.html
 promise the_report_states_the_heights 0 "" grep -q "Heights differ from the survey's points by 0[.][0-9]* units in the median, [0-9.]* % of the cameras' distance" out/report.html
 promise the_report_in_metres_has_all_lengths_so 0 "" sh -c \
-    "cp out/report.html in_units.html && '$program' report out --scale 10 >/dev/null && grep -q 'covers [0-9.]* metres on the ground, the map [0-9.]* square metres.*metres in the median' out/report.html &&
+    "cp out/report.html in_units.html && '$program' report out --scale 10 >/dev/null && grep -q 'covers [0-9.]* metres on the ground, and the map [0-9.]* square metres.*metres in the median' out/report.html &&
      grep -q 'units on the ground' in_units.html && ! grep -q 'units on the ground' out/report.html && cp in_units.html out/report.html"
 promise the_report_s_command_gives_the_figures_of_metrics_json 0 "" sh -c \
     "'$program' train survey -o reduced --iterations 30 --max-side 60 --test-every 4 --quiet >/dev/null && mkdir -p path && ln -sf '$program' path/oceanxl &&

@@ -307,7 +307,7 @@ static void compare_page(const struct compare *c, const char *csv, struct output
         "as were most cells around it. Dark cells have no height in one of the two surveys.</p><img src=\"change.png\" alt=\"Map of changes\"><table>");
     for (; *end; end++)
         if (*end == ',' || *end == '\n') output_add(page, *end == ',' ? "<td>" : "\n<tr><td>");
-        else output_bytes(page, end, 1);
+        else output_bytes(page, *end == '_' ? " " : end, 1);
     output_add(page, "</table></body></html>\n");
 }
 
@@ -318,16 +318,15 @@ static void compare_table(const struct compare *c, const struct compare_row *row
     const double *v = row->value;
     output_add(
         t,
-        "# oceanxl compare: %.1f %% of the second survey lies on the first. Its registration has the scale %.5f and a standard deviation of "
-        "%.5f %s. %.2f square %s have a height in both surveys (%zu cells are filled from their neighbours). Of these, %.2f changed significantly, at "
-        "%d places: %.4f cubic %s were added and %.4f removed there. The net change of all cells is %.4f +- %.4f cubic %s "
+        "# oceanxl compare: %.0f %% of the second survey lies on the first. Its registration has the scale %.4f and a standard deviation of "
+        "%.4f %s. %.2f square %s have a height in both surveys (%zu cells are filled from their neighbours). Of these, %.2f changed significantly, at "
+        "%d places: %.3f cubic %s were added and %.3f removed there. The net change of all cells is %.3f +- %.3f cubic %s "
         "(95 %%).\nchange,x,y,area,significant_area,volume,volume_95,raised,lowered,largest_difference\n",
         100 * c->overlap, c->move.scale, c->noise, words, v[AREA], words, c->filled, v[CHANGED], rows - 1,
         v[RAISED], words, -v[LOWERED], v[NET], v[DOUBT], words);
     for (int i = 0; i < rows; i++) {
         output_add(t, "%s", names[row[i].sign + 1]);
-        for (int k = 0; k < COLUMNS; k++)
-            output_add(t, k < NET || k == MOST ? ",%.4f" : ",%.6f", row[i].value[k]);
+        for (int k = 0; k < COLUMNS; k++) output_add(t, ",%.4f", row[i].value[k]);
         output_add(t, "\n");
     }
 }

@@ -157,13 +157,13 @@ oxl_result gps_fit(const struct product *p, const char *survey, struct similarit
     if (!(tilt < GPS_TILT))
         return oxl_fail(
             p->ctx, OXL_ERR_INPUT,
-            "--gps: %d photos have a GPS position, so that the vertical is uncertain by %.0f degrees; expected %d or "
-            "more that are not on one line\nfix: give control points to COLMAP's model_aligner instead",
-            n, fmin(tilt, 90), GPS_LEAST);
+            "--gps: %d of %d photos have a GPS position, and the vertical is uncertain by %.0f degrees; expected %d "
+            "positions or more that are not on one line\nfix: give control points to COLMAP's model_aligner instead",
+            n, views, fmin(tilt, 90), GPS_LEAST);
     print_format(
         p->to,
         "gps       %d of %d photos, UTM zone %d (EPSG:%d): %.6g metres per unit; %d left out; the others deviate by "
-        "%.3g metres (standard deviation); the vertical is uncertain by %.2f degrees\n",
+        "%.2g metres (standard deviation); the vertical is uncertain by %.1f degrees\n",
         n, views, zone, *epsg, out->scale, n - used, left, tilt);
     return OXL_OK;
 }

@@ -295,9 +295,9 @@ static void map_say(const struct map *m, const struct product *p)
 {
     print_format(
         p->to,
-        "map       %s/ortho.tif, height.tif and certainty.tif, %d x %d px of %.6g %s, %s\n"
-        "ground    %.4g square %s are seen by %d or more views: %.1f %% of what any view sees, of which %.1f %% has a height\n"
-        "filled    %zu pixels, in holes of up to about %d px; certainty.tif has 0 views there\n",
+        "map       %s/ortho.tif, height.tif and certainty.tif, %d x %d px of %.4g %s, %s\n"
+        "ground    %.4g square %s are seen by %d views or more; of what any view sees, these are %.0f %%, and %.0f %% has a height\n"
+        "filled    %zu pixels in holes of up to about %d px were filled from their neighbours; certainty.tif has 0 views there\n",
         p->a->out, m->width, m->height, m->pixel, p->words,
         p->has_gps    ? "in UTM"
         : m->is_world ? "in the world's x and y"
