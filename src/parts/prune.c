@@ -8,8 +8,8 @@
  * last drop, or after
  * 1500 of 40 000 iterations without that.
  *
- * The Gaussians with the lowest score are removed:  U = sum over views and pixels of (o dS/dalpha)^2,  where
- * S is the sum of the rendered image. Dividing U by the number of views was worse in 7 of 7 pairs
+ * The Gaussians with the lowest score are removed:  U = sum over views and pixels of (o dF/dalpha)^2,  where
+ * F is the sum of the rendered image. Dividing U by the number of views was worse in 7 of 7 pairs
  * (docs/METHOD.md).
  *
  * Invariants: the phase ends with exactly the requested number (or fewer, if there are fewer). Rows keep
@@ -110,7 +110,7 @@ static void prune_describe(const struct prune *p, char *out, size_t size)
 
 struct prune_pass { /* over the views */
     float *one;     /* (count) the score in the view at hand */
-    float *drgb;    /* (3,H,W) weights of the pixels: dS/d(image) */
+    float *drgb;    /* (3,H,W) weights of the pixels: dF/d(image) */
     size_t drgb_capacity;
 };
 

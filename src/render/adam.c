@@ -22,7 +22,7 @@ struct adam_rows { /* a pack of one plane; without restrict the loop is not vect
     const real *restrict gradient;
 };
 
-/* (MATH 17). The square is clamped against float overflow: a gradient of 1e20 gives a step of `rate`, not a
+/* (MATH 19). The square is clamped against float overflow: a gradient of 1e20 gives a step of `rate`, not a
  * NaN. */
 SIMD_INLINE void adam_pack(const int fused, const struct adam_job *job, unsigned seen, real rate,
                            const struct adam_rows rows)

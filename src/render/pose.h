@@ -1,6 +1,6 @@
 /* pose.h - the gradient of the camera's pose from those of a pack. Part of project.c.
  *
- * To move the camera is to move all Gaussians the other way (MATH 22): dL/d(centre) = -sum dL/d(mean). To
+ * To move the camera is to move all Gaussians the other way (MATH 18): dL/d(centre) = -sum dL/d(mean). To
  * turn it about its centre is to turn them the other way, by w: their means, as far as the image plane sees
  * them, and their axes, where q -> q + (0, w) q / 2. Colours depend on the direction of view in the world,
  * which a turn of the camera leaves as it is.

@@ -7,9 +7,9 @@
  *     C = sum_i c_i alpha_i T_i + T background,   T_i = product of (1 - alpha_j), j before i.
  *
  * Backward runs in forward order, with the same branches and no division by (1 - alpha) to recover T. With dC
- * = dL/dC, the known total S = dC . C, and s the part of S up to and including splat i,
- *     dL/dalpha_i = T_i (dC . c_i) - (S - s) / (1 - alpha_i)      (docs/METHOD.md 10).
- * A splat's score is the sum over its pixels of (o_i dS/dalpha_i)^2 ["Prune Wisely, Reconstruct Sharply",
+ * = dL/dC, the known total F = dC . C, and F_i the part of F up to and including splat i,
+ *     dL/dalpha_i = T_i (dC . c_i) - (F - F_i) / (1 - alpha_i)      (docs/METHOD.md 10).
+ * A splat's score is the sum over its pixels of (o_i dF/dalpha_i)^2 ["Prune Wisely, Reconstruct Sharply",
  * arXiv 2602.24136].
  *
  * A splat with a second lobe has alpha = min(.99, o G) - min(.99, o' G') [OceanXL eq. 3], which may be
@@ -36,7 +36,7 @@ struct raster_pixels { /* of a tile, subtile by subtile, 16 pixels a subtile */
 struct raster_gradients {
     real t[TILE_PIXELS];
     real drgb[3][TILE_PIXELS]; /* dC = dL/dC */
-    real behind[TILE_PIXELS];  /* S - s: contribution of the splats behind */
+    real behind[TILE_PIXELS];  /* F - F_i: contribution of the splats behind */
 };
 
 struct raster_tile {
@@ -156,7 +156,7 @@ struct raster_batch {
     uint32_t subtiles[RASTER_BATCH];
     uint32_t splats[TILE_SUBTILES]; /* by subtile: the splats on it */
     /* by splat, subtile and pixel, written by raster_differentiate: */
-    /* alpha dL/dalpha = dL/d(log alpha); for the score dS/dalpha */
+    /* alpha dL/dalpha = dL/d(log alpha); for the score dF/dalpha */
     real dlog_alpha[RASTER_BATCH][TILE_SUBTILES][PACK];
     real dlog_lobe[RASTER_BATCH][TILE_SUBTILES][PACK]; /* o' dL/do' = dL/d(log o') of the second lobe */
     real weight[RASTER_BATCH][TILE_SUBTILES][PACK];    /* alpha T */
@@ -358,8 +358,8 @@ struct raster_subtile_gradients { /* a subtile's pixels, as in struct raster_gra
 };
 
 /* Gradient of raster_composite. Writes, for each pixel:
- *   dlog_alpha   alpha dL/dalpha = weight (dC . c) - alpha / (1 - alpha) (S - s); with a second lobe o dL/do;
- *   for the score dS/dalpha
+ *   dlog_alpha   alpha dL/dalpha = weight (dC . c) - alpha / (1 - alpha) (F - F_i); with a second lobe
+ *   o dL/do; for the score dF/dalpha
  *   dlog_lobe    o' dL/do', with a second lobe only
  *   weight       alpha T, which times dC is dL/dc; not for the score
  * All are 0 without a contribution. dlog_alpha and dlog_lobe are also 0 where the clamp at ALPHA_MAX holds
@@ -486,7 +486,7 @@ SIMD_INLINE void raster_sum(const int fused, const int lobe, const struct raster
     raster_add_lanes(lobe ? SUM_RED : SPLAT_SUMS, (const real(*)[PACK])sums, out);
 }
 
-/* The sum of (o dS/dalpha)^2. */
+/* The sum of (o dF/dalpha)^2. */
 SIMD_INLINE real raster_sum_squares(const int fused, const struct raster_batch *batch, int n)
 {
     const real o = real_exp2(fused, batch->splat[n].peak);
