@@ -13,13 +13,13 @@ struct extreme_loss {
 };
 
 static const struct extreme_loss EXTREME_LOSSES[] = {
-    {"loss: ripple against grey", 64, 48, 0.5, 0.5, 0.2, 1e-7, 2e-5},
+    {"loss: noise against grey", 64, 48, 0.5, 0.5, 0.2, 1e-7, 2e-5},
     {"loss: both grey", 64, 48, 0.5, 0.5, 0, 1e-7, 5e-4},
     {"loss: both black", 64, 48, 0, 0, 0, 1e-7, 5e-4},
     {"loss: both white", 64, 48, 1, 1, 0, 1e-7, 5e-4},
     {"loss: black against white", 64, 48, 0, 1, 0, 1e-7, 5e-6},
     {"loss: 1e4 against white", 64, 48, 1e4, 1, 0, 1e-4, 5e-4},
-    {"loss: ripple of 1e-4 on white", 64, 48, 1, 1, 1e-4, 2e-6, 5e-4},
+    {"loss: noise of 1e-4 on white", 64, 48, 1, 1, 1e-4, 2e-6, 5e-4},
     {"loss: 1 x 1 px", 1, 1, 0.3, 0.6, 0, 1e-7, 1e-6},
     {"loss: 1 x 5000 px", 1, 5000, 0.3, 0.6, 0.2, 1e-7, 1e-6},
 };
@@ -122,7 +122,7 @@ static const struct extreme_survey EXTREME_SURVEYS[] = {
     {"survey: unchanged", 0, 1, 0, 0, -1, 0},
     {"survey: 1e6 m from the origin", 1e6, 1, 0, 0, -1, 1e-3},
     {"survey: 1e7 m from the origin", 1e7, 1, 0, 0, -1, 1e-3},
-    {"survey: in units of 1.0001, rounding alone", 0, 1.0001, 0, 0, -1, 2e-2},
+    {"survey: in units of 1.0001, which changes only rounding", 0, 1.0001, 0, 0, -1, 2e-2},
     {"survey: in units of 1e-3", 0, 1e-3, 0, 0, -1, 2e-2},
     {"survey: in units of 1024", 0, 1024, 0, 0, -1, 2e-2},
     {"survey: in units of 1e5", 0, 1e5, 0, 0, -1, 2e-2},

@@ -37,7 +37,7 @@ static void extreme_print_renders(oxl_context *ctx)
 {
     printf(
         "## Rendering and its gradients\n\n"
-        "The gradient is that of the parameter with the largest error: position, scale, rotation, opacity, colour or second lobe.\n\n"
+        "The gradient is that of the parameter with the largest error.\n\n"
         "| extreme | rendered | image | gradient | bound: image, gradient | holds |\n|---|--:|---|---|---|---|\n");
     for (size_t i = 0; i < OXL_COUNT(EXTREMES); i++) {
         struct extreme_result r;
@@ -76,7 +76,7 @@ static void extreme_print_losses(oxl_context *ctx)
 
 static void extreme_print_adams(oxl_context *ctx)
 {
-    printf("\n## Adam (learning rate 1e-3, from 0; errors relative to the distance of as many full steps)\n\n"
+    printf("\n## Adam (from 0, learning rate 1e-3; errors relative to the learning rate times the steps)\n\n"
            "| extreme | parameter | bound | holds |\n|---|---|---|---|\n");
     for (size_t i = 0; i < OXL_COUNT(EXTREME_ADAMS); i++) {
         const struct extreme_error error = extreme_run_adam(ctx, &EXTREME_ADAMS[i]);
@@ -138,7 +138,7 @@ static void extreme_print_long_run(oxl_context *ctx, const char *folder)
     for (size_t i = 0; i < model.count; i++) finite &= model_row_is_finite(&model, i);
     finite &= found.steps == 0 && found.rows == 0 && found.cleared == 0;
     printf(
-        "| %d iterations in Jerlov 9C water, with depth weights, pruning and second lobes | %zu Gaussians | finite |",
+        "| %d iterations in Jerlov's most turbid water, 9C, with depth weights, pruning and second lobes | %zu Gaussians | finite |",
         EXTREME_LONG, model.count);
     extreme_say_whether(finite);
     oxl_model_free(ctx, &model);
@@ -152,14 +152,14 @@ int main(int argc, char **argv)
     printf(
         "# Numerical stability at the extremes\n"
         "\n"
-        "**Result.** Float kernels are compared with double: the last column says whether all values are finite and the bound holds. Errors are\n"
+        "**Result.** Float kernels are compared with double; the last column says whether all values are finite and within the bound. Errors are\n"
         "largest far from the model's origin, which is why models have a local origin.\n"
         "\n"
         "`make extremes` writes this page and fails if a bound does not hold; `build/test` checks all but the slow rows. The float kernels are those for %s. The\n"
-        "reference is the same source in double (`tests/wide_kernels.c`), which `build/test reference_` compares with an independent one.\n"
+        "reference is the same source in double (`tests/wide_kernels.c`), which `build/test reference_` compares with `reference/splat.c`.\n"
         "\n"
-        "A cell has the largest and the mean error, relative to the largest and the mean magnitude. Where float and double fall on different sides of a threshold\n"
-        "(alpha >= 1/255, T >= 1e-4), a pixel may differ by 1/255; bounds of 4e-03 allow for this.\n"
+        "A cell has the largest error relative to the largest magnitude, which has the bound, then the mean error relative to the mean magnitude. Where float and\n"
+        "double fall on different sides of a threshold (alpha >= 1/255, T >= 1e-4), a pixel may differ by 1/255; bounds of 4e-03 allow for this.\n"
         "\n"
         "A Gaussian at or before the near plane, wider than 1e30 px or fainter than 1/255 is not rendered. A quaternion shorter than 1.2e-38 is the\n"
         "identity. Log scales are clamped to +-87, Adam's gradient to +-1e18.\n"
