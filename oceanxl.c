@@ -149,7 +149,7 @@
 #include "src/checks/lint.c"    /* checks poses, images and masks against the points */
 #include "src/checks/hypotheses.c" /* tells whether images, poses and points belong together, and if not, how they would */
 
-/* what one model in memory does not need: memory and time predicted, blocks */
+/* surveys larger than memory: memory and time predicted, blocks */
 #include "src/large/partition.h"      /* shared by these files */
 #include "src/large/partition_axes.c" /* principal axes, the frame of the partition */
 #include "src/large/partition_cut.c"  /* where a box is cut */

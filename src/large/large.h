@@ -1,4 +1,4 @@
-/* large.h - what one model in memory does not need: predicted memory and time, budget, blocks. */
+/* large.h - surveys larger than memory: predicted memory and time, budget, blocks. */
 #ifndef OXL_LARGE_H
 #define OXL_LARGE_H
 

@@ -1,5 +1,5 @@
-/* parts.h - the parts of training that this build has, a row each. A part is removed by removing its row and
- * its file (make without PART=lamp does so in a copy of the tree). Exposure comes before medium and lamp,
+/* parts.h - the parts of training that this build has, one row each. A part is removed by removing its row
+ * and its file (make without PART=lamp does so in a copy of the tree). Exposure comes before medium and lamp,
  * which are fitted again without gains that it refuses. */
 #ifndef OXL_PARTS_H
 #define OXL_PARTS_H
