@@ -167,13 +167,16 @@ TEST(colmap_of_text_and_binary_the_one_that_the_images_fit_better_is_read_with_a
     test_listen();
     CHECK(binary_after("cp ../model/*.txt .", NULL).format == COLMAP_BINARY);
     CHECK(!strstr(test_said.all, "two models"));
-    binary_replace("points3D.bin", "\0\0\0\0\0\0\0\0", 8); /* none */
-    CHECK(binary_after("true", NULL).format == COLMAP_TEXT);
-    CHECK_LOGGED("the text one is read");
     c = binary_after("touch ../model/b.jpg; sed -i 4,7d images.txt", test_path("model")); /* fits */
     CHECK(c.format == COLMAP_TEXT && c.image_count == 1);
+    CHECK(binary_after("touch ../model/c.png", test_path("model")).format == COLMAP_BINARY);
+    binary_replace("points3D.bin", "\0\0\0\0\0\0\0\0", 8); /* none */
+    CHECK(binary_after("cp ../model/*.txt .", NULL).format == COLMAP_TEXT);
+    CHECK_LOGGED("the text one is read");
     c = binary_after("rm images.txt points3D.bin", NULL);
     CHECK(c.format == COLMAP_BINARY && c.point_count == 2);
+    binary_replace("images.bin", "", 0); /* cannot be read */
+    CHECK(binary_after("cp ../model/*.txt .", NULL).format == COLMAP_TEXT);
 }
 
 /* ---------------- what is refused */
