@@ -55,11 +55,11 @@ EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c)
 .PHONY: all help unity without shared python rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters borders heights reference shaders shaders-check modules dist release sanitize examples format format-check install clean FORCE
 .DELETE_ON_ERROR:
 
-all: $(BUILD)/oceanxl $(BUILD)/oceanxl-lab ## build/oceanxl, the program, and build/oceanxl-lab, which it executes for synthetic surveys and studies (the default)
+all: $(BUILD)/oceanxl $(BUILD)/oceanxl-lab ## builds build/oceanxl, the program, and build/oceanxl-lab, which it executes for synthetic surveys and studies (the default)
 
-help: ## this list
+help: ## prints this list
 	@echo 'make TARGET [CC=clang] [CFLAGS=-O3] [OPENMP=0] [VULKAN=1] [STB=folder] [WERROR=1] [BUILD=build]'
-	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/  \1\t\2/p' Makefile examples/course/course.mk examples/playground/playground.mk | expand -t 16
+	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/  \1\t\2/p' Makefile examples/course/course.mk examples/playground/playground.mk | expand -t 20
 
 # ------------------------------------------------------------------------------------------------ program, library
 
@@ -77,7 +77,7 @@ $(BUILD)/lab/results.o: BASE += -DLAB_COMMIT='"$(LAB_COMMIT)"'
 $(BUILD)/lab/results.o: $(BUILD)/commit
 
 # The library as one translation unit, whose internal names are static: what is installed.
-unity: $(BUILD)/unity/oceanxl ## the program with the library as one translation unit: the same bytes, a minute to compile
+unity: $(BUILD)/unity/oceanxl ## builds the program with the library as one translation unit, which takes a minute and gives the same bytes
 $(BUILD)/unity/oceanxl: $(BUILD)/main.o $(CLI:%.c=$(BUILD)/%.o) $(BUILD)/oceanxl.o
 	@mkdir -p $(@D)
 	$(CC) $(FLAGS) $^ -o $@ $(LIBS)
@@ -102,7 +102,7 @@ $(BUILD)/flags: FORCE
 
 # ------------------------------------------------------------------------------------------------ tests
 
-test: $(BUILD)/test all ## all tests: of the library, then of the command line (under 3 minutes on 2 cores); build/test WORD: some
+test: $(BUILD)/test all ## runs all tests, of the library and of the command line (under 3 minutes on 2 cores); build/test WORD runs those of the library whose name has WORD
 	tests/share.sh $(BUILD)/test
 	tests/cli.sh $(BUILD)/oceanxl
 	tests/from_images.sh
@@ -122,30 +122,30 @@ $(BUILD)/tests/test.o: $(BUILD)/test_list.h
 $(BUILD)/test: $(TEST_O) $(WIDE) $(filter-out $(BUILD)/backends/%,$(LIBRARY)) # the backend is in test_vulkan.o
 	$(CC) $(FLAGS) $^ -o $@ $(LIBS)
 
-coverage: ## lines and branches of src/ that the tests reach (gcov)
+coverage: ## prints which lines and branches of src/ the tests reach (gcov)
 	tests/coverage.sh
-mutate: ## mutation test of the kernels: lists the mutants that the tests do not detect (a quarter of an hour)
+mutate: ## changes the kernels one place at a time, and lists the changes that the tests do not detect (a quarter of an hour)
 	tests/mutate.sh
-races: ## the library's tests under ThreadSanitizer: clang with libomp-dev
+races: ## runs the library's tests under ThreadSanitizer (clang with libomp-dev)
 	tests/races.sh $(T)
-portable: ## tests on other machines under qemu, musl, mingw-w64, tcc, as installed
+portable: ## runs tests for other machines under those of qemu, musl, mingw-w64 and tcc that are installed
 	tests/portable.sh
 
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
-sanitize: ## the library's tests under the address and undefined-behaviour sanitizers
+sanitize: ## runs the library's tests under the address and undefined-behaviour sanitizers
 	$(MAKE) BUILD=$(BUILD)/sanitize CFLAGS='-O1 -g $(SANITIZE)' $(BUILD)/sanitize/test
 	printf 'leak:libomp\n' >$(BUILD)/sanitize/ours # What clang's OpenMP keeps for its threads is not ours.
 	ASAN_OPTIONS=detect_leaks=1 LSAN_OPTIONS=suppressions=$(CURDIR)/$(BUILD)/sanitize/ours tests/share.sh $(BUILD)/sanitize/test $(T)
 
-reference: $(BUILD)/splat ## the algorithm in one file, reference/splat.c: trains its scene, writes build/splat.ply and build/splat.bmp
+reference: $(BUILD)/splat ## builds reference/splat.c, the algorithm in one file, and trains its scene: build/splat.ply and build/splat.bmp
 	cd $(BUILD) && ./splat
 $(BUILD)/splat: reference/splat.c reference/scene.h
 	$(CC) -O2 $< -o $@ -lm
 BENCH_OF := $(BUILD)/bench$(if $(filter vulkan,$(BACKEND)),_device)
-bench: $(BENCH_OF) ## time per stage of a training step, and pairs per second against the machine's ceiling; VULKAN=1 BACKEND=vulkan: a device's
+bench: $(BENCH_OF) ## measures the time of each stage of a training step, and pairs per second against the machine's ceiling; VULKAN=1 BACKEND=vulkan measures a device
 	$(BENCH_OF) $(BENCH)
 
-extremes: $(BUILD)/extremes ## docs/STABILITY.md: the kernels at the extremes, float against double (minutes)
+extremes: $(BUILD)/extremes ## measures the tables of docs/STABILITY.md: the kernels at the extremes, float against double (minutes)
 	@rm -rf $(BUILD)/surveys
 	$(BUILD)/extremes $(BUILD)/surveys > $(BUILD)/STABILITY.md
 	mv $(BUILD)/STABILITY.md docs/STABILITY.md
@@ -158,7 +158,7 @@ FUZZ_CC ?= clang
 FUZZ_TARGETS := $(notdir $(wildcard fuzz/corpus/*))
 FUZZ_RUNS := $(addprefix fuzz-,$(FUZZ_TARGETS))
 .PHONY: $(FUZZ_RUNS)
-fuzz: $(FUZZ_RUNS) ## each reader of input files for SECONDS (10) under libFuzzer, in parallel with -j; FUZZ_TARGETS=ply for one; SEED=1 RUNS=9000: the same inputs again
+fuzz: $(FUZZ_RUNS) ## gives random input to each reader of files for SECONDS (10) under libFuzzer, in parallel with -j; FUZZ_TARGETS=ply selects one; SEED=1 RUNS=9000 repeats the same inputs
 $(FUZZ_RUNS): fuzz-%: $(BUILD)/fuzz/fuzz
 	@mkdir -p $(BUILD)/fuzz/$*
 	@OXL_FUZZ=$* $< -max_total_time=$(SECONDS) -runs=$(RUNS) -seed=$(SEED) -max_len=4096 -timeout=20 -rss_limit_mb=2048 -print_final_stats=1 \
@@ -171,11 +171,11 @@ $(BUILD)/fuzz/fuzz: fuzz/fuzz.c fuzz/targets.c $(SOURCES)
 	$(FUZZ_CC) -std=c99 -O1 -g $(FLOATS) -DOXL_NO_SIMD -Wno-unknown-pragmas -fsanitize=fuzzer $(FUZZ_SANITIZE) -I. \
 	  fuzz/fuzz.c $(filter-out cli/arguments.c cli/options.c cli/console.c lab/main.c,$(CLI) $(LAB)) -o $@ -lm
 
-cost: $(BUILD)/cost ## build/cost SCENE: how a step's time grows with Gaussians, pixels, views, bands, threads
-floaters: $(BUILD)/floaters ## build/floaters IMAGES SURVEY: floaters in a model's images of a synthetic survey (docs/log/TRAINING.md)
-heights: $(BUILD)/heights ## build/heights MAX_SIDE MODEL SURVEY: rendered depths against points and truth (docs/log/TRAINING.md)
+cost: $(BUILD)/cost ## builds build/cost SCENE, which measures how a step's time grows with Gaussians, pixels, views, bands and threads
+floaters: $(BUILD)/floaters ## builds build/floaters IMAGES SURVEY, which counts floaters in a model's images of a synthetic survey (docs/log/TRAINING.md)
+heights: $(BUILD)/heights ## builds build/heights MAX_SIDE MODEL SURVEY, which compares rendered depths with points and truth (docs/log/TRAINING.md)
 $(BUILD)/heights: SOURCE = bench/heights.c
-borders: $(BUILD)/borders ## build/borders MAX_SIDE SURVEY BLOCKS OUT...: PSNR near borders between blocks at the same pixels (docs/SCALE.md)
+borders: $(BUILD)/borders ## builds build/borders MAX_SIDE SURVEY BLOCKS OUT..., which compares PSNR near borders between blocks (docs/SCALE.md)
 $(BUILD)/borders: SOURCE = bench/borders.c
 $(BUILD)/floaters: SOURCE = bench/floaters.c
 $(BUILD)/cost: SOURCE = bench/cost.c
@@ -188,29 +188,29 @@ $(BUILD)/bench $(BUILD)/bench_device $(BUILD)/cost $(BUILD)/extremes $(BUILD)/fl
   bench/bench.c bench/device.c bench/cost.c tests/extremes.c bench/floaters.c bench/borders.c bench/heights.c tests/vulkan_compile.c $(BUILD)/flags
 	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $(SOURCE) $(filter %.o,$^) -o $@ $(LIBS)
 
-examples: $(EXAMPLES) ## build/examples/*
+examples: $(EXAMPLES) ## builds the programs of examples/ in build/examples
 $(BUILD)/examples/%: examples/%.c $(BUILD)/liboceanxl.a
 	@mkdir -p $(@D)
 	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $< $(BUILD)/liboceanxl.a -o $@ $(LIBS)
 
-shaders: ## backends/vulkan/generated/spirv.h from backends/vulkan/shaders (Debian: glslc)
+shaders: ## compiles backends/vulkan/shaders into backends/vulkan/generated/spirv.h (Debian: glslc)
 	backends/vulkan/shaders.sh
 shaders-check: ## fails when the committed SPIR-V does not match the shaders
 	backends/vulkan/shaders.sh check
 
 # ------------------------------------------------------------------------------------------------ other ways to build
 
-rooms: ## the layers of src/: includes go downwards only; line counts; where code outside src/parts names a part of training
+rooms: ## checks that includes in src/ go downwards only, line counts, and where code outside src/parts names a part of training
 	scripts/rooms.sh
 	scripts/parts.sh
 
-without: ## PART=lamp: removes a part of training, its file and its row, in a copy of the tree, and tests the rest; WORDS="train_ job_" of the tests
+without: ## PART=lamp removes a part of training, its file and its row, in a copy of the tree, and tests the rest; WORDS="train_ job_" selects tests
 	scripts/without.sh $(PART) $(WORDS)
 
-modules: $(LIBRARY) ## from the objects: no file calls a higher layer, and no files call each other in a cycle
+modules: $(LIBRARY) ## checks in the objects that no file calls a higher layer, and that no files call each other in a cycle
 	scripts/rooms.sh links $(BUILD)
 
-dist: $(BUILD)/dist/single $(BUILD)/dist/job ## dist/single/oceanxl.h, the trainer in one header, and dist/oceanxl_job.c, the job on top of it; both are compiled and run
+dist: $(BUILD)/dist/single $(BUILD)/dist/job ## writes dist/single/oceanxl.h, the trainer in one header, and dist/oceanxl_job.c, the job on top of it; compiles and runs both
 	$(BUILD)/dist/single
 	$(BUILD)/dist/job --version
 $(BUILD)/dist/single: examples/one_gaussian.c dist/single/oceanxl.h
@@ -222,12 +222,12 @@ dist/oceanxl_job.c dist/single/oceanxl.h &: scripts/dist.sh $(SOURCES) $(BUILD)/
 	@mkdir -p $(BUILD)/dist
 	scripts/dist.sh dist
 
-release: ## build/release: zips with programs for Linux (x86-64, aarch64) and Windows, viewer, course, playground, documents; a source archive; sums
+release: ## writes to build/release: zips with programs for Linux (x86-64, aarch64) and Windows, viewer, course, playground and documents; a source archive; check sums
 	scripts/release.sh
 
-format: ## clang-format on our sources
+format: ## formats our sources by clang-format
 	@clang-format -i $(OURS)
-format-check: ## fails when clang-format would change a file, or a line of src/, backends/vulkan/ or a header is longer than 110 columns, of README than 140
+format-check: ## fails when clang-format would change a file, or a line of src/, backends/vulkan/ or a header is longer than 110 columns, or one of README than 140
 	@clang-format --dry-run -Werror $(OURS)
 	@awk 'length > 110 && !/"|^#pragma|^#define VULKAN_OF|^    X\(|^    (1U|UINT64)/ { print FILENAME ":" FNR ": " length " columns, wanted at most 110"; bad = 1 } END { exit bad }' \
 	  oceanxl.[ch] oceanxl_job.h $(filter-out src/core/options.c,$(wildcard src/*/*.[ch])) $(wildcard backends/vulkan/*.[ch])
@@ -235,19 +235,19 @@ format-check: ## fails when clang-format would change a file, or a line of src/,
 
 # ------------------------------------------------------------------------------------------------ for users
 
-setup: ## installs what the build needs (Debian, as root), or says what that is
+setup: ## installs what the build needs (Debian, as root), or prints what that is
 	@if echo '#include <stb/stb_image.h>' | $(CC) $(BASE) -E -x c - >/dev/null 2>&1; then echo 'setup: nothing is missing'; \
 	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 	  echo 'setup: apt-get install $(SYSTEM)'; apt-get update -qq && DEBIAN_FRONTEND=noninteractive \
 	    apt-get install -y -qq --no-install-recommends -o Dpkg::Use-Pty=0 $(SYSTEM) >/dev/null; \
 	else echo 'setup: as root: apt-get install $(SYSTEM)' >&2; exit 1; fi
 
-demo: ## makes, trains and evaluates a synthetic survey: images in demo/out (a few minutes)
+demo: ## makes, trains and evaluates a synthetic survey, and writes images to demo/out (a few minutes)
 	@$(MAKE) --no-print-directory setup
 	@$(MAKE) --no-print-directory all
 	@scripts/demo.sh $(BUILD)/oceanxl demo
 
-man: $(BUILD)/oceanxl ## docs/oceanxl.1 and docs/OPTIONS.md, from the tables of options (the tests fail when they are not current)
+man: $(BUILD)/oceanxl ## writes docs/oceanxl.1 and docs/OPTIONS.md from the tables of options (the tests fail when they are not current)
 	$(BUILD)/oceanxl --man > $(BUILD)/oceanxl.1
 	mv $(BUILD)/oceanxl.1 docs/oceanxl.1
 	$(BUILD)/oceanxl --options-page > $(BUILD)/OPTIONS.md
@@ -255,8 +255,8 @@ man: $(BUILD)/oceanxl ## docs/oceanxl.1 and docs/OPTIONS.md, from the tables of 
 
 $(BUILD)/liboceanxl.so: oceanxl.c $(BUILD)/flags
 	$(CC) $(FLAGS) -fPIC -shared -Wl,-soname,liboceanxl.so.0 -MMD -MP -MT $@ -MF $(BUILD)/shared.d $< -o $@ $(LIBS)
-shared: $(BUILD)/liboceanxl.so ## the library for other languages
-python: ## the library for python/oceanxl.py, whose structs and functions are generated from oceanxl.h
+shared: $(BUILD)/liboceanxl.so ## builds the library for other languages
+python: ## builds the library for python/oceanxl.py, whose structs and functions are generated from oceanxl.h
 	@$(MAKE) --no-print-directory setup
 	@$(MAKE) --no-print-directory $(BUILD)/liboceanxl.so
 	python3 python/generate.py
@@ -267,7 +267,7 @@ $(BUILD)/oceanxl.pc: Makefile oceanxl.h $(BUILD)/flags
 	@printf '%s\n' 'prefix=$(PREFIX)' 'Name: oceanxl' 'Description: 3D Gaussian Splatting of underwater surveys' 'Version: $(VERSION)' \
 	  'Cflags: -I$${prefix}/include' 'Libs: -L$${prefix}/lib -loceanxl $(filter -fopenmp,$(THREADS)) -lm $(if $(VULKAN_FLAGS),-ldl)' > $@
 
-install: all $(BUILD)/liboceanxl.a $(BUILD)/oceanxl.pc ## programs, manual page, headers, static library, pkg-config file under DESTDIR/PREFIX
+install: all $(BUILD)/liboceanxl.a $(BUILD)/oceanxl.pc ## installs programs, manual page, headers, static library and pkg-config file under DESTDIR/PREFIX
 	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/include $(DESTDIR)$(PREFIX)/lib $(DESTDIR)$(PREFIX)/share/man/man1
 	install -m 644 docs/oceanxl.1 $(DESTDIR)$(PREFIX)/share/man/man1/
 	install -m 755 $(BUILD)/oceanxl $(BUILD)/oceanxl-lab $(DESTDIR)$(PREFIX)/bin/

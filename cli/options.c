@@ -72,8 +72,8 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
          "Trains the variants of the OceanXL paper, and measures the gain and cost of each part.",
          "oceanxl ablate survey -o ablation --preset standard --seeds 3",
          "OUT gets ablate.md (tables), ablate.csv, and for each row and seed a run of train, in SCENE/ROW-seedS/. The same command\n"
-         "resumes a stopped study. All rows share the options below. Rows: 3dgs (midpoint cuts), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4\n"
-         "(+DoG on all), oceanxl (DoG selective); controls: v1-count (V1 with as many Gaussians as V2), v3-bytes (V3 with the bytes of OceanXL)."},
+         "resumes a stopped study. All rows share the options below. Rows: 3dgs (midpoint cuts), v1 (+BSP, balanced cuts), v2 (+UCD, depth weights), v3 (+WAP, half pruned), v4\n"
+         "(+DoG, second lobes on all), oceanxl (second lobes on a selection); controls: v1-count (V1 with as many Gaussians as V2), v3-bytes (V3 with the bytes of OceanXL)."},
     [COMMAND_TRADEOFF] =
         {"tradeoff", 1, 1, "SCENE -o OUT",
          "Measures speed against accuracy on a survey: options one at a time, and the presets.",

@@ -7,7 +7,7 @@ WASM_CC ?= clang
 WASM_FLAGS := --target=wasm32 -std=c99 -O2 -ffp-contract=off -mbulk-memory -nostdlib -nostdinc -isystem $(COURSE)/math -isystem $(COURSE)/wasm
 .PHONY: course course-page course-check exercises ladder
 
-course: $(BUILD)/course/index.html ## examples/course/index.html, the interactive course (Debian: clang, lld)
+course: $(BUILD)/course/index.html ## builds examples/course/index.html, the interactive course (Debian: clang, lld)
 	cp $< $(COURSE)/index.html
 course-page: $(BUILD)/course/index.html
 $(BUILD)/course/course.wasm: $(COURSE)/course.c reference/splat.c src/core/vecmath.h $(wildcard $(COURSE)/math/*.h $(COURSE)/wasm/*.h) $(COURSE)/course.mk
@@ -20,7 +20,7 @@ $(BUILD)/course/page: $(COURSE)/page.c
 $(BUILD)/course/index.html: $(BUILD)/course/page $(BUILD)/course/course.wasm $(COURSE_PARTS) $(wildcard src/*/*.c)
 	$(BUILD)/course/page $(COURSE)/course.html $(BUILD)/course/course.wasm "$$($(WASM_CC) --version | head -n 1)" > $@
 
-course-check: $(BUILD)/course/numbers $(BUILD)/course/numbers_libm ## the committed course: matches its sources; in a headless browser its numbers are the native build's
+course-check: $(BUILD)/course/numbers $(BUILD)/course/numbers_libm ## checks that the committed course matches its sources, and that its numbers in a headless browser are those of the native build
 	$(COURSE)/check.sh $(BUILD)/course
 $(BUILD)/course/numbers $(BUILD)/course/numbers_libm: $(COURSE)/numbers.c $(COURSE)/course.c $(COURSE)/math/math.h reference/splat.c src/core/vecmath.h
 	@mkdir -p $(@D)
@@ -32,7 +32,7 @@ EXERCISES_AT ?= $(BUILD)/exercises
 PICTURE ?= 1
 EXERCISE := $(addprefix exercise-,1 2 3 4 5 6 7 8 9 10)
 .PHONY: $(EXERCISE)
-exercises: ## the checks of the course's ten exercises (make exercise-1 .. exercise-10): each refuses splat.c and accepts its solution
+exercises: ## checks the course's ten exercises (make exercise-1 .. exercise-10): each refuses splat.c and accepts its solution
 	$(COURSE)/exercises.sh $(BUILD)/course/exercises
 $(EXERCISE): exercise-%:
 	@mkdir -p $(EXERCISES_AT)
@@ -48,5 +48,5 @@ $(EXERCISE): exercise-%:
 $(BUILD)/unchanged.log: $(BUILD)/splat # and splat.truth, splat.bmp beside it
 	@cd $(BUILD) && ./splat >unchanged.log
 
-ladder: $(BUILD)/liboceanxl.a ## seven renderers of one scene, from plain loops to the library: times and differences (half a minute)
+ladder: $(BUILD)/liboceanxl.a ## measures times and differences of seven renderers of one scene, from plain loops to the library (half a minute)
 	@$(COURSE)/ladder.sh $(BUILD)/ladder $(CC) -std=c99 -O3 $(FLOATS) $(THREADS)

@@ -7,7 +7,7 @@ WASI_FLAGS := --target=wasm32-wasi -std=c99 -O2 -msimd128 -fopenmp-simd $(FLOATS
 PLAYGROUND_C := $(PLAYGROUND)/playground.c $(wildcard lab/synth*.c) cli/output.c cli/synth_options.c
 .PHONY: wasm playground-check
 
-wasm: $(BUILD)/playground/index.html ## build/playground/index.html: trains a survey in a browser, in one file (Debian: clang, lld, wasi-libc, libclang-rt-14-dev-wasm32)
+wasm: $(BUILD)/playground/index.html ## builds build/playground/index.html, which trains a survey in a browser, in one file (Debian: clang, lld, wasi-libc, libclang-rt-14-dev-wasm32)
 $(BUILD)/playground/%.o: %.c dist/single/oceanxl.h $(PLAYGROUND)/playground.mk
 	@mkdir -p $(@D) $(BUILD)/playground/include
 	@ln -sfn $(abspath $(or $(STB),/usr/include/stb)) $(BUILD)/playground/include/stb
@@ -18,5 +18,5 @@ $(BUILD)/playground/index.html: $(PLAYGROUND)/index.html $(BUILD)/playground/pla
 	@{ sed '/<!-- wasm -->/,$$d' $<; printf '<script id="wasm" type="text/plain">'; base64 -w 0 $(BUILD)/playground/playground.wasm; \
 	  printf '</script>\n'; sed '1,/<!-- wasm -->/d' $<; } > $@
 
-playground-check: $(BUILD)/playground/index.html $(BUILD)/oceanxl ## the page in a headless browser gives the bytes of the native base build
+playground-check: $(BUILD)/playground/index.html $(BUILD)/oceanxl ## checks that the page in a headless browser gives the bytes of the native base build
 	tests/playground.sh $(BUILD)

@@ -27,7 +27,7 @@ enum { OPTIONS_IMAGES = 170, OPTIONS_IMAGES_PAPER = 2800 };
 /* clang-format off */
 static const oxl_option OPTIONS[] = {
 /* name, value, kind, field, lowest, highest, default, tier, use, group, help */
-{"preset", "draft|standard|paper", OXL_OPTION_PRESET, OPTION_AT(preset), 0, 0, PRESETS("draft", "standard", "paper"), OXL_TIER_BASIC, TRAINING, "Training", "sets the defaults of all other options. draft: fast; standard: longer; paper: the paper's method (BSP, UCD, pruning to half, selective lobes)"},
+{"preset", "draft|standard|paper", OXL_OPTION_PRESET, OPTION_AT(preset), 0, 0, PRESETS("draft", "standard", "paper"), OXL_TIER_BASIC, TRAINING, "Training", "sets the defaults of all other options. draft: fast; standard: longer; paper: the paper's method (balanced cuts, depth weights, pruning to half, second lobes on a selection)"},
 {"iterations", "N", OXL_OPTION_INT, OPTION_AT(train.iterations), 1, INT_MAX, PRESETS("1200", "3000", "40000"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "training steps, one image each"},
 {"max-time", "TIME", OXL_OPTION_SECONDS, OPTION_AT(train.max_seconds), 0, 1e15, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "save the state and stop after this time, e.g. 90s, 20m or 8h; 0: no limit"},
 {"max-gaussians", "N", OXL_OPTION_INT, OPTION_AT(train.max_gaussians), 0, INT_MAX, EACH("0"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "maximum number of Gaussians in all blocks together; 0: one per 60 training pixels, or one per point if there are more points, up to twice as many"},
