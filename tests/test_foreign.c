@@ -790,7 +790,6 @@ TEST(transforms_are_read_without_the_points_that_they_name)
 static int foreign_first_red(const char *type, const char *rows)
 {
     OWNED_TEXT t = {.ctx = test_ctx};
-    OWNED_COLMAP c;
     foreign_transforms("\"ply_file_path\": \"p.ply\"");
     text_add(
         &t,
@@ -798,7 +797,7 @@ static int foreign_first_red(const char *type, const char *rows)
         "property %s green\nproperty %s blue\nend_header\n%s",
         type, type, type, rows);
     test_write("survey/p.ply", t.data);
-    c = foreign_read(NULL);
+    OWNED_COLMAP c = foreign_read(NULL);
     return c.point_count == 2 ? c.point[0].rgb[0] : -1;
 }
 
