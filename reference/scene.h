@@ -119,7 +119,7 @@ int read_images(const char *path, double *images, size_t size) {
     return is_read ? 0 : (fprintf(stderr, "%s: wanted the splat.truth of make reference\n", path), 1);
 }
 
-/* [K*]'s columns but for the normals, which are 0; those of the harmonics count by channel. Viewers know no second lobes. Returns 1
+/* [K*]'s columns but for the normals, which are 0; those of the harmonics count by channel. Viewers do not know second lobes. Returns 1
  * if the file cannot be written. */
 int write_ply(const char *path, const struct model *m) {
     const char *name[] = {"x",     "y",     "z",     "scale_0", "scale_1", "scale_2", "rot_0",

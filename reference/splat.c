@@ -7,12 +7,12 @@
  *
  * A scene is a cloud of Gaussians: soft ellipsoids with an opacity and a colour that depends on the direction of view. Each is
  * projected to an ellipse on the image; a pixel mixes the ellipses over it, front to back. All of it has a derivative, so gradient
- * descent fits the cloud to images. dX stands for dL/dX, the derivative of the loss L in X. A backward function follows its forward
+ * descent fits the cloud to images. dX stands for dL/dX, where L is the loss. A backward function follows its forward
  * function, and adds to the gradients that it is given. tests/test_reference.c compares src/, float and fast, with this file.
  *
  * [K] Kerbl et al. 2023, 3D Gaussian Splatting; [K*] its code   [Z] Zwicker et al. 2001, EWA Volume Splatting
  * [W] Wang et al. 2004, Image Quality Assessment (SSIM)   [A] Kingma & Ba 2015, Adam   [Y] Yu et al. 2024, Mip-Splatting
- * [O] OceanXL, SIGGRAPH Asia 2026, doi 10.1145/3829340.3842316
+ * [O] the OceanXL paper, SIGGRAPH Asia 2026, doi 10.1145/3829340.3842316
  */
 #include <math.h>
 #include <stdio.h>
@@ -22,12 +22,12 @@
 #define PI            3.14159265358979323846
 #define LOW_PASS      0.3    /* px^2 added to the variances of a splat: none is thinner than a pixel [K*] */
 #define MIP_LOW_PASS  0.1    /* the same of an anti-aliased model: a pixel's own width [Y] */
-#define FADE_MIN      2.5e-5 /* its opacity is multiplied by sqrt(max(this, det V0 / det V)), V0 without a low pass [Y, its code] */
-#define FRUSTUM_CLAMP 1.3    /* half fields of view; the Jacobian further out is that of this edge [K*] */
+#define FADE_MIN      2.5e-5 /* anti-aliased: o is scaled by sqrt(max(this, det V0 / det V)), V0 without low pass [Y, its code] */
+#define FRUSTUM_CLAMP 1.3    /* half fields of view; centres further out have the Jacobian of this edge [K*] */
 #define ALPHA_MIN     (1.0 / 255) /* fainter contributions are skipped [K app. C] */
 #define ALPHA_MAX     0.99        /* no splat hides all that is behind it [K app. C] */
 #define T_MIN         1e-4        /* a pixel ends before its transmittance falls below this [K app. C] */
-#define T_MAX         16          /* from here on a pixel takes no negative alpha, which would let its transmittance grow */
+#define T_MAX         16          /* negative alpha makes the transmittance grow; from this T on it is skipped */
 
 /* 64 numbers, raw as in a PLY file. Gradients and Adam's moments have the same shape, and so the same type. */
 struct gaussian {
@@ -41,7 +41,7 @@ struct gaussian {
 };
 
 struct model {
-    int count, degree;    /* of the harmonics, 0..3: (degree + 1)^2 coefficients are used */
+    int count, degree;    /* Gaussians; degree of the harmonics, 0..3: (degree + 1)^2 coefficients are used */
     double background[3]; /* RGB */
     struct gaussian *row;
 };
@@ -50,7 +50,7 @@ struct camera {                                   /* +x right, +y down, +z forwa
     int size[2];                                  /* px: width, height */
     double focal[2], centre[2];                   /* px */
     double rotation[3][3], origin[3], near_plane; /* rotation (x - origin): world to camera; only what is further is rendered */
-    int mip;                                      /* 1: anti-aliased, so the low pass does not add to what a splat covers */
+    int mip;                                      /* 1: anti-aliased: the low pass does not add to the light of a splat */
 };
 
 double sigmoid(double x) { return 1 / (1 + exp(-x)); }
@@ -69,12 +69,12 @@ void unit_backward(const double *n, double length, const double *dn, double *dv,
 /* ---------------------------------------------------------------- projection: what the camera sees of a Gaussian */
 
 struct splat {                 /* in a gradient: dL/d(centre, colour, opacity, conic) */
-    int row, lobes;            /* of the model; 1, or 2: alpha is the first's less the second's, [k] below */
-    double centre[2], half[2]; /* px; px, half the sides of the box outside of which |alpha| < ALPHA_MIN */
+    int row, lobes;            /* row of the model; 1, or 2: alpha is lobe 0's minus lobe 1's. [k]: of lobe k */
+    double centre[2], half[2]; /* px; half the sides of the box outside of which |alpha| < ALPHA_MIN, px */
     double colour[3];          /* RGB */
     double opacity[2];         /* [k] */
     double conic[2][3];        /* [k]: xx, xy, yy of K, the inverse of the covariance V, 1/px^2 */
-    double p[3];               /* this and what follows is for backward: the centre seen from the camera, world units */
+    double p[3];               /* from here on, what backward needs: the centre in the camera's frame, world units */
     double d[3], distance;     /* unit vector from the camera to the centre, world axes; their distance */
     double past[2];            /* how far the slopes p_x/p_z, p_y/p_z are beyond the clamp */
     double Y[16], dY[16][3];   /* harmonics at d and their derivatives */
@@ -136,7 +136,7 @@ void ellipse_forward(struct splat *s, int k, int mip) {
     const double cross[3] = {b0[1] * b1[2] - b0[2] * b1[1], b0[2] * b1[0] - b0[0] * b1[2], b0[0] * b1[1] - b0[1] * b1[0]};
     const double bare = dot(cross, cross, 3);
     const double det = bare + low * (xx + yy - low);            /* xx yy - xy^2, but a needle keeps all digits */
-    if (mip) s->opacity[k] *= sqrt(fmax(FADE_MIN, bare / det)); /* its sum over the pixels stays [Y eq. 9] */
+    if (mip) s->opacity[k] *= sqrt(fmax(FADE_MIN, bare / det)); /* keeps its sum over the pixels [Y eq. 9] */
     if (mip && bare > FADE_MIN * det) memcpy(s->cross[k], cross, sizeof cross);
     const double reach = 2 * log(fmax(1, s->opacity[k] / ALPHA_MIN)); /* (standard deviations)^2 to o G = ALPHA_MIN */
     s->conic[k][0] = yy / det, s->conic[k][1] = -xy / det, s->conic[k][2] = xx / det;
@@ -230,24 +230,24 @@ void project_backward(const struct gaussian *g, int degree, const struct camera 
 
 /* ---------------------------------------------------------------- compositing: C = sum_i c_i alpha_i T_i [K eq. 3] */
 
-/* alpha = min(.99, o G) - min(.99, o' G') [O eq. 3] at a pixel with the transmittance T, or 0; G (2) [K eq. 4]. */
+/* alpha = min(.99, o G) - min(.99, o' G') [O eq. 3] at the pixel (x, y) with the transmittance T, or 0; writes G (2) [K eq. 4]. */
 double alpha_forward(const struct splat *s, double x, double y, double T, double G[2]) {
-    const double dx = x - s->centre[0], dy = y - s->centre[1];
-    if (fabs(dx) > s->half[0] || fabs(dy) > s->half[1]) return 0;
+    const double rx = x - s->centre[0], ry = y - s->centre[1];
+    if (fabs(rx) > s->half[0] || fabs(ry) > s->half[1]) return 0;
     for (int k = 0; k < 2; k++) /* without a second lobe o' is 0 */
-        G[k] = exp(-(s->conic[k][0] * dx * dx + 2 * s->conic[k][1] * dx * dy + s->conic[k][2] * dy * dy) / 2);
+        G[k] = exp(-(s->conic[k][0] * rx * rx + 2 * s->conic[k][1] * rx * ry + s->conic[k][2] * ry * ry) / 2);
     const double alpha = fmin(ALPHA_MAX, s->opacity[0] * G[0]) - fmin(ALPHA_MAX, s->opacity[1] * G[1]);
     return fabs(alpha) < ALPHA_MIN || (alpha < 0 && T >= T_MAX) ? 0 : alpha;
 }
 
 void alpha_backward(const struct splat *s, double x, double y, const double G[2], double dalpha, struct splat *ds) {
-    const double dx = x - s->centre[0], dy = y - s->centre[1];
+    const double rx = x - s->centre[0], ry = y - s->centre[1];
     for (int k = 0; k < s->lobes; k++) {
         const double *K = s->conic[k], dG = s->opacity[k] * G[k] < ALPHA_MAX ? (k ? -dalpha : dalpha) * G[k] : 0;
         const double de = s->opacity[k] * dG; /* e: the exponent of G */
         ds->opacity[k] += dG;
-        ds->centre[0] += de * (K[0] * dx + K[1] * dy), ds->centre[1] += de * (K[1] * dx + K[2] * dy);
-        ds->conic[k][0] -= de * dx * dx / 2, ds->conic[k][1] -= de * dx * dy, ds->conic[k][2] -= de * dy * dy / 2;
+        ds->centre[0] += de * (K[0] * rx + K[1] * ry), ds->centre[1] += de * (K[1] * rx + K[2] * ry);
+        ds->conic[k][0] -= de * rx * rx / 2, ds->conic[k][1] -= de * rx * ry, ds->conic[k][2] -= de * ry * ry / 2;
     }
 }
 
@@ -317,7 +317,7 @@ void blur(const double *in, int w, int h, double *out) {
     }
 }
 
-/* The sum of SSIM over the pixels of a channel, x[3 i] against y[3 i] [W eq. 13]; scale times its derivative in x is added to dx. */
+/* The sum of SSIM over the pixels of a channel, x[3 i] against y[3 i] [W eq. 13]; scale times dSSIM/dx is added to dx. */
 double ssim(const double *x, const double *y, int w, int h, double scale, double *dx) {
     const double C1 = 0.01 * 0.01, C2 = 0.03 * 0.03; /* [W] */
     const int n = w * h;
@@ -337,7 +337,7 @@ double ssim(const double *x, const double *y, int w, int h, double scale, double
     return sum;
 }
 
-/* x rendered, y wanted (H,W,3); dx is overwritten. */
+/* x: the rendering, y: the image (H,W,3); dx is overwritten. */
 double loss(const double *x, const double *y, int w, int h, double weight, double *dx) {
     const int n = 3 * w * h;
     double sum = weight * n, rest = 1 - weight;
@@ -356,7 +356,7 @@ double learning_rate(int k, double extent, double progress) {
     return k < SH_REST ? 0.0025 : k < LOBE ? 0.0025 / 20 : k == LOBE ? 0.025 : 0.005; /* the last two: of o', of s' */
 }
 
-/* [A, Alg. 1]: m and v are means of the gradient and of its square, divided by what they lack from having begun at 0. */
+/* [A, Alg. 1]: m and v are running means of the gradient and of its square; the divisions correct for their start at 0. */
 void adam(double *x, double g, double rate, int step, double *m, double *v) {
     const double beta1 = 0.9, beta2 = 0.999, epsilon = 1e-15; /* [A], [K*] */
     *m = beta1 * *m + (1 - beta1) * g;
@@ -365,7 +365,7 @@ void adam(double *x, double g, double rate, int step, double *m, double *v) {
 }
 
 enum verdict { REMOVE, KEEP, SPLIT };
-/* Density control: what becomes of a Gaussian [K sec. 5.2]. gradient: mean over the views of |dL/d(centre)|, in half images. */
+/* Density control: the verdict on a Gaussian [K sec. 5.2]. gradient: mean over the views of |dL/d(centre)|, centre in half images. */
 enum verdict classify(const struct gaussian *g, double gradient, double extent, int was_reset) {
     const double scale = exp(fmax(g->log_scale[0], fmax(g->log_scale[1], g->log_scale[2]))) / extent;
     if (sigmoid(g->logit) < 0.005) return REMOVE; /* [K*] */
@@ -374,7 +374,7 @@ enum verdict classify(const struct gaussian *g, double gradient, double extent, 
 }
 
 /* g becomes one of the two that replace it, on its longest axis before or behind its mean (side -1 or 1): mean, covariance and, to first
- * order in the opacity, the sum of alpha stay. */
+ * order in the opacity, the sum of alpha are kept. */
 void split(struct gaussian *g, int side) {
     double n[4], D[4][9], Q[9];
     const double *s = g->log_scale, length = exp(fmax(s[0], fmax(s[1], s[2])));
@@ -428,7 +428,7 @@ void densify(struct trainer *t, int was_reset) {
 
 #ifndef SPLAT_NO_MAIN
 #include "scene.h" /* its sizes, Gaussians and cameras; write_bmp, write_ply, read_images, write_images */
-/* a.out [IMAGES]: a splat.truth in place of its own renderings. The numbers suit this scene; src/train/schedule.c has others. */
+/* a.out [IMAGES]: trains with the splat.truth IMAGES, not with its own. The numbers suit this scene; src/train/schedule.c has others. */
 int main(int argc, char **argv) {
     enum { STEPS = 600, RESET = STEPS / 4, DENSIFY_UNTIL = STEPS / 2, ADD_LOBES = STEPS * 3 / 4 };
     static struct trainer t = {{SCENE_GAUSSIANS, 0, {0.05, 0.25, 0.35}, t.x}, .extent = 3.5};
@@ -438,8 +438,7 @@ int main(int argc, char **argv) {
     for (int i = 0; i < SCENE_GAUSSIANS; i++) memcpy(&t.x[i], SCENE_GAUSSIAN[i], sizeof *SCENE_GAUSSIAN);
     for (int i = 0; i < SCENE_VIEWS; i++) cam[i] = scene_camera(i), render_forward(&t.model, &cam[i], t.s, truth[i]);
     if (argc > 1 && read_images(argv[1], truth[0], sizeof truth)) return 1;
-    for (int i = 0; i < SCENE_GAUSSIANS;
-         i++) { /* training knows the images, and rough places; o = 0.1, o' = 0.1 o, s' = exp(0.5) s */
+    for (int i = 0; i < SCENE_GAUSSIANS; i++) { /* starts from rough positions; o = 0.1, o' = 0.1 o, s' = exp(0.5) s */
         struct gaussian start = {.log_scale = {-2, -2, -2}, .rotation = {1}, .logit = -2.2, .lobe = {-2.2, 0.5, 0.5, 0.5}};
         for (int a = 0; a < 3; a++) start.mean[a] = rint(4 * t.x[i].mean[a]) / 4;
         t.x[i] = start;

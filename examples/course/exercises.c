@@ -130,7 +130,7 @@ static const struct {
     {"gradient / finite difference", opacity_gradient, 1, 1.999, 2.001},
     {"part of the gradient along the quaternion", along_itself, 0, 0.137, 0.139},
     {"gradient / finite difference", loss_gradient, 1, 0.2499, 0.2501},
-    {"first step in learning rates", first_step, 1, 31.5, 31.7},
+    {"first step in units of the learning rate", first_step, 1, 31.5, 31.7},
     {"variance of the two, relative to their parent's", spread, 1, 1.499, 1.501},
 };
 

@@ -7,7 +7,7 @@ folder=$1 ladder=examples/course/ladder previous="" cpu1="" wall1="" failed=0
 shift
 mkdir -p "$folder"
 MOST=1.6 # a splat whose alpha is at 1/255 in float and below it in double adds a grey level
-names=([1]='plain double' 'float' 'tiles' 'one global sort' 'packs of 16 pixels' 'threads' 'what ships')
+names=([1]='plain double' 'float' 'tiles' 'one global sort' 'packs of 16 pixels' 'threads' 'the library')
 printf '| rung | new lines | CPU ms | speed-up | wall ms | speed-up | largest difference, grey levels |\n|---|--:|--:|--:|--:|--:|--:|\n'
 for source in "$ladder"/[1-7]_*.c; do
     name=$(basename "$source" .c) number=${name%%_*} lines=0
