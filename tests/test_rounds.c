@@ -55,7 +55,7 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
         CHECK_OK(merge_rows(test_ctx, &own, NULL, &all));
         CHECK_OK(merge_rows(test_ctx, &context, NULL, &all));
         OWNED_MODEL g1 = test_model(own.count, 1), g2 = test_model(all.count, 1);
-        renderer_set_context(a, &context);
+        renderer_set_surroundings(a, &context);
         renderer_settings(a)->medium = kind > 1 ? medium : (struct medium){0};
         renderer_settings(b)->medium = kind > 1 ? medium : (struct medium){0};
         x = test_draw(a, &own, &camera), y = test_draw(b, &all, &camera);

@@ -820,9 +820,9 @@ TEST(depth_loss_changes_nothing_but_opacities_in_front_of_points_in_its_step_wit
     }
     CHECK(in_front > 0.02 && elsewhere == 0 && behind == 0);
     OWNED_MODEL beside = test_model(c.model.count, 0);
-    renderer_set_context(c.r, &c.front);
+    renderer_set_surroundings(c.r, &c.front);
     depth_case_step(&c, 3, &beside);
-    renderer_set_context(c.r, NULL);
+    renderer_set_surroundings(c.r, NULL);
     for (size_t j = 0; j < c.model.count; j++)
         CHECK(beside.plane[OXL_OPACITY][j] == c.gradient.plane[OXL_OPACITY][j]);
     depth_case_step(&c, 0, &beside);

@@ -836,7 +836,7 @@ struct vulkan_case {
     int masked, lit, points, window, slabs;
     const float *gain;
     const struct medium *medium;
-    const oxl_model *context;
+    const oxl_model *surroundings;
 };
 
 static oxl_model vulkan_model_of(const struct vulkan_case *c)
@@ -867,7 +867,7 @@ static struct renderer_loss vulkan_view_of(const struct vulkan_case *c, oxl_cont
         point[k] = (struct depth_point){(float)(0.5 + 45 * (1 + vulkan_random((uint64_t)k, 71))),
                                         (float)(0.5 + 30 * (1 + vulkan_random((uint64_t)k, 72))),
                                         (float)(5 + 2 * vulkan_random((uint64_t)k, 73))};
-    renderer_set_context(r, c->context);
+    renderer_set_surroundings(r, c->surroundings);
     *renderer_settings(r) = (struct renderer_settings){
         .steps = 1,
         .window = {c->window ? 2 * camera->width : 0, c->window ? 2 * camera->height : 0, 24, 16},
@@ -933,7 +933,7 @@ static void vulkan_check_view(struct vulkan_case c)
     vulkan_compare_models(&gradient[0], &gradient[1], c.gradient > 0 ? c.gradient : 5e-3);
     vulkan_compare_mean2d(&t, m.count);
     vulkan_compare_observed(&t, m.count);
-    if (!c.context) vulkan_compare_scores(&t, &m);
+    if (!c.surroundings) vulkan_compare_scores(&t, &m);
 }
 
 #define VULKAN_COMPARE(...) vulkan_check_view((struct vulkan_case){__VA_ARGS__})
@@ -1917,7 +1917,7 @@ struct vulkan_training {
     const oxl_callback *callback;
     const char *saved; /* a folder for its state, or NULL */
     const struct image_window *window;
-    const oxl_model *context;
+    const oxl_model *surroundings;
     oxl_model model;
     double gain[18], psnr;
     char decisions[4000];
@@ -1932,7 +1932,7 @@ static oxl_result vulkan_train(oxl_context *ctx, struct vulkan_training *t)
                               .notes = t->saved ? &notes : NULL,
                               .decisions = &decisions,
                               .window = t->window,
-                              .context = t->context};
+                              .surroundings = t->surroundings};
     OWNED_SCENE *scene = vulkan_survey(t->darker);
     oxl_model out = {0};
     oxl_result rc;
@@ -2199,11 +2199,11 @@ DEVICE_TEST(vulkan_run_says_why_it_refines_no_poses)
 DEVICE_TEST(vulkan_compares_parts_of_views_in_front_of_a_context_as_the_cpu_does)
 {
     const struct image_window part = {.x = 11, .y = 6, .width = 41, .height = 30};
-    oxl_model context = vulkan_scene(333, 1, 0);
-    for (size_t i = 0; i < context.count; i++) context.plane[OXL_MEAN][i] += 0.3f;
-    VULKAN_COMPARE(.context = &context, .window = 1, .degree = 2);
-    VULKAN_COMPARE(.context = &context, .window = 1, .lit = 1, .medium = &vulkan_murky, .dropout = 0.3,
-                   .points = 60, .lobes = 100);
+    oxl_model surroundings = vulkan_scene(333, 1, 0);
+    for (size_t i = 0; i < surroundings.count; i++) surroundings.plane[OXL_MEAN][i] += 0.3f;
+    VULKAN_COMPARE(.surroundings = &surroundings, .window = 1, .degree = 2);
+    VULKAN_COMPARE(.surroundings = &surroundings, .window = 1, .lit = 1, .medium = &vulkan_murky,
+                   .dropout = 0.3, .points = 60, .lobes = 100);
     for (int k = 0; k < 4; k++) vulkan_check_image(61, 45, k & 1, k >> 1, &part);
 }
 
@@ -2221,9 +2221,9 @@ static void vulkan_make_all(void)
     synth_test_make(&o, &survey);
 }
 
-/* A run with every part on, up to its first step: survey with tracks, windows, context. */
+/* A run with every part on, up to its first step: survey with tracks, windows, surroundings. */
 static void vulkan_begin_all(oxl_context *ctx, struct train *t, oxl_train_options *o,
-                             struct image_window window[VULKAN_ALL_VIEWS], const oxl_model *context)
+                             struct image_window window[VULKAN_ALL_VIEWS], const oxl_model *surroundings)
 {
     *o = train_options(400);
     o->exposure = o->lamp = o->medium = OXL_ON;
@@ -2234,23 +2234,23 @@ static void vulkan_begin_all(oxl_context *ctx, struct train *t, oxl_train_option
     CHECK(oxl_scene_view_count(t->survey) == VULKAN_ALL_VIEWS);
     for (int i = 0; i < VULKAN_ALL_VIEWS; i++)
         window[i] = (struct image_window){.x = 8, .y = 4, .width = 64, .height = 48};
-    t->task = (struct train_task){.window = window, .context = context};
+    t->task = (struct train_task){.window = window, .surroundings = surroundings};
     CHECK_OK(train_begin(t));
     ((struct lamp_fit *)vulkan_part(t, "lamp", NULL))->on = 1;
     *(struct medium *)vulkan_part(t, "medium", NULL) = vulkan_murky;
 }
 
-/* With lamp, medium, gains, depths, dropout, window and context a step takes at most 41 passes, and the host
+/* With lamp, medium, gains, depths, dropout, window and surroundings a step takes at most 41 passes, and the host
  * waits for none: it learns of each a step late. */
 DEVICE_TEST(vulkan_a_step_with_all_parts_waits_for_nothing_and_takes_45_passes)
 {
     struct image_window window[VULKAN_ALL_VIEWS];
     oxl_train_options o;
-    oxl_model context = vulkan_scene(333, 1, 0);
+    oxl_model surroundings = vulkan_scene(333, 1, 0);
     struct train t;
     size_t waits, dispatches, before, sent;
     vulkan_make_all();
-    vulkan_begin_all(device, &t, &o, window, &context);
+    vulkan_begin_all(device, &t, &o, window, &surroundings);
     vulkan_train_steps(&t, VULKAN_ALL_VIEWS);
     waits = v->waits, dispatches = v->dispatches, before = v->read_bytes, sent = v->sent;
     vulkan_train_steps(&t, 10);

@@ -80,7 +80,7 @@ static void vulkan_take_view(struct vulkan_renderer *r, const oxl_model *model, 
     if (!r->deferred) vulkan_update(r->v, &r->counts, COUNT_HALT * sizeof on, &on, sizeof on);
 }
 
-/* Rows of the model, or of the context behind them. */
+/* Rows of the model, or of the surroundings behind them. */
 static void vulkan_project_slabs(struct vulkan_renderer *r, const struct vulkan_renderer *of)
 {
     const uint32_t variant = (uint32_t)r->in_medium + 2 * (uint32_t)r->drops + (of == r ? 0 : 4);
@@ -97,7 +97,7 @@ static void vulkan_project_slabs(struct vulkan_renderer *r, const struct vulkan_
 static void vulkan_project(struct vulkan_renderer *r)
 {
     vulkan_project_slabs(r, r);
-    if (r->rows > r->count) vulkan_project_slabs(r, r->context);
+    if (r->rows > r->count) vulkan_project_slabs(r, r->surroundings);
 }
 
 static void vulkan_footprint(struct vulkan_renderer *r, uint32_t variant)
@@ -307,7 +307,8 @@ static void vulkan_make_pair_room(struct vulkan_renderer *r, int steps)
 
 OXL_INTERNAL oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl_camera *camera,
                                        const oxl_render_options *options,
-                                       const struct kernel_camera *kernel_camera, const oxl_model *context,
+                                       const struct kernel_camera *kernel_camera,
+                                       const oxl_model *surroundings,
                                        const struct renderer_settings *settings)
 {
     struct vulkan_renderer *r = device;
@@ -318,7 +319,7 @@ OXL_INTERNAL oxl_result vulkan_forward(void *device, const oxl_model *model, con
     }
     vulkan_enter(r->v);
     vulkan_take_model(r, model);
-    vulkan_take_context(r, context);
+    vulkan_take_surroundings(r, surroundings);
     r->drawn_sh_degree = options->sh_degree < 0 || options->sh_degree > model->sh_degree ? model->sh_degree
                                                                                          : options->sh_degree;
     vulkan_take_view(r, model, camera, options, kernel_camera, settings);

@@ -21,7 +21,7 @@ OXL_INTERNAL void vulkan_take_settings(struct vulkan_renderer *r, const struct r
     r->drops = s->dropout.fraction > 0;
     r->may_be_lit = s->lamp != NULL;
     r->is_window = s->window.width > 0;
-    r->view.context_shift = (uint32_t)((r->count + PACK - 1) / PACK * PACK - r->count);
+    r->view.surroundings_shift = (uint32_t)((r->count + PACK - 1) / PACK * PACK - r->count);
     if (r->drops) {
         r->view.dropout_gain = (float)(-vecmath_log(1 - s->dropout.fraction) / VECMATH_LN2);
         r->view.dropout_most = (uint32_t)(s->dropout.fraction * 4294967296.0);

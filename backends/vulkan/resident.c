@@ -35,8 +35,8 @@ OXL_INTERNAL void vulkan_renderer_free(void *device)
          at += sizeof(struct vulkan_buffer))
         vulkan_release(v, (struct vulkan_buffer *)((char *)r + at));
     vulkan_release_slabs(v, r->slab, r->slab_capacity);
-    if (r->context) vulkan_release_slabs(v, r->context->slab, r->context->slab_capacity);
-    oxl_free(v->ctx, r->context);
+    if (r->surroundings) vulkan_release_slabs(v, r->surroundings->slab, r->surroundings->slab_capacity);
+    oxl_free(v->ctx, r->surroundings);
     for (size_t i = 0; i < r->image_capacity; i++) vulkan_release(v, &r->image[i].bytes);
     oxl_free(v->ctx, r->image);
     oxl_free(v->ctx, r);
@@ -183,14 +183,15 @@ OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *
     r->model_here = r->v->rc == OXL_OK;
 }
 
-OXL_INTERNAL void vulkan_take_context(struct vulkan_renderer *r, const oxl_model *m)
+OXL_INTERNAL void vulkan_take_surroundings(struct vulkan_renderer *r, const oxl_model *m)
 {
     r->rows = r->count + (m ? m->count : 0);
-    if (m && !r->context) r->context = oxl_calloc(r->v->ctx, 1, sizeof *r->context);
-    if (m && !r->context) r->v->rc = oxl_fail(r->v->ctx, OXL_ERR_MEMORY, "no memory for a context");
-    if (m && r->context) {
-        r->context->v = r->v;
-        vulkan_take_model(r->context, m);
+    if (m && !r->surroundings) r->surroundings = oxl_calloc(r->v->ctx, 1, sizeof *r->surroundings);
+    if (m && !r->surroundings)
+        r->v->rc = oxl_fail(r->v->ctx, OXL_ERR_MEMORY, "no memory for the surroundings");
+    if (m && r->surroundings) {
+        r->surroundings->v = r->v;
+        vulkan_take_model(r->surroundings, m);
     }
     vulkan_reserve_rows(r); /* rows may also have been moved: vulkan_move_rows */
 }

@@ -16,7 +16,7 @@ struct vulkan_view {
     uint32_t width, height, tiles_x, tiles_y, infinity, antialias;
     float half_width, half_height, attenuation[3], backscatter[3], veiling_light[3], training_range,
         dropout_gain;
-    uint32_t dropout_most, dropout_low, dropout_high, dropout_step, context_shift;
+    uint32_t dropout_most, dropout_low, dropout_high, dropout_step, surroundings_shift;
 };
 
 /* its bits: what shaders test with must not be known to their compiler (common.glsl) */
@@ -59,9 +59,9 @@ struct vulkan_renderer {
     struct trained_model *trained; /* its, since a step; or NULL */
     const float *plane;            /* the host's first one: another is another model */
     size_t count, lobes;
-    size_t rows; /* of the model, then of the context */
+    size_t rows; /* of the model, then of the surroundings */
     /* Gaussians that are drawn and not trained: of this renderer, the slabs alone; or NULL */
-    struct vulkan_renderer *context;
+    struct vulkan_renderer *surroundings;
     int sh_degree, drawn_sh_degree; /* of the model; of its colours in the view */
     int model_here, moments_here, stepped;
     struct renderer_sums sums;
@@ -124,7 +124,7 @@ OXL_INTERNAL float *vulkan_host_plane(const oxl_model *m, const struct vulkan_re
 /* Sends the model, or its moments, unless they are there already. */
 OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *m);
 /* The same of the Gaussians behind the model's; NULL: none. */
-OXL_INTERNAL void vulkan_take_context(struct vulkan_renderer *r, const oxl_model *m);
+OXL_INTERNAL void vulkan_take_surroundings(struct vulkan_renderer *r, const oxl_model *m);
 OXL_INTERNAL void vulkan_reserve_moments(struct vulkan_renderer *r);
 OXL_INTERNAL void vulkan_take_moments(struct vulkan_renderer *r, struct trained_model *trained);
 OXL_INTERNAL void vulkan_copy_sums(struct vulkan_renderer *r, int up);
@@ -145,7 +145,8 @@ OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct t
 
 OXL_INTERNAL oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl_camera *camera,
                                        const oxl_render_options *options,
-                                       const struct kernel_camera *kernel_camera, const oxl_model *context,
+                                       const struct kernel_camera *kernel_camera,
+                                       const oxl_model *surroundings,
                                        const struct renderer_settings *settings);
 OXL_INTERNAL oxl_result vulkan_depth(void *device, float *depth);
 OXL_INTERNAL oxl_result vulkan_image(void *device, float *rgb);

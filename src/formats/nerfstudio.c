@@ -177,7 +177,7 @@ static const char *nerfstudio_path(const struct colmap_reader *r, const char *na
 static const char *nerfstudio_name(const struct colmap_reader *r, const char *value,
                                    char path[NERFSTUDIO_PATH])
 {
-    static const char *const tried[] = {"", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"};
+    static const char *const extension[] = {"", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"};
     const size_t length = oxl_json_text(value, path, NERFSTUDIO_PATH - 8);
     const char *name = path;
     char full[PATH_LENGTH];
@@ -185,8 +185,8 @@ static const char *nerfstudio_name(const struct colmap_reader *r, const char *va
     if (!strncmp(name, "./", 2)) name += 2;
     if (!r->beside && !strncmp(name, "images/", 7)) name += 7;
     if (survey_is_image_name(name)) return name;
-    for (size_t i = 0; i < OXL_COUNT(tried); i++)
-        if (os_is_file(nerfstudio_path(r, name, tried[i], full))) return strcat(path, tried[i]), name;
+    for (size_t i = 0; i < OXL_COUNT(extension); i++)
+        if (os_is_file(nerfstudio_path(r, name, extension[i], full))) return strcat(path, extension[i]), name;
     return strcat(path, strchr(path_base_name(name), '.') ? "" : ".png"), name;
 }
 

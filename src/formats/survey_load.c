@@ -42,7 +42,7 @@ static oxl_result scene_open(oxl_context *ctx, const char *path, const char *fil
             "TXT; or train on the rows that exist: --force",
             scene->colmap.folder);
     scene->from_files = 1;
-    scene->may_miss = o->missing_images;
+    scene->max_missing = o->missing_images;
     scene->images = oxl_strdup(ctx, o->images || !scene->colmap.images ? images : scene->colmap.images);
     scene->masks = oxl_strdup(ctx, masks);
     if (rc != OXL_OK) return rc;

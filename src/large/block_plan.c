@@ -1,4 +1,4 @@
-/* block_plan.c - plans the part of a block in the run: its Gaussians and its context, its window in each
+/* block_plan.c - plans the part of a block in the run: its Gaussians and its surroundings, its window in each
  * view, its steps, its fraction of the budget.
  *
  * All of it follows from the coarse model, so any process finds the same plan. A block's fraction of a pixel
@@ -34,7 +34,7 @@ OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan)
 {
     oxl_free(ctx, plan->window);
     oxl_model_free(ctx, &plan->own);
-    oxl_model_free(ctx, &plan->context);
+    oxl_model_free(ctx, &plan->surroundings);
     *plan = (struct block_plan){0};
 }
 
@@ -124,8 +124,8 @@ static oxl_result plan_windows(struct job *job, struct block_plan *plan)
     oxl_result rc = renderer_create(job->ctx, &r);
     o.sh_degree = 0;
     plan_paint(&plan->own, 1);
-    plan_paint(&plan->context, 0);
-    if (rc == OXL_OK) renderer_set_context(r, &plan->context);
+    plan_paint(&plan->surroundings, 0);
+    if (rc == OXL_OK) renderer_set_surroundings(r, &plan->surroundings);
     for (int i = 0; i < job->scene->view_count && rc == OXL_OK; i++) {
         const oxl_view *view = &job->scene->view[i];
         oxl_image image = {0};
@@ -146,11 +146,11 @@ static oxl_result plan_windows(struct job *job, struct block_plan *plan)
 
 /* ---------------- Gaussians, steps and budget */
 
-/* Copies the rows of the coarse model that are the block's own, and its context; part: (count). */
+/* Copies the rows of the coarse model that are the block's own, and its surroundings; part: (count). */
 static oxl_result plan_take(struct job *job, const oxl_model *coarse, const uint8_t *part,
                             struct block_plan *plan)
 {
-    oxl_model *const out[] = {&plan->context, &plan->own};
+    oxl_model *const out[] = {&plan->surroundings, &plan->own};
     uint8_t *keep = oxl_alloc(job->ctx, coarse->count + 1, 1);
     oxl_result rc = keep ? OXL_OK : OXL_ERR_MEMORY;
     for (int k = 0; k < 2 && rc == OXL_OK; k++) {
@@ -164,7 +164,7 @@ static oxl_result plan_take(struct job *job, const oxl_model *coarse, const uint
     return rc;
 }
 
-/* Leaves out of the context what shows in no view that has a window. */
+/* Leaves out of the surroundings what shows in no view that has a window. */
 static void plan_hide(const struct job *job, const struct block_plan *plan, const oxl_model *coarse,
                       uint8_t *part)
 {

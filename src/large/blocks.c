@@ -2,8 +2,8 @@
  *
  * 1. The coarse model takes the first JOB_COARSE of the run, on the whole survey, in blocks/coarse.
  * 2. Each block continues the run with the coarse model's Gaussians in its box, on the windows of the views
- *    in which they are visible. The context, all other Gaussians of the coarse model, is rendered and not
- *    trained. So the merged model is the blocks' models side by side.
+ *    in which they are visible. The surroundings, all other Gaussians of the coarse model, are rendered and
+ *    not trained. So the merged model is the blocks' models side by side.
  * 3. The last stage of the run trains the merged model on all views, in blocks/whole, and lets it grow once
  *    to the allowed number.
  *
@@ -65,18 +65,18 @@ static void blocks_set_options(const struct block_plan *plan, oxl_train_options 
     if (o->medium == OXL_ON) o->medium = OXL_AUTO; /* Keeps the medium that the coarse model has. */
 }
 
-/* Limits the growth of the block so that it fits --ram, less the bytes of the context, and --device-ram.
+/* Limits the growth of the block so that it fits --ram, less the bytes of the surroundings, and --device-ram.
  * What the coarse model has fits, since it was trained whole. */
 static void blocks_limit(const struct job *job, const struct block_plan *plan, struct block_task *task)
 {
-    const size_t own = plan->own.count, others = plan->context.count;
-    const double beside = (double)others * (4.0 * oxl_model_planes(&plan->context) + COST_SPLAT_BYTES);
+    const size_t own = plan->own.count, others = plan->surroundings.count;
+    const double beside = (double)others * (4.0 * oxl_model_planes(&plan->surroundings) + COST_SPLAT_BYTES);
     struct cost_load load = cost_load_of_scene(job->scene);
     oxl_job_options o = job->options;
     o.train = task->train;
     load.points = own;
     if (o.ram) o.ram = (double)o.ram > beside ? o.ram - (size_t)beside : 1;
-    if (o.device_ram) load.context = (double)others / (double)OXL_MAX(own, (size_t)1);
+    if (o.device_ram) load.surroundings = (double)others / (double)OXL_MAX(own, (size_t)1);
     budget_limit_gaussians(&load, &o);
     o.train.max_gaussians = OXL_MAX(o.train.max_gaussians, (int)own);
     o.train.max_gaussians = OXL_MIN(o.train.max_gaussians, task->train.max_gaussians);
@@ -104,7 +104,7 @@ static oxl_result blocks_train_block(struct blocks *b, int block, const char *fo
     else if (rc == OXL_OK) {
         blocks_set_options(&plan, &task.train);
         blocks_limit(job, &plan, &task);
-        task.run.start = &plan.own, task.run.context = &plan.context, task.run.window = plan.window;
+        task.run.start = &plan.own, task.run.surroundings = &plan.surroundings, task.run.window = plan.window;
         task.run.first = plan.first, task.run.until = plan.last;
         rc = job_train_task(job, &task);
     }

@@ -71,7 +71,7 @@ OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int 
         .observations = stats->observations,
         .schedule_pixels = schedule_pixels(plan->scene) * size / (double)OXL_MAX(stats->points, (size_t)1),
         .survey = (sizeof(struct colmap_point) + sizeof(oxl_point)) * (double)(stats->points - b->points),
-        .context = OXL_MAX(0, (double)b->start_points / size - 1)};
+        .surroundings = OXL_MAX(0, (double)b->start_points / size - 1)};
     for (int v = 0; v < plan->scene->view_count; v++)
         if (partition_has_view(p, block, v)) cost_add_view(&load, plan->scene, v);
     return load;
@@ -107,7 +107,7 @@ OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load
     const double sets = cost_may_refine(&o->train) ? 4 : 3;
     return COST_PROGRAM_BYTES + cache + load->largest * COST_PIXEL_BYTES +
            gaussians * (sets * 4 * planes + COST_SPLAT_BYTES) +
-           gaussians * load->context * (4 * planes + COST_SPLAT_BYTES) +
+           gaussians * load->surroundings * (4 * planes + COST_SPLAT_BYTES) +
            (double)load->observations * sizeof(struct colmap_track) + load->survey + depths;
 }
 
@@ -118,7 +118,8 @@ OXL_INTERNAL double cost_device_memory(const oxl_job_options *o, const struct co
     const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1) + MODEL_LOBE_PLANES;
     const double a_row = COST_DEVICE_ROW + COST_DEVICE_PAIRS * COST_DEVICE_PAIR;
     return COST_DEVICE_BYTES + load->largest * COST_DEVICE_PIXEL +
-           COST_DEVICE_ROOM * gaussians * (3 * 4 * planes + a_row + load->context * (4 * planes + a_row));
+           COST_DEVICE_ROOM * gaussians *
+               (3 * 4 * planes + a_row + load->surroundings * (4 * planes + a_row));
 }
 
 /* Returns the Gaussians that a run starts with: stereo takes up to half of what may be added. */

@@ -92,7 +92,7 @@ struct block_plan {
     struct image_window *window; /* (views) trained part of each view; width 0: none */
     int views;                   /* views with a window */
     double area;                 /* px of all windows */
-    oxl_model own, context;      /* the coarse model's Gaussians in the block's box; others that it sees */
+    oxl_model own, surroundings; /* the coarse model's Gaussians in the block's box; others that it sees */
 };
 OXL_INTERNAL oxl_result block_plan_make(struct job *job, int block, const oxl_model *coarse,
                                         struct block_plan *out);

@@ -87,7 +87,7 @@ struct cost_load {               /* Counts what a survey or a block loads memory
     double pixels, schedule_pixels, largest;
     double largest_file; /* px of the largest image file */
     /* Gaussians of other blocks in its views, per Gaussian of its own */
-    double context;
+    double surroundings;
     double survey; /* bytes of the survey's points outside of a block */
 };
 /* Returns the steps of a run with `images` images (docs/SCALE.md). */

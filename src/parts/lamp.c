@@ -28,7 +28,7 @@ static oxl_result lamp_begin(struct train *t, void *state)
     struct lamp_fit *l = state;
     const struct oxl_imaging *continued = t->continues ? t->imaging : NULL;
     if (t->options->lamp == OXL_OFF) return OXL_OK;
-    l->frozen = t->task.frozen || t->task.context; /* a block sees a part of each image */
+    l->frozen = t->task.frozen || t->task.surroundings; /* a block sees a part of each image */
     l->groups = 1, l->group[0].view = -1;
     if (!continued) l->groups = imaging_set_lamps(t->scene, l->group);
     if (!continued || continued->lamps == 0) return OXL_OK;

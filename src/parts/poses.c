@@ -54,7 +54,7 @@ static oxl_result poses_before_points(struct train *t, void *state)
     double(*kept)[POSE_TERMS] = t->continues ? t->imaging->pose : NULL;
     oxl_result rc = OXL_OK;
     /* of a block, views are seen in part */
-    p->asked = t->options->poses != OXL_OFF && !t->continues && !t->task.window && !t->task.context;
+    p->asked = t->options->poses != OXL_OFF && !t->continues && !t->task.window && !t->task.surroundings;
     if (p->asked || kept) rc = poses_allocate(t->ctx, p, t->scene);
     if (rc != OXL_OK || !kept) return rc;
     memcpy(p->pose, kept, (size_t)t->scene->view_count * sizeof *kept);

@@ -5,7 +5,7 @@
  * T over the points, and
  *     dL/dalpha_i = weight T / (1 - alpha_i)    for each splat i of them.
  * Only opacities have this gradient: a splat that was moved or reshaped would hide the point elsewhere.
- * Splats with a second lobe and those of a context are ignored. Measured gains: docs/log/IMAGING.md.
+ * Splats with a second lobe and those of the surroundings are ignored. Measured gains: docs/log/IMAGING.md.
  *
  * Invariant: the points' terms are added one after the other, in order.
  */
@@ -24,7 +24,7 @@ static double depth_loss_alpha(const struct splat *s, const struct depth_point *
 /* Returns the splat of a pair if it counts, or NULL. */
 static const struct splat *depth_loss_splat(const struct bins *b, const struct pair *pair)
 {
-    return pair->splat < b->context_row && !bins_lobe(b, pair->splat) ? &b->splat[pair->splat] : NULL;
+    return pair->splat < b->surroundings_row && !bins_lobe(b, pair->splat) ? &b->splat[pair->splat] : NULL;
 }
 
 static void depth_loss_add(const struct bins *b, const struct depth_point *p, double weight,

@@ -15,7 +15,7 @@ struct renderer_device {
     void (*free)(void *device);
     oxl_result (*forward)(void *device, const oxl_model *model, const oxl_camera *camera,
                           const oxl_render_options *options, const struct kernel_camera *kernel_camera,
-                          const oxl_model *context, const struct renderer_settings *settings);
+                          const oxl_model *surroundings, const struct renderer_settings *settings);
     oxl_result (*image)(void *device, float *rgb);   /* (3,H,W) rendered */
     oxl_result (*depth)(void *device, float *depth); /* (H,W) of it; the image is lost */
     int (*has_image)(const void *device, int view);

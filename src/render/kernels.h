@@ -149,8 +149,9 @@ struct bins {
     const struct lobe *lobe; /* (lobes) in */
     /* rows 0..lobes-1 have one: footprint of both lobes, twice the slots */
     size_t lobes;
-    size_t context_row, context_lobes; /* so do rows context_row.. of the context; theirs follow in `lobe` */
-    uint32_t *order;                   /* (visible_count) rows by depth, ties by row */
+    size_t surroundings_row,
+        surroundings_lobes; /* so do rows surroundings_row.. of the surroundings; theirs follow in `lobe` */
+    uint32_t *order;        /* (visible_count) rows by depth, ties by row */
     size_t visible_count;
     struct pair *pair; /* (pair_count) tile by tile, each in depth order */
     size_t pair_count;
@@ -162,7 +163,8 @@ struct bins {
 SIMD_INLINE const struct lobe *bins_lobe(const struct bins *b, size_t row)
 {
     if (row < b->lobes) return &b->lobe[row];
-    return row - b->context_row < b->context_lobes ? &b->lobe[b->lobes + row - b->context_row] : NULL;
+    return row - b->surroundings_row < b->surroundings_lobes ? &b->lobe[b->lobes + row - b->surroundings_row]
+                                                             : NULL;
 }
 OXL_INTERNAL oxl_result bin_splats(oxl_context *ctx, struct bins *bins, int width, int height);
 OXL_INTERNAL void bin_free(oxl_context *ctx, struct bins *bins);

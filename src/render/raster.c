@@ -688,7 +688,7 @@ SIMD_INLINE void raster_depth_tile(const int fused, const int lobed, const struc
 
 SIMD_INLINE int raster_has_lobes(const struct raster_job *job)
 {
-    return job->bins->lobes + job->bins->context_lobes > 0;
+    return job->bins->lobes + job->bins->surroundings_lobes > 0;
 }
 
 SIMD_BODY void raster_forward_body(const int fused, const struct raster_job *job)

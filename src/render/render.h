@@ -195,7 +195,7 @@ struct renderer_settings {
 OXL_INTERNAL struct renderer_settings *renderer_settings(struct renderer *r);
 /* From the next forward on, these Gaussians are rendered as well, without gradients. Borrowed. Call it before
  * the first forward: where they have second lobes, the CPU renders from then on. */
-OXL_INTERNAL void renderer_set_context(struct renderer *r, const oxl_model *context);
+OXL_INTERNAL void renderer_set_surroundings(struct renderer *r, const oxl_model *surroundings);
 /* The next backward adds weight x sum of (1 - T) in front of these points to the loss (depth_loss.c).
  * The points are copied. */
 struct depth_point {
@@ -205,7 +205,7 @@ enum { DEPTH_POINTS = 128 }; /* most */
 OXL_INTERNAL void renderer_set_depths(struct renderer *r, const struct depth_point *point, int count,
                                       double weight);
 /* (POSE_SUMS) of the last backward, complete after the step: dL/d(w), dL/d(centre), both in the axes of the
- * world, where w turns all Gaussians about the camera's centre; of the model, without the context. */
+ * world, where w turns all Gaussians about the camera's centre; of the model, without the surroundings. */
 enum { POSE_SUMS = 6 };
 OXL_INTERNAL const double *renderer_pose_gradient(const struct renderer *r);
 

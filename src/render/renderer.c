@@ -148,7 +148,7 @@ static int64_t render_tasks_of(size_t packs)
     return (int64_t)((packs + RENDER_TASK - 1) / RENDER_TASK);
 }
 
-/* Returns the number of tasks over the model's rows, without the context. */
+/* Returns the number of tasks over the model's rows, without the surroundings. */
 OXL_INTERNAL int64_t render_tasks(const struct renderer *r)
 {
     return render_tasks_of(r->packs);
@@ -169,10 +169,10 @@ OXL_INTERNAL struct project_job render_project_job(struct renderer *r, int64_t t
                                 .dmean2d = r->dmean2d};
 }
 
-/* Returns a task over the context's rows. */
+/* Returns a task over the rows of the surroundings. */
 static struct project_job render_context_job(struct renderer *r, int64_t task)
 {
-    return (struct project_job){.in = render_gaussians(r->context, r->context->sh_degree),
+    return (struct project_job){.in = render_gaussians(r->surroundings, r->surroundings->sh_degree),
                                 .kernel_camera = &r->kernel_camera,
                                 .first_pack = (size_t)task * RENDER_TASK,
                                 .end_pack =
@@ -259,10 +259,10 @@ OXL_INTERNAL void renderer_use_cpu(struct renderer *r)
     r->device = NULL;
 }
 
-OXL_INTERNAL void renderer_set_context(struct renderer *r, const oxl_model *context)
+OXL_INTERNAL void renderer_set_surroundings(struct renderer *r, const oxl_model *surroundings)
 {
-    r->context = context && context->count > 0 ? context : NULL;
-    if (r->context && r->context->lobes > 0) renderer_use_cpu(r);
+    r->surroundings = surroundings && surroundings->count > 0 ? surroundings : NULL;
+    if (r->surroundings && r->surroundings->lobes > 0) renderer_use_cpu(r);
 }
 
 OXL_INTERNAL int renderer_has_device(const struct renderer *r)
@@ -343,8 +343,8 @@ static void render_take_view(struct renderer *r, const oxl_model *model, const o
 static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_model *model,
                                const oxl_camera *camera, const oxl_render_options *options)
 {
-    const size_t packs = r->packs, others = r->context ? render_packs(r->context->count) : 0;
-    const size_t lobes = r->context ? r->context->lobes : 0;
+    const size_t packs = r->packs, others = r->surroundings ? render_packs(r->surroundings->count) : 0;
+    const size_t lobes = r->surroundings ? r->surroundings->lobes : 0;
     const oxl_result rc = render_reserve(ctx, r, packs + others, model->lobes + lobes,
                                          (size_t)camera->width * (size_t)camera->height);
     if (rc != OXL_OK) return rc;
@@ -357,8 +357,8 @@ static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_m
     r->bins.lobe = r->lobe;
     r->bins.lobes = model->lobes;
     r->bins.visible = r->visible;
-    r->bins.context_row = packs * PACK;
-    r->bins.context_lobes = lobes;
+    r->bins.surroundings_row = packs * PACK;
+    r->bins.surroundings_lobes = lobes;
     return OXL_OK;
 }
 
@@ -371,7 +371,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
         r->bins.packs = r->packs;
         rc = OXL_RESERVE(ctx, r->rgb, 3 * (size_t)camera->width * (size_t)camera->height);
         if (rc == OXL_OK)
-            rc = r->backend->forward(r->device, model, camera, options, &r->kernel_camera, r->context,
+            rc = r->backend->forward(r->device, model, camera, options, &r->kernel_camera, r->surroundings,
                                      &r->set);
         rc = render_fall_back_to_cpu(ctx, r, rc, 0);
         if (rc == OXL_OK && r->device) ctx->backend->rendered_on |= RENDERED_ON_DEVICE;

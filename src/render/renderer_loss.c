@@ -178,7 +178,7 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     render_each_tile(ctx, r, drgb ? drgb : r->drgb, raster_backward);
     depth_loss_backward(&r->bins, r->depth_point, r->depth_points, r->depth_weight, r->sums);
     r->depth_points = 0;
-    r->unprojected = !gradient;
+    r->projection_pending = !gradient;
     if (!gradient) return OXL_OK;
     out = render_gaussians(gradient, r->in.sh_degree);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
@@ -218,7 +218,7 @@ OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, con
     for (int64_t i = 0; i < (int64_t)r->bins.visible_count; i++) {
         const struct splat *s = &r->splat[r->bins.order[i]];
         float sum = 0;
-        if (r->bins.order[i] >= r->packs * PACK) continue; /* of the context */
+        if (r->bins.order[i] >= r->packs * PACK) continue; /* of the surroundings */
         for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++) sum += r->score[slot];
         score[r->bins.order[i]] += sum;
     }

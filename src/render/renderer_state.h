@@ -26,8 +26,8 @@ struct renderer {
     float background[3];
     struct gaussians in;
     /* Gaussians that are rendered but not trained, in the rows behind the model's; or NULL */
-    const oxl_model *context;
-    size_t packs;        /* of the model; the context's follow */
+    const oxl_model *surroundings;
+    size_t packs;        /* of the model; those of the surroundings follow */
     struct splat *splat; /* (count) */
     struct lobe *lobe;   /* (lobes) */
     uint16_t *visible;   /* (packs) */
@@ -50,7 +50,7 @@ struct renderer {
     int depth_points;
     double depth_weight;
     /* 1: the backward pass ended with `sums`; renderer_step computes the gradients of the rows */
-    int unprojected;
+    int projection_pending;
     oxl_model part; /* (threads * RENDER_STEP_PART * PACK rows) gradients of the rows that a thread steps */
     float (*sums)[SPLAT_SUMS];
     float *score; /* (slots) */

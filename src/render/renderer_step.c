@@ -39,15 +39,15 @@ static oxl_result render_reserve_part(oxl_context *ctx, struct renderer *r)
     return rc == OXL_OK && lobes ? model_set_lobes(ctx, &r->part, rows) : rc;
 }
 
-/* Steps the packs of a job, whose gradient is complete or, if unprojected, is completed here. Returns the
- * number of rows whose visibility the step cleared: their values were not finite. */
+/* Steps the packs of a job, whose gradient is complete or, if its projection is pending, is completed here.
+ * Returns the number of rows whose visibility the step cleared: their values were not finite. */
 static size_t render_step_packs(const oxl_context *ctx, struct renderer *r, const struct gaussians *part,
                                 struct adam_job *job)
 {
     uint16_t seen[RENDER_STEP_PART];
     const size_t first = job->first_pack, thread = (size_t)context_thread();
     size_t skipped = 0;
-    if (r->unprojected) {
+    if (r->projection_pending) {
         job->gradient_row = (first - thread * RENDER_STEP_PART) * PACK;
         render_project_backward(ctx, r, first, job->end_pack, part, job->gradient_row);
     }
@@ -72,10 +72,11 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, stru
         rc = r->backend->step(r->device, trained, adam, out);
         return rc == OXL_OK ? render_read_imaging_gradient(r) : rc;
     }
-    rc = r->unprojected ? render_reserve_part(ctx, r) : OXL_OK;
+    rc = r->projection_pending ? render_reserve_part(ctx, r) : OXL_OK;
     if (rc != OXL_OK) return rc;
     part = render_gaussians(&r->part, r->in.sh_degree);
-    rows = render_step_job(trained, r->unprojected ? &r->part : gradient, adam, r->in.sh_degree, r->in.lobes);
+    rows = render_step_job(trained, r->projection_pending ? &r->part : gradient, adam, r->in.sh_degree,
+                           r->in.lobes);
     rows.visible = r->visible;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : skipped)
     for (int64_t task = 0; task < tasks; task++) {
@@ -86,8 +87,8 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, stru
             skipped += render_step_packs(ctx, r, &part, &job);
         }
     }
-    if (r->unprojected) render_add_task_sums(r);
-    r->unprojected = 0;
+    if (r->projection_pending) render_add_task_sums(r);
+    r->projection_pending = 0;
     *out = (struct renderer_nonfinite){skipped, 0};
     return OXL_OK;
 }

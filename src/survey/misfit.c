@@ -159,7 +159,7 @@ static void misfit_find(const oxl_image *rendered, const oxl_image *image, float
 {
     const int longer = OXL_MAX(image->width, image->height);
     double field[MISFIT_TERMS] = {0};
-    int largest = 1, n, begun = 0;
+    int largest = 1, n, searched = 0;
     while (longer / largest > MISFIT_LARGEST) largest *= 2;
     for (n = largest; longer / (2 * n) >= MISFIT_SMALLEST; n *= 2) continue;
     for (; n >= largest && longer / n >= MISFIT_SMALLEST; n /= 2) {
@@ -169,7 +169,7 @@ static void misfit_find(const oxl_image *rendered, const oxl_image *image, float
         misfit_reduce(rendered, n, work, pair.rendered);
         misfit_reduce(image, n, work, pair.image);
         for (int k = 0; k < MISFIT_TERMS; k++) field[k] *= 2;
-        if (!begun++) misfit_search(&pair, field);
+        if (!searched++) misfit_search(&pair, field);
         out->explained = misfit_improve(&pair, field);
     }
     for (int k = 0; k < 2; k++) out->shift[k] = largest * field[3 * k];

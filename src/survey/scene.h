@@ -36,7 +36,7 @@ struct oxl_scene {
     int from_files;
     struct colmap colmap;        /* from files: rows of the survey's files; holds the views' names */
     struct scene_source *source; /* from files: (view_count) */
-    double may_miss;             /* from files: fraction of the images that may be missing or unreadable */
+    double max_missing;          /* from files: fraction of the images that may be missing or unreadable */
     double *on_disk;             /* from files: (cameras) px of an image's side per px of its camera */
     char *images, *masks;        /* from files: folders; masks NULL: none */
     int transparent;             /* images with an alpha channel */

@@ -223,7 +223,7 @@ OXL_INTERNAL void scene_set_background(oxl_context *ctx, const oxl_scene *scene,
 OXL_INTERNAL int scene_misses_too_many(const oxl_scene *scene, int more)
 {
     return scene->from_files &&
-           scene->stats.images_missing + more > scene->may_miss * (double)scene->colmap.image_count;
+           scene->stats.images_missing + more > scene->max_missing * (double)scene->colmap.image_count;
 }
 
 OXL_INTERNAL oxl_result scene_copy_image(oxl_context *ctx, const oxl_scene *scene, int view, oxl_image *out)

@@ -209,20 +209,20 @@ OXL_INTERNAL size_t scene_start_count(const oxl_scene *scene)
 OXL_INTERNAL oxl_result scene_start_points(oxl_context *ctx, const oxl_scene *scene, size_t count,
                                            oxl_point **out, size_t *found)
 {
-    int carves = scene_is_composited(scene);
-    const size_t wanted = count * (carves ? START_CHOICE : 1);
+    int by_outline = scene_is_composited(scene);
+    const size_t wanted = count * (by_outline ? START_CHOICE : 1);
     struct start_draw d = {.ctx = ctx, .scene = scene};
     oxl_result rc = start_begin(&d, wanted);
     *out = NULL;
     *found = 0;
     if (rc == OXL_OK) start_draw_points(&d, wanted);
-    if (rc == OXL_OK && carves && d.count < count / START_LEAST) {
+    if (rc == OXL_OK && by_outline && d.count < count / START_LEAST) {
         start_free_maps(&d);
-        carves = 0, d.count = 0;
+        by_outline = 0, d.count = 0;
         start_draw_points(&d, count);
     }
-    if (rc == OXL_OK && carves) rc = start_add_colours(&d);
-    if (rc == OXL_OK) rc = start_take(&d, count, carves, out, found);
+    if (rc == OXL_OK && by_outline) rc = start_add_colours(&d);
+    if (rc == OXL_OK) rc = start_take(&d, count, by_outline, out, found);
     start_free_maps(&d);
     OXL_FREE(ctx, d.training, d.point);
     return rc;

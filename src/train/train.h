@@ -32,7 +32,7 @@ struct train_task {
     int until;                   /* the run pauses after this step and writes a checkpoint; 0: no pause */
 
     /* one block of a survey (src/large/blocks.c) */
-    const oxl_model *context; /* Gaussians that are rendered but not trained; NULL: none */
+    const oxl_model *surroundings; /* Gaussians that are rendered but not trained; NULL: none */
     /* (views) trained part of each view, width 0: none; NULL: whole views */
     const struct image_window *window;
     int frozen; /* 1: gains and lamp stay as they are */

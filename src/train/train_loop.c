@@ -173,7 +173,7 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
                       "oxl_terms are computed on the CPU alone\nfix: set backend to OXL_BACKEND_CPU");
     if (rc == OXL_OK)
         *renderer_settings(t->renderer) = (struct renderer_settings){.steps = 1, .terms = t->options->terms};
-    if (rc == OXL_OK) renderer_set_context(t->renderer, t->task.context);
+    if (rc == OXL_OK) renderer_set_surroundings(t->renderer, t->task.surroundings);
     if (rc == OXL_OK) rc = density_clear(ctx, &t->density, t->trained.model.count);
     if (rc == OXL_OK) rc = parts_begin(t);
     if (rc == OXL_OK && !t->continues) rc = train_imaging_begin(t);

@@ -109,7 +109,7 @@ static oxl_result viewer_refine(oxl_context *ctx, const oxl_scene *scene, const 
                               .notes = &notes,
                               .start = &t->viewer,
                               .imaging = &seen,
-                              .context = of->context,
+                              .surroundings = of->surroundings,
                               .window = of->window,
                               .viewed = of->viewed,
                               .frozen = 1};

@@ -23,7 +23,7 @@ const float FRACTION = 0.8;
 
 shared float through[256];
 
-/* Alpha of a pair at a point; 0 of splats behind it, of those with a second lobe and of a context. */
+/* Alpha of a pair at a point; 0 of splats behind it, of those with a second lobe and of the surroundings. */
 float alpha_of(uint row, vec3 p)
 {
     vec4 a = splat_a[row], b = splat_b[row];

@@ -9,7 +9,7 @@ vec3 view_backscatter() { return vec3(view.backscatter[0], view.backscatter[1], 
 vec3 view_veil() { return vec3(view.veiling_light[0], view.veiling_light[1], view.veiling_light[2]); }
 vec3 exp_of(vec3 x) { return vec3(own_exp(x.x), own_exp(x.y), own_exp(x.z)); }
 
-/* training_range: 0 of a context, whose colours have none. */
+/* training_range: 0 of the surroundings, whose colours have none. */
 Medium medium_of(uint i, float training_range)
 {
     Medium m;

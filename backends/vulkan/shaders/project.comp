@@ -2,7 +2,7 @@
  *
  *     VARIANT & 1  a medium lies between camera and Gaussians
  *     VARIANT & 2  some rows are left out: render_drop in src/render/renderer.c
- *     VARIANT & 4  rows of a context, which come behind the model's
+ *     VARIANT & 4  rows of the surroundings, which come behind the model's
  *
  * What raster.comp needs of a row lies in vectors of four numbers, in arrays apart: no array exceeds maxStorageBufferRange before
  * there are 8 million rows, and reads are coalesced.
@@ -92,7 +92,7 @@ void main()
     }
     bool numbers = is_finite(c.x) && is_finite(c.y) && is_finite(half_x) && is_finite(half_y);
     bool sees    = in_front && shown && numbers && (s.reach >= 0.0 || second) && in_view(c, half_x, half_y);
-    if (DROPS) sees = sees && random_bits(uvec2(view.dropout_low, view.dropout_high), CONTEXT ? row + view.context_shift : row, view.dropout_step).y >= view.dropout_most;
+    if (DROPS) sees = sees && random_bits(uvec2(view.dropout_low, view.dropout_high), CONTEXT ? row + view.surroundings_shift : row, view.dropout_step).y >= view.dropout_most;
     seen[row]    = sees ? 1u : 0u;
     rank[row]    = sees ? 1u : 0u;
     if (!sees) return;

@@ -14,6 +14,6 @@ layout(std430, set = 0, binding = 0) readonly buffer View
     /* dropout, read by variants that have it: what is added to log2 of the opacity; rows whose random number is below are left out */
     float dropout_gain;
     uint  dropout_most, dropout_low, dropout_high, dropout_step;
-    uint  context_shift; /* what the CPU numbers a row of the context more than the device */
+    uint  surroundings_shift; /* what the CPU numbers a row of the surroundings more than the device */
 }
 view;
