@@ -178,7 +178,12 @@ void views_section(struct report *r, const char *title, const char *list, const 
     int count, fog = 0;
     struct views_row *row = views_read(r, oxl_json_member(list, "views"), &count);
     for (int i = 0; i < count; i++) fog += row[i].structure < OXL_STRUCTURE_NONE;
-    if (count > 0) output_add(t, "<section>\n<h2>%s</h2>\n", title);
+    if (count > 0)
+        output_add(
+            t,
+            "<section>\n<h2>%s</h2>\n<p class=\"pale\">A misfit is 2.5 dB worse than its neighbours, as after a wrong pose or blur; the finding exposure "
+            "means that a view is brighter or darker than its neighbours predict.</p>\n",
+            title);
     if (fog > 0)
         output_add(
             t,

@@ -175,7 +175,7 @@ promise report_is_written_by_train 0 "</html>" tail -n 1 out/report.html
 promise report_is_rewritten 0 "out/report.html" sh -c "rm out/report.html; '$program' report out; test -s out/report.html && echo out/report.html"
 promise report_of_nothing_is_bad_input 3 "holds no run.json" "$program" report survey
 promise train_prints_at_most_15_lines_of_prose 0 "" sh -c "'$program' train survey -o prose --iterations 60 --exposure on --lamp auto >prose.txt 2>&1 && test \$(grep -vc it/s prose.txt) -le 15 && ! grep residuals prose.txt"
-promise check_counts_photos_with_gps_whose_names_differ_from_the_model_s 0 "gps       16 of 16 photos" sh -c \
+promise check_counts_photos_with_gps_whose_names_differ_from_the_model_s 0 "gps          16 of 16 photos" sh -c \
     "cp -r survey placed && for i in placed/images/*.png; do printf 'Exif\0\0MM\0*\0\0\0\10\0\1\210\45\0\4\0\0\0\1\0\0\0\32\0\0\0\0\0\5\0\1\0\2\0\0\0\2N\0\0\0\0\2\0\5\0\0\0\1\0\0\0\134\0\3\0\2\0\0\0\2E\0\0\0\0\4\0\5\0\0\0\1\0\0\0\144\0\6\0\5\0\0\0\1\0\0\0\154\0\0\0\0\0\0\0\73\0\0\0\1\0\0\0\12\0\0\0\1\0\0\0\24\0\0\0\1' >>\$i; mv \$i \${i%.png}.PNG; done; '$program' check placed"
 promise the_model_for_other_viewers_has_its_own_count 0 "model for other viewers      6/6 " sh -c \
     "'$program' train survey -o counted --exposure on --iterations 40 2>&1 | tr '\\r' '\\n' >counted.txt; grep -q '    40/40 ' counted.txt && cat counted.txt"

@@ -87,7 +87,7 @@ void gps_say(const oxl_scene *scene, const char *images, const char *survey, FIL
     if (found)
         print_format(
             to,
-            "gps       %d of %d photos have a GPS position: with --gps, render --ortho, cloud and compare write "
+            "gps          %d of %d photos have a GPS position: with --gps, render --ortho, cloud and compare write "
             "UTM coordinates\n",
             found, views);
 }
@@ -162,7 +162,7 @@ oxl_result gps_fit(const struct product *p, const char *survey, struct similarit
             n, views, fmin(tilt, 90), GPS_LEAST);
     print_format(
         p->to,
-        "gps       %d of %d photos, UTM zone %d (EPSG:%d): %.6g metres per unit; %d left out; the others deviate by "
+        "gps       %d of %d photos, UTM zone %d (EPSG:%d): %.4g metres per unit; %d left out; the others deviate by "
         "%.2g metres (standard deviation); the vertical is uncertain by %.1f degrees\n",
         n, views, zone, *epsg, out->scale, n - used, left, tilt);
     return OXL_OK;

@@ -169,7 +169,7 @@ static oxl_result map_confirm(struct map *m)
         return oxl_fail(
             m->surface->ctx, OXL_ERR_INPUT,
             "map: nothing that a training view sees lies below the cameras, so the map's up axis may point down\n"
-            "fix: use --frame survey");
+            "fix: use --frame survey without --gps; with --gps, check the heights in the photos' EXIF data");
     m->area = (double)covered * m->pixel * m->pixel;
     m->covered = (double)covered / (double)any, m->high = (double)high / (double)any;
     return OXL_OK;
@@ -320,10 +320,11 @@ oxl_result map_write(const struct product *p, const oxl_model *model)
     oxl_result rc = product_folder(p);
     frame_choose(p->scene, m.kind, &f);
     if (rc == OXL_OK && p->a->epsg && !f.is_world)
-        rc = oxl_fail(p->ctx, OXL_ERR_USAGE,
-                      "map: --epsg names the world's coordinate system, but the map is along the "
-                      "survey's principal axes\nfix: use --frame world if the survey is georeferenced, else "
-                      "georeference it first (docs/GUIDE.md, section 6)");
+        rc = oxl_fail(
+            p->ctx, OXL_ERR_USAGE,
+            "map: --epsg names the world's coordinate system, but the map is along the "
+            "survey's principal axes\nfix: use --frame world if the survey is georeferenced, else --gps "
+            "without --epsg, or georeference it first (docs/GUIDE.md, section 6)");
     if (rc == OXL_OK) rc = surface_open(p->ctx, model, p->scene, SURFACE_SIDE, &s);
     if (rc == OXL_OK) rc = map_make(&m, model);
     if (rc == OXL_OK) {

@@ -35,7 +35,7 @@ OXL_INTERNAL void medium_set_from_tracks(struct medium *m, double span, const st
         snprintf(
             why, size,
             "haze grows with distance; residuals of %zu points in %zu observations are %.2f %% of white, %.2f "
-            "without the medium; red green blue: bD %.3g %.3g %.3g, bB %.3g %.3g %.3g, Binf %.3g %.3g %.3g",
+            "without the medium; for red, green and blue: attenuation bD %.3g %.3g %.3g, backscatter bB %.3g %.3g %.3g, far water Binf %.3g %.3g %.3g",
             p->points, p->observations, 100 * p->with_medium, 100 * p->without[0], p->attenuation[0],
             p->attenuation[1], p->attenuation[2], p->backscatter[0], p->backscatter[1], p->backscatter[2],
             p->veiling_light[0], p->veiling_light[1], p->veiling_light[2]);
