@@ -183,6 +183,7 @@ promise verbose_prints_each_decision_once 0 "" sh -c "'$program' train survey -o
 promise info_prints_few_digits 0 "" sh -c "'$program' info out/scene.ply >digits.txt && ! grep '[0-9][.][0-9]\{7\}' digits.txt"
 promise verbose_prints_the_evidence 0 "residuals" "$program" train survey -o verbose --iterations 9 --verbose
 promise the_second_run_has_nothing_to_do 0 "already holds the finished result" "$program" train survey -o out --iterations 60
+promise the_log_has_the_metrics_in_the_words_that_scripts_look_for 0 "" grep -q 'held-out test views: PSNR [0-9.]* dB, SSIM [0-9.]*, structure [-0-9.]*,' out/run.json
 promise run_json_has_floats_as_short_as_they_are 0 '"ssim_weight": 0.3,' grep '"ssim_weight"' out/run.json
 promise the_report_repeats_the_command 0 "--preset draft --iterations 60" grep "oceanxl train" out/report.html
 promise the_report_states_the_heights 0 "" grep -q "Heights differ from the survey's points by 0[.][0-9]* units in the median, [0-9.]* % of the cameras' distance" out/report.html

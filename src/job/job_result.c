@@ -111,10 +111,11 @@ static void job_log_metrics(struct job *job, const oxl_metrics *m, size_t gaussi
     if (m->count == 0)
         oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be evaluated, so there are no metrics");
     else
-        oxl_log(job->ctx, OXL_LOG_INFO,
-                "%s PSNR %.2f dB, SSIM %.3f, structure %.3f, means over %d views; %zu Gaussians, %.1f MB",
-                job_evaluated_split(job) == OXL_SPLIT_TEST ? "held out    " : "training    ", m->psnr,
-                m->ssim, m->structure, m->count, gaussians, (double)bytes / 1e6);
+        oxl_log(
+            job->ctx, OXL_LOG_INFO,
+            "metrics      %s views: PSNR %.2f dB, SSIM %.3f, structure %.3f, means over %d views; %zu Gaussians, %.1f MB",
+            job_evaluated_split(job) == OXL_SPLIT_TEST ? "held-out test" : "training", m->psnr, m->ssim,
+            m->structure, m->count, gaussians, (double)bytes / 1e6);
     if (m->unshown >= JOB_UNSHOWN)
         oxl_log(
             job->ctx, OXL_LOG_INFO,
