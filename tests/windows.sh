@@ -23,7 +23,7 @@ promise() { # NAME CODE WORDS COMMAND...
     fi
 }
 oceanxl() { wine "$programs/oceanxl.exe" "$@"; }
-begins() { for _ in $(seq 300); do [ -s "$1/blocks/000/log.csv" ] && return; sleep 0.1; done; return 1; } # OUT
+begins() { for _ in $(seq 300); do [ -d "$1/blocks/000" ] && return; sleep 0.1; done; return 1; } # OUT
 same() { cmp "$1" "$2" && [ -s "$1" ]; }
 beside() { # COMMAND...: while another process trains into busy/, which is then killed
     local code
@@ -36,12 +36,13 @@ beside() { # COMMAND...: while another process trains into busy/, which is then 
 }
 interrupted() { # OUT: Ctrl-C, typed in a terminal
     local code
-    (begins "$1"; sleep 1; printf '\003'; sleep 5) |
-        timeout 120 script -qfec "wine '$programs/oceanxl.exe' train survey -o '$1' --iterations 300" typed.txt >/dev/null
+    (begins "$1"; sleep 2; printf '\003'; sleep 5) |
+        timeout 120 script -qfec "wine '$programs/oceanxl.exe' train survey -o '$1' --iterations 3000" typed.txt >/dev/null
     code=$?
     [ -s "$1/blocks/000/checkpoint.oxl" ] && return $code
 }
-"$native" synth -o native --views 10 --size 96x64 --points 800 --quiet >/dev/null && "$native" train native -o wanted --iterations 300 --quiet >/dev/null 2>&1 || exit 1
+"$native" synth -o native --views 10 --size 96x64 --points 800 --quiet >/dev/null && "$native" train native -o wanted --iterations 300 --quiet >/dev/null 2>&1 &&
+    "$native" train native -o long --iterations 3000 --quiet >/dev/null 2>&1 || exit 1
 
 promise the_lab_is_run_by_the_program 0 survey oceanxl synth -o survey --views 10 --size 96x64 --points 800 --quiet
 promise a_synthetic_survey_has_the_same_bytes 0 '' diff -r survey/images native/images
@@ -58,8 +59,8 @@ promise a_folder_that_is_not_there_is_said 3 'Größe/nichts: there is no such f
 promise a_folder_in_use_is_refused 1 'is in use by process' beside oceanxl train survey -o busy --iterations 10
 promise a_killed_run_is_taken_up 0 '' oceanxl train survey -o busy --iterations 300 --restart --quiet
 promise ctrl_c_stops_the_run_with_a_checkpoint 130 '' interrupted stopped
-promise ctrl_c_then_the_same_command 0 '' oceanxl train survey -o stopped --iterations 300 --quiet
-promise ctrl_c_then_the_same_bytes 0 '' same stopped/scene.ply wanted/scene.ply
+promise ctrl_c_then_the_same_command 0 '' oceanxl train survey -o stopped --iterations 3000 --quiet
+promise ctrl_c_then_the_same_bytes 0 '' same stopped/scene.ply long/scene.ply
 mkdir disk
 if mount -t tmpfs -o size=400k none disk 2>/dev/null; then
     promise a_full_disk_is_said 1 'fix: ' oceanxl train survey -o disk/out --iterations 20 --quiet
