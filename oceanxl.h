@@ -65,7 +65,7 @@ typedef enum oxl_result {
     OXL_ERR_FAILED, /* any other failure */
     OXL_ERR_USAGE,  /* invalid arguments, or arguments that contradict each other */
     OXL_ERR_INPUT,  /* a file is missing, malformed or of an unknown format */
-    OXL_ERR_IO,     /* reading or writing failed: disk full, permission */
+    OXL_ERR_IO,     /* reading or writing failed: disk full, permission, an image is missing */
     OXL_ERR_MEMORY, /* allocation failed */
     OXL_ERR_BUDGET, /* the memory budget is too small; the text names the option that helps */
     /* stopped by oxl_context_options.stopped or a callback; after training, out is usable if out->model.count
@@ -80,7 +80,7 @@ typedef struct oxl_context oxl_context;
 typedef enum oxl_log_level { OXL_LOG_ERROR = 0, OXL_LOG_WARNING, OXL_LOG_INFO, OXL_LOG_DEBUG } oxl_log_level;
 
 /* The device that renders and trains. Only builds with `make VULKAN=1` have the Vulkan backend. It was tested
- * on one GPU, an NVIDIA H100, and on lavapipe and SwiftShader, so the CPU is the default. */
+ * on one NVIDIA H100, lavapipe and SwiftShader, so the CPU is the default. */
 typedef enum oxl_backend {
     OXL_BACKEND_CPU = 0,
     OXL_BACKEND_AUTO,  /* a Vulkan device that is not a CPU driver, if present; else the CPU */
@@ -97,7 +97,8 @@ typedef struct oxl_context_options {
     void *(*reallocate)(void *user, void *old, size_t size);
     /* one line without newline; NULL: no log */
     void (*log)(void *user, oxl_log_level level, const char *text);
-    /* nonzero: long reading and writing soon ends with OXL_ERR_INTERRUPTED; NULL: never */
+    /* nonzero: whatever takes long soon ends with OXL_ERR_INTERRUPTED, except training steps, which ask
+     * oxl_callback; NULL: never */
     int (*stopped)(void *user);
     void *user;          /* passed to reallocate, log and stopped */
     oxl_backend backend; /* (CPU) */
@@ -125,13 +126,14 @@ OXL_API void oxl_text_free(oxl_context *ctx, char *text);
  * choice. */
 OXL_API const char *oxl_isa_name(const oxl_context *ctx);
 
-/* Opens the device of options.backend. Optional: the first function that needs the device opens it. */
+/* Opens the device of options.backend, as the first function that needs it does. OXL_ERR_FAILED:
+ * OXL_BACKEND_VULKAN finds none. */
 OXL_API oxl_result oxl_backend_begin(oxl_context *ctx);
 /* Returns what has rendered so far: the device's name, "cpu", or "NAME and cpu" if the CPU took over. Before
  * the first rendering it returns what will render. */
 OXL_API const char *oxl_backend_name(const oxl_context *ctx);
 /* Lists the Vulkan devices in the order of oxl_context_options.device, one line each, with their limits; free
- * with oxl_text_free. */
+ * with oxl_text_free. OXL_ERR_FAILED: the build has no Vulkan backend. */
 OXL_API oxl_result oxl_devices(oxl_context *ctx, char **out);
 
 /* ---------------- images */
@@ -142,7 +144,7 @@ typedef struct oxl_image {
     float *weight; /* (H,W) weights of pixels in losses and metrics, 0 (masked) to 1; NULL: all are 1 */
 } oxl_image;
 
-/* Creates a black image without weights. */
+/* Creates a black image without weights. OXL_ERR_USAGE: a side is not 1..32768 px. */
 OXL_API oxl_result oxl_image_create(oxl_context *ctx, int width, int height, oxl_image *out);
 OXL_API void oxl_image_free(oxl_context *ctx, oxl_image *image);
 /* Reads a JPG or PNG file. OXL_ERR_IO: the file is missing or cannot be read; OXL_ERR_INPUT: it is neither a
@@ -259,8 +261,9 @@ OXL_API oxl_result oxl_scene_image(oxl_context *ctx, const oxl_scene *scene, int
 /* What lies between the colours of a model and the images of its scene: exposure gains of each image, a lamp,
  * a medium, refined poses (docs/UNDERWATER.md). Where a function takes an oxl_imaging, NULL means none. */
 typedef struct oxl_imaging oxl_imaging;
-/* Reads the imaging that belongs to a model file, from imaging.txt in its folder; *out NULL: there is none.
- * scene.ply has the medium in its colours, scene_clear.ply has not. */
+/* Reads the imaging that belongs to a model file, from imaging.txt in its folder, without the medium or gains
+ * that the file has in its colours; *out NULL: there is none. OXL_ERR_INPUT: it is malformed, or not of this
+ * scene. */
 OXL_API oxl_result oxl_imaging_read(oxl_context *ctx, const char *model_path, const oxl_scene *scene,
                                     oxl_imaging **out);
 /* Writes an imaging.txt to the file `path`. OXL_ERR_USAGE: the scene has another number of views. */
@@ -296,7 +299,7 @@ enum {
 };
 
 typedef struct oxl_model {
-    size_t count, capacity;
+    size_t count, capacity; /* Gaussians; rows that the planes have room for */
     /* rows 0..lobes-1 have a second lobe; 0: planes from OXL_LOBE on are NULL */
     size_t lobes;
     int sh_degree;    /* 0..3; planes of higher degrees are NULL */
@@ -316,7 +319,8 @@ typedef struct oxl_model {
     size_t not_finite; /* rows of the file that oxl_model_read left out */
 } oxl_model;
 
-/* Creates a model. All values are 0, except that rotations are the identity. */
+/* Creates a model. All values are 0, except that rotations are the identity. OXL_ERR_USAGE: sh_degree is not
+ * 0..3. */
 OXL_API oxl_result oxl_model_create(oxl_context *ctx, size_t count, int sh_degree, oxl_model *out);
 OXL_API void oxl_model_free(oxl_context *ctx, oxl_model *model);
 OXL_API int oxl_model_planes(const oxl_model *model); /* 11 + 3 (degree + 1)^2: planes of `count` values */
@@ -328,7 +332,8 @@ OXL_API void oxl_model_move_origin(oxl_model *model, const double origin[3]);
 OXL_API void oxl_model_rescale(oxl_model *model, double factor);
 
 /* Creates one isotropic Gaussian per position; its scale is the mean distance to the 3 nearest neighbours
- * [Kerbl 2023]. Of points at the same position the first is used, so out->count may be less than `count`. */
+ * [Kerbl 2023]. Of points at the same position the first is used, so out->count may be less than `count`.
+ * OXL_ERR_INPUT: a position is not finite. */
 OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count,
                                          int sh_degree, oxl_model *out);
 
@@ -341,10 +346,12 @@ OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *poin
  * lines of the comment in an .spz's gzip header; a .splat has none of them. */
 
 /* Reads a .ply with properties of any order and type, ascii or binary, a .splat, or an .spz of version 2 or
- * 3. Rows with a second lobe are moved to the front; both parts keep their order. */
+ * 3. Rows with a second lobe are moved to the front; both parts keep their order.
+ * OXL_ERR_INPUT: the file is missing, malformed or of another format. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
 /* Writes a little-endian .ply of 62 float columns, a .splat, or an .spz of version 3. A file called
- * NAME_standard.ply is written without lobes. */
+ * NAME_standard.ply is written without lobes. OXL_ERR_USAGE: the extension is another; OXL_ERR_IO: it cannot
+ * be written. */
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
 /* ---------------- rendering */
@@ -374,7 +381,7 @@ OXL_API oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const ox
                               const oxl_render_options *options, oxl_image *out, float *depth);
 
 /* Renders a view of the scene as its image was taken: from its camera, on the model's background, with the
- * pose, medium, lamp and gains that `imaging` has of it (NULL: none). depth as in oxl_render. */
+ * pose, medium, lamp and gains that `imaging` has of it. depth as in oxl_render. */
 OXL_API oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, int view,
                                    const oxl_imaging *imaging, oxl_image *out, float *depth);
 
@@ -451,7 +458,7 @@ typedef enum oxl_dog {
     OXL_DOG_ALL
 } oxl_dog;
 
-/* Whether exposure, lamp or medium is modelled (docs/UNDERWATER.md). */
+/* Whether exposure, lamp, medium or poses are fitted (docs/UNDERWATER.md). */
 typedef enum oxl_switch {
     OXL_OFF = 0,
     OXL_ON,
@@ -510,13 +517,15 @@ typedef struct oxl_terms {
 typedef struct oxl_train_options {
     int iterations; /* one image each (1200, 3000, 40 000) */
     int sh_degree;  /* 0..3: final SH degree; -1: 3, in a job 1 where --ram is short (-1, -1, 3) */
-    /* most Gaussians; 0: one per 60 training pixels, at least one per point (0) */
+    /* most Gaussians; 0: one per 60 training pixels, or one per point where there are more, up to twice as
+     * many or 10 000 (0) */
     int max_gaussians;
     double max_seconds; /* stop after this time and write the model; 0: no limit (0) */
     /* red, green, blue, 0..1; -1,-1,-1: white where transparent images are composited over it, else black
      * (-1,-1,-1) */
     float background[3];
-    float ssim_weight; /* w in the loss (1 - w) L1 + w (1 - SSIM) [Kerbl 2023] (0.3, 0.2, 0.2) */
+    /* w in the loss (1 - w) L1 + w (1 - SSIM), means over the unmasked pixels [Kerbl 2023] (0.3, 0.2, 0.2) */
+    float ssim_weight;
     /* first fraction of the run, which trains at half resolution; -1: 0.75 for images of at least 640 px
      * (-1, 0, 0) */
     float coarse;
@@ -550,9 +559,11 @@ typedef struct oxl_train_options {
     oxl_switch exposure; /* a log gain per channel and training image (AUTO) */
     /* a light that moves with the camera: a smooth gain over the image, falloff with distance (AUTO) */
     oxl_switch lamp;
-    /* a medium of nine parameters between camera and Gaussians, docs/UNDERWATER.md (AUTO) */
+    /* a medium of nine parameters between camera and Gaussians; ON: as AUTO, with a warning if off (AUTO) */
     oxl_switch medium;
-    oxl_switch poses; /* each training view's camera is turned and moved a little, with the scene (OFF) */
+    /* each training view's camera is turned and moved a little, with the scene; AUTO: this is kept if images
+     * shift by 0.2 px (OFF) */
+    oxl_switch poses;
     /* 1: the model is trained with oxl_model.antialias (1, 1, 0) */
     int antialias;
     int stereo;             /* 1: starts also from points of the training views' depth maps (1, 1, 0) */
@@ -568,7 +579,7 @@ typedef struct oxl_train_options {
 } oxl_train_options;
 
 OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);
-/* OXL_ERR_USAGE when a value is out of its range; names the first such option. */
+/* OXL_ERR_USAGE: a value is out of its range; the text names the first such option. */
 OXL_API oxl_result oxl_train_options_check(oxl_context *ctx, const oxl_train_options *options);
 
 /* Counts of what a run skipped or cleared because a value was not finite, and of images that could not be
@@ -634,7 +645,8 @@ OXL_API void oxl_trained_free(oxl_context *ctx, oxl_trained *trained);
  *   imaging.txt         exposure, lamp, medium and poses
  * To read the result back for a scene, read scene_clear.ply if it is there, else scene.ply, and
  * oxl_imaging_read of that path.
- * OXL_ERR_USAGE: the result has no Gaussian, or its imaging is of a scene with another number of views. */
+ * OXL_ERR_USAGE: the result has no Gaussian, or its imaging is of a scene with another number of views;
+ * OXL_ERR_IO: a file cannot be written. */
 OXL_API oxl_result oxl_trained_write(oxl_context *ctx, const char *folder, const oxl_scene *scene,
                                      const oxl_trained *trained);
 
@@ -650,8 +662,8 @@ typedef struct oxl_adam {
  * Gaussian. */
 OXL_API oxl_adam oxl_adam_at(const oxl_scene *scene, const oxl_train_options *options, int step);
 /* Moves the Gaussians that have a gradient by a step of Adam (Kingma & Ba 2015), as oxl_train does. moments:
- * zeroed before the first step; free both with oxl_model_free. A row with a value or gradient that is not
- * finite stays. OXL_ERR_USAGE: they differ in shape. */
+ * two zeroed structs before the first step, which allocates them; free both with oxl_model_free. A row with a
+ * value or gradient that is not finite stays. OXL_ERR_USAGE: the shapes differ. */
 OXL_API oxl_result oxl_adam_step(oxl_context *ctx, oxl_model *model, const oxl_model *gradient,
                                  oxl_model moments[2], const oxl_adam *adam);
 

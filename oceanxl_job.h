@@ -84,7 +84,7 @@ typedef enum oxl_option_kind {
     OXL_OPTION_SIZE,    /* int[2]: 400x260 */
     /* const char *; sets all options of the job to the preset's defaults */
     OXL_OPTION_PRESET,
-    /* oxl_keep: 0.5, 400000, 80MB (B, KB, MB, GB, TB; KiB...), auto, all */
+    /* oxl_keep: 0.5, 400000, 80MB (B, KB, MB, GB, TB; KiB...), all */
     OXL_OPTION_KEEP,
 } oxl_option_kind;
 
@@ -97,7 +97,7 @@ enum {
     OXL_OPTION_OF_RUN = 4,      /* one run, or its prediction */
     OXL_OPTION_OF_OUT = 8,      /* an existing folder OUT */
     OXL_OPTION_OF_BLOCK = 16,   /* a run or one block of it, not its prediction */
-    /* no command; the bytes of every block depend on the option, so "job" of run.json records it */
+    /* names no command: the bytes of every block depend on the option, so "job" of run.json records it */
     OXL_OPTION_OF_RESULT = 64,
     /* off while a finished model is refined: after merging, for viewers, to continue a run */
     OXL_OPTION_NOT_REFINED = 128,
@@ -131,7 +131,7 @@ OXL_API oxl_result oxl_option_set(const oxl_option *option, void *options, const
 OXL_API const char *oxl_option_get(const oxl_option *option, const void *options, char *out, size_t size);
 /* Writes the option's member name in run.json: sh_degree, images_folder. Returns out. */
 OXL_API const char *oxl_option_member(const oxl_option *option, char out[40]);
-/* OXL_ERR_USAGE when a value is out of its range; names the first such option. */
+/* OXL_ERR_USAGE: a value is out of its range; the text names the first such option. */
 OXL_API oxl_result oxl_job_options_check(oxl_context *ctx, const oxl_job_options *options);
 
 enum { OXL_SURVEY_TEXT = 2560 /* bytes */ };
@@ -167,21 +167,22 @@ typedef struct oxl_survey {
     char warnings[OXL_SURVEY_TEXT]; /* warnings; each line ends in a newline */
 } oxl_survey;
 
-/* OXL_ERR_INPUT: the survey cannot be trained; the error text gives the reason. quality 1: also decodes every
- * image as training does, compares it with those taken beside it, and logs the blurred and the badly exposed
- * ones. */
+/* Checks the survey in folder `scene`, and predicts memory and time. quality 1: also decodes every image as
+ * training does, compares it with those taken beside it, and logs the blurred and the badly exposed ones.
+ * options may be NULL: the draft preset. OXL_ERR_INPUT: the survey cannot be trained; the error text gives
+ * the reason. */
 OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_options *options, int quality,
                              oxl_survey *out);
 
-/* Logs a warning if the model does not seem to cover the survey in the scene's frame: its frame or scale
- * may differ. */
+/* Logs a warning, which calls the model `name`, if it does not seem to cover the survey in the scene's frame:
+ * its frame or scale may differ. */
 OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                            const char *name);
 
-/* Trains the survey in folder `scene` and writes to folder `out`: scene.ply; scene_standard.ply if scene.ply
- * is not in the standard 62 columns; metrics.json, run.json, renders/; and for each block a folder
- * blocks/KKK/ with model.ply, log.csv and block.json. A survey that fits the memory (or, with block_points,
- * has no more points than that) is one block, 000. A larger one is cut, and training has three stages: a
+/* Trains the survey in folder `scene` and writes to folder `out`: the files of oxl_trained_write;
+ * metrics.json, run.json, renders/; and for each block a folder blocks/KKK/ with model.ply, log.csv and
+ * block.json. A survey that fits the memory (or, with block_points, has no more points than that) is one
+ * block, 000. A larger one is cut, and training has three stages: a
  * coarse model of the survey (blocks/coarse/); the blocks, each with the coarse model's other Gaussians as
  * context; the merged model (blocks/whole/). train.iterations is the number of steps of all stages; a step on
  * a window of an image counts as the window's fraction of the pixels. With options->from, training starts
@@ -195,25 +196,28 @@ OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *mo
 OXL_API oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out,
                                const oxl_job_options *options, const oxl_callback *callback);
 
+typedef struct oxl_manifest oxl_manifest;
 /* Replaces options by those of an existing run of this survey in folder `out`, which a resumed run keeps;
  * without such a run, options are unchanged. *run holds their strings: free it with oxl_manifest_free after
  * the last use of options. */
-typedef struct oxl_manifest oxl_manifest;
 OXL_API oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const char *out,
                                   oxl_job_options *options, oxl_manifest **run);
 OXL_API void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run);
 
-/* Writes renders of a split to a folder: NAME.png per view; with `images` also NAME.image.png, the image,
- * and, where a medium is fitted, NAME.clear.png, the render without lamp and medium; with `depth` also
- * NAME.depth.png (near is bright) and NAME.depth.pfm (float camera z, 0: no surface); depth is that of
- * oxl_render. */
 typedef struct oxl_render_output {
-    oxl_split split;
-    int images, depth;
+    oxl_split split; /* the views to render */
+    /* 1: also NAME.image.png, the image, and, where a medium is fitted, NAME.clear.png, the render without
+     * lamp and medium */
+    int images;
+    /* 1: also NAME.depth.png (near is bright) and NAME.depth.pfm (float camera z as of oxl_render, 0: no
+     * surface) */
+    int depth;
     double unit; /* factor of depths: metres per unit of the scene; 0: none (0) */
     int clear;   /* 1: without the exposure and medium of imaging.txt (0) */
     int replace; /* 1: first removes renders of all views from the folder (0) */
 } oxl_render_output;
+/* Writes NAME.png of each view, and what else `what` asks for, to a folder, which is created if missing.
+ * *count is the number of views written. OXL_ERR_IO: a file cannot be written. */
 OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                     const oxl_imaging *imaging, const oxl_render_output *what,
                                     const char *folder, int *count);
@@ -228,31 +232,35 @@ OXL_API oxl_result oxl_render_path(oxl_context *ctx, const char *folder, const c
 OXL_API oxl_result oxl_write_pfm(oxl_context *ctx, const char *path, const float *value, int width,
                                  int height);
 
-/* Convert metrics to the JSON text of metrics.json, and a survey's check to JSON; free with oxl_text_free. */
+/* Converts metrics to the JSON text of metrics.json; free with oxl_text_free. */
 OXL_API oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics,
                                        char **out);
+/* Converts a survey's check to JSON; free with oxl_text_free. */
 OXL_API oxl_result oxl_survey_to_json(oxl_context *ctx, const oxl_survey *survey, char **out);
 
 /* ---------------- JSON: run.json, metrics.json, block.json */
 
-/* These read JSON text through a cursor, without building a tree. A value is a pointer to its first byte in
- * the text; NULL is a missing value, without members or number. No function reads past the terminating 0,
- * whatever the text. */
+/* JSON is read through a cursor, without building a tree. A value is a pointer to its first byte in the text;
+ * NULL is a missing value, without members or number. No function reads past the terminating 0, whatever the
+ * text. */
+
+/* Returns the value of an object's member. */
 OXL_API const char *oxl_json_member(const char *object, const char *name);
 OXL_API double oxl_json_number(const char *object, const char *name); /* NaN: there is none */
-OXL_API int oxl_json_is_true(const char *object, const char *name);
-/* Return the first element of an array or the first key of an object; the element after an element, or the
- * key after a value; the value of a key. NULL: there is none. */
+OXL_API int oxl_json_is_true(const char *object, const char *name);   /* 0: false, or no such member */
+/* Returns the first element of an array or the first key of an object; NULL: there is none. */
 OXL_API const char *oxl_json_first(const char *value);
+/* Returns the element after an element, or the key after a value; NULL: there is none. */
 OXL_API const char *oxl_json_next(const char *value);
-OXL_API const char *oxl_json_value(const char *key);
+OXL_API const char *oxl_json_value(const char *key); /* the value of a key */
 /* Returns the first byte after a value, which must not be NULL. */
 OXL_API const char *oxl_json_end(const char *value);
 /* Reads a number, whatever the locale, and moves the cursor past it; NaN: there is none. */
 OXL_API double oxl_json_number_at(const char **cursor);
 /* Unescapes a string into `size` bytes, terminated; returns its length, or 0 if the value is no string or
- * does not fit. The length is at most oxl_json_room. */
+ * `size` is less than oxl_json_room. */
 OXL_API size_t oxl_json_text(const char *value, char *out, size_t size);
+/* Returns the size that oxl_json_text needs for a string, else 0. */
 OXL_API size_t oxl_json_room(const char *value);
 /* Writes the character at s as a string of JSON has it, and returns the number of its bytes in s. */
 OXL_API size_t oxl_json_escape(const char *s, char out[8]);
@@ -261,10 +269,10 @@ OXL_API const char *oxl_json_number_text(char out[48], double value);
 
 /* ---------------- files and terminal */
 
+typedef struct oxl_lock oxl_lock;
 /* Locks a folder against writing by other processes until it is unlocked or this process ends; creates the
  * folder if it is missing. OXL_ERR_FAILED: another process holds the lock, and the text names it. oxl_job_run
  * locks its folder itself. */
-typedef struct oxl_lock oxl_lock;
 OXL_API oxl_result oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out);
 OXL_API void oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock); /* *lock may be NULL */
 
@@ -290,7 +298,7 @@ OXL_API int oxl_rename(const char *from, const char *to);
 /* Removes a file. Not 0: errno has the reason. */
 OXL_API int oxl_remove(const char *path);
 
-/* 1: standard output (stream 1) or standard error (2) is a terminal, where a progress line can be
+/* Returns 1 if standard output (stream 1) or standard error (2) is a terminal, where a progress line can be
  * rewritten. */
 OXL_API int oxl_is_terminal(int stream);
 

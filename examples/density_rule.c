@@ -1,5 +1,5 @@
 /* density_rule.c - a density rule of one's own: no needles. Where the model is densified, Gaussians that are
- * more than LENGTH times as long as the other two axes, in the geometric mean, are removed whatever their
+ * more than LENGTH times as long as the geometric mean of their other two axes are removed whatever their
  * gradient says; the room that they leave goes to others, which the library splits.
  *
  *     build/examples/density_rule SCENE [LENGTH]
@@ -48,8 +48,9 @@ int main(int argc, char **argv)
         rc = oxl_train(ctx, scene, &options, NULL, &t);
         if (rc == OXL_OK) rc = oxl_evaluate(ctx, &t.model, scene, t.imaging, OXL_SPLIT_TEST, &m);
         for (size_t i = 0; i < t.model.count; i++) needles += slimness(&t.model, i) > most;
-        printf("%s rule: %zu needles of %zu Gaussians, PSNR %.2f dB\n", own ? "own" : "library's", needles,
-               t.model.count, m.psnr);
+        if (rc == OXL_OK)
+            printf("%s rule: %zu needles of %zu Gaussians, PSNR %.2f dB\n", own ? "own" : "library's",
+                   needles, t.model.count, m.psnr);
         oxl_metrics_free(ctx, &m);
         oxl_trained_free(ctx, &t);
     }

@@ -1,8 +1,8 @@
-/* fit_image.c - a image fitted by Gaussians: one view, no survey; the shortest way to see the optimiser work.
+/* fit_image.c - an image fitted by Gaussians: one view, no survey: the shortest view of the optimiser.
  *
  *     build/examples/fit_image [image.png or .jpg [fitted.png]]
  *
- * Without a image it paints one: rings and a slope. The camera looks along +z at a wall of points at depth 1.
+ * Without an image it paints one: rings and a slope. The camera looks along +z at a wall of points at depth 1.
  */
 #include "oceanxl.h"
 

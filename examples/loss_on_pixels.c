@@ -20,8 +20,8 @@ static double edges(void *user, const oxl_image *rendered, const oxl_image *imag
     for (size_t y = 0; y < rows; y++)
         for (size_t i = y * width; i + 1 < (y + 1) * width; i++) {
             const float *x = rendered->rgb, *t = image->rgb, e = (x[i + 1] - x[i]) - (t[i + 1] - t[i]);
-            if (image->weight && image->weight[i % (width * (size_t)image->height)] == 0)
-                continue; /* masked */
+            const float *w = image->weight ? image->weight + i % (width * (size_t)image->height) : NULL;
+            if (w && (w[0] == 0 || w[1] == 0)) continue; /* masked */
             sum += fabs(e);
             drgb[i + 1] += e > 0 ? step : -step;
             drgb[i] -= e > 0 ? step : -step;

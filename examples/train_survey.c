@@ -1,8 +1,8 @@
 /* train_survey.c - a survey trained through the API, with a progress callback that also decides when it is
  * good enough.
  *
- *     build/examples/train_survey SCENE [FOLDER]       SCENE: images and a COLMAP model, as of `oceanxl
- *     synth -o SCENE`
+ *     build/examples/train_survey SCENE [FOLDER]       SCENE: images and a COLMAP model, as
+ *     `oceanxl synth -o SCENE` writes them
  */
 #include "oceanxl.h"
 
