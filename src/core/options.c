@@ -28,15 +28,15 @@ enum { OPTIONS_IMAGES = 170, OPTIONS_IMAGES_PAPER = 2800 };
 static const oxl_option OPTIONS[] = {
 /* name, value, kind, field, lowest, highest, default, tier, use, group, help */
 {"preset", "draft|standard|paper", OXL_OPTION_PRESET, OPTION_AT(preset), 0, 0, PRESETS("draft", "standard", "paper"), OXL_TIER_BASIC, TRAINING, "Training", "sets the defaults of all other options. draft: fast; standard: longer; paper: the paper's method (balanced cuts, depth weights, pruning to half, second lobes on a selection)"},
-{"iterations", "N", OXL_OPTION_INT, OPTION_AT(train.iterations), 1, INT_MAX, PRESETS("1200", "3000", "40000"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "training steps, one image each"},
+{"iterations", "N", OXL_OPTION_INT, OPTION_AT(train.iterations), 1, INT_MAX, PRESETS("1200", "3000", "40000"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "training steps, one image each; many images raise the default"},
 {"max-time", "TIME", OXL_OPTION_SECONDS, OPTION_AT(train.max_seconds), 0, 1e15, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "save the state and stop after this time, e.g. 90s, 20m or 8h; 0: no limit"},
-{"max-gaussians", "N", OXL_OPTION_INT, OPTION_AT(train.max_gaussians), 0, INT_MAX, EACH("0"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "maximum number of Gaussians in all blocks together; 0: one per 60 training pixels, or one per point if there are more points, up to twice as many"},
+{"max-gaussians", "N", OXL_OPTION_INT, OPTION_AT(train.max_gaussians), 0, INT_MAX, EACH("0"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "maximum number of Gaussians in all blocks together; 0: one per 60 training pixels, or one per point if there are more, up to twice as many"},
 {"seed", "S", OXL_OPTION_SEED, OPTION_AT(seed), 0, 0, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "seed of all random choices; 0 means 1"},
 {"ram", "SIZE", OXL_OPTION_BYTES, OPTION_AT(ram), 0, OPTION_BYTES_MAX, EACH("0"), OXL_TIER_BASIC, SURVEY | TRAINING | RESULT, "Training", "memory limit, e.g. 4G; it determines blocks, image cache and number of Gaussians; 0: the free memory"},
 {"device-ram", "SIZE", OXL_OPTION_BYTES, OPTION_AT(device_ram), 0, OPTION_BYTES_MAX, EACH("0"), OXL_TIER_ADVANCED, SURVEY | TRAINING | RESULT, "Training", "memory limit of the device, e.g. 2G; it determines blocks and number of Gaussians; 0: none"},
 {"from", "MODEL", OXL_OPTION_TEXT, OPTION_AT(from), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, TRAINING | RESULT | ONE_BLOCK, "Training", "start from this .ply, .spz or .splat model instead of the points, with the schedule of a whole run"},
 {"restart", NULL, OXL_OPTION_FLAG, OPTION_AT(restart), 0, 1, EACH("false"), OXL_TIER_BASIC, OXL_OPTION_OF_OUT, "Training", "discard the run in OUT and train from the start"},
-{"force", NULL, OXL_OPTION_FLAG, OPTION_AT(scene.allow_truncated), 0, 1, EACH("false"), OXL_TIER_ADVANCED, OXL_OPTION_OF_OUT, "Training", "train although a file of the survey has fewer rows than its header states"},
+{"force", NULL, OXL_OPTION_FLAG, OPTION_AT(scene.allow_truncated), 0, 1, EACH("false"), OXL_TIER_ADVANCED, OXL_OPTION_OF_OUT, "Training", "train although a file has fewer rows than its header states"},
 {"block", "all|K", OXL_OPTION_INT, OPTION_AT(block), 0, INT_MAX, EACH("all"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "train only block K, counted from 0; all: all unfinished blocks, then the merged model"},
 {"renders", "off|on", OXL_OPTION_CHOICE, OPTION_AT(renders), 0, 1, EACH("on"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "write images of the held-out views to OUT/renders"},
 {"ssim-weight", "W", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_weight), 0, 1, PRESETS("0.3", "0.2", "0.2"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "weight of SSIM in the loss, (1-W) L1 + W (1-SSIM)"},
@@ -64,7 +64,7 @@ static const oxl_option OPTIONS[] = {
 {"lr-rotation", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_rotation), 0, 1, EACH("0.001"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "learning rate of quaternions"},
 {"lr-sh0", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_sh0), 0, 1, EACH("0.0025"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "learning rate of base colours"},
 {"lr-sh", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_sh), 0, 1, EACH("0.0025/20"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "learning rate of SH above degree 0"},
-{"densify-gradient", "T", OXL_OPTION_FLOAT, OPTION_AT(train.densify_gradient), 0, 1e15, PRESETS("0.00055", "0.0002", "0.0002"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Density control", "split Gaussians whose mean position gradient exceeds this, in units of half an image; at most 0.0002 without points"},
+{"densify-gradient", "T", OXL_OPTION_FLOAT, OPTION_AT(train.densify_gradient), 0, 1e15, PRESETS("0.00055", "0.0002", "0.0002"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Density control", "split Gaussians whose mean position gradient exceeds this, in units of half an image; at most 0.0002 for transparent images without points"},
 {"densify-until", "FRACTION", OXL_OPTION_FLOAT, OPTION_AT(train.densify_until), 0, 1, EACH("0.5"), OXL_TIER_EXPERT, TRAINING | RESULT | NOT_REFINED, "Density control", "fraction of the run at which densification ends"},
 {"densify-every", "auto|N", OXL_OPTION_INT, OPTION_AT(train.densify_every), 1, INT_MAX, PRESETS("auto", "100", "100"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "iterations between densifications; auto: a tenth of the run, 15 to 50"},
 };
