@@ -151,11 +151,13 @@ static struct colmap binary_after(const char *words, const char *images)
 {
     const struct survey_given given = {.folder = images};
     OWNED_TEXT t = {.ctx = test_ctx};
-    OWNED_COLMAP c = {0};
+    struct colmap c, numbers;
     text_add(&t, "cd '%s' && %s", test_path("binary"), words);
     CHECK(system(t.data) == 0);
     CHECK_OK(colmap_read(test_ctx, test_path("binary"), COLMAP_BUFFER, &given, &c));
-    return c;
+    numbers = c;
+    colmap_free(test_ctx, &c);
+    return numbers;
 }
 
 TEST(colmap_of_text_and_binary_the_one_that_the_images_fit_better_is_read_with_a_message)
