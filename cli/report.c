@@ -166,7 +166,7 @@ static const char *report_title(const char *key)
     const size_t size = strcspn(key + 1, "\"") + 1;
     for (int k = 0; k < 10; k++)
         if (!strncmp(key + 1, titles[k], size)) return titles[k] + size;
-    return "of another version";
+    return "decision of another version";
 }
 
 /* Adds each decision of the job or a part that has evidence. */

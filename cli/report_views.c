@@ -181,7 +181,7 @@ void views_section(struct report *r, const char *title, const char *list, const 
     if (count > 0)
         output_add(
             t,
-            "<section>\n<h2>%s</h2>\n<p class=\"pale\">A misfit is 2.5 dB worse than its neighbours, as after a wrong pose or blur; the finding exposure "
+            "<section>\n<h2>%s</h2>\n<p class=\"pale\">A misfit is far worse than its neighbours, as after a wrong pose or blur; the finding exposure "
             "means that a view is brighter or darker than its neighbours predict.</p>\n",
             title);
     if (fog > 0)

@@ -134,7 +134,7 @@ TEST(report_of_blocks_has_curves_decisions_and_the_command)
     CHECK_TEXT(page, "<dt>blocks (--partition)</dt><dd>2d<small>16000 points; l3/l2 = 0.1</small>");
     CHECK_TEXT(
         page,
-        "<dt>of another version</dt><dd>2<small>block 0: degree 3 26.6 dB, degree &lt;2&gt; 26.7</small>");
+        "<dt>decision of another version</dt><dd>2<small>block 0: degree 3 26.6 dB, degree &lt;2&gt; 26.7</small>");
     CHECK_TEXT(page, "<dt>Gaussians after pruning (--keep)</dt><dd>1600<small>merged model: as set</small>");
     CHECK(!strstr(page, "(--dog)")); /* without evidence: not shown */
     CHECK(!strstr(page, "a line of the log"));
