@@ -93,8 +93,7 @@ static void extreme_print_surveys(oxl_context *ctx, const char *folder)
     char path[600];
     printf(
         "\n## Surveys: read from files, trained for %d iterations, rendered\n\n"
-        "Difference from the rendering of the first row, in units of full white: largest value, and mean over the view that differs "
-        "most.\n\n"
+        "Cells give the difference from the first row's rendering (white is 1): its maximum, and its mean over the worst view.\n\n"
         "| extreme | rendering | bound of the mean | holds |\n|---|---|---|---|\n",
         EXTREME_STEPS);
     for (size_t i = 0; i < OXL_COUNT(EXTREME_SURVEYS); i++) {
@@ -158,11 +157,11 @@ int main(int argc, char **argv)
         "`make extremes` writes this page and fails if a bound does not hold; `build/test` checks all but the slow rows. The float kernels are those for %s. The\n"
         "reference is the same source in double (`tests/wide_kernels.c`), which `build/test reference_` compares with `reference/splat.c`.\n"
         "\n"
-        "A cell has the largest error relative to the largest magnitude, which has the bound, then the mean error relative to the mean magnitude. Where float and\n"
+        "A cell has the largest error relative to the largest magnitude (bounded), then the mean error relative to the mean magnitude (not bounded). Where float and\n"
         "double fall on different sides of a threshold (alpha >= 1/255, T >= 1e-4), a pixel may differ by 1/255; bounds of 4e-03 allow for this.\n"
         "\n"
         "A Gaussian at or before the near plane, wider than 1e30 px or fainter than 1/255 is not rendered. A quaternion shorter than 1.2e-38 is the\n"
-        "identity. Log scales are clamped to +-87, Adam's gradient to +-1e18.\n"
+        "identity. Log scales are clamped to -87..88, Adam's gradient to +-1e18.\n"
         "\n",
         oxl_isa_name(ctx));
     extreme_print_renders(ctx);
