@@ -122,11 +122,11 @@ static void stereo_reduce(const struct training_image *from, int factor, struct 
         for (size_t x = 0; x < (size_t)l->width; x++) {
             unsigned sum[3] = {0}, masked = 0;
             const size_t at = y * (size_t)l->width + x;
-            for (size_t k = 0; k < f * f; k++) {
-                const size_t pixel = (y * f + k / f) * w + x * f + k % f;
-                for (size_t c = 0; c < 3; c++) sum[c] += from->rgb[c * plane + pixel];
-                masked |= from->mask && !from->mask[pixel];
-            }
+            for (size_t row = y * f; row < y * f + f; row++)
+                for (size_t pixel = row * w + x * f; pixel < row * w + x * f + f; pixel++) {
+                    for (size_t c = 0; c < 3; c++) sum[c] += from->rgb[c * plane + pixel];
+                    masked |= from->mask && !from->mask[pixel];
+                }
             for (size_t c = 0; c < 3; c++) to->rgb[3 * at + c] = (uint8_t)(sum[c] / (f * f));
             l->grey[at] = masked ? NAN : (float)(sum[0] + sum[1] + sum[2]) / (float)(3 * f * f);
         }
