@@ -73,7 +73,7 @@ oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_s
 /* Holds what the evaluation of all views shares. */
 struct evaluate_pass {
     struct drawn of;         /* imaging: not NULL */
-    int whole, plain;        /* neither: measures as evaluate_quick; plain: as evaluate_plain */
+    int whole, plain;        /* of evaluate_part: whole 0; plain 1 without a limit */
     int most;                /* evaluates so many views, evenly spaced */
     oxl_model gradient;      /* gradient of the model, for aligned views */
     int missing;             /* images whose files are gone */
@@ -217,18 +217,10 @@ oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, const oxl_scen
     return evaluate_views(ctx, p, split, out);
 }
 
-OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
-                                       const struct oxl_imaging *imaging, oxl_split split, int most,
-                                       oxl_metrics *out)
+OXL_INTERNAL oxl_result evaluate_part(oxl_context *ctx, const struct drawn *d, oxl_split split, int most,
+                                      oxl_metrics *out)
 {
-    const struct evaluate_pass p = {.of = {NULL, model, scene, imaging}, .most = most};
-    return evaluate_views(ctx, p, split, out);
-}
-
-OXL_INTERNAL oxl_result evaluate_plain(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
-                                       const struct oxl_imaging *imaging, oxl_split split, oxl_metrics *out)
-{
-    const struct evaluate_pass p = {.of = {NULL, model, scene, imaging}, .most = INT_MAX, .plain = 1};
+    const struct evaluate_pass p = {.of = *d, .plain = most == 0, .most = most ? most : INT_MAX};
     return evaluate_views(ctx, p, split, out);
 }
 

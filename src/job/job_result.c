@@ -78,7 +78,8 @@ static oxl_result job_add_viewer(struct job *job, struct text *t, const oxl_trai
     oxl_result rc;
     if (!trained->viewer.count) return OXL_OK;
     imaging_hide(&seen, hides);
-    rc = evaluate_plain(job->ctx, &trained->viewer, job->scene, &seen, job_evaluated_split(job), &plain);
+    rc = evaluate_part(job->ctx, &(struct drawn){NULL, &trained->viewer, job->scene, &seen},
+                       job_evaluated_split(job), 0, &plain);
     if (rc != OXL_OK) return rc;
     oxl_log(job->ctx, OXL_LOG_INFO,
             "viewers      other viewers show %s without imaging.txt: PSNR %.2f dB (%+.2f dB)", name,

@@ -230,7 +230,8 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     int flagged = 0, count;
     size_t room;
     oxl_result rc = OXL_OK;
-    if (!measured) rc = evaluate_quick(ctx, model, scene, imaging, OXL_SPLIT_TRAIN, judged, &m);
+    if (!measured)
+        rc = evaluate_part(ctx, &(struct drawn){NULL, model, scene, imaging}, OXL_SPLIT_TRAIN, judged, &m);
     if (rc != OXL_OK) return rc;
     room = (size_t)t.m->count + 1;
     t.row = oxl_calloc(ctx, room, sizeof *t.row);
