@@ -31,9 +31,8 @@ struct planes_window { /* A Gaussian of 2 half + 1 px; outside of the image is b
     double sigma;
     int half, reflects;
 };
-/* Allocates planes of the size of an image, not cleared; planes_free takes them back. */
+/* Allocates planes of the size of an image, not cleared; free them with p->line. */
 OXL_INTERNAL oxl_result planes_begin(oxl_context *ctx, const oxl_image *of, struct planes *p);
-OXL_INTERNAL void planes_free(oxl_context *ctx, struct planes *p);
 /* Blurs a plane, along y and then along x. */
 OXL_INTERNAL void planes_blur(oxl_context *ctx, const struct planes *p, const struct planes_window *window,
                               const double *in, double *out);

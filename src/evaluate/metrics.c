@@ -135,7 +135,7 @@ oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, do
         for (size_t i = 0; i < p.size; i++)
             if (p.plane[METRICS_MASKED][i] <= 0) sum[c] += metrics_similarity(p.plane, i), windows++;
     }
-    planes_free(ctx, &p);
+    oxl_free(ctx, p.line);
     if (windows == 0)
         return metrics_fail_masked(ctx, "every window touches a masked pixel, so there is no SSIM");
     *out = (sum[0] + sum[1] + sum[2]) / (double)windows;

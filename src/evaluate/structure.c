@@ -16,9 +16,8 @@ enum { STRUCTURE_REACH = 4 };                      /* reach of a window, in sigm
 #define STRUCTURE_DARK 1e-20 /* Keeps a product of mean squares from 0, against division by it. */
 
 struct structure_work {
-    struct planes p;
-    double *weight;             /* (H,W) weights; NULL: all pixels count */
-    double *band[2], *plane[3]; /* (H,W) bands of a and b; (H,W) scratch */
+    struct planes p; /* bands of a and b; grey; two for scratch; weights */
+    double *weight;  /* (H,W) weights; NULL: all pixels count */
 };
 
 static void structure_blur(oxl_context *ctx, const struct structure_work *s, int sigma, const double *in,
@@ -41,7 +40,7 @@ static void structure_mean(oxl_context *ctx, const struct structure_work *s, int
 static void structure_band(oxl_context *ctx, const struct structure_work *s, const oxl_image *of, double *out)
 {
     const size_t pixels = s->p.size;
-    double *grey = s->plane[0], *coarse = s->plane[1], *work = s->plane[2];
+    double *grey = s->p.plane[2], *coarse = s->p.plane[3], *work = s->p.plane[4];
     for (size_t i = 0; i < pixels; i++) {
         const double v = (metrics_clamped(of->rgb[i]) + metrics_clamped(of->rgb[pixels + i]) +
                           metrics_clamped(of->rgb[2 * pixels + i])) /
@@ -58,8 +57,6 @@ static oxl_result structure_begin(oxl_context *ctx, const oxl_image *a, const ox
 {
     const oxl_result rc = planes_begin(ctx, a, &s->p);
     if (rc != OXL_OK) return rc;
-    for (int k = 0; k < 2; k++) s->band[k] = s->p.plane[k];
-    for (int k = 0; k < 3; k++) s->plane[k] = s->p.plane[2 + k];
     s->weight = b->weight ? s->p.plane[5] : NULL;
     for (size_t i = 0; b->weight && i < s->p.size; i++) s->weight[i] = b->weight[i] > 0.5f;
     return OXL_OK;
@@ -68,12 +65,12 @@ static oxl_result structure_begin(oxl_context *ctx, const oxl_image *a, const ox
 /* Computes mean products of the bands over the pixels that count: aa, bb, ab. Returns their number. */
 static double structure_products(const struct structure_work *s, double product[3])
 {
-    double counted = 0;
+    double *const *band = s->p.plane, counted = 0;
     product[0] = product[1] = product[2] = 0;
     for (size_t i = 0; i < s->p.size; i++) {
-        product[0] += s->band[0][i] * s->band[0][i];
-        product[1] += s->band[1][i] * s->band[1][i];
-        product[2] += s->band[0][i] * s->band[1][i];
+        product[0] += band[0][i] * band[0][i];
+        product[1] += band[1][i] * band[1][i];
+        product[2] += band[0][i] * band[1][i];
         counted += s->weight ? s->weight[i] : 1;
     }
     for (int k = 0; k < 3 && counted > 0; k++) product[k] /= counted;
@@ -89,10 +86,10 @@ oxl_result oxl_structure(oxl_context *ctx, const oxl_image *a, const oxl_image *
     rc = metrics_check(ctx, a, b);
     if (rc == OXL_OK) rc = structure_begin(ctx, a, b, &s);
     if (rc != OXL_OK) return rc;
-    structure_band(ctx, &s, a, s.band[0]);
-    structure_band(ctx, &s, b, s.band[1]);
+    structure_band(ctx, &s, a, s.p.plane[0]);
+    structure_band(ctx, &s, b, s.p.plane[1]);
     if (structure_products(&s, product) > 0 && product[1] > STRUCTURE_NOISE)
         *out = product[2] / sqrt(product[0] * product[1] + STRUCTURE_DARK);
-    planes_free(ctx, &s.p);
+    oxl_free(ctx, s.p.line);
     return OXL_OK;
 }
