@@ -9,8 +9,7 @@
 /* Returns the model's background, or the scene's if the model has none. */
 static void evaluate_background(const oxl_model *model, const oxl_scene *scene, float out[3])
 {
-    static const float none[3] = {-1, -1, -1};
-    scene_background(scene, model->has_background ? model->background : none, out);
+    scene_background(scene, model->has_background ? model->background : NULL, out);
 }
 
 OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene)

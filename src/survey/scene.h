@@ -144,8 +144,8 @@ OXL_INTERNAL oxl_result scene_start_points(oxl_context *ctx, const oxl_scene *sc
 /* ---------------- transparent pixels */
 
 /* Returns 1 if images are composited over a background. scene_background returns the colour behind the scene;
- * wanted (-1,-1,-1): white if images are composited, otherwise black. scene_set_background composites images
- * over this colour from now on. */
+ * wanted (-1,-1,-1) or NULL: white if images are composited, otherwise black. scene_set_background composites
+ * images over this colour from now on. */
 OXL_INTERNAL int scene_is_composited(const oxl_scene *scene);
 OXL_INTERNAL void scene_background(const oxl_scene *scene, const float wanted[3], float out[3]);
 OXL_INTERNAL void scene_set_background(oxl_context *ctx, const oxl_scene *scene, const float rgb[3]);

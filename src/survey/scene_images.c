@@ -202,7 +202,7 @@ OXL_INTERNAL struct image_alpha scene_alpha(const oxl_scene *scene)
 OXL_INTERNAL void scene_background(const oxl_scene *scene, const float wanted[3], float out[3])
 {
     for (int c = 0; c < 3; c++) {
-        const float v = wanted[0] >= 0 ? wanted[c] : scene_is_composited(scene);
+        const float v = wanted && wanted[0] >= 0 ? wanted[c] : scene_is_composited(scene);
         /* Rounds to the 8 bits of the images. */
         out[c] = scene_is_composited(scene) ? floorf(v * 255 + 0.5f) / 255 : v;
     }
@@ -249,7 +249,7 @@ oxl_result oxl_scene_image(oxl_context *ctx, const oxl_scene *scene, int view, c
                            oxl_image *out)
 {
     float behind[3];
-    scene_background(scene, background ? background : (const float[3]){-1, -1, -1}, behind);
+    scene_background(scene, background, behind);
     scene_set_background(ctx, scene, behind);
     return scene_copy_image(ctx, scene, view, out);
 }
