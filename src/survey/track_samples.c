@@ -56,8 +56,9 @@ static void track_samples_choose(const oxl_scene *scene, size_t most, struct tra
     while (tracks_next(&all)) count++;
     for (size_t i = 0; i < c->point_count; i += count / most + 1) {
         const size_t first = s->count;
-        struct tracks_walk own = tracks_of_point(c, s->view, i);
+        struct tracks_walk own = tracks_of(c, s->view);
         double farthest = 0;
+        own.point = i, own.end = i + 1;
         own.origin = scene->origin;
         while (s->count < most && s->count - first < TRACK_SAMPLES_LONGEST && tracks_next(&own)) {
             s->at[s->count] = (struct track_sample){.point = i, .view = own.view};

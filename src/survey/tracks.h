@@ -9,8 +9,8 @@
 /* Returns 0 if the point is too far away for the scene. */
 OXL_INTERNAL int tracks_accept_point(const struct colmap_point *point, const double origin[3]);
 
-/* Walks over the entries of tracks, point by point. tracks_of and tracks_of_point begin a walk; the caller
- * then sets `step`, `origin` and `shortest` as needed; tracks_next goes to the next observation. */
+/* Walks over the entries of tracks, point by point. tracks_of begins a walk over all points; the caller then
+ * sets `point`, `end`, `step`, `origin` and `shortest` as needed; tracks_next goes to the next observation. */
 struct tracks_walk {
     const struct colmap *colmap;
     const int *view_of;   /* (images) number of each image's view; negative: its entries are skipped */
@@ -24,7 +24,6 @@ struct tracks_walk {
     uint32_t entry;       /* next entry of the point's track */
 };
 OXL_INTERNAL struct tracks_walk tracks_of(const struct colmap *c, const int *view_of);
-OXL_INTERNAL struct tracks_walk tracks_of_point(const struct colmap *c, const int *view_of, size_t point);
 OXL_INTERNAL int tracks_next(struct tracks_walk *w); /* 0: the end of the walk */
 
 #endif
