@@ -217,13 +217,18 @@ OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3])
     for (int i = 0; i < 3; i++) out[i] = -(r[i] * t[0] + r[3 + i] * t[1] + r[6 + i] * t[2]);
 }
 
+OXL_INTERNAL double camera_apart(const double a[3], const double b[3])
+{
+    return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) +
+                (a[2] - b[2]) * (a[2] - b[2]));
+}
+
 OXL_INTERNAL double camera_distance(const oxl_camera *a, const oxl_camera *b)
 {
     double p[3], q[3];
     camera_position(a, p);
     camera_position(b, q);
-    return sqrt((p[0] - q[0]) * (p[0] - q[0]) + (p[1] - q[1]) * (p[1] - q[1]) +
-                (p[2] - q[2]) * (p[2] - q[2]));
+    return camera_apart(p, q);
 }
 
 OXL_INTERNAL void camera_transform(const oxl_camera *camera, const double world[3], const double origin[3],

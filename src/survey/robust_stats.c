@@ -82,11 +82,6 @@ OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, s
 
 /* ---------------- cameras */
 
-static double stats_distance(const double a[3], const double b[3])
-{
-    return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) +
-                (a[2] - b[2]) * (a[2] - b[2]));
-}
 
 /* Returns the largest distance from the mean of the centres, as in 3DGS. */
 static double stats_radius(const double *centre, size_t n)
@@ -94,7 +89,7 @@ static double stats_radius(const double *centre, size_t n)
     double mean[3] = {0, 0, 0}, radius = 0;
     for (size_t i = 0; i < n; i++)
         for (int k = 0; k < 3; k++) mean[k] += centre[3 * i + k] / (double)n;
-    for (size_t i = 0; i < n; i++) radius = OXL_MAX(radius, stats_distance(centre + 3 * i, mean));
+    for (size_t i = 0; i < n; i++) radius = OXL_MAX(radius, camera_apart(centre + 3 * i, mean));
     return radius;
 }
 
@@ -110,10 +105,10 @@ OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const oxl_scene *s
         if (!scene->view[v].is_test) camera_position(&scene->view[v].camera, centre + 3 * count++);
     if (rc == OXL_OK && count) rc = stats_bounds(ctx, centre, count, 3 * sizeof *centre, low, middle, high);
     if (rc != OXL_OK) count = 0;
-    for (size_t i = 0; i < count; i++) distance[i] = stats_distance(centre + 3 * i, middle);
+    for (size_t i = 0; i < count; i++) distance[i] = camera_apart(centre + 3 * i, middle);
     limit = STATS_OUTLIER * stats_select(distance, count, 0.5);
     for (size_t i = 0; i < count; i++)
-        if (stats_distance(centre + 3 * i, middle) <= limit)
+        if (camera_apart(centre + 3 * i, middle) <= limit)
             memmove(centre + 3 * kept++, centre + 3 * i, 3 * sizeof *centre);
     *radius = stats_radius(centre, kept);
     if (kept < count)

@@ -119,6 +119,7 @@ OXL_INTERNAL int camera_is_rotation(const double r[9]); /* 1: finite, orthonorma
 OXL_INTERNAL int camera_has_pose(
     const oxl_camera *camera); /* 1: such a rotation, and no place too far away */
 OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3]);    /* -R^T t */
+OXL_INTERNAL double camera_apart(const double a[3], const double b[3]);        /* distance of two places */
 OXL_INTERNAL double camera_distance(const oxl_camera *a, const oxl_camera *b); /* of their centres */
 /* Transforms a point to the camera's axes, x (3). origin: origin of the scene's frame; NULL:
  * the point is in that frame. */
