@@ -163,8 +163,8 @@ static double poses_shift(const struct poses *p, const oxl_scene *scene)
 static oxl_result poses_search(struct train *t, struct poses *p)
 {
     oxl_result rc = step_flush(t);
-    for (int v = 0; v < oxl_scene_view_count(t->scene) && rc == OXL_OK; v++) {
-        const oxl_camera *given = &oxl_scene_view(t->scene, v)->camera;
+    for (int v = 0; v < t->scene->view_count && rc == OXL_OK; v++) {
+        const oxl_camera *given = &t->scene->view[v].camera;
         oxl_camera camera = *given;
         oxl_image image = {0}, rendered = {0};
         struct misfit m = {0};

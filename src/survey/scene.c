@@ -11,8 +11,8 @@
 OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t point, double x[3],
                                      double pixel[2])
 {
-    return camera_project(&oxl_scene_view(scene, view)->camera, scene_colmap(scene)->point[point].position,
-                          oxl_scene_origin(scene), x, pixel) &&
+    return camera_project(&scene->view[view].camera, scene->colmap.point[point].position, scene->origin, x,
+                          pixel) &&
            fabs(x[0]) <= 10 * x[2] && fabs(x[1]) <= 10 * x[2];
 }
 
@@ -115,7 +115,7 @@ oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, dou
 {
     const int is_view = view >= 0 && view < scene->view_count;
     const struct colmap_camera *camera =
-        is_view && scene->from_files ? &scene->colmap.camera[scene->source[view].camera] : NULL;
+        is_view && scene->from_files ? scene_source_camera(scene, view) : NULL;
     const oxl_camera *c = is_view ? &scene->view[view].camera : &(oxl_camera){0};
     double k[4] = {c->fx, c->fy, c->cx, c->cy}, d[2], pixel[2], length;
     const double width = camera ? camera->width : c->width, height = camera ? camera->height : c->height;

@@ -36,7 +36,7 @@ static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int vie
                                const char *mask, struct training_image *out)
 {
     const char *path = PATH(scene->images, "%s", scene->view[view].name);
-    const struct colmap_camera *from = &scene->colmap.camera[scene->source[view].camera];
+    const struct colmap_camera *from = scene_source_camera(scene, view);
     const char *folder = scene->cache->decoded;
     const struct image_alpha alpha = scene_alpha(scene);
     struct text name = {.ctx = ctx};

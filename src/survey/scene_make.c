@@ -91,7 +91,6 @@ OXL_INTERNAL int scene_compare_order(const void *a, const void *b)
 static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_view *view,
                                   const oxl_image *image)
 {
-    const size_t pixels = (size_t)image->width * image->height;
     struct training_image *to = &scene->cache->image[scene->view_count];
     char *name = oxl_strdup(ctx, view->name ? view->name : "");
     if (!name) return OXL_ERR_MEMORY;
@@ -117,10 +116,7 @@ static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_
                         "view %s: its pose is no rotation, or a translation beyond 1e15\n"
                         "fix: give finite numbers, and rows of length 1 at right angles, right-handed",
                         name);
-    *to = (struct training_image){.width = image->width, .height = image->height};
-    to->rgb = oxl_alloc(ctx, pixels, 3);
-    to->mask = image->weight ? oxl_alloc(ctx, pixels, 1) : NULL;
-    if (!to->rgb || (image->weight && !to->mask)) return OXL_ERR_MEMORY;
+    if (image_training_alloc(ctx, &view->camera, image->weight != NULL, to) != OXL_OK) return OXL_ERR_MEMORY;
     image_to_training(image, to);
     return OXL_OK;
 }
