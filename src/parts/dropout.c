@@ -18,10 +18,6 @@
 /* epochs: a run of so many has no dropout, one of twice as many all of it */
 #define DROPOUT_EPOCHS 30
 
-struct dropout {
-    double rate; /* fraction left out in the last step of the run */
-};
-
 OXL_INTERNAL double dropout_rate(const oxl_train_options *o, const oxl_scene *scene)
 {
     const double images = scene->stats.mean_track;
@@ -32,19 +28,12 @@ OXL_INTERNAL double dropout_rate(const oxl_train_options *o, const oxl_scene *sc
     return DROPOUT_AUTO * OXL_CLAMP(epochs / DROPOUT_EPOCHS - 1, 0, 1);
 }
 
-static oxl_result dropout_begin(struct train *t, void *state)
-{
-    struct dropout *d = state;
-    d->rate = dropout_rate(t->options, t->scene);
-    return OXL_OK;
-}
-
 static oxl_result dropout_before_render(struct train *t, void *state, struct part_view *v)
 {
-    const struct dropout *d = state;
-    (void)v;
-    renderer_settings(t->renderer)->dropout = (struct renderer_dropout){
-        d->rate * t->step / t->options->iterations, DROPOUT_STREAM ^ t->ctx->options.seed, t->step};
+    (void)state, (void)v;
+    renderer_settings(t->renderer)->dropout =
+        (struct renderer_dropout){dropout_rate(t->options, t->scene) * t->step / t->options->iterations,
+                                  DROPOUT_STREAM ^ t->ctx->options.seed, t->step};
     return OXL_OK;
 }
 
@@ -57,12 +46,12 @@ static oxl_result dropout_after_render(struct train *t, void *state, struct part
 
 static void dropout_record(struct train *t, void *state)
 {
-    const struct dropout *d = state;
     const int views = schedule_training_views(t->scene);
     char why[320];
+    (void)state;
     snprintf(why, sizeof why, "%d training views, %.0f steps each, %.1f images per point", views,
              (double)t->options->iterations / OXL_MAX(views, 1), t->scene->stats.mean_track);
-    selection_record(t, "dropout", NUMBER(floor(d->rate * 1e5 + 0.5) / 1e5),
+    selection_record(t, "dropout", NUMBER(floor(dropout_rate(t->options, t->scene) * 1e5 + 0.5) / 1e5),
                      t->options->dropout >= 0 ? "as set" : why);
 }
 
@@ -73,9 +62,7 @@ static const oxl_option dropout_options[] = {
 /* clang-format on */
 
 OXL_INTERNAL const struct part part_dropout = {.name = "dropout",
-                                               .size = sizeof(struct dropout),
                                                .option = dropout_options,
-                                               .begin = dropout_begin,
                                                .before_render = dropout_before_render,
                                                .after_render = dropout_after_render,
                                                .record = dropout_record};
