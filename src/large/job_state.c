@@ -29,11 +29,6 @@ OXL_INTERNAL void job_set_cache(const struct job *job, size_t most)
     scene_set_cache(job->scene, job->decoded ? OXL_MIN(most, part) : most);
 }
 
-static const char *job_decoded_folder(char out[PATH_LENGTH], const struct job *job)
-{
-    return path_in(out, job->out, "blocks/decoded");
-}
-#define JOB_DECODED(job) job_decoded_folder((char[PATH_LENGTH]){0}, job)
 
 /* Removes a file of decoded images, KEY of scene_images.c. */
 static void job_remove_decoded_file(void *folder, const char *name)
@@ -44,7 +39,7 @@ static void job_remove_decoded_file(void *folder, const char *name)
 
 OXL_INTERNAL void job_remove_decoded(struct job *job)
 {
-    const char *folder = JOB_DECODED(job);
+    const char *folder = PATH(job->out, "blocks/decoded");
     if (!job->decoded || !os_is_folder(folder)) return;
     os_remove_temporaries(job->ctx, folder);
     os_list_folder(job->ctx, folder, job_remove_decoded_file, (void *)folder);
@@ -56,7 +51,7 @@ OXL_INTERNAL void job_remove_decoded(struct job *job)
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
 {
     const double bytes = 3 * schedule_pixels(job->scene);
-    const char *folder = JOB_DECODED(job);
+    const char *folder = PATH(job->out, "blocks/decoded");
     oxl_result rc = OXL_OK;
     /* Leaves the decision to the process that has made the folder. */
     if (!os_is_folder(folder) &&
