@@ -1,10 +1,6 @@
 /* parts.c - calls a hook of all parts, row by row (part.h). */
 #include "parts_calls.h"
 
-#define PARTS_FOR(k, hook)            \
-    for (int k = 0; parts_at(k); k++) \
-        if (parts_at(k)->hook)
-
 #define PARTS_CALL(hook, ...)                                                                 \
     do {                                                                                      \
         oxl_result parts_rc = OXL_OK;                                                         \
@@ -57,12 +53,6 @@ OXL_INTERNAL void parts_free(struct train *t)
     PARTS_FOR(k, free) parts_at(k)->free(t, t->part[k]);
     oxl_free(t->ctx, t->part[0]);
     t->part[0] = NULL;
-}
-
-OXL_INTERNAL void parts_archive(struct archive *a, struct train *t)
-{
-    PARTS_FOR(k, is_plain) archive_numbers(a, t->part[k], 1, parts_at(k)->size);
-    PARTS_FOR(k, archive) parts_at(k)->archive(a, t, t->part[k]);
 }
 
 OXL_INTERNAL int parts_tracks(const struct train *t)
@@ -118,12 +108,6 @@ OXL_INTERNAL oxl_result parts_before_backward(struct train *t, struct part_view 
     PARTS_CALL(before_backward, t, t->part[k], v);
 }
 
-OXL_INTERNAL void parts_after_loss(struct train *t, const struct train_deferred *step,
-                                   const struct renderer_loss *loss)
-{
-    PARTS_FOR(k, after_loss) parts_at(k)->after_loss(t, t->part[k], step, loss);
-}
-
 OXL_INTERNAL oxl_result parts_before_observe(struct train *t)
 {
     PARTS_CALL(before_observe, t, t->part[k]);
@@ -144,14 +128,4 @@ OXL_INTERNAL double parts_bytes(const oxl_train_options *options, int views)
     double bytes = 0;
     PARTS_FOR(k, bytes) bytes += parts_at(k)->bytes(options, views);
     return bytes;
-}
-
-OXL_INTERNAL void parts_record(struct train *t)
-{
-    PARTS_FOR(k, record) parts_at(k)->record(t, t->part[k]);
-}
-
-OXL_INTERNAL void parts_store(struct train *t, oxl_model *model)
-{
-    PARTS_FOR(k, store) parts_at(k)->store(t, t->part[k], model);
 }

@@ -4,14 +4,17 @@
 
 #include "part.h"
 
+/* Goes through the parts that have a hook, in the order of the table; k: the row. */
+#define PARTS_FOR(k, hook)            \
+    for (int k = 0; parts_at(k); k++) \
+        if (parts_at(k)->hook)
+
 OXL_INTERNAL oxl_result parts_create(struct train *t); /* memory for the states */
 /* The points that one part adds to the survey's, before there is a model. Free with oxl_free. */
 OXL_INTERNAL oxl_result parts_first_points(struct train *t, oxl_point **out, size_t *count);
 OXL_INTERNAL oxl_result parts_before_points(struct train *t);
 OXL_INTERNAL oxl_result parts_begin(struct train *t);
 OXL_INTERNAL void parts_free(struct train *t);
-/* Writes or reads the states of all parts. */
-OXL_INTERNAL void parts_archive(struct archive *a, struct train *t);
 OXL_INTERNAL int parts_tracks(const struct train *t);
 OXL_INTERNAL void parts_use_tracks(struct train *t, const struct photometry *p);
 OXL_INTERNAL oxl_result parts_before_step(struct train *t);
@@ -22,12 +25,8 @@ OXL_INTERNAL int parts_hide(struct train *t);
 OXL_INTERNAL oxl_result parts_before_render(struct train *t, struct part_view *v);
 OXL_INTERNAL oxl_result parts_after_render(struct train *t, struct part_view *v);
 OXL_INTERNAL oxl_result parts_before_backward(struct train *t, struct part_view *v);
-OXL_INTERNAL void parts_after_loss(struct train *t, const struct train_deferred *step,
-                                   const struct renderer_loss *loss);
 OXL_INTERNAL oxl_result parts_before_observe(struct train *t);
 OXL_INTERNAL oxl_result parts_before_density(struct train *t, struct density_rules *rules);
 OXL_INTERNAL oxl_result parts_after_step(struct train *t);
-OXL_INTERNAL void parts_record(struct train *t);
-OXL_INTERNAL void parts_store(struct train *t, oxl_model *model);
 
 #endif

@@ -163,7 +163,7 @@ static void step_update_means(struct train *t, const struct train_deferred *of,
     const double psnr =
         -VECMATH_DECIBEL_OF_E * vecmath_log(loss->mse > STEP_MSE_MIN ? loss->mse : STEP_MSE_MIN);
     const double k = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - t->task.first));
-    parts_after_loss(t, of, loss);
+    PARTS_FOR(i, after_loss) parts_at(i)->after_loss(t, t->part[i], of, loss);
     nonfinite_of_rows(t->ctx, &t->nonfinite, of->step, t->scene->view[of->view].name, skipped,
                       renderer_has_device(t->renderer) ? NULL : &t->trained);
     t->last_loss = loss->total;

@@ -65,7 +65,7 @@ OXL_INTERNAL void train_imaging_store(struct train *t, oxl_model *model)
     struct oxl_imaging *to = t->imaging;
     imaging_free(t->ctx, to);
     if (!t->part[0]) return; /* there was no memory for the parts */
-    parts_store(t, model);
+    PARTS_FOR(k, store) parts_at(k)->store(t, t->part[k], model);
     parts_form_image(t, to);
     to->medium.training_range = 0;
 }

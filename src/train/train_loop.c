@@ -210,7 +210,8 @@ OXL_INTERNAL void train_archive(struct archive *a, void *user)
     ARCHIVE(a, t->view, (size_t)t->views);
     for (int k = 0; k < TRAINED_PARTS; k++) archive_model(a, model_trained_part(&t->trained, k));
     density_archive(a, &t->density, t->trained.model.count);
-    parts_archive(a, t);
+    PARTS_FOR(k, is_plain) archive_numbers(a, t->part[k], 1, parts_at(k)->size);
+    PARTS_FOR(k, archive) parts_at(k)->archive(a, t, t->part[k]);
     ARCHIVE(a, &spent, 1);
     ARCHIVE(a, &t->nonfinite, 1);
     if (t->task.decisions) archive_text(a, t->task.decisions);
@@ -314,7 +315,8 @@ static oxl_result train_loop(struct train *t)
         (t->trained.model.lobes > 0 || parts_hide(t)))
         rc = train_save(t);
     if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_TO_CHANGE);
-    if (rc == OXL_OK) parts_record(t);
+    PARTS_FOR(k, record)
+    if (rc == OXL_OK) parts_at(k)->record(t, t->part[k]);
     return rc;
 }
 
