@@ -1,18 +1,6 @@
 /* parts.c - calls a hook of all parts, row by row (part.h). */
 #include "parts_calls.h"
 
-#define PARTS_CALL(hook, ...)                                                                 \
-    do {                                                                                      \
-        oxl_result parts_rc = OXL_OK;                                                         \
-        PARTS_FOR(k, hook) if (parts_rc == OXL_OK) parts_rc = parts_at(k)->hook(__VA_ARGS__); \
-        return parts_rc;                                                                      \
-    } while (0)
-
-OXL_INTERNAL oxl_result parts_check(oxl_context *ctx, const oxl_train_options *options)
-{
-    PARTS_CALL(check, ctx, options);
-}
-
 /* Takes the memory of all states at once, so that there are all or none. */
 OXL_INTERNAL oxl_result parts_create(struct train *t)
 {
@@ -30,21 +18,6 @@ OXL_INTERNAL oxl_result parts_create(struct train *t)
     if (!memory) return OXL_ERR_MEMORY;
     for (int k = 0; k < count; k++) t->part[k] = memory + at[k];
     return OXL_OK;
-}
-
-OXL_INTERNAL oxl_result parts_first_points(struct train *t, oxl_point **out, size_t *count)
-{
-    PARTS_CALL(first_points, t, out, count);
-}
-
-OXL_INTERNAL oxl_result parts_before_points(struct train *t)
-{
-    PARTS_CALL(before_points, t, t->part[k]);
-}
-
-OXL_INTERNAL oxl_result parts_begin(struct train *t)
-{
-    PARTS_CALL(begin, t, t->part[k]);
 }
 
 OXL_INTERNAL void parts_free(struct train *t)
@@ -68,11 +41,6 @@ OXL_INTERNAL void parts_use_tracks(struct train *t, const struct photometry *p)
     if (parts_tracks(t) == p->requested) parts_at(k)->use_tracks(t, t->part[k], p);
 }
 
-OXL_INTERNAL oxl_result parts_before_step(struct train *t)
-{
-    PARTS_CALL(before_step, t, t->part[k]);
-}
-
 OXL_INTERNAL void parts_set_gain(struct train *t, struct train_deferred *step, int learns)
 {
     PARTS_FOR(k, set_gain) parts_at(k)->set_gain(t, t->part[k], step, learns);
@@ -91,36 +59,6 @@ OXL_INTERNAL int parts_hide(struct train *t)
     parts_set_gain(t, &step, 0);
     m.on = step.has_gain;
     return imaging_hides(&m);
-}
-
-OXL_INTERNAL oxl_result parts_before_render(struct train *t, struct part_view *v)
-{
-    PARTS_CALL(before_render, t, t->part[k], v);
-}
-
-OXL_INTERNAL oxl_result parts_after_render(struct train *t, struct part_view *v)
-{
-    PARTS_CALL(after_render, t, t->part[k], v);
-}
-
-OXL_INTERNAL oxl_result parts_before_backward(struct train *t, struct part_view *v)
-{
-    PARTS_CALL(before_backward, t, t->part[k], v);
-}
-
-OXL_INTERNAL oxl_result parts_before_observe(struct train *t)
-{
-    PARTS_CALL(before_observe, t, t->part[k]);
-}
-
-OXL_INTERNAL oxl_result parts_before_density(struct train *t, struct density_rules *rules)
-{
-    PARTS_CALL(before_density, t, t->part[k], rules);
-}
-
-OXL_INTERNAL oxl_result parts_after_step(struct train *t)
-{
-    PARTS_CALL(after_step, t, t->part[k]);
 }
 
 OXL_INTERNAL double parts_bytes(const oxl_train_options *options, int views)

@@ -8,25 +8,18 @@
 #define PARTS_FOR(k, hook)            \
     for (int k = 0; parts_at(k); k++) \
         if (parts_at(k)->hook)
+/* Calls such a hook of each part, until one fails; rc other than OXL_OK: of none. */
+#define PARTS_CALL(rc, k, hook, ...) \
+    PARTS_FOR(k, hook)               \
+    if (rc == OXL_OK) rc = parts_at(k)->hook(__VA_ARGS__)
 
 OXL_INTERNAL oxl_result parts_create(struct train *t); /* memory for the states */
-/* The points that one part adds to the survey's, before there is a model. Free with oxl_free. */
-OXL_INTERNAL oxl_result parts_first_points(struct train *t, oxl_point **out, size_t *count);
-OXL_INTERNAL oxl_result parts_before_points(struct train *t);
-OXL_INTERNAL oxl_result parts_begin(struct train *t);
 OXL_INTERNAL void parts_free(struct train *t);
 OXL_INTERNAL int parts_tracks(const struct train *t);
 OXL_INTERNAL void parts_use_tracks(struct train *t, const struct photometry *p);
-OXL_INTERNAL oxl_result parts_before_step(struct train *t);
 OXL_INTERNAL void parts_set_gain(struct train *t, struct train_deferred *step, int learns);
 OXL_INTERNAL void parts_form_image(const struct train *t, struct oxl_imaging *m);
 /* Returns 1 if images have a medium, or gains alone, so that viewers get a model of their own. */
 OXL_INTERNAL int parts_hide(struct train *t);
-OXL_INTERNAL oxl_result parts_before_render(struct train *t, struct part_view *v);
-OXL_INTERNAL oxl_result parts_after_render(struct train *t, struct part_view *v);
-OXL_INTERNAL oxl_result parts_before_backward(struct train *t, struct part_view *v);
-OXL_INTERNAL oxl_result parts_before_observe(struct train *t);
-OXL_INTERNAL oxl_result parts_before_density(struct train *t, struct density_rules *rules);
-OXL_INTERNAL oxl_result parts_after_step(struct train *t);
 
 #endif

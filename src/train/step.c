@@ -130,15 +130,15 @@ static struct train_deferred step_begin(struct train *t, int view)
 static oxl_result step_forward_loss(struct train *t, struct part_view *v, struct renderer_loss *loss)
 {
     const float ssim_weight = t->options->ssim_weight;
-    oxl_result rc;
+    oxl_result rc = OXL_OK;
     v->camera = step_camera(t, v->view);
     v->imaging = v->step->imaging;
-    rc = parts_before_render(t, v);
+    PARTS_CALL(rc, k, before_render, t, t->part[k], v);
     if (rc != OXL_OK) return rc;
     renderer_settings(t->renderer)->medium = v->imaging.medium;
     rc = renderer_forward(t->ctx, t->renderer, &t->trained.model, &v->camera, &t->render);
     renderer_settings(t->renderer)->gain = v->step->has_gain ? v->step->gain : NULL;
-    if (rc == OXL_OK) rc = parts_after_render(t, v);
+    PARTS_CALL(rc, k, after_render, t, t->part[k], v);
     if (rc != OXL_OK) return rc;
     return renderer_loss(t->ctx, t->renderer, NULL, NULL, ssim_weight, loss);
 }
@@ -209,7 +209,7 @@ OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferre
     rc = step_forward_loss(t, &v, &loss);
     if (rc != OXL_OK) return rc;
     if (!deferred && !(loss.total <= DBL_MAX)) return step_skip(t, t->step, v.view);
-    rc = parts_before_backward(t, &v);
+    PARTS_CALL(rc, k, before_backward, t, t->part[k], &v);
     if (rc == OXL_OK) rc = step_backward(t, &loss);
     if (rc != OXL_OK) return rc;
     adam = schedule_adam_params(t);
@@ -344,7 +344,7 @@ OXL_INTERNAL oxl_result step_densify(struct train *t)
     struct density_change change = {0};
     int moved = 0;
     oxl_result rc = step_download(t, DOWNLOAD_SHAPE);
-    if (rc == OXL_OK) rc = parts_before_density(t, &rules);
+    PARTS_CALL(rc, k, before_density, t, t->part[k], &rules);
     if (rc == OXL_OK) rc = density_decide(t->ctx, &t->density, &t->trained.model, &rules, &change);
     if (rc == OXL_OK && change.removed + change.split > 0)
         rc = step_move_rows(t, &change, NULL, t->trained.model.sh_degree, &moved);

@@ -86,7 +86,6 @@ OXL_INTERNAL double forecast_ahead(const oxl_train_options *options, int done, c
 
 /* ---------------- parts.c: all parts of training, from the options alone */
 
-OXL_INTERNAL oxl_result parts_check(oxl_context *ctx, const oxl_train_options *options);
 /* Bounds from above the parts' memory for so many views. */
 OXL_INTERNAL double parts_bytes(const oxl_train_options *options, int views);
 

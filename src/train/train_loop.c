@@ -92,9 +92,9 @@ static oxl_result train_fresh_model(struct train *t)
     const size_t count = t->scene->point_count, cap = schedule_gaussian_cap(t->scene, t->options);
     oxl_point *more = NULL, *all = NULL;
     size_t added = 0;
-    oxl_result rc;
+    oxl_result rc = OXL_OK;
     if (count > cap) return train_first_from_some(t, cap);
-    rc = parts_first_points(t, &more, &added);
+    PARTS_CALL(rc, k, first_points, t, &more, &added);
     if (rc == OXL_OK && added > 0 && !(all = oxl_alloc(t->ctx, count + added, sizeof *all)))
         rc = OXL_ERR_MEMORY;
     if (all) memcpy(all, points, count * sizeof *all), memcpy(all + count, more, added * sizeof *all);
@@ -162,7 +162,7 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
     scene_set_background(ctx, t->scene, t->render.background); /* before the first image is read */
     t->continues = t->task.start != NULL;
     rc = parts_create(t);
-    if (rc == OXL_OK) rc = parts_before_points(t);
+    PARTS_CALL(rc, k, before_points, t, t->part[k]);
     if (rc == OXL_OK) rc = train_first_model(t);
     if (rc != OXL_OK) return rc;
     memcpy(t->trained.model.origin, t->scene->origin, sizeof t->trained.model.origin);
@@ -175,7 +175,7 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
         *renderer_settings(t->renderer) = (struct renderer_settings){.steps = 1, .terms = t->options->terms};
     if (rc == OXL_OK) renderer_set_surroundings(t->renderer, t->task.surroundings);
     if (rc == OXL_OK) rc = density_clear(ctx, &t->density, t->trained.model.count);
-    if (rc == OXL_OK) rc = parts_begin(t);
+    PARTS_CALL(rc, k, begin, t, t->part[k]);
     if (rc == OXL_OK && !t->continues) rc = train_imaging_begin(t);
     if (rc == OXL_OK) rc = selection_begin(t);
     if (rc == OXL_OK) t->shown = train_share_shown(t);
@@ -255,7 +255,7 @@ OXL_INTERNAL oxl_result train_density(struct train *t)
     const oxl_train_options *o = t->options;
     oxl_result rc = OXL_OK;
     if (t->step > o->densify_until * o->iterations) return OXL_OK;
-    rc = parts_before_observe(t);
+    PARTS_CALL(rc, k, before_observe, t, t->part[k]);
     if (rc == OXL_OK) rc = step_observe(t);
     if (rc == OXL_OK && schedule_densifies_at(o, t->step)) rc = step_densify(t);
     if (rc != OXL_OK || !schedule_resets_opacity_at(o, t->step)) return rc;
@@ -268,11 +268,11 @@ OXL_INTERNAL oxl_result train_density(struct train *t)
 /* Makes one step, with the decisions after it; the passes over the image are in step_on_view (step.c). */
 OXL_INTERNAL oxl_result train_step(struct train *t)
 {
-    oxl_result rc;
-    rc = parts_before_step(t);
+    oxl_result rc = OXL_OK;
+    PARTS_CALL(rc, k, before_step, t, t->part[k]);
     if (rc == OXL_OK) rc = step_on_next_view(t);
     if (rc == OXL_OK) rc = train_density(t);
-    if (rc == OXL_OK) rc = parts_after_step(t);
+    PARTS_CALL(rc, k, after_step, t, t->part[k]);
     return rc;
 }
 
@@ -280,7 +280,8 @@ OXL_INTERNAL oxl_result train_step(struct train *t)
 
 OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
 {
-    const oxl_result rc = parts_check(ctx, o);
+    oxl_result rc = OXL_OK;
+    PARTS_CALL(rc, k, check, ctx, o);
     return rc == OXL_OK ? oxl_train_options_check(ctx, o) : rc;
 }
 
