@@ -366,18 +366,14 @@ OXL_INTERNAL double step_seconds(const struct train *t)
 
 OXL_INTERNAL int step_report(struct train *t)
 {
-    const oxl_callback *callback = t->callback;
-    const double seconds = step_seconds(t);
-    oxl_progress progress;
     forecast_note_step(t);
-    progress = (oxl_progress){.iteration = t->step,
-                              .iterations = t->options->iterations,
-                              .gaussians = t->trained.model.count,
-                              .loss = t->loss,
-                              .psnr = t->psnr,
-                              .seconds = seconds,
-                              .seconds_left = forecast_left(t),
-                              .model = &t->trained.model,
-                              .nonfinite = t->nonfinite};
-    return context_report(callback, &progress);
+    return context_report(t->callback, &(oxl_progress){.iteration = t->step,
+                                                       .iterations = t->options->iterations,
+                                                       .gaussians = t->trained.model.count,
+                                                       .loss = t->loss,
+                                                       .psnr = t->psnr,
+                                                       .seconds = step_seconds(t),
+                                                       .seconds_left = forecast_left(t),
+                                                       .model = &t->trained.model,
+                                                       .nonfinite = t->nonfinite});
 }

@@ -297,7 +297,6 @@ static oxl_result train_loop(struct train *t)
     const oxl_train_options *o = t->options;
     const int end = t->task.until > 0 ? OXL_MIN(t->task.until, o->iterations) : o->iterations;
     oxl_result rc = OXL_OK;
-    t->first_step = t->step;
     if (t->step > 0 && step_report(t)) return OXL_ERR_INTERRUPTED;
     while (rc == OXL_OK && t->step < end) {
         t->step++;

@@ -55,8 +55,7 @@ struct train {
     double loss, psnr;        /* smoothed */
     double last_loss;         /* of the last image, comparable between steps; NaN: skipped */
     oxl_nonfinite nonfinite;
-    int first_step;  /* at which this process started: 0, or the step of a checkpoint */
-    double started;  /* time of that, os_seconds */
+    double started;  /* when this process began, os_seconds */
     double seconds;  /* that earlier processes spent on the run */
     int saved_step;  /* step of the last checkpoint */
     double saved_at; /* its time, os_seconds */
