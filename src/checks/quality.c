@@ -184,13 +184,12 @@ static void quality_compare(const struct quality_check *q, const oxl_scene *scen
     for (int i = 0; i < q->count; i++) {
         int near[QUALITY_NEIGHBOURS];
         const int n = quality_nearest(scene, q->view, q->count, i, near);
-        double *v = q->value[i], beside[QUALITY_VALUES];
+        double *v = q->value[i], *beside = q->beside[i];
         for (int k = 0; k < QUALITY_VALUES; k++)
             beside[k] = quality_beside(q->value[0] + k, QUALITY_VALUES, near, n);
         q->sharp[i] = vecmath_log((v[QUALITY_SHARP] + QUALITY_TINY) / (beside[QUALITY_SHARP] + QUALITY_TINY));
         q->light[i] =
             vecmath_log((v[QUALITY_LIGHT] + QUALITY_DARKEST) / (beside[QUALITY_LIGHT] + QUALITY_DARKEST));
-        for (int k = 0; k < QUALITY_VALUES; k++) q->beside[i][k] = beside[k];
     }
     sharp_limit = quality_limit(q, q->sharp, -vecmath_log(QUALITY_BLUR), &sharp_middle);
     light_limit = quality_limit(q, q->light, QUALITY_STOPS * vecmath_log(2), &light_middle);
