@@ -77,10 +77,11 @@ OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int 
     return load;
 }
 
-/* Returns 1 if the run may end with a model that viewers show wrongly, and refine another one. */
-static int cost_may_refine(const oxl_train_options *o)
+/* Returns the numbers of a Gaussian at the end of a run, without a second lobe. */
+static double cost_planes(const oxl_train_options *o)
 {
-    return o->exposure != OXL_OFF || o->medium != OXL_OFF || o->dog != OXL_DOG_OFF;
+    const int degree = o->sh_degree < 0 ? 3 : o->sh_degree;
+    return OXL_SH + 3.0 * (degree + 1) * (degree + 1);
 }
 
 OXL_INTERNAL size_t cost_cache(const oxl_job_options *o)
@@ -98,13 +99,14 @@ static double cost_images(double cache, double pixels, double file_pixels)
 
 OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load *load, double gaussians)
 {
-    const int degree = o->train.sh_degree < 0 ? 3 : o->train.sh_degree;
-    const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
+    const oxl_train_options *train = &o->train;
+    const double planes = cost_planes(train);
     const double cache = cost_images((double)cost_cache(o), load->pixels, load->largest_file);
-    const double depths = parts_bytes(&o->train, load->views);
-    /* Counts sets of planes: parameters and two moments; a model for viewers is refined beside the one that
-     * it begins with. */
-    const double sets = cost_may_refine(&o->train) ? 4 : 3;
+    const double depths = parts_bytes(train, load->views);
+    /* Counts sets of planes: parameters and two moments; a model for viewers, which some runs may need, is
+     * refined beside the one that it begins with. */
+    const double sets =
+        train->exposure != OXL_OFF || train->medium != OXL_OFF || train->dog != OXL_DOG_OFF ? 4 : 3;
     return COST_PROGRAM_BYTES + cache + load->largest * COST_PIXEL_BYTES +
            gaussians * (sets * 4 * planes + COST_SPLAT_BYTES) +
            gaussians * load->surroundings * (4 * planes + COST_SPLAT_BYTES) +
@@ -114,8 +116,7 @@ OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load
 OXL_INTERNAL double cost_device_memory(const oxl_job_options *o, const struct cost_load *load,
                                        double gaussians)
 {
-    const int degree = o->train.sh_degree < 0 ? 3 : o->train.sh_degree;
-    const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1) + MODEL_LOBE_PLANES;
+    const double planes = cost_planes(&o->train) + MODEL_LOBE_PLANES;
     const double a_row = COST_DEVICE_ROW + COST_DEVICE_PAIRS * COST_DEVICE_PAIR;
     return COST_DEVICE_BYTES + load->largest * COST_DEVICE_PIXEL +
            COST_DEVICE_ROOM * gaussians *
