@@ -227,11 +227,6 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
     return rc;
 }
 
-/* Returns 1 if train left scene_clear.ply beside the model, which images with gains alone go with. */
-static int imaging_has_clear(const char *model_path)
-{
-    return os_is_file(PATH_BESIDE(model_path, "scene_clear.ply"));
-}
 
 OXL_INTERNAL oxl_result imaging_read_beside(oxl_context *ctx, const char *model_path, const oxl_scene *scene,
                                             struct oxl_imaging *out)
@@ -241,7 +236,8 @@ OXL_INTERNAL oxl_result imaging_read_beside(oxl_context *ctx, const char *model_
     *out = (struct oxl_imaging){0};
     if (os_is_file(path)) rc = imaging_read(ctx, path, scene, out);
     if (rc != OXL_OK || (strncmp(name, "scene.", 6) && strncmp(name, "scene_standard.", 15))) return rc;
-    imaging_hide(out, imaging_has_clear(model_path));
+    /* Images with gains alone go with scene_clear.ply, if train left it beside the model. */
+    imaging_hide(out, os_is_file(PATH_BESIDE(model_path, "scene_clear.ply")));
     return OXL_OK;
 }
 

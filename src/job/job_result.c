@@ -14,16 +14,11 @@
 
 /* ---------------- models */
 
-/* Returns the one block, or the merged model. */
-static int job_last_block(const struct job *job)
-{
-    return job->partition.block_count == 1 ? 0 : JOB_MERGED_MODEL;
-}
 
 /* Reads what the training of the one block, or of the merged model, has left. */
 static oxl_result job_read_result(struct job *job, oxl_trained *out)
 {
-    const int one = job_last_block(job);
+    const int one = job->partition.block_count == 1 ? 0 : JOB_MERGED_MODEL;
     const char *folder = JOB_BLOCK(job, one), *viewer = PATH(folder, "model_standard.ply");
     oxl_result rc = job_read_model(job, one, &out->model);
     if (rc == OXL_OK && os_is_file(viewer)) rc = oxl_model_read(job->ctx, viewer, &out->viewer);

@@ -37,19 +37,14 @@ OXL_INTERNAL void selection_record_auto(struct train *t, const char *what, oxl_s
 
 /* ---------------- the views */
 
-/* Returns 1 if the run trains the view. */
-static int selection_is_training_view(const struct train *t, int view)
-{
-    return !t->scene->view[view].is_test && (!t->task.window || t->task.window[view].width > 0);
-}
-
 OXL_INTERNAL oxl_result selection_begin(struct train *t)
 {
     const size_t views = (size_t)t->scene->view_count;
     t->view = oxl_alloc(t->ctx, views + 1, sizeof *t->view);
     if (!t->view) return OXL_ERR_MEMORY;
     for (int i = 0; i < (int)views; i++)
-        if (selection_is_training_view(t, i)) t->view[t->views++] = i;
+        if (!t->scene->view[i].is_test && (!t->task.window || t->task.window[i].width > 0))
+            t->view[t->views++] = i;
     if (t->views == 0)
         return oxl_fail(
             t->ctx, OXL_ERR_INPUT,

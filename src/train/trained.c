@@ -102,7 +102,6 @@ static oxl_result viewer_refine(oxl_context *ctx, const oxl_scene *scene, const 
                                 const struct train_task *of, struct trained_run *progress, oxl_trained *t)
 {
     struct text log = {.ctx = ctx}, notes = {.ctx = ctx};
-    const int drops_gains = imaging_is_gains_alone(t->imaging);
     struct oxl_imaging seen = {0};
     struct train_task task = {.store = of->viewer_store,
                               .log = &log,
@@ -116,7 +115,7 @@ static oxl_result viewer_refine(oxl_context *ctx, const oxl_scene *scene, const 
     const oxl_train_options o = viewer_options(run, t->model.sh_degree, of->viewer_steps, t->imaging);
     oxl_model refined = {0};
     oxl_result rc = imaging_clone(ctx, t->imaging, (size_t)scene->view_count, &seen);
-    if (rc == OXL_OK) rc = viewer_begin(ctx, scene, t, drops_gains, &t->viewer);
+    if (rc == OXL_OK) rc = viewer_begin(ctx, scene, t, imaging_is_gains_alone(t->imaging), &t->viewer);
     imaging_hide(&seen, 1);
     if (rc == OXL_OK)
         rc = train_run(ctx, scene, &o, &(oxl_callback){trained_progress, progress}, &task, &refined);
