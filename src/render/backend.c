@@ -42,12 +42,6 @@ static oxl_result vulkan_list(oxl_context *ctx, struct text *out)
 
 #endif
 
-static oxl_result backend_create(oxl_context *ctx)
-{
-    if (!ctx->backend) ctx->backend = oxl_calloc(ctx, 1, sizeof *ctx->backend);
-    return ctx->backend ? OXL_OK : OXL_ERR_MEMORY;
-}
-
 OXL_INTERNAL void backend_begin_run(oxl_context *ctx)
 {
     if (ctx->backend) ctx->backend->fell_back = 0;
@@ -56,8 +50,9 @@ OXL_INTERNAL void backend_begin_run(oxl_context *ctx)
 OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx)
 {
     const int wants = ctx->options.backend == OXL_BACKEND_VULKAN;
-    const oxl_result rc = backend_create(ctx);
-    if (rc != OXL_OK || ctx->backend->vulkan || ctx->options.backend == OXL_BACKEND_CPU) return rc;
+    if (!ctx->backend) ctx->backend = oxl_calloc(ctx, 1, sizeof *ctx->backend);
+    if (!ctx->backend) return OXL_ERR_MEMORY;
+    if (ctx->backend->vulkan || ctx->options.backend == OXL_BACKEND_CPU) return OXL_OK;
     if (vulkan_open(ctx, ctx->options.device, wants, &ctx->backend->vulkan) == OXL_OK) {
         ctx->backend->functions = vulkan_functions();
         return OXL_OK;
@@ -66,12 +61,6 @@ OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx)
     ctx->options.backend = OXL_BACKEND_CPU; /* search once */
     oxl_log(ctx, OXL_LOG_INFO, "rendering on the CPU: %s", ctx->error);
     return OXL_OK;
-}
-
-static void backend_end(oxl_context *ctx)
-{
-    if (ctx->backend) vulkan_close(ctx->backend->vulkan);
-    oxl_free(ctx, ctx->backend);
 }
 
 OXL_INTERNAL const char *backend_device(const oxl_context *ctx)
@@ -114,6 +103,7 @@ oxl_result oxl_context_create(const oxl_context_options *options, oxl_context **
 void oxl_context_free(oxl_context *ctx)
 {
     if (!ctx) return;
-    backend_end(ctx);
+    if (ctx->backend) vulkan_close(ctx->backend->vulkan);
+    oxl_free(ctx, ctx->backend);
     context_close(ctx);
 }
