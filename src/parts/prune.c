@@ -100,12 +100,6 @@ OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count)
     return count > goal ? count - goal : 0;
 }
 
-static void prune_describe(const struct prune *p, char *out, size_t size)
-{
-    if (p->keep.kind == OXL_KEEP_ALL) snprintf(out, size, "all are kept: as set");
-    else snprintf(out, size, "%zu of %zu after density control: as set", p->target, p->first_count);
-}
-
 /* ---------------- scores */
 
 struct prune_pass { /* over the views */
@@ -145,15 +139,6 @@ static oxl_result prune_score_view(oxl_context *ctx, const struct prune_of *of, 
     return OXL_OK;
 }
 
-/* Keeps rows that no sampled view sees: they may be visible in others. */
-static void prune_finish_scores(int all_views, size_t count, float *score)
-{
-    for (size_t i = 0; i < count; i++) {
-        if (!all_views && score[i] == 0) score[i] = FLT_MAX;
-        if (!(score[i] <= FLT_MAX)) score[i] = 0;
-    }
-}
-
 static oxl_result prune_score(oxl_context *ctx, const struct prune *p, const struct prune_of *of,
                               float *score)
 {
@@ -170,7 +155,11 @@ static oxl_result prune_score(oxl_context *ctx, const struct prune *p, const str
         rc = prune_mask_view(ctx, of->scene, i, &pass);
         if (rc == OXL_OK) rc = prune_score_view(ctx, of, &view->camera, &pass, score);
     }
-    if (rc == OXL_OK) prune_finish_scores(views <= p->views, count, score);
+    for (size_t i = 0; i < count && rc == OXL_OK; i++) {
+        /* Keeps rows that no sampled view sees: they may be visible in others. */
+        if (views > p->views && score[i] == 0) score[i] = FLT_MAX;
+        if (!(score[i] <= FLT_MAX)) score[i] = 0;
+    }
     OXL_FREE(ctx, pass.one, pass.drgb);
     return rc;
 }
@@ -269,8 +258,12 @@ static oxl_result prune_after_step(struct train *t, void *state)
 
 static void prune_record(struct train *t, void *state)
 {
+    const struct prune *p = state;
     char chosen[64], why[320];
-    prune_describe(state, why, sizeof why);
+    snprintf(why, sizeof why,
+             p->keep.kind == OXL_KEEP_ALL ? "all are kept: as set"
+                                          : "%zu of %zu after density control: as set",
+             p->target, p->first_count);
     snprintf(chosen, sizeof chosen, "%zu", t->trained.model.count);
     selection_record(t, "keep", chosen, why);
 }
