@@ -478,19 +478,14 @@ const char *oxl_option_get(const oxl_option *o, const void *options, char *out, 
 
 /* ---------------- all options */
 
-/* Returns the value of an option that has no effect. */
-static const char *option_off(const oxl_option *o)
-{
-    if (o->kind == OXL_OPTION_KEEP) return "all";
-    return o->kind == OXL_OPTION_CHOICE ? "off" : "0";
-}
-
 OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag)
 {
     oxl_job_options job = {.train = *train};
     const oxl_option *row;
-    for (int i = 1; (row = oxl_option_at(i)) != NULL; i++)
-        if (row->use & flag) oxl_option_set(row, &job, option_off(row), NULL, 0);
+    for (int i = 1; (row = oxl_option_at(i)) != NULL; i++) {
+        const char *off = row->kind == OXL_OPTION_KEEP ? "all" : row->kind == OXL_OPTION_CHOICE ? "off" : "0";
+        if (row->use & flag) oxl_option_set(row, &job, off, NULL, 0);
+    }
     *train = job.train;
 }
 

@@ -89,11 +89,6 @@ static oxl_result partition_check(oxl_context *ctx, const oxl_scene *scene, int 
     return OXL_OK;
 }
 
-static double partition_flatness(const struct partition *p)
-{
-    return p->extent[1] > 0 ? p->extent[2] / p->extent[1] : 0;
-}
-
 static oxl_result partition_begin(oxl_context *ctx, const oxl_scene *scene, oxl_partition_kind kind,
                                   struct partition *p)
 {
@@ -107,9 +102,9 @@ static oxl_result partition_begin(oxl_context *ctx, const oxl_scene *scene, oxl_
     plan->seen = oxl_calloc(ctx, (size_t)scene->view_count + 1, sizeof *plan->seen);
     plan->view_of = scene_views_by_image(ctx, scene, OXL_SPLIT_TRAIN);
     if (plan->owner && plan->seen && plan->view_of) rc = partition_axes(ctx, scene, p);
-    p->dimensions = kind == OXL_PARTITION_2D                                              ? 2
-                    : kind == OXL_PARTITION_3D || partition_flatness(p) >= PARTITION_FLAT ? 3
-                                                                                          : 2;
+    if (kind != OXL_PARTITION_2D && p->extent[1] > 0 && p->extent[2] / p->extent[1] >= PARTITION_FLAT)
+        kind = OXL_PARTITION_3D;
+    p->dimensions = kind == OXL_PARTITION_3D ? 3 : 2;
     return rc;
 }
 

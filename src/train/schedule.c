@@ -64,15 +64,11 @@ OXL_INTERNAL double schedule_short_run_factor(const oxl_train_options *o)
     return schedule_factor_below(o, SCHEDULE_REFERENCE_ITERATIONS);
 }
 
-/* Returns the factor for Adam's moments, and the rate of scales again (docs/METHOD.md). */
-static double schedule_momentum_factor(const oxl_train_options *o)
-{
-    return schedule_factor_below(o, SCHEDULE_MOMENTUM_ITERATIONS);
-}
-
+/* Scales have the factor of Adam's moments, too (docs/METHOD.md). */
 OXL_INTERNAL float schedule_scale_rate(const oxl_train_options *o)
 {
-    return (float)(schedule_short_run_factor(o) * sqrt(schedule_momentum_factor(o)) * o->lr_scale);
+    return (float)(schedule_short_run_factor(o) *
+                   sqrt(schedule_factor_below(o, SCHEDULE_MOMENTUM_ITERATIONS)) * o->lr_scale);
 }
 
 /* Returns how far the cool-down is: 0 until it begins, 1 at its end. */
@@ -116,7 +112,7 @@ OXL_INTERNAL oxl_adam schedule_adam_params(const struct train *t)
 {
     const oxl_train_options *o = t->options;
     const double short_run_factor = schedule_short_run_factor(o),
-                 momentum_factor = schedule_momentum_factor(o),
+                 momentum_factor = schedule_factor_below(o, SCHEDULE_MOMENTUM_ITERATIONS),
                  brisk = schedule_factor_below(o, SCHEDULE_BRISK_ITERATIONS);
     const double progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
     const float mean = (float)(short_run_factor * schedule_position_rate(o, progress) * t->scene->extent);
