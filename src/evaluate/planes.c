@@ -18,7 +18,6 @@ OXL_INTERNAL oxl_result planes_begin(oxl_context *ctx, const oxl_image *of, stru
     return OXL_OK;
 }
 
-
 /* Returns an index; outside 0..n-1 one that is reflected at the edge that it passed, -1 as 0, or else -1. */
 static int planes_index(int i, int n, int reflects)
 {

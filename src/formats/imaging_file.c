@@ -227,7 +227,6 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
     return rc;
 }
 
-
 OXL_INTERNAL oxl_result imaging_read_beside(oxl_context *ctx, const char *model_path, const oxl_scene *scene,
                                             struct oxl_imaging *out)
 {

@@ -14,7 +14,6 @@
 
 /* ---------------- models */
 
-
 /* Reads what the training of the one block, or of the merged model, has left. */
 static oxl_result job_read_result(struct job *job, oxl_trained *out)
 {

@@ -29,7 +29,6 @@ OXL_INTERNAL void job_set_cache(const struct job *job, size_t most)
     scene_set_cache(job->scene, job->decoded ? OXL_MIN(most, part) : most);
 }
 
-
 /* Removes a file of decoded images, KEY of scene_images.c. */
 static void job_remove_decoded_file(void *folder, const char *name)
 {

@@ -82,7 +82,6 @@ OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, s
 
 /* ---------------- cameras */
 
-
 /* Returns the largest distance from the mean of the centres, as in 3DGS. */
 static double stats_radius(const double *centre, size_t n)
 {

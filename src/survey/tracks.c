@@ -17,7 +17,6 @@ OXL_INTERNAL struct tracks_walk tracks_of(const struct colmap *c, const int *vie
     return (struct tracks_walk){.colmap = c, .view_of = view_of, .end = c->point_count, .step = 1};
 }
 
-
 /* Goes to the next observation. Counts the entries without a view, too, so that a stride does
  * not depend on the views. */
 OXL_INTERNAL int tracks_next(struct tracks_walk *w)
