@@ -78,8 +78,8 @@ OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, const
 /* Renders a view; depth (H,W), or NULL. */
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
                                       float *depth);
-/* Evaluates `most` views of a split at most, evenly spaced, without ssim (NaN), plain_psnr and alignment, in a
- * third of the time; 0: all views, plain_psnr, psnr and ssim alone; other values are not set. d->r is not
+/* Evaluates `most` views of a split at most, evenly spaced, without ssim (NaN), plain_psnr and alignment, in
+ * a third of the time; 0: all views, plain_psnr, psnr and ssim alone; other values are not set. d->r is not
  * used. */
 OXL_INTERNAL oxl_result evaluate_part(oxl_context *ctx, const struct drawn *d, oxl_split split, int most,
                                       oxl_metrics *out);

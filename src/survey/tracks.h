@@ -9,8 +9,8 @@
 /* Returns 0 if the point is too far away for the scene. */
 OXL_INTERNAL int tracks_accept_point(const struct colmap_point *point, const double origin[3]);
 
-/* Walks over the entries of tracks, point by point. tracks_of begins a walk over all points; the caller then
- * sets `point`, `end`, `step`, `origin` and `shortest` as needed; tracks_next goes to the next observation. */
+/* Walks over the entries of tracks, point by point. tracks_of begins a walk over all points; the caller sets
+ * `point`, `end`, `step`, `origin` and `shortest` as needed; tracks_next goes to the next observation. */
 struct tracks_walk {
     const struct colmap *colmap;
     const int *view_of;   /* (images) number of each image's view; negative: its entries are skipped */
