@@ -25,6 +25,7 @@ enum fixed_kind {
     FIXED_LOGO,
     FIXED_MOUNT,
     FIXED_SHADOW,
+    FIXED_FRAME,
     FIXED_WHITE_STUDIO,
     FIXED_BLACK_STUDIO,
     FIXED_SKY,
@@ -52,6 +53,7 @@ static struct fixed_pixel fixed_paint(enum fixed_kind kind, int view, int x, int
     case FIXED_LOGO: return (struct fixed_pixel){x >= 76 && x < 92 && y >= 50 && y<60, x> 82, 1, 2};
     case FIXED_MOUNT: return (struct fixed_pixel){x < 26 && y > 44 + x / 2, 0.3 + 0.2 * (x / 3 % 2), 1, 3};
     case FIXED_SHADOW: return (struct fixed_pixel){0, 0, x >= 60 && x < 72 ? 0.2 : 1, 2};
+    case FIXED_FRAME: return (struct fixed_pixel){x < 3 || x >= 93 || y < 3 || y >= 61, 1, 1, 0};
     case FIXED_WHITE_STUDIO: return (struct fixed_pixel){object > 14, 1, 1, 0};
     case FIXED_BLACK_STUDIO: return (struct fixed_pixel){object > 14, 0, 1, 0};
     case FIXED_SKY: return (struct fixed_pixel){y < 24, 0.6 + 0.01 * y, 1, 2};

@@ -344,13 +344,16 @@ TEST(image_with_flipped_bits_is_read_or_refused_without_a_crash)
 TEST(image_jpeg_of_another_coding_is_not_called_damaged)
 {
     static const char arithmetic[] = "\xff\xd8\xff\xc9\0\x0b\x08\0\x10\0\x10\x01\x01\x11\0\xff\xd9",
-                      lossless[] = "\xff\xd8\xff\xc3\0\x0b\x08\0\x10\0\x10\x01\x01\x11\0\xff\xd9";
+                      lossless[] = "\xff\xd8\xff\xc3\0\x0b\x08\0\x10\0\x10\x01\x01\x11\0\xff\xd9",
+                      of_12_bits[] = "\xff\xd8\xff\xc1\0\x0b\x0c\0\x10\0\x10\x01\x01\x11\0\xff\xd9";
     int w, h;
     test_write_bytes("a.jpg", arithmetic, sizeof arithmetic - 1);
     CHECK_ERROR(image_size(test_ctx, test_path("a.jpg"), &w, &h), OXL_ERR_INPUT,
                 "a JPEG with arithmetic coding");
     test_write_bytes("a.jpg", lossless, sizeof lossless - 1);
     CHECK_ERROR(image_size(test_ctx, test_path("a.jpg"), &w, &h), OXL_ERR_INPUT, "a JPEG with lossless");
+    test_write_bytes("a.jpg", of_12_bits, sizeof of_12_bits - 1);
+    CHECK_ERROR(image_size(test_ctx, test_path("a.jpg"), &w, &h), OXL_ERR_INPUT, "or more than 8 bits");
 }
 
 TEST(image_jpeg_bytes_do_not_depend_on_simd)

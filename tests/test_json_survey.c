@@ -321,6 +321,7 @@ TEST(nerf_synthetic_trains_on_its_train_file_and_holds_out_its_test_or_val_file)
                                         "train/r_1.JPG"};
     for (size_t k = 0; k < OXL_COUNT(held_out); k++) { /* with both, test is held out */
         jsurvey_write_blender(held_out[k]);
+        jsurvey_write_image("blender/train/r_0.png", 12, 8); /* most have 24 x 16 px */
         if (k == 1)
             test_write("blender/transforms_val.json", "{\"frames\": [" JSURVEY_AT("./train/r_0") "]}");
         OWNED_SCENE *scene = test_load("blender", NULL);

@@ -190,15 +190,20 @@ static const char *nerfstudio_name(const struct colmap_reader *r, const char *va
     return strcat(path, strchr(path_base_name(name), '.') ? "" : ".png"), name;
 }
 
-/* Sets r->width and r->height from the first image that exists; both stay 0 if there is none. */
+/* Sets r->width and r->height to the size that most of the images have (Boyer & Moore 1991); both stay 0 if
+ * there is none. */
 static void nerfstudio_measure_image(struct colmap_reader *r, const struct nerfstudio_file *file)
 {
     char path[NERFSTUDIO_PATH], full[PATH_LENGTH];
-    for (const char *frame = oxl_json_first(file->frames); frame && r->width == 0;
-         frame = oxl_json_next(frame)) {
+    int votes = 0;
+    for (const char *frame = oxl_json_first(file->frames); frame; frame = oxl_json_next(frame)) {
         const char *name = nerfstudio_name(r, oxl_json_member(frame, "file_path"), path);
-        if (name && os_is_file(nerfstudio_path(r, name, "", full)))
-            image_size(r->ctx, full, &r->width, &r->height);
+        int width, height;
+        if (!name || !os_is_file(nerfstudio_path(r, name, "", full)) ||
+            image_size(r->ctx, full, &width, &height) != OXL_OK)
+            continue;
+        if (votes == 0) r->width = width, r->height = height;
+        votes += width == r->width && height == r->height ? 1 : -1;
     }
 }
 

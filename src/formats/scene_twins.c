@@ -11,12 +11,14 @@
 #include "../survey/survey.h"
 
 enum {
-    TWINS_GRID = 24,     /* px; sides of the copies that are compared */
+    TWINS_GRID = 96, /* px; sides of the copies that are compared, */
+    TWINS_CELL = 8,  /* by the means of cells of so many pixels a side, */
+    TWINS_ACROSS = TWINS_GRID / TWINS_CELL,
     TWINS_DEPTHS = 2000, /* pairs of a view and a point that give the depth */
     TWINS_TRIED = 3      /* most images of nearly one pose that one is compared with */
 };
 #define TWINS_MOVED 2e-3 /* Limits the move, in depths, and the turn, in radians. */
-#define TWINS_LEVELS 1.0 /* Limits the mean difference of two copies, in levels of 255. */
+#define TWINS_LEVELS 2.5 /* Limits the mean difference of two copies, in levels of 255. */
 
 struct twin { /* by x */
     double at[3];
@@ -49,9 +51,13 @@ static double twins_depth(const oxl_scene *scene)
 static int twins_show_the_same(oxl_context *ctx, const oxl_scene *scene, int a, int b)
 {
     struct training_image s = {0}, t = {0};
-    int off = 0, same = scene_load_small(ctx, scene, a, TWINS_GRID, TWINS_GRID, &s) == OXL_OK &&
-                        scene_load_small(ctx, scene, b, TWINS_GRID, TWINS_GRID, &t) == OXL_OK;
-    for (int k = 0; k < 3 * TWINS_GRID * TWINS_GRID && same; k++) off += abs(s.rgb[k] - t.rgb[k]);
+    int apart[3 * TWINS_ACROSS * TWINS_ACROSS] = {0}, off = 0;
+    const int same = scene_load_small(ctx, scene, a, TWINS_GRID, TWINS_GRID, &s) == OXL_OK &&
+                     scene_load_small(ctx, scene, b, TWINS_GRID, TWINS_GRID, &t) == OXL_OK;
+    for (int k = 0; k < 3 * TWINS_GRID * TWINS_GRID && same; k++)
+        apart[k / (TWINS_GRID * TWINS_CELL) * TWINS_ACROSS + k % TWINS_GRID / TWINS_CELL] +=
+            s.rgb[k] - t.rgb[k];
+    for (int k = 0; k < 3 * TWINS_ACROSS * TWINS_ACROSS; k++) off += abs(apart[k]);
     image_training_free(ctx, &s);
     image_training_free(ctx, &t);
     return same && off <= TWINS_LEVELS * 3 * TWINS_GRID * TWINS_GRID;
@@ -102,8 +108,11 @@ OXL_INTERNAL oxl_result scene_find_twins(oxl_context *ctx, oxl_scene *scene, int
     }
     if (copies)
         oxl_log(ctx, OXL_LOG_WARNING,
-                "%d images are copies of other images, such as %s of %s: all copies of one image are on "
-                "the same side of the split\nfix: take the copies out of the model and of the folder",
-                copies, scene->view[first].name, scene->view[of[first]].name);
+                "%d images are copies of other images, such as %s of %s: %s\nfix: take the copies out of the "
+                "model and of the folder",
+                copies, scene->view[first].name, scene->view[of[first]].name,
+                scene->colmap.states_split
+                    ? "metrics are too good where one is trained on and another held out"
+                    : "all copies of one image are on the same side of the split");
     return OXL_OK;
 }

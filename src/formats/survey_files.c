@@ -105,7 +105,9 @@ static void survey_add_file(struct survey_files *f, const char *path)
  * of their own, such as @eaDir, and links to nothing. */
 static void survey_visit(void *user, const char *name)
 {
-    static const char *const others[] = {"masks", "__MACOSX", "thumbs", "thumbnails"};
+    static const char *const others[] = {"mask",   "masks",      "depth",     "__macosx",
+                                         "thumbs", "thumbnails", "thumbnail", "_thumbs"};
+    char form[NAME_FORM];
     struct survey_walk *w = user;
     const char *inside = PATH("", "%s%s", w->inside, name), *path = PATH(w->files->folder, "%s", inside);
     struct survey_walk deeper = {w->files, PATH("", "%s/", inside), w->depth + 1};
@@ -113,7 +115,8 @@ static void survey_visit(void *user, const char *name)
     if (name[0] == '.') return;
     if (survey_is_image_name(name) && os_is_file(path)) survey_add_file(w->files, inside);
     else if (w->depth < SURVEY_DEPTH && !strchr("@#$", name[0]) && os_is_folder(path)) {
-        while (i < OXL_COUNT(others) && strcmp(name, others[i])) i++;
+        name_form(name, form);
+        while (i < OXL_COUNT(others) && strcmp(form, others[i])) i++;
         if (i == OXL_COUNT(others)) os_list_folder(w->files->ctx, path, survey_visit, &deeper);
     }
 }

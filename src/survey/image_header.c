@@ -96,12 +96,12 @@ static const char *header_of_jpeg(const unsigned char *data, size_t size, struct
             return "a JPEG with arithmetic coding, which is not read\n"
                    "fix: write it as a usual JPEG, under the same name: jpegtran -copy all IN > OUT, without "
                    "-arithmetic";
-        if (marker > 0xc2)
-            return "a JPEG with lossless or hierarchical coding, which is not read\n"
+        if (next - p < 9) break;
+        if (marker > 0xc2 || p[4] != 8)
+            return "a JPEG with lossless or hierarchical coding or more than 8 bits, which is not read\n"
                    "fix: write it as a usual JPEG, under the same name: mogrify -quality 98 IMAGE";
         if (frames++) return "it has two frame headers";
         progressive = marker == 0xc2;
-        if (next - p < 9) break;
         out->bits = p[4];
         out->height = (int)header_number(p + 5, 2, 1);
         out->width = (int)header_number(p + 7, 2, 1);

@@ -6,7 +6,7 @@
  * those of most pixels, or where their median stands out from its surroundings: views of a scene average its
  * detail out, not that of text or of a sharp shadow. Regions of fixed pixels count if they end in an edge: a
  * plain background ends at an outline that moves, and light falls off slowly. A bright region along the
- * whole upper side is the sky.
+ * whole upper side is the sky, unless it reaches the lower side, too.
  *
  * Invariant: a function of the survey's files alone, whatever the size of training images.
  */
@@ -165,17 +165,17 @@ static int fixed_edge(const struct fixed *f, int at)
 /* Returns 1 if the region of `count` pixels in f->region is no part of the scene. */
 static int fixed_accepts(const struct fixed *f, int count)
 {
-    int number[FIXED_LEVELS] = {0}, top = 0;
+    int number[FIXED_LEVELS] = {0}, top = 0, bottom = 0;
     double level = 0;
     for (int i = 0; i < count; i++) {
         const int at = f->region[i], e = fixed_edge(f, at);
         if (e >= 0) number[e]++;
-        top += at < f->width;
+        top += at < f->width, bottom += at >= f->width * (f->height - 1);
         level += f->median[at] / (double)count;
     }
     return count >= FIXED_REGION &&
            fixed_middle(number) >= OXL_MAX(FIXED_EDGE, FIXED_EDGE_SPREADS * f->typical) &&
-           !(top > FIXED_TOP * f->width && level >= FIXED_BRIGHT);
+           !(top > FIXED_TOP * f->width && bottom == 0 && level >= FIXED_BRIGHT);
 }
 
 /* Makes the mask, black where regions are found and around them; data NULL: there are none. Returns the
