@@ -43,7 +43,7 @@ static const char *const OTHER_NAMES[][2] = {
     {"-s --source_path --data --data_dir --data-dir --input", "SCENE, the first word after the command"},
     {"-m --model_path --output --output-dir --output_path --result_dir --export-path", "-o FOLDER"},
     {"-n --num-iters --max-num-iterations --max_steps --total-steps --steps", "--iterations N"},
-    {"-r -d --resolution --data_factor --downscale-factor --max-resolution", "--max-side PX"},
+    {"-r -d --resolution --data_factor --downscale-factor --max-resolution", "--max-side PX, the longer side"},
     {"-i", "--images FOLDER"},
     {"--eval", "--test-every 8, the default"},
     {"--data_device --cache-images", "--ram SIZE, which limits the cache of images"},

@@ -167,6 +167,10 @@ TEST(colmap_of_text_and_binary_the_one_that_the_images_fit_better_is_read_with_a
     test_listen();
     CHECK(binary_after("cp ../model/*.txt .", NULL).format == COLMAP_BINARY);
     CHECK(!strstr(test_said.all, "two models"));
+    CHECK(binary_after("touch ../model/z.jpg; sed -i s/b.jpg/z.jpg/ images.txt", test_path("model")).format ==
+          COLMAP_TEXT);
+    binary_after("cp ../model/*.txt .; sed -i s/500.5/600/ cameras.txt", NULL);
+    CHECK_LOGGED("the binary one is read");
     c = binary_after("touch ../model/b.jpg; sed -i 4,7d images.txt", test_path("model")); /* fits */
     CHECK(c.format == COLMAP_TEXT && c.image_count == 1);
     CHECK(binary_after("touch ../model/c.png", test_path("model")).format == COLMAP_BINARY);

@@ -126,16 +126,15 @@ TEST(scene_extent_is_that_of_3dgs_and_an_outlier_camera_does_not_change_it)
     oxl_view view[10] = {{0}};
     oxl_scene scene = {.view = view, .view_count = 9};
     double plain, robust;
-    for (int i = 0; i < 10; i++) {
-        view[i].camera = test_camera(0, 0, 0, i < 9 ? i : -1e5, 0, 0);
-    }
+    for (int i = 0; i < 10; i++) view[i].camera = test_camera(0, 0, 0, i < 9 ? i : -1e5, 0, 0);
+    view[9].name = "far";
     CHECK_OK(stats_camera_radius(test_ctx, &scene, &plain));
     CHECK_CLOSE(plain, 4, 1e-12); /* cameras at 0..8, mean 4 */
     test_listen();
     scene.view_count = 10;
     CHECK_OK(stats_camera_radius(test_ctx, &scene, &robust));
     CHECK_CLOSE(robust, 4, 1e-12);
-    CHECK_LOGGED("1 cameras are far from all others");
+    CHECK_LOGGED("1 cameras, such as that of far, are far from all others");
 }
 
 /* Two thirds of the points in front of the cameras were seen by none of them: haze. */

@@ -168,6 +168,7 @@ static void hypotheses_fill(struct hypotheses *w)
         lens.json = "through a lens with distortion";
         lens.fix =
             "use the images that colmap image_undistorter wrote beside this model, or the model from before it";
+        if (abs(i) == 16) zoom.middle = 1, zoom.fix = w->row[w->plain].fix; /* of images of another size */
         if (i) w->row[w->rows++] = zoom;
         if (i && abs(i) <= 8) w->row[w->rows++] = lens;
     }
@@ -431,7 +432,7 @@ static int hypotheses_check_values(struct hypotheses *w)
         oxl_log(w->ctx, OXL_LOG_WARNING,
                 "%.0f %% of the points that images show lie where their masks are black, and black "
                 "pixels are ignored\nfix: exchange black and white if the masks mark ignored pixels in "
-                "white",
+                "white; --auto-mask off where no masks are given",
                 100.0 * masked / points);
     if (w->brightest <= HYPOTHESIS_DARK &&
         image_read_header(w->ctx, PATH(w->scene->images, "%s", w->scene->view[0].name), &header) == OXL_OK &&
@@ -575,8 +576,8 @@ static oxl_result hypotheses_judge(struct hypotheses *w, int *foreign)
     oxl_result rc;
     w->names = (struct text){.ctx = w->ctx};
     w->named = w->explained = w->exchanged = 0;
-    w->fix =
-        "use the images that the model was made from, under the same names, or leave these out of the folder";
+    w->fix = "use the images that the model was made from, under the same names, correct their poses "
+             "(--poses auto), or leave these out of the folder";
     w->high = hypotheses_quantile(w, 0, 0.9);
     w->by_chance = hypotheses_quantile(w, -1, 0.5);
     w->median = hypotheses_quantile(w, 0, 0.5);

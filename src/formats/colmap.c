@@ -100,7 +100,7 @@ static void colmap_read_model(struct colmap_reader *r, struct colmap_camera *c)
 
 /* Takes numbers behind the eight of OPENCV as k3 to k6, which OpenCV writes there: FULL_OPENCV has them.
  * Refuses other text behind the parameters. */
-static void colmap_read_more(struct colmap_reader *r, struct colmap_camera *c)
+static void colmap_read_more(struct colmap_reader *r, struct colmap_camera *c, const char *wanted)
 {
     const int full = camera_model_find("FULL_OPENCV", 11), most = camera_model_at(full)->parameter_count;
     if (!colmap_has_more(r)) return;
@@ -110,24 +110,27 @@ static void colmap_read_more(struct colmap_reader *r, struct colmap_camera *c)
                 "OpenCV orders them",
                 r->path, r->line);
         for (int i = c->parameter_count; i < most && colmap_has_more(r); i++)
-            c->parameter[i] = colmap_finite(r, "PARAMS");
+            c->parameter[i] = colmap_finite(r, wanted);
         c->model = full, c->parameter_count = most;
     }
-    if (colmap_has_more(r)) colmap_fail_field(r, "the end of the line", "after the model's parameters", 0);
+    if (colmap_has_more(r)) colmap_fail_field(r, "the end of the line", wanted, 0);
 }
 
 static void colmap_read_camera(struct colmap_reader *r)
 {
     struct colmap_camera c = {.id = colmap_id(r, "CAMERA_ID", 4)};
+    char wanted[80];
     colmap_read_model(r, &c);
+    snprintf(wanted, sizeof wanted, "the %d PARAMS of %s", c.parameter_count,
+             r->rc == OXL_OK ? camera_model_at(c.model)->name : "");
     c.width = (int)colmap_whole(r, "WIDTH", 8, 1, INT_MAX);
     c.height = (int)colmap_whole(r, "HEIGHT", 8, 1, INT_MAX);
     for (int i = 0; i < c.parameter_count && r->rc == OXL_OK; i++) {
-        c.parameter[i] = colmap_finite(r, "PARAMS");
+        c.parameter[i] = colmap_finite(r, wanted);
         if (i < camera_model_at(c.model)->focal_count && !(c.parameter[i] > 0))
             colmap_fail_field(r, "a focal length", "more than 0 px", c.parameter[i]);
     }
-    colmap_read_more(r, &c);
+    colmap_read_more(r, &c, wanted);
     c.file = r->out->format == COLMAP_TEXT ? "cameras.txt" : "cameras.bin";
     c.line = r->line;
     COLMAP_ADD(r, camera, c);
@@ -359,6 +362,18 @@ OXL_INTERNAL int colmap_has_places(const struct colmap *a, const struct scene_or
     return off <= COLMAP_SAME * all;
 }
 
+/* Returns 1 if the first cameras of two models, and the first turns, are the same. */
+static int colmap_has_cameras(const struct colmap *a, const struct colmap *b)
+{
+    const struct colmap_camera *c = a->camera, *d = b->camera;
+    double off = 0, all = 0;
+    if (a->camera_count != b->camera_count || c->model != d->model || c->width != d->width) return 0;
+    for (int k = 0; k < c->parameter_count; k++)
+        off += fabs(c->parameter[k] - d->parameter[k]), all += fabs(c->parameter[k]);
+    for (int k = 0; k < 4; k++) off += fabs(fabs(a->image->rotation[k]) - fabs(b->image->rotation[k]));
+    return off <= COLMAP_SAME * all;
+}
+
 /* Returns how many of the images are in the folder. */
 static size_t colmap_count_files(const struct colmap *c, const char *images)
 {
@@ -388,11 +403,10 @@ static oxl_result colmap_read_both(oxl_context *ctx, const char *folder, size_t 
     oxl_result rc = read == OXL_OK || read == OXL_ERR_INPUT
                         ? colmap_read_as(ctx, folder, COLMAP_BINARY, buffer, given, out)
                         : read;
-    const int differ = text.point_count != out->point_count || !colmap_has_places(&text, NULL, out);
-    const int is_text =
-        read == OXL_OK &&
-        (rc == OXL_OK ? differ && colmap_fits_better(&text, out, given->folder) : rc == OXL_ERR_INPUT);
-    if (differ)
+    const int is_text = read == OXL_OK &&
+                        (rc == OXL_OK ? colmap_fits_better(&text, out, given->folder) : rc == OXL_ERR_INPUT);
+    if (is_text || text.point_count != out->point_count || !colmap_has_places(&text, NULL, out) ||
+        !colmap_has_cameras(&text, out))
         oxl_log(
             ctx, OXL_LOG_WARNING,
             "%s holds two models that differ: text with %zu images and %zu points, binary with %zu and %zu; the "

@@ -158,9 +158,9 @@ static oxl_result model_file_check(oxl_context *ctx, const struct ply *ply, cons
     oxl_result rc;
     while (c < columns && (column[c].plane < 0 || model_file_property(element, &column[c]) >= 0)) c++;
     if (c == columns) return OXL_OK;
-    for (int k = 0; k < element->properties && seen.size < 400; k++) {
+    for (int k = 0; k < element->properties; k++) {
         const char *has = element->property[k].name;
-        text_add(&seen, "%s%s", k ? " " : "", has);
+        if (seen.size < 400) text_add(&seen, "%s%s", k ? " " : "", has);
         points &= strncmp(has, "scal", 4) && strncmp(has, "rot", 3) && strncmp(has, "f_dc", 4);
     }
     rc = oxl_fail(

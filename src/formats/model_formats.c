@@ -42,8 +42,8 @@ static const struct model_format MODEL_FORMATS[] = {
      NULL,
      NULL,
      0,
-     "a model in the format SOG (a zip file) is neither read nor written\n"
-     "fix: splat-transform IN.sog OUT.ply, or the other way"},
+     "a zip file, a model in the format SOG or a checkpoint of PyTorch, is neither read nor written\n"
+     "fix: splat-transform IN.sog OUT.ply, or the other way; of a checkpoint, its program exports a PLY"},
     {".ksplat",
      {NULL},
      NULL,
@@ -84,7 +84,7 @@ static const struct model_format *model_format_of_file(const char *path, const c
     return model_format_by_name(path);
 }
 
-/* Reads the first bytes. Returns 1 if they are text: a web page, or git-lfs's pointer to a file. */
+/* Reads the first bytes. Returns 1 if they are text, but no PLY's or SPZ's: a web page, or git-lfs's pointer to a file. */
 static int model_read_head(const char *path, char head[MODEL_HEAD + 1])
 {
     FILE *file = os_open(path);
@@ -92,10 +92,9 @@ static int model_read_head(const char *path, char head[MODEL_HEAD + 1])
     size_t text = 0;
     if (file) fclose(file);
     head[size] = 0;
-    while (text < size && head[text] &&
-           ((head[text] >= ' ' && head[text] <= '~') || strchr("\r\n\t", head[text])))
+    while (text < size && head[text] && ((unsigned char)head[text] >= ' ' || strchr("\r\n\t", head[text])))
         text++;
-    return size > 0 && text == size;
+    return size > 0 && text == size && strncmp(head, "ply", 3) && strncmp(head, "NGSP", 4);
 }
 
 oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
@@ -105,12 +104,12 @@ oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
     const struct model_format *format = model_format_of_file(path, head);
     oxl_result rc;
     *out = (oxl_model){0};
-    if (format && is_text && format->read == splat_file_read)
+    if (format && !format->read) rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: %s", path, format->why);
+    else if (is_text)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s: the file is text that begins '%.*s', not a model\nfix: download the model "
                       "itself; a web page or a pointer of git-lfs was saved under its name",
                       path, (int)OXL_MIN(strcspn(head, "\r\n"), (size_t)40), head);
-    else if (format && !format->read) rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: %s", path, format->why);
     else rc = (format ? format->read : model_file_read_ply)(ctx, path, out);
     if (rc == OXL_OK) rc = model_file_drop_rows(ctx, path, out);
     if (rc == OXL_OK && out->count == 0)

@@ -4,6 +4,7 @@
  * Invariant: views and the test split follow the bytewise order of names, not the order in images.txt.
  */
 #include "survey_read.h"
+#include "../core/vecmath.h"
 #include "../survey/image_header.h"
 #include "../survey/scene.h"
 #include "../survey/tracks.h"
@@ -12,6 +13,8 @@ enum {
     SCENE_TEST_EVERY = 8, /* of so many views by name, the first is held out [Barron 2022] */
     SCENE_NAMED = 3       /* most images that a message names */
 };
+#define SCENE_NO_MOVE 1e-9  /* Limits a translation that is none. */
+#define SCENE_ASPECT 0.4    /* Limits the logarithm of the ratio of focal lengths. */
 #define SCENE_SAME_SIZE 1.5 /* Limits how far the sides of images of one size differ, px. */
 
 /* ---------------- missing images */
@@ -165,38 +168,52 @@ static oxl_result scene_ideal_camera(oxl_context *ctx, const oxl_scene *scene, s
         return oxl_fail(ctx, rc, "%s/%s", scene->colmap.folder, said);
     }
     if ((!camera_focal_is_plausible(ideal->fx, from->width, from->height) ||
-         !camera_focal_is_plausible(ideal->fy, from->width, from->height)) &&
+         !camera_focal_is_plausible(ideal->fy, from->width, from->height) ||
+         fabs(vecmath_log(ideal->fx / ideal->fy)) > SCENE_ASPECT) &&
         !b->odd_focals++)
         oxl_log(ctx, OXL_LOG_WARNING,
                 "%s:%d: the focal length of camera %lld is %g, %g px, for images of %d x %d px: expected 0.2 "
-                "to 20 times the longer side\n"
+                "to 20 times the longer side, about the same along both\n"
                 "fix: give focal lengths in px: millimetres times the image's width over the sensor's",
                 from->file, from->line, (long long)from->id, ideal->fx, ideal->fy, from->width, from->height);
     *ideal = scene_reduce(ideal, b->options->max_side, scene->on_disk[camera]);
     return OXL_OK;
 }
 
-/* Finds images that programs could not place, and wrote with the pose of no turn and no move: where there are
- * tracks, they are in none, and where there are none, more than one has this pose. */
+/* Returns 1 if an image has the pose of no turn and no move, or, where there are tracks, that of another that
+ * is in none. */
+static int scene_has_no_pose(const struct colmap *c, const struct colmap_image *image,
+                             const uint8_t *trackless)
+{
+    const double *q = image->rotation, *t = image->translation;
+    int shared = 0;
+    for (size_t i = 0; i < c->image_count && c->track_count; i++)
+        shared += trackless[i] && !memcmp(q, c->image[i].rotation, sizeof image->rotation) &&
+                  !memcmp(t, c->image[i].translation, sizeof image->translation);
+    return shared > 1 || ((q[0] != 0) + (q[1] != 0) + (q[2] != 0) + (q[3] != 0) == 1 &&
+                          fabs(t[0]) + fabs(t[1]) + fabs(t[2]) < SCENE_NO_MOVE);
+}
+
+/* Finds images that programs could not place: where there are tracks, they are in none, and where there are
+ * none, more than one has the pose of no turn and no move. */
 static void scene_find_unplaced(oxl_context *ctx, const oxl_scene *scene, struct scene_build *b)
 {
     const struct colmap *c = &scene->colmap;
     struct text names = {.ctx = ctx};
     size_t count = 0;
-    for (size_t i = 0; i < c->image_count; i++) {
-        const double *q = c->image[i].rotation, *t = c->image[i].translation;
-        const int turns = (q[0] != 0) + (q[1] != 0) + (q[2] != 0) + (q[3] != 0);
-        b->unplaced[i] = turns == 1 && t[0] == 0 && t[1] == 0 && t[2] == 0;
-    }
+    memset(b->unplaced, 1, c->image_count);
     for (size_t k = 0; k < c->track_count; k++) b->unplaced[c->track[k].image_row] = 0;
-    for (size_t i = 0; i < c->image_count; i++)
+    for (size_t i = 0; i < c->image_count; i++) {
+        b->unplaced[i] = b->unplaced[i] && scene_has_no_pose(c, &c->image[i], b->unplaced);
         if (b->unplaced[i]) scene_add_name(&names, ++count, c->names + c->image[i].name);
-    if (count == 0 || 2 * count > c->image_count || (count == 1 && c->track_count == 0))
+    }
+    if (count == 0 || count == c->image_count ||
+        (c->track_count == 0 && (count == 1 || 2 * count > c->image_count)))
         memset(b->unplaced, 0, c->image_count);
     else
         oxl_log(ctx, OXL_LOG_WARNING,
-                "%zu of %zu images have the pose 1 0 0 0 0 0 0 and see no point: they were not registered, "
-                "and are left out: %s",
+                "%zu of %zu images have no pose of their own and see no point: they were not registered, and "
+                "are left out: %s",
                 count, c->image_count, names.data ? names.data : "");
     text_free(&names);
 }

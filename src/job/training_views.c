@@ -151,7 +151,7 @@ static oxl_result training_flag(const struct training_views *t, int i, int enoug
     if (is_light)
         oxl_log(
             t->ctx, OXL_LOG_WARNING,
-            "training image %s fits %.1f dB worse than its neighbours: check its exposure and white balance",
+            "training image %s fits %.1f dB worse than its neighbours: check its exposure, white balance and pose",
             t->scene->view[row->of->view].name, row->badness);
     else if (enough &&
              ((is_misfit && !training_suffers(t, i)) || lacks[TRAINING_DETAIL] > TRAINING_STRUCTURE))

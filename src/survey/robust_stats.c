@@ -98,6 +98,7 @@ OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const oxl_scene *s
     double *distance = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *distance);
     double low[3], middle[3], high[3], limit;
     size_t count = 0, kept = 0;
+    const char *far = NULL;
     oxl_result rc = centre && distance ? OXL_OK : OXL_ERR_MEMORY;
     *radius = 0;
     for (int v = 0; v < scene->view_count && rc == OXL_OK; v++)
@@ -106,13 +107,19 @@ OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const oxl_scene *s
     if (rc != OXL_OK) count = 0;
     for (size_t i = 0; i < count; i++) distance[i] = camera_apart(centre + 3 * i, middle);
     limit = STATS_OUTLIER * stats_select(distance, count, 0.5);
-    for (size_t i = 0; i < count; i++)
-        if (camera_apart(centre + 3 * i, middle) <= limit)
-            memmove(centre + 3 * kept++, centre + 3 * i, 3 * sizeof *centre);
+    for (int v = 0; v < scene->view_count && count; v++) {
+        double at[3];
+        camera_position(&scene->view[v].camera, at);
+        if (scene->view[v].is_test) continue;
+        if (camera_apart(at, middle) <= limit) memcpy(centre + 3 * kept++, at, sizeof at);
+        else far = scene->view[v].name;
+    }
     *radius = stats_radius(centre, kept);
     if (kept < count)
-        oxl_log(ctx, OXL_LOG_WARNING, "%zu cameras are far from all others and are excluded from the extent",
-                count - kept);
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%zu cameras, such as that of %s, are far from all others, and are excluded from the extent\n"
+                "fix: leave them out of the model if their poses are wrong",
+                count - kept, far);
     OXL_FREE(ctx, centre, distance);
     return rc;
 }
