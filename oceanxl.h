@@ -29,16 +29,16 @@
  *   images      float, planar (3,H,W): all of red, then green, then blue; 0 black, 1 white.
  *   errors      every function that can fail returns oxl_result; oxl_error_text(ctx) then names what was
  *               found, what was expected and a fix. The library never exits and never prints.
- *   ownership   the function that fills `out` allocates it; the _free of the same name releases it (NULL and
+ *   ownership   the function that fills `out` allocates it; the _free of its type releases it (NULL and
  *               zeroed structs are allowed). Free scenes, models and images before their context. On error
- *               `*out` is zeroed, except where a function says that a run which was stopped leaves a usable
- *               result.
+ *               `*out` is zeroed, unless a function says that a stopped run leaves a usable result.
  *   threads     a context may be used by one thread at a time; OpenMP uses `threads` threads inside.
  *               The result does not depend on their number. Set OMP_WAIT_POLICY=passive before the program
- *               starts: else waiting threads spin, which slows a small scene down on a busy machine.
+ *               starts: else waiting threads spin, which slows small scenes on a busy machine.
  *   pointers    must not be NULL, except where a function says so.
  *   building    cc -O3 -std=c99 -fopenmp -ffp-contract=off -fno-math-errno -fno-trapping-math program.c
- *               oceanxl.c -lm; never -ffast-math. C++ may include this header; the implementation is C99.
+ *               oceanxl.c -lm; dist/single needs no oceanxl.c. Both need stb. Never -ffast-math. C++ may
+ *               include this header; the implementation is C99.
  *
  * Licence: MIT, see LICENSE.
  */
@@ -113,7 +113,7 @@ OXL_API oxl_context_options oxl_context_options_default(void);
 OXL_API oxl_result oxl_context_create(const oxl_context_options *options, oxl_context **out);
 OXL_API void oxl_context_free(oxl_context *ctx);
 
-/* Text of the last error, "" without one; valid as long as the context. ctx may be NULL. */
+/* Returns the last error's text, "" without one; valid as long as ctx, which may be NULL. */
 OXL_API const char *oxl_error_text(const oxl_context *ctx);
 /* Stores an error text and returns rc, for a program's own functions that fail as the library's do. A second
  * line that starts with "fix: " names one action. ctx may be NULL. */
@@ -122,8 +122,8 @@ OXL_API oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format,
 /* Frees text returned by the library; text may be NULL. */
 OXL_API void oxl_text_free(oxl_context *ctx, char *text);
 
-/* Instruction set of the kernels: "avx512", "avx2" or "base". The environment variable OXL_ISA overrides the
- * choice. */
+/* Names the kernels' instruction set: "avx512", "avx2" or "base". The environment variable OXL_ISA overrides
+ * it. */
 OXL_API const char *oxl_isa_name(const oxl_context *ctx);
 
 /* Opens the device of options.backend, as the first function that needs it does. OXL_ERR_FAILED:
@@ -218,7 +218,7 @@ OXL_API oxl_scene_options oxl_scene_options_default(void);
 OXL_API oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_options *options,
                                   oxl_scene **out);
 
-/* A scene from arrays: views (view_count) with name, camera and is_test; images (view_count), in the same
+/* Makes a scene of views (view_count) with name, camera and is_test; images (view_count), in the same
  * order; points (point_count), from which training starts. All are copied, colours in 8 bits, weights
  * above a half as 1, others as 0; the origin is 0. Views are sorted by name, so an index of the scene is not
  * one of the arrays. OXL_ERR_USAGE: sizes that differ, equal names, or a pose that is not finite or no
@@ -241,8 +241,8 @@ OXL_API double oxl_scene_near_plane(const oxl_scene *scene);
 /* (2) latitude and longitude (WGS 84, degrees) of the world's origin, if its axes are metres east, north, up
  * there, as OpenSfM's reference_lla says; NULL: not known. */
 OXL_API const double *oxl_scene_reference(const oxl_scene *scene);
-/* Returns the unit of position rates and split sizes in training: 1.3 x the median depth of the points in the
- * training views; without points 1.1 x the robust radius of the training cameras [Kerbl 2023]. */
+/* Returns the unit of position rates and of densify_gradient's sizes: 1.3 x the median depth of the points in
+ * the training views; without points 1.1 x the robust radius of the training cameras [Kerbl 2023]. */
 OXL_API double oxl_scene_extent(const oxl_scene *scene);
 
 /* Gives the ray of pixel (x, y) of the original image (size as in cameras.txt, before undistortion): origin
@@ -362,7 +362,7 @@ typedef struct oxl_render_options {
     /* Gaussians whose camera z is smaller are culled; in the scene's unit (0.2). For the views of a scene use
      * oxl_scene_near_plane */
     float near_plane;
-    /* smaller alpha values are skipped; values below 1/255 are raised to it (1/255) [Kerbl 2023] */
+    /* alpha values below this or 1/255 are skipped (1/255) [Kerbl 2023] */
     float alpha_min;
     /* For maps: above 0, all rays are parallel to the camera's z axis, fx and fy are px per unit, and this is
      * the distance from which the survey's cameras saw the ground, in the scene's unit. CPU only (0) */
@@ -386,8 +386,8 @@ OXL_API oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, con
                                    const oxl_imaging *imaging, oxl_image *out, float *depth);
 
 /* Computes the gradient of a scalar loss L with respect to all parameters, given drgb = dL/d(image), (3,H,W):
- * the exact derivative of oxl_render. gradient is created with the shape of model; errors are those of
- * oxl_render. */
+ * the exact derivative of oxl_render. gradient is created with model's shape; options and errors are
+ * oxl_render's. */
 OXL_API oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                                        const oxl_render_options *options, const float *drgb,
                                        oxl_model *gradient);
@@ -410,7 +410,7 @@ OXL_API oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_imag
  * image blurred by a Gaussian of 1 px, less the one blurred by 6 px. 1: the same structure; 0: none, such as
  * a veil; NaN: b has no more detail than the rounding to 8 bits. */
 OXL_API oxl_result oxl_structure(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
-/* below it a view has no structure, in reports and messages */
+/* a view of less counts as one without structure */
 #define OXL_STRUCTURE_NONE 0.5
 
 /* A subset of the views. */
@@ -453,7 +453,7 @@ OXL_API void oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics);
 /* Which Gaussians get a second, negative lobe, and so are differences of Gaussians [OceanXL eq. 3-4]. */
 typedef enum oxl_dog {
     OXL_DOG_OFF = 0,
-    /* those whose mean |dL/d(u, v)|, in the units of densify_gradient, is above 0.0002 late in the run */
+    /* those whose mean |dL/d(u, v)|, in half images, is above 0.0002 at 0.55 of the run */
     OXL_DOG_SELECTIVE,
     OXL_DOG_ALL
 } oxl_dog;
@@ -462,7 +462,7 @@ typedef enum oxl_dog {
 typedef enum oxl_switch {
     OXL_OFF = 0,
     OXL_ON,
-    OXL_AUTO /* on where the colours of the tracks show it; off in a scene from arrays: it has no tracks */
+    OXL_AUTO /* on where the tracks' colours show it, so off in a scene from arrays; poses differ */
 } oxl_switch;
 
 /* Sets of defaults: fast; longer; the paper's method. */
@@ -488,13 +488,13 @@ typedef enum oxl_ucd {
     OXL_UCD_SEARCH /* on, and corrected during training by SPSA */
 } oxl_ucd;
 
-/* What becomes of a Gaussian where the model is densified. */
+/* What densification does with a Gaussian; OXL_KEEP_... are oxl_keep's, OXL_SPLIT_... oxl_split's. */
 typedef enum oxl_change { OXL_REMOVE = 0, OXL_KEEP, OXL_SPLIT /* into two */ } oxl_change;
 
-/* Terms of one's own in the loss, and a density rule; they run on the CPU only. A term returns its value,
- * which is added to the loss, and adds its gradient to the one that it is given; examples/ has one of each. A
- * value that is not finite ends the run with OXL_ERR_USAGE. Where a model for viewers is trained after the
- * model (oxl_trained), terms run there, too. */
+/* Terms of one's own in the loss, and a density rule, on the CPU (a device: OXL_ERR_USAGE). A term returns
+ * its value, which is added to the loss, and adds its gradient to the one that it is given; examples/ has one
+ * of each. A value that is not finite ends the run with OXL_ERR_USAGE. Where a model for viewers is trained
+ * (oxl_trained), terms run there, too; the rule does not. */
 typedef struct oxl_terms {
     /* rendered: the step's view with its gains and lamp, not clamped; image: the one that it is compared
      * with. Their size changes from call to call: half the sides while the run is coarse, a part of the view
@@ -503,11 +503,11 @@ typedef struct oxl_terms {
     /* gradient: planes of the model's shape. Gaussians that the view does not show take no step. NULL: no
      * such term. A row whose gradient is not finite is skipped (oxl_nonfinite.rows) */
     double (*parameters)(void *user, const oxl_model *model, oxl_model *gradient);
-    /* Rewrites the library's choice, change (count) of oxl_change, before max_gaussians limits it; other
-     * values keep the Gaussian. gradient (count) is the sum of |dL/d(u, v)|, of the splat's centre, in units
-     * of half an image, over the steps since the last densification whose view shows the Gaussian; views
-     * (count) is their number. Where ucd is on, the gradient is weighted by depth. NULL: the library's
-     * choice */
+    /* Rewrites the library's choice, change (count) of oxl_change; other values keep the Gaussian. If
+     * max_gaussians limits splits, those of largest gradient / views are made, none of 0 views. gradient
+     * (count) sums |dL/d(u, v)| of the splat's centre, in half images, over the steps since the last
+     * densification that show the Gaussian; views (count) is their number. ucd weights gradient by depth.
+     * NULL: no rule */
     void (*density)(void *user, const oxl_model *model, const float *gradient, const float *views,
                     uint8_t *change);
     void *user;
@@ -520,7 +520,7 @@ typedef struct oxl_train_options {
     /* most Gaussians; 0: one per 60 training pixels, or one per point where there are more, up to twice as
      * many or 10 000 (0) */
     int max_gaussians;
-    double max_seconds; /* stop after this time and write the model; 0: no limit (0) */
+    double max_seconds; /* stop after this time, with the model so far; 0: no limit (0) */
     /* red, green, blue, 0..1; -1,-1,-1: white where transparent images are composited over it, else black
      * (-1,-1,-1) */
     float background[3];
@@ -535,26 +535,26 @@ typedef struct oxl_train_options {
     float dropout;
     /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 (1/128, 1/128, 1/255) */
     float alpha_min;
-    /* learning rate of positions at the first step, in extents (oxl_scene_extent); it decays exponentially
-     * [Kerbl 2023] (0.00016) */
+    /* learning rates are those of [Kerbl 2023]; that of positions at the first step, in extents
+     * (oxl_scene_extent), decays exponentially (0.00016) */
     float lr_position;
     float lr_position_final; /* learning rate of positions at the last step, in extents (0.0000016) */
-    float lr_scale;          /* learning rate of log scales [Kerbl 2023] (0.005) */
-    float lr_rotation;       /* learning rate of quaternions [Kerbl 2023] (0.001) */
-    float lr_sh0;            /* learning rate of SH degree 0 [Kerbl 2023] (0.0025) */
-    float lr_sh;             /* learning rate of higher SH degrees [Kerbl 2023] (0.0025 / 20) */
+    float lr_scale;          /* learning rate of log scales (0.005) */
+    float lr_rotation;       /* learning rate of quaternions (0.001) */
+    float lr_sh0;            /* learning rate of SH degree 0 (0.0025) */
+    float lr_sh;             /* learning rate of higher SH degrees (0.0025 / 20) */
     /* An exponent e: runs of n < 30 000 iterations multiply the rates of means, scales and rotations by
-     * (30 000 / n)^e. docs/METHOD.md ("Short runs") has the other rates, and what else it changes. 0: nothing
-     * changes (0.45, 0.45, 0) */
+     * (30 000 / n)^e. docs/METHOD.md ("Short runs") has what else it changes. 0: nothing (0.45, 0.45, 0) */
     float short_run_exponent;
     /* last fraction of the run, in which all learning rates fall to a tenth; 0: none (0.2) */
     float cooldown;
-    float densify_until; /* fraction of the run at which density control ends (0.5) */
-    int densify_every;   /* steps between densifications; -1: a tenth of the run, 15 to 50 (-1, 100, 100) */
-    /* Gaussians are split above this mean |dL/d(u, v)|, of the splat's centre, in units of half an image
-     * (0.00055, 0.0002, 0.0002) */
+    float densify_until; /* fraction of the run that densifies; with dog, below 0.55 (0.5) */
+    /* steps between densifications (first: METHOD.md); -1: a tenth of the run, 15 to 50 (-1, 100, 100) */
+    int densify_every;
+    /* Gaussians are split whose mean |dL/d(u, v)|, in half images, is at least this; after 3000 steps and a
+     * tenth of the run those above 0.1 extents, too (0.00055, 0.0002, 0.0002) */
     float densify_gradient;
-    oxl_ucd ucd;         /* depth weights of this gradient (AUTO, AUTO, SEARCH) */
+    oxl_ucd ucd;         /* depth weights of densify_gradient's mean (AUTO, AUTO, SEARCH) */
     oxl_keep keep;       /* Gaussians that pruning keeps (ALL, ALL, FRACTION 0.5) */
     oxl_switch exposure; /* a log gain per channel and training image (AUTO) */
     /* a light that moves with the camera: a smooth gain over the image, falloff with distance (AUTO) */
@@ -568,10 +568,10 @@ typedef struct oxl_train_options {
     int antialias;
     int stereo;             /* 1: starts also from points of the training views' depth maps (1, 1, 0) */
     oxl_dog dog;            /* second lobes (OFF, OFF, SELECTIVE) */
-    const oxl_terms *terms; /* NULL: none; not recorded in run.json */
+    const oxl_terms *terms; /* NULL: none; a resumed job overlooks their change */
     /* for oxl_train: Gaussians to start from, copied without second lobes; NULL: the scene's points. Their
-     * colours are taken as those of a scene.ply (oxl_trained_write), since imaging is measured anew. The run
-     * has its whole schedule, so it begins at the rates of a fresh one */
+     * colours are taken as those of a scene.ply (oxl_trained_write), since imaging is measured anew. Rates
+     * and schedule are those of a fresh run */
     const oxl_model *from;
     /* for a block: iterations of the whole run, from which rates and intervals follow; 0: `iterations` */
     int survey_iterations;
@@ -582,8 +582,8 @@ OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);
 /* OXL_ERR_USAGE: a value is out of its range; the text names the first such option. */
 OXL_API oxl_result oxl_train_options_check(oxl_context *ctx, const oxl_train_options *options);
 
-/* Counts of what a run skipped or cleared because a value was not finite, and of images that could not be
- * read. All 0 in a normal run. */
+/* What a run skipped or cleared because a value was not finite, and images that could not be read. All 0 in
+ * a normal run. */
 typedef struct oxl_nonfinite {
     size_t images;  /* could not be read: left out */
     size_t steps;   /* loss not finite: skipped */
@@ -595,6 +595,7 @@ typedef struct oxl_nonfinite {
 enum oxl_stage { OXL_STAGE_BLOCK, OXL_STAGE_COARSE, OXL_STAGE_MERGED };
 
 typedef struct oxl_progress {
+    /* done; in all, more once oxl_trained.viewer is trained */
     int iteration, iterations;
     int block, blocks;    /* index and number of blocks in a job; else 0, 0 */
     enum oxl_stage stage; /* what is trained; with OXL_STAGE_BLOCK, block number `block` */
@@ -603,17 +604,15 @@ typedef struct oxl_progress {
     double seconds;      /* since the start */
     double seconds_left; /* predicted; 0: the run ends, or not known yet */
     size_t memory;       /* peak so far, bytes; only in a job, else 0 */
-    /* current state, valid during the call; on a device the values of the last download, without rows that
-     * were removed since then */
+    /* valid during the call; on a device as last downloaded, less rows removed since */
     const oxl_model *model;
     oxl_nonfinite nonfinite; /* so far */
 } oxl_progress;
 
 typedef struct oxl_callback {
-    /* Called after every iteration. A nonzero result stops the run; it returns OXL_ERR_INTERRUPTED and a
-     * usable model. */
+    /* Called after every iteration; a nonzero result stops the run (OXL_ERR_INTERRUPTED) */
     int (*progress)(void *user, const oxl_progress *progress);
-    void *user; /* passed to it */
+    void *user; /* passed to progress */
 } oxl_callback;
 
 /* Result of a training. */
@@ -639,9 +638,9 @@ OXL_API oxl_result oxl_train(oxl_context *ctx, const oxl_scene *scene, const oxl
 OXL_API void oxl_trained_free(oxl_context *ctx, oxl_trained *trained);
 /* Writes the result to a folder, which must exist, as `oceanxl train` does. It deletes those of these files
  * in the folder that the result does not have:
- *   scene.ply           the model for any viewer
+ *   scene.ply           the model, for most viewers
  *   scene_clear.ply     the model without the medium or gains that scene.ply has in its colours
- *   scene_standard.ply  the columns that all viewers read, where scene.ply has others
+ *   scene_standard.ply  for any viewer, where scene.ply has second lobes or an SH degree below 3
  *   imaging.txt         exposure, lamp, medium and poses
  * To read the result back for a scene, read scene_clear.ply if it is there, else scene.ply, and
  * oxl_imaging_read of that path.

@@ -2,7 +2,8 @@
  * oceanxl.h.
  *
  * The whole job (oxl_job_run), its options by name, predictions, and results as JSON.
- * The conventions are those of oceanxl.h.
+ * Conventions are those of oceanxl.h. Link oceanxl.c, or dist/oceanxl_job.c (`make dist`) with -Idist
+ * -Idist/single.
  */
 #ifndef OCEANXL_JOB_H
 #define OCEANXL_JOB_H
@@ -180,7 +181,7 @@ OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *mo
                                            const char *name);
 
 /* Trains the survey in folder `scene` and writes to folder `out`: the files of oxl_trained_write;
- * metrics.json, run.json, renders/; and for each block a folder blocks/KKK/ with model.ply, log.csv and
+ * metrics.json, run.json; renders/, training_views/; for each block blocks/KKK/ with its model, log.csv and
  * block.json. A survey that fits the memory (or, with block_points, has no more points than that) is one
  * block, 000. A larger one is cut, and training has three stages: a
  * coarse model of the survey (blocks/coarse/); the blocks, each with the coarse model's other Gaussians as

@@ -1,4 +1,4 @@
-/* fit_image.c - an image fitted by Gaussians: one view, no survey: the shortest view of the optimiser.
+/* fit_image.c - fits one image by Gaussians, without a survey: the shortest look at the optimiser.
  *
  *     build/examples/fit_image [image.png or .jpg [fitted.png]]
  *

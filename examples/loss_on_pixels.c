@@ -1,5 +1,5 @@
-/* loss_on_pixels.c - a loss of one's own: edges. The difference of neighbouring pixels of the render is to be
- * that of the image, as its absolute error:
+/* loss_on_pixels.c - a loss of one's own: edges. The render's differences of neighbouring pixels should be
+ * the image's; the loss is their absolute error:
  *
  *     L = w / n sum |(x[i+1] - x[i]) - (y[i+1] - y[i])|,   dL/dx[i+1] = w / n sign(...) = -dL/dx[i].
  *
