@@ -86,6 +86,9 @@ struct stereo_pair { /* rays (x/z, y/z, 1) of one camera as px of another view's
 struct stereo_patch {
     float value[STEREO_LANES]; /* less their mean; 0 where a lane does not count */
     float mean, norm;          /* norm: root of the sum of the squares */
+    /* of a plane with inverse depth 0, in each neighbour: the centre as homogeneous px of the finest level,
+     * and its derivatives along rows and columns of the level */
+    double at[STEREO_NEIGHBOURS][3], along[STEREO_NEIGHBOURS][3], down[STEREO_NEIGHBOURS][3];
 };
 struct stereo { /* the view at hand */
     oxl_context *ctx;
@@ -323,6 +326,18 @@ static int stereo_fits(const struct stereo_job *job)
            job->v + y < (float)(job->image->height - 1);
 }
 
+static void stereo_aim(const struct stereo *s, int level, double x, double y, struct stereo_patch *patch)
+{
+    const oxl_camera *c = &s->scene->view[s->of->view].camera;
+    const double f = stereo_factor(c) << level, ray[2] = {(x * f - c->cx) / c->fx, (y * f - c->cy) / c->fy};
+    for (int k = 0; k < s->pairs; k++)
+        for (int i = 0; i < 3; i++) {
+            const double *a = s->pair[k].a + 3 * i;
+            patch->at[k][i] = a[0] * ray[0] + a[1] * ray[1] + a[2];
+            patch->along[k][i] = a[0] * f / c->fx, patch->down[k][i] = a[1] * f / c->fy;
+        }
+}
+
 /* Takes the patch around a pixel of the level; returns 0 where there is nothing to compare: at the image's
  * edge, at masked pixels, and without detail. */
 static int stereo_take_patch(const struct stereo *s, int level, double x, double y,
@@ -345,28 +360,25 @@ static int stereo_take_patch(const struct stereo *s, int level, double x, double
     for (int l = 0; l < STEREO_SAMPLES; l++) patch->value[l] -= patch->mean;
     patch->norm = sqrtf(OXL_MAX(sums[1] - sums[0] * patch->mean, 0));
     patch->mean += job.mean;
+    stereo_aim(s, level, x, y, patch);
     return patch->norm > (float)(STEREO_DETAIL * sqrt(STEREO_SAMPLES));
 }
 
 /* Returns the correlation with what neighbour k shows of a patch on a plane; -2: it does not show all of it.
  * *moves: px of the level by which a change of the inverse depth moves it. */
-static float stereo_correlate(const struct stereo *s, int level, int k, const double at[2],
-                              const struct stereo_patch *patch, const struct stereo_cell *plane,
-                              double *moves)
+static float stereo_correlate(const struct stereo *s, int level, int k, const struct stereo_patch *patch,
+                              const struct stereo_cell *plane, double *moves)
 {
-    const oxl_camera *c = &s->scene->view[s->of->view].camera;
     const struct stereo_pair *pair = &s->pair[k];
-    const double f = stereo_factor(c) << level, scale = 1.0 / (1 << level),
-                 ray[2] = {(at[0] * f - c->cx) / c->fx, (at[1] * f - c->cy) / c->fy};
+    const double scale = 1.0 / (1 << level);
     float sums[3];
     struct stereo_job job = {
         .image = &s->to[k]->level[level], .mean = patch->mean, .reference = patch->value, .sums = sums};
     double p[3], px[3], py[3], u, v, variance;
     for (int i = 0; i < 3; i++) {
-        p[i] = pair->a[3 * i] * ray[0] + pair->a[3 * i + 1] * ray[1] + pair->a[3 * i + 2] +
-               plane->w * pair->b[i];
-        px[i] = pair->a[3 * i] * f / c->fx + plane->dx * (1 << level) * pair->b[i];
-        py[i] = pair->a[3 * i + 1] * f / c->fy + plane->dy * (1 << level) * pair->b[i];
+        p[i] = patch->at[k][i] + plane->w * pair->b[i];
+        px[i] = patch->along[k][i] + plane->dx * (1 << level) * pair->b[i];
+        py[i] = patch->down[k][i] + plane->dy * (1 << level) * pair->b[i];
     }
     if (!(p[2] > 0)) return -2;
     u = p[0] / p[2], v = p[1] / p[2];
@@ -388,16 +400,15 @@ static float stereo_correlate(const struct stereo *s, int level, int k, const do
 
 /* Returns the mean of the two best correlations, or, where one neighbour shows the patch, a little less than
  * it; -1: none does. Below `least` it may be less. *moves: the largest. */
-static float stereo_score(const struct stereo *s, int level, const double at[2],
-                          const struct stereo_patch *patch, const struct stereo_cell *plane, float least,
-                          double *moves)
+static float stereo_score(const struct stereo *s, int level, const struct stereo_patch *patch,
+                          const struct stereo_cell *plane, float least, double *moves)
 {
     float best = -2, second = -2;
     *moves = 0;
     if (!(plane->w >= s->low && plane->w <= s->high)) return -1;
     for (int k = 0; k < s->pairs; k++) {
         double by = 0;
-        float c = stereo_correlate(s, level, k, at, patch, plane, &by);
+        float c = stereo_correlate(s, level, k, patch, plane, &by);
         *moves = OXL_MAX(*moves, by);
         if (c > best) OXL_SWAP(float, c, best);
         second = OXL_MAX(second, c);
@@ -427,7 +438,7 @@ static void stereo_sweep(const struct stereo *s, struct stereo_grid *g, int i, i
     if (i % g->across % 2 || i / g->across % 2 || !stereo_take_patch(s, level, at[0], at[1], &patch)) return;
     for (int k = 0; k < planes; k++) {
         struct stereo_cell tried = {.w = (float)(s->low + (s->high - s->low) * (k + 0.5) / planes)};
-        tried.score = stereo_score(s, level, at, &patch, &tried, best->score, &moves);
+        tried.score = stereo_score(s, level, &patch, &tried, best->score, &moves);
         if (tried.score > best->score) *best = tried;
     }
 }
@@ -454,14 +465,14 @@ static int stereo_candidate(const struct stereo_grid *g, int i, int x, int y, st
 }
 
 /* Moves a plane to the top of the parabola through its score and those a step nearer and farther. */
-static void stereo_polish(const struct stereo *s, int level, const double at[2],
-                          const struct stereo_patch *patch, double step, struct stereo_cell *best)
+static void stereo_polish(const struct stereo *s, int level, const struct stereo_patch *patch, double step,
+                          struct stereo_cell *best)
 {
     double side[2], curve, moves, by;
     for (int k = 0; k < 2; k++) {
         struct stereo_cell tried = *best;
         tried.w += (float)(k ? step : -step);
-        side[k] = stereo_score(s, level, at, patch, &tried, -1, &moves);
+        side[k] = stereo_score(s, level, patch, &tried, -1, &moves);
     }
     curve = side[0] - 2 * (double)best->score + side[1];
     by = curve < 0 ? 0.5 * (side[0] - side[1]) / curve : side[1] > side[0] ? 1 : -1;
@@ -480,15 +491,14 @@ static void stereo_improve(const struct stereo *s, const struct stereo_grid *g, 
     g->next[i] = (struct stereo_cell){.score = -1};
     stereo_centre(g, i, level, at);
     if (!stereo_take_patch(s, level, at[0], at[1], &patch)) return;
-    best.score = stereo_score(s, level, at, &patch, &best, -1, &moves);
+    best.score = stereo_score(s, level, &patch, &best, -1, &moves);
     for (int k = 0; k < 5; k++) {
         if (!stereo_candidate(g, i, around[k][0], around[k][1], &tried)) continue;
-        tried.score = stereo_score(s, level, at, &patch, &tried, best.score, &ignored);
+        tried.score = stereo_score(s, level, &patch, &tried, best.score, &ignored);
         if (tried.score > best.score) best = tried, moves = ignored;
     }
     best.detail = patch.norm;
-    if (best.score > STEREO_HOPE && moves > 0)
-        stereo_polish(s, level, at, &patch, STEREO_STEP / moves, &best);
+    if (best.score > STEREO_HOPE && moves > 0) stereo_polish(s, level, &patch, STEREO_STEP / moves, &best);
     g->next[i] = best;
 }
 
