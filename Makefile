@@ -17,7 +17,7 @@ WARN   := -Wall -Wextra -pedantic $(if $(WERROR),-Werror)
 ifneq ($(findstring clang,$(shell $(CC) --version 2>/dev/null)),)
 WARN   += -Wno-error=pass-failed # a loop that this optimizer left scalar: worth a line, not a stop
 endif
-SYSTEM := libstb-dev gcc make libc6-dev
+SYSTEM := libstb-dev zlib1g-dev gcc make libc6-dev
 # As the program sets it for itself (wait_passively in main.c).
 export OMP_WAIT_POLICY ?= passive
 export GOMP_SPINCOUNT ?= 500
@@ -35,12 +35,18 @@ STB_FLAGS := $(if $(STB),-I$(STB) -I$(BUILD)/include)
 VULKAN ?=
 VULKAN_FLAGS := $(if $(filter-out 0,$(VULKAN)),-DOXL_VULKAN)
 
+# ZLIB=0: stb deflates, not zlib (Debian: zlib1g-dev), which is used when the compiler finds it.
+ZLIB   ?= $(shell echo 'int main(void) { return !zlibVersion(); }' | \
+            $(CC) -include zlib.h -x c - -o $(BUILD)/probe -lz 2>/dev/null && echo 1 || echo 0)
+ZLIB   := $(ZLIB)
+ZLIB_FLAGS := $(if $(filter-out 0,$(ZLIB)),-DOXL_ZLIB)
+
 DEV_FLAGS := $(if $(DEV),-DOXL_ONE_ISA=$(shell grep -qw avx512bw /proc/cpuinfo 2>/dev/null && echo 2 || \
                { grep -qw avx2 /proc/cpuinfo 2>/dev/null && echo 1 || echo 0; }))
 
-BASE  = -std=c99 $(WARN) $(FLOATS) $(THREADS) $(STB_FLAGS) $(VULKAN_FLAGS) $(DEV_FLAGS)
+BASE  = -std=c99 $(WARN) $(FLOATS) $(THREADS) $(STB_FLAGS) $(VULKAN_FLAGS) $(ZLIB_FLAGS) $(DEV_FLAGS)
 FLAGS = $(CFLAGS) $(BASE)
-LIBS  = $(LDFLAGS) -lm $(if $(VULKAN_FLAGS),-ldl)
+LIBS  = $(LDFLAGS) -lm $(if $(ZLIB_FLAGS),-lz) $(if $(VULKAN_FLAGS),-ldl)
 
 CLI     := $(wildcard cli/*.c tools/*.c)
 LAB     := $(wildcard lab/*.c)
@@ -58,7 +64,7 @@ EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c)
 all: $(BUILD)/oceanxl $(BUILD)/oceanxl-lab ## builds build/oceanxl, the program, and build/oceanxl-lab, which it executes for synthetic surveys and studies (the default)
 
 help: ## prints this list
-	@echo 'make TARGET [CC=clang] [CFLAGS=-O3] [OPENMP=0] [VULKAN=1] [STB=folder] [WERROR=1] [BUILD=build]'
+	@echo 'make TARGET [CC=clang] [CFLAGS=-O3] [OPENMP=0] [ZLIB=0] [VULKAN=1] [STB=folder] [WERROR=1] [BUILD=build]'
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/  \1\t\2/p' Makefile examples/course/course.mk examples/playground/playground.mk | expand -t 20
 
 # ------------------------------------------------------------------------------------------------ program, library
@@ -265,7 +271,7 @@ python: ## builds the library for python/oceanxl.py, whose structs and functions
 VERSION := $(shell sed -n 's/^\#define OXL_VERSION "\(.*\)"$$/\1/p' oceanxl.h)
 $(BUILD)/oceanxl.pc: Makefile oceanxl.h $(BUILD)/flags
 	@printf '%s\n' 'prefix=$(PREFIX)' 'Name: oceanxl' 'Description: 3D Gaussian Splatting of underwater surveys' 'Version: $(VERSION)' \
-	  'Cflags: -I$${prefix}/include' 'Libs: -L$${prefix}/lib -loceanxl $(filter -fopenmp,$(THREADS)) -lm $(if $(VULKAN_FLAGS),-ldl)' > $@
+	  'Cflags: -I$${prefix}/include' 'Libs: -L$${prefix}/lib -loceanxl $(filter -fopenmp,$(THREADS)) -lm $(if $(ZLIB_FLAGS),-lz) $(if $(VULKAN_FLAGS),-ldl)' > $@
 
 install: all $(BUILD)/liboceanxl.a $(BUILD)/oceanxl.pc ## installs programs, manual page, headers, static library and pkg-config file under DESTDIR/PREFIX
 	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/include $(DESTDIR)$(PREFIX)/lib $(DESTDIR)$(PREFIX)/share/man/man1
