@@ -21,8 +21,8 @@ static double stereo_test_texture(double x, double y, int seed)
            b * ((1 - a) * stereo_test_random(i, j + 1, seed) + a * stereo_test_random(i + 1, j + 1, seed));
 }
 
-/* What the view at (view, 0, 0) sees of a wall 10 in front of it. */
-static void stereo_test_write_image(int view, int seed)
+/* What the view at (view, 0, 0) sees of a wall 10 in front of it, transparent in columns below `clear`. */
+static void stereo_test_write_image(int view, int seed, int clear)
 {
     OWNED_IMAGE image = test_image(STEREO_TEST_WIDTH, STEREO_TEST_HEIGHT);
     for (int i = 0; i < STEREO_TEST_WIDTH * STEREO_TEST_HEIGHT; i++)
@@ -30,11 +30,16 @@ static void stereo_test_write_image(int view, int seed)
             image.rgb[c * STEREO_TEST_WIDTH * STEREO_TEST_HEIGHT + i] =
                 (float)stereo_test_texture(view + (i % STEREO_TEST_WIDTH + 0.5 - 160) / 40,
                                            (i / STEREO_TEST_WIDTH + 0.5 - 120) / 40, seed);
-    test_write_image(test_path("stereo/images/img%02d.png", view), &image);
+    if (clear)
+        image.weight = oxl_calloc(test_ctx, STEREO_TEST_WIDTH * STEREO_TEST_HEIGHT, sizeof *image.weight);
+    for (int i = 0; i < STEREO_TEST_WIDTH * STEREO_TEST_HEIGHT && clear; i++)
+        image.weight[i] = i % STEREO_TEST_WIDTH >= clear;
+    CHECK_OK((clear ? oxl_image_write_alpha
+                    : oxl_image_write)(test_ctx, test_path("stereo/images/img%02d.png", view), &image));
 }
 
 /* Points of the wall, but for those nearer than `hole` to (1.5, 0); `same`: all images show one texture. */
-static oxl_scene *stereo_test_scene(double hole, int same)
+static oxl_scene *stereo_test_scene(double hole, int same, int clear)
 {
     const char *path = scene_survey("stereo", STEREO_TEST_VIEWS, 0, 0);
     OWNED_TEXT points = {.ctx = test_ctx};
@@ -46,7 +51,7 @@ static oxl_scene *stereo_test_scene(double hole, int same)
     }
     test_write("stereo/sparse/0/points3D.txt", points.data ? points.data : "# none\n");
     test_write("stereo/sparse/0/cameras.txt", "1 PINHOLE 320 240 400 400 160 120\n");
-    for (int i = 0; i < STEREO_TEST_VIEWS; i++) stereo_test_write_image(i, same ? 0 : i);
+    for (int i = 0; i < STEREO_TEST_VIEWS; i++) stereo_test_write_image(i, same ? 0 : i, clear);
     oxl_scene *scene = test_load(path, &options);
     return scene;
 }
@@ -55,7 +60,7 @@ static oxl_scene *stereo_test_scene(double hole, int same)
 TEST(stereo_points_are_on_the_surface_that_views_agree_on)
 {
     for (int k = 0; k < 2; k++) {
-        OWNED_SCENE *scene = stereo_test_scene(k ? 100 : 0.8, 1);
+        OWNED_SCENE *scene = stereo_test_scene(k ? 100 : 0.8, 1, 0);
         const double *origin = oxl_scene_origin(scene);
         oxl_point *point;
         size_t count, inside = 0, wrong = 0;
@@ -79,7 +84,7 @@ TEST(stereo_points_are_on_the_surface_that_views_agree_on)
 
 TEST(stereo_makes_no_points_where_views_do_not_agree)
 {
-    OWNED_SCENE *scene = stereo_test_scene(0.8, 0);
+    OWNED_SCENE *scene = stereo_test_scene(0.8, 0, 0);
     oxl_point *point;
     size_t count;
     CHECK_OK(stereo_points(test_ctx, scene, 10000, &point, &count));
@@ -87,10 +92,22 @@ TEST(stereo_makes_no_points_where_views_do_not_agree)
     oxl_free(test_ctx, point);
 }
 
+/* A point for 100 opaque pixels at most; the hull of outlines gets ten times as many. */
+TEST(stereo_starts_scenes_whose_transparent_pixels_are_composited)
+{
+    oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
+    OWNED_SCENE *scene = stereo_test_scene(100, 1, 160);
+    oxl_trained t;
+    o.iterations = 1;
+    CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &t));
+    CHECK(t.model.count > 500 && t.model.count <= 1536);
+    oxl_trained_free(test_ctx, &t);
+}
+
 TEST(stereo_makes_at_most_so_many_points_the_same_on_any_threads)
 {
     static const size_t most[] = {500, 7, 1, 0};
-    OWNED_SCENE *scene = stereo_test_scene(0.8, 1);
+    OWNED_SCENE *scene = stereo_test_scene(0.8, 1, 0);
     oxl_point *point, *other;
     size_t count, others;
     for (size_t k = 0; k < OXL_COUNT(most); k++) {
@@ -107,7 +124,7 @@ TEST(stereo_makes_at_most_so_many_points_the_same_on_any_threads)
 TEST(stereo_leaves_out_images_that_cannot_be_read)
 {
     for (int removed = 0; removed < 2; removed++) {
-        OWNED_SCENE *scene = stereo_test_scene(0.8, 1);
+        OWNED_SCENE *scene = stereo_test_scene(0.8, 1, 0);
         oxl_point *point;
         size_t count;
         if (removed) CHECK(remove(test_path("stereo/images/img02.png")) == 0);

@@ -759,9 +759,10 @@ static oxl_result stereo_first_points(struct train *t, oxl_point **out, size_t *
 {
     const size_t points = t->scene->point_count, cap = schedule_gaussian_cap(t->scene, t->options),
                  room = cap > points ? (size_t)(STEREO_FRACTION * (double)(cap - points)) : 0,
-                 all = (size_t)(schedule_first_pixels(t->scene, t->options) / STEREO_PIXELS_EACH),
+                 all = (size_t)(schedule_first_pixels(t->scene, t->options) * (1 - t->scene->composited) /
+                                STEREO_PIXELS_EACH),
                  wanted = all > points ? OXL_MIN(room, all - points) : 0,
-                 most = t->options->stereo && !scene_is_composited(t->scene) ? wanted : 0;
+                 most = t->options->stereo ? wanted : 0;
     return stereo_points(t->ctx, t->scene, most, out, count);
 }
 
