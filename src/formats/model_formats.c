@@ -84,7 +84,8 @@ static const struct model_format *model_format_of_file(const char *path, const c
     return model_format_by_name(path);
 }
 
-/* Reads the first bytes. Returns 1 if they are text, but no PLY's or SPZ's: a web page, or git-lfs's pointer to a file. */
+/* Reads the first bytes. Returns 1 if they are text, but no PLY's or SPZ's: a web page, or git-lfs's pointer
+ * to a file. */
 static int model_read_head(const char *path, char head[MODEL_HEAD + 1])
 {
     FILE *file = os_open(path);
