@@ -46,6 +46,7 @@ static void loss_case_free(struct loss_case *c)
     free(c->weight);
     free(c->dx);
 }
+#define LOSS_CASE __attribute__((cleanup(loss_case_free))) struct loss_case
 
 static struct wide_loss loss_run(const struct loss_case *c, double ssim_weight)
 {
@@ -86,7 +87,7 @@ static int loss_plain_whole(const struct loss_case *c, int cx, int cy)
 
 TEST(loss_takes_the_windows_that_a_mask_leaves_whole)
 {
-    struct loss_case c = loss_case(45, 40, 1);
+    LOSS_CASE c = loss_case(45, 40, 1);
     struct wide_loss value;
     double ssim = 0, windows = 0;
     for (int i = 0; i < 45 * 40; i++) c.weight[i] = i % 311 != 7;
@@ -99,13 +100,12 @@ TEST(loss_takes_the_windows_that_a_mask_leaves_whole)
         }
     CHECK(windows > 0 && windows < 3 * 45 * 40);
     CHECK_CLOSE(value.ssim, ssim / windows, 1e-12);
-    loss_case_free(&c);
 }
 
 static void loss_check_gradient(int masked)
 {
     enum { N = 3 * 23 * 19 };
-    struct loss_case c = loss_case(23, 19, masked);
+    LOSS_CASE c = loss_case(23, 19, masked);
     double dx[N];
     loss_run(&c, 0.2);
     memcpy(dx, c.dx, sizeof dx);
@@ -117,7 +117,6 @@ static void loss_check_gradient(int masked)
         c.x[i] = was;
         CHECK_CLOSE((up - down) / (2 * h), dx[i], 1e-9);
     }
-    loss_case_free(&c);
 }
 
 TEST(loss_gradient_agrees_with_finite_differences_without_and_under_a_mask)
@@ -128,7 +127,7 @@ TEST(loss_gradient_agrees_with_finite_differences_without_and_under_a_mask)
 
 TEST(loss_does_not_see_what_is_masked)
 {
-    struct loss_case c = loss_case(40, 20, 1);
+    LOSS_CASE c = loss_case(40, 20, 1);
     const struct wide_loss before = loss_run(&c, 0.2);
     struct wide_loss after;
     for (int i = 0; i < 3 * 40 * 20; i++)
@@ -137,18 +136,16 @@ TEST(loss_does_not_see_what_is_masked)
     CHECK(before.total == after.total && before.ssim == after.ssim && before.mse == after.mse);
     for (int i = 0; i < 3 * 40 * 20; i++)
         if (!(c.weight[i % (40 * 20)] > 0)) CHECK(c.dx[i] == 0);
-    loss_case_free(&c);
 }
 
 TEST(loss_of_equal_images_is_zero)
 {
-    struct loss_case c = loss_case(16, 16, 0);
+    LOSS_CASE c = loss_case(16, 16, 0);
     struct wide_loss value;
     memcpy(c.y, c.x, 3 * 16 * 16 * sizeof *c.x);
     value = loss_run(&c, 0.2);
     CHECK_CLOSE(value.total, 0, 1e-15);
     for (int i = 0; i < 3 * 16 * 16; i++) CHECK_CLOSE(c.dx[i], 0, 1e-15);
-    loss_case_free(&c);
 }
 
 /* The float loss on the images of a case, with `threads`. */
@@ -193,12 +190,11 @@ TEST(loss_does_not_see_what_was_in_its_scratch_before)
     static float dx[2][3 * 70 * 20];
     struct loss_scratch scratch = {0};
     for (size_t i = 0; i < OXL_COUNT(size); i++) {
-        struct loss_case c = loss_case(size[i][0], size[i][1], size[i][2]);
+        LOSS_CASE c = loss_case(size[i][0], size[i][1], size[i][2]);
         const struct renderer_loss kept = loss_run_float(&c, size[i][3], &scratch, dx[0]);
         const struct renderer_loss fresh = loss_run_afresh(&c, size[i][3], dx[1]);
         CHECK(kept.total == fresh.total && kept.ssim == fresh.ssim);
         CHECK(memcmp(dx[0], dx[1], 3 * (size_t)(c.w * c.h) * sizeof(float)) == 0);
-        loss_case_free(&c);
     }
     loss_free(test_ctx, &scratch);
 }
@@ -207,11 +203,10 @@ TEST(loss_is_the_same_bytes_wherever_the_strips_are_cut)
 {
     static float dx[4][3 * 50 * 31];
     struct renderer_loss value[4];
-    struct loss_case c = loss_case(50, 31, 0);
+    LOSS_CASE c = loss_case(50, 31, 0);
     for (int i = 0; i < 4; i++) value[i] = loss_run_afresh(&c, (int[]){1, 2, 7, 40}[i], dx[i]);
     for (int i = 1; i < 4; i++) {
         CHECK(!memcmp(dx[0], dx[i], sizeof dx[0]));
         CHECK(value[0].total == value[i].total && value[0].ssim == value[i].ssim);
     }
-    loss_case_free(&c);
 }
