@@ -35,6 +35,19 @@ static const char *ply_test_save(const char *name, const struct ply_test_file *f
     return path;
 }
 
+static void ply_test_close(struct ply *ply)
+{
+    ply_close(test_ctx, ply);
+}
+#define OWNED_PLY __attribute__((cleanup(ply_test_close))) struct ply
+
+static struct ply ply_test_open(const char *path)
+{
+    struct ply ply;
+    CHECK_OK(ply_open(test_ctx, path, &ply));
+    return ply;
+}
+
 /* The file is refused, and the message holds the words. */
 static void ply_test_refused(const char *text, const char *words)
 {
@@ -62,15 +75,13 @@ static void ply_test_check_types(const char *path)
     const float tenth = 0.1f; /* stored: some compilers keep the constant itself wider */
     float as_float[2];
     struct ply_target target[8] = {{0}};
-    struct ply ply;
-    CHECK_OK(ply_open(test_ctx, path, &ply));
+    OWNED_PLY ply = ply_test_open(path);
     CHECK(ply.elements == 1 && ply.element[0].properties == 8 && ply.element[0].rows == 2);
     for (int c = 0; c < 8; c++) target[c].as_double = got[c];
     target[6].as_float = as_float;
     CHECK_OK(ply_read(test_ctx, &ply, 0, target));
     CHECK(!memcmp(got, wanted, sizeof got));
     CHECK(as_float[0] == -1.5f && as_float[1] == tenth);
-    ply_close(test_ctx, &ply);
 }
 
 TEST(ply_binary_files_of_both_endians_give_each_type_exactly)
@@ -107,30 +118,21 @@ TEST(ply_ascii_file_of_the_fewest_bytes_is_read_and_one_byte_less_is_refused)
 {
     float x[2] = {0};
     struct ply_target target = {.as_float = x};
-    struct ply ply;
-    CHECK_OK(ply_open(
-        test_ctx,
-        test_write("least.ply", "ply\nformat ascii 1.0\nelement v 2\nproperty int x\nend_header\n1\n2"),
-        &ply));
+    OWNED_PLY ply = ply_test_open(
+        test_write("least.ply", "ply\nformat ascii 1.0\nelement v 2\nproperty int x\nend_header\n1\n2"));
     if (ply.elements == 1) CHECK_OK(ply_read(test_ctx, &ply, 0, &target));
     CHECK(x[0] == 1 && x[1] == 2);
-    ply_close(test_ctx, &ply);
     ply_test_refused("ply\nformat ascii 1.0\nelement v 2\nproperty int x\nend_header\n1\n",
                      "at least 4 bytes; the file has 2");
 }
 
 TEST(ply_of_comments_nothing_is_parsed)
 {
-    struct ply ply;
-    CHECK_OK(ply_open(
-        test_ctx,
-        test_write(
-            "c.ply",
-            "ply\r\ncomment before  the format \r\nformat ascii 1.0\r\ncomment\r\ncomment element vertex 5\r\n"
-            "end_header\r\n"),
-        &ply));
+    OWNED_PLY ply = ply_test_open(test_write(
+        "c.ply",
+        "ply\r\ncomment before  the format \r\nformat ascii 1.0\r\ncomment\r\ncomment element vertex 5\r\n"
+        "end_header\r\n"));
     CHECK(ply.elements == 0);
-    ply_close(test_ctx, &ply);
 }
 
 /* A face list stands before the vertices, and a list and a scalar share an element. */
@@ -138,16 +140,14 @@ static void ply_test_check_lists(const char *path)
 {
     float x[2] = {0}, flag[2] = {0};
     struct ply_target face[2] = {{0}}, vertex[1] = {{.as_float = x}};
-    struct ply ply;
     face[1].as_float = flag;
-    CHECK_OK(ply_open(test_ctx, path, &ply));
+    OWNED_PLY ply = ply_test_open(path);
     CHECK(ply_find_element(&ply, "vertex") == 1 && ply_find_element(&ply, "edge") == -1);
     CHECK(ply_find_property(&ply.element[0], "vertex_indices") == -1 &&
           ply_find_property(&ply.element[0], "flag") == 1);
     CHECK_OK(ply_read(test_ctx, &ply, 1, vertex));
     CHECK_OK(ply_read(test_ctx, &ply, 0, face));
     CHECK(flag[0] == 5 && flag[1] == -6 && x[0] == 0.25f && x[1] == -8);
-    ply_close(test_ctx, &ply);
 }
 
 #define PLY_TEST_LISTS \
@@ -222,26 +222,19 @@ TEST(ply_counts_are_compared_with_the_bytes_before_any_memory_is_taken)
 
 TEST(ply_rows_without_properties_cost_nothing_however_many)
 {
-    struct ply ply;
-    CHECK_OK(ply_open(
-        test_ctx,
-        test_write("empty.ply",
-                   "ply\nformat binary_big_endian 1.0\nelement vertex 9223372036854775807\nend_header\n"),
-        &ply));
+    OWNED_PLY ply = ply_test_open(test_write(
+        "empty.ply", "ply\nformat binary_big_endian 1.0\nelement vertex 9223372036854775807\nend_header\n"));
     if (ply.elements == 1) CHECK_OK(ply_read(test_ctx, &ply, 0, NULL));
-    ply_close(test_ctx, &ply);
 }
 
 static void ply_test_data_refused(const char *path, const char *words)
 {
     static float room[64];
     struct ply_target target[8];
-    struct ply ply;
     for (int i = 0; i < 8; i++) target[i] = (struct ply_target){.as_float = room};
-    CHECK_OK(ply_open(test_ctx, path, &ply));
+    OWNED_PLY ply = ply_test_open(path);
     CHECK(ply.elements > 0 && ply_read(test_ctx, &ply, ply.elements - 1, target) == OXL_ERR_INPUT);
     CHECK_SAYS(words);
-    ply_close(test_ctx, &ply);
 }
 
 TEST(ply_data_that_end_early_or_are_no_numbers_are_refused_with_their_place)
