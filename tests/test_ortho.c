@@ -14,6 +14,9 @@
 #include "../tools/similarity.c"
 #include "../tools/surface.c"
 
+/* It looks down. */
+static const oxl_camera ORTHO_TEST_CAMERA = {40, 30, 50, 50, 20, 15, {1, 0, 0, 0, -1, 0, 0, 0, -1}, {0}};
+
 /* 6 x 5 points over the ground plane, 2 units and 1 unit apart; two cameras 5 above look down, the second
  * turned ahead by an angle. The world's axes have signs. */
 static oxl_scene *ortho_test_made(double angle, const double sign[3])
@@ -25,8 +28,7 @@ static oxl_scene *ortho_test_made(double angle, const double sign[3])
     for (int i = 0; i < 30; i++) points[i] = (oxl_point){{i % 6 * 2., i / 6, 0.01 * (i % 3)}, 1, {9, 9, 9}};
     for (int i = 0; i < 90; i++) points[i / 3].position[i % 3] *= sign[i % 3];
     for (int i = 0; i < 2; i++) {
-        view[i] = (oxl_view){.name = i ? "b.png" : "a.png",
-                             .camera = {40, 30, 50, 50, 20, 15, {1, 0, 0, 0, -1, 0, 0, 0, -1}, {0}}};
+        view[i] = (oxl_view){.name = i ? "b.png" : "a.png", .camera = ORTHO_TEST_CAMERA};
         if (i == 1) {
             double *r = view[i].camera.rotation;
             r[4] = -cos(angle), r[5] = -sin(angle), r[7] = sin(angle), r[8] = -cos(angle);
@@ -685,15 +687,13 @@ TEST(gps_turns_a_survey_into_utm_metres_with_up_without_what_is_off)
                eye[3];
         gps_utm(place, 32, eye);
         similarity_apply(&back, eye, eye);
-        view[i] = (oxl_view){.name = names[i],
-                             .camera = {40, 30, 50, 50, 20, 15, {1, 0, 0, 0, -1, 0, 0, 0, -1}, {0}}};
+        view[i] = (oxl_view){.name = names[i], .camera = ORTHO_TEST_CAMERA};
         frame_place(&view[i].camera, eye);
         if (i == 5) place[2] += 60;
         ortho_test_photo(names[i], i % 2, place);
         image[i] = test_image(40, 30);
     }
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 8, points, 30, &scene));
-    for (int i = 0; i < 8; i++) oxl_image_free(test_ctx, &image[i]);
+    scene = test_scene(view, image, 8, points, 30);
     CHECK_OK(product_open(test_ctx, scene, test_path("survey"), &a, to, &p));
     fclose(to);
     ortho_test_said("8 of 8 photos, UTM zone 32 (EPSG:32632): 0.5 metres per unit; 1 left out");

@@ -54,10 +54,9 @@ static struct seam seam_test_run(const struct seam_test *t, float error, int fir
     for (int v = 0; v < 2; v++) CHECK_OK(oxl_render(test_ctx, &t->model, &t->camera, NULL, &image[v], NULL));
     for (int i = 0; i < 3 * SEAM_TEST_W * SEAM_TEST_H; i++)
         if (i % SEAM_TEST_W >= first && i % SEAM_TEST_W < end) image[0].rgb[i] += error;
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 2, NULL, 0, &scene));
+    scene = test_scene(view, image, 2, NULL, 0);
     scene->origin[1] = 100; /* the border is at world y = 99.5, and the camera at local y = -0.5 */
     CHECK_OK(seam_measure(test_ctx, &t->partition, &t->model, scene, NULL, OXL_SPLIT_TEST, &seam));
-    for (int v = 0; v < 2; v++) oxl_image_free(test_ctx, &image[v]);
     return seam;
 }
 
@@ -82,25 +81,20 @@ TEST(seam_knows_where_a_pixel_lies_along_each_axis_of_the_camera)
 {
     static const double across[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, away[9] = {0, 0, 1, 1, 0, 0, 0, 1, 0};
     struct seam_test t;
-    struct seam s;
     seam_test_create(&t);
     /* the image's rows go from the block above 0 to the one below */
     memcpy(t.partition.rotation, across, sizeof across);
     t.partition.origin[0] = 0.25;
-    s = seam_test_run(&t, 0, 0, 0);
-    CHECK(s.near_pixels == 12 * SEAM_TEST_W);
+    CHECK(seam_test_run(&t, 0, 0, 0).near_pixels == 12 * SEAM_TEST_W);
     /* the border is 10 rows above that: at the image's edge, and all of one block is below */
     t.camera.cy = 10;
     t.partition.origin[0] = 0.5;
-    s = seam_test_run(&t, 0, 0, 0);
-    CHECK(s.near_pixels == 4 * SEAM_TEST_W);
+    CHECK(seam_test_run(&t, 0, 0, 0).near_pixels == 4 * SEAM_TEST_W);
     memcpy(t.partition.rotation, away, sizeof away);
     t.partition.origin[2] = 2.09; /* the wall is at 2 */
-    s = seam_test_run(&t, 0, 0, 0);
-    CHECK(s.near_pixels == SEAM_TEST_W * SEAM_TEST_H);
+    CHECK(seam_test_run(&t, 0, 0, 0).near_pixels == SEAM_TEST_W * SEAM_TEST_H);
     t.partition.origin[2] = 2.11;
-    s = seam_test_run(&t, 0, 0, 0);
-    CHECK(s.near_pixels == 0);
+    CHECK(seam_test_run(&t, 0, 0, 0).near_pixels == 0);
     oxl_model_free(test_ctx, &t.model);
 }
 
