@@ -163,12 +163,16 @@ oxl_camera test_camera(int width, int height, double focal, double x, double y, 
         width, height, focal, focal, width / 2.0, height / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {-x, -y, -z}};
 }
 
+oxl_model test_model_of(const oxl_point *point, size_t count, int sh_degree)
+{
+    oxl_model model;
+    CHECK_OK(oxl_model_from_points(test_ctx, point, count, sh_degree, &model));
+    return model;
+}
+
 oxl_model test_points(const oxl_scene *scene, int sh_degree)
 {
-    oxl_model model = {0};
-    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), sh_degree,
-                                   &model));
-    return model;
+    return test_model_of(oxl_scene_points(scene), oxl_scene_point_count(scene), sh_degree);
 }
 
 const char *test_folder(void)

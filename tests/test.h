@@ -137,6 +137,7 @@ const float *test_draw(struct renderer *r, const oxl_model *model, const oxl_cam
 oxl_camera test_camera(int width, int height, double focal, double x, double y, double z);
 oxl_image test_image(int width, int height);
 oxl_model test_model(size_t count, int sh_degree);
+oxl_model test_model_of(const oxl_point *point, size_t count, int sh_degree);
 /* A model of the scene's points. */
 oxl_model test_points(const oxl_scene *scene, int sh_degree);
 /* Writes a text file into the test's folder (parents are made) and returns its path. */

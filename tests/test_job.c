@@ -542,10 +542,9 @@ TEST(renders_that_cannot_be_written_are_named_and_those_before_counted)
     const oxl_render_output what = {.split = OXL_SPLIT_ALL, .images = 1};
     const oxl_point point = {.position = {0, 0, 4}};
     const int threads = test_ctx->threads;
-    OWNED_MODEL model = {0};
+    OWNED_MODEL model = test_model_of(&point, 1, 0);
     int count = -1;
     OWNED_SCENE *scene = test_load(job_test_survey(), NULL);
-    CHECK_OK(oxl_model_from_points(test_ctx, &point, 1, 0, &model));
     test_ctx->threads = 4;
     CHECK_OK(oxl_render_views(test_ctx, &model, scene, NULL, &what, test_path("drawn"), &count));
     CHECK(count == JOB_VIEWS && test_has("drawn/0.png.png") && test_has("drawn/8.png.image.png"));

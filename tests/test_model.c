@@ -271,8 +271,7 @@ static double model_test_log_width(const oxl_model *m, size_t row)
 TEST(model_from_points_is_as_wide_as_the_mean_distance_to_the_three_nearest)
 {
     OWNED_MEMORY oxl_point *points = model_test_points(3000);
-    OWNED_MODEL m = {0};
-    CHECK_OK(oxl_model_from_points(test_ctx, points, 3000, 1, &m));
+    OWNED_MODEL m = test_model_of(points, 3000, 1);
     CHECK(m.count == 3000 && m.sh_degree == 1);
     for (size_t i = 0; i < m.count; i++) {
         CHECK_CLOSE(m.plane[OXL_LOG_SCALE][i], model_test_log_width(&m, i), 1e-6);
@@ -289,10 +288,9 @@ TEST(model_from_points_keeps_every_point_and_its_colour)
 {
     OWNED_MEMORY oxl_point *points = model_test_points(500);
     uint8_t seen[500] = {0};
-    OWNED_MODEL m = {0};
     /* x names the point */
     for (size_t i = 0; i < 500; i++) points[i].position[0] = (float)((i * 7919) % 500);
-    CHECK_OK(oxl_model_from_points(test_ctx, points, 500, 0, &m));
+    OWNED_MODEL m = test_model_of(points, 500, 0);
     for (size_t row = 0; row < m.count; row++) {
         size_t i = 0;
         while (i < 500 && points[i].position[0] != (double)m.plane[OXL_MEAN][row]) i++;
@@ -308,11 +306,10 @@ TEST(model_from_points_keeps_every_point_and_its_colour)
 TEST(model_from_points_gives_the_same_bytes_with_any_number_of_threads)
 {
     OWNED_MEMORY oxl_point *points = model_test_points(20000);
-    OWNED_MODEL one = {0}, seven = {0};
     test_ctx->threads = 1;
-    CHECK_OK(oxl_model_from_points(test_ctx, points, 20000, 0, &one));
+    OWNED_MODEL one = test_model_of(points, 20000, 0);
     test_ctx->threads = 7;
-    CHECK_OK(oxl_model_from_points(test_ctx, points, 20000, 0, &seven));
+    OWNED_MODEL seven = test_model_of(points, 20000, 0);
     CHECK(model_test_same(&one, &seven));
 }
 
@@ -322,13 +319,12 @@ TEST(model_from_points_orders_rows_along_the_z_curve_and_takes_the_first_of_thos
 {
     static const int corner[10] = {5, 2, 7, 0, 3, 6, 1, 4, 6, 6};
     oxl_point points[10] = {{.error = 0}};
-    OWNED_MODEL m = {0};
     for (int i = 0; i < 10; i++) {
         for (int a = 0; a < 3; a++) points[i].position[a] = corner[i] >> a & 1;
         points[i].rgb[0] = (uint8_t)i;
     }
     points[9].position[0] = -0.0; /* the same place as 0 */
-    CHECK_OK(oxl_model_from_points(test_ctx, points, 10, 0, &m));
+    OWNED_MODEL m = test_model_of(points, 10, 0);
     CHECK(m.count == 8);
     for (int i = 0; i < 8; i++) {
         const int found = (int)(m.plane[0][i] + 2 * m.plane[1][i] + 4 * m.plane[2][i]);
@@ -344,29 +340,25 @@ TEST(model_from_points_on_few_places_has_one_gaussian_a_place)
     enum { N = 500000, PLACES = 50 };
     OWNED_MEMORY oxl_point *place = model_test_points(PLACES),
                            *points = oxl_alloc(test_ctx, N, sizeof *points);
-    oxl_model few, m;
-    CHECK_OK(oxl_model_from_points(test_ctx, place, PLACES, 0, &few));
+    OWNED_MODEL few = test_model_of(place, PLACES, 0);
     for (int places = PLACES; places >= 1; places -= PLACES - 1) {
         for (size_t i = 0; i < N; i++) points[i] = place[i % (size_t)places];
-        CHECK_OK(oxl_model_from_points(test_ctx, points, N, 0, &m));
+        OWNED_MODEL m = test_model_of(points, N, 0);
         CHECK(m.count == (size_t)places);
         for (int i = 0; i < places && places == PLACES; i++)
             CHECK(m.plane[OXL_LOG_SCALE][i] == few.plane[OXL_LOG_SCALE][i]);
-        oxl_model_free(test_ctx, &m);
     }
-    oxl_model_free(test_ctx, &few);
 }
 
 TEST(model_from_points_that_almost_coincide_has_a_floor_of_one_percent_of_the_median_width)
 {
     enum { N = 4000 };
-    oxl_point *points = model_test_points(N);
-    OWNED_MODEL m;
+    OWNED_MEMORY oxl_point *points = model_test_points(N);
     double least = 1e9, median;
     float sorted[N];
     for (int i = 0; i < 1500; i++)
         for (int a = 0; a < 3; a++) points[i].position[a] = points[0].position[a] + (a ? 0 : 1e-9 * i);
-    CHECK_OK(oxl_model_from_points(test_ctx, points, N, 0, &m));
+    OWNED_MODEL m = test_model_of(points, N, 0);
     for (int i = 0; i < N; i++) least = OXL_MIN(least, (double)m.plane[OXL_LOG_SCALE][i]);
     for (int i = 0; i < N; i++) { /* insertion sort of the widths */
         int j = i;
@@ -376,23 +368,20 @@ TEST(model_from_points_that_almost_coincide_has_a_floor_of_one_percent_of_the_me
     CHECK(sorted[1499] == (float)least && sorted[1500] > (float)least);
     median = sorted[N / 2];
     CHECK_CLOSE(least, median + log(0.01), 1e-5);
-    oxl_free(test_ctx, points);
 }
 
 TEST(model_from_one_two_three_and_coincident_points_is_finite)
 {
     static const oxl_point points[3] = {{.error = 0}, {.position = {3, 0, 0}}, {.position = {0, 4, 0}}};
     oxl_point heap[100] = {{.error = 0}};
-    OWNED_MODEL m = {0};
     for (size_t count = 0; count <= 3; count++) {
         const double width[] = {0, 0, log(3), 0.5 * log((9 + 16) / 2.0)};
-        CHECK_OK(oxl_model_from_points(test_ctx, points, count, 0, &m));
+        OWNED_MODEL m = test_model_of(points, count, 0);
         CHECK(m.count == count);
         if (count) CHECK_CLOSE(m.plane[OXL_LOG_SCALE][0], width[count], 1e-6);
-        oxl_model_free(test_ctx, &m);
     }
     for (size_t i = 0; i < 100; i++) heap[i].position[1] = -7;
-    CHECK_OK(oxl_model_from_points(test_ctx, heap, 100, 0, &m));
+    OWNED_MODEL m = test_model_of(heap, 100, 0);
     CHECK(m.count == 1 && m.plane[OXL_LOG_SCALE][0] == 0 && m.plane[OXL_MEAN + 1][0] == -7);
 }
 

@@ -861,7 +861,7 @@ TEST(train_starts_from_a_model_in_its_own_origin)
     o.from = &from;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &t) == OXL_ERR_USAGE);
     oxl_model_free(test_ctx, &from);
-    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), 9, 0, &from));
+    from = test_model_of(oxl_scene_points(scene), 9, 0);
     memcpy(from.origin, oxl_scene_origin(scene), sizeof from.origin);
     oxl_model_move_origin(&from, away);
     CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &t));

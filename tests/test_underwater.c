@@ -76,8 +76,7 @@ TEST(model_colours_scale_by_a_factor_for_each_channel)
 {
     const oxl_point point = {.position = {0, 0, 4}, .rgb = {100, 150, 200}};
     const double half[3] = {0.5, 1, 2};
-    OWNED_MODEL model = {0};
-    CHECK_OK(oxl_model_from_points(test_ctx, &point, 1, 1, &model));
+    OWNED_MODEL model = test_model_of(&point, 1, 1);
     model_scale_colour(&model, half);
     CHECK_CLOSE(0.5 + MODEL_SH0 * model.plane[OXL_SH][0], 50 / 255., 1e-5);
     CHECK_CLOSE(0.5 + MODEL_SH0 * model.plane[OXL_SH + 1][0], 150 / 255., 1e-5);
