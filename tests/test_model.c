@@ -182,16 +182,14 @@ TEST(model_activation_brings_active_rows_to_the_front_and_keeps_each_rows_number
 TEST(model_lobes_come_back_from_a_ply_and_nowhere_else)
 {
     OWNED_MODEL m = model_test_lobed(300, 3, 77), same = {0}, plain = {0};
-    struct os_file_map a, b;
     m.origin[1] = 0.1;
     test_write_model("m.ply", &m);
     test_read_model("m.ply", &same);
     CHECK(same.lobes == 77 && model_test_same(&same, &m) && model_test_same_lobes(&same, &m));
-    a = test_file("m.ply");
-    CHECK(a.size > 300 * 248 + 77 * 16 && a.size < 300 * 248 + 77 * 16 + 2048);
-    CHECK(strstr(a.data, "element dog 77\nproperty float opacity_factor\n"));
-    CHECK(strstr(a.data, "scale_factor_2\nend_header\n") && strstr(a.data, "comment dog: "));
-    os_release_file(test_ctx, &a);
+    OWNED_FILE lobed = test_file("m.ply");
+    CHECK(lobed.size > 300 * 248 + 77 * 16 && lobed.size < 300 * 248 + 77 * 16 + 2048);
+    CHECK(strstr(lobed.data, "element dog 77\nproperty float opacity_factor\n"));
+    CHECK(strstr(lobed.data, "scale_factor_2\nend_header\n") && strstr(lobed.data, "comment dog: "));
     test_listen();
     test_write_model("m_standard.ply", &m);
     CHECK_LOGGED("second lobes of 77 of 300");
@@ -200,11 +198,8 @@ TEST(model_lobes_come_back_from_a_ply_and_nowhere_else)
     model_drop_lobes(&plain);
     test_write_model("plain.ply", &plain);
     CHECK(!test_said.all[0]);
-    a = test_file("m_standard.ply");
-    b = test_file("plain.ply");
+    OWNED_FILE a = test_file("m_standard.ply"), b = test_file("plain.ply");
     CHECK(a.size == b.size && !memcmp(a.data, b.data, a.size) && !strstr(b.data, "dog"));
-    os_release_file(test_ctx, &a);
-    os_release_file(test_ctx, &b);
     test_write_model("m.splat", &m);
     m.plane[OXL_LOBE + 2][70] = INFINITY;
     CHECK_ERROR(oxl_model_write(test_ctx, test_path("m.ply"), &m), OXL_ERR_FAILED, "row 70 holds a value");
@@ -228,13 +223,13 @@ static const char *model_test_lobed_file(const char *type, const char *rows)
 TEST(model_read_takes_the_columns_of_lobes_in_any_order)
 {
     OWNED_MODEL m = {0};
-    CHECK_OK(oxl_model_read(test_ctx, model_test_lobed_file("double", "13 12 11 10\n43 42 41 40"), &m));
+    test_read_model(model_test_lobed_file("double", "13 12 11 10\n43 42 41 40"), &m);
     CHECK(m.count == 4 && m.lobes == 2);
     for (int k = 0; k < 4; k++)
         CHECK(m.plane[OXL_MEAN][1] == 1 && m.plane[OXL_LOBE + k][0] == 10 + k &&
               m.plane[OXL_LOBE + k][1] == 40 + k);
     oxl_model_free(test_ctx, &m);
-    CHECK_OK(oxl_model_read(test_ctx, model_test_lobed_file("float", "0 0 0 0\n0 nan 0 0"), &m));
+    test_read_model(model_test_lobed_file("float", "0 0 0 0\n0 nan 0 0"), &m);
     CHECK(m.count == 3 && m.lobes == 1 && m.plane[OXL_MEAN][0] == 0 && m.plane[OXL_MEAN][2] == 3);
 }
 
@@ -455,10 +450,10 @@ TEST(model_read_gives_back_every_bit_that_was_written)
         m.origin[1] = 1.0 / 3;
         m.origin[2] = -123456789.123456789;
         test_write_model(path, &m);
-        CHECK_OK(oxl_model_read(test_ctx, path, &standard));
+        test_read_model(path, &standard);
         CHECK(standard.sh_degree == 3 && model_test_same(&standard, &m));
         CHECK_OK(model_file_write_ply(test_ctx, path, &m, degree));
-        CHECK_OK(oxl_model_read(test_ctx, path, &compact));
+        test_read_model(path, &compact);
         CHECK(compact.sh_degree == degree && model_test_same(&compact, &m));
     }
 }
@@ -494,8 +489,7 @@ TEST(model_read_takes_properties_of_any_order_and_type_and_others_beside_them)
 {
     static const float wanted[14] = {1.5f, 3.5f, 2.5f, 4, 5, 6, 6.5f, 7, 8, 9, -3, 10, 11, 12};
     OWNED_MODEL m = {0};
-    CHECK_OK(oxl_model_read(
-        test_ctx,
+    test_read_model(
         test_write("m.ply",
                    "ply\r\nformat ascii 1.0\r\nelement camera 1\r\nproperty list uchar float view\r\n"
                    "element vertex 2\r\nproperty float rot_3\r\nproperty double x\r\nproperty int opacity\r\n"
@@ -504,7 +498,7 @@ TEST(model_read_takes_properties_of_any_order_and_type_and_others_beside_them)
                    "property float f_dc_0\r\nproperty float f_dc_1\r\nproperty float rot_0\r\n"
                    "property float rot_1\r\nproperty float rot_2\r\nend_header\r\n2 0.5 0.5\r\n"
                    "9 1.5 -3 2.5 3.5 255 6 5 4 12 10 11 6.5 7 8\r\n1 2 3 4 5 6 7 8 9 10 11 12 13 14 15\r\n"),
-        &m));
+        &m);
     CHECK(m.count == 2 && m.sh_degree == 0 && m.origin[0] == 0);
     for (int p = 0; p < 14; p++) CHECK(m.plane[p][0] == wanted[p]);
 }
@@ -518,15 +512,14 @@ TEST(model_read_drops_rows_that_are_not_finite_and_says_how_many)
 {
     OWNED_MODEL m = {0};
     test_listen();
-    CHECK_OK(oxl_model_read(
-        test_ctx,
+    test_read_model(
         test_write(
             "m.ply",
             "ply\nformat ascii 1.0\nelement vertex 5\n" MODEL_TEST_REQUIRED
             "property float opacity\nend_header\n"
             "4 0 0 0 0 0 0 1e38 0 1 0 0 0 0\nnan 0 0 0 0 0 0 0 0 1 0 0 0 0\n1 0 0 0 0 0 0 0 0 1 0 0 0 0\n2 0 0 0 0 0 0 0 0 1 0 0 0 nan\n"
             "3 0 0 0 0 0 0 0 0 1 0 0 0 0\n"),
-        &m));
+        &m);
     CHECK(m.count == 2 && m.not_finite == 3 && m.plane[0][0] == 1 && m.plane[0][1] == 3);
     CHECK_LOGGED("3 of 5 Gaussians hold values");
     for (size_t i = 2; i < m.capacity; i++) CHECK(m.plane[0][i] == 0 && m.plane[OXL_ROTATION][i] == 1);
@@ -563,22 +556,20 @@ TEST(model_read_ignores_an_origin_that_is_no_origin)
 {
     OWNED_MODEL m = {0};
     test_listen();
-    CHECK_OK(oxl_model_read(
-        test_ctx,
+    test_read_model(
         test_write("m.ply",
                    "ply\nformat ascii 1.0\ncomment origin of species\nelement vertex 0\n" MODEL_TEST_REQUIRED
                    "property float opacity\nend_header\n"),
-        &m));
+        &m);
     CHECK(m.count == 0 && m.origin[0] == 0 && m.origin[1] == 0 && m.origin[2] == 0);
     CHECK_LOGGED("origin of species");
     CHECK_LOGGED("holds no Gaussians");
     oxl_model_free(test_ctx, &m);
-    CHECK_OK(oxl_model_read(
-        test_ctx,
+    test_read_model(
         test_write("m.ply",
                    "ply\nformat ascii 1.0\ncomment origin 1 2e300 3\nelement vertex 0\n" MODEL_TEST_REQUIRED
                    "property float opacity\nend_header\n"),
-        &m));
+        &m);
     CHECK(m.origin[0] == 0 && m.origin[1] == 0);
     CHECK_LOGGED("expected origin X Y Z, each within 1e+15");
 }
@@ -633,7 +624,7 @@ TEST(model_splat_bytes_survive_reading_and_writing_at_their_ends_too)
         p[29] = p[30] = p[31] = 128;
     }
     test_write_bytes(path, bytes, sizeof bytes);
-    CHECK_OK(oxl_model_read(test_ctx, path, &m));
+    test_read_model(path, &m);
     CHECK(m.count == 256 && m.sh_degree == 0);
     test_write_model(path, &m);
     file = test_file(path);
@@ -649,7 +640,7 @@ TEST(model_splat_of_no_rows_zero_scale_or_zero_rotation_is_repaired_and_a_cut_fi
     memset(bytes + 28, 128, 4);
     bytes[32 + 15] = 0xbf; /* a scale of -0.5 */
     test_write_bytes(path, bytes, 64);
-    CHECK_OK(oxl_model_read(test_ctx, path, &m));
+    test_read_model(path, &m);
     CHECK(m.count == 1);
     CHECK_LOGGED("1 of 2 Gaussians hold");
     CHECK_CLOSE(m.plane[OXL_LOG_SCALE][0], log(FLT_MIN), 1e-5);
