@@ -2,8 +2,8 @@
  * against COLMAP. */
 #include "test.h"
 
-static struct colmap_camera camera_make(const char *model, int width, int height, int count,
-                                        const double *parameter)
+/* With as many parameters as the model has. */
+static struct colmap_camera camera_make(const char *model, int width, int height, const double *parameter)
 {
     struct colmap_camera c = {.id = 1,
                               .model = camera_model_find(model, strlen(model)),
@@ -11,8 +11,9 @@ static struct colmap_camera camera_make(const char *model, int width, int height
                               .height = height,
                               .file = "cameras.txt",
                               .line = 4};
-    c.parameter_count = count;
-    memcpy(c.parameter, parameter, (size_t)count * sizeof *parameter);
+    CHECK(c.model >= 0);
+    c.parameter_count = camera_model_at(c.model)->parameter_count;
+    memcpy(c.parameter, parameter, (size_t)c.parameter_count * sizeof *parameter);
     return c;
 }
 
@@ -59,11 +60,10 @@ TEST(camera_models_follow_the_published_formulas)
         {"EUCM", 6, {500, 510, 320, 240, 0.6, 1.1}, 457.63938831614445, 29.41173587629899},
     };
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
-        const struct colmap_camera c =
-            camera_make(cases[i].model, 640, 480, cases[i].count, cases[i].parameter);
+        const struct colmap_camera c = camera_make(cases[i].model, 640, 480, cases[i].parameter);
         const double direction[2] = {0.3, -0.45}, axis[2] = {0, 0};
         double pixel[2];
-        CHECK(c.model >= 0 && camera_model_at(c.model)->parameter_count == cases[i].count);
+        CHECK(c.parameter_count == cases[i].count);
         CHECK_TEXT(camera_model_list(), cases[i].model);
         camera_distort(&c, direction, pixel);
         CHECK_CLOSE(pixel[0], cases[i].x, 1e-10);
@@ -90,7 +90,7 @@ TEST(camera_models_have_the_ids_of_colmap)
 TEST(camera_of_the_whole_sphere_is_refused_with_a_fix)
 {
     const double p[] = {640, 320};
-    const struct colmap_camera c = camera_make("EQUIRECTANGULAR", 640, 320, 2, p);
+    const struct colmap_camera c = camera_make("EQUIRECTANGULAR", 640, 320, p);
     oxl_camera ideal;
     CHECK(camera_is_distorted(&c));
     CHECK_ERROR(camera_undistorted(test_ctx, &c, &ideal), OXL_ERR_INPUT,
@@ -101,9 +101,9 @@ TEST(camera_of_the_whole_sphere_is_refused_with_a_fix)
 TEST(camera_new_models_without_distortion_are_pinholes)
 {
     const double fov[] = {500, 510, 320, 240, 0}, eucm[] = {500, 510, 320, 240, 0, 1};
-    const struct colmap_camera none[] = {camera_make("FOV", 640, 480, 5, fov),
-                                         camera_make("DIVISION", 640, 480, 5, fov),
-                                         camera_make("EUCM", 640, 480, 6, eucm)};
+    const struct colmap_camera none[] = {camera_make("FOV", 640, 480, fov),
+                                         camera_make("DIVISION", 640, 480, fov),
+                                         camera_make("EUCM", 640, 480, eucm)};
     for (size_t i = 0; i < OXL_COUNT(none); i++) {
         const double direction[2] = {0.3, -0.45};
         double pixel[2];
@@ -125,7 +125,7 @@ TEST(camera_atan_agrees_with_libm_to_1e_15)
 TEST(camera_undistorted_has_the_size_that_colmap_gives_the_pool)
 {
     const double p[] = {1042.8142056641748, 480, 256, -0.27931708280078082};
-    const struct colmap_camera c = camera_make("SIMPLE_RADIAL", 960, 512, 4, p);
+    const struct colmap_camera c = camera_make("SIMPLE_RADIAL", 960, 512, p);
     oxl_camera ideal;
     CHECK_OK(camera_undistorted(test_ctx, &c, &ideal));
     CHECK(ideal.width == 1028 && ideal.height == 520); /* image_undistorter of COLMAP 3.8, blank_pixels = 0 */
@@ -137,7 +137,7 @@ TEST(camera_undistorted_has_the_size_that_colmap_gives_the_pool)
 TEST(camera_without_distortion_is_taken_as_it_is)
 {
     const double p[] = {500, 510, -30, 700, 0, 0, 0, 0}; /* a crop may leave the principal point outside */
-    const struct colmap_camera c = camera_make("OPENCV", 640, 480, 8, p);
+    const struct colmap_camera c = camera_make("OPENCV", 640, 480, p);
     oxl_camera ideal;
     CHECK(!camera_is_distorted(&c));
     CHECK_OK(camera_undistorted(test_ctx, &c, &ideal));
@@ -171,26 +171,23 @@ TEST(camera_undistorted_holds_only_pixels_that_were_seen_once)
 {
     static const struct {
         const char *model;
-        int count;
         double parameter[CAMERA_PARAMETERS];
         int least_width;
     } cases[] = {
-        {"SIMPLE_RADIAL", 4, {500, 320, 240, -0.3}, 640}, /* barrel, as a dome port gives */
-        {"SIMPLE_RADIAL", 4, {500, 320, 240, 0.3}, 400},  /* pincushion */
-        {"SIMPLE_RADIAL", 4, {200, 320, 240, -0.3}, 300}, /* folds back inside of the image */
-        {"RADIAL", 5, {400, 100, 400, -0.4, 0.1}, 600},   /* off centre */
-        {"OPENCV", 8, {500, 480, 330, 230, -0.3, 0.08, 0.01, -0.01}, 600},
-        {"OPENCV_FISHEYE", 8, {200, 200, 320, 240, 0, 0, 0, 0}, 1000}, /* 183 degrees wide: bounded growth */
-        {"OPENCV_FISHEYE", 8, {300, 300, 320, 240, 0.05, 0.01, -0.02, 0}, 700},
+        {"SIMPLE_RADIAL", {500, 320, 240, -0.3}, 640}, /* barrel, as a dome port gives */
+        {"SIMPLE_RADIAL", {500, 320, 240, 0.3}, 400},  /* pincushion */
+        {"SIMPLE_RADIAL", {200, 320, 240, -0.3}, 300}, /* folds back inside of the image */
+        {"RADIAL", {400, 100, 400, -0.4, 0.1}, 600},   /* off centre */
+        {"OPENCV", {500, 480, 330, 230, -0.3, 0.08, 0.01, -0.01}, 600},
+        {"OPENCV_FISHEYE", {200, 200, 320, 240, 0, 0, 0, 0}, 1000}, /* 183 degrees wide: bounded growth */
+        {"OPENCV_FISHEYE", {300, 300, 320, 240, 0.05, 0.01, -0.02, 0}, 700},
         {"SIMPLE_RADIAL_FISHEYE",
-         4,
          {100, 320, 240, 0},
-         1000},                                          /* 360 degrees: the image holds what lies behind */
-        {"DIVISION", 5, {500, 480, 320, 240, 0.2}, 500}, /* ends at r = 1.1 */
+         1000},                                       /* 360 degrees: the image holds what lies behind */
+        {"DIVISION", {500, 480, 320, 240, 0.2}, 500}, /* ends at r = 1.1 */
     };
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
-        const struct colmap_camera c =
-            camera_make(cases[i].model, 640, 480, cases[i].count, cases[i].parameter);
+        const struct colmap_camera c = camera_make(cases[i].model, 640, 480, cases[i].parameter);
         oxl_camera ideal;
         CHECK_OK(camera_undistorted(test_ctx, &c, &ideal));
         CHECK(ideal.width >= cases[i].least_width && ideal.width <= 1280 && ideal.height <= 960);
@@ -202,21 +199,20 @@ TEST(camera_invalid_values_are_refused_with_a_fix)
 {
     static const struct {
         const char *model;
-        int width, count;
+        int width;
         double parameter[12];
         const char *words;
     } cases[] = {
-        {"PINHOLE", 640, 4, {-500, 500, 320, 240}, "focal length -500"},
-        {"PINHOLE", 640, 4, {500, 0, 320, 240}, "focal length 500, 0"},
-        {"PINHOLE", 640, 4, {500, 1.27, 320, 240}, "expected 1.28 (half a turn of view) to 1e9"},
-        {"SIMPLE_PINHOLE", 2000000, 3, {500, 320, 240}, "2000000 x 480"},
-        {"SIMPLE_RADIAL", 640, 4, {500, 700, 240, -0.1}, "outside of its 640 x 480"},
-        {"SIMPLE_RADIAL", 640, 4, {500, 320, 240, -1e6}, "leaves no image"},
-        {"SIMPLE_PINHOLE", 640, 3, {500, 1e300, 240}, "principal point"},
+        {"PINHOLE", 640, {-500, 500, 320, 240}, "focal length -500"},
+        {"PINHOLE", 640, {500, 0, 320, 240}, "focal length 500, 0"},
+        {"PINHOLE", 640, {500, 1.27, 320, 240}, "expected 1.28 (half a turn of view) to 1e9"},
+        {"SIMPLE_PINHOLE", 2000000, {500, 320, 240}, "2000000 x 480"},
+        {"SIMPLE_RADIAL", 640, {500, 700, 240, -0.1}, "outside of its 640 x 480"},
+        {"SIMPLE_RADIAL", 640, {500, 320, 240, -1e6}, "leaves no image"},
+        {"SIMPLE_PINHOLE", 640, {500, 1e300, 240}, "principal point"},
     };
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
-        const struct colmap_camera c =
-            camera_make(cases[i].model, cases[i].width, 480, cases[i].count, cases[i].parameter);
+        const struct colmap_camera c = camera_make(cases[i].model, cases[i].width, 480, cases[i].parameter);
         oxl_camera ideal;
         CHECK(camera_undistorted(test_ctx, &c, &ideal) == OXL_ERR_INPUT);
         CHECK(ideal.width == 0);
