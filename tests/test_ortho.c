@@ -886,10 +886,9 @@ TEST(products_have_the_hue_of_the_images_where_gains_drift_along_the_track)
 {
     OWNED_SCENE *scene = ortho_test_made(0, (double[]){1, 1, 1});
     OWNED_IMAGING gains = imaging_test_make(2, (int[]){0, 1}, 2);
-    OWNED_MODEL model = {0};
+    OWNED_MODEL model = test_model(2, 0);
     double hue[2];
     for (int i = 0; i < 6; i++) gains.log_gain[i] = (float)((i / 3 ? 0.4 : -0.4) * (1 - i % 3) + 0.3);
-    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &model));
     for (int i = 0; i < 2; i++) { /* beneath one camera and the other */
         model.plane[OXL_MEAN][i] = i ? 9 : 1;
         for (int c = 0; c < 3; c++) model.plane[OXL_SH + c][i] = 0;

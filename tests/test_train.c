@@ -363,8 +363,7 @@ TEST(train_learns_views_that_it_has_not_seen)
 {
     OWNED_SCENE *scene = train_scene(7);
     oxl_train_options options = train_options(300);
-    OWNED_MODEL start = {0};
-    start = test_points(scene, 0);
+    OWNED_MODEL start = test_points(scene, 0);
     OWNED_MODEL model = test_trained(scene, &options);
     CHECK(train_psnr(scene, &start) < 15);
     CHECK(train_psnr(scene, &model) > 25);
@@ -488,7 +487,7 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
 {
     OWNED_SCENE *scene = train_scene(7);
     oxl_train_options o[6];
-    oxl_model model[6], again;
+    oxl_model model[6];
     const int threads = test_ctx->threads;
     for (int i = 0; i < 6; i++) o[i] = train_options(60), o[i].coarse = 0, o[i].densify_every = 50;
     o[1].coarse = 0.5f, o[2].sh_degree = 0, o[3].short_run_exponent = 0, o[4].cooldown = 0,
@@ -497,12 +496,11 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
         test_ctx->threads = 1;
         model[i] = test_trained(scene, &o[i]);
         test_ctx->threads = 3;
-        again = test_trained(scene, &o[i]);
+        OWNED_MODEL again = test_trained(scene, &o[i]);
         CHECK(test_same_model(&model[i], &again));
         CHECK(i == 0 || !test_same_model(&model[i], &model[0]) || (i == 2 && !test_has_part("sh_degree")));
         /* without the larger rates of short runs it learns less */
         CHECK(train_psnr(scene, &model[i]) > train_psnr(scene, &model[0]) - (i == 3 ? 7 : 2));
-        oxl_model_free(test_ctx, &again);
     }
     test_ctx->threads = threads;
     for (int i = 0; i < 6; i++) oxl_model_free(test_ctx, &model[i]);
@@ -556,12 +554,10 @@ static oxl_adam train_adam_params_at(int step, int iterations, float short_run_e
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_STANDARD);
     OWNED_SCENE *scene = train_scene(2);
     const struct train t = {.ctx = test_ctx, .scene = scene, .options = &o, .step = step};
-    oxl_adam adam;
     o.iterations = iterations;
     o.short_run_exponent = short_run_exponent;
     o.cooldown = cooldown;
-    adam = schedule_adam_params(&t);
-    return adam;
+    return schedule_adam_params(&t);
 }
 
 static oxl_adam train_adam_params_of(int iterations, float short_run_exponent)
@@ -746,14 +742,12 @@ TEST(train_with_terms_that_add_nothing_gives_the_same_bytes)
     OWNED_SCENE *scene = train_scene(7);
     oxl_train_options o = train_options(60);
     const oxl_terms terms[] = {{.pixels = train_no_pixels}, {.parameters = train_no_parameters}};
-    oxl_model with;
     o.dog = OXL_DOG_ALL;
     OWNED_MODEL plain = test_trained(scene, &o);
     for (int k = 0; k < 2; k++) {
         o.terms = &terms[k];
-        with = test_trained(scene, &o);
+        OWNED_MODEL with = test_trained(scene, &o);
         CHECK(test_same_model(&plain, &with));
-        oxl_model_free(test_ctx, &with);
     }
 }
 
@@ -816,11 +810,9 @@ TEST(train_ends_with_the_name_of_a_term_that_is_not_finite)
     oxl_train_options o = train_options(20);
     oxl_trained t;
     o.terms = &(const oxl_terms){.pixels = train_nan_pixels};
-    CHECK(oxl_train(test_ctx, scene, &o, NULL, &t) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "oxl_terms.pixels returned");
+    CHECK_ERROR(oxl_train(test_ctx, scene, &o, NULL, &t), OXL_ERR_USAGE, "oxl_terms.pixels returned");
     o.terms = &(const oxl_terms){.parameters = train_nan_parameters};
-    CHECK(oxl_train(test_ctx, scene, &o, NULL, &t) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "oxl_terms.parameters returned");
+    CHECK_ERROR(oxl_train(test_ctx, scene, &o, NULL, &t), OXL_ERR_USAGE, "oxl_terms.parameters returned");
 }
 
 /* Removes the Gaussians whose number is odd at first, and splits none. */
