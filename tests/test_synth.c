@@ -34,12 +34,13 @@ struct synth_test_read {
     struct os_file_map outliers;
 };
 
-static void synth_test_read(const synth_options *o, struct synth_test_read *r)
+static struct synth_test_read synth_test_read(const synth_options *o)
 {
-    *r = (struct synth_test_read){.seen = {0}};
-    synth_test_make(o, &r->survey);
-    r->seen = colmap_observe(PATH(o->out, "sparse/0"), &r->survey);
-    r->outliers = test_file(PATH(o->out, "truth/outliers.txt"));
+    struct synth_test_read r;
+    synth_test_make(o, &r.survey);
+    r.seen = colmap_observe(PATH(o->out, "sparse/0"), &r.survey);
+    r.outliers = test_file(PATH(o->out, "truth/outliers.txt"));
+    return r;
 }
 
 static void synth_test_release(struct synth_test_read *r)
@@ -48,6 +49,7 @@ static void synth_test_release(struct synth_test_read *r)
     colmap_observed_free(&r->seen);
     colmap_free(test_ctx, &r->survey);
 }
+#define OWNED_READ __attribute__((cleanup(synth_test_release))) struct synth_test_read
 
 static void synth_test_to_camera(const struct colmap_image *image, const double p[3], double out[3])
 {
@@ -83,9 +85,8 @@ static int synth_test_is_outlier(const struct synth_test_read *s, int64_t id)
 TEST(synth_tracks_and_observations_name_each_other_both_ways_hundreds_in_a_view_three_of_most_points)
 {
     const synth_options o = synth_test_options("survey");
-    struct synth_test_read s;
+    OWNED_READ s = synth_test_read(&o);
     size_t named = 0, three = 0;
-    synth_test_read(&o, &s);
     CHECK(s.survey.image_count == 6 && s.survey.camera_count == 1);
     CHECK(s.survey.point_count > 6 * 350);
     for (size_t i = 0; i < s.survey.point_count; i++) {
@@ -104,7 +105,6 @@ TEST(synth_tracks_and_observations_name_each_other_both_ways_hundreds_in_a_view_
     CHECK(named == s.survey.track_count);
     /* keypoints without a point stand between them */
     CHECK(s.seen.first[s.survey.image_count] > named + named / 5);
-    synth_test_release(&s);
 }
 
 TEST(synth_quaternions_turn_as_their_matrices_whichever_component_is_largest)
@@ -129,10 +129,9 @@ TEST(synth_quaternions_turn_as_their_matrices_whichever_component_is_largest)
 /* Also far from the origin, where floats would be off by decimetres. */
 static void synth_test_reprojection(const synth_options *o)
 {
-    struct synth_test_read s;
+    OWNED_READ s = synth_test_read(o);
     double square = 0;
     size_t count = 0, outliers = 0;
-    synth_test_read(o, &s);
     for (size_t i = 0; i < s.survey.point_count; i++) {
         const struct colmap_point *p = &s.survey.point[i];
         const int odd = synth_test_is_outlier(&s, p->id);
@@ -149,7 +148,6 @@ static void synth_test_reprojection(const synth_options *o)
     }
     CHECK_CLOSE(sqrt(square / (double)count), 0.3, 0.01);
     CHECK(outliers > 0 && outliers < s.survey.point_count / 40);
-    synth_test_release(&s);
 }
 
 TEST(synth_points_reproject_onto_their_observations_within_the_stated_noise)
@@ -185,9 +183,8 @@ static float *synth_test_depth(const synth_options *o, const char *name)
 TEST(synth_points_lie_where_the_depth_maps_say)
 {
     const synth_options o = synth_test_options("survey");
-    struct synth_test_read s;
+    OWNED_READ s = synth_test_read(&o);
     size_t checked = 0, near = 0;
-    synth_test_read(&o, &s);
     for (size_t v = 0; v < s.survey.image_count; v++) {
         float *depth = synth_test_depth(&o, s.survey.names + s.survey.image[v].name);
         for (size_t i = 0; i < s.survey.point_count; i++)
@@ -204,7 +201,6 @@ TEST(synth_points_lie_where_the_depth_maps_say)
     }
     CHECK(checked > 5000);
     CHECK(near > checked * 95 / 100); /* the others stand beside a step: a pixel is 3 cm wide here */
-    synth_test_release(&s);
 }
 
 static void synth_test_water_text(const char *survey, const char *name, double out[3])
@@ -258,13 +254,10 @@ TEST(synth_images_are_clean_pictures_behind_the_stated_water_within_noise)
 
 static int synth_test_same_files(const char *a, const char *b, const char *name)
 {
-    struct os_file_map x = {0}, y = {0};
-    const int same = os_read_file(test_ctx, PATH(a, "%s", name), &x) == OXL_OK &&
-                     os_read_file(test_ctx, PATH(b, "%s", name), &y) == OXL_OK && x.size > 0 &&
-                     x.size == y.size && memcmp(x.data, y.data, x.size) == 0;
-    os_release_file(test_ctx, &x);
-    os_release_file(test_ctx, &y);
-    return same;
+    OWNED_FILE x = {0}, y = {0};
+    return os_read_file(test_ctx, PATH(a, "%s", name), &x) == OXL_OK &&
+           os_read_file(test_ctx, PATH(b, "%s", name), &y) == OXL_OK && x.size > 0 && x.size == y.size &&
+           memcmp(x.data, y.data, x.size) == 0;
 }
 
 TEST(synth_writes_the_same_bytes_with_one_and_three_threads_and_others_with_another_seed)
