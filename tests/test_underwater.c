@@ -133,8 +133,8 @@ static oxl_scene *exposure_scene(int views, float amplitude)
     return train_scene_changed(views, NULL, exposure_test_wave, &amplitude);
 }
 
-/* How much larger the PSNR of the held-out views is with a part of training that the options hold than without;
- * the imaging is that of the run with it. */
+/* How much larger the PSNR of the held-out views is with a part of training, of the options, than without; the
+ * imaging is that of the run with it. */
 static double imaging_test_helps(oxl_scene *scene, const oxl_train_options *options, oxl_switch *part)
 {
     double psnr[2];
