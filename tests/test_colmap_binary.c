@@ -181,6 +181,8 @@ TEST(colmap_of_text_and_binary_the_one_that_the_images_fit_better_is_read_with_a
     CHECK(c.format == COLMAP_BINARY && c.point_count == 2);
     binary_replace("images.bin", "", 0); /* cannot be read */
     CHECK(binary_after("cp ../model/*.txt .", NULL).format == COLMAP_TEXT);
+    test_write("binary/cameras.txt", ""); /* nor the text */
+    CHECK(colmap_read_folder(test_path("binary"), &c) == OXL_ERR_INPUT);
 }
 
 /* ---------------- what is refused */

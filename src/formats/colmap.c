@@ -367,7 +367,9 @@ static int colmap_has_cameras(const struct colmap *a, const struct colmap *b)
 {
     const struct colmap_camera *c = a->camera, *d = b->camera;
     double off = 0, all = 0;
-    if (a->camera_count != b->camera_count || c->model != d->model || c->width != d->width) return 0;
+    if (a->camera_count != b->camera_count) return 0;
+    if (a->image_count == 0) return 1;
+    if (c->model != d->model || c->width != d->width) return 0;
     for (int k = 0; k < c->parameter_count; k++)
         off += fabs(c->parameter[k] - d->parameter[k]), all += fabs(c->parameter[k]);
     for (int k = 0; k < 4; k++) off += fabs(fabs(a->image->rotation[k]) - fabs(b->image->rotation[k]));
