@@ -17,7 +17,7 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
     [COMMAND_TRAIN] =
         {"train", 1, 1, "SCENE -o OUT", "Trains a survey: images and a COLMAP model in, one splat model out.",
          "oceanxl train survey -o out",
-         "OUT gets scene.ply (and scene_standard.ply, if other viewers need it), report.html (a page for a browser), metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
+         "OUT gets scene.ply (scene_standard.ply if other viewers need it; scene_clear.ply and imaging.txt with exposure, lamp or water), report.html, metrics.json, run.json, renders/ of held-out views, training_views/ and blocks/KKK/.\n"
          "Ctrl-C saves the state and stops; a crash loses at most a minute of training. The same command resumes."},
     [COMMAND_CHECK] = {"check", 1, 0, "SCENE",
                        "Checks a survey: prints what train would read, and the predicted memory and time.",

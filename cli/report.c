@@ -114,8 +114,8 @@ static void report_head(struct report *r)
     report_tile(r, r->metrics, "bytes", 'b', "model");
     report_tile(r, r->metrics, "seconds", 's', "training time");
     report_tile(r, r->metrics, "peak_rss_bytes", 'b', "peak memory");
-    report_tile(r, r->survey, "images", 'c', "images with a camera");
-    report_tile(r, r->survey, "images_unregistered", 'c', "images without a camera");
+    report_tile(r, r->survey, "images", 'c', "images with poses");
+    report_tile(r, r->survey, "images_unregistered", 'c', "images without poses");
     output_add(t, "</div>\n");
 }
 
@@ -248,7 +248,7 @@ static void report_map(struct report *r, const struct map *m)
         100 * m->covered, REPORT_VIEWS, 100 * m->high);
     if (m->off.median > 0)
         output_add(t,
-                   "Heights differ from the survey's points by %s %s in the median, %.2f %% of the cameras' "
+                   "Heights differ from the sparse points by %s %s in the median, %.2f %% of the cameras' "
                    "distance. ",
                    REPORT_LENGTH(m->off.median), r->words, 100 * m->off.median / m->off.distance);
     if (m->down < MAP_DOWN)
@@ -356,9 +356,9 @@ static void report_reproduction(struct report *r)
         "<section>\n<h2>Reproduction</h2>\n<p>The same survey, options and seed give the same bytes on "
         "any number of threads.</p>\n<pre>oceanxl train %S",
         PRINT_WORD(scene));
-    output_add(t, " -o %S", PRINT_WORD(r->out));
+    output_add(t, " -o again");
     report_options(r);
-    output_add(t, "\noceanxl eval %S/scene.ply", PRINT_WORD(r->out));
+    output_add(t, "\noceanxl eval %S", PRINT_WORD(r->out));
     output_add(
         t,
         " %S\n</pre>\n<p><small>OceanXL %J, threads: %s, instruction set %J. All options are in run.json."

@@ -142,7 +142,7 @@ static void views_show(struct report *r, const char *folder, const struct views_
         views_figure(r, &image[0], "Image", name, factor);
         views_figure(r, &image[1], "Rendered", name, factor);
         if (views_image(r, folder, name, ".clear.png", &image[2]))
-            views_figure(r, &image[2], "Without medium and lamp", name, 1);
+            views_figure(r, &image[2], "Without water and lamp", name, 1);
         views_error(&image[1], &image[0]);
         views_figure(r, &image[1], "Error", name, 1);
         output_add(t, "</div>\n");

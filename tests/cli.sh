@@ -186,7 +186,7 @@ promise the_second_run_has_nothing_to_do 0 "already holds the finished result" "
 promise the_log_has_the_metrics_in_the_words_that_scripts_look_for 0 "" grep -q 'held-out test views: PSNR [0-9.]* dB, SSIM [0-9.]*, structure [-0-9.]*,' out/run.json
 promise run_json_has_floats_as_short_as_they_are 0 '"ssim_weight": 0.3,' grep '"ssim_weight"' out/run.json
 promise the_report_repeats_the_command 0 "--preset draft --iterations 60" grep "oceanxl train" out/report.html
-promise the_report_states_the_heights 0 "" grep -q "Heights differ from the survey's points by 0[.][0-9]* units in the median, [0-9.]* % of the cameras' distance" out/report.html
+promise the_report_states_the_heights 0 "" grep -q "Heights differ from the sparse points by 0[.][0-9]* units in the median, [0-9.]* % of the cameras' distance" out/report.html
 promise the_report_in_metres_has_all_lengths_so 0 "" sh -c \
     "cp out/report.html in_units.html && '$program' report out --scale 10 >/dev/null && grep -q 'covers [0-9.]* metres on the ground, and the map [0-9.]* square metres.*metres in the median' out/report.html &&
      grep -q 'units on the ground' in_units.html && ! grep -q 'units on the ground' out/report.html && cp in_units.html out/report.html"

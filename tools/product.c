@@ -59,7 +59,7 @@ void product_say(const struct product *p, const struct deviation *d)
     if (isnan(d->median)) return;
     print_format(
         p->to,
-        "deviation every second survey point is a test point. The test points deviate from the surface by a median of %.2g %s and a 90th "
+        "deviation every second sparse point is a test point. The test points deviate from the surface by a median of %.2g %s and a 90th "
         "percentile of %.2g (%.2f and %.2f %% of the cameras' distance); %.1f %% of them deviate by more than %.0f %% of it; %.1f %% "
         "have no surface\n",
         d->median, p->words, d->most, 100 * d->median / d->distance, 100 * d->most / d->distance,

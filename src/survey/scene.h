@@ -131,8 +131,7 @@ OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view);
 OXL_INTERNAL double scene_depth_quantile(const oxl_scene *scene, double quantile);
 /* Returns the ratio of the 0.9 to the 0.1 quantile of the depths; 1 without points. */
 OXL_INTERNAL double scene_depth_span(const oxl_scene *scene);
-/* Bounds this ratio from below: with less a medium is not identifiable, and `auto`
- * is off (docs/UNDERWATER.md). */
+/* Bounds this ratio from below: with less a medium needs more evidence (docs/UNDERWATER.md). */
 #define SCENE_DEPTH_SPAN_MIN 2
 /* Makes points to start from for a scene without points, at most `count`, as a function of the survey and the
  * seed (scene_start.c). Free with oxl_free. scene_start_count returns how many are useful: more with
