@@ -49,4 +49,4 @@ $(BUILD)/unchanged.log: $(BUILD)/splat # and splat.truth, splat.bmp beside it
 	@cd $(BUILD) && ./splat >unchanged.log
 
 ladder: $(BUILD)/liboceanxl.a ## measures times and differences of seven renderers of one scene, from plain loops to the library (half a minute)
-	@$(COURSE)/ladder.sh $(BUILD)/ladder $(CC) -std=c99 -O3 $(FLOATS) $(THREADS)
+	@LIBS='$(LIBS)' $(COURSE)/ladder.sh $(BUILD)/ladder $(CC) -std=c99 -O3 $(FLOATS) $(THREADS)

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# ladder.sh FOLDER CC FLAGS... - compiles the renderers in ladder/, times them, and prints a table. Every rung must draw what the first one
+# ladder.sh FOLDER CC FLAGS... - compiles the renderers in ladder/ (the library with LIBS), times them, and prints a table. Every rung must draw what the first one
 # draws, within MOST grey levels, and have at most 60 lines that the rung before it has not. RUNGS="1_double 3_tiles" for some of them.
 set -u
 cd "$(dirname "$0")/../.." || exit 1
@@ -16,7 +16,7 @@ for source in "$ladder"/[1-7]_*.c; do
     previous=$source
     [ "$lines" -le 60 ] || { echo "FAIL $name has $lines new lines, 60 are allowed"; failed=1; }
     library=""
-    [ "$number" != 7 ] || library=$folder/../liboceanxl.a
+    [ "$number" != 7 ] || library="$folder/../liboceanxl.a ${LIBS:-}"
     "$@" -I. "$source" $library -o "$folder/$name" -lm || { failed=1; continue; }
     read -r _ cpu wall difference < <("$folder/$name" "$number" "$folder/truth.raw") || { echo "FAIL $name"; failed=1; continue; }
     awk -v n="${names[$number]}" -v l="$lines" -v c="$cpu" -v w="$wall" -v c1="${cpu1:=$cpu}" -v w1="${wall1:=$wall}" -v d="$difference" \
