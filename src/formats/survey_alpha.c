@@ -87,7 +87,6 @@ OXL_INTERNAL oxl_result scene_decide_alpha(oxl_context *ctx, oxl_scene *scene, o
     scene->alpha_masks = option == OXL_ALPHA_AUTO
                              ? points[1] > 0 && points[1] * pixels[0] > ALPHA_HIDES * points[0] * pixels[1]
                              : option == OXL_ALPHA_MASK;
-    if (!scene->alpha_masks) scene->composited = pixels[1] / OXL_MAX(pixels[0] + pixels[1], 1);
     memset(scene->cache->background, scene->alpha_masks ? 0 : 255, sizeof scene->cache->background);
     if (pixels[1] > 0)
         oxl_log(

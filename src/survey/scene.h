@@ -41,7 +41,6 @@ struct oxl_scene {
     char *images, *masks;        /* from files: folders; masks NULL: none */
     int transparent;             /* images with an alpha channel */
     int alpha_masks;             /* 1: transparent pixels are masked; 0: composited over a background */
-    double composited;           /* fraction of the pixels that are composited */
     struct pixels *fixed;        /* (cameras) what all images of one show alike: masks; data NULL: none */
     int *fixed_of;               /* (cameras) index of the camera's mask */
 };
