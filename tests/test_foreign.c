@@ -587,7 +587,7 @@ static void foreign_copy(const char *from, const char *to)
     size_t size = 0;
     CHECK_OK(oxl_image_read(test_ctx, test_path("survey/images/%s", from), &image));
     if (strstr(to, ".jpg")) {
-        CHECK_OK(oxl_image_to_jpeg(test_ctx, &image, 20, &jpeg, &size));
+        CHECK_OK(oxl_image_to_jpeg(test_ctx, &image, 25, &jpeg, &size));
         test_write_bytes(path, jpeg, size);
         oxl_text_free(test_ctx, jpeg);
     } else test_write_image(path, &image);

@@ -18,7 +18,8 @@ enum {
     TWINS_TRIED = 3      /* most images of nearly one pose that one is compared with */
 };
 #define TWINS_MOVED 2e-3 /* Limits the move, in depths, and the turn, in radians. */
-#define TWINS_LEVELS 2.5 /* Limits the mean difference of two copies, in levels of 255. */
+/* Limits the mean difference of two copies, in levels of 255: frames of a camera at rest have 1.1. */
+#define TWINS_LEVELS 0.95
 
 struct twin { /* by x */
     double at[3];
