@@ -89,7 +89,8 @@ const char *test_path(const char *format, ...)
     va_start(arguments, format);
     vsnprintf(name, sizeof name, format, arguments);
     va_end(arguments);
-    if (name[0] == '/') snprintf(path, sizeof ring[0], "%s", name);
+    /* absolute, or of test_shared */
+    if (name[0] == '/' || !strncmp(name, "../", 3)) snprintf(path, sizeof ring[0], "%s", name);
     else snprintf(path, sizeof ring[0], "%s/%s", test_folder(), name);
     return path;
 }
