@@ -326,6 +326,7 @@ static int stereo_fits(const struct stereo_job *job)
            job->v + y < (float)(job->image->height - 1);
 }
 
+/* Projects the patch around a pixel of the level, and its axes, into each neighbour. */
 static void stereo_aim(const struct stereo *s, int level, double x, double y, struct stereo_patch *patch)
 {
     const oxl_camera *c = &s->scene->view[s->of->view].camera;
