@@ -191,7 +191,7 @@ typedef enum oxl_alpha {
     OXL_ALPHA_MASK       /* masked where alpha is below a half */
 } oxl_alpha;
 
-/* Defaults and ranges of all options: src/core/options.c, docs/OPTIONS.md. */
+/* Defaults and ranges of all options: docs/OPTIONS.md. */
 typedef struct oxl_scene_options {
     const char *images; /* image folder; NULL: SCENE/images */
     /* folder of the COLMAP model; NULL: SCENE/sparse/0, SCENE/sparse or SCENE; or a file of points to use */
@@ -362,7 +362,7 @@ typedef struct oxl_render_options {
     /* Gaussians whose camera z is smaller are culled; in the scene's unit (0.2). For the views of a scene use
      * oxl_scene_near_plane */
     float near_plane;
-    /* alpha values below this or 1/255 are skipped (1/255) [Kerbl 2023] */
+    /* alpha values below the larger of this and 1/255 are skipped (1/255) [Kerbl 2023] */
     float alpha_min;
     /* For maps: above 0, all rays are parallel to the camera's z axis, fx and fy are px per unit, and this is
      * the distance from which the survey's cameras saw the ground, in the scene's unit. CPU only (0) */
@@ -462,7 +462,9 @@ typedef enum oxl_dog {
 typedef enum oxl_switch {
     OXL_OFF = 0,
     OXL_ON,
-    OXL_AUTO /* on where the tracks' colours show it, so off in a scene from arrays; poses differ */
+    /* on where the colours of tracks (points with the images that see them) show it. A scene from arrays has
+     * no tracks: off. For poses see oxl_train_options */
+    OXL_AUTO
 } oxl_switch;
 
 /* Sets of defaults: fast; longer; the paper's method. */
@@ -491,10 +493,11 @@ typedef enum oxl_ucd {
 /* What densification does with a Gaussian; OXL_KEEP_... are oxl_keep's, OXL_SPLIT_... oxl_split's. */
 typedef enum oxl_change { OXL_REMOVE = 0, OXL_KEEP, OXL_SPLIT /* into two */ } oxl_change;
 
-/* Terms of one's own in the loss, and a density rule, on the CPU (a device: OXL_ERR_USAGE). A term returns
- * its value, which is added to the loss, and adds its gradient to the one that it is given; examples/ has one
- * of each. A value that is not finite ends the run with OXL_ERR_USAGE. Where a model for viewers is trained
- * (oxl_trained), terms run there, too; the rule does not. */
+/* Terms of one's own in the loss, and a rule of density control. They run on the CPU only: with a device,
+ * training fails with OXL_ERR_USAGE. A term returns its value, which is added to the loss, and adds its
+ * gradient to the one that it is given; examples/ has one of each. A value that is not finite ends the run
+ * with OXL_ERR_USAGE. Where a model for viewers is trained (oxl_trained), terms run there, too; the rule does
+ * not. */
 typedef struct oxl_terms {
     /* rendered: the step's view with its gains and lamp, not clamped; image: the one that it is compared
      * with. Their size changes from call to call: half the sides while the run is coarse, a part of the view
@@ -503,11 +506,11 @@ typedef struct oxl_terms {
     /* gradient: planes of the model's shape. Gaussians that the view does not show take no step. NULL: no
      * such term. A row whose gradient is not finite is skipped (oxl_nonfinite.rows) */
     double (*parameters)(void *user, const oxl_model *model, oxl_model *gradient);
-    /* Rewrites the library's choice, change (count) of oxl_change; other values keep the Gaussian. If
-     * max_gaussians limits splits, those of largest gradient / views are made, none of 0 views. gradient
-     * (count) sums |dL/d(u, v)| of the splat's centre, in half images, over the steps since the last
-     * densification that show the Gaussian; views (count) is their number. ucd weights gradient by depth.
-     * NULL: no rule */
+    /* Is called at each densification (densify_every), and rewrites the library's choice, change (count) of
+     * oxl_change; other values keep the Gaussian. If max_gaussians limits splits, those of largest gradient /
+     * views are made, none of 0 views. gradient (count) sums |dL/d(u, v)| of the splat's centre, in half
+     * images, over the steps since the last densification that show the Gaussian; views (count) is their
+     * number. ucd weights gradient by depth. NULL: no rule */
     void (*density)(void *user, const oxl_model *model, const float *gradient, const float *views,
                     uint8_t *change);
     void *user;
@@ -517,8 +520,8 @@ typedef struct oxl_terms {
 typedef struct oxl_train_options {
     int iterations; /* one image each (1200, 3000, 40 000) */
     int sh_degree;  /* 0..3: final SH degree; -1: 3, in a job 1 where --ram is short (-1, -1, 3) */
-    /* most Gaussians; 0: one per 60 training pixels, or one per point where there are more, up to twice as
-     * many or 10 000 (0) */
+    /* most Gaussians; 0: one per point, but at least one per 60 training pixels, and at most two or 10 000,
+     * whichever is more (0) */
     int max_gaussians;
     double max_seconds; /* stop after this time, with the model so far; 0: no limit (0) */
     /* red, green, blue, 0..1; -1,-1,-1: white where transparent images are composited over it, else black
@@ -549,7 +552,8 @@ typedef struct oxl_train_options {
     /* last fraction of the run, in which all learning rates fall to a tenth; 0: none (0.2) */
     float cooldown;
     float densify_until; /* fraction of the run that densifies; with dog, below 0.55 (0.5) */
-    /* steps between densifications (first: METHOD.md); -1: a tenth of the run, 15 to 50 (-1, 100, 100) */
+    /* steps between densifications; -1: a tenth of the run, 15 to 50 (-1, 100, 100). docs/METHOD.md has the
+     * first one */
     int densify_every;
     /* Gaussians are split whose mean |dL/d(u, v)|, in half images, is at least this; after 3000 steps and a
      * tenth of the run those above 0.1 extents, too (0.00055, 0.0002, 0.0002) */
@@ -557,7 +561,7 @@ typedef struct oxl_train_options {
     oxl_ucd ucd;         /* depth weights of densify_gradient's mean (AUTO, AUTO, SEARCH) */
     oxl_keep keep;       /* Gaussians that pruning keeps (ALL, ALL, FRACTION 0.5) */
     oxl_switch exposure; /* a log gain per channel and training image (AUTO) */
-    /* a light that moves with the camera: a smooth gain over the image, falloff with distance (AUTO) */
+    /* a light that moves with the camera, or vignetting: a smooth gain over the image (AUTO) */
     oxl_switch lamp;
     /* a medium of nine parameters between camera and Gaussians; ON: as AUTO, with a warning if off (AUTO) */
     oxl_switch medium;
@@ -566,9 +570,10 @@ typedef struct oxl_train_options {
     oxl_switch poses;
     /* 1: the model is trained with oxl_model.antialias (1, 1, 0) */
     int antialias;
-    int stereo;             /* 1: starts also from points of the training views' depth maps (1, 1, 0) */
+    /* 1: starts also from points of depth maps, which are computed from the training images (1, 1, 0) */
+    int stereo;
     oxl_dog dog;            /* second lobes (OFF, OFF, SELECTIVE) */
-    const oxl_terms *terms; /* NULL: none; a resumed job overlooks their change */
+    const oxl_terms *terms; /* NULL: none. A resumed job does not notice other ones */
     /* for oxl_train: Gaussians to start from, copied without second lobes; NULL: the scene's points. Their
      * colours are taken as those of a scene.ply (oxl_trained_write), since imaging is measured anew. Rates
      * and schedule are those of a fresh run */
@@ -595,7 +600,7 @@ typedef struct oxl_nonfinite {
 enum oxl_stage { OXL_STAGE_BLOCK, OXL_STAGE_COARSE, OXL_STAGE_MERGED };
 
 typedef struct oxl_progress {
-    /* done; in all, more once oxl_trained.viewer is trained */
+    /* iterations done; in all, a number that grows when the training of oxl_trained.viewer begins */
     int iteration, iterations;
     int block, blocks;    /* index and number of blocks in a job; else 0, 0 */
     enum oxl_stage stage; /* what is trained; with OXL_STAGE_BLOCK, block number `block` */
@@ -629,8 +634,9 @@ typedef struct oxl_trained {
 } oxl_trained;
 
 /* Trains a model on the scene's training views, as the command `oceanxl train` does with a survey of one
- * block; for more than 170 images the command raises the iterations (oxl_job_options.iterations_for). The
- * same scene, options and seed give the same bytes. callback may be NULL.
+ * block, except that the command fits the iterations to the number of images
+ * (oxl_job_options.iterations_for). The same scene, options and seed give the same bytes. callback may be
+ * NULL.
  * OXL_ERR_USAGE: an option is out of its range; OXL_ERR_INTERRUPTED: stopped; out is usable if
  * out->model.count is not 0. */
 OXL_API oxl_result oxl_train(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,

@@ -51,8 +51,8 @@ typedef struct oxl_job_options {
     /* peak memory allowed, bytes; limits blocks, image cache and Gaussians; 0: what is free */
     size_t ram;
     size_t device_ram; /* peak device memory allowed, bytes; 0: no limit */
-    /* number of images that train.iterations suffice for: more images raise the iterations, few lower them;
-     * 0: train.iterations as given */
+    /* number of images that train.iterations suffice for (170, 170, 2800): more images raise the iterations
+     * in proportion, few lower them to 700 for each; 0: train.iterations as given */
     int iterations_for;
     int block;        /* train only this block; -1: all, and the merged model */
     int restart;      /* 1: discard the run in OUT, train from the start */
@@ -64,9 +64,9 @@ OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);
 
 /* ---------------- options by name */
 
-/* One row per option; the table is in src/core/options.c. Defaults, parsing, range checks, run.json, the
- * command line, its help, the manual page and docs/OPTIONS.md are generated from it. A program can have a
- * table of the same type for its own options. */
+/* One row per option; the tables are in src/core/options.c and src/parts. Defaults, parsing, range checks,
+ * run.json, the command line, its help, the manual page and docs/OPTIONS.md are generated from them. A
+ * program can have a table of the same type for its own options. */
 
 /* What the field of an option holds, and its text. */
 typedef enum oxl_option_kind {

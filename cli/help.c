@@ -28,7 +28,7 @@ static const struct {
      "the model without its medium or, if images differ only by gains, the model that needs gains; and "
      "the parameters of exposure, lamp, medium and poses. eval and render use both files."},
     {"metrics.json",
-     "psnr, cc_psnr, ssim and structure of each held-out view, and their means; psnr, cc_psnr, structure and flag (misfit, exposure, no structure) of training views; gaussians, bytes, seconds, iterations, peak_rss_bytes."},
+     "psnr, plain_psnr, cc_psnr, shown_psnr, ssim and structure of each held-out view, and their means; psnr, cc_psnr, structure and flag (misfit, exposure, no structure) of training views; gaussians, bytes, seconds, iterations, peak_rss_bytes."},
     {"run.json",
      "version, options (\"job\"), renderer (\"backend\"), the survey, decisions with evidence, log lines."},
     {"report.html", "one page: charts, map, worst views."},
@@ -253,8 +253,8 @@ void help_page(FILE *to)
 {
     fputs(
         "# Options and outputs\n\n"
-        "Made by `make man` from the tables in `src/core/options.c` and `cli/options.c`.\n"
-        "Defaults and ranges are in parentheses; fractions and rates go from 0 to 1. `oceanxl COMMAND --help` shows the basic options of a command, `--help all` every one.\n"
+        "Made by `make man` from the tables in `src/core/options.c`, `src/parts` and `cli/options.c`.\n"
+        "SCENE is the folder of a survey, OUT that of a run. Defaults and ranges are in parentheses; fractions and rates go from 0 to 1. `oceanxl --help` lists the commands, `oceanxl COMMAND --help` the basic options of one, `--help all` all of them.\n"
         "A resumed run keeps the options in OUT/run.json.\n",
         to);
     help_full(to, 1);

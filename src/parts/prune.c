@@ -10,7 +10,7 @@
  *
  * The Gaussians with the lowest score are removed:  U = sum over views and pixels of (o dF/dalpha)^2,  where
  * F is the sum of the rendered image. Dividing U by the number of views was worse in 7 of 7 pairs
- * (docs/METHOD.md).
+ * (docs/log/TRAINING.md).
  *
  * Invariants: the phase ends with exactly the requested number (or fewer, if there are fewer). Rows keep
  * their order. The choice is a function of the model, the scene and the options; ties are resolved by row.

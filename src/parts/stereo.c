@@ -778,7 +778,7 @@ static double stereo_bytes(const oxl_train_options *options, int views)
 
 /* clang-format off */
 static const oxl_option stereo_options[] = {
-{"stereo", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.stereo), 0, 1, PRESETS("on", "on", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Scene content", "also start from points of the training views' depth maps"},
+{"stereo", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.stereo), 0, 1, PRESETS("on", "on", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Scene content", "also start from points of depth maps, computed from the training images"},
 {0}};
 /* clang-format on */
 
