@@ -25,7 +25,7 @@ OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size)
 
 OXL_INTERNAL void archive_numbers(struct archive *a, void *data, size_t count, size_t size)
 {
-    if (!archive_fits(a, count, size)) return;
+    if (!archive_fits(a, count, size) || count == 0) return;
     if (a->reading && fread(data, size, count, a->file) != count)
         archive_fail(a, OXL_ERR_IO, "cannot be read");
     if (!a->reading && fwrite(data, size, count, a->file) != count)
