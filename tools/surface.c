@@ -25,7 +25,7 @@
  * of 130 degrees */
 #define SURFACE_WIDE 25.0
 /* difference from a point's depth, as a fraction of it, that does not contradict */
-#define SURFACE_NEAR 0.03
+#define SURFACE_NEAR 0.03f
 #define SURFACE_SHARE 0.05 /* least share of the points around a pixel that are near its depth */
 enum {
     SURFACE_EACH = 31,
@@ -113,14 +113,15 @@ static void surface_doubt(const oxl_scene *scene, struct surface_view *v)
     for (size_t i = 0; i < points; i += 2) n += surface_pixel(v, point[i].position, at, &pixel) > 0;
     reach = 0.5 * sqrt(SURFACE_AROUND * (double)pixels / n);
     for (size_t i = 0; i < points; i += 2) {
-        const double z = surface_pixel(v, point[i].position, at, &pixel);
+        const float z = (float)surface_pixel(v, point[i].position, at, &pixel);
         if (!(z > 0)) continue; /* It is not in the image. */
         const int left = (int)fmax(0, at[0] - reach), right = (int)fmin(width, at[0] + reach),
                   bottom = (int)fmin(height, at[1] + reach);
         for (int y = (int)fmax(0, at[1] - reach); y < bottom; y++)
+#pragma omp simd
             for (int k = y * width + left; k < y * width + right; k++) {
-                const double own = fabs((double)v->sheet.depth[k]);
-                all[k]++, agree[k] += fabs(z - own) <= SURFACE_NEAR * own;
+                const float own = fabsf(v->sheet.depth[k]);
+                all[k]++, agree[k] += fabsf(z - own) <= SURFACE_NEAR * own;
             }
     }
     for (size_t k = 0; k < pixels; k++)
