@@ -873,6 +873,7 @@ TEST(job_of_one_block_writes_what_the_library_does_byte_for_byte)
     NEEDS_PART(medium);
     NEEDS_PART(lamp);
     NEEDS_PART(exposure);
+    NEEDS_PART(lobes);
     job_test_survey();
     photometry_test_make("water", SYNTH_3C);
     for (int k = 0; k < 4; k++) {
