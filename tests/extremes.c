@@ -151,7 +151,7 @@ int main(int argc, char **argv)
     printf(
         "# Numerical stability at the extremes\n"
         "\n"
-        "**Result.** Float kernels are compared with double; the last column says whether all values are finite and within the bound. Errors are\n"
+        "Float kernels are compared with double; the last column says whether all values are finite and within the bound. Errors are\n"
         "largest far from the model's origin, which is why models have a local origin.\n"
         "\n"
         "`make extremes` writes this page and fails if a bound does not hold; `build/test` checks all but the slow rows. The float kernels are those for %s. The\n"
