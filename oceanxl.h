@@ -97,7 +97,7 @@ typedef struct oxl_context_options {
     void *(*reallocate)(void *user, void *old, size_t size);
     /* one line without newline; NULL: no log */
     void (*log)(void *user, oxl_log_level level, const char *text);
-    /* nonzero: whatever takes long soon ends with OXL_ERR_INTERRUPTED, except training steps, which ask
+    /* nonzero: long operations soon end with OXL_ERR_INTERRUPTED, except training steps, which ask
      * oxl_callback; NULL: never */
     int (*stopped)(void *user);
     void *user;          /* passed to reallocate, log and stopped */
@@ -127,7 +127,7 @@ OXL_API void oxl_text_free(oxl_context *ctx, char *text);
 OXL_API const char *oxl_isa_name(const oxl_context *ctx);
 
 /* Opens the device of options.backend, as the first function that needs it does. OXL_ERR_FAILED:
- * OXL_BACKEND_VULKAN finds none. */
+ * OXL_BACKEND_VULKAN finds no device. */
 OXL_API oxl_result oxl_backend_begin(oxl_context *ctx);
 /* Returns what has rendered so far: the device's name, "cpu", or "NAME and cpu" if the CPU took over. Before
  * the first rendering it returns what will render. */
@@ -197,7 +197,7 @@ typedef struct oxl_scene_options {
     /* folder of the COLMAP model; NULL: SCENE/sparse/0, SCENE/sparse or SCENE; or a file of points to use */
     const char *sparse;
     const char *masks; /* mask folder; NULL: SCENE/masks if it exists */
-    int auto_mask;     /* 1: pixels that show the same in all images of a camera are masked (1) */
+    int auto_mask;     /* 1: pixels that look the same in all images of a camera are masked (1) */
     oxl_alpha alpha;   /* what is done with transparent pixels (AUTO) */
     int max_side;      /* larger images are reduced to this longer side, px; 0: full size (1600) */
     /* every n-th view by name is held out; 0: none; -1: 8, or those that the survey names (-1) */
@@ -221,8 +221,8 @@ OXL_API oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_
 /* Makes a scene of views (view_count) with name, camera and is_test; images (view_count), in the same
  * order; points (point_count), from which training starts. All are copied, colours in 8 bits, weights
  * above a half as 1, others as 0; the origin is 0. Views are sorted by name, so an index of the scene is not
- * one of the arrays. OXL_ERR_USAGE: sizes that differ, equal names, or a pose that is not finite or no
- * rotation. With point_count 0, training starts from depth maps of the images
+ * one of the arrays. OXL_ERR_USAGE: sizes that differ, equal names, or a pose that is not finite or not
+ * a rotation. With point_count 0, training starts from depth maps of the images
  * (oxl_train_options.stereo), or from random points in front of the cameras; points may then be NULL. */
 OXL_API oxl_result oxl_scene_from_arrays(oxl_context *ctx, const oxl_view *views, const oxl_image *images,
                                          int view_count, const oxl_point *points, size_t point_count,
@@ -241,8 +241,9 @@ OXL_API double oxl_scene_near_plane(const oxl_scene *scene);
 /* (2) latitude and longitude (WGS 84, degrees) of the world's origin, if its axes are metres east, north, up
  * there, as OpenSfM's reference_lla says; NULL: not known. */
 OXL_API const double *oxl_scene_reference(const oxl_scene *scene);
-/* Returns the unit of position rates and of densify_gradient's sizes: 1.3 x the median depth of the points in
- * the training views; without points 1.1 x the robust radius of the training cameras [Kerbl 2023]. */
+/* Returns the unit of lr_position and of the size above which Gaussians are split (densify_gradient): 1.3 x
+ * the median depth of the points in the training views; without points 1.1 x the robust radius of the
+ * training cameras [Kerbl 2023]. */
 OXL_API double oxl_scene_extent(const oxl_scene *scene);
 
 /* Gives the ray of pixel (x, y) of the original image (size as in cameras.txt, before undistortion): origin
@@ -350,8 +351,8 @@ OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *poin
  * OXL_ERR_INPUT: the file is missing, malformed or of another format. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
 /* Writes a little-endian .ply of 62 float columns, a .splat, or an .spz of version 3. A file called
- * NAME_standard.ply is written without lobes. OXL_ERR_USAGE: the extension is another; OXL_ERR_IO: it cannot
- * be written. */
+ * NAME_standard.ply is written without lobes. OXL_ERR_USAGE: the extension is none of these; OXL_ERR_IO: the
+ * file cannot be written. */
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
 /* ---------------- rendering */
@@ -381,7 +382,7 @@ OXL_API oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const ox
                               const oxl_render_options *options, oxl_image *out, float *depth);
 
 /* Renders a view of the scene as its image was taken: from its camera, on the model's background, with the
- * pose, medium, lamp and gains that `imaging` has of it. depth as in oxl_render. */
+ * pose, medium, lamp and gains that `imaging` has for it. depth as in oxl_render. */
 OXL_API oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, int view,
                                    const oxl_imaging *imaging, oxl_image *out, float *depth);
 
@@ -410,7 +411,7 @@ OXL_API oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_imag
  * image blurred by a Gaussian of 1 px, less the one blurred by 6 px. 1: the same structure; 0: none, such as
  * a veil; NaN: b has no more detail than the rounding to 8 bits. */
 OXL_API oxl_result oxl_structure(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
-/* a view of less counts as one without structure */
+/* a view below this counts as one without structure */
 #define OXL_STRUCTURE_NONE 0.5
 
 /* A subset of the views. */
@@ -441,7 +442,7 @@ typedef struct oxl_metrics {
     oxl_view_metrics *views; /* (count) */
 } oxl_metrics;
 
-/* Renders the views of the split as oxl_render_view and compares them with their images, on the model's
+/* Renders the views of the split as oxl_render_view does, and compares them with their images, on the model's
  * background; views whose image is not readable are logged and left out. imaging: that of the model.
  * OXL_ERR_USAGE: it belongs to a scene with another number of views. */
 OXL_API oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
@@ -507,10 +508,10 @@ typedef struct oxl_terms {
      * such term. A row whose gradient is not finite is skipped (oxl_nonfinite.rows) */
     double (*parameters)(void *user, const oxl_model *model, oxl_model *gradient);
     /* Is called at each densification (densify_every), and rewrites the library's choice, change (count) of
-     * oxl_change; other values keep the Gaussian. If max_gaussians limits splits, those of largest gradient /
-     * views are made, none of 0 views. gradient (count) sums |dL/d(u, v)| of the splat's centre, in half
-     * images, over the steps since the last densification that show the Gaussian; views (count) is their
-     * number. ucd weights gradient by depth. NULL: no rule */
+     * oxl_change; other values keep the Gaussian. If max_gaussians limits splits, those with the largest
+     * gradient / views are made, none with 0 views. gradient (count) sums |dL/d(u, v)| of the splat's
+     * centre, in half images, over the steps since the last densification that show the Gaussian; views
+     * (count) is their number. ucd weights gradient by depth. NULL: no rule */
     void (*density)(void *user, const oxl_model *model, const float *gradient, const float *views,
                     uint8_t *change);
     void *user;
@@ -520,8 +521,8 @@ typedef struct oxl_terms {
 typedef struct oxl_train_options {
     int iterations; /* one image each (1200, 3000, 40 000) */
     int sh_degree;  /* 0..3: final SH degree; -1: 3, in a job 1 where --ram is short (-1, -1, 3) */
-    /* most Gaussians; 0: one per point, but at least one per 60 training pixels, and at most two or 10 000,
-     * whichever is more (0) */
+    /* most Gaussians; 0: one per point, but 1 to 2 per 60 training pixels, or up to 10 000 if that is more
+     * (0) */
     int max_gaussians;
     double max_seconds; /* stop after this time, with the model so far; 0: no limit (0) */
     /* red, green, blue, 0..1; -1,-1,-1: white where transparent images are composited over it, else black
@@ -538,8 +539,8 @@ typedef struct oxl_train_options {
     float dropout;
     /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 (1/128, 1/128, 1/255) */
     float alpha_min;
-    /* learning rates are those of [Kerbl 2023]; that of positions at the first step, in extents
-     * (oxl_scene_extent), decays exponentially (0.00016) */
+    /* Learning rates are those of [Kerbl 2023]. This one is for positions at the first step, in extents
+     * (oxl_scene_extent), and decays exponentially (0.00016) */
     float lr_position;
     float lr_position_final; /* learning rate of positions at the last step, in extents (0.0000016) */
     float lr_scale;          /* learning rate of log scales (0.005) */
@@ -555,8 +556,8 @@ typedef struct oxl_train_options {
     /* steps between densifications; -1: a tenth of the run, 15 to 50 (-1, 100, 100). docs/METHOD.md has the
      * first one */
     int densify_every;
-    /* Gaussians are split whose mean |dL/d(u, v)|, in half images, is at least this; after 3000 steps and a
-     * tenth of the run those above 0.1 extents, too (0.00055, 0.0002, 0.0002) */
+    /* Gaussians are split whose mean |dL/d(u, v)|, in half images, is at least this; after 3000 steps or a
+     * tenth of the run, whichever is more, those above 0.1 extents, too (0.00055, 0.0002, 0.0002) */
     float densify_gradient;
     oxl_ucd ucd;         /* depth weights of densify_gradient's mean (AUTO, AUTO, SEARCH) */
     oxl_keep keep;       /* Gaussians that pruning keeps (ALL, ALL, FRACTION 0.5) */
@@ -565,15 +566,15 @@ typedef struct oxl_train_options {
     oxl_switch lamp;
     /* a medium of nine parameters between camera and Gaussians; ON: as AUTO, with a warning if off (AUTO) */
     oxl_switch medium;
-    /* each training view's camera is turned and moved a little, with the scene; AUTO: this is kept if images
-     * shift by 0.2 px (OFF) */
+    /* the pose of each training view is refined together with the scene; AUTO: refined poses are kept if
+     * images shift by 0.2 px (OFF) */
     oxl_switch poses;
     /* 1: the model is trained with oxl_model.antialias (1, 1, 0) */
     int antialias;
     /* 1: starts also from points of depth maps, which are computed from the training images (1, 1, 0) */
     int stereo;
     oxl_dog dog;            /* second lobes (OFF, OFF, SELECTIVE) */
-    const oxl_terms *terms; /* NULL: none. A resumed job does not notice other ones */
+    const oxl_terms *terms; /* NULL: none. A resumed job does not notice changed ones */
     /* for oxl_train: Gaussians to start from, copied without second lobes; NULL: the scene's points. Their
      * colours are taken as those of a scene.ply (oxl_trained_write), since imaging is measured anew. Rates
      * and schedule are those of a fresh run */
@@ -600,7 +601,7 @@ typedef struct oxl_nonfinite {
 enum oxl_stage { OXL_STAGE_BLOCK, OXL_STAGE_COARSE, OXL_STAGE_MERGED };
 
 typedef struct oxl_progress {
-    /* iterations done; in all, a number that grows when the training of oxl_trained.viewer begins */
+    /* iterations done, and the total, which grows when the training of oxl_trained.viewer begins */
     int iteration, iterations;
     int block, blocks;    /* index and number of blocks in a job; else 0, 0 */
     enum oxl_stage stage; /* what is trained; with OXL_STAGE_BLOCK, block number `block` */
@@ -642,7 +643,7 @@ typedef struct oxl_trained {
 OXL_API oxl_result oxl_train(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
                              const oxl_callback *callback, oxl_trained *out);
 OXL_API void oxl_trained_free(oxl_context *ctx, oxl_trained *trained);
-/* Writes the result to a folder, which must exist, as `oceanxl train` does. It deletes those of these files
+/* Writes the result to a folder, which must exist, as `oceanxl train` does. It deletes any of these files
  * in the folder that the result does not have:
  *   scene.ply           the model, for most viewers
  *   scene_clear.ply     the model without the medium or gains that scene.ply has in its colours

@@ -1,7 +1,7 @@
 /* oceanxl_job.h - survey folder in, output folder out: what the program oceanxl needs beside the library in
  * oceanxl.h.
  *
- * The whole job (oxl_job_run), its options by name, predictions, and results as JSON.
+ * It has the whole job (oxl_job_run), its options by name, predictions, and results as JSON.
  * Conventions are those of oceanxl.h. Link oceanxl.c, or dist/oceanxl_job.c (`make dist`) with -Idist
  * -Idist/single.
  */
@@ -52,7 +52,7 @@ typedef struct oxl_job_options {
     size_t ram;
     size_t device_ram; /* peak device memory allowed, bytes; 0: no limit */
     /* number of images that train.iterations suffice for (170, 170, 2800): more images raise the iterations
-     * in proportion, few lower them to 700 for each; 0: train.iterations as given */
+     * in proportion; a run has at most 700 iterations for each image; 0: train.iterations as given */
     int iterations_for;
     int block;        /* train only this block; -1: all, and the merged model */
     int restart;      /* 1: discard the run in OUT, train from the start */
@@ -175,22 +175,22 @@ typedef struct oxl_survey {
 OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_options *options, int quality,
                              oxl_survey *out);
 
-/* Logs a warning, which calls the model `name`, if it does not seem to cover the survey in the scene's frame:
- * its frame or scale may differ. */
+/* Logs a warning, in which the model is called `name`, if the model does not seem to cover the survey in the
+ * scene's frame: its frame or scale may differ. */
 OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                            const char *name);
 
 /* Trains the survey in folder `scene` and writes to folder `out`: the files of oxl_trained_write;
  * metrics.json, run.json; renders/, training_views/; for each block blocks/KKK/ with its model, log.csv and
- * block.json. A survey that fits the memory (or, with block_points, has no more points than that) is one
- * block, 000. A larger one is cut, and training has three stages: a
- * coarse model of the survey (blocks/coarse/); the blocks, each with the coarse model's other Gaussians as
- * context; the merged model (blocks/whole/). train.iterations is the number of steps of all stages; a step on
- * a window of an image counts as the window's fraction of the pixels. With options->from, training starts
+ * block.json. A survey that fits in memory (or, with block_points, has no more points than that) is one
+ * block, 000. A larger one is cut, and training has three stages: a coarse model of the survey
+ * (blocks/coarse/); the blocks, each with the coarse model's other Gaussians as context; the merged model
+ * (blocks/whole/). train.iterations is the number of steps of all stages; a step on a window of an image
+ * counts as the window's fraction of the pixels. With options->from, training starts
  * from that model instead of the points.
  *
  * During training, a block's folder holds checkpoints. An interrupted run resumes from them when it is called
- * again, and ends in the same bytes as an uninterrupted one; a finished run is not changed. If the callback
+ * again, and ends with the same bytes as an uninterrupted one; a finished run is not changed. If the callback
  * stops the run (OXL_ERR_INTERRUPTED) or train.max_seconds has passed (OXL_OK), model.ply is the current
  * model, and so is scene.ply if there is one block. A run with other options is not overwritten
  * (OXL_ERR_USAGE) unless options->restart is set. options may be NULL: the draft preset. */
@@ -210,7 +210,7 @@ typedef struct oxl_render_output {
     /* 1: also NAME.image.png, the image, and, where a medium is fitted, NAME.clear.png, the render without
      * lamp and medium */
     int images;
-    /* 1: also NAME.depth.png (near is bright) and NAME.depth.pfm (float camera z as of oxl_render, 0: no
+    /* 1: also NAME.depth.png (near is bright) and NAME.depth.pfm (float camera z as from oxl_render, 0: no
      * surface) */
     int depth;
     double unit; /* factor of depths: metres per unit of the scene; 0: none (0) */
@@ -258,12 +258,12 @@ OXL_API const char *oxl_json_value(const char *key); /* the value of a key */
 OXL_API const char *oxl_json_end(const char *value);
 /* Reads a number, whatever the locale, and moves the cursor past it; NaN: there is none. */
 OXL_API double oxl_json_number_at(const char **cursor);
-/* Unescapes a string into `size` bytes, terminated; returns its length, or 0 if the value is no string or
+/* Unescapes a string into `size` bytes, terminated; returns its length, or 0 if the value is not a string or
  * `size` is less than oxl_json_room. */
 OXL_API size_t oxl_json_text(const char *value, char *out, size_t size);
 /* Returns the size that oxl_json_text needs for a string, else 0. */
 OXL_API size_t oxl_json_room(const char *value);
-/* Writes the character at s as a string of JSON has it, and returns the number of its bytes in s. */
+/* Writes the character at s as it is written in a JSON string, and returns the number of its bytes in s. */
 OXL_API size_t oxl_json_escape(const char *s, char out[8]);
 /* Writes a number as text that parses to the same value, or "null" if it is not finite; returns out. */
 OXL_API const char *oxl_json_number_text(char out[48], double value);
