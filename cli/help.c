@@ -20,13 +20,13 @@ static const struct {
     const char *name, *what;
 } HELP_OUTPUTS[] = {
     {"scene.ply",
-     "the model, which any viewer opens. It has the SH degrees in use, and second lobes in an element of "
-     "their own."},
-    {"scene_standard.ply", "the same model in the 62 columns that every viewer reads; written where "
-                           "scene.ply has other columns."},
+     "the model, for most viewers. It has the SH degrees in use, and second lobes in an element of their "
+     "own."},
+    {"scene_standard.ply", "the model for viewers, in the 62 columns that all read; "
+                           "written where scene.ply has other columns."},
     {"scene_clear.ply, imaging.txt",
-     "the model without its medium or, if images differ only by gains, the model that needs gains; and "
-     "the parameters of exposure, lamp, medium and poses. eval and render use both files."},
+     "the model without its medium or, if images differ only by gains, the model trained with gains; "
+     "and the parameters of exposure, lamp, medium and poses. eval and render use both files."},
     {"metrics.json",
      "psnr, plain_psnr, cc_psnr, shown_psnr, ssim and structure of each held-out view, and their means; psnr, cc_psnr, structure and flag (misfit, exposure, no structure) of training views; gaussians, bytes, seconds, iterations, peak_rss_bytes."},
     {"run.json",

@@ -81,7 +81,7 @@ static void lobes_record(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option lobes_options[] = {
-{"dog", "off|selective|all", OXL_OPTION_CHOICE, OPTION_AT(train.dog), 0, 2, PRESETS("off", "off", "selective"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Scene content", "give Gaussians a second, negative lobe (difference of Gaussians): gains 0 to 0.2 dB at an equal file size and takes 10 to 20 % more time"},
+{"dog", "off|selective|all", OXL_OPTION_CHOICE, OPTION_AT(train.dog), 0, 2, PRESETS("off", "off", "selective"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Scene content", "give Gaussians a second, negative lobe (difference of Gaussians): gains 0 to 0.2 dB at an equal file size and takes 10 to 60 % more time"},
 {0}};
 /* clang-format on */
 
