@@ -239,3 +239,16 @@ TEST(budget_predicts_the_gaussians_of_a_scene_without_points)
     CHECK(survey.seconds > 0);
     CHECK_TEXT(survey.warnings, "starts from depth maps");
 }
+
+TEST(budget_predicts_few_gaussians_where_most_pixels_are_transparent)
+{
+    const oxl_job_options o = oxl_job_options_default(OXL_PRESET_STANDARD);
+    OWNED_SCENE *scene = test_load(job_test_survey(), NULL);
+    for (int transparent = 0; transparent < 2; transparent++) {
+        struct cost_load load;
+        scene->transparent = transparent;
+        load = cost_load_of_scene(scene);
+        load.schedule_pixels = 6.4e7, load.largest = 640000; /* 100 views of 800 x 800 px */
+        CHECK((cost_gaussians(&o, &load) < 10.0 * SCENE_START_HULL) == transparent);
+    }
+}

@@ -154,8 +154,8 @@ static void survey_write_warnings(oxl_survey *s, int one_place)
     if (s->points == 0)
         survey_add(s->warnings,
                    s->outlined
-                       ? "the survey has no points: training starts from random ones within the "
-                         "images' outlines\n"
+                       ? "the survey has no points: training starts from depth maps of its images or, "
+                         "without depth, from random points within their outlines\n"
                        : "the survey has no points: training starts from depth maps of its images, which "
                          "need texture and overlap; export points3D as well\n");
     else if (s->points < 500)

@@ -86,6 +86,7 @@ struct cost_load {               /* Counts what a survey or a block loads memory
     /* px of all views; of the training views; of the largest view */
     double pixels, schedule_pixels, largest;
     double largest_file; /* px of the largest image file */
+    double stereo;       /* most points of depth maps */
     /* Gaussians of other blocks in its views, per Gaussian of its own */
     double surroundings;
     double survey; /* bytes of the survey's points outside of a block */
