@@ -904,6 +904,29 @@ TEST(job_of_one_block_writes_what_the_library_does_byte_for_byte)
     }
 }
 
+/* Waits at the last step of the first run until the time is over. */
+static int job_test_wait(void *user, const oxl_progress *p)
+{
+    const double *until = user;
+    while (p->iteration == 40 && os_seconds() < *until) continue;
+    return 0;
+}
+
+TEST(time_limit_is_that_of_both_runs_of_a_training)
+{
+    NEEDS_PART(exposure);
+    oxl_train_options o = job_test_options().train;
+    double until;
+    const oxl_callback callback = {job_test_wait, &until};
+    oxl_trained t = {.finished = 1};
+    OWNED_SCENE *scene = test_load(job_test_survey(), NULL);
+    o.iterations = 40, o.exposure = OXL_ON, o.max_seconds = 1;
+    until = os_seconds() + 1.1;
+    CHECK_OK(oxl_train(test_ctx, scene, &o, &callback, &t));
+    CHECK(!t.finished && t.model.count > 0 && t.viewer.count == 0);
+    oxl_trained_free(test_ctx, &t);
+}
+
 TEST(job_evaluates_what_the_library_renders)
 {
     NEEDS_PART(exposure);

@@ -421,8 +421,10 @@ static void option_get_bytes(size_t bytes, char *out, size_t size)
 
 static void option_get_choice(const char *words, int choice, char *out, size_t size)
 {
-    for (; choice > 0 && *words; choice--) words += strcspn(words, "|") + (words[strcspn(words, "|")] != 0);
-    snprintf(out, size, "%.*s", choice ? 0 : (int)strcspn(words, "|"), words);
+    int left = choice;
+    for (; left > 0 && *words; left--) words += strcspn(words, "|") + (words[strcspn(words, "|")] != 0);
+    if (left || !*words) snprintf(out, size, "%d", choice);
+    else snprintf(out, size, "%.*s", (int)strcspn(words, "|"), words);
 }
 
 static void option_get_three(const double v[3], int single, char *out, size_t size)

@@ -165,6 +165,8 @@ OXL_INTERNAL oxl_result trained_make(oxl_context *ctx, const oxl_scene *scene,
                                      const oxl_train_options *options, const oxl_callback *callback,
                                      struct train_task *task, oxl_trained *out)
 {
+    const double started = os_seconds();
+    oxl_train_options rest = *options;
     struct trained_run progress = {.callback = callback};
     struct text decisions = {.ctx = ctx};
     oxl_result rc;
@@ -178,7 +180,8 @@ OXL_INTERNAL oxl_result trained_make(oxl_context *ctx, const oxl_scene *scene,
     out->finished = task->finished;
     out->iterations = progress.last.iteration;
     progress.before = options->iterations, progress.seconds = progress.last.seconds;
-    if (rc == OXL_OK) rc = trained_complete(ctx, scene, options, task, &progress, out);
+    if (rest.max_seconds > 0) rest.max_seconds = OXL_MAX(1e-3, rest.max_seconds - (os_seconds() - started));
+    if (rc == OXL_OK) rc = trained_complete(ctx, scene, &rest, task, &progress, out);
     out->seconds = progress.last.seconds;
     if (rc == OXL_OK || (rc == OXL_ERR_INTERRUPTED && out->model.count > 0)) {
         const oxl_result taken = text_take(&decisions, &out->decisions);
