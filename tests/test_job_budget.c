@@ -164,6 +164,7 @@ TEST(budget_counts_of_lamp_and_medium_the_depths_of_tracks_alone)
 
 TEST(budget_thins_a_model_that_does_not_fit)
 {
+    NEEDS_PART(stereo); /* whose depth maps count */
     const struct cost_load load = budget_test_load();
     oxl_job_options o = budget_test_options(0), none = o;
     CHECK(budget_limit_gaussians(&load, &none) && none.train.max_gaussians == o.train.max_gaussians);
