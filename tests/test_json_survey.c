@@ -324,7 +324,11 @@ TEST(nerf_synthetic_trains_on_its_train_file_and_holds_out_its_test_or_val_file)
         jsurvey_write_image("blender/train/r_0.png", 12, 8); /* most have 24 x 16 px */
         if (k == 1)
             test_write("blender/transforms_val.json", "{\"frames\": [" JSURVEY_AT("./train/r_0") "]}");
+        test_write("blender/points3d.ply", "");
+        test_listen();
         OWNED_SCENE *scene = test_load("blender", NULL);
+        CHECK_LOGGED("so no points are read");
+        CHECK(!strstr(strstr(test_said.all, "so no points") + 1, "so no points")); /* of two files */
         CHECK(scene && oxl_scene_view_count(scene) == 5 && scene->stats.test_views == 2);
         for (int i = 0; scene && i < oxl_scene_view_count(scene); i++) {
             const oxl_view *view = oxl_scene_view(scene, i);

@@ -286,7 +286,7 @@ static void nerfstudio_name_ignored(struct colmap_reader *r, const char *json)
 }
 
 /* Reads the points of ply_file_path, and names other files of points that are beside. Points are not
- * essential: without them training starts from random ones. */
+ * essential. */
 static void nerfstudio_points(struct colmap_reader *r, const char *json)
 {
     static const char *const beside[] = {"sparse_pc.ply", "points3d.ply", "points3D.ply", ""};
@@ -296,8 +296,8 @@ static void nerfstudio_points(struct colmap_reader *r, const char *json)
     size_t i = 0;
     name[colmap_safe_name(name, named, name)] = 0;
     path = PATH(folder, "%s", path_longest_tail(folder, name));
-    if (r->rc != OXL_OK || r->out->point_count || r->given.points)
-        return; /* Files of several splits name the same. */
+    if (r->rc != OXL_OK || r->out->image_count || r->given.points)
+        return; /* The file of another split was read first. */
     if (named && os_is_file(path)) {
         r->rc = ply_points_read(r, path);
         return;
@@ -332,8 +332,8 @@ OXL_INTERNAL void nerfstudio_read(struct colmap_reader *r, const struct os_file_
                          "images/, as in the file of training images");
     if (r->out->image_count == 0) r->beside = beside;
     if (isnan(file.number[WIDTH]) || isnan(file.number[HEIGHT])) nerfstudio_measure_image(r, &file);
+    nerfstudio_points(r, json);
     nerfstudio_frames(r, &file);
     nerfstudio_name_ignored(r, json);
-    nerfstudio_points(r, json);
     oxl_free(r->ctx, file.listed.name);
 }
