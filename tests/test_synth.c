@@ -462,7 +462,8 @@ static void synth_test_same_poses(const oxl_scene *a, const oxl_scene *b)
 
 TEST(synth_layouts_of_nerf_and_llff_are_read_and_trained_as_that_of_colmap)
 {
-    NEEDS_PART(antialias); /* Without it, rounding of the poses grows to 0.08 dB. */
+    NEEDS_PART(antialias); /* Without one of the two, rounding of the poses grows to 0.08 dB. */
+    NEEDS_PART(sh_degree);
     synth_options o = synth_test_options("llff");
     OWNED_SCENE *colmap, *nerf;
     double psnr;
