@@ -158,7 +158,7 @@ oxl_result gps_fit(const struct product *p, const char *survey, struct similarit
         return oxl_fail(
             p->ctx, OXL_ERR_INPUT,
             "--gps: %d of %d photos have a GPS position, and the vertical is uncertain by %.0f degrees; expected %d "
-            "positions or more that are not on one line\nfix: give control points to COLMAP's model_aligner instead",
+            "positions or more that are not on one line\nfix: give measured camera positions to COLMAP's model_aligner instead",
             n, views, fmin(tilt, 90), GPS_LEAST);
     print_format(
         p->to,
