@@ -163,8 +163,7 @@ static void camera_check_seen(const struct colmap_camera *c, const oxl_camera *i
             last = pixel[0];
         }
     }
-    CHECK(unseen == 0);
-    CHECK(folded == 0);
+    CHECK(unseen == 0 && folded == 0);
 }
 
 TEST(camera_undistorted_holds_only_pixels_that_were_seen_once)
@@ -214,8 +213,7 @@ TEST(camera_invalid_values_are_refused_with_a_fix)
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
         const struct colmap_camera c = camera_make(cases[i].model, cases[i].width, 480, cases[i].parameter);
         oxl_camera ideal;
-        CHECK(camera_undistorted(test_ctx, &c, &ideal) == OXL_ERR_INPUT);
-        CHECK(ideal.width == 0);
+        CHECK(camera_undistorted(test_ctx, &c, &ideal) == OXL_ERR_INPUT && ideal.width == 0);
         CHECK_SAYS(cases[i].words);
         CHECK_SAYS("fix: ");
         CHECK_SAYS("cameras.txt:4");

@@ -115,8 +115,7 @@ static void colmap_check_same(const char *cameras, const char *images, const cha
     OWNED_COLMAP good = {0}, seen = {0};
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &good));
     CHECK_OK(colmap_try(cameras, images, points, &seen));
-    CHECK(colmap_same(&good, &seen));
-    CHECK(seen.warnings == warnings);
+    CHECK(colmap_same(&good, &seen) && seen.warnings == warnings);
 }
 
 /* Every `from` becomes `to`. */

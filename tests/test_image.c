@@ -199,8 +199,7 @@ TEST(image_alpha_of_a_png_is_ignored_unless_it_is_asked_for)
 static void image_refused(const char *path, const char *words)
 {
     oxl_image image;
-    CHECK(oxl_image_read(test_ctx, path, &image) == OXL_ERR_INPUT);
-    CHECK(image.rgb == NULL && image.width == 0);
+    CHECK(oxl_image_read(test_ctx, path, &image) == OXL_ERR_INPUT && image.rgb == NULL && image.width == 0);
     CHECK_SAYS(path);
     CHECK_SAYS(words);
     CHECK_SAYS("fix: ");

@@ -178,8 +178,7 @@ TEST(job_that_is_stopped_keeps_its_model_and_does_not_count_as_finished)
     job_test_done("out", &options);
     test_ctx->options.seed = 2; /* another job in the same folder */
     options.restart = 1;
-    CHECK(job_test_watched("out", &options, &watch) == OXL_ERR_INTERRUPTED);
-    CHECK(watch.calls == 5);
+    CHECK(job_test_watched("out", &options, &watch) == OXL_ERR_INTERRUPTED && watch.calls == 5);
     test_read_model("out/scene.ply", &model);
     CHECK(model.count >= 60);
     CHECK_IN("out/run.json", "\"finished\": false");
@@ -235,8 +234,7 @@ TEST(job_options_that_cannot_be_are_refused_before_anything_is_written)
 {
     oxl_job_options options = job_test_options();
     options.train.coarse = 2;
-    CHECK(job_test_run("out", &options) == OXL_ERR_USAGE);
-    CHECK(!test_has("out/run.json"));
+    CHECK(job_test_run("out", &options) == OXL_ERR_USAGE && !test_has("out/run.json"));
 }
 
 TEST(job_in_blocks_is_about_as_good_as_in_one_for_the_same_work)
@@ -293,8 +291,7 @@ TEST(job_in_blocks_that_is_stopped_anywhere_ends_in_the_same_bytes)
         char out[32], scene[48];
         snprintf(out, sizeof out, "stop%d", stops[i]);
         snprintf(scene, sizeof scene, "%s/scene.ply", out);
-        CHECK(job_test_watched(out, &options, &watch) == OXL_ERR_INTERRUPTED);
-        CHECK(!test_has(scene));
+        CHECK(job_test_watched(out, &options, &watch) == OXL_ERR_INTERRUPTED && !test_has(scene));
         job_test_done(out, &options);
         CHECK(job_test_same("whole/scene.ply", scene));
     }
@@ -590,8 +587,7 @@ TEST(survey_counts_what_the_files_hold)
     char *json = NULL;
     CHECK_OK(oxl_check(test_ctx, job_test_survey(), NULL, 0, &s));
     CHECK(s.images == 9 && s.images_missing == 0 && s.test_views == 2 && s.train_views == 7);
-    CHECK(s.cameras == 1 && s.cameras_distorted == 0 && s.width == 48 && s.height == 32);
-    CHECK(s.points == 60);
+    CHECK(s.cameras == 1 && s.cameras_distorted == 0 && s.width == 48 && s.height == 32 && s.points == 60);
     CHECK_CLOSE(s.mean_track, 2, 1e-12);
     CHECK_CLOSE(s.mean_error, 0.5, 1e-6);
     CHECK_CLOSE(s.bounds_max[2], 4, 1e-6);
@@ -787,8 +783,7 @@ TEST(job_with_gains_alone_writes_a_model_for_viewers_that_needs_none)
     options.train.lamp = options.train.medium = OXL_OFF;
     options.train.iterations = 60;
     job_test_done("out", &options);
-    CHECK(test_has("out/blocks/000/model_standard.ply"));
-    CHECK(job_test_shows_viewers("out") != 0);
+    CHECK(test_has("out/blocks/000/model_standard.ply") && job_test_shows_viewers("out") != 0);
     plain = job_test_evaluate("out/scene.ply", 0).psnr;
     CHECK(os_remove(test_path("out/scene_clear.ply")) == 0); /* a model of before: it has none of the gains */
     CHECK(fabs(job_test_evaluate("out/scene.ply", 1).psnr - plain) > 1e-6);
@@ -888,8 +883,7 @@ TEST(job_of_one_block_writes_what_the_library_does_byte_for_byte)
         CHECK_OK(oxl_job_run(test_ctx, test_path(survey), test_path("command"), &options, NULL));
         OWNED_SCENE *scene = test_load(survey, &options.scene);
         CHECK_OK(oxl_train(test_ctx, scene, o, NULL, &trained));
-        CHECK(trained.finished && trained.iterations == 60);
-        CHECK((trained.viewer.count > 0) == (k < 3));
+        CHECK(trained.finished && trained.iterations == 60 && (trained.viewer.count > 0) == (k < 3));
         test_make_folder("library");
         CHECK_OK(oxl_trained_write(test_ctx, test_path("library"), scene, &trained));
         for (int f = 0; f < 4; f++) {

@@ -72,8 +72,7 @@ TEST(budget_refuses_what_cannot_fit_and_names_a_flag_that_would)
     oxl_job_options o = budget_test_options(1e8), enough;
     const char *fix;
     double mb = 0;
-    CHECK(!budget_fit(&load, &o));
-    CHECK(budget_refuse(test_ctx, &load, &o) == OXL_ERR_BUDGET);
+    CHECK(!budget_fit(&load, &o) && budget_refuse(test_ctx, &load, &o) == OXL_ERR_BUDGET);
     fix = strstr(oxl_error_text(test_ctx), "--ram ");
     CHECK(fix != NULL);
     if (fix) mb = atof(fix + 6);

@@ -377,10 +377,8 @@ TEST(nerf_synthetic_of_any_of_its_files_is_read)
     jsurvey_write_blender("transforms_test.json");
     jsurvey_write_image("blender/test/r_0_depth_0001.png", 24, 16);
     jsurvey_write_image("blender/train/r_0_normal_0001.png", 24, 16);
-    CHECK(strcmp(jsurvey_splits("train"), "-++") == 0);
-    CHECK(strcmp(jsurvey_splits("test"), "--") == 0);
-    CHECK(strcmp(jsurvey_splits("val"), "-") == 0);
-    CHECK(strcmp(jsurvey_splits("val test"), "--") == 0);
+    CHECK(strcmp(jsurvey_splits("train"), "-++") == 0 && strcmp(jsurvey_splits("test"), "--") == 0);
+    CHECK(strcmp(jsurvey_splits("val"), "-") == 0 && strcmp(jsurvey_splits("val test"), "--") == 0);
     CHECK(strcmp(jsurvey_splits("train test"), "--+++") == 0);
 }
 

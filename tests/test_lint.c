@@ -20,8 +20,7 @@ TEST(lint_finds_nothing_in_a_valid_survey)
 {
     oxl_survey s;
     CHECK_OK(oxl_check(test_ctx, lint_survey(), NULL, 0, &s));
-    CHECK(s.foreign == 0 && s.unusable == 0 && s.masked == 0);
-    CHECK(test_said.warning[0] == 0);
+    CHECK(s.foreign == 0 && s.unusable == 0 && s.masked == 0 && test_said.warning[0] == 0);
 }
 
 TEST(lint_counts_images_and_masks_that_cannot_be_used)

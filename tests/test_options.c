@@ -47,8 +47,7 @@ TEST(options_of_parts_in_preset_paper_are_those_of_the_paper)
     NEEDS_PART(prune);
     NEEDS_PART(lobes);
     NEEDS_PART(sh_degree);
-    CHECK(o.sh_degree == 3);
-    CHECK(o.ucd == OXL_UCD_SEARCH);
+    CHECK(o.sh_degree == 3 && o.ucd == OXL_UCD_SEARCH);
     CHECK(o.keep.kind == OXL_KEEP_FRACTION && o.keep.value == 0.5 && o.dog == OXL_DOG_SELECTIVE);
 }
 

@@ -371,8 +371,7 @@ TEST(unseen_gaussians_are_removed_and_no_training_view_changes)
     for (int v = 0; v < 2; v++) scene->view[v].is_test = v;
     CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 0)->camera, NULL, &before, NULL));
     CHECK_OK(unseen_drop(test_ctx, scene, &model));
-    CHECK(model.count == 2);
-    CHECK(model.plane[OXL_SH][0] == 0 && model.plane[OXL_SH][1] == -9);
+    CHECK(model.count == 2 && model.plane[OXL_SH][0] == 0 && model.plane[OXL_SH][1] == -9);
     CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 0)->camera, NULL, &after, NULL));
     CHECK(memcmp(before.rgb, after.rgb, 3 * 40 * 30 * sizeof(float)) == 0);
 }
@@ -650,16 +649,18 @@ TEST(gps_of_photos_is_read_and_becomes_utm)
 {
     static const struct {
         double place[3], utm[3];
-        int zone;
-    } row[] = {{{63.4305, 10.3951, 12.5}, {569618.6286, 7034313.8490, 12.5}, 32},
-               {{-33.8568, 151.2153, -2.25}, {334900.5697, 6252288.7529, -2.25}, 56}};
+        int epsg;
+    } row[] = {{{63.4305, 10.3951, 12.5}, {569618.6286, 7034313.8490, 12.5}, 32632},
+               {{-33.8568, 151.2153, -2.25}, {334900.5697, 6252288.7529, -2.25}, 32756}};
     for (int i = 0; i < 4; i++) {
         double place[3], utm[3];
         ortho_test_photo("a.jpg", i / 2, row[i % 2].place);
         CHECK(gps_of_view(NULL, test_path("survey"), "a.jpg", place));
         ortho_test_close(place, row[i % 2].place, 1e-9);
-        gps_utm(row[i % 2].place, row[i % 2].zone, utm);
+        gps_utm(row[i % 2].place, row[i % 2].epsg, utm);
         ortho_test_close(utm, row[i % 2].utm, 1e-3);
+        gps_utm((double[3]){-0.001, 9}, 32632, utm); /* south of the equator, of a survey that begins north */
+        CHECK_CLOSE(utm[1], -110.53, 0.01);
     }
     CHECK(!gps_of_view(NULL, test_path("survey"), "none.jpg", (double[3]){0}));
 }
@@ -685,7 +686,7 @@ TEST(gps_turns_a_survey_into_utm_metres_with_up_without_what_is_off)
                                             "4.jpg", "5.jpg", "6.jpg", "7.jpg"};
         double place[3] = {63.4305 + 0.00008 * (i / 4), 10.3951 + 0.00014 * (i % 4), 12.5 + 0.1 * (i % 3)},
                eye[3];
-        gps_utm(place, 32, eye);
+        gps_utm(place, 32632, eye);
         similarity_apply(&back, eye, eye);
         view[i] = (oxl_view){.name = names[i], .camera = ORTHO_TEST_CAMERA};
         frame_place(&view[i].camera, eye);

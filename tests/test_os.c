@@ -58,8 +58,7 @@ TEST(os_writing_replaces_what_was_there_and_leaves_nothing_else)
         CHECK_OK(os_writer_open(test_ctx, path, &writer));
         fputs("new", writer.file);
         fflush(writer.file);
-        CHECK(os_file_holds(path, "a long first text"));
-        CHECK(os_writer_close(test_ctx, &writer, rc) == rc);
+        CHECK(os_file_holds(path, "a long first text") && os_writer_close(test_ctx, &writer, rc) == rc);
         CHECK(os_file_holds(path, discarded ? "a long first text" : "new"));
         CHECK(os_entries("a") == 101);
     }
@@ -101,9 +100,7 @@ TEST(os_a_full_disk_is_noticed_and_the_old_file_stays)
     fwrite(data, 1, sizeof data, writer.file); /* nobody looked at its result */
     rc = os_writer_close(test_ctx, &writer, OXL_OK);
     setrlimit(RLIMIT_FSIZE, &old);
-    CHECK(rc == OXL_ERR_IO);
-    CHECK(os_file_holds(path, "old"));
-    CHECK(os_entries("a") == 101);
+    CHECK(rc == OXL_ERR_IO && os_file_holds(path, "old") && os_entries("a") == 101);
 }
 #endif
 
@@ -143,8 +140,7 @@ TEST(os_a_listing_names_every_entry_but_the_folder_itself)
     test_write("one", "");
     test_write("two words", "");
     test_make_folder("three");
-    CHECK(os_entries("two words") == 103);
-    CHECK(os_entries("three") == 103);
+    CHECK(os_entries("two words") == 103 && os_entries("three") == 103);
     CHECK_ERROR(os_list_folder(test_ctx, test_path("nothing"), os_count_entry, NULL), OXL_ERR_IO, "/nothing");
 }
 

@@ -90,8 +90,7 @@ static void partition_test_check_homes(const struct partition *p, const oxl_scen
     for (size_t i = 0; i < c->point_count; i++) {
         double at[3];
         partition_to_frame(p, c->point[i].position, at);
-        CHECK(partition_test_homes(p, at) == 1);
-        CHECK(partition_contains(&p->block[p->plan->owner[i]].box, at));
+        CHECK(partition_test_homes(p, at) == 1 && partition_contains(&p->block[p->plan->owner[i]].box, at));
     }
     for (int i = 0; i < p->block_count; i++) sum += p->block[i].points;
     CHECK(sum == c->point_count);

@@ -80,8 +80,7 @@ static void ply_test_check_types(const char *path)
     for (int c = 0; c < 8; c++) target[c].as_double = got[c];
     target[6].as_float = as_float;
     CHECK_OK(ply_read(test_ctx, &ply, 0, target));
-    CHECK(!memcmp(got, wanted, sizeof got));
-    CHECK(as_float[0] == -1.5f && as_float[1] == tenth);
+    CHECK(!memcmp(got, wanted, sizeof got) && as_float[0] == -1.5f && as_float[1] == tenth);
 }
 
 TEST(ply_binary_files_of_both_endians_give_each_type_exactly)

@@ -60,8 +60,7 @@ TEST(poses_gradient_agrees_with_finite_differences)
         for (int lobes = 0; lobes <= 4; lobes += 4) {
             OWNED_WIDE r = {0};
             wide_smooth(&r, 6, lobes, degree, 12, 0.3);
-            CHECK(kernels_forward(&r) == 6);
-            CHECK(poses_worst(&r) < 1e-8);
+            CHECK(kernels_forward(&r) == 6 && poses_worst(&r) < 1e-8);
             r.antialias = 1;
             CHECK(poses_worst(&r) < 1e-8);
         }
@@ -177,8 +176,7 @@ TEST(poses_that_are_off_by_a_pixel_are_found)
     oxl_model_free(test_ctx, &model);
     options.poses = OXL_ON;
     model = test_trained(scene, &options);
-    CHECK(poses_error(scene, truth) < 0.5 * before);
-    CHECK(train_psnr(scene, &model) > psnr + 1);
+    CHECK(poses_error(scene, truth) < 0.5 * before && train_psnr(scene, &model) > psnr + 1);
 }
 
 TEST(poses_of_a_view_that_is_far_off_are_searched_in_its_render)

@@ -20,8 +20,7 @@ TEST(prune_keep_reads_shares_counts_and_sizes)
     static const char *const wrong[] = {"", "0", "-0.5", "half", "80MBit", "nan", "0.5x", "inf", "MB", "1,5"};
     oxl_keep keep;
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
-        CHECK(option_read_keep(cases[i].text, &keep));
-        CHECK(keep.kind == cases[i].kind);
+        CHECK(option_read_keep(cases[i].text, &keep) && keep.kind == cases[i].kind);
         CHECK_CLOSE(keep.value, cases[i].value, 1e-6);
     }
     for (size_t i = 0; i < OXL_COUNT(wrong); i++) {

@@ -67,8 +67,7 @@ TEST(binning_lists_few_blocks_that_no_pixel_needs)
                 listed++, lit += any;
             }
         }
-    CHECK(lit > 10000);
-    CHECK(listed < 1.01 * lit);
+    CHECK(lit > 10000 && listed < 1.01 * lit);
 }
 
 TEST(binning_loses_no_pixel_of_any_splat_or_of_either_lobe)
@@ -365,9 +364,7 @@ TEST(image_and_gradient_are_the_same_bytes_with_1_2_and_7_threads)
         struct raster_result one = raster_run(1, test_ctx->isa, lobes),
                              two = raster_run(2, test_ctx->isa, lobes),
                              seven = raster_run(7, test_ctx->isa, lobes);
-        CHECK(one.gradient.lobes == (size_t)lobes);
-        CHECK(raster_same(&one, &two));
-        CHECK(raster_same(&one, &seven));
+        CHECK(one.gradient.lobes == (size_t)lobes && raster_same(&one, &two) && raster_same(&one, &seven));
         raster_result_free(&one);
         raster_result_free(&two);
         raster_result_free(&seven);

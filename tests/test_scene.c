@@ -215,8 +215,7 @@ TEST(scene_missing_images_are_left_out_up_to_the_stated_fraction)
                 -3, 1e-12);
     oxl_scene_free(test_ctx, scene);
     options.missing_images = 0.2;
-    CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT);
-    CHECK(!scene);
+    CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT && !scene);
     CHECK_SAYS("2 of the 8 images");
     CHECK_SAYS("by a larger --missing-images; or take them out of the file"); /* some were found */
 }
@@ -401,8 +400,7 @@ TEST(scene_images_in_memory_stay_within_the_cache)
     for (int i = 0; i < 40; i++) {
         const int view = (int)(random_bits(1, (uint64_t)i, 0) % 5);
         const struct training_image *image = scene_image(test_ctx, scene, view);
-        CHECK(image && image->rgb[0] == view + 1);
-        CHECK(scene->cache->held <= 2 * one);
+        CHECK(image && image->rgb[0] == view + 1 && scene->cache->held <= 2 * one);
     }
     oxl_scene_free(test_ctx, scene);
     scene = test_load(path, &options);
@@ -582,8 +580,7 @@ TEST(scene_from_arrays_is_sorted_and_keeps_what_it_was_given)
     CHECK(scene_colmap(scene) == NULL);
     oxl_scene_free(test_ctx, scene);
     view[1].camera.width = 5;
-    CHECK(oxl_scene_from_arrays(test_ctx, view, image, 3, &point, 1, &scene) == OXL_ERR_USAGE);
-    CHECK(!scene);
+    CHECK(oxl_scene_from_arrays(test_ctx, view, image, 3, &point, 1, &scene) == OXL_ERR_USAGE && !scene);
     CHECK(oxl_scene_from_arrays(test_ctx, view, image, 0, NULL, 0, &scene) == OXL_ERR_USAGE);
     for (int i = 0; i < 3; i++) oxl_image_free(test_ctx, &image[i]);
 }

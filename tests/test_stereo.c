@@ -76,8 +76,7 @@ TEST(stereo_points_are_on_the_surface_that_views_agree_on)
             wrong += !(fabs(point[i].rgb[0] - level) < 40);
             inside += hypot(x - 1.5, y) < 0.8;
         }
-        CHECK(inside > 50);
-        CHECK(wrong <= count / 100);
+        CHECK(inside > 50 && wrong <= count / 100);
         oxl_free(test_ctx, point);
     }
 }

@@ -365,8 +365,7 @@ TEST(train_learns_views_that_it_has_not_seen)
     oxl_train_options options = train_options(300);
     OWNED_MODEL start = test_points(scene, 0);
     OWNED_MODEL model = test_trained(scene, &options);
-    CHECK(train_psnr(scene, &start) < 15);
-    CHECK(train_psnr(scene, &model) > 25);
+    CHECK(train_psnr(scene, &start) < 15 && train_psnr(scene, &model) > 25);
     CHECK(model.sh_degree == 1 || !test_has_part("sh_degree"));
 }
 
@@ -839,8 +838,7 @@ TEST(train_follows_a_density_rule)
     OWNED_MODEL plain = test_trained(scene, &o);
     o.terms = &terms;
     OWNED_MODEL halved = test_trained(scene, &o);
-    CHECK(times > 1 && plain.count > points);
-    CHECK(halved.count == (points + 1) / 2);
+    CHECK(times > 1 && plain.count > points && halved.count == (points + 1) / 2);
 }
 
 TEST(train_starts_from_a_model_in_its_own_origin)

@@ -17,6 +17,25 @@ TEST(schedule_densifies_three_times_in_short_runs)
         CHECK(times == runs[i][2]);
     }
     CHECK(oxl_train_options_default(OXL_PRESET_STANDARD).densify_every == 100);
+    o.iterations = 9, o.survey_iterations = 40000; /* a block of few points */
+    CHECK(!schedule_resets_opacity_at(&o, 3));
+}
+
+/* A strip, of which each view sees one point; every eighth view is held out. */
+TEST(train_starts_from_all_points_that_training_views_see)
+{
+    enum { VIEWS = 512 };
+    static oxl_view view[VIEWS];
+    static oxl_point point[VIEWS];
+    const oxl_scene scene = {.view = view, .view_count = VIEWS, .point = point, .point_count = VIEWS};
+    OWNED_MEMORY oxl_point *some = NULL;
+    size_t count;
+    for (int v = 0; v < VIEWS; v++) {
+        view[v] = (oxl_view){.camera = test_camera(8, 8, 8, 4 * v, 0, -2), .is_test = v % 8 == 0};
+        point[v].position[0] = 4 * v;
+    }
+    CHECK_OK(train_some_points(test_ctx, &scene, VIEWS, &some, &count));
+    CHECK(count == VIEWS / 8 * 7);
 }
 
 /* Drafts of caliterra at 640 px, subvo_pool at 1028 px and brighton_beach at 964 px; caliterra at 960 px and
@@ -115,11 +134,9 @@ TEST(cost_judges_a_training_view_for_twenty_iterations)
 {
     OWNED_SCENE *scene = train_scene(14);
     const int training = schedule_training_views(scene), held = oxl_scene_view_count(scene) - training;
-    CHECK(training > 8);
-    CHECK(cost_judged_views(scene, 1) == 6 && cost_judged_views(scene, 160) == 8);
+    CHECK(training > 8 && cost_judged_views(scene, 1) == 6 && cost_judged_views(scene, 160) == 8);
     CHECK(cost_judged_views(scene, 20 * training) == training);
-    CHECK(cost_judged_views(scene, 30000) == training);
-    CHECK(cost_evaluation_steps(scene, 160) == 3 * held + 8);
+    CHECK(cost_judged_views(scene, 30000) == training && cost_evaluation_steps(scene, 160) == 3 * held + 8);
     for (int i = 0; i < training + held; i++) scene->view[i].is_test = 0;
     CHECK(cost_evaluation_steps(scene, 160) == 3 * (training + held)); /* which the metrics are of then */
 }

@@ -370,8 +370,7 @@ static void vulkan_compare_models(const oxl_model *a, const oxl_model *b, double
 
 static void vulkan_same_trained(const struct trained_model *a, const struct trained_model *b)
 {
-    CHECK(test_same_model(&a->model, &b->model));
-    CHECK(test_same_model(&a->mean, &b->mean));
+    CHECK(test_same_model(&a->model, &b->model) && test_same_model(&a->mean, &b->mean));
     CHECK(test_same_model(&a->square, &b->square));
 }
 
@@ -1172,8 +1171,7 @@ static void vulkan_check_given_up(struct vulkan_run *run, int calls, const char 
     VULKAN_FAIL(QueueSubmit, 0, -1, VK_ERROR_DEVICE_LOST);
     VULKAN_FAIL(WaitForFences, 0, -1, VK_ERROR_DEVICE_LOST);
     v->DestroyDevice = vulkan_play_destroy;
-    CHECK(vulkan_run_forward(run) == OXL_ERR_FAILED);
-    CHECK(renderer_image(run->r, &image) == OXL_ERR_FAILED);
+    CHECK(vulkan_run_forward(run) == OXL_ERR_FAILED && renderer_image(run->r, &image) == OXL_ERR_FAILED);
     vulkan_close_now();
     CHECK(vulkan_played == 0);
 }
@@ -1572,8 +1570,7 @@ DEVICE_TEST(vulkan_deferred_steps_get_along_with_room_for_the_pairs_that_there_a
         if (k) CHECK(r->room * 32 <= vulkan_largest && r->kept.size <= vulkan_largest);
         vulkan_refusals = 0;
         vulkan_steps(&d[k], 3, 3);
-        CHECK(vulkan_refusals == 0);
-        CHECK(vulkan_reports(&d[k], 1) && d[k].report.halt == HALT_NONE);
+        CHECK(vulkan_refusals == 0 && vulkan_reports(&d[k], 1) && d[k].report.halt == HALT_NONE);
         CHECK(vulkan_reports(&d[k], 1) && (k || d[k].report.halt == HALT_NONE));
         renderer_defer(d[k].r, 0);
         if (d[k].report.halt == HALT_PAIRS) vulkan_steps(&d[k], 3, 3); /* a pair more, and it is repeated */

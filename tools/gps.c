@@ -48,9 +48,9 @@ static double gps_value(const struct gps_exif *e, size_t directory, int tag)
     const size_t at = gps_entry(e, directory, tag), sign = gps_entry(e, directory, tag - 1);
     const size_t from = (size_t)gps_number(e, at, 4);
     double value = 0;
+    if (!at) return NAN;
     for (size_t i = 0; i < (size_t)gps_number(e, at - 4, 4) && i < 3; i++)
         value += gps_number(e, from + 8 * i, 4) / gps_number(e, from + 8 * i + 4, 4) / pow(60, (double)i);
-    if (!at) return NAN;
     return sign && strchr("SW\1", e->data[sign]) && e->data[sign] ? -value : value;
 }
 
@@ -94,20 +94,20 @@ void gps_say(const oxl_scene *scene, const char *images, const char *survey, FIL
 
 /* ---------------- UTM */
 
-static void gps_utm(const double place[3], int zone, double out[3])
+static void gps_utm(const double place[3], int epsg, double out[3])
 {
     /* of the ellipsoid, with the scale of UTM: quarter circle by pi / 2 in metres, eccentricity, Krueger's coefficients */
     static const double length = 6364902.166165087, e = 0.08181919084262149, degree = 0.017453292519943295,
                         alpha[] = {8.377318188192541e-4, 7.608496958699166e-7, 1.2034877875966646e-9};
     const double s = sin(place[0] * degree), t = sinh(atanh(s) - e * atanh(e * s)),
-                 east = (place[1] - 6 * zone + 183) * degree, xi = atan2(t, cos(east)),
+                 east = (place[1] - 6 * (epsg % 100) + 183) * degree, xi = atan2(t, cos(east)),
                  eta = atanh(sin(east) / sqrt(1 + t * t));
     double x = eta, y = xi;
     for (int j = 1; j <= 3; j++) {
         x += alpha[j - 1] * cos(2 * j * xi) * sinh(2 * j * eta);
         y += alpha[j - 1] * sin(2 * j * xi) * cosh(2 * j * eta);
     }
-    out[0] = 500000 + length * x, out[1] = (place[0] < 0 ? 1e7 : 0) + length * y, out[2] = place[2];
+    out[0] = 500000 + length * x, out[1] = (epsg > 32700 ? 1e7 : 0) + length * y, out[2] = place[2];
 }
 
 /* ---------------- the world */
@@ -130,14 +130,13 @@ oxl_result gps_fit(const struct product *p, const char *survey, struct similarit
     const int views = oxl_scene_view_count(p->scene);
     struct match *match = product_room((size_t)views, sizeof *match);
     double left = 0, tilt = 90;
-    int n = 0, zone = 0, used = 0;
+    int n = 0, used = 0;
     for (int i = 0; i < views; i++) {
         const oxl_view *v = oxl_scene_view(p->scene, i);
         double place[3];
         if (!gps_of_view(p->a->job.scene.images, survey, v->name, place)) continue;
-        if (n == 0)
-            zone = (int)floor((place[1] + 180) / 6) % 60 + 1, *epsg = (place[0] < 0 ? 32700 : 32600) + zone;
-        gps_utm(place, zone, match[n].to);
+        if (n == 0) *epsg = (place[0] < 0 ? 32701 : 32601) + (int)floor((place[1] + 180) / 6) % 60;
+        gps_utm(place, *epsg, match[n].to);
         frame_eye(&v->camera, match[n].from);
         match[n++].weight = 1;
     }
@@ -164,6 +163,6 @@ oxl_result gps_fit(const struct product *p, const char *survey, struct similarit
         p->to,
         "gps       %d of %d photos, UTM zone %d (EPSG:%d): %.4g metres per unit; %d left out; the others deviate by "
         "%.2g metres (standard deviation); the vertical is uncertain by %.1f degrees\n",
-        n, views, zone, *epsg, out->scale, n - used, left, tilt);
+        n, views, *epsg % 100, *epsg, out->scale, n - used, left, tilt);
     return OXL_OK;
 }

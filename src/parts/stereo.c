@@ -450,9 +450,10 @@ static int stereo_candidate(const struct stereo_grid *g, int i, int x, int y, st
 {
     const int column = i % g->across, row = i / g->across, from = i + y * g->across + x;
     const int has[4] = {column > 0, column<g->across - 1, row> 0, row < g->down - 1};
+    if ((x || y) && !has[x ? x > 0 : 2 + (y > 0)]) return 0;
     *out = g->cell[from];
     if (x || y) {
-        if (!has[x ? x > 0 : 2 + (y > 0)] || !(g->cell[from].score > STEREO_HOPE)) return 0;
+        if (!(out->score > STEREO_HOPE)) return 0;
         out->w -= (float)STEREO_CELL * ((float)x * out->dx + (float)y * out->dy);
         return 1;
     }

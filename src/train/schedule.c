@@ -173,7 +173,8 @@ OXL_INTERNAL int schedule_resets_opacity_at(const oxl_train_options *o, int step
 {
     const double recovery = OXL_MAX(SCHEDULE_RESET_RECOVERY * schedule_scale(o),
                                     SCHEDULE_RESET_RECOVERY_FRACTION * o->iterations);
-    return step + recovery <= o->densify_until * o->iterations && step % schedule_reset_interval(o) == 0;
+    const int interval = schedule_reset_interval(o); /* 0: of a block of few steps */
+    return step + recovery <= o->densify_until * o->iterations && interval && step % interval == 0;
 }
 
 OXL_INTERNAL double schedule_coarse_fraction(const oxl_train_options *o, int width, int height)

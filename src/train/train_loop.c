@@ -12,24 +12,27 @@
 #define TRAIN_SHORT_RUN_OPACITY 0.7 /* power of it by which the first opacities are multiplied */
 #define TRAIN_OPACITY_MAX 0.3       /* the most that this makes of an opacity */
 enum { TRAIN_FIRST_LEAST = 100 };   /* points that are a start, where the survey has none */
-enum { TRAIN_SEEN = 64 };           /* views in which points are looked for */
+enum { TRAIN_SEEN = 64 };           /* views, evenly spaced, in which points are looked for first */
 enum { TRAIN_SHARE_PAIRS = 1 << 17 }; /* of a Gaussian and a view, from which a share is taken */
 
 /* ---------------- the run */
 
-/* Lists the points that a training view has in its image, of TRAIN_SEEN views at most. */
-static size_t train_seen_points(const oxl_scene *scene, size_t *row)
+/* Lists the points that a training view has in its image. */
+static size_t train_seen_points(oxl_context *ctx, const oxl_scene *scene, size_t *row)
 {
     const int views = scene->view_count, step = (views - 1) / TRAIN_SEEN + 1;
     size_t seen = 0;
+    (void)ctx; /* without OpenMP */
+#pragma omp parallel for schedule(dynamic, 1024) num_threads(ctx->threads)
+    for (int64_t i = 0; i < (int64_t)scene->point_count; i++) {
+        double x[3], at[2];
+        row[i] = 0;
+        for (int k = 0, v = 0; k < views && !row[i]; k++, v = v + step < views ? v + step : v % step + 1)
+            row[i] = !scene->view[v].is_test &&
+                     camera_sees(&scene->view[v].camera, scene->point[i].position, x, at);
+    }
     for (size_t i = 0; i < scene->point_count; i++)
-        for (int v = 0; v < views; v += step) {
-            const oxl_view *view = &scene->view[v];
-            double x[3], at[2];
-            if (view->is_test || !camera_sees(&view->camera, scene->point[i].position, x, at)) continue;
-            row[seen++] = i;
-            break;
-        }
+        if (row[i]) row[seen++] = i;
     return seen;
 }
 
@@ -40,7 +43,7 @@ OXL_INTERNAL oxl_result train_some_points(oxl_context *ctx, const oxl_scene *sce
     size_t *row, seen;
     if (all == 0) return scene_start_points(ctx, scene, OXL_MIN(scene_start_count(scene), most), out, count);
     row = oxl_alloc(ctx, all, sizeof *row);
-    seen = row ? train_seen_points(scene, row) : 0;
+    seen = row ? train_seen_points(ctx, scene, row) : 0;
     *count = OXL_MIN(seen, most);
     *out = row ? oxl_alloc(ctx, *count + 1, sizeof **out) : NULL;
     for (size_t i = 0; *out && i < *count; i++)
