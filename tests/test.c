@@ -100,9 +100,11 @@ int test_has(const char *file)
     return os_is_file(test_path("%s", file));
 }
 
-void test_read_model(const char *file, oxl_model *out)
+oxl_model test_read_model(const char *file)
 {
-    CHECK_OK(oxl_model_read(test_ctx, test_path("%s", file), out));
+    oxl_model model;
+    CHECK_OK(oxl_model_read(test_ctx, test_path("%s", file), &model));
+    return model;
 }
 
 oxl_scene *test_load(const char *survey, const oxl_scene_options *options)
@@ -126,6 +128,11 @@ struct os_file_map test_file(const char *file)
     struct os_file_map map;
     CHECK_OK(os_read_file(test_ctx, test_path("%s", file), &map));
     return map;
+}
+
+struct text test_text(void)
+{
+    return (struct text){.ctx = test_ctx};
 }
 
 oxl_image test_image(int width, int height)

@@ -123,13 +123,14 @@ const char *test_folder(void);
 /* "FOLDER/name" in a ring of buffers; a path from the root stays. Functions below take such names. */
 const char *test_path(const char *format, ...);
 int test_has(const char *file);
-void test_read_model(const char *file, oxl_model *out);
+oxl_model test_read_model(const char *file);
 /* Loads a survey; options may be NULL. */
 oxl_scene *test_load(const char *survey, const oxl_scene_options *options);
 /* A scene of these views, whose images are freed. */
 oxl_scene *test_scene(const oxl_view *view, oxl_image *image, int views, const oxl_point *point,
                       size_t points);
 struct os_file_map test_file(const char *file);
+struct text test_text(void); /* empty */
 struct renderer *test_renderer(void);
 /* Renders with default options; the image belongs to the renderer. */
 const float *test_draw(struct renderer *r, const oxl_model *model, const oxl_camera *camera);

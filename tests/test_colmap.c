@@ -290,7 +290,7 @@ TEST(colmap_a_quaternion_of_another_length_is_read_with_a_warning)
 
 TEST(colmap_warnings_name_file_and_line_and_are_cut_after_three_of_a_kind)
 {
-    OWNED_TEXT points = {.ctx = test_ctx};
+    OWNED_TEXT points = test_text();
     OWNED_COLMAP c = {0};
     for (int i = 0; i < 25; i++) text_add(&points, "%d 1 2 3 4 5 6 nan 7 0\n", i);
     test_listen();
@@ -423,7 +423,7 @@ static void colmap_add_points(struct text *t)
 
 TEST(colmap_the_window_does_not_matter_to_rows_and_errors)
 {
-    OWNED_TEXT points = {.ctx = test_ctx};
+    OWNED_TEXT points = test_text();
     OWNED_COLMAP whole = {0};
     struct colmap parts;
     colmap_add_points(&points); /* 1001 lines */

@@ -150,7 +150,7 @@ TEST(colmap_binary_invalid_values_are_handled_as_in_text)
 static struct colmap binary_after(const char *words, const char *images)
 {
     const struct survey_given given = {.folder = images};
-    OWNED_TEXT t = {.ctx = test_ctx};
+    OWNED_TEXT t = test_text();
     struct colmap c, numbers;
     text_add(&t, "cd '%s' && %s", test_path("binary"), words);
     CHECK(system(t.data) == 0);

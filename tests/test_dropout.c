@@ -32,7 +32,7 @@ TEST(train_records_the_rate_of_dropout_in_the_digits_that_were_asked_for)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
     OWNED_SCENE *scene = train_scene(14);
-    OWNED_TEXT decisions = {.ctx = test_ctx};
+    OWNED_TEXT decisions = test_text();
     struct train_task task = {.decisions = &decisions};
     OWNED_MODEL model = {0};
     o.iterations = 1;

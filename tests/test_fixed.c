@@ -67,7 +67,7 @@ static oxl_scene *fixed_survey(enum fixed_kind first, enum fixed_kind second, in
 {
     const size_t pixels = (size_t)FIXED_TEST_W * FIXED_TEST_H;
     oxl_scene_options options = oxl_scene_options_default();
-    OWNED_TEXT images = {.ctx = test_ctx};
+    OWNED_TEXT images = test_text();
     test_write("s/sparse/0/cameras.txt", "1 PINHOLE 96 64 80 80 48 32\n2 PINHOLE 96 64 80 80 48 32\n");
     test_write("s/sparse/0/points3D.txt", "1 0 0 5 90 80 70 0.5 1 0 3 0\n");
     test_make_folder("s/images");

@@ -82,7 +82,7 @@ static unsigned foreign_blind; /* bits of views that are in no track */
 /* rotation: "1 0 0 0" for cameras that look along z. */
 static const char *foreign_survey(int tracks, const char *rotation, int flip)
 {
-    OWNED_TEXT images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    OWNED_TEXT images = test_text(), points = test_text();
     test_write("survey/images/.keep", "");
     for (int i = 0; i < FOREIGN_VIEWS; i++) {
         foreign_image(i, i, FOREIGN_UPRIGHT);
@@ -112,7 +112,7 @@ static const char *foreign_upright(int tracks)
 /* Writes a PLY of the points (0, 2, 3), (1, 2, 3), ... */
 static void foreign_ply(const char *name, int points)
 {
-    OWNED_TEXT t = {.ctx = test_ctx};
+    OWNED_TEXT t = test_text();
     text_add(
         &t,
         "ply\nformat ascii 1.0\nelement vertex %d\nproperty float x\nproperty float y\nproperty float z\nend_header\n",
@@ -232,7 +232,7 @@ static void foreign_other_world(struct text *points, const char *format)
 /* translation: of the camera at x; by numbers %.3f of -x, or, of its place, x */
 static void foreign_check_rotated(const char *rotation, int by_place)
 {
-    OWNED_TEXT images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    OWNED_TEXT images = test_text(), points = test_text();
     foreign_upright(0);
     foreign_other_world(&points, "%d %.4f %.4f %.4f %d %d %d 0.5\n");
     for (int i = 0; i < FOREIGN_VIEWS; i++)
@@ -261,7 +261,7 @@ TEST(rotations_and_places_in_another_convention_are_named)
 static void foreign_check_json(int wrong, const char *other)
 {
     static const char right[] = "[0, 0, -1, -4], [1, 0, 0, %.3f], [0, -1, 0, 0]";
-    OWNED_TEXT json = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    OWNED_TEXT json = test_text(), points = test_text();
     foreign_upright(0);
     text_add(&points,
              "ply\nformat ascii 1.0\nelement vertex %d\nproperty int id\nproperty float x\nproperty float y\n"
@@ -304,7 +304,7 @@ TEST(rotations_of_transforms_that_are_transposed_are_named)
 
 TEST(points_far_from_all_cameras_are_said_not_to_fit)
 {
-    OWNED_TEXT points = {.ctx = test_ctx};
+    OWNED_TEXT points = test_text();
     foreign_upright(0);
     for (int i = 0; i < 200; i++) text_add(&points, "%d %d 500 3 %d 9 9 0\n", i + 1, 1000 + i, i);
     test_write("survey/sparse/0/points3D.txt", points.data);
@@ -330,7 +330,7 @@ TEST(poses_without_points_start_from_points3D_ply_or_from_random_points)
 /* The second half by name shows what the first does, as those of stereo pairs or of two dives do. */
 TEST(images_of_a_survey_taken_twice_are_those_of_the_model)
 {
-    OWNED_TEXT t = {.ctx = test_ctx};
+    OWNED_TEXT t = test_text();
     foreign_upright(1);
     text_add(
         &t,
@@ -566,7 +566,7 @@ TEST(images_are_turned_by_their_exif_orientation_where_the_camera_is_upright)
 
 TEST(images_of_many_cameras_all_have_their_size_on_disk)
 {
-    OWNED_TEXT cameras = {.ctx = test_ctx}, images = {.ctx = test_ctx};
+    OWNED_TEXT cameras = test_text(), images = test_text();
     foreign_upright(1);
     for (int i = 0; i < FOREIGN_VIEWS; i++) {
         text_add(&cameras, "%d PINHOLE 320 224 240 240 160 112\n", i + 1);
@@ -605,7 +605,7 @@ TEST(images_of_a_camera_have_the_size_of_most_and_others_are_named)
 
 TEST(copies_of_images_are_named_and_stay_on_one_side_of_the_split)
 {
-    OWNED_TEXT more = {.ctx = test_ctx};
+    OWNED_TEXT more = test_text();
     foreign_upright(1);
     struct os_file_map file = test_file("survey/sparse/0/images.txt");
     text_add(&more,
@@ -694,7 +694,7 @@ TEST(folders_named_from_here_or_from_the_survey_are_used)
 
 static const char *foreign_transforms(const char *members)
 {
-    OWNED_TEXT t = {.ctx = test_ctx};
+    OWNED_TEXT t = test_text();
     test_write("survey/images/.keep", "");
     for (int i = 0; i < 2; i++) foreign_image(i, i, FOREIGN_UPRIGHT);
     text_add(&t,
@@ -796,7 +796,7 @@ TEST(transforms_are_read_without_the_points_that_they_name)
 
 static int foreign_first_red(const char *type, const char *rows)
 {
-    OWNED_TEXT t = {.ctx = test_ctx};
+    OWNED_TEXT t = test_text();
     foreign_transforms("\"ply_file_path\": \"p.ply\"");
     text_add(
         &t,
@@ -831,12 +831,9 @@ TEST(models_keep_infinite_opacities_and_widths_of_zero)
 {
     oxl_model m;
     test_listen();
-    CHECK_OK(oxl_model_read(
-        test_ctx,
-        test_write(
-            "m.ply",
-            FOREIGN_PLY(FOREIGN_DC, "1 0 0 0 0 0 inf 0 0 -inf 1 0 0 0\n2 0 0 0 0 0 -inf 0 0 0 0 0 0 0\n")),
-        &m));
+    m = test_read_model(test_write(
+        "m.ply",
+        FOREIGN_PLY(FOREIGN_DC, "1 0 0 0 0 0 inf 0 0 -inf 1 0 0 0\n2 0 0 0 0 0 -inf 0 0 0 0 0 0 0\n")));
     CHECK(m.count == 2 && m.not_finite == 0 && m.plane[OXL_OPACITY][0] == 20 &&
           m.plane[OXL_OPACITY][1] == -20 && m.plane[OXL_LOG_SCALE + 2][0] == -87);
     oxl_model_free(test_ctx, &m);
@@ -853,7 +850,6 @@ TEST(models_of_alphas_and_sizes_in_the_place_of_logits_and_logarithms_are_said)
 {
     OWNED_MODEL m = test_model(200, 0);
     for (int k = 0; k < 3; k++) { /* raw, then alphas, then sizes */
-        OWNED_MODEL back;
         for (int i = 0; i < 200; i++) {
             m.plane[OXL_OPACITY][i] = k == 1 ? (float)i / 200 : 0.05f * (float)(i - 100);
             for (int a = 0; a < 3; a++)
@@ -861,7 +857,7 @@ TEST(models_of_alphas_and_sizes_in_the_place_of_logits_and_logarithms_are_said)
         }
         test_write_model("m.ply", &m);
         test_listen();
-        test_read_model("m.ply", &back);
+        OWNED_MODEL back = test_read_model("m.ply");
         if (k == 0) CHECK(!strstr(test_said.warning, "all values"));
         if (k == 1)
             CHECK_WARNED(
@@ -874,12 +870,8 @@ TEST(models_of_alphas_and_sizes_in_the_place_of_logits_and_logarithms_are_said)
 
 TEST(models_with_red_green_blue_have_these_colours)
 {
-    OWNED_MODEL m = {0};
-    CHECK_OK(oxl_model_read(
-        test_ctx,
-        test_write("m.ply",
-                   FOREIGN_PLY(FOREIGN_RGB, "1 0 0 255 0 51 0 0 0 0 1 0 0 0\n2 0 0 0 0 0 0 0 0 0 1 0 0 0\n")),
-        &m));
+    OWNED_MODEL m = test_read_model(test_write(
+        "m.ply", FOREIGN_PLY(FOREIGN_RGB, "1 0 0 255 0 51 0 0 0 0 1 0 0 0\n2 0 0 0 0 0 0 0 0 0 1 0 0 0\n")));
     CHECK(m.count == 2 && m.sh_degree == 0);
     CHECK_CLOSE(m.plane[OXL_SH][0], 0.5 / MODEL_SH0, 1e-6);
     CHECK_CLOSE(m.plane[OXL_SH + 2][0], (0.2 - 0.5) / MODEL_SH0, 1e-6);
@@ -894,9 +886,8 @@ TEST(models_of_mip_splatting_get_their_filter_and_other_columns_are_named)
         "property float rot_1\nproperty float rot_2\nproperty float rot_3\nproperty float filter_3D\n"
         "property float confidence\nend_header\n"
         "1 2 3 0 0 0 0 0 0 0 1 0 0 0 1 5\n"; /* alpha 0.5, widths and filter 1 */
-    OWNED_MODEL m = {0};
     test_listen();
-    CHECK_OK(oxl_model_read(test_ctx, test_write("mip.ply", head), &m));
+    OWNED_MODEL m = test_read_model(test_write("mip.ply", head));
     for (int i = 0; i < 3; i++) CHECK_CLOSE(m.plane[OXL_LOG_SCALE + i][0], 0.5 * log(2.0), 1e-6);
     CHECK_CLOSE(1 / (1 + exp(-m.plane[OXL_OPACITY][0])), 0.5 / sqrt(8.0), 1e-6);
     CHECK_WARNED("this content of the file is not used: confidence\n");
@@ -916,24 +907,20 @@ TEST(models_that_are_text_or_have_logarithms_of_widths_are_said)
     for (int i = 0; i < 3; i++) memcpy(splat + 12 + 4 * i, &log_width, 4);
     memset(splat + 24, 200, 8);
     test_write_bytes("log.splat", splat, sizeof splat);
-    CHECK_OK(oxl_model_read(test_ctx, test_path("log.splat"), &m));
+    m = test_read_model("log.splat");
     CHECK(m.count == 1 && m.plane[OXL_LOG_SCALE][0] == -4);
     CHECK_WARNED("are read as logarithms");
 }
 
 TEST(models_are_known_by_their_bytes_and_names_in_any_case)
 {
-    OWNED_MODEL m = {0}, again = {0};
-    CHECK_OK(oxl_model_read(
-        test_ctx,
-        test_write("M.PLY",
-                   FOREIGN_PLY(FOREIGN_DC, "1 0 0 0 0 0 0 0 0 0 1 0 0 0\n2 0 0 0 0 0 0 0 0 0 1 0 0 0\n")),
-        &m));
+    OWNED_MODEL m = test_read_model(test_write(
+        "M.PLY", FOREIGN_PLY(FOREIGN_DC, "1 0 0 0 0 0 0 0 0 0 1 0 0 0\n2 0 0 0 0 0 0 0 0 0 1 0 0 0\n")));
     test_write_model("A.SPZ", &m);
-    test_read_model("A.SPZ", &again);
+    OWNED_MODEL again = test_read_model("A.SPZ");
     oxl_model_free(test_ctx, &again);
     CHECK(os_rename(test_path("A.SPZ"), test_path("a.ply")) == 0);
-    test_read_model("a.ply", &again);
+    again = test_read_model("a.ply");
     CHECK(again.count == 2);
     oxl_model_free(test_ctx, &again);
     CHECK(oxl_model_write(test_ctx, test_path("a.compressed.ply"), &m) == OXL_ERR_USAGE);
@@ -948,7 +935,6 @@ TEST(models_are_known_by_their_bytes_and_names_in_any_case)
 TEST(spz_keeps_the_precision_of_the_scene_beside_a_far_gaussian)
 {
     enum { ROWS = 200 };
-    OWNED_MODEL again = {0};
     test_listen();
     OWNED_MODEL m = test_model(ROWS, 0);
     for (int i = 0; i < ROWS; i++) m.plane[OXL_MEAN][i] = (float)(i / 97.0);
@@ -956,7 +942,7 @@ TEST(spz_keeps_the_precision_of_the_scene_beside_a_far_gaussian)
     m.plane[OXL_LOG_SCALE][ROWS - 1] = 10;
     test_write_model("far.spz", &m);
     CHECK_WARNED("1 of 200 Gaussians are beyond the format's range");
-    test_read_model("far.spz", &again);
+    OWNED_MODEL again = test_read_model("far.spz");
     CHECK(again.count == ROWS);
     for (int i = 0; i + 1 < ROWS; i++) CHECK(fabs(again.plane[OXL_MEAN][i] - m.plane[OXL_MEAN][i]) < 1e-5);
     /* drawn in, and as wide from the origin as it was */

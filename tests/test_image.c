@@ -47,7 +47,7 @@ static void image_append_png(struct text *t, const uint8_t *rows, int w, int h, 
 static const char *image_test_file(const char *name, int w, int h)
 {
     const char *path = test_path(name);
-    OWNED_TEXT file = {.ctx = test_ctx};
+    OWNED_TEXT file = test_text();
     uint8_t *bytes = oxl_alloc(test_ctx, (size_t)w * h, 3);
     for (int i = 0; i < w * h; i++)
         for (int c = 0; c < 3; c++) bytes[3 * i + c] = image_pattern(i % w, i / w, c);
@@ -61,7 +61,7 @@ static const char *image_test_file(const char *name, int w, int h)
 static const char *image_mask(const char *name, int w, int h, const char *drawing)
 {
     const char *path = test_path(name);
-    OWNED_TEXT file = {.ctx = test_ctx};
+    OWNED_TEXT file = test_text();
     uint8_t bytes[64];
     for (int i = 0; i < w * h; i++) bytes[i] = drawing[i] == '#' ? 0 : 255;
     image_append_png(&file, bytes, w, h, 1);
@@ -114,7 +114,7 @@ TEST(image_colours_that_a_palette_has_not_are_black)
     static unsigned char row[5] = {0, 0, 1, 2, 255}; /* no filter; four pixels */
     static const char head[] = {0, 0, 0, 4, 0, 0, 0, 1, 8, 3, 0, 0, 0}, two[] = {10, 20, 30, 40, 50, 60};
     static const uint8_t wanted[12] = {10, 20, 30, 40, 50, 60};
-    OWNED_TEXT png = {.ctx = test_ctx};
+    OWNED_TEXT png = test_text();
     struct pixels pixels;
     int size;
     unsigned char *packed = codec_deflate(test_ctx, row, 5, &size);
@@ -137,7 +137,7 @@ TEST(image_png_of_linear_light_gets_the_curve_of_srgb_but_no_mask_or_alpha_does)
     int size;
     unsigned char *packed = codec_deflate(test_ctx, row, 5, &size);
     for (int states = 0; states < 2; states++) {
-        OWNED_TEXT png = {.ctx = test_ctx};
+        OWNED_TEXT png = test_text();
         struct pixels pixels;
         const uint8_t wanted[4] = {0, states ? 55 : 128, 255, 55};
         image_append(&png, (void *)(uintptr_t) "\x89PNG\r\n\x1a\n", 8);

@@ -21,7 +21,7 @@ oxl_result job_test_image(const char *path, int view)
 const char *job_test_survey_of(int count)
 {
     const int across = count / 6;
-    OWNED_TEXT images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    OWNED_TEXT images = test_text(), points = test_text();
     test_write("survey/images/.keep", "");
     for (int i = 0; i < JOB_VIEWS; i++) {
         CHECK_OK(job_test_image(test_path("survey/images/%d.png", i), i));
@@ -56,7 +56,7 @@ int job_test_has(const char *file, const char *words)
 /* The first `from` in a file becomes `to`. */
 void job_test_replace(const char *file, const char *from, const char *to)
 {
-    OWNED_TEXT t = {.ctx = test_ctx};
+    OWNED_TEXT t = test_text();
     const char *at;
     OWNED_FILE map = test_file(file);
     at = strstr(map.data, from);
@@ -95,10 +95,9 @@ TEST(job_begins_viewers_at_a_training_view)
     const oxl_job_options options = job_test_options();
     const char *survey = job_test_survey();
     oxl_scene_options load = oxl_scene_options_default();
-    OWNED_MODEL model = {0};
     int same = 0;
     job_test_done("out", &options);
-    test_read_model("out/scene.ply", &model);
+    OWNED_MODEL model = test_read_model("out/scene.ply");
     load.test_every = 8;
     OWNED_SCENE *scene = test_load(survey, &load);
     for (int v = 0; scene && v < oxl_scene_view_count(scene); v++) {
@@ -174,12 +173,11 @@ TEST(job_that_is_stopped_keeps_its_model_and_does_not_count_as_finished)
 {
     oxl_job_options options = job_test_options();
     struct job_test_watch watch = {0, 5};
-    OWNED_MODEL model = {0};
     job_test_done("out", &options);
     test_ctx->options.seed = 2; /* another job in the same folder */
     options.restart = 1;
     CHECK(job_test_watched("out", &options, &watch) == OXL_ERR_INTERRUPTED && watch.calls == 5);
-    test_read_model("out/scene.ply", &model);
+    OWNED_MODEL model = test_read_model("out/scene.ply");
     CHECK(model.count >= 60);
     CHECK_IN("out/run.json", "\"finished\": false");
     CHECK(!test_has("out/metrics.json"));
@@ -223,8 +221,7 @@ TEST(job_by_blocks_gives_the_same_bytes_in_one_process_and_in_many)
 
 static double job_test_psnr(const char *model_path)
 {
-    OWNED_MODEL model;
-    test_read_model(model_path, &model);
+    OWNED_MODEL model = test_read_model(model_path);
     OWNED_SCENE *scene = test_load("survey", NULL);
     oxl_model_move_origin(&model, oxl_scene_origin(scene));
     return test_evaluate(&model, scene, &test_imaging, OXL_SPLIT_TRAIN).psnr;
@@ -260,11 +257,11 @@ TEST(job_in_blocks_lets_the_merged_model_grow_to_what_its_blocks_have_left_of_th
     options.train.max_gaussians = 67;
     job_test_done("out", &options);
     for (int b = 0; b < 2; b++) {
-        CHECK_OK(oxl_model_read(test_ctx, PATH(test_path("out"), "blocks/%03d/model.ply", b), &model));
+        model = test_read_model(PATH(test_path("out"), "blocks/%03d/model.ply", b));
         blocks += model.count;
         oxl_model_free(test_ctx, &model);
     }
-    test_read_model("out/scene.ply", &model);
+    model = test_read_model("out/scene.ply");
     CHECK(blocks <= 60 && model.count > blocks && model.count <= 67);
 }
 
@@ -324,7 +321,6 @@ TEST(job_in_blocks_grows_to_what_memory_holds_of_the_merged_model)
     oxl_job_options options = job_test_blocks(), limited;
     struct cost_load load;
     char memory[40];
-    OWNED_MODEL model = {0};
     options.train.iterations = 120;
     options.train.densify_gradient = 1e-12f;
     options.train.max_gaussians = 400;
@@ -337,7 +333,7 @@ TEST(job_in_blocks_grows_to_what_memory_holds_of_the_merged_model)
     snprintf(memory, sizeof memory, "\"memory\": %zu", limited.ram);
     job_test_replace("out/run.json", "\"memory\": 0", memory);
     job_test_done("out", &options);
-    test_read_model("out/blocks/whole/model.ply", &model);
+    OWNED_MODEL model = test_read_model("out/blocks/whole/model.ply");
     CHECK(model.count > 100 && model.count <= 150);
 }
 
@@ -678,13 +674,12 @@ TEST(job_has_as_many_gaussians_as_were_asked_for_also_in_blocks)
     NEEDS_PART(prune);
     for (int k = 0; k < 4; k++) {
         oxl_job_options options = k < 2 ? job_test_options() : job_test_blocks();
-        OWNED_MODEL model = {0};
         options.train.iterations = 40;
         options.restart = 1;
         if (k % 2) options.train.keep = (oxl_keep){OXL_KEEP_COUNT, 30};
         else options.train.max_gaussians = 30;
         job_test_done("out", &options);
-        test_read_model("out/scene.ply", &model);
+        OWNED_MODEL model = test_read_model("out/scene.ply");
         CHECK(k < 2 ? model.count == 30 || (k == 0 && model.count < 30)
                     : model.count > 20 && model.count < 38);
     }
@@ -708,12 +703,11 @@ TEST(job_writes_a_standard_model_beside_one_with_lobes)
     NEEDS_PART(lobes);
     NEEDS_PART(sh_degree);
     oxl_job_options options = job_test_options();
-    OWNED_MODEL model = {0}, standard = {0};
     options.train.dog = OXL_DOG_ALL;
     options.train.sh_degree = 1;
     job_test_done("out", &options);
-    test_read_model("out/scene.ply", &model);
-    test_read_model("out/scene_standard.ply", &standard);
+    OWNED_MODEL model = test_read_model("out/scene.ply");
+    OWNED_MODEL standard = test_read_model("out/scene_standard.ply");
     CHECK(model.lobes == model.count && model.sh_degree == 1);
     CHECK(standard.lobes == 0 && standard.count == model.count && standard.sh_degree == 3); /* 62 columns */
     CHECK(standard.plane[OXL_OPACITY][0] != model.plane[OXL_OPACITY][0]);
@@ -729,12 +723,10 @@ TEST(job_writes_a_standard_model_beside_one_with_lobes)
 /* Held-out views of the survey by a model of OUT, with the imaging.txt beside it or with none. */
 oxl_metrics job_test_evaluate(const char *model, int imaging)
 {
-    OWNED_SCENE *scene = NULL;
-    OWNED_MODEL read = {0};
     oxl_scene_options o = oxl_scene_options_default();
     o.test_every = oxl_job_options_default(OXL_PRESET_DRAFT).scene.test_every;
-    scene = test_load("survey", &o);
-    test_read_model(model, &read);
+    OWNED_SCENE *scene = test_load("survey", &o);
+    OWNED_MODEL read = test_read_model(model);
     if (imaging) CHECK_OK(test_read_imaging(scene, test_path(model)));
     return test_evaluate(&read, scene, imaging ? &test_imaging : NULL, OXL_SPLIT_TEST);
 }
@@ -828,22 +820,20 @@ TEST(job_starts_from_a_model_of_any_format_and_notices_when_it_changes)
     struct job_test_watch watch = {0, 5};
     uint8_t keep[200];
     char from[512];
-    OWNED_MODEL model;
     job_test_survey();
     job_test_done("out", &options);
-    test_read_model("out/scene.ply", &model);
+    OWNED_MODEL model = test_read_model("out/scene.ply");
     CHECK(model.count <= 200);
     oxl_model_move_origin(&model, (double[3]){0, 0, 0}); /* as another trainer's has it */
     for (size_t i = 0; i < model.count; i++) keep[i] = i < 30;
     model_keep_rows(&model, keep);
     for (size_t i = 0; i < OXL_COUNT(names); i++) test_write_model(names[i], &model);
     for (size_t i = 0; i < OXL_COUNT(names); i++) {
-        OWNED_MODEL found = {0};
         snprintf(from, sizeof from, "%s", test_path(names[i]));
         options.from = from;
         options.restart = 1;
         job_test_done("other", &options);
-        test_read_model("other/scene.ply", &found);
+        OWNED_MODEL found = test_read_model("other/scene.ply");
         CHECK(found.count >= 30 && found.count < 60); /* the points are 60 */
     }
     CHECK(job_test_watched("changed", &options, &watch) == OXL_ERR_INTERRUPTED);

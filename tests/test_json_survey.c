@@ -10,7 +10,7 @@ static const char jsurvey_points[] = "0 1.5 -2.5 3 255 0 128 -1\n1 100 0 -0.125 
 /* Writes COLMAP's rows as the other program would. */
 static void jsurvey_write_nerfstudio(const struct colmap *c, const char *intrinsics)
 {
-    OWNED_TEXT t = {.ctx = test_ctx};
+    OWNED_TEXT t = test_text();
     text_add(&t, "{%s,\n\"ply_file_path\": \"points.ply\", \"frames\": [", intrinsics);
     for (size_t i = 0; i < c->image_count; i++) {
         double r[9];
@@ -35,7 +35,7 @@ static void jsurvey_write_nerfstudio(const struct colmap *c, const char *intrins
 
 static void jsurvey_write_opensfm(const struct colmap *c, const char *camera)
 {
-    OWNED_TEXT t = {.ctx = test_ctx};
+    OWNED_TEXT t = test_text();
     text_add(
         &t,
         "[{\"cameras\": {\"other\": {\"projection_type\": \"spherical\", \"width\": 8, \"height\": 4}, \"v2 \\\"x\\\"\": %s},\n\"shots\": {",
@@ -257,7 +257,7 @@ TEST(json_strings_give_back_names_of_any_bytes_and_are_utf8)
         {"\x01\"\\", "\"\\u0001\\\"\\\\\""}};
     char out[64];
     for (size_t i = 0; i < OXL_COUNT(names); i++) {
-        OWNED_TEXT t = {.ctx = test_ctx};
+        OWNED_TEXT t = test_text();
         text_add_json_string(&t, names[i][0]);
         CHECK(strcmp(t.data, names[i][1]) == 0);
         CHECK(oxl_json_text(t.data, out, sizeof out) == strlen(names[i][0]) && strcmp(out, names[i][0]) == 0);
@@ -525,7 +525,7 @@ TEST(llff_array_that_is_damaged_or_foreign_is_refused_with_what_it_is)
 /* The splits of the images that are left, by name: 1 trained on, 2 held out. */
 static void jsurvey_check_lists(const char *lists, const char *wanted)
 {
-    OWNED_TEXT t = {.ctx = test_ctx};
+    OWNED_TEXT t = test_text();
     OWNED_COLMAP c = {0};
     char seen[16] = "....";
     text_add(&t, "{" JSURVEY_CAMERA ", %s \"frames\": [", lists);

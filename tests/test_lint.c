@@ -4,7 +4,7 @@
 /* The survey of test_job.c, with points that are seen in the images that their tracks name. */
 static const char *lint_survey(void)
 {
-    OWNED_TEXT points = {.ctx = test_ctx};
+    OWNED_TEXT points = test_text();
     const char *survey = job_test_survey();
     for (int i = 0; i < 40; i++) {
         text_add(&points, "%d %.3f %.3f 4 90 120 60 0.5", i + 1, -1 + 0.2 * (i % 10), -0.75 + 0.5 * (i / 10));

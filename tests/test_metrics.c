@@ -131,7 +131,7 @@ TEST(metrics_evaluate_each_view_of_a_split_and_write_json)
     oxl_view view[2];
     OWNED_SCENE *scene = NULL;
     oxl_metrics m;
-    OWNED_TEXT json = {.ctx = test_ctx};
+    OWNED_TEXT json = test_text();
     OWNED_MODEL model = test_model(1, 0);
     for (int k = 0; k < 3; k++) model.plane[OXL_LOG_SCALE + k][0] = -1;
     model.plane[OXL_SH][0] = 1;

@@ -46,10 +46,10 @@ static void formats_test_compare(const oxl_model *a, const oxl_model *b, double 
 TEST(spz_gives_back_what_was_written_to_its_steps)
 {
     for (int degree = 0; degree <= 3; degree++) {
-        OWNED_MODEL m = formats_test_model(300, degree), back = {0};
+        OWNED_MODEL m = formats_test_model(300, degree);
         double worst[6];
         test_write_model("m.spz", &m);
-        test_read_model("m.spz", &back);
+        OWNED_MODEL back = test_read_model("m.spz");
         CHECK(back.count == m.count && back.sh_degree == degree && back.lobes == 0);
         CHECK(memcmp(back.origin, m.origin, sizeof m.origin) == 0);
         formats_test_compare(&m, &back, worst);
@@ -70,7 +70,6 @@ TEST(spz_frame_is_turned_by_half_a_turn_about_x)
     const double half = sqrt(0.5);
     unsigned char all[sizeof spz_test_one + 8];
     const size_t data = sizeof spz_test_one - 15;
-    OWNED_MODEL m = {0};
     FILE *file;
     memcpy(all, spz_test_one, sizeof spz_test_one);
     bytes_put(all + sizeof spz_test_one - 4, (uint32_t)3 << 30 | 511, 4); /* x y z w = 0 0 .7 .7 there */
@@ -78,7 +77,7 @@ TEST(spz_frame_is_turned_by_half_a_turn_about_x)
     bytes_put(all + sizeof spz_test_one + 4, (uint32_t)data, 4);
     file = fopen(test_path("one.spz"), "wb");
     CHECK(file && fwrite(all, 1, sizeof all, file) == sizeof all && fclose(file) == 0);
-    test_read_model("one.spz", &m);
+    OWNED_MODEL m = test_read_model("one.spz");
     CHECK(m.count == 1 && m.plane[OXL_MEAN][0] == 1 && m.plane[OXL_MEAN + 1][0] == 1 &&
           m.plane[OXL_MEAN + 2][0] == -1.0f / 4096);
     CHECK_CLOSE(m.plane[OXL_LOG_SCALE][0], 0, 0);
@@ -120,7 +119,7 @@ TEST(models_files_hold_what_is_rendered_beside_gaussians)
     static const char *const files[] = {"m.ply", "m.spz", "m_standard.ply"};
     const oxl_camera camera = test_camera(16, 16, 16, 0, 0, 500);
     for (int i = 0; i < 48; i++) {
-        OWNED_MODEL m = formats_test_model(5, 1), back = {0}, copy = {0};
+        OWNED_MODEL m = formats_test_model(5, 1), copy = {0};
         OWNED_IMAGE image = {0};
         if (i & 1) memset(m.origin, 0, sizeof m.origin);
         m.antialias = i >> 1 & 1;
@@ -129,7 +128,7 @@ TEST(models_files_hold_what_is_rendered_beside_gaussians)
         for (int k = 0; k < 13 && i & 8; k++) m.view[k] = k < 10 ? 0.75 - 0.125 * k : 6700000.0625 + k;
         oxl_model_rescale(&m, 0.4051);
         test_write_model(test_path(files[i / 16]), &m);
-        test_read_model(files[i / 16], &back);
+        OWNED_MODEL back = test_read_model(files[i / 16]);
         CHECK(back.count == 5 && back.scale == 0.4051 && back.antialias == m.antialias);
         CHECK(!memcmp(back.origin, m.origin, sizeof m.origin) && !memcmp(back.view, m.view, sizeof m.view));
         CHECK_OK(model_copy(test_ctx, &back, &copy));

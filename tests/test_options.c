@@ -242,7 +242,7 @@ TEST(options_in_run_json_are_read_back_every_one)
     static const char survey[] = "a survey, \"quoted\"";
     const oxl_job_options others = options_test_others();
     oxl_job_options read = oxl_job_options_default(OXL_PRESET_PAPER);
-    OWNED_TEXT line = {.ctx = test_ctx}, inputs = line, again = line, paths = line, file = line;
+    OWNED_TEXT line = test_text(), inputs = line, again = line, paths = line, file = line;
     struct oxl_manifest run;
     const char *scene;
     manifest_describe(&line, &inputs, survey, &others);
@@ -261,7 +261,7 @@ TEST(options_in_run_json_are_read_back_every_one)
 TEST(options_that_differ_between_two_runs_are_named_with_both_values)
 {
     oxl_job_options a = oxl_job_options_default(OXL_PRESET_DRAFT), b = a;
-    OWNED_TEXT there = {.ctx = test_ctx}, here = there, paths = there, file = there, t = there;
+    OWNED_TEXT there = test_text(), here = there, paths = there, file = there, t = there;
     struct oxl_manifest run;
     b.scene.images = "here";
     b.partition.cut = OXL_CUT_MIDPOINT;

@@ -29,7 +29,7 @@ static int partition_test_sees(const struct partition_test *t, int view, int poi
 
 static const char *partition_test_survey(const char *name, const struct partition_test *t)
 {
-    OWNED_TEXT images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    OWNED_TEXT images = test_text(), points = test_text();
     int *next = calloc((size_t)(t->views * t->views), sizeof *next);
     for (int v = 0; v < t->views * t->views; v++) {
         double c[2];

@@ -5,7 +5,7 @@
  * 1 apart along x, from `base` on. Written to the test's folder under `name`. */
 const char *scene_survey(const char *name, int n, double base, int with_files)
 {
-    OWNED_TEXT images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    OWNED_TEXT images = test_text(), points = test_text();
     text_add(&images, "# images\n");
     for (int i = n - 1; i >= 0; i--) /* not in the order of names */
         text_add(&images, "%d 1 0 0 0 %.17g 0 0 1 img%02d.png\n1 2 %d\n", 10 + i, -(base + i), i, 1);
@@ -141,7 +141,7 @@ TEST(scene_extent_is_that_of_3dgs_and_an_outlier_camera_does_not_change_it)
 TEST(scene_depths_are_of_points_that_were_seen)
 {
     const char *path = scene_usual(9);
-    OWNED_TEXT points = {.ctx = test_ctx};
+    OWNED_TEXT points = test_text();
     for (int i = 0; i < 4; i++) text_add(&points, "%d %d 0 10 1 2 3 0.5 11 0 12 0\n", i, i);
     for (int i = 4; i < 12; i++)
         text_add(&points, "%d %d 0 30 1 2 3 0.5 10 0\n", i, i); /* image 10 is for the test */
@@ -156,7 +156,7 @@ TEST(scene_depths_are_of_points_that_were_seen)
 TEST(scene_extent_follows_the_depths_however_far_apart_two_sites_are)
 {
     const char *path = scene_usual(9);
-    struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    struct text images = test_text(), points = test_text();
     for (int i = 0; i < 9; i++)
         text_add(&images, "%d 1 0 0 0 %d 0 0 1 img%02d.png\n1 2 1\n", 10 + i, i < 5 ? -i : -i - 5000, i);
     for (int i = 0; i < 8; i++)
@@ -282,7 +282,7 @@ static int scene_found(const char *const *files, const char *const *names)
     const oxl_scene_options all = {.missing_images = 1, .max_side = 0, .test_every = 0, .read_images = 1};
     static int surveys;
     char folder[40];
-    OWNED_TEXT t = {.ctx = test_ctx};
+    OWNED_TEXT t = test_text();
     OWNED_SCENE *scene = NULL;
     int found;
     snprintf(folder, sizeof folder, "named%d", surveys++);
@@ -694,7 +694,7 @@ TEST(scene_alpha_is_what_the_option_says)
 /* Cameras on a circle look at a red ball of radius 1 in the middle; transparent elsewhere. */
 static const char *scene_ball(int transparent)
 {
-    OWNED_TEXT images = {.ctx = test_ctx};
+    OWNED_TEXT images = test_text();
     test_make_folder("ball/images");
     for (int i = 0; i < 12; i++) {
         const double half = i * 3.14159265358979 / 12;

@@ -42,7 +42,7 @@ static void stereo_test_write_image(int view, int seed, int clear)
 static oxl_scene *stereo_test_scene(double hole, int same, int clear)
 {
     const char *path = scene_survey("stereo", STEREO_TEST_VIEWS, 0, 0);
-    OWNED_TEXT points = {.ctx = test_ctx};
+    OWNED_TEXT points = test_text();
     oxl_scene_options options = oxl_scene_options_default();
     for (int i = 0; i < 230 * 130; i++) {
         const double x = i % 230 * 0.05 - 4, y = i / 230 * 0.05 - 3.2;

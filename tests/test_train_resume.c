@@ -14,7 +14,7 @@ static int checkpoint_stop(void *user, const oxl_progress *progress)
 
 struct checkpoint_case checkpoint_of(oxl_scene *scene, oxl_train_options options)
 {
-    const struct text empty = {.ctx = test_ctx};
+    const struct text empty = test_text();
     return (struct checkpoint_case){
         .scene = scene, .options = options, .log = empty, .notes = empty, .decisions = empty};
 }

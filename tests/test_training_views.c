@@ -75,7 +75,7 @@ static oxl_scene *tviews_scene(const oxl_model *m, int broken, int in_medium)
 /* What is written of that scene after a run of so many iterations; what is said is in test_said. */
 static struct text tviews_judge(int broken, int in_medium, int iterations, const char *worst)
 {
-    struct text t = {.ctx = test_ctx};
+    struct text t = test_text();
     OWNED_MODEL m = tviews_model();
     OWNED_SCENE *scene = tviews_scene(&m, broken, in_medium);
     test_listen();

@@ -22,7 +22,7 @@ static void wall_draw(oxl_image *image, double z, double beta)
  * points would say that contrast grows with depth. */
 static oxl_scene *wall_scene(double beta)
 {
-    OWNED_TEXT images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    OWNED_TEXT images = test_text(), points = test_text();
     oxl_scene_options options = oxl_scene_options_default();
     test_write("survey/images/.keep", "");
     for (int v = 0; v < WALL_VIEWS; v++) {

@@ -133,7 +133,7 @@ TEST(a_model_that_is_lost_or_damaged_before_the_result_is_trained_again)
 
 TEST(checksum_of_text_is_its_last_line)
 {
-    OWNED_TEXT t = {.ctx = test_ctx};
+    OWNED_TEXT t = test_text();
     text_add(&t, "a\nb\n");
     CHECK(!checksum_is_wrong(t.data, t.size));
     checksum_end_text(&t);
