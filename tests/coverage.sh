@@ -6,7 +6,7 @@ build=build/coverage
 export OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive
 make -j1 BUILD=$build CFLAGS='-O0 -g -DOXL_NO_SIMD --coverage' $build/test >$build.log 2>&1 || { tail -n 20 $build.log; exit 1; }
 find $build -name '*.gcda' -delete
-$build/test "$@" >$build/test.log
+tests/share.sh $build/test "$@" >$build/test.log
 tail -n 1 $build/test.log
 (cd $build && for file in src/*/*.gcno; do gcov -b -o "$(dirname "$file")" "$file" 2>/dev/null; done) | awk '
     /^File / { name = $2; gsub(/\047/, "", name); sub(/.*\/src\//, "src/", name); ours = name ~ /^src\// }
