@@ -132,6 +132,18 @@ TEST(fixed_backgrounds_a_sky_and_a_lamp_are_no_part_of_the_camera)
     }
 }
 
+TEST(fixed_pixels_are_masked_after_memory_was_refused)
+{
+    OWNED_SCENE *scene = fixed_survey(FIXED_ROUND_PORT, FIXED_NOTHING, 1);
+    for (long allowed = 0; allowed < 99; allowed++) {
+        const struct training_image *image;
+        allocations_left = allowed;
+        image = scene_image(test_ctx, scene, 0);
+        allocations_left = LONG_MAX;
+        CHECK(!image || image->mask);
+    }
+}
+
 TEST(fixed_pixels_stay_where_auto_mask_is_off)
 {
     OWNED_SCENE *scene = fixed_survey(FIXED_ROUND_PORT, FIXED_NOTHING, 0);

@@ -68,8 +68,10 @@ static oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int
 {
     const struct pixels *fixed =
         scene->fixed ? &scene->fixed[scene->fixed_of[scene->source[view].camera]] : NULL;
-    const oxl_result rc = scene_load_as(ctx, scene, view, &scene->view[view].camera, out);
-    return rc == OXL_OK && fixed && fixed->data ? image_add_mask(ctx, fixed, out) : rc;
+    oxl_result rc = scene_load_as(ctx, scene, view, &scene->view[view].camera, out);
+    if (rc == OXL_OK && fixed && fixed->data) rc = image_add_mask(ctx, fixed, out);
+    if (rc != OXL_OK) image_training_free(ctx, out);
+    return rc;
 }
 
 OXL_INTERNAL oxl_result scene_load_small(oxl_context *ctx, const oxl_scene *scene, int view, int width,
