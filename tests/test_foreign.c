@@ -65,11 +65,13 @@ static void foreign_image(int view, int shows, enum foreign_place place)
                   shows, place);
 }
 
-static void foreign_point(int i, double p[3])
+/* Sets the place of a point and returns its grey. */
+static int foreign_point(int i, double p[3])
 {
     p[0] = -2 + 15.5 * ((i * 7919) % FOREIGN_POINTS) / FOREIGN_POINTS;
     p[1] = -1.7 + 3.4 * ((i * 104729) % 331) / 331.0;
     p[2] = 0;
+    return (int)(255 * foreign_brightness(p[0], p[1]));
 }
 
 static int foreign_sees(int view, const double p[3])
@@ -78,6 +80,7 @@ static int foreign_sees(int view, const double p[3])
 }
 
 static unsigned foreign_blind; /* bits of views that are in no track */
+static int foreign_far;        /* points that no view sees, beside the others */
 
 /* rotation: "1 0 0 0" for cameras that look along z. */
 static const char *foreign_survey(int tracks, const char *rotation, int flip)
@@ -91,14 +94,13 @@ static const char *foreign_survey(int tracks, const char *rotation, int flip)
     }
     for (int i = 0; i < FOREIGN_POINTS; i++) {
         double p[3];
-        int grey;
-        foreign_point(i, p);
-        grey = (int)(255 * foreign_brightness(p[0], p[1]));
+        const int grey = foreign_point(i, p);
         text_add(&points, "%d %.4f %.4f %.4f %d %d %d 0.5", i + 1, p[0], p[1], p[2], grey, grey, grey);
         for (int v = 0; v < FOREIGN_VIEWS && tracks; v++)
             if (foreign_sees(v, p) && !(foreign_blind >> v & 1)) text_add(&points, " %d 0", v + 1);
         text_add(&points, "\n");
     }
+    for (int i = 0; i < foreign_far; i++) text_add(&points, "%d %d 500 3 9 9 9 0\n", 1000 + i, i);
     test_write_colmap("survey/sparse/0", "1 PINHOLE 160 112 120 120 80 56\n", images.data, points.data);
     test_listen();
     return test_path("survey");
@@ -222,9 +224,7 @@ static void foreign_other_world(struct text *points, const char *format)
 {
     for (int i = 0; i < FOREIGN_POINTS; i++) {
         double p[3];
-        int grey;
-        foreign_point(i, p);
-        grey = (int)(255 * foreign_brightness(p[0], p[1]));
+        const int grey = foreign_point(i, p);
         text_add(points, format, i + 1, p[2], p[0], p[1], grey, grey, grey);
     }
 }
@@ -311,6 +311,10 @@ TEST(points_far_from_all_cameras_are_said_not_to_fit)
     foreign_check();
     CHECK_WARNED("poses and points do not fit: 10 of 10 images have fewer than 8 points");
     CHECK_WARNED("take points and poses from one model and one frame");
+    foreign_far = 200000; /* so each image has 1 of 2000 */
+    foreign_upright(0);
+    foreign_check();
+    CHECK(!test_said.warning[0]);
 }
 
 TEST(poses_without_points_start_from_points3D_ply_or_from_random_points)
@@ -610,16 +614,17 @@ TEST(copies_of_images_are_named_and_stay_on_one_side_of_the_split)
     struct os_file_map file = test_file("survey/sparse/0/images.txt");
     text_add(&more,
              "%.*s90 1 0 0 0 0 0 4 1 00 copy.jpg\n\n91 1 0 0 0 -5.2 .0001 4 1 other.png\n\n"
-             "92 1 0 0 0 -9.1 0 4 1 07 copy.png\n\n",
+             "92 1 0 0 0 -9.101 0 4 1 07 copy.png\n\n93 1 0 0 0 -9.1005 0 4 1 07a.png\n\n",
              (int)file.size, file.data);
     os_release_file(test_ctx, &file);
     test_write("survey/sparse/0/images.txt", more.data);
     foreign_copy("00.png", "00 copy.jpg");
     foreign_copy("07.png", "07 copy.png");
+    foreign_copy("07.png", "07a.png");
     foreign_copy("01.png", "other.png"); /* of the same pose as 04.png, and not the same image */
     test_listen();
     OWNED_SCENE *scene = test_load("survey", NULL);
-    CHECK_WARNED("2 images are copies of other images, such as 00.png of 00 copy.jpg");
+    CHECK_WARNED("3 images are copies of other images, such as 00.png of 00 copy.jpg");
     CHECK(!strcmp(oxl_scene_view(scene, 1)->name, "00.png"));
     for (int i = 0; i < oxl_scene_view_count(scene); i++) {
         const char *name = oxl_scene_view(scene, i)->name;
@@ -816,6 +821,7 @@ TEST(points_have_their_colours_whatever_the_type)
     CHECK(foreign_first_red("float", "0 0 0 51 0.5 1\n0 0 1 1 1 200\n") == 51);
     CHECK(foreign_first_red("ushort", "0 0 0 13107 0 0\n0 0 1 65535 1 1\n") == 51);
     CHECK(foreign_first_red("ushort", "0 0 0 51 0 0\n0 0 1 255 1 1\n") == 51);
+    CHECK(foreign_first_red("float", "0 0 0 nan 0 1\n0 0 1 1 1 1\n") == 0);
 }
 
 /* ---------------- models */

@@ -20,18 +20,18 @@
 #include "checks.h"
 
 enum {
-    HYPOTHESIS_VIEWS = 256,   /* most images, evenly spaced */
-    HYPOTHESIS_LEAST = 3,     /* images; with fewer nothing is reported */
-    HYPOTHESIS_SAMPLES = 512, /* most points of an image */
-    HYPOTHESIS_FEWEST = 24,   /* points; an image with fewer is not judged */
-    HYPOTHESIS_EMPTY = 8,     /* points; an image with fewer shows nothing of the model */
-    HYPOTHESIS_ENOUGH = 100,  /* points; a survey with fewer may have empty images */
-    HYPOTHESIS_POINTS = 8192, /* most points to project into an image without tracks */
-    HYPOTHESIS_STRIPS = 24,   /* strips of an image in which points lie side by side */
-    HYPOTHESIS_ROWS = 80,     /* most ways to read a survey */
-    HYPOTHESIS_MANY = 12,     /* images, from which on HYPOTHESIS_ALWAYS decides */
-    HYPOTHESIS_NAMED = 3,     /* images that are named */
-    HYPOTHESIS_DARK = 76      /* brightest value of 16-bit images that hold fewer bits (14 bits: 64) */
+    HYPOTHESIS_VIEWS = 256,     /* most images, evenly spaced */
+    HYPOTHESIS_LEAST = 3,       /* images; with fewer nothing is reported */
+    HYPOTHESIS_SAMPLES = 512,   /* most points of an image */
+    HYPOTHESIS_FEWEST = 24,     /* points; an image with fewer is not judged */
+    HYPOTHESIS_EMPTY = 8,       /* points; an image with fewer shows nothing of the model */
+    HYPOTHESIS_ENOUGH = 100,    /* points; a survey with fewer may have empty images */
+    HYPOTHESIS_POINTS = 131072, /* most points to project into an image without tracks */
+    HYPOTHESIS_STRIPS = 24,     /* strips of an image in which points lie side by side */
+    HYPOTHESIS_ROWS = 80,       /* most ways to read a survey */
+    HYPOTHESIS_MANY = 12,       /* images, from which on HYPOTHESIS_ALWAYS decides */
+    HYPOTHESIS_NAMED = 3,       /* images that are named */
+    HYPOTHESIS_DARK = 76        /* brightest value of 16-bit images that hold fewer bits (14 bits: 64) */
 };
 #define HYPOTHESIS_CLIP 1.5    /* Limits differences, in medians of their absolute values. */
 #define HYPOTHESIS_BORDER 0.01 /* Leaves out points in the border of an image, as a fraction of its sides. */

@@ -134,7 +134,7 @@ OXL_INTERNAL void json_survey_add_point(struct colmap_reader *r, const double po
     struct colmap_point point = {.id = (int64_t)r->out->point_count, .error = -1};
     for (int i = 0; i < 3; i++) {
         point.position[i] = position[i];
-        point.rgb[i] = (uint8_t)(OXL_CLAMP(rgb[i], 0, 255) + 0.5);
+        point.rgb[i] = (uint8_t)(OXL_MIN(OXL_MAX(rgb[i], 0), 255) + 0.5);
     }
     COLMAP_ADD(r, point, point);
 }

@@ -4,7 +4,7 @@
  * registers copies, which have the same pose up to a fraction of a pixel; so only images of nearly
  * one pose are decoded and compared.
  *
- * Invariant: a copy is on the same side of the split as the first image by name that it is a copy of.
+ * Invariant: all copies of an image are on the same side of the split as the first of them by name.
  */
 #include "survey_read.h"
 #include "../survey/scene.h"
@@ -73,7 +73,8 @@ static int twins_are_near(const oxl_scene *scene, const struct twin *a, const st
     return square <= near * near && turn <= 2 * TWINS_MOVED * TWINS_MOVED;
 }
 
-/* Compares each image with those of nearly its pose that come before it in the order of places. */
+/* Compares each image with those of nearly its pose that come before it in the order of places. Joins the
+ * groups of two copies: the first image of one becomes that of both. */
 static void twins_find(oxl_context *ctx, const oxl_scene *scene, const struct twin *place, int *of)
 {
     const double near = TWINS_MOVED * twins_depth(scene);
@@ -81,11 +82,13 @@ static void twins_find(oxl_context *ctx, const oxl_scene *scene, const struct tw
         int tried = 0, is_copy = 0;
         for (int k = i;
              k-- > 0 && place[i].at[0] - place[k].at[0] <= near && tried < TWINS_TRIED && !is_copy;) {
-            const int a = OXL_MIN(place[i].view, place[k].view), b = OXL_MAX(place[i].view, place[k].view);
+            int a = place[i].view, b = place[k].view;
             if (!twins_are_near(scene, &place[i], &place[k], near)) continue;
             tried++;
             is_copy = twins_show_the_same(ctx, scene, a, b);
-            if (is_copy) of[b] = a;
+            while (of[a] != a) a = of[a];
+            while (of[b] != b) b = of[b];
+            if (is_copy) of[OXL_MAX(a, b)] = OXL_MIN(a, b);
         }
     }
 }
