@@ -122,7 +122,7 @@ synth_options photometry_test_make(const char *name, enum synth_type water);
 /* src/core/options.c */
 int option_read_keep(const char *text, oxl_keep *out);
 /* src/large/block_plan.c */
-double plan_best_rectangle(const double *value, int width, int height, struct image_window *best);
+double plan_best_rectangle(double *value, int width, int height, struct image_window *best);
 /* src/job/render_files.c */
 void render_depth_grey(float *depth, size_t pixels, double unit, float *grey);
 /* src/render/renderer_step.c */

@@ -163,7 +163,7 @@ TEST(window_counts_a_view_for_growth_only_of_gaussians_whose_centre_it_shows)
 
 TEST(window_is_the_rectangle_that_is_worth_most)
 {
-    const double value[] = {-1, -1, -1, -1, -1, 3, 2, -1, -1, 2, -1, 4, -9, -9, -9, -9};
+    double value[] = {-1, -1, -1, -1, -1, 3, 2, -1, -1, 2, -1, 4, -9, -9, -9, -9};
     struct image_window best;
     CHECK(plan_best_rectangle(value, 4, 4, &best) == 9);
     CHECK(best.x == 1 && best.y == 1 && best.width == 3 && best.height == 2);

@@ -64,15 +64,20 @@ static void cloud_take(void *user, size_t at, const double p[3], const struct su
 
 oxl_result cloud_make(const struct surface *s, int enough, struct cloud *out)
 {
+    size_t room = 0;
     for (int v = 0; v < s->views; v++) {
-        const size_t before = out->count, all = before + sheet_pixels(&s->view[v].sheet);
-        struct cloud_point *point = product_room(all, sizeof *point);
-        struct cloud_view c = {s, v, enough, point + before};
-        if (before) memcpy(point, out->point, before * sizeof *point);
-        free(out->point), out->point = point;
-        surface_ask_all(s, all - before, cloud_place, cloud_take, &c);
-        for (size_t i = before; i < all; i++)
-            if (point[i].views) point[out->count++] = point[i];
+        const size_t pixels = sheet_pixels(&s->view[v].sheet), all = out->count + pixels;
+        struct cloud_point *point = product_room(pixels, sizeof *point), *more = out->point;
+        struct cloud_view c = {s, v, enough, point};
+        surface_ask_all(s, pixels, cloud_place, cloud_take, &c);
+        if (all > room) {
+            out->point = product_room(room = 2 * all, sizeof *more);
+            if (more) memcpy(out->point, more, out->count * sizeof *more);
+            free(more);
+        }
+        for (size_t i = 0; i < pixels; i++)
+            if (point[i].views) out->point[out->count++] = point[i];
+        free(point);
     }
     return out->count > 0 ? OXL_OK
                           : oxl_fail(s->ctx, OXL_ERR_INPUT,
@@ -177,9 +182,8 @@ static void las_header(const struct cloud *c, size_t records, const double low[3
     output_integer(t, 2, 1); /* format of the points */
     output_integer(t, LAS_RECORD, 2);
     for (int i = 0; i < 6; i++) output_integer(t, i < 2 && c->count <= UINT32_MAX ? c->count : 0, 4);
-    for (int k = 0; k < 3; k++) output_real(t, scale, 8);
-    for (int k = 0; k < 3; k++) output_real(t, floor(low[k]), 8);
-    for (int k = 0; k < 6; k++) output_real(t, (k % 2 ? low : high)[k / 2], 8);
+    for (int k = 0; k < 12; k++)
+        output_real(t, k < 3 ? scale : k < 6 ? floor(low[k - 3]) : (k % 2 ? low : high)[k / 2 - 3], 8);
     las_text(t, "", 20); /* no waveforms, no extended records */
     for (int i = 0; i < 16; i++) output_integer(t, i < 2 ? c->count : 0, 8);
 }

@@ -69,17 +69,18 @@ static int plan_shows(const oxl_camera *c, double near_plane, const oxl_model *m
 /* ---------------- windows */
 
 /* Finds the rectangle of tiles with the largest sum of value (height,width), and returns the sum. For each
- * pair of rows it takes the best run of columns (Kadane). */
-OXL_INTERNAL double plan_best_rectangle(const double *value, int width, int height, struct image_window *best)
+ * pair of rows it takes the best run of columns (Kadane). In `value` it leaves sums from the first row on. */
+OXL_INTERNAL double plan_best_rectangle(double *value, int width, int height, struct image_window *best)
 {
     double most = 0;
     *best = (struct image_window){0};
+    for (int i = width; i < width * height; i++) value[i] += value[i - width];
     for (int top = 0; top < height; top++)
         for (int bottom = top + 1; bottom <= height; bottom++) {
             double run = 0;
             int left = 0;
             for (int x = 0; x < width; x++) {
-                for (int y = top; y < bottom; y++) run += value[y * width + x];
+                run += value[(bottom - 1) * width + x] - (top ? value[(top - 1) * width + x] : 0);
                 if (run > most)
                     most = run, *best = (struct image_window){left, top, x + 1 - left, bottom - top};
                 if (run < 0) run = 0, left = x + 1;
