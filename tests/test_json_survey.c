@@ -322,6 +322,9 @@ TEST(nerf_synthetic_trains_on_its_train_file_and_holds_out_its_test_or_val_file)
     for (size_t k = 0; k < OXL_COUNT(held_out); k++) { /* with both, test is held out */
         jsurvey_write_blender(held_out[k]);
         jsurvey_write_image("blender/train/r_0.png", 12, 8); /* most have 24 x 16 px */
+        struct os_file_map file = test_file("blender/train/r_1.JPG");
+        test_write_bytes("blender/train/r_1.JPG", file.data, 64); /* its beginning states its size */
+        os_release_file(test_ctx, &file);
         if (k == 1)
             test_write("blender/transforms_val.json", "{\"frames\": [" JSURVEY_AT("./train/r_0") "]}");
         test_write("blender/points3d.ply", "");

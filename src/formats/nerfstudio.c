@@ -14,7 +14,7 @@
  * Invariant: an image is trained on only if the file does not hold it out.
  */
 #include "../core/vecmath.h"
-#include "../survey/image.h"
+#include "../survey/image_header.h"
 #include "json_survey.h"
 
 enum {
@@ -198,12 +198,13 @@ static void nerfstudio_measure_image(struct colmap_reader *r, const struct nerfs
     int votes = 0;
     for (const char *frame = oxl_json_first(file->frames); frame; frame = oxl_json_next(frame)) {
         const char *name = nerfstudio_name(r, oxl_json_member(frame, "file_path"), path);
-        int width, height;
+        struct image_header h;
         if (!name || !os_is_file(nerfstudio_path(r, name, "", full)) ||
-            image_size(r->ctx, full, &width, &height) != OXL_OK)
+            image_read_header(r->ctx, full, &h) != OXL_OK ||
+            (h.width < 1 && image_size(r->ctx, full, &h.width, &h.height) != OXL_OK))
             continue;
-        if (votes == 0) r->width = width, r->height = height;
-        votes += width == r->width && height == r->height ? 1 : -1;
+        if (votes == 0) r->width = h.width, r->height = h.height;
+        votes += h.width == r->width && h.height == r->height ? 1 : -1;
     }
 }
 
