@@ -742,7 +742,8 @@ OXL_INTERNAL oxl_result stereo_points(oxl_context *ctx, const oxl_scene *scene, 
     }
     for (int v = 0; v < views && rc == OXL_OK && most > 0; v++) {
         rc = stereo_add_view(&s, v, &p);
-        if (rc == OXL_OK && p.count > STEREO_HELD * most) rc = stereo_thin_to(&s, &p, 2 * most);
+        if (rc == OXL_OK && p.count > OXL_MAX(STEREO_HELD * most, scene->point_count))
+            rc = stereo_thin_to(&s, &p, 2 * most);
     }
     if (rc == OXL_OK && p.count > 0) rc = stereo_thin_to(&s, &p, most);
     if (rc == OXL_OK && !(*out = oxl_alloc(ctx, p.count + 1, sizeof **out))) rc = OXL_ERR_MEMORY;
@@ -770,7 +771,7 @@ static oxl_result stereo_first_points(struct train *t, oxl_point **out, size_t *
 }
 
 /* Bounds the memory of the maps from above. The points before they are thinned, STEREO_HELD for each that is
- * wanted, take less than the Gaussians that training makes of these. */
+ * wanted or one for each of the survey's, take less than the Gaussians that training makes of these. */
 static double stereo_bytes(const oxl_train_options *options, int views)
 {
     const double cells = (double)STEREO_SIDE * STEREO_SIDE / (STEREO_CELL * STEREO_CELL);
