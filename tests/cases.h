@@ -35,6 +35,7 @@ size_t colmap_observed_count(const struct colmap_observed *o, size_t image);
 void colmap_observed_free(struct colmap_observed *o);
 int colmap_same(const struct colmap *a, const struct colmap *b);
 oxl_result colmap_read_folder(const char *folder, struct colmap *out);
+struct colmap colmap_of(const char *cameras, const char *images, const char *points);
 oxl_result colmap_try(const char *cameras, const char *images, const char *points, struct colmap *out);
 
 enum { JOB_VIEWS = 9, JOB_WIDTH = 48, JOB_HEIGHT = 32 };

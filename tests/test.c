@@ -100,6 +100,13 @@ int test_has(const char *file)
     return os_is_file(test_path("%s", file));
 }
 
+oxl_image test_read_image(const char *file)
+{
+    oxl_image image;
+    CHECK_OK(oxl_image_read(test_ctx, test_path("%s", file), &image));
+    return image;
+}
+
 oxl_model test_read_model(const char *file)
 {
     oxl_model model;
@@ -163,6 +170,13 @@ const float *test_draw(struct renderer *r, const oxl_model *model, const oxl_cam
     CHECK_OK(renderer_forward(test_ctx, r, model, camera, &options));
     CHECK_OK(renderer_image(r, &rgb));
     return rgb;
+}
+
+oxl_image test_render(const oxl_model *model, const oxl_camera *camera)
+{
+    oxl_image image;
+    CHECK_OK(oxl_render(test_ctx, model, camera, NULL, &image, NULL));
+    return image;
 }
 
 oxl_camera test_camera(int width, int height, double focal, double x, double y, double z)

@@ -123,6 +123,7 @@ const char *test_folder(void);
 /* "FOLDER/name" in a ring of buffers; a path from the root stays. Functions below take such names. */
 const char *test_path(const char *format, ...);
 int test_has(const char *file);
+oxl_image test_read_image(const char *file);
 oxl_model test_read_model(const char *file);
 /* Loads a survey; options may be NULL. */
 oxl_scene *test_load(const char *survey, const oxl_scene_options *options);
@@ -132,6 +133,7 @@ oxl_scene *test_scene(const oxl_view *view, oxl_image *image, int views, const o
 struct os_file_map test_file(const char *file);
 struct text test_text(void); /* empty */
 struct renderer *test_renderer(void);
+oxl_image test_render(const oxl_model *model, const oxl_camera *camera);
 /* Renders with default options; the image belongs to the renderer. */
 const float *test_draw(struct renderer *r, const oxl_model *model, const oxl_camera *camera);
 /* Stands at (x, y, z), looks along z, its principal point in the middle. */

@@ -7,7 +7,6 @@
 static double antialias_test_light(int width, int antialias)
 {
     const oxl_camera camera = test_camera(width, width, width, 0, 0, 0);
-    OWNED_IMAGE image;
     double sum = 0;
     OWNED_MODEL m = test_model(1, 0);
     m.plane[OXL_MEAN + 2][0] = 4;
@@ -16,7 +15,7 @@ static double antialias_test_light(int width, int antialias)
         m.plane[OXL_SH + k][0] = 1;
     }
     m.antialias = antialias;
-    CHECK_OK(oxl_render(test_ctx, &m, &camera, NULL, &image, NULL));
+    OWNED_IMAGE image = test_render(&m, &camera);
     for (int i = 0; i < width * width; i++) sum += (double)image.rgb[i];
     return sum / (width * width);
 }

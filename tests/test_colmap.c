@@ -38,6 +38,13 @@ oxl_result colmap_try(const char *cameras, const char *images, const char *point
     return colmap_read_folder(test_path("model"), out);
 }
 
+struct colmap colmap_of(const char *cameras, const char *images, const char *points)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(cameras, images, points, &c));
+    return c;
+}
+
 /* The good model with another text in the place of one of the files is refused, and `out` is zeroed; returns
  * what was said. */
 static const char *colmap_refused(int file, const char *text)
@@ -112,9 +119,8 @@ int colmap_same(const struct colmap *a, const struct colmap *b)
 /* The good model, changed in a way that must not matter, reads as before; `warnings` oddities are mended. */
 static void colmap_check_same(const char *cameras, const char *images, const char *points, size_t warnings)
 {
-    OWNED_COLMAP good = {0}, seen = {0};
-    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &good));
-    CHECK_OK(colmap_try(cameras, images, points, &seen));
+    OWNED_COLMAP good = colmap_of(colmap_good_cameras, colmap_good_images, colmap_good_points);
+    OWNED_COLMAP seen = colmap_of(cameras, images, points);
     CHECK(colmap_same(&good, &seen) && seen.warnings == warnings);
 }
 
@@ -137,12 +143,11 @@ static const char *colmap_replaced(const char *text, char from, const char *to)
 TEST(colmap_a_file_of_fewer_rows_than_announced_is_reported)
 {
     char images[1024], points[1024];
-    OWNED_COLMAP c = {0};
     snprintf(images, sizeof images, "# Number of images: 3, mean observations per image: 2\n%s",
              colmap_good_images);
     snprintf(points, sizeof points, "# Number of points:  3\n%s", colmap_good_points);
     test_listen();
-    CHECK_OK(colmap_try(colmap_good_cameras, images, points, &c));
+    OWNED_COLMAP c = colmap_of(colmap_good_cameras, images, points);
     CHECK(test_said.warnings == 1 && c.warnings == 1 && c.is_truncated);
     CHECK_WARNED("points3D.txt: its header announces 3 points, and 2 are there");
 }
@@ -152,14 +157,13 @@ TEST(colmap_a_file_of_fewer_rows_than_announced_is_reported)
 /* Agisoft Metashape 2.2, "Export Cameras", COLMAP: labels with spaces, no 2D points, CR LF. */
 TEST(colmap_reads_the_dialect_of_metashape)
 {
-    OWNED_COLMAP c = {0};
-    CHECK_OK(colmap_try(
+    OWNED_COLMAP c = colmap_of(
         "# Camera list with one line of data per camera:\r\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\r\n"
         "# Number of cameras: 1\r\n0 PINHOLE 5472 3648 3666.6660000000002 3666.6660000000002 2736 1824\r\n",
         "# Image list with two lines of data per image:\r\n# Number of images: 2, mean observations per image: 0\r\n"
         "0 0.99 0.1 0.05 0.08 1.5 -2.5 3 0 dive 1/GOPR 0001 (2).JPG\r\n\r\n"
         "1 0.99 0.1 0.05 0.08 2.5 -2.5 3 0 dive 1/GOPR 0002.JPG\r\n\r\n",
-        "# Number of points: 1, mean track length: 0\r\n0 1.25 -0.5 7 90 120 140 0\r\n", &c));
+        "# Number of points: 1, mean track length: 0\r\n0 1.25 -0.5 7 90 120 140 0\r\n");
     CHECK(c.image_count == 2 && c.point_count == 1 && c.warnings == 0 && !c.is_truncated &&
           c.track_count == 0);
     CHECK(strcmp(c.names + c.image[0].name, "dive 1/GOPR 0001 (2).JPG") == 0 && c.camera[0].id == 0);
@@ -169,12 +173,11 @@ TEST(colmap_reads_the_dialect_of_metashape)
  * 2D points that are empty, and what Microsoft's printf makes of not-a-number. */
 TEST(colmap_reads_the_dialect_of_realityscan)
 {
-    OWNED_COLMAP c = {0};
-    CHECK_OK(colmap_try(
-        "1 FULL_OPENCV 4000 3000 2911.5 2911.5 2000 1500 0 0 0 0 0 0 0 0\r\n",
-        "1 0.70710678118654757 0 0.70710678118654757 0 -1e-003 0 2.5 1 IMG 0001.jpg\r\n\r\n"
-        "2 0.70710678118654757 0 0.70710678118654757 0 1e+000 0 2.5 1 IMG 0002.jpg\r\n \r\n",
-        "1 0.5 0.25 8 10 20 30 -nan(ind) 1 0 2 0\r\n2 -nan 0 0 1 2 3 0.5\r\n3 1 1 1 1 2 3 nan\r\n", &c));
+    OWNED_COLMAP c =
+        colmap_of("1 FULL_OPENCV 4000 3000 2911.5 2911.5 2000 1500 0 0 0 0 0 0 0 0\r\n",
+                  "1 0.70710678118654757 0 0.70710678118654757 0 -1e-003 0 2.5 1 IMG 0001.jpg\r\n\r\n"
+                  "2 0.70710678118654757 0 0.70710678118654757 0 1e+000 0 2.5 1 IMG 0002.jpg\r\n \r\n",
+                  "1 0.5 0.25 8 10 20 30 -nan(ind) 1 0 2 0\r\n2 -nan 0 0 1 2 3 0.5\r\n3 1 1 1 1 2 3 nan\r\n");
     CHECK(c.image_count == 2 && c.point_count == 2 && c.warnings == 3);
     CHECK(c.point[0].error == -1 && c.point[0].track_count == 2 && c.point[1].id == 3 &&
           c.point[1].error == -1);
@@ -185,8 +188,7 @@ TEST(colmap_reads_the_dialect_of_realityscan)
 
 TEST(colmap_rows_are_read_as_written_by_id)
 {
-    OWNED_COLMAP c = {0};
-    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
+    OWNED_COLMAP c = colmap_of(colmap_good_cameras, colmap_good_images, colmap_good_points);
     CHECK(c.camera_count == 2 && c.image_count == 3 && c.point_count == 2 && c.track_count == 3 &&
           c.warnings == 0);
     CHECK(c.camera[0].id == 1 && c.camera[0].width == 640 && c.camera[0].height == 480 &&
@@ -208,9 +210,8 @@ TEST(colmap_rows_are_read_as_written_by_id)
 
 TEST(colmap_a_ninth_number_of_opencv_is_k3)
 {
-    OWNED_COLMAP c = {0};
-    CHECK_OK(
-        colmap_try("7 OPENCV 64 48 50 50 32 24 .1 .2 .3 .4 .5\n", "7 1 0 0 0 0 0 0 7 a.jpg\n\n", "", &c));
+    OWNED_COLMAP c =
+        colmap_of("7 OPENCV 64 48 50 50 32 24 .1 .2 .3 .4 .5\n", "7 1 0 0 0 0 0 0 7 a.jpg\n\n", "");
     CHECK(!strcmp(camera_model_at(c.camera->model)->name, "FULL_OPENCV") && c.camera->parameter_count == 12);
     CHECK(c.camera->parameter[7] == .4 && c.camera->parameter[8] == .5 && c.camera->parameter[9] == 0);
 }
@@ -257,8 +258,7 @@ TEST(colmap_missing_lines_of_2d_points_are_noticed)
         {"7 1 0 0 0 0.5 -1.5 2 1 b.jpg\n2 1 0 0 0 1 2 3 1 7 8 9\n", 1, 0}, /* 2D points of whole numbers */
     };
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
-        OWNED_COLMAP c = {0};
-        CHECK_OK(colmap_try(colmap_good_cameras, cases[i].images, "", &c));
+        OWNED_COLMAP c = colmap_of(colmap_good_cameras, cases[i].images, "");
         CHECK(c.image_count == cases[i].count && c.warnings == cases[i].warnings);
     }
 }
@@ -273,8 +273,7 @@ TEST(colmap_points_with_values_that_cannot_be_are_mended)
                  {"9 1 2 3 4 5 6 -nan(ind) 7 0\n", -1, 1, 1},
                  {"9 1 2 3 4 5 6 0.5 7 0 99 3 5 1\n", 0.5, 1, 2}}; /* 99: an unknown image */
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
-        OWNED_COLMAP c = {0};
-        CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, cases[i].points, &c));
+        OWNED_COLMAP c = colmap_of(colmap_good_cameras, colmap_good_images, cases[i].points);
         CHECK(!c.is_truncated && c.warnings == 1 && c.point_count == cases[i].count &&
               c.track_count == cases[i].tracks && c.point[0].error == cases[i].error &&
               c.point[0].first_track == 0);
@@ -283,18 +282,16 @@ TEST(colmap_points_with_values_that_cannot_be_are_mended)
 
 TEST(colmap_a_quaternion_of_another_length_is_read_with_a_warning)
 {
-    OWNED_COLMAP c = {0};
-    CHECK_OK(colmap_try(colmap_good_cameras, "7 2 0 0 0 0 0 0 1 b.jpg\n", "", &c));
+    OWNED_COLMAP c = colmap_of(colmap_good_cameras, "7 2 0 0 0 0 0 0 1 b.jpg\n", "");
     CHECK(c.image[0].rotation[0] == 2 && c.warnings == 1);
 }
 
 TEST(colmap_warnings_name_file_and_line_and_are_cut_after_three_of_a_kind)
 {
     OWNED_TEXT points = test_text();
-    OWNED_COLMAP c = {0};
     for (int i = 0; i < 25; i++) text_add(&points, "%d 1 2 3 4 5 6 nan 7 0\n", i);
     test_listen();
-    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, points.data, &c));
+    OWNED_COLMAP c = colmap_of(colmap_good_cameras, colmap_good_images, points.data);
     CHECK(test_said.warnings == 4 && c.warnings == 25);
     CHECK_WARNED("points3D.txt:1: ");
     CHECK_WARNED("points3D.txt: 22 more cases");
@@ -382,9 +379,8 @@ TEST(colmap_no_name_leads_out_of_the_image_folder)
                                            {"././/a.jpg", "a.jpg"}};
     char images[200];
     for (size_t i = 0; i < OXL_COUNT(names); i++) {
-        OWNED_COLMAP c = {0};
         snprintf(images, sizeof images, "7 1 0 0 0 0 0 0 1 %s\n", names[i][0]);
-        CHECK_OK(colmap_try(colmap_good_cameras, images, "", &c));
+        OWNED_COLMAP c = colmap_of(colmap_good_cameras, images, "");
         CHECK(!strcmp(c.names + c.image[0].name, names[i][1]));
     }
 }
@@ -424,10 +420,9 @@ static void colmap_add_points(struct text *t)
 TEST(colmap_the_window_does_not_matter_to_rows_and_errors)
 {
     OWNED_TEXT points = test_text();
-    OWNED_COLMAP whole = {0};
     struct colmap parts;
     colmap_add_points(&points); /* 1001 lines */
-    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, points.data, &whole));
+    OWNED_COLMAP whole = colmap_of(colmap_good_cameras, colmap_good_images, points.data);
     CHECK(whole.point_count == 1000 && whole.warnings > 0);
     for (size_t window = 1; window < 100000; window += window / 2 + 1) {
         CHECK_OK(colmap_read(test_ctx, test_path("model"), window, NULL, &parts));
@@ -444,11 +439,9 @@ TEST(colmap_the_window_does_not_matter_to_rows_and_errors)
 
 TEST(colmap_ids_and_places_in_tracks_may_be_any)
 {
-    OWNED_COLMAP c = {0};
-    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images,
-                        "-9223372036854775808 1 2 3 4 5 6 0.5\n9223372036854775807 1 2 3 4 5 6 0.5\n"
-                        "0 1 2 3 4 5 6 0.5 +7 4294967295 0000000005 7\n",
-                        &c));
+    OWNED_COLMAP c = colmap_of(colmap_good_cameras, colmap_good_images,
+                               "-9223372036854775808 1 2 3 4 5 6 0.5\n9223372036854775807 1 2 3 4 5 6 0.5\n"
+                               "0 1 2 3 4 5 6 0.5 +7 4294967295 0000000005 7\n");
     CHECK(c.point_count == 3 && c.point[0].id == INT64_MIN && c.point[2].id == INT64_MAX);
     CHECK(c.track_count == 2 && c.track[0].observation == 4294967295u &&
           c.image[c.track[1].image_row].id == 5);

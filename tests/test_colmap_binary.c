@@ -71,8 +71,7 @@ static void binary_write(const char *folder, const struct colmap *c, const char 
 /* The good model in the test's folder `binary`, its text in `model`. */
 static void binary_good(void)
 {
-    OWNED_COLMAP c = {0};
-    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
+    OWNED_COLMAP c = colmap_of(colmap_good_cameras, colmap_good_images, colmap_good_points);
     test_make_folder("binary");
     binary_write(test_path("binary"), &c, test_path("model"));
 }
@@ -133,8 +132,7 @@ TEST(colmap_binary_real_surveys_are_those_of_their_text)
 
 TEST(colmap_binary_invalid_values_are_handled_as_in_text)
 {
-    OWNED_COLMAP c = {0};
-    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
+    OWNED_COLMAP c = colmap_of(colmap_good_cameras, colmap_good_images, colmap_good_points);
     test_make_folder("binary");
     c.point[1].position[1] = INFINITY;
     c.point[0].error = NAN;
@@ -258,8 +256,7 @@ TEST(colmap_binary_names_stay_in_the_image_folder_and_on_one_line)
     static const char *const wrong[][2] = {{"../..", "expected NAME, a file in the image folder"},
                                            {"b\nc.jpg", "a line end in a name"}};
     for (size_t i = 0; i < OXL_COUNT(wrong); i++) {
-        OWNED_COLMAP c;
-        CHECK_OK(colmap_try(colmap_good_cameras, "7 1 0 0 0 0 0 0 1 12345678\n\n", "", &c));
+        OWNED_COLMAP c = colmap_of(colmap_good_cameras, "7 1 0 0 0 0 0 0 1 12345678\n\n", "");
         test_make_folder("binary");
         strcpy(c.names + c.image[0].name, wrong[i][0]);
         binary_write(test_path("binary"), &c, test_path("model"));

@@ -585,11 +585,10 @@ TEST(images_of_many_cameras_all_have_their_size_on_disk)
 /* Copies an image of the survey, encoded again as the name of the copy says. */
 static void foreign_copy(const char *from, const char *to)
 {
-    OWNED_IMAGE image;
     const char *path = test_path("survey/images/%s", to);
     char *jpeg = NULL;
     size_t size = 0;
-    CHECK_OK(oxl_image_read(test_ctx, test_path("survey/images/%s", from), &image));
+    OWNED_IMAGE image = test_read_image(test_path("survey/images/%s", from));
     if (strstr(to, ".jpg")) {
         CHECK_OK(oxl_image_to_jpeg(test_ctx, &image, 25, &jpeg, &size));
         test_write_bytes(path, jpeg, size);

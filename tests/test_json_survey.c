@@ -93,8 +93,7 @@ static void jsurvey_check_case(const char *const camera[2],
                                void (*write)(const struct colmap *c, const char *camera), const char *folder,
                                size_t cameras)
 {
-    OWNED_COLMAP colmap = {0}, other = {0};
-    CHECK_OK(colmap_try(camera[0], jsurvey_images, jsurvey_points, &colmap));
+    OWNED_COLMAP colmap = colmap_of(camera[0], jsurvey_images, jsurvey_points), other = {0};
     write(&colmap, camera[1]);
     CHECK_OK(survey_find_model(test_ctx, test_path("%s", folder), NULL, NULL, NULL, &other));
     CHECK(other.camera_count == cameras && !other.images && other.warnings == 0);

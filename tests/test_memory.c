@@ -41,9 +41,8 @@ static oxl_result memory_job(const char *survey, const char *out, long n)
 static uint64_t memory_sum(const char *file)
 {
     struct os_file_map map;
-    uint64_t sum = 0;
     if (!os_is_file(file) || os_read_file(test_ctx, file, &map) != OXL_OK) return 0;
-    sum = checksum_add(CHECKSUM_SEED, map.data, map.size);
+    uint64_t sum = checksum_add(CHECKSUM_SEED, map.data, map.size);
     os_release_file(test_ctx, &map);
     return sum;
 }

@@ -42,7 +42,7 @@ static double metrics_of(metrics_function *metric, const oxl_image *a, const oxl
 TEST(metrics_cc_psnr_leaves_out_exposure_and_nothing_else)
 {
     const size_t plane = METRICS_TEST_W * METRICS_TEST_H;
-    OWNED_IMAGE a = {0}, b = {0};
+    OWNED_IMAGE a, b;
     double cc;
     metrics_pair(&a, &b);
     for (size_t i = 0; i < 3 * plane; i++) {
@@ -59,7 +59,7 @@ TEST(metrics_cc_psnr_leaves_out_exposure_and_nothing_else)
 
 TEST(metrics_agree_with_an_independent_implementation)
 {
-    OWNED_IMAGE a = {0}, b = {0};
+    OWNED_IMAGE a, b;
     metrics_pair(&a, &b);
     CHECK_CLOSE(metrics_of(oxl_psnr, &a, &b), 19.821407012856415, 1e-10);
     CHECK_CLOSE(metrics_of(oxl_ssim, &a, &b), 0.9319152063869652, 1e-12);
@@ -67,7 +67,7 @@ TEST(metrics_agree_with_an_independent_implementation)
 
 TEST(metrics_leave_out_masked_pixels_and_the_windows_that_touch_them)
 {
-    OWNED_IMAGE a = {0}, b = {0};
+    OWNED_IMAGE a, b;
     double psnr, ssim;
     metrics_pair(&a, &b);
     metrics_mask_corner(&b);
@@ -84,7 +84,7 @@ TEST(metrics_leave_out_masked_pixels_and_the_windows_that_touch_them)
 
 TEST(metrics_clamp_and_call_identical_images_100_db)
 {
-    OWNED_IMAGE a = {0}, b = {0};
+    OWNED_IMAGE a, b;
     double psnr, ssim;
     metrics_pair(&a, &b);
     memcpy(b.rgb, a.rgb, METRICS_TEST_N * sizeof(float));
@@ -100,7 +100,7 @@ TEST(metrics_clamp_and_call_identical_images_100_db)
 
 TEST(metrics_are_the_same_with_any_number_of_threads)
 {
-    OWNED_IMAGE a = {0}, b = {0};
+    OWNED_IMAGE a, b;
     double one;
     metrics_pair(&a, &b);
     metrics_mask_corner(&b);
@@ -121,7 +121,7 @@ static oxl_scene *metrics_scene(const oxl_model *model, oxl_view view[2])
     for (int i = 0; i < 2; i++) {
         view[i] = (oxl_view){.name = i ? "a \"quoted\"" : "b", .is_test = i};
         view[i].camera = test_camera(24, 16, 20, -0.1 * i, 0, -3);
-        CHECK_OK(oxl_render(test_ctx, model, &view[i].camera, NULL, &image[i], NULL));
+        image[i] = test_render(model, &view[i].camera);
     }
     return test_scene(view, image, 2, point, 3);
 }
@@ -129,13 +129,12 @@ static oxl_scene *metrics_scene(const oxl_model *model, oxl_view view[2])
 TEST(metrics_evaluate_each_view_of_a_split_and_write_json)
 {
     oxl_view view[2];
-    OWNED_SCENE *scene = NULL;
     oxl_metrics m;
     OWNED_TEXT json = test_text();
     OWNED_MODEL model = test_model(1, 0);
     for (int k = 0; k < 3; k++) model.plane[OXL_LOG_SCALE + k][0] = -1;
     model.plane[OXL_SH][0] = 1;
-    scene = metrics_scene(&model, view);
+    OWNED_SCENE *scene = metrics_scene(&model, view);
     CHECK_OK(oxl_evaluate(test_ctx, &model, scene, &test_imaging, OXL_SPLIT_TEST, &m));
     CHECK(m.count == 1 && strcmp(oxl_scene_view(scene, m.views[0].view)->name, "a \"quoted\"") == 0);
     oxl_metrics_free(test_ctx, &m);
@@ -153,7 +152,7 @@ TEST(metrics_evaluate_each_view_of_a_split_and_write_json)
 /* Values of tests/structure.py. */
 TEST(structure_agrees_with_an_independent_implementation)
 {
-    OWNED_IMAGE a = {0}, b = {0};
+    OWNED_IMAGE a, b;
     metrics_pair(&a, &b);
     CHECK_CLOSE(metrics_of(oxl_structure, &a, &b), 0.940001026129779, 1e-9);
     metrics_mask_corner(&b);
@@ -190,7 +189,7 @@ TEST(structure_of_transposed_images_is_the_same)
 /* What PSNR takes for 34 dB: the light of a lamp, and no ground in it. */
 TEST(structure_does_not_depend_on_brightness_and_is_none_of_a_glow)
 {
-    OWNED_IMAGE a = {0}, b = {0};
+    OWNED_IMAGE a, b;
     double value;
     metrics_pair(&a, &b);
     for (int i = 0; i < METRICS_TEST_N; i++) b.rgb[i] = 0.1f + 0.06f * a.rgb[i];

@@ -94,7 +94,6 @@ TEST(spz_signs_are_those_of_a_turned_scene)
 {
     OWNED_MODEL m = formats_test_model(40, 3), turned = {0};
     oxl_camera camera = test_camera(32, 32, 40, 0, 0, -6);
-    OWNED_IMAGE a = {0}, b = {0};
     double psnr;
     for (int p = 0; p < 3; p++)
         for (size_t i = 0; i < m.count; i++) m.plane[p][i] *= 0.02f, m.plane[OXL_LOG_SCALE + p][i] *= 0.3f;
@@ -105,10 +104,10 @@ TEST(spz_signs_are_those_of_a_turned_scene)
         for (int k = 0; k < 15; k++)
             for (int c = 0; c < 3; c++) turned.plane[OXL_SH + 3 * (k + 1) + c][i] *= (float)spz_turn_sh[k];
     }
-    CHECK_OK(oxl_render(test_ctx, &m, &camera, NULL, &a, NULL));
+    OWNED_IMAGE a = test_render(&m, &camera);
     for (int k = 1; k < 3; k++)
         for (int row = 0; row < 3; row++) camera.rotation[3 * row + k] *= -1; /* R diag(1, -1, -1) */
-    CHECK_OK(oxl_render(test_ctx, &turned, &camera, NULL, &b, NULL));
+    OWNED_IMAGE b = test_render(&turned, &camera);
     CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr));
     CHECK(psnr > 90);
 }
@@ -120,7 +119,6 @@ TEST(models_files_hold_what_is_rendered_beside_gaussians)
     const oxl_camera camera = test_camera(16, 16, 16, 0, 0, 500);
     for (int i = 0; i < 48; i++) {
         OWNED_MODEL m = formats_test_model(5, 1), copy = {0};
-        OWNED_IMAGE image = {0};
         if (i & 1) memset(m.origin, 0, sizeof m.origin);
         m.antialias = i >> 1 & 1;
         m.has_background = i >> 2 & 1;
@@ -133,7 +131,7 @@ TEST(models_files_hold_what_is_rendered_beside_gaussians)
         CHECK(!memcmp(back.origin, m.origin, sizeof m.origin) && !memcmp(back.view, m.view, sizeof m.view));
         CHECK_OK(model_copy(test_ctx, &back, &copy));
         CHECK_OK(model_set_degree(test_ctx, &copy, 2));
-        CHECK_OK(oxl_render(test_ctx, &copy, &camera, NULL, &image, NULL)); /* all is behind the camera */
+        OWNED_IMAGE image = test_render(&copy, &camera); /* all is behind the camera */
         CHECK(copy.has_background == m.has_background && image.rgb[0] == m.background[0] &&
               image.rgb[256] == m.background[1] && image.rgb[512] == 0);
         oxl_model_rescale(&m, 1 / 0.4051);

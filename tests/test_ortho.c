@@ -361,7 +361,6 @@ TEST(unseen_gaussians_are_removed_and_no_training_view_changes)
 {
     static const double place[5][3] = {{3, 2, 0}, {3, 2, 6}, {8, 2, 0}, {20, 2, 0}, {2, 2, 0}};
     OWNED_SCENE *scene = ortho_test_scene();
-    OWNED_IMAGE before = {0}, after = {0};
     OWNED_MODEL model = test_model(5, 0);
     for (int i = 0; i < 5; i++) {
         ortho_test_gaussian(scene, &model, (size_t)i, place[i], (float[]){0.1f, 0.1f, 0.1f},
@@ -369,10 +368,10 @@ TEST(unseen_gaussians_are_removed_and_no_training_view_changes)
         model.plane[OXL_OPACITY][i] = 0;
     }
     for (int v = 0; v < 2; v++) scene->view[v].is_test = v;
-    CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 0)->camera, NULL, &before, NULL));
+    OWNED_IMAGE before = test_render(&model, &oxl_scene_view(scene, 0)->camera);
     CHECK_OK(unseen_drop(test_ctx, scene, &model));
     CHECK(model.count == 2 && model.plane[OXL_SH][0] == 0 && model.plane[OXL_SH][1] == -9);
-    CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 0)->camera, NULL, &after, NULL));
+    OWNED_IMAGE after = test_render(&model, &oxl_scene_view(scene, 0)->camera);
     CHECK(memcmp(before.rgb, after.rgb, 3 * 40 * 30 * sizeof(float)) == 0);
 }
 
@@ -676,7 +675,6 @@ TEST(gps_turns_a_survey_into_utm_metres_with_up_without_what_is_off)
     oxl_view view[8];
     oxl_image image[8];
     oxl_point points[30];
-    OWNED_SCENE *scene = NULL;
     struct product p;
     FILE *to = fopen(test_path("said"), "wb");
     double at[3], wanted[3];
@@ -694,7 +692,7 @@ TEST(gps_turns_a_survey_into_utm_metres_with_up_without_what_is_off)
         ortho_test_photo(names[i], i % 2, place);
         image[i] = test_image(40, 30);
     }
-    scene = test_scene(view, image, 8, points, 30);
+    OWNED_SCENE *scene = test_scene(view, image, 8, points, 30);
     CHECK_OK(product_open(test_ctx, scene, test_path("survey"), &a, to, &p));
     fclose(to);
     ortho_test_said("8 of 8 photos, UTM zone 32 (EPSG:32632): 0.5 metres per unit; 1 left out");

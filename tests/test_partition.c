@@ -150,8 +150,6 @@ TEST(partition_of_degenerate_clouds_ends_and_leaves_no_hole)
     struct partition_test t = {
         .p = cloud, .n = 400, .views = 4, .low = {-50, -50}, .high = {50, 50}, .reach = 20};
     for (int kind = 0; kind < 4; kind++) {
-        OWNED_PARTITION p = {0};
-        OWNED_SCENE *scene = NULL;
         for (int i = 0; i < 400; i++)
             for (int k = 0; k < 3; k++) {
                 const double line = (i - 200) * 0.2 * (k + 1) / 3, two = i % 2 ? -30 : 31;
@@ -161,8 +159,8 @@ TEST(partition_of_degenerate_clouds_ends_and_leaves_no_hole)
                                    : i == 0    ? 1e14
                                                : k * 1e-9 * i;
             }
-        scene = partition_test_load(partition_test_survey("degenerate", &t));
-        p = partition_test_cut(scene, 40, OXL_CUT_BALANCED);
+        OWNED_SCENE *scene = partition_test_load(partition_test_survey("degenerate", &t));
+        OWNED_PARTITION p = partition_test_cut(scene, 40, OXL_CUT_BALANCED);
         CHECK(p.block_count >= 1 && p.block_count <= 40);
         if (kind == 1) CHECK(p.block_count > 4 && p.dimensions == 2);
         if (kind == 2) CHECK(p.block_count == 2);
@@ -222,8 +220,6 @@ TEST(partition_takes_a_slab_for_2d_and_a_cube_for_3d_whatever_a_few_outliers_say
         .p = p, .n = 2000, .views = 5, .low = {-20, -20}, .high = {20, 20}, .reach = 6};
     for (int cube = 0; cube < 2; cube++) {
         const double tilt = 0.3, height = cube ? 20 : 3;
-        OWNED_PARTITION q = {0};
-        OWNED_SCENE *scene = NULL;
         for (int i = 0; i < 2000; i++) {
             const double x = 40 * partition_test_unit(i, 0) - 20, y = 24 * partition_test_unit(i, 1) - 12,
                          /* 4 % */
@@ -232,8 +228,8 @@ TEST(partition_takes_a_slab_for_2d_and_a_cube_for_3d_whatever_a_few_outliers_say
             p[3 * i + 1] = y + far * (partition_test_unit(i, 4) - 0.5);
             p[3 * i + 2] = x * sin(tilt) + z * cos(tilt) + far * (partition_test_unit(i, 5) - 0.5);
         }
-        scene = partition_test_load(partition_test_survey("box", &t));
-        q = partition_test_cut(scene, 100, OXL_CUT_BALANCED);
+        OWNED_SCENE *scene = partition_test_load(partition_test_survey("box", &t));
+        OWNED_PARTITION q = partition_test_cut(scene, 100, OXL_CUT_BALANCED);
         CHECK(q.dimensions == (cube ? 3 : 2));
         CHECK_CLOSE(q.extent[0], 40, 1.5);
         CHECK_CLOSE(q.extent[1], 24, 1);
@@ -291,11 +287,10 @@ TEST(partition_of_a_small_survey_is_one_block_with_every_training_view)
 TEST(partition_does_not_depend_on_threads)
 {
     OWNED_SCENE *scene = partition_test_reef_scene(30);
-    OWNED_PARTITION p = {0}, q = {0};
     test_ctx->threads = 1;
-    p = partition_test_cut(scene, 150, OXL_CUT_BALANCED);
+    OWNED_PARTITION p = partition_test_cut(scene, 150, OXL_CUT_BALANCED);
     test_ctx->threads = 3;
-    q = partition_test_cut(scene, 150, OXL_CUT_BALANCED);
+    OWNED_PARTITION q = partition_test_cut(scene, 150, OXL_CUT_BALANCED);
     CHECK(q.block_count == p.block_count && p.block_count > 1);
     CHECK(memcmp(q.rotation, p.rotation, sizeof p.rotation) == 0);
     for (int b = 0; b < p.block_count; b++) CHECK(memcmp(&q.block[b], &p.block[b], sizeof *p.block) == 0);

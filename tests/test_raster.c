@@ -48,10 +48,9 @@ static struct renderer *raster_draw(const struct wide *w)
 TEST(binning_lists_few_blocks_that_no_pixel_needs)
 {
     OWNED_WIDE w = {0};
-    OWNED_RENDERER *r = NULL;
     int listed = 0, lit = 0;
     raster_scene(&w, 600, 0, 160, 128);
-    r = raster_draw(&w);
+    OWNED_RENDERER *r = raster_draw(&w);
     for (int tile = 0; tile < r->bins.tiles_x * r->bins.tiles_y; tile++)
         for (uint32_t i = r->bins.tile_start[tile]; i < r->bins.tile_start[tile + 1]; i++) {
             const struct splat *s = &r->splat[r->bins.pair[i].splat];
@@ -73,7 +72,6 @@ TEST(binning_lists_few_blocks_that_no_pixel_needs)
 TEST(binning_loses_no_pixel_of_any_splat_or_of_either_lobe)
 {
     OWNED_WIDE w = {0}, plain = {0};
-    OWNED_RENDERER *r = NULL;
     int alone = 0;
     raster_scene(&plain, 600, 0, 61, 47);
     CHECK_CLOSE(raster_difference(&plain), 0, 1e-11);
@@ -82,7 +80,7 @@ TEST(binning_loses_no_pixel_of_any_splat_or_of_either_lobe)
     for (int i = 0; i < 40; i++) w.plane[OXL_OPACITY][i] = -5.6;
     for (int i = 40; i < 80; i++) /* a dot in a disc */
         for (int a = 0; a < 3; a++) w.plane[OXL_LOG_SCALE + a][i] = -6, w.plane[OXL_LOBE + 1 + a][i] = 5;
-    r = raster_draw(&w);
+    OWNED_RENDERER *r = raster_draw(&w);
     for (size_t i = 0; i < 350; i++)
         alone += renderer_row_visible(r, i) && r->lobe[i].half_x > 3 * r->lobe[i].main_x;
     CHECK(kernels_forward(&w) > 100 && alone > 10);
@@ -139,10 +137,9 @@ TEST(pixel_below_the_minimum_transmittance_stays_ended_where_alpha_is_negative)
 TEST(binning_lists_each_tile_in_depth_order_with_ties_by_row)
 {
     OWNED_WIDE w = {0};
-    OWNED_RENDERER *r = NULL;
     raster_scene(&w, 400, 0, 64, 64);
     for (int i = 0; i < 400; i++) w.plane[OXL_MEAN + 2][i] = i % 7 * 0.25;
-    r = raster_draw(&w);
+    OWNED_RENDERER *r = raster_draw(&w);
     for (int tile = 0; tile < 16; tile++)
         for (uint32_t i = r->bins.tile_start[tile] + 1; i < r->bins.tile_start[tile + 1]; i++) {
             const uint32_t a = r->bins.pair[i - 1].splat, b = r->bins.pair[i].splat;
@@ -299,7 +296,7 @@ static struct raster_result raster_of(const oxl_model *m, const oxl_camera *came
     struct raster_result out;
     static float drgb[RASTER_VALUES];
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)random_unit(random_bits(3, i, 0)) - 0.5f;
-    CHECK_OK(oxl_render(test_ctx, m, camera, NULL, &out.image, NULL));
+    out.image = test_render(m, camera);
     CHECK_OK(oxl_render_backward(test_ctx, m, camera, NULL, drgb, &out.gradient));
     return out;
 }

@@ -49,12 +49,11 @@ static struct seam seam_test_run(const struct seam_test *t, float error, int fir
 {
     oxl_view view[2] = {{"a", t->camera, 1}, {"b", t->camera, 0}};
     oxl_image image[2];
-    OWNED_SCENE *scene = NULL;
     struct seam seam = {0};
-    for (int v = 0; v < 2; v++) CHECK_OK(oxl_render(test_ctx, &t->model, &t->camera, NULL, &image[v], NULL));
+    for (int v = 0; v < 2; v++) image[v] = test_render(&t->model, &t->camera);
     for (int i = 0; i < 3 * SEAM_TEST_W * SEAM_TEST_H; i++)
         if (i % SEAM_TEST_W >= first && i % SEAM_TEST_W < end) image[0].rgb[i] += error;
-    scene = test_scene(view, image, 2, NULL, 0);
+    OWNED_SCENE *scene = test_scene(view, image, 2, NULL, 0);
     scene->origin[1] = 100; /* the border is at world y = 99.5, and the camera at local y = -0.5 */
     CHECK_OK(seam_measure(test_ctx, &t->partition, &t->model, scene, NULL, OXL_SPLIT_TEST, &seam));
     return seam;

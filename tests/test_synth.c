@@ -226,9 +226,8 @@ TEST(synth_images_are_clean_pictures_behind_the_stated_water_within_noise)
         const char *name = survey.names + survey.image[v].name;
         const double *k = survey.camera[0].parameter;
         float *depth = synth_test_depth(&o, name);
-        OWNED_IMAGE image = {0}, clean = {0};
-        CHECK_OK(oxl_image_read(test_ctx, test_path("%s/images/%s", o.out, name), &image));
-        CHECK_OK(oxl_image_read(test_ctx, test_path("%s/truth/clean/%s", o.out, name), &clean));
+        OWNED_IMAGE image = test_read_image(test_path("%s/images/%s", o.out, name));
+        OWNED_IMAGE clean = test_read_image(test_path("%s/truth/clean/%s", o.out, name));
         CHECK(image.width == 96 && image.height == 64 && clean.width == 96 && clean.height == 64);
         for (int i = 0; i < 96 * 64; i++) {
             const double x = (i % 96 + 0.5 - k[2]) / k[0], y = (i / 96 + 0.5 - k[3]) / k[1],
@@ -364,9 +363,8 @@ TEST(lint_flags_images_that_are_blurred_or_badly_exposed_beside_their_neighbours
     for (int k = 0; k < 3; k++) { /* blurred along x, darker, brighter */
         char name[80];
         const size_t n = 120 * 80;
-        OWNED_IMAGE image = {0};
         snprintf(name, sizeof name, "synth/images/%s", names[k]);
-        CHECK_OK(oxl_image_read(test_ctx, test_path(name), &image));
+        OWNED_IMAGE image = test_read_image(name);
         OWNED_IMAGE soft = test_image(120, 80);
         for (size_t i = 0; i < 3 * n; i++) {
             float sum = 0;

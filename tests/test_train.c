@@ -94,7 +94,6 @@ static void density_render_needle(float opacity, int with_children, float red[32
     const oxl_camera camera = test_camera(48, 32, 40, 0, 0, 0);
     DENSITY_CASE c = density_case((float[]){1, 0, 0, 0});
     static const float row[] = {0, 0, 4, -1, -1.6f, -2.3f, 0.9f, 0.1f, 0.2f, 0.4f};
-    OWNED_IMAGE image = {0};
     for (int i = 0; i < 4; i++)
         for (int k = 0; k < OXL_SH + 3; k++)
             c.trained.model.plane[k][i] = k == OXL_OPACITY  ? (i ? -20 : logf(opacity / (1 - opacity)))
@@ -102,7 +101,7 @@ static void density_render_needle(float opacity, int with_children, float red[32
                                                             : 1;
     if (with_children)
         CHECK(density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1}).split == 1);
-    CHECK_OK(oxl_render(test_ctx, &c.trained.model, &camera, NULL, &image, NULL));
+    OWNED_IMAGE image = test_render(&c.trained.model, &camera);
     memcpy(red, image.rgb, 32 * 48 * sizeof *red);
 }
 
@@ -304,7 +303,7 @@ oxl_scene *train_scene_of(int views, double shine)
         snprintf(names[v], sizeof names[v], "v%02d.png", v);
         view[v] =
             (oxl_view){names[v], test_camera(SIDE, SIDE, 50, -0.2 * (v - 3), -0.1 * (v % 3), -3), v == 3};
-        CHECK_OK(oxl_render(test_ctx, &truth, &view[v].camera, NULL, &image[v], NULL));
+        image[v] = test_render(&truth, &view[v].camera);
     }
     return test_scene(view, image, views, point, GRID * GRID);
 }
@@ -539,11 +538,10 @@ TEST(train_auto_halves_large_images_only)
 
 TEST(train_refuses_second_lobes_while_gaussians_are_still_split)
 {
-    OWNED_SCENE *scene = NULL;
     oxl_train_options o = train_options(5);
     oxl_model model;
     NEEDS_PART(lobes);
-    scene = train_scene(4);
+    OWNED_SCENE *scene = train_scene(4);
     o.dog = OXL_DOG_ALL, o.densify_until = 0.6f;
     CHECK(test_train(scene, &o, NULL, &model) == OXL_ERR_USAGE);
 }

@@ -289,12 +289,11 @@ TEST(synth_exposure_and_lamp_are_what_truth_says)
     synth_test_make(&o, NULL);
     for (int view = 0; view < o.views; view += 5) {
         char name[64];
-        OWNED_IMAGE seen = {0}, clean = {0};
         const v3 gain = synth_gain(&o, view);
         double most = 0;
         synth_image_name(&o, view, name);
-        CHECK_OK(oxl_image_read(test_ctx, test_path("lamp/images/%s", name), &seen));
-        CHECK_OK(oxl_image_read(test_ctx, test_path("lamp/truth/clean/%s", name), &clean));
+        OWNED_IMAGE seen = test_read_image(test_path("lamp/images/%s", name));
+        OWNED_IMAGE clean = test_read_image(test_path("lamp/truth/clean/%s", name));
         for (int y = 0; y < o.height; y++)
             /* the falloff is one for all channels: the ratio of red to green is the gains' */
             for (int x = 0; x < o.width; x++) {
@@ -348,10 +347,9 @@ static void photometry_test_change(const synth_options *o, const char *survey, i
                                    const double factor[3], double ramp)
 {
     char name[32], path[64];
-    OWNED_IMAGE image = {0};
     synth_image_name(o, view, name);
     snprintf(path, sizeof path, "%s/images/%s", survey, name);
-    CHECK_OK(oxl_image_read(test_ctx, test_path(path), &image));
+    OWNED_IMAGE image = test_read_image(path);
     for (int i = 0; i < 3 * o->width * o->height; i++)
         image.rgb[i] *= (float)(factor[i / (o->width * o->height)] *
                                 exp(ramp * (2.0 * (i % o->width + 0.5) / o->width - 1)));
@@ -541,13 +539,12 @@ TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
 static void photometry_test_clear(const char *survey, double mean[3])
 {
     oxl_train_options o = train_options(150);
-    OWNED_IMAGE image = {0};
     size_t pixels;
     o.medium = OXL_AUTO, o.exposure = o.lamp = OXL_OFF;
     OWNED_SCENE *scene = test_load(survey, NULL);
     OWNED_MODEL model = test_trained(scene, &o);
     CHECK(test_imaging.medium.on);
-    CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 7)->camera, NULL, &image, NULL));
+    OWNED_IMAGE image = test_render(&model, &oxl_scene_view(scene, 7)->camera);
     pixels = (size_t)image.width * (size_t)image.height;
     for (size_t i = 0; i < 3 * pixels; i++) mean[i / pixels] += (double)image.rgb[i] / (double)pixels;
 }
@@ -597,10 +594,9 @@ TEST(medium_gradient_of_the_centres_agrees_with_finite_differences)
     const size_t n = 3 * (size_t)camera->width * (size_t)camera->height;
     OWNED_MEMORY float *drgb = oxl_alloc(test_ctx, n, sizeof *drgb);
     struct medium m = imaging_test_murky;
-    OWNED_MODEL model = {0};
     for (size_t i = 0; i < n; i++) drgb[i] = (float)(random_unit(random_bits(1, i, 0)) - 0.3);
     OWNED_RENDERER *r = test_renderer();
-    model = test_points(scene, 1);
+    OWNED_MODEL model = test_points(scene, 1);
     OWNED_MODEL gradient = test_model(model.count, 1);
     medium_score(r, camera, &model, &m, drgb);
     CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
@@ -865,11 +861,10 @@ TEST(lamp_gradients_of_all_terms_and_of_the_gaussians_agree_with_finite_differen
 {
     OWNED_SCENE *scene = train_scene(3);
     struct lamp lamp = lamp_of(-1);
-    OWNED_MODEL model = {0};
     double d[LAMP_TERMS], slope = 0, plus, minus;
     const float h = 4e-3f;
     OWNED_RENDERER *r = test_renderer();
-    model = test_points(scene, 0);
+    OWNED_MODEL model = test_points(scene, 0);
     OWNED_MODEL gradient = test_model(model.count, 0);
     memcpy(d, lamp_loss(r, scene, &model, &lamp).dlamp, sizeof d);
     CHECK_OK(renderer_backward(test_ctx, r, NULL, &gradient));

@@ -184,13 +184,12 @@ TEST(rates_of_0_train_without_a_number_that_is_not_finite)
 
 TEST(api_refuses_views_cameras_focal_lengths_and_presets_that_are_none)
 {
-    oxl_scene *scene = NULL;
     oxl_model gradient = {0};
     oxl_camera camera = {0, 16, 20, 20, 8, 8, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 2}};
     oxl_view view = {"v", {8, 8, 0, 20, 4, 4, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 2}}, 0};
     double start[3], direction[3];
     float rgb[3 * 256] = {0};
-    scene = working_scene();
+    oxl_scene *scene = working_scene();
     CHECK(oxl_scene_ray(test_ctx, scene, -1, 1, 1, start, direction) == OXL_ERR_USAGE);
     CHECK(oxl_scene_ray(test_ctx, scene, 9, 1, 1, start, direction) == OXL_ERR_USAGE);
     oxl_scene_free(test_ctx, scene);
