@@ -19,9 +19,9 @@ void test_archive(void (*archive)(struct archive *a, void *user), void *written,
 oxl_metrics test_evaluate(const oxl_model *model, const oxl_scene *scene, const struct oxl_imaging *imaging,
                           oxl_split split)
 {
-    oxl_metrics m, figures;
+    oxl_metrics m;
     CHECK_OK(oxl_evaluate(test_ctx, model, scene, imaging, split, &m));
-    figures = m;
+    oxl_metrics figures = m;
     oxl_metrics_free(test_ctx, &m);
     return figures;
 }

@@ -299,13 +299,12 @@ static void extreme_run(oxl_context *ctx, const struct extreme *e, struct extrem
     struct renderer *narrow = NULL;
     oxl_render_options options = oxl_render_options_default();
     oxl_model model, gradient;
-    size_t values;
     float *drgb;
     double *drgb_f64;
     extreme_ordinary(e, &w);
     if (e->make) e->make(&w, e->value);
     wide_to_float(&w);
-    values = 3 * (size_t)w.camera.width * (size_t)w.camera.height;
+    size_t values = 3 * (size_t)w.camera.width * (size_t)w.camera.height;
     drgb = wide_array(values), drgb_f64 = wide_array(values);
     for (size_t i = 0; i < values; i++) drgb_f64[i] = drgb[i] = (float)extreme_random(i, 99);
     options.near_plane = (float)w.near_plane;

@@ -29,7 +29,7 @@ static void extreme_run_loss(oxl_context *ctx, const struct extreme_loss *e, dou
 {
     const size_t n = 3 * (size_t)e->width * (size_t)e->height;
     float *x = wide_array(n), *y = wide_array(n), *dx = wide_array(n);
-    double *x_f64 = wide_array(n), *y_f64 = wide_array(n), *dx_f64 = wide_array(n), exact;
+    double *x_f64 = wide_array(n), *y_f64 = wide_array(n), *dx_f64 = wide_array(n);
     const struct loss_job job = {e->width, e->height, 0.2f, x, y, NULL, dx, 0};
     struct loss_scratch scratch = {0};
     struct renderer_loss narrow;
@@ -39,7 +39,7 @@ static void extreme_run_loss(oxl_context *ctx, const struct extreme_loss *e, dou
         y_f64[i] = y[i] = (float)e->y;
     }
     extreme_must(ctx, loss_forward_backward(ctx, &job, &scratch, &narrow));
-    exact = kernels_loss(e->width, e->height, 0.2, x_f64, y_f64, NULL, dx_f64).total;
+    double exact = kernels_loss(e->width, e->height, 0.2, x_f64, y_f64, NULL, dx_f64).total;
     extreme_compare(&sums, dx, dx_f64, n);
     *gradient = extreme_error(&sums, 0.8 / (double)n); /* no less than the pull of L1 */
     *value = fabs(narrow.total - exact);

@@ -98,10 +98,9 @@ static void extreme_print_surveys(oxl_context *ctx, const char *folder)
         EXTREME_STEPS);
     for (size_t i = 0; i < OXL_COUNT(EXTREME_SURVEYS); i++) {
         const struct extreme_survey *e = &EXTREME_SURVEYS[i];
-        struct extreme_error error;
         snprintf(path, sizeof path, "%s/survey-%zu", folder, i);
         if (i == 0) extreme_train(ctx, e, path, plain);
-        error = extreme_run_survey(ctx, e, path, plain);
+        struct extreme_error error = extreme_run_survey(ctx, e, path, plain);
         printf("| %s |", e->what);
         if (e->image < 0) printf(" - | finite |");
         else {

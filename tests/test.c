@@ -49,12 +49,12 @@ enum { MEMORY_HEAD = 128 };
 static void *memory_weigh(void *user, void *old, size_t size)
 {
     const size_t shift = 16 * (size_t)(memory_weighed.calls++ % 4);
-    char *base, *memory = NULL;
+    char *memory = NULL;
     size_t had = 0;
     (void)user;
     if (old) memcpy(&had, (char *)old - 16, sizeof had);
     if (size && memory_weighed.limit && memory_weighed.held - had + size > memory_weighed.limit) return NULL;
-    base = size ? malloc(size + MEMORY_HEAD) : NULL;
+    char *base = size ? malloc(size + MEMORY_HEAD) : NULL;
     if (base) {
         memory = base + 64 + shift;
         memcpy(memory - 16, &size, sizeof size);
@@ -227,9 +227,8 @@ const char *test_write(const char *name, const char *text)
 {
     const char *path = test_path("%s", name);
     char parent[512];
-    char *slash;
     snprintf(parent, sizeof parent, "%s", path);
-    slash = strrchr(parent, '/');
+    char *slash = strrchr(parent, '/');
     if (slash) *slash = 0;
     test_make_folder(parent);
     test_write_bytes(path, text, strlen(text));

@@ -149,18 +149,17 @@ static struct colmap binary_after(const char *words, const char *images)
 {
     const struct survey_given given = {.folder = images};
     OWNED_TEXT t = test_text();
-    struct colmap c, numbers;
+    struct colmap c;
     text_add(&t, "cd '%s' && %s", test_path("binary"), words);
     CHECK(system(t.data) == 0);
     CHECK_OK(colmap_read(test_ctx, test_path("binary"), COLMAP_BUFFER, &given, &c));
-    numbers = c;
+    struct colmap numbers = c;
     colmap_free(test_ctx, &c);
     return numbers;
 }
 
 TEST(colmap_of_text_and_binary_the_one_that_the_images_fit_better_is_read_with_a_message)
 {
-    struct colmap c;
     binary_good();
     test_listen();
     CHECK(binary_after("cp ../model/*.txt .", NULL).format == COLMAP_BINARY);
@@ -169,7 +168,8 @@ TEST(colmap_of_text_and_binary_the_one_that_the_images_fit_better_is_read_with_a
           COLMAP_TEXT);
     binary_after("cp ../model/*.txt .; sed -i s/500.5/600/ cameras.txt", NULL);
     CHECK_LOGGED("the binary one is read");
-    c = binary_after("touch ../model/b.jpg; sed -i 4,7d images.txt", test_path("model")); /* fits */
+    struct colmap c =
+        binary_after("touch ../model/b.jpg; sed -i 4,7d images.txt", test_path("model")); /* fits */
     CHECK(c.format == COLMAP_TEXT && c.image_count == 1);
     CHECK(binary_after("touch ../model/c.png", test_path("model")).format == COLMAP_BINARY);
     binary_replace("points3D.bin", "\0\0\0\0\0\0\0\0", 8); /* none */
@@ -202,11 +202,10 @@ TEST(colmap_binary_that_is_cut_or_has_a_wrong_byte_is_refused_with_the_place_or_
         copy = oxl_alloc(test_ctx, map.size, 1);
         for (size_t i = 0; i < map.size; i++) {
             OWNED_COLMAP c = {0};
-            oxl_result rc;
             memcpy(copy, map.data, map.size);
             copy[i] = (char)0xff;
             binary_replace(binary_names[f], copy, map.size);
-            rc = colmap_read_folder(test_path("binary"), &c);
+            oxl_result rc = colmap_read_folder(test_path("binary"), &c);
             CHECK(rc == OXL_OK || rc == OXL_ERR_INPUT);
             if (rc != OXL_OK) CHECK_SAYS("\nfix: ");
             refused += rc != OXL_OK;

@@ -15,11 +15,10 @@ static int exposure_test_takes(double wave, double jump, double unexplained, int
     float gain[24];
     uint8_t fitted[8] = {7, 7, 7, 7, 7, 7, 7, 7};
     char why[400];
-    int on;
     for (int i = 0; i < 24; i++) gain[i] = (float)(wave * cos(0.8 * (i / 3)) + (i / 3 % 2 ? jump : -jump));
     p.log_gain = gain, p.fitted = fitted;
     exposure_set_from_tracks(&e, &p, why, sizeof why);
-    on = e.of.on;
+    int on = e.of.on;
     imaging_free(test_ctx, &e.of);
     return on;
 }

@@ -136,9 +136,8 @@ TEST(fixed_pixels_are_masked_after_memory_was_refused)
 {
     OWNED_SCENE *scene = fixed_survey(FIXED_ROUND_PORT, FIXED_NOTHING, 1);
     for (long allowed = 0; allowed < 99; allowed++) {
-        const struct training_image *image;
         allocations_left = allowed;
-        image = scene_image(test_ctx, scene, 0);
+        const struct training_image *image = scene_image(test_ctx, scene, 0);
         allocations_left = LONG_MAX;
         CHECK(!image || image->mask);
     }

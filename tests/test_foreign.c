@@ -169,9 +169,8 @@ TEST(images_that_do_not_belong_to_the_model_are_named_with_their_reading)
 
 TEST(images_whose_pixel_data_are_damaged_are_named_by_a_check)
 {
-    FILE *file;
     foreign_upright(1);
-    file = fopen(test_path("survey/images/03.png"), "r+b");
+    FILE *file = fopen(test_path("survey/images/03.png"), "r+b");
     CHECK(file && fseek(file, 300, SEEK_SET) == 0 && fputs("another", file) >= 0 && fclose(file) == 0);
     CHECK(foreign_check() == 0);
     CHECK_WARNED("03.png: the image of");
@@ -199,9 +198,8 @@ TEST(images_are_compared_without_memory_with_an_error_and_no_leak)
     foreign_image(3, 3, FOREIGN_TURNED);
     for (long allowed = 0; allowed < 400; allowed += 29) {
         oxl_survey s;
-        oxl_result rc;
         allocations_left = allowed;
-        rc = oxl_check(test_ctx, test_path("survey"), NULL, 0, &s);
+        oxl_result rc = oxl_check(test_ctx, test_path("survey"), NULL, 0, &s);
         allocations_left = LONG_MAX;
         CHECK(rc == OXL_OK || rc == OXL_ERR_MEMORY);
     }
@@ -393,12 +391,11 @@ static void foreign_write_png16(const char *path, const uint16_t *grey, int widt
 {
     uint8_t bytes[2 * FOREIGN_WIDTH * FOREIGN_HEIGHT];
     unsigned char *png;
-    unsigned sum;
     int size = 0;
     for (int i = 0; i < 2 * width * height; i++) bytes[i] = (uint8_t)(grey[i / 2] >> (i % 2 ? 0 : 8));
     CHECK((png = codec_encode_png(test_ctx, bytes, width, height, 2, &size)) != NULL);
     png[24] = 16, png[25] = 0; /* bits, colour [RFC 2083] */
-    sum = codec_png_checksum(png + 12, 17);
+    unsigned sum = codec_png_checksum(png + 12, 17);
     for (int k = 0; k < 4; k++) png[29 + k] = (unsigned char)(sum >> (24 - 8 * k));
     test_write_bytes(path, png, (size_t)size);
     codec_free(test_ctx, png);
@@ -514,10 +511,9 @@ static const unsigned char foreign_exif[] = {'M', 'M', 0, 42, 0, 0, 0, 8, 0, 1, 
 static void foreign_add_orientation(const char *path)
 {
     enum { HEAD = 33 };
-    unsigned char *all, *chunk;
     OWNED_FILE map = test_file(path);
-    all = calloc(map.size + 12 + sizeof foreign_exif, 1);
-    chunk = all + HEAD;
+    unsigned char *all = calloc(map.size + 12 + sizeof foreign_exif, 1);
+    unsigned char *chunk = all + HEAD;
     memcpy(all, map.data, HEAD);
     chunk[3] = sizeof foreign_exif;
     memcpy(chunk + 4, "eXIf", 4);
@@ -728,14 +724,13 @@ TEST(transforms_say_fisheye_in_the_words_of_instant_ngp)
 
 TEST(transforms_masks_are_used_and_missing_ones_counted)
 {
-    const struct training_image *image;
     foreign_transforms("\"a\": 1");
     OWNED_SCENE *scene = test_load("survey", NULL);
     CHECK_WARNED("1 of the 1 masks that transforms.json names as mask_path are missing");
     oxl_scene_free(test_ctx, scene);
     foreign_masks("own", 1, 1);
     scene = test_load("survey", NULL);
-    image = scene_image(test_ctx, scene, 0);
+    const struct training_image *image = scene_image(test_ctx, scene, 0);
     CHECK(image && image->mask && image->mask[image->width * (image->height - 3)] == 0);
     CHECK(scene_image(test_ctx, scene, 1) != NULL);
 }
@@ -759,12 +754,11 @@ TEST(transforms_with_two_focal_lengths_take_the_one_that_a_camera_has)
         {"\"millimetres\": 1, \"camera_angle_x\": 1.176", 120, 1},
     };
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
-        OWNED_COLMAP c;
         foreign_transforms(cases[i].members);
         if (strstr(cases[i].members, "millimetres"))
             job_test_replace(test_path("survey/transforms.json"), "\"fl_x\": 120, \"fl_y\": 120",
                              "\"fl_x\": 3, \"fl_y\": 3");
-        c = foreign_read(NULL);
+        OWNED_COLMAP c = foreign_read(NULL);
         CHECK(fabs(c.camera->parameter[0] - cases[i].focal) < 0.1 &&
               fabs(c.camera->parameter[1] - cases[i].focal) < 0.1);
         CHECK(cases[i].warns == (strstr(test_said.warning, "follow from camera_angle_x") != NULL));
@@ -834,9 +828,8 @@ TEST(points_have_their_colours_whatever_the_type)
 
 TEST(models_keep_infinite_opacities_and_widths_of_zero)
 {
-    oxl_model m;
     test_listen();
-    m = test_read_model(test_write(
+    oxl_model m = test_read_model(test_write(
         "m.ply",
         FOREIGN_PLY(FOREIGN_DC, "1 0 0 0 0 0 inf 0 0 -inf 1 0 0 0\n2 0 0 0 0 0 -inf 0 0 0 0 0 0 0\n")));
     CHECK(m.count == 2 && m.not_finite == 0 && m.plane[OXL_OPACITY][0] == 20 &&
@@ -987,11 +980,10 @@ TEST(a_finished_result_stays_when_its_survey_has_another_name)
     oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT), resumed = o;
     oxl_manifest *run = NULL;
     char named[600];
-    int64_t before;
     o.train.iterations = 2;
     foreign_upright(1);
     job_test_done("out", &o);
-    before = os_modified(test_path("out/scene.ply"));
+    int64_t before = os_modified(test_path("out/scene.ply"));
     snprintf(named, sizeof named, "%s/../survey/", test_path("survey"));
     CHECK_OK(oxl_job_resume(test_ctx, named, test_path("out"), &resumed, &run));
     CHECK(resumed.train.iterations == 2);

@@ -97,12 +97,11 @@ static void image_chunk(struct text *png, const char *type, const void *data, si
 {
     const char length[4] = {0, 0, (char)(size >> 8), (char)size};
     const size_t at = png->size + 4;
-    unsigned sum;
     char big[4];
     image_append(png, (void *)(uintptr_t)length, 4);
     image_append(png, (void *)(uintptr_t)type, 4);
     image_append(png, (void *)(uintptr_t)data, (int)size);
-    sum = codec_png_checksum((const uint8_t *)png->data + at, (int)(png->size - at));
+    unsigned sum = codec_png_checksum((const uint8_t *)png->data + at, (int)(png->size - at));
     for (int k = 0; k < 4; k++) big[k] = (char)(sum >> (24 - 8 * k));
     image_append(png, big, 4);
 }
@@ -228,9 +227,8 @@ static const char *const image_kinds[] = {"tests/data/baseline.jpg", "tests/data
 static char *image_copy(const char *path, size_t *size)
 {
     OWNED_FILE whole;
-    char *bytes;
     CHECK_OK(os_read_file(test_ctx, path, &whole));
-    bytes = oxl_calloc(test_ctx, 2 * whole.size, 1);
+    char *bytes = oxl_calloc(test_ctx, 2 * whole.size, 1);
     memcpy(bytes, whole.data, whole.size);
     *size = whole.size;
     return bytes;
@@ -295,14 +293,14 @@ TEST(image_jpeg_that_would_overrun_the_decoder_is_refused)
     /* a table before the frame header, its 16 counts beyond the end of its segment */
     static const char early[] =
         "\xff\xd8\xff\xc4\x00\x03\x00\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff";
-    size_t size, length;
+    size_t size;
     OWNED_MEMORY char *twice = image_copy("tests/data/progressive.jpg", &size);
     OWNED_MEMORY char *table = image_copy("tests/data/progressive.jpg", &size);
     char *frame = image_marker(twice, size, 0xc2);
     image_refused(image_bytes("early.jpg", early, sizeof early - 1), "a Huffman table is damaged");
     memset(image_marker(table, size, 0xc4) + 5, 255, 16); /* a table of 4080 symbols */
     image_refused(image_bytes("tables.jpg", table, size), "a Huffman table is damaged");
-    length = 2 + (size_t)((unsigned char)frame[2] << 8 | (unsigned char)frame[3]);
+    size_t length = 2 + (size_t)((unsigned char)frame[2] << 8 | (unsigned char)frame[3]);
     memmove(frame + length, frame, size - (size_t)(frame - twice)); /* a frame header twice */
     image_refused(image_bytes("frames.jpg", twice, size + length), "two frame headers");
 }
@@ -325,12 +323,11 @@ TEST(image_with_flipped_bits_is_read_or_refused_without_a_crash)
     for (size_t k = 0; k < OXL_COUNT(image_kinds); k++) {
         for (uint64_t i = 0; i < 200; i++) {
             OWNED_IMAGE image = {0};
-            oxl_result rc;
             size_t size;
             OWNED_MEMORY char *bytes = image_copy(image_kinds[k], &size);
             for (uint64_t j = 0; j < 3; j++)
                 bytes[random_bits(i, j, 0) % size] ^= (char)(1 << random_bits(i, j, 1) % 8);
-            rc = oxl_image_read(test_ctx, image_bytes("flipped", bytes, size), &image);
+            oxl_result rc = oxl_image_read(test_ctx, image_bytes("flipped", bytes, size), &image);
             CHECK(rc == OXL_OK || rc == OXL_ERR_INPUT);
             CHECK((rc == OXL_OK) == (image.rgb != NULL));
         }
@@ -443,9 +440,9 @@ static void image_check_undistorted(int file_width, int file_height, double redu
     for (int at = 0; at < to.width * to.height; at++) { /* red: 3 x + 2 y, which wraps round at 256 */
         const double direction[2] = {(at % to.width + 0.5 - to.cx) / to.fx,
                                      (at / to.width + 0.5 - to.cy) / to.fy};
-        double p[2], wanted;
+        double p[2];
         camera_distort(&from, direction, p);
-        wanted = 3 * (zoom * p[0] - 0.5) + 2 * (zoom * p[1] - 0.5);
+        double wanted = 3 * (zoom * p[0] - 0.5) + 2 * (zoom * p[1] - 0.5);
         if (wanted < 240) worst = OXL_MAX(worst, fabs(image.rgb[at] - wanted));
     }
     CHECK_CLOSE(worst, 0, 0.6); /* half a level, and a little from 1/256 px and the curve within a pixel */

@@ -57,9 +57,8 @@ int job_test_has(const char *file, const char *words)
 void job_test_replace(const char *file, const char *from, const char *to)
 {
     OWNED_TEXT t = test_text();
-    const char *at;
     OWNED_FILE map = test_file(file);
-    at = strstr(map.data, from);
+    const char *at = strstr(map.data, from);
     CHECK(at != NULL);
     text_add(&t, "%.*s%s%s", (int)(at - map.data), map.data, to, at + strlen(from));
     test_write_bytes(file, t.data, t.size);
@@ -318,16 +317,15 @@ static void job_test_stopped(const oxl_job_options *options)
 /* Memory that an earlier process of the run has found is kept, whatever the machine has. */
 TEST(job_in_blocks_grows_to_what_memory_holds_of_the_merged_model)
 {
-    oxl_job_options options = job_test_blocks(), limited;
-    struct cost_load load;
+    oxl_job_options options = job_test_blocks();
     char memory[40];
     options.train.iterations = 120;
     options.train.densify_gradient = 1e-12f;
     options.train.max_gaussians = 400;
     job_test_survey();
     OWNED_SCENE *scene = test_load("survey", &options.scene);
-    load = cost_load_of_scene(scene);
-    limited = options;
+    struct cost_load load = cost_load_of_scene(scene);
+    oxl_job_options limited = options;
     for (limited.ram = (size_t)1e7; budget_max_gaussians(&load, &limited) < 150;) limited.ram += 1000;
     job_test_stopped(&options);
     snprintf(memory, sizeof memory, "\"memory\": %zu", limited.ram);
@@ -347,16 +345,14 @@ static double job_test_figure(const char *out, const char *name)
  * well. Returns how much better it does so than scene_clear.ply, dB. */
 static double job_test_shows_viewers(const char *out)
 {
-    const char *standard;
     char scene[64], clear[64];
-    oxl_metrics plain;
     snprintf(scene, sizeof scene, "%s/scene.ply", out);
     snprintf(clear, sizeof clear, "%s/scene_clear.ply", out);
     CHECK(test_has(clear) && os_is_file(test_path("%s/imaging.txt", out)));
-    plain = job_test_evaluate(scene, 0);
+    oxl_metrics plain = job_test_evaluate(scene, 0);
     CHECK(job_test_evaluate(scene, 1).psnr == plain.psnr);
     OWNED_FILE json = test_file(test_path("%s/metrics.json", out));
-    standard = oxl_json_member(json.data, "standard");
+    const char *standard = oxl_json_member(json.data, "standard");
     CHECK_CLOSE(oxl_json_number(json.data, "psnr"), job_test_evaluate(clear, 1).psnr, 1e-9);
     CHECK_CLOSE(oxl_json_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
     CHECK_CLOSE(oxl_json_number(standard, "psnr"), plain.psnr, 1e-9);
@@ -738,14 +734,14 @@ TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt
     NEEDS_PART(medium);
     NEEDS_PART(lamp);
     oxl_job_options options = job_test_options();
-    oxl_metrics full, plain, gains;
+    oxl_metrics full, plain;
     options.train.lamp = options.train.medium = OXL_ON;
     options.train.dog = OXL_DOG_ALL;
     options.train.iterations = 60;
     photometry_test_make("survey", SYNTH_3C);
     job_test_done("out", &options);
     full = job_test_evaluate("out/scene_clear.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
-    gains = job_test_evaluate("out/scene.ply", 1);
+    oxl_metrics gains = job_test_evaluate("out/scene.ply", 1);
     CHECK(full.psnr > 0 && fabs(full.psnr - plain.psnr) > 1e-6);
     CHECK_CLOSE(job_test_figure("out", "psnr"), full.psnr, 1e-9);
     CHECK_CLOSE(job_test_figure("out", "plain_psnr"), plain.psnr, 1e-9);
@@ -770,13 +766,12 @@ TEST(job_with_gains_alone_writes_a_model_for_viewers_that_needs_none)
 {
     NEEDS_PART(exposure);
     oxl_job_options options = job_test_options();
-    double plain;
     options.train.exposure = OXL_ON;
     options.train.lamp = options.train.medium = OXL_OFF;
     options.train.iterations = 60;
     job_test_done("out", &options);
     CHECK(test_has("out/blocks/000/model_standard.ply") && job_test_shows_viewers("out") != 0);
-    plain = job_test_evaluate("out/scene.ply", 0).psnr;
+    double plain = job_test_evaluate("out/scene.ply", 0).psnr;
     CHECK(os_remove(test_path("out/scene_clear.ply")) == 0); /* a model of before: it has none of the gains */
     CHECK(fabs(job_test_evaluate("out/scene.ply", 1).psnr - plain) > 1e-6);
 }

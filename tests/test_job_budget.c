@@ -69,14 +69,13 @@ TEST(budget_takes_the_cache_then_the_sh_degree_then_gaussians)
 TEST(budget_refuses_what_cannot_fit_and_names_a_flag_that_would)
 {
     const struct cost_load load = budget_test_load();
-    oxl_job_options o = budget_test_options(1e8), enough;
-    const char *fix;
+    oxl_job_options o = budget_test_options(1e8);
     double mb = 0;
     CHECK(!budget_fit(&load, &o) && budget_refuse(test_ctx, &load, &o) == OXL_ERR_BUDGET);
-    fix = strstr(oxl_error_text(test_ctx), "--ram ");
+    const char *fix = strstr(oxl_error_text(test_ctx), "--ram ");
     CHECK(fix != NULL);
     if (fix) mb = atof(fix + 6);
-    enough = budget_test_options(mb * 1048576);
+    oxl_job_options enough = budget_test_options(mb * 1048576);
     CHECK(budget_fit(&load, &enough));
     CHECK_SAYS("100 MB are too little");
 }
@@ -128,13 +127,12 @@ TEST(budget_of_steps_of_a_large_survey_is_kept_in_run_json_and_its_run_is_found_
 TEST(budget_cuts_into_blocks_that_are_predicted_to_fit)
 {
     oxl_job_options options = job_test_options();
-    struct cost_load load;
     OWNED_PARTITION p = {0};
     options.train.max_gaussians = 300000;
     options.train.iterations = 3000;
     job_test_survey_of(30000);
     OWNED_SCENE *scene = test_load("survey", &options.scene);
-    load = cost_load_of_scene(scene);
+    struct cost_load load = cost_load_of_scene(scene);
     /* not less than the tests hold, which is more with a sanitizer */
     options.ram = (size_t)OXL_MAX(0.9 * cost_memory(&options, &load, cost_gaussians(&options, &load)),
                                   1.5 * (double)os_peak_rss());
@@ -152,10 +150,10 @@ TEST(budget_counts_of_lamp_and_medium_the_depths_of_tracks_alone)
     NEEDS_PART(track_depth);
     NEEDS_PART(exposure); /* by which a run has a model for viewers, too */
     struct cost_load load = budget_test_load();
-    oxl_job_options o = budget_test_options(4e8), off;
+    oxl_job_options o = budget_test_options(4e8);
     o.train.sh_degree = 3;
     o.train.lamp = o.train.medium = OXL_AUTO;
-    off = o;
+    oxl_job_options off = o;
     off.train.lamp = off.train.medium = OXL_OFF;
     /* 1024 of a view */
     CHECK_CLOSE(cost_memory(&o, &load, 1e5) - cost_memory(&off, &load, 1e5), 51200 * 12 + 50 * 16, 1);
@@ -187,10 +185,9 @@ TEST(budget_counts_the_images_that_are_on_their_way)
 {
     struct cost_load load = budget_test_load();
     oxl_job_options o = oxl_job_options_default(OXL_PRESET_STANDARD);
-    double before;
     o.scene.image_cache_bytes = (size_t)4e8;
     load.pixels = 1e7;
-    before = cost_memory(&o, &load, 1e5);
+    double before = cost_memory(&o, &load, 1e5);
     /* 6 MB each, with what decoding takes: 4 at once, and one beside a cache that is full */
     load.largest_file = 1e6;
     CHECK_CLOSE(cost_memory(&o, &load, 1e5) - before, 5 * 6e6, 1);
@@ -214,10 +211,9 @@ TEST(budget_counts_the_model_beside_which_one_for_viewers_is_refined)
 {
     oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
     const double model = 4 * (OXL_SH + 48);
-    double without;
     o.train.sh_degree = 3;
     o.train.exposure = OXL_OFF, o.train.medium = OXL_OFF, o.train.dog = OXL_DOG_OFF;
-    without = budget_test_bytes_each(&o);
+    double without = budget_test_bytes_each(&o);
     o.train.exposure = OXL_AUTO;
     CHECK_CLOSE(budget_test_bytes_each(&o) - without, model, 1e-6);
     o.train.exposure = OXL_OFF, o.train.medium = OXL_ON;
@@ -245,9 +241,8 @@ TEST(budget_predicts_few_gaussians_where_most_pixels_are_transparent)
     const oxl_job_options o = oxl_job_options_default(OXL_PRESET_STANDARD);
     OWNED_SCENE *scene = test_load(job_test_survey(), NULL);
     for (int transparent = 0; transparent < 2; transparent++) {
-        struct cost_load load;
         scene->transparent = transparent;
-        load = cost_load_of_scene(scene);
+        struct cost_load load = cost_load_of_scene(scene);
         load.schedule_pixels = 6.4e7, load.largest = 640000; /* 100 views of 800 x 800 px */
         CHECK((cost_gaussians(&o, &load) < 10.0 * SCENE_START_HULL) == transparent);
     }

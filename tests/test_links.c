@@ -8,10 +8,9 @@
 
 static int links_holds(const char *path, const char *text)
 {
-    int same;
     if (!os_is_file(path)) return 0;
     OWNED_FILE map = test_file(path);
-    same = map.size == strlen(text) && !memcmp(map.data, text, map.size);
+    int same = map.size == strlen(text) && !memcmp(map.data, text, map.size);
     return same;
 }
 
@@ -46,12 +45,11 @@ TEST(a_lock_that_is_a_link_or_a_pipe_is_refused_and_stays)
 TEST(a_temporary_name_that_is_a_link_is_replaced_and_its_target_stays)
 {
     char temporary[300];
-    FILE *file;
     test_write("victim", "keep");
     CHECK(symlink(test_path("victim"), test_path("a.%ld.oxl.tmp", (long)getpid())) == 0);
     CHECK(symlink(test_path("victim"), test_path("report.html.%ld.oxl.tmp", (long)getpid())) == 0);
     test_write_bytes("a", "new", 3);
-    file = oxl_create_beside(test_path("report.html"), temporary, sizeof temporary);
+    FILE *file = oxl_create_beside(test_path("report.html"), temporary, sizeof temporary);
     CHECK(file && fputs("new", file) >= 0 && fclose(file) == 0);
     CHECK(links_holds(test_path("a"), "new") && links_holds(temporary, "new"));
     CHECK(links_holds(test_path("victim"), "keep"));

@@ -10,10 +10,9 @@ static pid_t lock_test_child(const char *folder, int shared)
 {
     int ready[2];
     char byte;
-    pid_t child;
     CHECK(pipe(ready) == 0);
     fflush(stdout);
-    child = fork();
+    pid_t child = fork();
     if (child == 0) {
         oxl_lock *lock;
         oxl_result rc = lock_folder(test_ctx, folder, shared, &lock);
@@ -72,10 +71,9 @@ TEST(lock_of_a_survey_of_one_block_is_not_shared)
     struct job_test_watch watch = {0, 5};
     const oxl_callback callback = {job_test_progress, &watch};
     const char *survey = job_test_survey(), *folder = test_path("out");
-    pid_t child;
     options.block = 0;
     CHECK(oxl_job_run(test_ctx, survey, folder, &options, &callback) == OXL_ERR_INTERRUPTED);
-    child = lock_test_child(folder, 1);
+    pid_t child = lock_test_child(folder, 1);
     CHECK(oxl_job_run(test_ctx, survey, folder, &options, NULL) == OXL_ERR_FAILED);
     CHECK(strstr(oxl_error_text(test_ctx), "is in use by process"));
     lock_test_kill(child);

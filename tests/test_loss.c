@@ -88,10 +88,9 @@ static int loss_plain_whole(const struct loss_case *c, int cx, int cy)
 TEST(loss_takes_the_windows_that_a_mask_leaves_whole)
 {
     LOSS_CASE c = loss_case(45, 40, 1);
-    struct wide_loss value;
     double ssim = 0, windows = 0;
     for (int i = 0; i < 45 * 40; i++) c.weight[i] = i % 311 != 7;
-    value = loss_run(&c, 0.2);
+    struct wide_loss value = loss_run(&c, 0.2);
     for (int ch = 0; ch < 3; ch++)
         for (int i = 0; i < 45 * 40; i++) {
             if (!loss_plain_whole(&c, i % 45, i / 45)) continue;
@@ -129,10 +128,9 @@ TEST(loss_does_not_see_what_is_masked)
 {
     LOSS_CASE c = loss_case(40, 20, 1);
     const struct wide_loss before = loss_run(&c, 0.2);
-    struct wide_loss after;
     for (int i = 0; i < 3 * 40 * 20; i++)
         if (!(c.weight[i % (40 * 20)] > 0)) c.x[i] = 100 + i;
-    after = loss_run(&c, 0.2);
+    struct wide_loss after = loss_run(&c, 0.2);
     CHECK(before.total == after.total && before.ssim == after.ssim && before.mse == after.mse);
     for (int i = 0; i < 3 * 40 * 20; i++)
         if (!(c.weight[i % (40 * 20)] > 0)) CHECK(c.dx[i] == 0);
@@ -141,9 +139,8 @@ TEST(loss_does_not_see_what_is_masked)
 TEST(loss_of_equal_images_is_zero)
 {
     LOSS_CASE c = loss_case(16, 16, 0);
-    struct wide_loss value;
     memcpy(c.y, c.x, 3 * 16 * 16 * sizeof *c.x);
-    value = loss_run(&c, 0.2);
+    struct wide_loss value = loss_run(&c, 0.2);
     CHECK_CLOSE(value.total, 0, 1e-15);
     for (int i = 0; i < 3 * 16 * 16; i++) CHECK_CLOSE(c.dx[i], 0, 1e-15);
 }

@@ -27,12 +27,11 @@ static oxl_result memory_job(const char *survey, const char *out, long n)
 {
     const oxl_job_options options = memory_options();
     char command[600];
-    oxl_result rc;
     snprintf(command, sizeof command, "rm -rf '%s'", out);
     CHECK(system(command) == 0);
     test_ctx->error[0] = 0;
     allocations_left = n;
-    rc = oxl_job_run(test_ctx, survey, out, &options, NULL);
+    oxl_result rc = oxl_job_run(test_ctx, survey, out, &options, NULL);
     memory_used = n - allocations_left;
     allocations_left = LONG_MAX;
     return rc;
@@ -51,8 +50,7 @@ TEST(memory_refused_anywhere_in_a_job_is_reported_or_changes_nothing)
 {
     const char *survey = job_test_survey(), *out = test_path("out");
     char ply[512], refused[400];
-    uint64_t whole;
-    long count, stride, held, reported = 0;
+    long reported = 0;
     test_write("survey/masks/.keep", "");
     for (int i = 0; i < 3; i++) {
         CHECK_OK(job_test_image(test_path("survey/masks/%d.png", i), i));
@@ -60,10 +58,10 @@ TEST(memory_refused_anywhere_in_a_job_is_reported_or_changes_nothing)
     snprintf(ply, sizeof ply, "%s/scene.ply", out);
     test_ctx->threads = 1;
     CHECK_OK(memory_job(survey, out, LONG_MAX));
-    count = memory_used;
-    whole = memory_sum(ply);
-    held = blocks_held;
-    stride = getenv("OXL_ALL_ALLOCATIONS") ? 1 : OXL_MAX(count / 40, 1);
+    long count = memory_used;
+    uint64_t whole = memory_sum(ply);
+    long held = blocks_held;
+    long stride = getenv("OXL_ALL_ALLOCATIONS") ? 1 : OXL_MAX(count / 40, 1);
     CHECK(whole != 0 && count > 1000);
     test_case = refused;
     for (long n = stride / 2; n < count; n += stride) {
@@ -81,9 +79,8 @@ TEST(memory_refused_anywhere_in_a_job_is_reported_or_changes_nothing)
 
 TEST(memory_that_grows_keeps_its_contents_and_its_alignment)
 {
-    unsigned char *bytes;
     memory_weigh_start(0);
-    bytes = oxl_alloc(test_ctx, 1000, 1);
+    unsigned char *bytes = oxl_alloc(test_ctx, 1000, 1);
     for (int i = 0; i < 1000; i++) bytes[i] = (unsigned char)i;
     for (size_t size = 1000; size < 1200; size += 10) {
         bytes = oxl_regrow(test_ctx, bytes, size, size + 10, 1);

@@ -43,7 +43,6 @@ TEST(metrics_cc_psnr_leaves_out_exposure_and_nothing_else)
 {
     const size_t plane = METRICS_TEST_W * METRICS_TEST_H;
     OWNED_IMAGE a, b;
-    double cc;
     metrics_pair(&a, &b);
     for (size_t i = 0; i < 3 * plane; i++) {
         a.rgb[i] = OXL_CLAMP(a.rgb[i], 0.0f, 0.8f);
@@ -51,7 +50,7 @@ TEST(metrics_cc_psnr_leaves_out_exposure_and_nothing_else)
     }
     CHECK(metrics_of(oxl_psnr, &a, &b) < 30 && metrics_of(oxl_cc_psnr, &a, &b) == 100);
     b.rgb[7] = 1;
-    cc = metrics_of(oxl_cc_psnr, &a, &b);
+    double cc = metrics_of(oxl_cc_psnr, &a, &b);
     CHECK(cc < 100 && cc > -10 * log10(1.0 / (3.0 * METRICS_TEST_W * METRICS_TEST_H)));
     memset(a.rgb, 0, 3 * plane * sizeof *a.rgb); /* black has no exposure */
     CHECK(metrics_of(oxl_cc_psnr, &a, &b) == metrics_of(oxl_psnr, &a, &b));
@@ -101,11 +100,10 @@ TEST(metrics_clamp_and_call_identical_images_100_db)
 TEST(metrics_are_the_same_with_any_number_of_threads)
 {
     OWNED_IMAGE a, b;
-    double one;
     metrics_pair(&a, &b);
     metrics_mask_corner(&b);
     test_ctx->threads = 1;
-    one = metrics_of(oxl_ssim, &a, &b);
+    double one = metrics_of(oxl_ssim, &a, &b);
     test_ctx->threads = 7;
     CHECK(metrics_of(oxl_ssim, &a, &b) == one);
 }
@@ -167,7 +165,6 @@ TEST(structure_of_transposed_images_is_the_same)
 {
     enum { W = 150, H = 37 };
     oxl_image wide[2], tall[2];
-    double of_wide;
     for (int k = 0; k < 2; k++) {
         wide[k] = test_image(W, H);
         tall[k] = test_image(H, W);
@@ -177,7 +174,7 @@ TEST(structure_of_transposed_images_is_the_same)
             tall[k].rgb[c * W * H + x * H + y] = wide[k].rgb[i];
         }
     }
-    of_wide = metrics_of(oxl_structure, &wide[0], &wide[1]);
+    double of_wide = metrics_of(oxl_structure, &wide[0], &wide[1]);
     CHECK(fabs(of_wide) > 1e-3 && of_wide < 0.999);
     CHECK_CLOSE(metrics_of(oxl_structure, &tall[0], &tall[1]), of_wide, 1e-12);
     for (int k = 0; k < 2; k++) {

@@ -348,7 +348,7 @@ TEST(model_from_points_that_almost_coincide_has_a_floor_of_one_percent_of_the_me
 {
     enum { N = 4000 };
     OWNED_MEMORY oxl_point *points = model_test_points(N);
-    double least = 1e9, median;
+    double least = 1e9;
     float sorted[N];
     for (int i = 0; i < 1500; i++)
         for (int a = 0; a < 3; a++) points[i].position[a] = points[0].position[a] + (a ? 0 : 1e-9 * i);
@@ -360,7 +360,7 @@ TEST(model_from_points_that_almost_coincide_has_a_floor_of_one_percent_of_the_me
         sorted[j] = m.plane[OXL_LOG_SCALE][i];
     }
     CHECK(sorted[1499] == (float)least && sorted[1500] > (float)least);
-    median = sorted[N / 2];
+    double median = sorted[N / 2];
     CHECK_CLOSE(least, median + log(0.01), 1e-5);
 }
 
@@ -406,7 +406,6 @@ static void model_test_header(struct text *t, size_t rows, const char *origin)
 TEST(model_write_gives_exactly_the_standard_header_and_248_bytes_a_gaussian)
 {
     const char *path = test_path("m.ply");
-    OWNED_FILE file;
     OWNED_TEXT header = test_text();
     OWNED_MODEL m = test_model(3, 1);
     m.origin[0] = 500000.25;
@@ -414,7 +413,7 @@ TEST(model_write_gives_exactly_the_standard_header_and_248_bytes_a_gaussian)
     /* row 1 holds: planes numbered p as the value p + 100 */
     for (int p = 0; p < oxl_model_planes(&m); p++) m.plane[p][1] = (float)(p + 100);
     test_write_model(path, &m);
-    file = test_file(path);
+    OWNED_FILE file = test_file(path);
     model_test_header(&header, 3, "500000.25 -4200000.1 0");
     CHECK(header.size < 10240 && file.size == header.size + 3 * 248);
     {
@@ -461,7 +460,6 @@ TEST(model_write_refuses_values_that_are_not_finite_and_leaves_the_old_file)
 {
     const char *path = test_path("m.ply");
     OWNED_MODEL m = model_test_random(20, 1);
-    OWNED_FILE file;
     test_write_bytes(path, "old", 3);
     m.plane[OXL_SH + 3 * 2 + 1][7] = NAN;
     CHECK_ERROR(oxl_model_write(test_ctx, path, &m), OXL_ERR_FAILED,
@@ -473,7 +471,7 @@ TEST(model_write_refuses_values_that_are_not_finite_and_leaves_the_old_file)
     m.plane[OXL_OPACITY][19] = 0;
     m.origin[1] = NAN;
     CHECK(oxl_model_write(test_ctx, path, &m) == OXL_ERR_FAILED);
-    file = test_file(path);
+    OWNED_FILE file = test_file(path);
     CHECK(file.size == 3);
 }
 
@@ -573,7 +571,6 @@ TEST(model_splat_file_has_the_32_byte_layout_and_the_most_visible_first)
                                              /* 0 .6 0 -.8 */
                                              128, 205, 128, 26};
     const char *path = test_path("m.splat");
-    OWNED_FILE file;
     OWNED_MODEL m = test_model(3, 1);
     for (int i = 0; i < 3; i++) {
         const float mean[3] = {1, -2, 3}, rotation[4] = {0, 3, 0, -4}, sh[3] = {9, -9, 0.01f};
@@ -586,7 +583,7 @@ TEST(model_splat_file_has_the_32_byte_layout_and_the_most_visible_first)
     m.plane[OXL_LOG_SCALE][0] = -1; /* the least volume */
     m.plane[OXL_OPACITY][2] = 1;
     test_write_model(path, &m);
-    file = test_file(path);
+    OWNED_FILE file = test_file(path);
     CHECK(file.size == 96 && memcmp(file.data + 32, wanted, 32) == 0); /* row 1 is second: 2, 1, 0 */
     CHECK((unsigned char)file.data[27] == 186 && (unsigned char)file.data[64 + 27] == 128);
     CHECK((unsigned char)file.data[28] == 255); /* w = 1 */
@@ -596,7 +593,6 @@ TEST(model_splat_bytes_survive_reading_and_writing_at_their_ends_too)
 {
     const char *path = test_path("m.splat");
     unsigned char bytes[256 * 32];
-    OWNED_FILE file;
     memset(bytes, 0, sizeof bytes);
     for (int i = 0; i < 256; i++) {
         unsigned char *p = bytes + 32 * i;
@@ -612,7 +608,7 @@ TEST(model_splat_bytes_survive_reading_and_writing_at_their_ends_too)
     OWNED_MODEL m = test_read_model(path);
     CHECK(m.count == 256 && m.sh_degree == 0);
     test_write_model(path, &m);
-    file = test_file(path);
+    OWNED_FILE file = test_file(path);
     CHECK(file.size == sizeof bytes && !memcmp(file.data, bytes, sizeof bytes));
 }
 
@@ -620,12 +616,11 @@ TEST(model_splat_of_no_rows_zero_scale_or_zero_rotation_is_repaired_and_a_cut_fi
 {
     unsigned char bytes[64] = {0};
     const char *path = test_path("m.splat");
-    oxl_model m;
     test_listen();
     memset(bytes + 28, 128, 4);
     bytes[32 + 15] = 0xbf; /* a scale of -0.5 */
     test_write_bytes(path, bytes, 64);
-    m = test_read_model(path);
+    oxl_model m = test_read_model(path);
     CHECK(m.count == 1);
     CHECK_LOGGED("1 of 2 Gaussians hold");
     CHECK_CLOSE(m.plane[OXL_LOG_SCALE][0], log(FLT_MIN), 1e-5);

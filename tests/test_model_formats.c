@@ -70,12 +70,11 @@ TEST(spz_frame_is_turned_by_half_a_turn_about_x)
     const double half = sqrt(0.5);
     unsigned char all[sizeof spz_test_one + 8];
     const size_t data = sizeof spz_test_one - 15;
-    FILE *file;
     memcpy(all, spz_test_one, sizeof spz_test_one);
     bytes_put(all + sizeof spz_test_one - 4, (uint32_t)3 << 30 | 511, 4); /* x y z w = 0 0 .7 .7 there */
     bytes_put(all + sizeof spz_test_one, codec_png_checksum(all + 15, (int)data), 4);
     bytes_put(all + sizeof spz_test_one + 4, (uint32_t)data, 4);
-    file = fopen(test_path("one.spz"), "wb");
+    FILE *file = fopen(test_path("one.spz"), "wb");
     CHECK(file && fwrite(all, 1, sizeof all, file) == sizeof all && fclose(file) == 0);
     OWNED_MODEL m = test_read_model("one.spz");
     CHECK(m.count == 1 && m.plane[OXL_MEAN][0] == 1 && m.plane[OXL_MEAN + 1][0] == 1 &&

@@ -203,10 +203,9 @@ TEST(number_text_of_a_double_reads_back_exactly)
     char text[NUMBER_TEXT_MAX];
     for (uint64_t i = 0; i < 20000; i++) {
         const double wanted = number_of_bits(random_bits(7, i, 0));
-        double seen;
         if (!(fabs(wanted) <= DBL_MAX)) continue;
         CHECK(format_double(text, wanted) == strlen(text));
-        seen = number_read(text);
+        double seen = number_read(text);
         CHECK(memcmp(&seen, &wanted, sizeof seen) == 0);
     }
 }

@@ -220,9 +220,9 @@ static oxl_job_options options_test_others(void)
 /* Rates of a refinement follow from the run's, and it fits a medium that the model has. */
 TEST(options_that_a_refinement_must_not_have_are_off_in_it_and_others_stay)
 {
-    oxl_job_options others = options_test_others(), used;
+    oxl_job_options others = options_test_others();
     others.train.medium = OXL_OFF;
-    used = others;
+    oxl_job_options used = others;
     used.train = train_refinement(&others.train, others.train.sh_degree, others.train.iterations);
     CHECK(used.train.dog == OXL_DOG_OFF && used.train.keep.kind == OXL_KEEP_ALL &&
           used.train.densify_until == 0);
@@ -244,12 +244,11 @@ TEST(options_in_run_json_are_read_back_every_one)
     oxl_job_options read = oxl_job_options_default(OXL_PRESET_PAPER);
     OWNED_TEXT line = test_text(), inputs = line, again = line, paths = line, file = line;
     struct oxl_manifest run;
-    const char *scene;
     manifest_describe(&line, &inputs, survey, &others);
     text_add(&file, "{\n  %s,\n  %s,\n  \"found\": {\"images\": 1}\n}\n", inputs.data, line.data);
     test_write("run.json", file.data);
     CHECK_OK(manifest_read(test_ctx, test_folder(), &run));
-    scene = manifest_options(&run, &read);
+    const char *scene = manifest_options(&run, &read);
     CHECK(scene && !strcmp(scene, survey));
     manifest_describe(&again, &paths, survey, &read);
     CHECK(strcmp(again.data, line.data) == 0 && strcmp(paths.data, inputs.data) == 0);

@@ -22,16 +22,14 @@ static void oracle_read(FILE *f, double *out, size_t count)
 static void oracle_open(const char *name, struct oracle_scene *s)
 {
     char path[256];
-    FILE *f;
     double head[8], lens[5];
-    oxl_camera camera;
-    size_t pixels;
     snprintf(path, sizeof path, "tests/data/oracle/expected/%s.txt", name);
-    f = fopen(path, "rb");
+    FILE *f = fopen(path, "rb");
     CHECK(f != NULL);
     oracle_read(f, head, OXL_COUNT(head));
     oracle_read(f, lens, OXL_COUNT(lens));
-    camera = (oxl_camera){(int)head[0], (int)head[1], lens[0], lens[1], lens[2], lens[3], {0}, {0}};
+    oxl_camera camera =
+        (oxl_camera){(int)head[0], (int)head[1], lens[0], lens[1], lens[2], lens[3], {0}, {0}};
     oracle_read(f, camera.rotation, 9);
     oracle_read(f, camera.translation, 3);
     wide_create(&s->w, &camera, (size_t)head[3], (size_t)head[4], (int)head[2]);
@@ -39,7 +37,7 @@ static void oracle_open(const char *name, struct oracle_scene *s)
     s->w.near_plane = lens[4];
     oracle_read(f, s->w.background, 3);
     for (int k = 0; k < OXL_PLANES; k++) oracle_read(f, s->w.plane[k], wide_rows(&s->w, k));
-    pixels = (size_t)camera.width * (size_t)camera.height;
+    size_t pixels = (size_t)camera.width * (size_t)camera.height;
     s->expected_image = wide_array(3 * pixels), s->fragile = wide_array(pixels);
     oracle_read(f, &s->expected_loss, 1);
     oracle_read(f, s->expected_image, 3 * pixels);
@@ -130,12 +128,11 @@ TEST(reference_agrees_with_the_oracle)
 {
     for (size_t n = 0; n < OXL_COUNT(ORACLE_SCENES); n++) {
         struct oracle_scene s;
-        double *drgb, loss;
         test_case = ORACLE_SCENES[n];
         oracle_open(ORACLE_SCENES[n], &s);
-        drgb = wide_array(3 * (size_t)s.w.camera.width * (size_t)s.w.camera.height);
+        double *drgb = wide_array(3 * (size_t)s.w.camera.width * (size_t)s.w.camera.height);
         splat_forward(&s.w);
-        loss = oracle_loss(&s, drgb);
+        double loss = oracle_loss(&s, drgb);
         splat_backward(&s.w, drgb);
         /* the files have seven digits, and converted gradients are sums of theirs */
         oracle_compare(&s, loss, 4e-6);

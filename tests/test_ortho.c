@@ -102,7 +102,6 @@ TEST(frame_right_has_a_direction_of_its_own)
         OWNED_SCENE *scene = ortho_test_scene();
         oxl_point *point = (oxl_point *)oxl_scene_points(scene);
         struct frame f = {.is_world = 0};
-        double least, most;
         for (int i = 0; i < 30; i++) {
             double *p = point[i].position;
             const double x = cos(a) * p[0] - sin(a) * p[1], y = sin(a) * p[0] + cos(a) * p[1], z = p[2];
@@ -111,8 +110,8 @@ TEST(frame_right_has_a_direction_of_its_own)
             p[2] = sin(b) * y + cos(b) * z;
         }
         frame_axes(&f, scene);
-        least = fmin(f.axis[0][0], fmin(f.axis[0][1], f.axis[0][2]));
-        most = fmax(f.axis[0][0], fmax(f.axis[0][1], f.axis[0][2]));
+        double least = fmin(f.axis[0][0], fmin(f.axis[0][1], f.axis[0][2]));
+        double most = fmax(f.axis[0][0], fmax(f.axis[0][1], f.axis[0][2]));
         negative += most < -least;
     }
     CHECK(negative == 0);
@@ -182,10 +181,10 @@ TEST(geotiff_has_its_place_its_system_and_every_pixel)
                                   k == 1 ? reference : NULL,
                                   "some words",
                                   k == 2};
-        const uint8_t *t, *keys, *tie;
+        const uint8_t *keys, *tie;
         uint32_t at, tags;
         CHECK_OK(geotiff_write(test_ctx, test_path("h.tif"), &g, k < 3 ? height : colour));
-        t = ortho_test_file("h.tif");
+        const uint8_t *t = ortho_test_file("h.tif");
         at = ortho_test_integer(t + 4, 4), tags = ortho_test_integer(t + at, 2);
         keys = t + ortho_test_value(t, 34735), tie = t + ortho_test_value(t, 33922);
         CHECK(memcmp(t, "II*", 4) == 0 && at % 2 == 0);
@@ -257,7 +256,6 @@ static void ortho_test_pixel(const double p[3], int min_views, const double far[
     struct arguments a = {.out = test_path("map"), .pixel = 0.05, .min_views = min_views};
     const double ground[3] = {p[0], p[1], fmin(p[2], 0)};
     const uint8_t *t, *tie;
-    uint32_t x, y;
     OWNED_MODEL model = test_model(2, 0);
     ortho_test_gaussian(scene, &model, 0, ground, (float[]){1, 1, 0.01f}, 0);
     ortho_test_gaussian(scene, &model, 1, p, (float[]){0.1f, 0.1f, 0.1f}, 1.7f);
@@ -273,8 +271,8 @@ static void ortho_test_pixel(const double p[3], int min_views, const double far[
                      rest = from + 0.05 * ortho_test_value(t, 256 + d) - (d ? 4 : 10);
         CHECK(from <= 1e-9 && from > -0.05 && rest >= -1e-9 && rest < 0.05);
     }
-    x = (uint32_t)((p[0] + far[0] - bytes_double(tie + 24)) / 0.05);
-    y = (uint32_t)((bytes_double(tie + 32) - p[1] - far[1]) / 0.05);
+    uint32_t x = (uint32_t)((p[0] + far[0] - bytes_double(tie + 24)) / 0.05);
+    uint32_t y = (uint32_t)((bytes_double(tie + 32) - p[1] - far[1]) / 0.05);
     *alpha = ortho_test_at(t, x, y)[3], *red = ortho_test_at(t, x, y)[0];
     *height = bytes_float(ortho_test_at(ortho_test_file("map/height.tif"), x, y)) - (float)far[2];
     a.pixel = 1e-9;
@@ -329,7 +327,6 @@ TEST(surface_is_confirmed_by_clear_images_of_that_depth_that_points_do_not_contr
     for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
         OWNED_SCENE *scene = ortho_test_scene();
         const double place[3] = {5.05, 2.05, -1};
-        struct surface_vote vote;
         double p[3], speck[3] = {5.05, 2.05, -0.95};
         vector_add(place, 1, row[i].ground, p);
         OWNED_MODEL model = test_model(2, 0);
@@ -348,7 +345,7 @@ TEST(surface_is_confirmed_by_clear_images_of_that_depth_that_points_do_not_contr
         OWNED_SURFACE s = ortho_test_surface(&model, scene, 1000);
         if (row[i].usual > 0) s.distance = row[i].usual;
         vector_add(place, -1, oxl_scene_origin(scene), p);
-        vote = surface_ask(&s, p);
+        struct surface_vote vote = surface_ask(&s, p);
         CHECK(vote.sees == row[i].sees && vote.confirms == row[i].confirms && vote.passes == row[i].passes);
     }
     for (int i = 1; i < 5; i++)
@@ -398,7 +395,6 @@ TEST(map_measures_the_ground_that_two_views_share_its_certainty_and_where_camera
     OWNED_SURFACE s = {0};
     struct map m = {.surface = &s, .to = similarity_of_world(scene, 1), .enough = 2, .side = 100}, wall = m;
     OWNED_MODEL model = {0};
-    size_t middle;
     ortho_test_ground(scene, &model);
     s = ortho_test_surface(&model, scene, SURFACE_SIDE);
     CHECK_OK(map_make(&m, &model));
@@ -410,7 +406,7 @@ TEST(map_measures_the_ground_that_two_views_share_its_certainty_and_where_camera
     CHECK(m.off.gross == 0 && m.off.most < 0.1 && m.down > 0.999);
     CHECK_CLOSE(m.off.distance, 9, 0.03);
     CHECK(m.width <= 101 && m.height <= 41);
-    middle = (size_t)(m.height / 2 * m.width + m.width / 2);
+    size_t middle = (size_t)(m.height / 2 * m.width + m.width / 2);
     CHECK(m.views[middle] == 2 && m.sigma[middle] > 0.005f && m.sigma[middle] < 0.3f);
     CHECK(m.views[0] == 0 && isnan(m.sigma[0]) && isnan(m.level[0]) && isnan(m.colour[0]));
     map_free(&m);
@@ -522,7 +518,7 @@ TEST(similarity_of_pairs_is_the_one_that_made_them)
         const struct similarity truth = {
             0.3 + turn, {cos(a), -sin(a), 0, 0, 0, -1, sin(a), cos(a), 0}, {5, -70, 2}};
         struct match pair[20];
-        struct similarity s, back;
+        struct similarity s;
         double p[3];
         for (int i = 0; i < 20; i++) {
             for (int k = 0; k < 3; k++) pair[i].from[k] = (i * (7 + 4 * k)) % 11;
@@ -532,7 +528,7 @@ TEST(similarity_of_pairs_is_the_one_that_made_them)
         }
         CHECK(similarity_fit(pair, 20, &s));
         CHECK_CLOSE(s.scale, truth.scale, 1e-9);
-        back = similarity_inverse(&s);
+        struct similarity back = similarity_inverse(&s);
         similarity_apply(&s, pair[17].from, p);
         ortho_test_close(p, pair[17].to, 1e-7);
         similarity_apply(&back, p, p);

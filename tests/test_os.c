@@ -23,9 +23,8 @@ static int os_entries(const char *name)
 
 static int os_file_holds(const char *path, const char *text)
 {
-    int same;
     OWNED_FILE file = test_file(path);
-    same = file.data && file.size == strlen(text) && memcmp(file.data, text, file.size + 1) == 0;
+    int same = file.data && file.size == strlen(text) && memcmp(file.data, text, file.size + 1) == 0;
     return same;
 }
 
@@ -68,10 +67,9 @@ TEST(os_writing_replaces_what_was_there_and_leaves_nothing_else)
 /* A limit on the size of files stands for the full disk: write fails in the same way, at the same place. */
 static void os_limit_file_size(rlim_t size, struct rlimit *old)
 {
-    struct rlimit limit;
     signal(SIGXFSZ, SIG_IGN);
     getrlimit(RLIMIT_FSIZE, old);
-    limit = (struct rlimit){.rlim_cur = size, .rlim_max = old->rlim_max};
+    struct rlimit limit = (struct rlimit){.rlim_cur = size, .rlim_max = old->rlim_max};
     setrlimit(RLIMIT_FSIZE, &limit);
 }
 
@@ -80,10 +78,9 @@ TEST(os_a_full_disk_is_noticed_and_the_old_file_stays)
     static char data[100000];
     const char *path = test_write("a", "old");
     struct rlimit old;
-    oxl_result rc;
     struct os_writer writer;
     os_limit_file_size(4096, &old);
-    rc = os_write_file(test_ctx, path, data, sizeof data); /* fails in fwrite */
+    oxl_result rc = os_write_file(test_ctx, path, data, sizeof data); /* fails in fwrite */
     setrlimit(RLIMIT_FSIZE, &old);
     CHECK_ERROR(rc, OXL_ERR_IO, path);
     CHECK_SAYS("cannot write: File too large");

@@ -245,7 +245,6 @@ TEST(ply_data_that_end_early_or_are_no_numbers_are_refused_with_their_place)
         {"1\n2 3 4\n", "d.ply:7: row 0 of 2 of element vertex"},
         {"1 2 3\n4 5\n", "d.ply:7: row 0 of 2 of element vertex: found '3', expected the end of the line"},
         {"1.00000 2\n", "d.ply:8: row 1 of 2 of element vertex: found '', expected a number"}};
-    struct ply_test_file f;
     char text[256];
     for (size_t i = 0; i < OXL_COUNT(wrong); i++) {
         snprintf(text, sizeof text, "%s%s", ascii, wrong[i][0]);
@@ -257,7 +256,7 @@ TEST(ply_data_that_end_early_or_are_no_numbers_are_refused_with_their_place)
                  i ? 900000000 : -1);
         ply_test_data_refused(test_write("d.ply", text), "a list that fits");
     }
-    f = ply_test_binary(0, PLY_TEST_LISTS);
+    struct ply_test_file f = ply_test_binary(0, PLY_TEST_LISTS);
     PLY_TEST_PUT(&f, uint8_t, 255);
     for (int i = 0; i < 30; i++) PLY_TEST_PUT(&f, uint8_t, 0);
     ply_test_data_refused(ply_test_save("d.ply", &f), "row 0 of 2 of element face: found 'the end");

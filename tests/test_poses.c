@@ -80,7 +80,7 @@ TEST(poses_are_read_as_they_were_written)
     OWNED_SCENE *scene = train_scene(5);
     const oxl_camera given = oxl_scene_view(scene, 2)->camera;
     const double at[POSE_TERMS] = {0.001, -0.0023456789012345, 1.0 / 3, 1e-9, -12.5, 0};
-    oxl_camera moved = given, now;
+    oxl_camera moved = given;
     OWNED_IMAGING m = {0};
     m.pose = oxl_calloc(test_ctx, 5, sizeof *m.pose);
     memcpy(m.pose[2], at, sizeof at);
@@ -88,7 +88,7 @@ TEST(poses_are_read_as_they_were_written)
     CHECK_OK(oxl_imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
     CHECK_OK(test_read_imaging(scene, test_path("model.ply")));
     pose_apply(&given, at, &moved);
-    now = scene_camera(scene, &test_imaging, 2);
+    oxl_camera now = scene_camera(scene, &test_imaging, 2);
     CHECK(memcmp(&now, &moved, sizeof moved) == 0);
     CHECK(memcmp(test_imaging.pose[2], at, sizeof at) == 0 && test_imaging.pose[1][0] == 0);
     test_write("imaging.txt", "# of a model with the survey's poses\n");
@@ -167,12 +167,11 @@ TEST(poses_that_are_off_by_a_pixel_are_found)
     oxl_camera truth[POSES_VIEWS];
     OWNED_SCENE *scene = poses_noisy_scene(0.02, 0.03, truth);
     oxl_train_options options = train_options(300);
-    double before, psnr;
     NEEDS_PART(poses);
-    before = poses_error(scene, truth);
+    double before = poses_error(scene, truth);
     OWNED_MODEL model = test_trained(scene, &options);
     CHECK(poses_error(scene, truth) == before);
-    psnr = train_psnr(scene, &model);
+    double psnr = train_psnr(scene, &model);
     oxl_model_free(test_ctx, &model);
     options.poses = OXL_ON;
     model = test_trained(scene, &options);

@@ -42,9 +42,8 @@ static struct prune_log prune_simulate(struct prune *p, int iterations, size_t c
     struct prune_log log = {0};
     double l1 = 0.1;
     for (int step = 1; step <= iterations; step++) {
-        size_t drop;
         prune_observe(p, step, l1);
-        drop = prune_due(p, step, count);
+        size_t drop = prune_due(p, step, count);
         if (prune_is_check_step(p, step)) l1 *= factor;
         if (!drop) continue;
         count -= drop;
@@ -66,11 +65,9 @@ TEST(prune_drops_shrink_and_wait_for_the_loss_or_for_1500_of_40000_iterations)
 {
     static const size_t left[] = {75000, 62500, 56250, 53125, 50000};
     for (int recovers = 0; recovers < 2; recovers++) {
-        struct prune p;
-        struct prune_log log;
-        p = prune_of(OXL_KEEP_FRACTION, 0.5, 40000, 300);
+        struct prune p = prune_of(OXL_KEEP_FRACTION, 0.5, 40000, 300);
         CHECK(p.start == 20200 && p.end == 30200);
-        log = prune_simulate(&p, 40000, 100000, recovers ? 0.98 : 0.999);
+        struct prune_log log = prune_simulate(&p, 40000, 100000, recovers ? 0.98 : 0.999);
         CHECK(log.drops == 5);
         for (int i = 0; i < 5; i++)
             CHECK(log.count[i] == left[i] && log.step[i] == 20200 + i * (recovers ? 500 : 1500));
@@ -82,12 +79,10 @@ TEST(prune_reaches_the_target_exactly_whatever_the_run_is_like)
     for (int iterations = 60; iterations < 9000; iterations = iterations * 3 / 2)
         for (size_t count = 1; count < 5000; count = count * 3 + 1)
             for (int k = 1; k < 10; k += 2) {
-                struct prune p;
-                struct prune_log log;
                 const size_t wanted = (size_t)OXL_MAX(1.0, floor(0.1 * k * (double)count + 0.5));
-                p = prune_of(OXL_KEEP_FRACTION, 0.1 * k, iterations, 50);
+                struct prune p = prune_of(OXL_KEEP_FRACTION, 0.1 * k, iterations, 50);
                 CHECK(p.start > iterations / 2 && p.end <= iterations && p.end <= 0.77 * iterations + 2);
-                log = prune_simulate(&p, iterations, count, 0.999);
+                struct prune_log log = prune_simulate(&p, iterations, count, 0.999);
                 CHECK(log.drops == 0 ? wanted == count : log.count[log.drops - 1] == wanted);
                 CHECK(log.drops <= 5 && (log.drops == 0 || log.step[log.drops - 1] <= p.end));
             }
@@ -142,10 +137,9 @@ TEST(prune_select_takes_the_lowest_and_of_equals_the_first)
 static int prune_run_case(struct prune_case *c, const struct prune *p)
 {
     const oxl_render_options options = oxl_render_options_default();
-    OWNED_RENDERER *r;
     uint8_t keep[128];
     int right = 0;
-    r = test_renderer();
+    OWNED_RENDERER *r = test_renderer();
     CHECK_OK(
         prune_choose(test_ctx, p, &(struct prune_of){r, c->scene, &options, &c->trained.model}, 64, keep));
     for (int k = 0; k < TRAINED_PARTS; k++) model_keep_rows(model_trained_part(&c->trained, k), keep);
@@ -164,9 +158,8 @@ static int prune_run_case(struct prune_case *c, const struct prune *p)
 TEST(prune_drops_the_faint_before_the_opaque)
 {
     OWNED_PRUNE_CASE c = prune_two_patches(4, 4, -2);
-    struct prune p;
     int faint = 0;
-    p = prune_of(OXL_KEEP_FRACTION, 0.5, 4000, 8);
+    struct prune p = prune_of(OXL_KEEP_FRACTION, 0.5, 4000, 8);
     prune_run_case(&c, &p);
     for (int i = 0; i < 64; i++) faint += c.trained.model.plane[OXL_OPACITY][i] < 0;
     CHECK(faint == 0);

@@ -218,10 +218,9 @@ enum { DROP_SIDE = 64, DROP_COUNT = 400 };
 static double raster_dropped_sum(struct renderer *r, const oxl_model *m, const oxl_camera *camera,
                                  double share)
 {
-    const float *rgb;
     double sum = 0;
     renderer_settings(r)->dropout = (struct renderer_dropout){share, 7, 3};
-    rgb = test_draw(r, m, camera);
+    const float *rgb = test_draw(r, m, camera);
     for (int i = 0; i < 3 * DROP_SIDE * DROP_SIDE; i++) sum += (double)rgb[i];
     return sum;
 }
@@ -234,7 +233,6 @@ TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_w
     float peak[DROP_COUNT];
     int shown[DROP_COUNT], before = 0, after = 0;
     size_t only = 0;
-    double sum;
     raster_scene(&w, DROP_COUNT, 0, DROP_SIDE, DROP_SIDE);
     CHECK_OK(wide_to_model(test_ctx, &w, &m));
     for (int i = 0; i < 3 * DROP_SIDE * DROP_SIDE; i++) ones[i] = 1;
@@ -253,7 +251,8 @@ TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_w
     CHECK(after > 0.4 * before && after < 0.6 * before);
     while (only < DROP_COUNT && !renderer_row_visible(r, only)) only++;
     for (size_t i = 0; i < DROP_COUNT; i++) m.plane[OXL_OPACITY][i] = i == only ? -1 : -20;
-    sum = raster_dropped_sum(r, &m, &w.camera, 0.5); /* alone, of alpha = 2 o G: dL / dlogit = (1 - o) L */
+    double sum =
+        raster_dropped_sum(r, &m, &w.camera, 0.5); /* alone, of alpha = 2 o G: dL / dlogit = (1 - o) L */
     OWNED_MODEL gradient = test_model(m.count, m.sh_degree);
     CHECK_OK(renderer_backward(test_ctx, r, ones, &gradient));
     CHECK(sum > 1);
@@ -306,11 +305,10 @@ static struct raster_result raster_run(int threads, int isa, int lobes)
     const int threads_before = test_ctx->threads, isa_before = test_ctx->isa;
     OWNED_WIDE w = {0};
     OWNED_MODEL m;
-    struct raster_result out;
     raster_run_scene(&w, 3000, lobes, &m);
     test_ctx->threads = threads;
     test_ctx->isa = isa;
-    out = raster_of(&m, &w.camera);
+    struct raster_result out = raster_of(&m, &w.camera);
     test_ctx->threads = threads_before;
     test_ctx->isa = isa_before;
     return out;
@@ -396,12 +394,11 @@ TEST(plain_splats_have_the_same_bytes_beside_lobed_ones)
 {
     OWNED_WIDE w = {0};
     OWNED_MODEL m = {0};
-    struct raster_result plain, beside;
     raster_run_scene(&w, 3000, 0, &m);
     m.plane[OXL_MEAN + 2][0] = -50;
-    plain = raster_of(&m, &w.camera);
+    struct raster_result plain = raster_of(&m, &w.camera);
     CHECK_OK(model_set_lobes(test_ctx, &m, 1));
-    beside = raster_of(&m, &w.camera);
+    struct raster_result beside = raster_of(&m, &w.camera);
     CHECK(beside.gradient.lobes == 1 && beside.gradient.plane[OXL_LOBE][0] == 0);
     beside.gradient.lobes = 0;
     CHECK(raster_same(&plain, &beside));

@@ -374,7 +374,7 @@ TEST(reference_rotations_of_the_shortest_quaternions_agree)
 static void reference_check_loss(int width, int height, double contrast, float weight)
 {
     const size_t n = 3 * (size_t)width * (size_t)height;
-    double *x = wide_array(n), *y = wide_array(n), *dx = wide_array(n), value, worst = 0, largest = 0;
+    double *x = wide_array(n), *y = wide_array(n), *dx = wide_array(n), worst = 0, largest = 0;
     float *narrow = calloc(3 * n, sizeof *narrow);
     struct loss_job job = {width, height, weight, narrow, narrow + n, NULL, narrow + 2 * n, 0};
     struct loss_scratch scratch = {0};
@@ -384,7 +384,7 @@ static void reference_check_loss(int width, int height, double contrast, float w
         x[i] = narrow[i] = (float)(0.3 + 0.3 * contrast * reference_random(i, 50));
         y[i] = narrow[n + i] = (float)(x[i] + 0.2 * contrast * reference_random(i, 51));
     }
-    value = splat_loss(width, height, weight, x, y, dx);
+    double value = splat_loss(width, height, weight, x, y, dx);
     CHECK_OK(loss_forward_backward(test_ctx, &job, &scratch, &out));
     CHECK_CLOSE(out.total, value, 2e-6);
     for (size_t i = 0; i < n; i++) {

@@ -16,9 +16,8 @@
 /* The page of the test's folder OUT, in memory to be freed. */
 static char *report_test_page(void)
 {
-    char *page;
     CHECK_OK(report_write(test_ctx, test_path("out"), 0));
-    page = output_read(test_path("out"), "report.html");
+    char *page = output_read(test_path("out"), "report.html");
     CHECK(page != NULL);
     return page ? page : calloc(1, 1);
 }
@@ -63,12 +62,11 @@ static void report_test_run(void)
 
 TEST(report_escapes_every_name_and_asks_the_network_for_nothing)
 {
-    char *page;
     report_test_run();
     test_make_folder("out/renders");
     report_test_picture("out/renders/<b>&\".jpg.png", 0.5f);
     report_test_picture("out/renders/<b>&\".jpg.image.png", 0.75f);
-    page = report_test_page();
+    char *page = report_test_page();
     CHECK(!strstr(page, "<b>&\"") && !strstr(page, "<warning>") && !strstr(page, "<where>"));
     CHECK_TEXT(page, "alt=\"Image of &lt;b&gt;&amp;&quot;.jpg\" src=\"data:image/jpeg;base64,/9j/");
     CHECK_TEXT(page, "<li>a &lt;warning&gt; &amp; more</li>");
@@ -80,9 +78,8 @@ TEST(report_escapes_every_name_and_asks_the_network_for_nothing)
 TEST(report_lists_views_worst_first_and_says_which_have_no_structure)
 {
     const char *worst;
-    char *page;
     report_test_run();
-    page = report_test_page();
+    char *page = report_test_page();
     CHECK_TEXT(page, "1 of 2 views are rendered without the structure of their images");
     worst =
         strstr(page, "<td class=\"name\">&lt;b&gt;&amp;&quot;.jpg<td class=\"n\">26.00<td class=\"n\">0.25<");
@@ -117,7 +114,6 @@ static void report_test_command(const char *page)
 
 TEST(report_of_blocks_has_curves_decisions_and_the_command)
 {
-    char *page;
     report_test_run();
     test_write("out/blocks/coarse/block.json",
                "{\"finished\": false, \"gaussians\": 22400, \"iterations_done\": 77}");
@@ -125,7 +121,7 @@ TEST(report_of_blocks_has_curves_decisions_and_the_command)
         "out/blocks/whole/block.json",
         "{\"iterations_done\": 55, \"decisions\": {\"keep\": {\"chosen\": \"1600\", \"evidence\": \"as "
         "set\"}, \"dog\": {\"chosen\": \"0 of 1600\"}}}");
-    page = report_test_page();
+    char *page = report_test_page();
     CHECK_TEXT(page, "<tr><td>block 0<td class=\"n\">");
     CHECK_TEXT(page, "<tr><td>block 1<td class=\"n\">");
     CHECK(!strstr(page, "<tr><td>block 2"));
@@ -151,10 +147,9 @@ TEST(report_of_blocks_has_curves_decisions_and_the_command)
 
 TEST(report_says_what_is_missing)
 {
-    char *page;
     CHECK_ERROR(report_write(test_ctx, test_path("nowhere"), 0), OXL_ERR_INPUT, "holds no run.json");
     report_test_run();
-    page = report_test_page();
+    char *page = report_test_page();
     CHECK_TEXT(page, "Its images are not in renders/.");
     CHECK_TEXT(page, "No map: the survey or the model is not found");
     free(page);
@@ -168,13 +163,12 @@ TEST(report_says_what_is_missing)
 
 TEST(report_survives_files_that_are_cut_short)
 {
-    char *page;
     report_test_run();
     test_write("out/metrics.json", "{\"split\": \"test\", \"views\": [{\"name\": \"a\\");
     test_write("out/blocks/000/log.csv", "iteration,loss\n1,0.2\n2,");
     test_write("out/blocks/001/log.csv", "");
     test_write("out/blocks/001/block.json", "{\"finished\": tr");
-    page = report_test_page();
+    char *page = report_test_page();
     CHECK_TEXT(page, "</html>");
     free(page);
 }
@@ -226,12 +220,11 @@ TEST(report_shows_dark_images_brighter_and_says_by_how_much)
         const char *said;
     } cases[] = {{0.14f, ", 2.5 times as bright<"}, {0.7f, "<figcaption>Image<"}};
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
-        char *page;
         report_test_run();
         test_make_folder("out/renders");
         report_test_picture("out/renders/fine.png.png", cases[i].grey / 2);
         report_test_picture("out/renders/fine.png.image.png", cases[i].grey);
-        page = report_test_page();
+        char *page = report_test_page();
         CHECK_TEXT(page, cases[i].said);
         CHECK(!strstr(page, "times as bright") == (i == 1));
         CHECK_TEXT(page, "<figcaption>Error<");
@@ -242,14 +235,13 @@ TEST(report_shows_dark_images_brighter_and_says_by_how_much)
 TEST(report_has_every_warning_of_the_log)
 {
     struct output t = {0};
-    char *page;
     report_test_run();
     output_add(&t, "{\"finished\": true, \"blocks\": 1, " REPORT_TEST_JOB ", \"notes\": [");
     for (int i = 0; i < 150; i++)
         output_add(&t, "%s{\"level\": \"warning\", \"text\": \"number %d.\"}", i ? ", " : "", i);
     output_add(&t, "]}");
     test_write("out/run.json", t.data);
-    page = report_test_page();
+    char *page = report_test_page();
     for (int i = 0; i < 150; i++) {
         char line[40];
         snprintf(line, sizeof line, "<li>number %d.</li>", i);

@@ -68,7 +68,6 @@ TEST(scene_does_not_depend_on_the_order_of_lines)
 TEST(scene_views_are_sorted_by_name_and_every_eighth_is_for_the_test)
 {
     const char *path = scene_usual(17);
-    const struct scene_stats *stats;
     test_listen();
     OWNED_SCENE *scene = test_load(path, NULL);
     CHECK(oxl_scene_view_count(scene) == 17 && oxl_scene_point_count(scene) == 4);
@@ -80,7 +79,7 @@ TEST(scene_views_are_sorted_by_name_and_every_eighth_is_for_the_test)
         CHECK(oxl_scene_view(scene, i)->is_test == (i % 8 == 0));
         CHECK(scene_image(test_ctx, scene, i)->rgb[0] == i + 1);
     }
-    stats = &scene->stats;
+    const struct scene_stats *stats = &scene->stats;
     CHECK(stats->images_listed == 17 && stats->images_missing == 0 && stats->test_views == 3 &&
           stats->observations == 68);
     CHECK_CLOSE(stats->mean_track, 17, 1e-12);
@@ -538,10 +537,9 @@ TEST(scene_images_are_reduced_to_the_longer_side_asked_for)
 {
     const char *path = scene_usual(2);
     oxl_scene_options options = oxl_scene_options_default();
-    const oxl_camera *c;
     options.max_side = 16;
     OWNED_SCENE *scene = test_load(path, &options);
-    c = &oxl_scene_view(scene, 0)->camera;
+    const oxl_camera *c = &oxl_scene_view(scene, 0)->camera;
     CHECK(c->width == 16 && c->height == 12 && c->fx == 20 && c->fy == 20 && c->cx == 8 && c->cy == 6);
     CHECK(scene_image(test_ctx, scene, 0)->width == 16 && scene_image(test_ctx, scene, 0)->rgb[0] == 1);
     oxl_scene_free(test_ctx, scene);
@@ -613,9 +611,8 @@ TEST(scene_frees_all_memory_when_any_allocation_fails)
     int failures = 0;
     for (long n = 0; n < 400; n++) {
         OWNED_SCENE *scene;
-        oxl_result rc;
         allocations_left = n;
-        rc = oxl_scene_load(test_ctx, path, NULL, &scene);
+        oxl_result rc = oxl_scene_load(test_ctx, path, NULL, &scene);
         if (rc == OXL_OK && !scene_image(test_ctx, scene, 0)) rc = OXL_ERR_MEMORY;
         allocations_left = LONG_MAX;
         failures += rc != OXL_OK;

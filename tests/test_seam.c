@@ -63,9 +63,8 @@ TEST(seam_sees_an_error_beside_a_border_there_and_only_there)
 {
     const size_t beside = (SEAM_TEST_END - SEAM_TEST_FIRST) * SEAM_TEST_H;
     struct seam_test t;
-    struct seam s;
     seam_test_create(&t);
-    s = seam_test_run(&t, 0.1f, SEAM_TEST_FIRST, SEAM_TEST_END);
+    struct seam s = seam_test_run(&t, 0.1f, SEAM_TEST_FIRST, SEAM_TEST_END);
     CHECK(s.near_pixels == beside && s.elsewhere_pixels == SEAM_TEST_W * SEAM_TEST_H - beside);
     CHECK_CLOSE(s.near_psnr, 20, 0.2); /* images have 8 bits */
     CHECK(s.elsewhere_psnr > 50);
@@ -100,10 +99,9 @@ TEST(seam_knows_where_a_pixel_lies_along_each_axis_of_the_camera)
 TEST(seam_calls_nothing_near_where_nothing_was_drawn_or_there_is_one_block)
 {
     struct seam_test t;
-    struct seam s;
     seam_test_create(&t);
     t.model.plane[OXL_OPACITY][0] = -20;
-    s = seam_test_run(&t, 0.1f, 0, SEAM_TEST_W);
+    struct seam s = seam_test_run(&t, 0.1f, 0, SEAM_TEST_W);
     CHECK(s.near_pixels == 0 && isnan(s.near_psnr) && s.elsewhere_pixels == SEAM_TEST_W * SEAM_TEST_H);
     CHECK_CLOSE(s.elsewhere_psnr, 20, 0.2);
     t.model.plane[OXL_OPACITY][0] = 9;

@@ -50,7 +50,6 @@ static double ssim_contrast_test_learned(const synth_options *survey, int stereo
     oxl_train_options o = train_options(150);
     oxl_scene_options truth = oxl_scene_options_default();
     char clean[600];
-    double learned;
     o.stereo = stereo;
     o.densify_every = 50;
     o.lamp = OXL_ON;
@@ -60,7 +59,7 @@ static double ssim_contrast_test_learned(const synth_options *survey, int stereo
     snprintf(clean, sizeof clean, "%s/truth/clean", survey->out);
     truth.images = clean;
     scene = test_load(survey->out, &truth);
-    learned = test_evaluate(&model, scene, &test_imaging, OXL_SPLIT_ALL).structure;
+    double learned = test_evaluate(&model, scene, &test_imaging, OXL_SPLIT_ALL).structure;
     oxl_scene_free(test_ctx, scene);
     return learned;
 }

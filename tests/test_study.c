@@ -362,10 +362,9 @@ TEST(study_remembers_peak_and_processor_time_over_the_parts_of_a_training)
     snprintf(s.folder, sizeof s.folder, "%s", test_folder());
     for (int i = 0; i < 5; i++) {
         const oxl_progress first = {.iteration = 9, .blocks = 1};
-        struct study_record r;
         s.is_fresh = -1;
         if (i == 4) CHECK(study_progress(&s, &first) == 0);
-        r = study_read_record(s.folder);
+        struct study_record r = study_read_record(s.folder);
         CHECK(r.is_there == (i > 0) && r.is_ours == (i > 0) && r.is_finished == (i == 3));
         memory.peak = (size_t)parts[i].peak, s.is_fresh = parts[i].fresh, s.cpu = study_cpu() - parts[i].cpu;
         study_add_cost(&s, &r);

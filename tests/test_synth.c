@@ -295,12 +295,12 @@ TEST(synth_refuses_invalid_options_and_to_replace_what_is_not_its_own)
     CHECK_OK(synth_run(test_ctx, &o));
     CHECK_OK(synth_run(test_ctx, &o)); /* its own */
     for (size_t i = 0; i < OXL_COUNT(others); i++) {
-        char name[40], *kept;
+        char name[40];
         snprintf(name, sizeof name, "%.*s", (int)strcspn(others[i], "/"), others[i]);
         test_write(others[i], "somebody's own");
         o.out = test_path(name);
         CHECK_ERROR(synth_run(test_ctx, &o), OXL_ERR_USAGE, "and synth did not write it");
-        kept = output_read(test_folder(), others[i]);
+        char *kept = output_read(test_folder(), others[i]);
         CHECK(kept && !strcmp(kept, "somebody's own"));
         free(kept);
     }
@@ -429,11 +429,10 @@ static double synth_test_train(const char *path, oxl_scene **scene)
 {
     oxl_train_options options = oxl_train_options_default(OXL_PRESET_DRAFT);
     oxl_trained trained;
-    double psnr;
     options.iterations = 40, options.stereo = 0; /* The medium is found by tracks, which NeRF has not. */
     *scene = test_load(path, NULL);
     CHECK_OK(oxl_train(test_ctx, *scene, &options, NULL, &trained));
-    psnr = test_evaluate(&trained.model, *scene, trained.imaging, OXL_SPLIT_TEST).psnr;
+    double psnr = test_evaluate(&trained.model, *scene, trained.imaging, OXL_SPLIT_TEST).psnr;
     oxl_trained_free(test_ctx, &trained);
     return psnr;
 }
@@ -460,7 +459,6 @@ TEST(synth_layouts_of_nerf_and_llff_are_read_and_trained_as_that_of_colmap)
     NEEDS_PART(sh_degree);
     synth_options o = synth_test_options("llff");
     OWNED_SCENE *colmap, *nerf;
-    double psnr;
     o.views = 9, o.layout = SYNTH_LLFF, o.points = 500, o.water = SYNTH_AIR;
     CHECK_OK(synth_run(test_ctx, &o));
     o.out = test_path("nerf"), o.layout = SYNTH_NERF;
@@ -473,7 +471,7 @@ TEST(synth_layouts_of_nerf_and_llff_are_read_and_trained_as_that_of_colmap)
     CHECK(bare->stats.points == 0);
     os_rename(test_path("llff/other"), test_path("llff/sparse"));
     os_remove(test_path("llff/poses_bounds.npy"));
-    psnr = synth_test_train(test_path("llff"), &colmap);
+    double psnr = synth_test_train(test_path("llff"), &colmap);
     CHECK(scene_depth_range(colmap, 0) == NULL);
     CHECK_CLOSE(synth_test_train(test_path("nerf"), &nerf), psnr, 0.05);
     synth_test_same_poses(colmap, llff);

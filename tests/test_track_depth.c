@@ -38,10 +38,10 @@ TEST(depth_of_tracks_is_kept_for_views_with_a_window_alone)
     struct track_depth d = {0};
     struct depth_point point[DEPTH_POINTS];
     OWNED_MEMORY struct image_window *window = NULL;
-    int count, views;
+    int count;
     photometry_test_make("depth_windows", SYNTH_3C);
     OWNED_SCENE *scene = test_load("depth_windows", NULL);
-    views = oxl_scene_view_count(scene);
+    int views = oxl_scene_view_count(scene);
     window = oxl_calloc(test_ctx, (size_t)views, sizeof *window);
     for (int v = 0; v < views; v += 2) window[v] = (struct image_window){.width = 8, .height = 8};
     CHECK_OK(track_depth_begin(test_ctx, &d, scene, window));

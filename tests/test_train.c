@@ -132,7 +132,6 @@ TEST(density_split_keeps_opacity_place_and_covariance_of_the_rendered_image)
 TEST(density_with_lobes_removes_rows_in_their_order_and_refuses_to_grow)
 {
     DENSITY_CASE c = density_case((float[]){0, 0, 0, 0});
-    struct density_change d;
     struct density_rules rules = {.gradient = 0.5, .extent = 1};
     for (int k = 0; k < TRAINED_PARTS; k++)
         CHECK_OK(model_set_lobes(test_ctx, model_trained_part(&c.trained, k), 3));
@@ -140,7 +139,7 @@ TEST(density_with_lobes_removes_rows_in_their_order_and_refuses_to_grow)
         c.trained.model.plane[OXL_LOBE][i] = c.trained.mean.plane[OXL_LOBE][i] = (float)(10 + i);
     c.trained.model.plane[OXL_OPACITY][0] = -9;
     c.trained.model.plane[OXL_LOBE + 1][2] = NAN;
-    d = density_run(&c, rules);
+    struct density_change d = density_run(&c, rules);
     CHECK(d.removed == 2 && c.trained.model.count == 2 && c.trained.model.lobes == 1 &&
           c.trained.mean.lobes == 1 && c.trained.square.lobes == 1);
     CHECK(c.trained.model.plane[OXL_MEAN][0] == 1 && c.trained.model.plane[OXL_MEAN][1] == 3);
@@ -153,11 +152,10 @@ TEST(density_with_lobes_removes_rows_in_their_order_and_refuses_to_grow)
 TEST(density_removes_faint_and_nonfinite_rows)
 {
     DENSITY_CASE c = density_case((float[]){0, 0, 0, 1});
-    struct density_change d;
     c.trained.model.plane[OXL_OPACITY][0] = -6; /* 0.0025 */
     c.trained.model.plane[OXL_MEAN + 1][1] = INFINITY;
     c.trained.model.plane[OXL_SH + 11][3] = NAN; /* although its gradient would have it grow */
-    d = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1});
+    struct density_change d = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1});
     CHECK(d.removed == 3 && c.trained.model.count == 1 && c.trained.model.plane[OXL_MEAN][0] == 2);
 }
 
@@ -199,9 +197,8 @@ TEST(density_reset_lowers_opacity_to_a_hundredth_and_clears_its_moments)
 static struct density_case density_banded_case(void)
 {
     struct density_case c = density_case((float[]){0, 0, 0, 0});
-    struct renderer_sums sums;
     CHECK_OK(density_set_bands(test_ctx, &c.density, 4, 2, 4));
-    sums = density_sums(&c.density, 4);
+    struct renderer_sums sums = density_sums(&c.density, 4);
     for (int i = 0; i < 3; i++) {
         *(render_depth_sums(&sums, (float[]){1.9f, 2, 4}[i]) + i) += 0.25f;
         c.density.views[i] = 1;
@@ -611,9 +608,9 @@ TEST(train_moves_gaussians_ten_rates_at_most_where_views_show_few_of_them)
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_STANDARD);
     OWNED_SCENE *scene = train_scene(2);
     struct train t = {.ctx = test_ctx, .scene = scene, .options = &o, .step = 2};
-    oxl_adam usual, few, third;
+    oxl_adam few, third;
     o.iterations = 1875, o.short_run_exponent = 0.5f;
-    usual = schedule_adam_params(&t);
+    oxl_adam usual = schedule_adam_params(&t);
     t.shown = 1.0 / 16, few = schedule_adam_params(&t);
     t.shown = 1.0 / 3, third = schedule_adam_params(&t);
     for (int k = 0; k < OXL_PLANES; k++) {

@@ -100,10 +100,9 @@ TEST(checkpoint_keeps_the_callers_log)
 static void checkpoint_change_byte(const char *path, long at)
 {
     FILE *file = fopen(path, "r+b");
-    int byte;
     CHECK(file != NULL);
     fseek(file, at, at < 0 ? SEEK_END : SEEK_SET);
-    byte = fgetc(file);
+    int byte = fgetc(file);
     fseek(file, at, at < 0 ? SEEK_END : SEEK_SET);
     fputc(byte ^ 1, file);
     fclose(file);
@@ -170,15 +169,14 @@ static void checkpoint_no_state(struct archive *a, void *user)
 
 TEST(checkpoint_that_cannot_be_opened_does_not_count_as_none)
 {
-    struct rlimit old, few;
-    oxl_result rc;
+    struct rlimit old;
     int found;
     CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", checkpoint_no_state, NULL));
     getrlimit(RLIMIT_NOFILE, &old);
-    few = old;
+    struct rlimit few = old;
     few.rlim_cur = 3;
     setrlimit(RLIMIT_NOFILE, &few);
-    rc = checkpoint_read(test_ctx, test_folder(), "key", checkpoint_no_state, NULL, &found);
+    oxl_result rc = checkpoint_read(test_ctx, test_folder(), "key", checkpoint_no_state, NULL, &found);
     setrlimit(RLIMIT_NOFILE, &old);
     CHECK_ERROR(rc, OXL_ERR_IO, "fix: allow more open files");
 }

@@ -90,12 +90,11 @@ static void tviews_check_flags(int in_medium)
     CHECK_TEXT(t.data, "\"training\": {\"count\": 24, \"of\": 24, \"flagged\": 4, \"shown\": 4, ");
     for (const char *row = strstr(t.data, "{\"name\""); row; row = strstr(row + 1, "{\"name\"")) {
         char name[16], flag[16];
-        const char *wanted;
         oxl_json_text(oxl_json_member(row, "name"), name, sizeof name);
         oxl_json_text(oxl_json_member(row, "flag"), flag, sizeof flag);
-        wanted = !strcmp(name, "v08") || !strcmp(name, "v15") || !strcmp(name, "v03") ? "misfit"
-                 : !strcmp(name, "v20")                                               ? "exposure"
-                                                                                      : "";
+        const char *wanted = !strcmp(name, "v08") || !strcmp(name, "v15") || !strcmp(name, "v03") ? "misfit"
+                             : !strcmp(name, "v20")                                               ? "exposure"
+                                                                                                  : "";
         test_case = name;
         CHECK(strcmp(flag, wanted) == 0);
     }
@@ -116,10 +115,9 @@ TEST(training_views_behind_a_medium_are_compared_with_what_the_model_shows_throu
 TEST(training_views_without_the_structure_of_their_images_are_counted_and_shown)
 {
     OWNED_TEXT t = tviews_judge(2, 0, 20 * TVIEWS, test_path("fog"));
-    const char *row;
     CHECK(test_said.warnings == 3);
     CHECK_TEXT(t.data, "\"flagged\": 5, \"shown\": 4, ");
-    row = strstr(t.data, "{\"name\": \"v10\"");
+    const char *row = strstr(t.data, "{\"name\": \"v10\"");
     CHECK(row && oxl_json_number(row, "structure") < 0.3 && strstr(row, "\"flag\": \"misfit\"}"));
     row = strstr(t.data, "{\"name\": \"v11\"");
     CHECK(row && oxl_json_number(row, "structure") > 0.9);

@@ -97,10 +97,9 @@ TEST(contrast_of_a_scene_without_tracks_is_not_measured)
 {
     OWNED_PRUNE_CASE c = prune_two_patches(3, 2, 0);
     struct contrast contrast;
-    struct ucd u;
     CHECK_OK(contrast_measure(test_ctx, c.scene, &contrast));
     CHECK(!contrast.measured);
-    u = ucd_of(c.scene, OXL_UCD_AUTO);
+    struct ucd u = ucd_of(c.scene, OXL_UCD_AUTO);
     CHECK(!u.on);
     CHECK_TEXT(u.reason, "no points are seen from several depths");
 }

@@ -109,8 +109,8 @@ TEST(exposure_gradient_agrees_with_finite_differences)
     for (int k = -1; k <= 1; k++)
         for (int c = 0; c < 3; c++) {
             const double h = 1e-3;
-            double at[3] = {0.5 * k, 0.3 * k, -0.4 * k}, here, plus, minus;
-            here = exposure_loss(r, scene, &model, at).dlog_gain[c];
+            double at[3] = {0.5 * k, 0.3 * k, -0.4 * k}, plus, minus;
+            double here = exposure_loss(r, scene, &model, at).dlog_gain[c];
             at[c] += h, plus = exposure_loss(r, scene, &model, at).total;
             at[c] -= 2 * h, minus = exposure_loss(r, scene, &model, at).total;
             CHECK_CLOSE(here, (plus - minus) / (2 * h), 1e-4 + 5e-3 * fabs(here));
@@ -539,13 +539,12 @@ TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
 static void photometry_test_clear(const char *survey, double mean[3])
 {
     oxl_train_options o = train_options(150);
-    size_t pixels;
     o.medium = OXL_AUTO, o.exposure = o.lamp = OXL_OFF;
     OWNED_SCENE *scene = test_load(survey, NULL);
     OWNED_MODEL model = test_trained(scene, &o);
     CHECK(test_imaging.medium.on);
     OWNED_IMAGE image = test_render(&model, &oxl_scene_view(scene, 7)->camera);
-    pixels = (size_t)image.width * (size_t)image.height;
+    size_t pixels = (size_t)image.width * (size_t)image.height;
     for (size_t i = 0; i < 3 * pixels; i++) mean[i / pixels] += (double)image.rgb[i] / (double)pixels;
 }
 
@@ -569,10 +568,9 @@ static double medium_score(struct renderer *r, const oxl_camera *camera, const o
                            const struct medium *medium, const float *drgb)
 {
     const size_t n = 3 * (size_t)camera->width * (size_t)camera->height;
-    const float *rgb;
     double sum = 0;
     renderer_settings(r)->medium = medium ? *medium : (struct medium){0};
-    rgb = test_draw(r, model, camera);
+    const float *rgb = test_draw(r, model, camera);
     for (size_t i = 0; i < n; i++) sum += (double)drgb[i] * rgb[i];
     return sum;
 }
@@ -602,7 +600,7 @@ TEST(medium_gradient_of_the_centres_agrees_with_finite_differences)
     CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
     { /* all moved away from the eye and grown alike: the image stays, but for the medium */
         const double h = 1e-3;
-        double eye[3], slope = 0, plus, minus;
+        double eye[3], slope = 0;
         camera_position(camera, eye);
         for (size_t i = 0; i < model.count; i++)
             for (int a = 0; a < 3; a++) {
@@ -610,9 +608,9 @@ TEST(medium_gradient_of_the_centres_agrees_with_finite_differences)
                 slope += gradient.plane[OXL_LOG_SCALE + a][i];
             }
         medium_move(&model, eye, 1 + h);
-        plus = medium_score(r, camera, &model, &m, drgb);
+        double plus = medium_score(r, camera, &model, &m, drgb);
         medium_move(&model, eye, (1 - h) / (1 + h));
-        minus = medium_score(r, camera, &model, &m, drgb);
+        double minus = medium_score(r, camera, &model, &m, drgb);
         CHECK(fabs(slope) > 10);
         CHECK_CLOSE(slope, (plus - minus) / (2 * h), 0.01 * fabs(slope));
     }
@@ -640,13 +638,13 @@ TEST(medium_baked_into_the_colours_is_the_mean_over_the_views_that_see_a_row)
         int seen = 0;
         for (int v = 0; v < 3; v++) {
             const oxl_camera *camera = &oxl_scene_view(scene, v)->camera;
-            double eye[3], axes[3], x[2] = {0}, square = 0, gain;
+            double eye[3], axes[3], x[2] = {0}, square = 0;
             const int here = camera_project(camera, at, (double[3]){0}, axes, x) && x[0] >= 0 && x[1] >= 0 &&
                              x[0] <= camera->width && x[1] <= camera->height;
             camera_position(camera, eye);
             for (int a = 0; a < 3; a++) square += (at[a] - eye[a]) * (at[a] - eye[a]);
-            gain = exp(lamp_log_gain(imaging.lamp[0].shape, (float)(2 * x[0] / camera->width - 1),
-                                     (float)(2 * x[1] / camera->height - 1)));
+            double gain = exp(lamp_log_gain(imaging.lamp[0].shape, (float)(2 * x[0] / camera->width - 1),
+                                            (float)(2 * x[1] / camera->height - 1)));
             for (int c = 0; c < 3; c++) {
                 const double r = sqrt(square);
                 const double shown = 0.5 * exp(-(double)m->attenuation[c] * r) +
@@ -850,9 +848,8 @@ TEST(lamp_has_a_log_gain_of_zero_mean_over_the_image)
 static struct renderer_loss lamp_loss(struct renderer *r, oxl_scene *scene, const oxl_model *model,
                                       const struct lamp *lamp)
 {
-    struct renderer_loss loss;
     renderer_settings(r)->lamp = lamp;
-    loss = exposure_loss(r, scene, model, (double[]){0.1, -0.2, 0.3});
+    struct renderer_loss loss = exposure_loss(r, scene, model, (double[]){0.1, -0.2, 0.3});
     renderer_settings(r)->lamp = NULL;
     return loss;
 }
@@ -893,14 +890,13 @@ static void imaging_test_gradients(int isa, int threads, oxl_model *gradient, do
     const double log_gain[3] = {0.1, -0.2, 0.3};
     const struct lamp lamp = lamp_of(-1);
     OWNED_SCENE *scene = train_scene(3);
-    struct renderer_loss loss;
     test_ctx->isa = isa, test_ctx->threads = threads;
     OWNED_RENDERER *r = test_renderer();
     OWNED_MODEL model = test_points(scene, 1);
     *gradient = test_model(model.count, 1);
     renderer_settings(r)->medium = imaging_test_murky;
     renderer_settings(r)->lamp = &lamp;
-    loss = exposure_loss(r, scene, &model, log_gain);
+    struct renderer_loss loss = exposure_loss(r, scene, &model, log_gain);
     CHECK_OK(renderer_backward(test_ctx, r, NULL, gradient));
     memcpy(d, loss.dlamp, sizeof loss.dlamp);
     memcpy(d + LAMP_TERMS, loss.dlog_gain, 3 * sizeof *d);
@@ -984,9 +980,8 @@ TEST(lamp_of_a_stereo_pair_is_one_for_each_folder_or_prefix)
 /* The first line of a file that begins so. */
 static const char *blocks_test_line(const char *file, const char *word, char line[300])
 {
-    const char *at;
     OWNED_FILE map = test_file(file);
-    at = map.data ? strstr(map.data, word) : NULL;
+    const char *at = map.data ? strstr(map.data, word) : NULL;
     snprintf(line, 300, "%.*s", at ? (int)strcspn(at, "\r\n") : 0, at ? at : "");
     return line;
 }

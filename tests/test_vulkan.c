@@ -500,7 +500,6 @@ static void vulkan_check_sort(size_t n, uint32_t mask)
     const size_t most = n == 1 << 16 ? n : n + 9000; /* more groups than keys, or all of 32 are full */
     uint32_t *host = vulkan_memory(2 * n, sizeof *host), *got = host + n, count = (uint32_t)n;
     size_t wrong = 0;
-    int end;
     for (size_t i = 0; i < n; i++) host[i] = (uint32_t)random_bits(5, i, n) & mask, got[i] = (uint32_t)i;
     VULKAN_TWICE(k)
     {
@@ -511,7 +510,7 @@ static void vulkan_check_sort(size_t n, uint32_t mask)
     vulkan_upload(v, &r->row_key[0], 0, host, 4 * n);
     vulkan_upload(v, &r->row_value[0], 0, got, 4 * n);
     vulkan_update(v, &r->counts, COUNT_VISIBLE * 4, &count, 4);
-    end = vulkan_sort(r, r->row_key, r->row_value, COUNT_VISIBLE, most, 32);
+    int end = vulkan_sort(r, r->row_key, r->row_value, COUNT_VISIBLE, most, 32);
     vulkan_download(v, &r->row_value[end], 0, got, 4 * n);
     for (size_t i = 1; i < n; i++) {
         const uint32_t a = got[i - 1], b = got[i];
@@ -907,7 +906,6 @@ static void vulkan_check_view(struct vulkan_case c)
     float *drgb = vulkan_memory(3 * t.pixels, sizeof *drgb);
     struct renderer_loss loss[2];
     oxl_model gradient[2];
-    const uint32_t *start;
     uint32_t crowd = 0;
     c.ssim = c.ssim > 0 ? c.ssim : c.ssim < 0 ? 0 : 0.2; /* below 0: none */
     vulkan_options.alpha_min = c.alpha_min > 0 ? c.alpha_min : oxl_render_options_default().alpha_min;
@@ -923,7 +921,7 @@ static void vulkan_check_view(struct vulkan_case c)
     if (c.lit) vulkan_compare_sums(loss[0].dlamp, loss[1].dlamp, LAMP_TERMS, 2e-3);
     if (c.gain) vulkan_compare_sums(loss[0].dlog_gain, loss[1].dlog_gain, 3, 2e-3);
     if (c.hidden) return;
-    start = vulkan_starts(t.d);
+    const uint32_t *start = vulkan_starts(t.d);
     CHECK_CLOSE((double)t.d->pairs, (double)t.r[0]->bins.pair_count, 3);
     for (size_t i = 0; i < t.d->tiles; i++) crowd = OXL_MAX(crowd, start[i + 1] - start[i]);
     CHECK(!c.crowded || crowd > 4 * VULKAN_BUCKET);
@@ -1008,13 +1006,11 @@ DEVICE_TEST(vulkan_clears_nonfinite_rows_after_such_a_loss)
 {
     struct vulkan_run run[2];
     struct renderer_nonfinite cleared[2];
-    size_t before;
     v->slab_rows = 256;
     VULKAN_TWICE(k)
     {
-        struct trained_model *t;
         run[k] = vulkan_begin_run(vulkan_ctx(k), 600, 300);
-        t = &run[k].trained;
+        struct trained_model *t = &run[k].trained;
         vulkan_place(&t->model, 400, -1.5, -1.5, 2.6);
         for (int i = 0; i < 3; i++) t->model.plane[OXL_LOG_SCALE + i][400] = 0;
         for (int i = 0; i < 4; i++)
@@ -1028,7 +1024,7 @@ DEVICE_TEST(vulkan_clears_nonfinite_rows_after_such_a_loss)
         CHECK_OK(vulkan_run_forward(&run[k]));
     }
     cleared[0] = nonfinite_clear(run[0].r, &run[0].trained);
-    before = v->read_bytes;
+    size_t before = v->read_bytes;
     CHECK_OK(renderer_clear_nonfinite(run[1].r, &run[1].trained, &cleared[1]));
     CHECK(v->read_bytes - before == 12);
     VULKAN_TWICE(k)
@@ -1069,7 +1065,6 @@ DEVICE_TEST(vulkan_steps_behind_one_that_cannot_be_done_change_nothing)
 {
     for (int halt = HALT_PAIRS; halt <= HALT_LOSS; halt++) {
         struct vulkan_run d[2];
-        struct vulkan_renderer *r;
         VULKAN_TWICE(k)
         {
             d[k] = vulkan_begin_run(device, 300, 100);
@@ -1078,7 +1073,7 @@ DEVICE_TEST(vulkan_steps_behind_one_that_cannot_be_done_change_nothing)
             vulkan_place(&d[k].trained.model, 40, -1, -1, 4);
             if (halt == HALT_LOSS) d[k].trained.model.plane[OXL_SH][40] = INFINITY;
         }
-        r = d[1].d;
+        struct vulkan_renderer *r = d[1].d;
         CHECK(renderer_defer(d[1].r, 1));
         vulkan_take_model(r, &d[1].trained.model);
         r->room = halt == HALT_PAIRS ? 100 : 2 * r->pairs;
@@ -1215,7 +1210,6 @@ static void vulkan_check_loss_of_device(enum vulkan_fault_of_device fault)
 DEVICE_TEST(vulkan_repeats_a_submission_that_finds_no_memory)
 {
     struct vulkan_run d[2] = {vulkan_begin_run(device, 300, 100), vulkan_begin_run(device, 300, 100)};
-    size_t steps;
     VULKAN_TWICE(k)
     {
         CHECK(renderer_defer(d[k].r, 1));
@@ -1229,7 +1223,7 @@ DEVICE_TEST(vulkan_repeats_a_submission_that_finds_no_memory)
         vulkan_fetch(&d[k], DOWNLOAD_TO_READ);
     }
     vulkan_same_run(&d[0], &d[1]);
-    steps = d[1].d->steps;
+    size_t steps = d[1].d->steps;
     vulkan_half_step(&d[1]);
     VULKAN_FAIL(QueueSubmit, 0, 3, VK_ERROR_OUT_OF_DEVICE_MEMORY);
     REFUSED(vulkan_adam(&d[1], 7), OXL_ERR_FAILED, "no device memory is left");
@@ -1243,9 +1237,8 @@ DEVICE_TEST(vulkan_gives_up_a_device_without_memory_for_a_step_not_for_an_image)
 {
     struct vulkan_run run = vulkan_begin_run(device, 300, 0);
     const float *image;
-    float *rgb;
     CHECK_OK(vulkan_run_forward(&run));
-    rgb = vulkan_image_of(device, run.r, 64 * 48);
+    float *rgb = vulkan_image_of(device, run.r, 64 * 48);
     for (size_t part = 0; part <= 500; part += 500) {
         v->part = 0;
         CHECK_OK(vulkan_run_forward(&run));
@@ -1268,9 +1261,8 @@ DEVICE_TEST(vulkan_keeps_uploads_when_an_error_follows)
     VULKAN_TWICE(k)
     {
         const oxl_camera larger = vulkan_camera(640, 480);
-        oxl_model *m;
         d[k] = vulkan_begin_run(device, 300, 100);
-        m = &d[k].trained.model;
+        oxl_model *m = &d[k].trained.model;
         vulkan_steps(&d[k], 1, 1);
         vulkan_fetch(&d[k], DOWNLOAD_TO_READ);
         for (int i = 0; i < 300; i++) m->plane[OXL_OPACITY][i] -= 1;
@@ -1294,9 +1286,8 @@ DEVICE_TEST(vulkan_keeps_uploads_when_an_error_follows)
  * anyone may. */
 DEVICE_TEST(vulkan_gives_up_a_device_that_did_half_a_step)
 {
-    struct vulkan_run run;
     v->slab_rows = 256;
-    run = vulkan_begin_run(device, 700, 0);
+    struct vulkan_run run = vulkan_begin_run(device, 700, 0);
     VULKAN_TWICE(sets)
     {
         VULKAN_SOUND(AllocateDescriptorSets);
@@ -1316,13 +1307,12 @@ DEVICE_TEST(vulkan_keeps_pairs_in_the_slots_that_were_counted)
     struct vulkan_renderer *d = t.d;
     oxl_model m = vulkan_scene(600, 0, 0);
     uint32_t order[600], first[600], (*staged)[2];
-    float *shape;
     size_t wrong = 0, unused = 0;
     CHECK_OK(vulkan_draw_with(t.r[1], &m, &t.camera));
     vulkan_order_rows(d);
     vulkan_download(v, &d->row_value[0], 0, order, sizeof order);
     vulkan_download(v, &d->row_pairs, 0, first, sizeof first);
-    shape = vulkan_splats(d, &d->splat_b, 4);
+    float *shape = vulkan_splats(d, &d->splat_b, 4);
     for (int i = 0; i < 600; i++)
         for (int k = 0; k < 4; k++)
             if (k != 1) shape[4 * i + k] *= (i % 2) == (k == 0) ? 0.2f : 5;
@@ -1557,10 +1547,9 @@ DEVICE_TEST(vulkan_deferred_steps_get_along_with_room_for_the_pairs_that_there_a
     struct vulkan_run d[2];
     VULKAN_TWICE(k)
     {
-        struct vulkan_renderer *r;
         VULKAN_SOUND(AllocateMemory);
         d[k] = vulkan_begin_run(device, 300, 100);
-        r = d[k].d;
+        struct vulkan_renderer *r = d[k].d;
         vulkan_steps(&d[k], 1, 1);
         vulkan_play_full(INT_MAX, k ? 32 * r->pairs + 4096 * (r->tiles + 1) : SIZE_MAX);
         CHECK(r->pairs > 256 && renderer_defer(d[k].r, 1));
@@ -1677,14 +1666,13 @@ DEVICE_TEST(vulkan_images_and_gradients_fall_back_to_the_cpu)
     uint64_t sum[2], none;
     VULKAN_TWICE(gradient)
     {
-        int all;
         CHECK_OK(vulkan_output(cpu, &m, gradient, &sum[gradient]));
         vulkan_play_full(1000, SIZE_MAX);
         device->options.backend = OXL_BACKEND_VULKAN;
         device->backend->rendered_on = 0;
         CHECK(!vulkan_gives(&m, gradient, sum[gradient]));
         CHECK(strcmp(oxl_backend_name(device), v->properties.deviceName) == 0);
-        all = 1000 - vulkan_fault_AllocateMemory.after;
+        int all = 1000 - vulkan_fault_AllocateMemory.after;
         vulkan_play_full(all - 1, SIZE_MAX);
         CHECK(vulkan_output(device, &m, gradient, &none) == OXL_ERR_MEMORY && none == 0);
         device->options.backend = OXL_BACKEND_AUTO;
@@ -1780,12 +1768,11 @@ DEVICE_TEST(vulkan_renders_the_same_whole_and_in_parts)
     {
         struct renderer *r = vulkan_renderer(device);
         size_t before = v->submissions;
-        float *image;
         v->part = k ? 500 : 0;
         vulkan_model(m.count, 1, 200, &gradient[k]);
         CHECK_OK(vulkan_draw_with(r, &m, &camera));
         CHECK((v->submissions - before > 5) == k); /* two rows of tiles each */
-        image = vulkan_image_of(device, r, 200 * 150);
+        float *image = vulkan_image_of(device, r, 200 * 150);
         before = v->submissions;
         CHECK_OK(renderer_backward(device, r, drgb, &gradient[k]));
         CHECK((v->submissions - before > 5) == k);
@@ -1803,7 +1790,6 @@ DEVICE_TEST(vulkan_bounds_a_submission_of_an_unbalanced_image)
 {
     struct vulkan_twins t = vulkan_twins(320, 240);
     oxl_model m = vulkan_scene(4000, 0, 0);
-    const uint32_t *start;
     uint32_t most = 0, all = 0;
     for (size_t i = 0; i < 3600; i++) {
         vulkan_place(&m, i, -1.2 + 1e-3 * vulkan_random(i, 0), 0.5 + 1e-3 * vulkan_random(i, 1),
@@ -1811,7 +1797,7 @@ DEVICE_TEST(vulkan_bounds_a_submission_of_an_unbalanced_image)
         for (int k = 0; k < 3; k++) m.plane[OXL_LOG_SCALE + k][i] = -4;
     }
     CHECK_OK(vulkan_draw_with(t.r[1], &m, &t.camera));
-    start = vulkan_starts(t.d);
+    const uint32_t *start = vulkan_starts(t.d);
     for (int i = 0; i < 300; i++) most = OXL_MAX(most, start[i + 1] - start[i]);
     v->part = 700;
     v->CmdPushConstants = vulkan_note_part;
@@ -1932,9 +1918,8 @@ static oxl_result vulkan_train(oxl_context *ctx, struct vulkan_training *t)
                               .surroundings = t->surroundings};
     OWNED_SCENE *scene = vulkan_survey(t->darker);
     oxl_model out = {0};
-    oxl_result rc;
     if (t->saved) task.store = checkpoint_in(test_path(t->saved), "run");
-    rc = train_run(ctx, scene, &t->options, t->callback, &task, &out);
+    oxl_result rc = train_run(ctx, scene, &t->options, t->callback, &task, &out);
     if (rc == OXL_OK) {
         oxl_metrics metrics;
         CHECK_OK(oxl_evaluate(ctx, &out, scene, &imaging, OXL_SPLIT_ALL, &metrics));
@@ -2030,9 +2015,8 @@ static int vulkan_stops_at(void *user, const oxl_progress *p)
 static uint64_t vulkan_checkpoint_sum(void)
 {
     struct os_file_map map = {0};
-    uint64_t sum;
     CHECK_OK(os_read_file(cpu, test_path("saved/checkpoint.oxl"), &map));
-    sum = checksum_add(CHECKSUM_SEED, map.data, map.size);
+    uint64_t sum = checksum_add(CHECKSUM_SEED, map.data, map.size);
     os_release_file(cpu, &map);
     return sum;
 }
@@ -2045,13 +2029,12 @@ DEVICE_TEST(vulkan_run_of_a_lost_device_continues_from_an_intact_checkpoint)
     int stop = 33;
     const oxl_callback callback = {vulkan_stops_at, &stop};
     struct vulkan_training straight = {.options = train_options(60), .saved = "straight"}, t = straight;
-    uint64_t saved;
     t.saved = "saved";
     CHECK_OK(vulkan_train(device, &straight));
     t.callback = &callback;
     CHECK(vulkan_train(device, &t) == OXL_ERR_INTERRUPTED);
     t.callback = NULL;
-    saved = vulkan_checkpoint_sum();
+    uint64_t saved = vulkan_checkpoint_sum();
     device->options.backend = OXL_BACKEND_AUTO;
     vulkan_listen("no memory is left");
     VULKAN_FAIL(QueueSubmit, 15, -1, VK_ERROR_OUT_OF_DEVICE_MEMORY);

@@ -100,9 +100,8 @@ TEST(blocks_with_a_damaged_file_end_in_the_same_bytes)
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("ref"), &options, NULL));
     for (size_t k = 0; k < OXL_COUNT(files); k++) {
         char out[32], path[128];
-        oxl_result rc;
         snprintf(out, sizeof out, "out%zu", k);
-        rc = oxl_job_run(test_ctx, survey, test_path(out), &options, &callback);
+        oxl_result rc = oxl_job_run(test_ctx, survey, test_path(out), &options, &callback);
         CHECK(rc == OXL_ERR_INTERRUPTED);
         snprintf(path, sizeof path, "out%zu/%s", k, files[k]);
         CHECK(test_has(path));

@@ -47,9 +47,8 @@ int main(void)
     struct vulkan v = {0};
     uint32_t tried = 0;
     int made = 0;
-    oxl_result rc;
     if (oxl_context_create(&options, &v.ctx) != OXL_OK) return 1;
-    rc = vulkan_start(&v);
+    oxl_result rc = vulkan_start(&v);
     if (rc == OXL_OK) rc = vulkan_choose(&v, -1, 1, &tried);
     if (rc == OXL_OK) rc = vulkan_check(&v);
     if (rc == OXL_OK) rc = vulkan_create_device(&v);

@@ -132,7 +132,6 @@ static int view_tiles(const struct view *v)
 static void view_open(struct view *v, struct wide *w)
 {
     const size_t packs = (w->count + PACK - 1) / PACK;
-    struct raster_job raster;
     *v = (struct view){.kernel_camera = view_kernel_camera(w),
                        .in = {.count = w->count, .lobes = w->lobes, .sh_degree = w->sh_degree}};
     memcpy(v->in.plane, w->plane, sizeof v->in.plane);
@@ -153,7 +152,7 @@ static void view_open(struct view *v, struct wide *w)
         project_forward(ISA_BASE, &project);
     }
     bin_splats(&kernels_context, &v->bins, v->kernel_camera.width, v->kernel_camera.height);
-    raster = view_raster(v, w);
+    struct raster_job raster = view_raster(v, w);
     for (raster.tile = 0; raster.tile < view_tiles(v); raster.tile++) raster_forward(ISA_BASE, &raster);
     for (raster.tile = 0; raster.tile < view_tiles(v); raster.tile++) raster_depth(ISA_BASE, &raster);
 }
@@ -167,9 +166,8 @@ static void view_close(struct view *v)
 size_t kernels_forward(struct wide *w)
 {
     struct view v;
-    size_t rendered;
     view_open(&v, w);
-    rendered = v.bins.visible_count;
+    size_t rendered = v.bins.visible_count;
     view_close(&v);
     return rendered;
 }
@@ -177,14 +175,12 @@ size_t kernels_forward(struct wide *w)
 void kernels_backward(struct wide *w, const double *drgb)
 {
     struct view v;
-    struct project_job project;
-    struct raster_job raster;
     view_open(&v, w);
     v.sums = wide_array((v.bins.slot_count + 1) * SPLAT_SUMS);
-    raster = view_raster(&v, w);
+    struct raster_job raster = view_raster(&v, w);
     raster.drgb = drgb, raster.sums = v.sums;
     for (raster.tile = 0; raster.tile < view_tiles(&v); raster.tile++) raster_backward(ISA_BASE, &raster);
-    project = view_project(&v);
+    struct project_job project = view_project(&v);
     project.sums = (const double(*)[SPLAT_SUMS])v.sums;
     project.out = v.out, project.dmean2d = w->dmean2d;
     memset(w->dpose, 0, sizeof w->dpose);
@@ -196,9 +192,8 @@ void kernels_backward(struct wide *w, const double *drgb)
 void kernels_score(struct wide *w, const double *drgb, double *score)
 {
     struct view v;
-    struct raster_job raster;
     view_open(&v, w);
-    raster = view_raster(&v, w);
+    struct raster_job raster = view_raster(&v, w);
     raster.drgb = drgb, raster.score = wide_array(v.bins.slot_count);
     for (raster.tile = 0; raster.tile < view_tiles(&v); raster.tile++) raster_score(ISA_BASE, &raster);
     for (size_t i = 0; i < v.bins.visible_count; i++) {

@@ -161,10 +161,9 @@ void splat_backward(struct wide *w, const double *drgb)
     struct scene s;
     struct splat *ds = calloc(w->count + 1, sizeof *ds);
     struct gaussian *dg = calloc(w->count + 1, sizeof *dg);
-    double *interleaved;
     if (!ds || !dg) abort();
     scene_create(&s, w);
-    interleaved = wide_array(3 * (size_t)s.pixels);
+    double *interleaved = wide_array(3 * (size_t)s.pixels);
     for (int i = 0; i < 3 * s.pixels; i++) interleaved[i] = drgb[i % 3 * s.pixels + i / 3];
     render_backward(&s.model, &s.camera, s.splat, s.count, s.rgb, interleaved, ds, dg);
     for (int k = 0; k < OXL_PLANES; k++)
@@ -220,14 +219,14 @@ static int fragile_pixel(const struct wide *w, const struct splat *s, int count,
 {
     double T = 1, last = -1;
     for (int i = 0; i < count; i++) {
-        double value[2] = {0, 0}, alpha;
+        double value[2] = {0, 0};
         for (int k = 0; k < s[i].lobes; k++) {
             const double dx = x - s[i].centre[0], dy = y - s[i].centre[1], *K = s[i].conic[k];
             const double o = s[i].opacity[k] / (s[i].opacity[k] < FAINT * RAISE ? RAISE : 1);
             value[k] = o * exp(-(K[0] * dx * dx + 2 * K[1] * dx * dy + K[2] * dy * dy) / 2);
             if (near(value[k], ALPHA_MAX)) return 1;
         }
-        alpha = fmin(value[0], ALPHA_MAX) - fmin(value[1], ALPHA_MAX);
+        double alpha = fmin(value[0], ALPHA_MAX) - fmin(value[1], ALPHA_MAX);
         if (near(fabs(alpha), ALPHA_MIN) || (alpha < 0 && near(T, T_MAX))) return 1;
         if (fabs(alpha) < ALPHA_MIN || (alpha < 0 && T >= T_MAX)) continue;
         if (near(T * (1 - alpha), T_MIN) || s[i].p[2] - last < 1e-6 * last) return 1;
@@ -262,9 +261,9 @@ void splat_fragile(const struct wide *w, char *fragile)
 double splat_loss(int width, int height, double weight, const double *x, const double *y, double *dx)
 {
     const size_t n = (size_t)width * (size_t)height;
-    double *a = wide_array(3 * n), *b = wide_array(3 * n), *da = wide_array(3 * n), value;
+    double *a = wide_array(3 * n), *b = wide_array(3 * n), *da = wide_array(3 * n);
     for (size_t i = 0; i < 3 * n; i++) a[i] = x[i % 3 * n + i / 3], b[i] = y[i % 3 * n + i / 3];
-    value = loss(a, b, width, height, weight, da);
+    double value = loss(a, b, width, height, weight, da);
     for (size_t i = 0; i < 3 * n; i++) dx[i % 3 * n + i / 3] = da[i];
     free(a), free(b), free(da);
     return value;
