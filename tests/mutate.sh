@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # tests/mutate.sh [N] [FIRST] - plants faults in the kernels, one at a time, and shows which ones the tests do not notice.
-# tests/mutate.sh constants [NAME...] - changes their constants, and runs the comparison with reference/splat.c alone: each must be noticed.
+# tests/mutate.sh constants [NAME...] - changes their constants, and runs the comparison with reference/splat.c and what it lacks: each must be noticed.
 #
 # A site is an operator or a comparison in the code of a kernel; every k-th is taken, so that N (36) of them are spread over all files. FIRST
 # (0) shifts the choice. Of constants all are taken (or those named): a real number becomes 1.1 times itself, a whole one its successor; of an
@@ -82,10 +82,11 @@ plant() { # FILE LINE COLUMN OLD NEW [NAME]
 tests=$(echo tests/test_*.c)
 names='adam_ pixel_ extremes_are extremes_of gradient_ float_ loss_ binning_ raster_ renderer_ image_and plain_ negative_ density_ a_step reference_
 medium_gradients medium_baked medium_alone lamp_gradients depth_loss medium_lamp_and_gains exposure_gradient exposure_gains'
-[ "${1:-}" = constants ] && tests=tests/test_reference.c names=reference_
+# Depths and resets of opacity are not in reference/splat.c.
+[ "${1:-}" = constants ] && tests="tests/test_reference.c tests/test_depth.c tests/test_train.c" names="reference_ depth_ density_reset"
 rm -rf "$work"
 mkdir -p "$work/tree"
-cp -r Makefile oceanxl.c oceanxl.h oceanxl_job.h examples src backends cli lab reference tests fuzz "$work/tree"
+cp -r Makefile oceanxl.c oceanxl.h oceanxl_job.h examples src backends cli lab tools reference tests fuzz "$work/tree"
 try || { echo "the tests fail without any fault, see $work/build.log, $work/test.log"; exit 1; }
 killed=0 survived=0 invalid=0
 if [ "${1:-}" = constants ]; then
