@@ -26,8 +26,8 @@ static const char CHECKSUM_LINE[] = "# checksum ";
 
 OXL_INTERNAL void checksum_end_text(struct text *t)
 {
-    const uint64_t sum = checksum_add(CHECKSUM_SEED, t->data ? t->data : "", t->size);
-    text_add(t, "%s%016llx\n", CHECKSUM_LINE, (unsigned long long)sum);
+    text_add(t, "%s%016llx\n", CHECKSUM_LINE,
+             (unsigned long long)checksum_add(CHECKSUM_SEED, t->data ? t->data : "", t->size));
 }
 
 OXL_INTERNAL int checksum_is_wrong(const char *data, size_t size)

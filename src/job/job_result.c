@@ -176,9 +176,8 @@ static oxl_result job_add_decisions(struct job *job, struct text *t)
     }
     text_add(t, ", \"blocks\": [");
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
-        const char *folder = JOB_BLOCK(job, k);
         text_add(t, k > 0 ? ", {" : "{");
-        rc = block_read_member(job->ctx, folder, "decisions", t);
+        rc = block_read_member(job->ctx, JOB_BLOCK(job, k), "decisions", t);
         text_add(t, "}");
     }
     text_add(t, "]},\n");

@@ -49,8 +49,8 @@ OXL_INTERNAL double budget_max_gaussians(const struct cost_load *load, const oxl
 /* Returns the Gaussians that a run is not expected to exceed, or fewer if the images allow fewer. */
 static double budget_wanted(const oxl_job_options *o, const struct cost_load *load)
 {
-    const double most = (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
-    return OXL_MIN(BUDGET_EXPECTED * cost_gaussians(o, load), most);
+    return fmin(BUDGET_EXPECTED * cost_gaussians(o, load),
+                (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train));
 }
 
 OXL_INTERNAL int budget_limit_gaussians(const struct cost_load *load, oxl_job_options *o)

@@ -24,11 +24,10 @@ static double axes_dot(const double *a, const double *b)
  * scratch: as many. */
 static size_t axes_sample(const oxl_scene *scene, size_t step, double *sample, double *scratch)
 {
-    const oxl_point *point = scene->point;
     size_t n = 0, kept = 0;
     double limit;
     for (size_t i = 0; i < scene->point_count; i += step, n++)
-        for (int k = 0; k < 3; k++) sample[3 * n + (size_t)k] = point[i].position[k];
+        for (int k = 0; k < 3; k++) sample[3 * n + (size_t)k] = scene->point[i].position[k];
     for (size_t i = 0; i < n; i++) scratch[i] = axes_dot(sample + 3 * i, sample + 3 * i);
     limit = AXES_REACH * AXES_REACH * stats_select(scratch, n, AXES_QUANTILE);
     for (size_t i = 0; i < n; i++)

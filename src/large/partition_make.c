@@ -17,8 +17,7 @@
 
 OXL_INTERNAL int partition_has_view(const struct partition *p, int block, int view)
 {
-    const size_t views = (size_t)p->plan->scene->view_count;
-    return view >= 0 && p->plan->has[(size_t)block * views + (size_t)view];
+    return view >= 0 && p->plan->has[(size_t)block * (size_t)p->plan->scene->view_count + (size_t)view];
 }
 
 /* Returns 1 if the block starts from the point: it is its own, or a view of the block sees it. */

@@ -53,9 +53,9 @@ void oxl_model_rescale(oxl_model *model, double factor)
 
 OXL_INTERNAL void model_clear_rows(oxl_model *model, size_t first, size_t end)
 {
-    const int planes = oxl_model_planes(model);
     if (end <= first) return;
-    for (int p = 0; p < planes; p++) memset(model->plane[p] + first, 0, (end - first) * sizeof(float));
+    for (int p = 0; p < oxl_model_planes(model); p++)
+        memset(model->plane[p] + first, 0, (end - first) * sizeof(float));
     for (size_t i = first; i < end; i++) model->plane[OXL_ROTATION][i] = 1;
     for (int p = OXL_LOBE; first < model->lobes && p < OXL_PLANES; p++)
         memset(model->plane[p] + first, 0, (OXL_MIN(end, model->lobes) - first) * sizeof(float));
@@ -239,8 +239,7 @@ OXL_INTERNAL void model_keep_rows(oxl_model *model, const uint8_t *keep)
 OXL_INTERNAL int model_row_is_finite(const oxl_model *m, size_t i)
 {
     float sum = 0; /* 0 x finite is 0; 0 x inf and 0 x nan are not */
-    const int planes = oxl_model_planes(m);
-    for (int k = 0; k < planes; k++) sum += 0 * m->plane[k][i];
+    for (int k = 0; k < oxl_model_planes(m); k++) sum += 0 * m->plane[k][i];
     for (int k = OXL_LOBE; i < m->lobes && k < OXL_PLANES; k++) sum += 0 * m->plane[k][i];
     return sum == 0;
 }
@@ -549,8 +548,7 @@ oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size
 
 OXL_INTERNAL void model_scale_colour(oxl_model *model, const double factor[3])
 {
-    const int coefficients = (model->sh_degree + 1) * (model->sh_degree + 1);
-    for (int k = 0; k < coefficients; k++)
+    for (int k = 0; k < (model->sh_degree + 1) * (model->sh_degree + 1); k++)
         for (int c = 0; c < 3; c++) {
             float *plane = model->plane[OXL_SH + 3 * k + c];
             const double more = k == 0 ? (factor[c] - 1) * 0.5 / MODEL_SH0 : 0;

@@ -38,10 +38,9 @@ static int lobes_step(const oxl_train_options *o)
 /* Gives Gaussians whose gradients are still large a second lobe: assigned once [OceanXL sec. 3.2]. */
 static oxl_result lobes_assign(struct train *t)
 {
-    const oxl_train_options *o = t->options;
     uint8_t *active = oxl_alloc(t->ctx, t->trained.model.count + 1, 1);
     int any = 0;
-    const float threshold = o->dog == OXL_DOG_ALL ? -1 : LOBES_THRESHOLD;
+    const float threshold = t->options->dog == OXL_DOG_ALL ? -1 : LOBES_THRESHOLD;
     oxl_result rc = active ? step_download(t, DOWNLOAD_TO_CHANGE) : OXL_ERR_MEMORY;
     for (size_t i = 0; rc == OXL_OK && i < t->trained.model.count; i++) {
         active[i] = density_mean_gradient(&t->density, i) > threshold;

@@ -290,8 +290,8 @@ static void project_store_lobe(struct lobe *out, int l, const struct project_lob
  * degree 3. */
 SIMD_INLINE void project_prefetch(real *const plane[OXL_PLANES], int sh_degree, size_t at)
 {
-    const int end = OXL_SH + 3 * (sh_degree + 1) * (sh_degree + 1);
-    for (int k = OXL_SH; k < end; k++) simd_prefetch(plane[k] + at);
+    for (int k = OXL_SH; k < OXL_SH + 3 * (sh_degree + 1) * (sh_degree + 1); k++)
+        simd_prefetch(plane[k] + at);
 }
 
 SIMD_INLINE void project_pack_forward(const int fused, const int antialias, const struct project_job *job,

@@ -157,8 +157,8 @@ OXL_INTERNAL oxl_result image_read_header(oxl_context *ctx, const char *path, st
 {
     unsigned char *data = oxl_alloc(ctx, HEADER_BYTES, 1);
     FILE *file = data ? os_open(path) : NULL;
-    const size_t size = file ? fread(data, 1, HEADER_BYTES, file) : 0;
-    image_header_of(data, size, 0, out); /* Takes what there is: the file goes on. */
+    /* Takes what there is: the file goes on. */
+    image_header_of(data, file ? fread(data, 1, HEADER_BYTES, file) : 0, 0, out);
     if (file) fclose(file);
     oxl_free(ctx, data);
     return data ? OXL_OK : OXL_ERR_MEMORY;

@@ -428,8 +428,8 @@ static void photometry_fit_separate_lamps(struct photometry_work *w, int request
 
 OXL_INTERNAL int photometry_supports(int part, double growth, double span)
 {
-    const int unclear = part == 0 && span < SCENE_DEPTH_SPAN_MIN;
-    return growth >= 1 + (unclear ? PHOTOMETRY_EVIDENT : photometry_evidence[part]);
+    return growth >=
+           1 + (part == 0 && span < SCENE_DEPTH_SPAN_MIN ? PHOTOMETRY_EVIDENT : photometry_evidence[part]);
 }
 
 /* Fits all parts, then without each, a medium that is refused left out from then on, and at last the parts

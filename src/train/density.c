@@ -210,10 +210,9 @@ static void density_move_plane(const struct density *d, float *plane, size_t cou
     for (size_t i = 0; i < count; i++)
         if (d->verdict[i] != OXL_REMOVE) plane[kept++] = plane[i];
     for (size_t i = count; i-- > 0;) {
-        const int split = d->verdict[i] == OXL_SPLIT;
         if (d->verdict[i] == OXL_REMOVE) continue;
         plane[--at] = plane[--kept];
-        if (!split) continue;
+        if (d->verdict[i] != OXL_SPLIT) continue;
         plane[at - 1] = plane[at];
         at--;
         if (fresh) plane[at] = plane[at + 1] = 0;

@@ -44,10 +44,10 @@ OXL_INTERNAL void forecast_note_step(struct train *t)
 {
     struct forecast *f = &t->forecast;
     const double now = os_seconds();
-    const oxl_camera *c = &t->scene->view[0].camera;
     if (f->at > 0 && now > f->at) {
         f->seconds = FORECAST_MEMORY * f->seconds + now - f->at;
-        f->work = FORECAST_MEMORY * f->work + forecast_step(c, (double)t->trained.model.count, t->halved);
+        f->work = FORECAST_MEMORY * f->work +
+                  forecast_step(&t->scene->view[0].camera, (double)t->trained.model.count, t->halved);
     }
     f->at = now;
 }

@@ -208,9 +208,9 @@ OXL_INTERNAL double schedule_first_pixels(const oxl_scene *scene, const oxl_trai
 
 OXL_INTERNAL float schedule_densify_gradient(const oxl_scene *scene, const oxl_train_options *options)
 {
-    const int is_random = scene->point_count == 0 && scene_is_composited(scene);
-    return is_random ? OXL_MIN(options->densify_gradient, SCHEDULE_GRADIENT_POINTLESS)
-                     : options->densify_gradient;
+    return scene->point_count == 0 && scene_is_composited(scene)
+               ? OXL_MIN(options->densify_gradient, SCHEDULE_GRADIENT_POINTLESS)
+               : options->densify_gradient;
 }
 
 /* Limits the number of Gaussians, since more than the images determine overfit; a dense cloud is thinned. */

@@ -25,8 +25,9 @@ static void step_shuffle(struct train *t, int epoch)
 /* Returns 1 if the step is one of the run's first part, which trains at half the sides. */
 static int step_is_coarse(const struct train *t, const oxl_camera *camera)
 {
-    const double fraction = schedule_coarse_fraction(t->options, camera->width, camera->height);
-    return t->step <= fraction * t->options->iterations && camera->width > 1 && camera->height > 1;
+    return t->step <=
+               schedule_coarse_fraction(t->options, camera->width, camera->height) * t->options->iterations &&
+           camera->width > 1 && camera->height > 1;
 }
 
 OXL_INTERNAL const struct image_window *step_window(const struct train *t, int view)

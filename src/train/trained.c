@@ -154,9 +154,9 @@ static oxl_result trained_complete(oxl_context *ctx, const oxl_scene *scene, con
                                    const struct train_task *task, struct trained_run *progress,
                                    oxl_trained *t)
 {
-    const int wanted = task->viewer_steps > 0 && (t->model.lobes > 0 || imaging_hides(t->imaging));
     oxl_result rc = OXL_OK;
-    if (t->finished && wanted) rc = viewer_refine(ctx, scene, options, task, progress, t);
+    if (t->finished && task->viewer_steps > 0 && (t->model.lobes > 0 || imaging_hides(t->imaging)))
+        rc = viewer_refine(ctx, scene, options, task, progress, t);
     if (rc == OXL_OK && t->finished && task->trims) rc = trained_trim(ctx, scene, options, t);
     return rc;
 }
