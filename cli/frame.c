@@ -153,12 +153,12 @@ void frame_choose(const oxl_scene *scene, enum frame_kind kind, struct frame *f)
 
 int frame_bounds(const struct frame *f, const oxl_scene *scene, double low[2], double high[2])
 {
-    const oxl_point *point = oxl_scene_points(scene);
     const size_t count = oxl_scene_point_count(scene), stride = 1 + count / FRAME_SAMPLE;
     double *along = malloc(sizeof *along * (count / stride + 1));
     for (int d = 0; along && d < 2; d++) {
         size_t n = 0;
-        for (size_t i = 0; i < count; i += stride) along[n++] = frame_along(f, point[i].position, d);
+        for (size_t i = 0; i < count; i += stride)
+            along[n++] = frame_along(f, oxl_scene_points(scene)[i].position, d);
         qsort(along, n, sizeof *along, frame_compare);
         low[d] = along[n / 200], high[d] = along[n - 1 - n / 200];
     }

@@ -222,10 +222,9 @@ int cli_is_study_variable(const char *name)
 int cli_option_is_of(int index, enum command command)
 {
     const oxl_option *o = cli_option_at(index);
-    const unsigned commands = cli_option_of_job(index) < 0 ? o->use : cli_commands_of(o->use);
     if (command == COMMAND_ABLATE && cli_option_of_job(index) >= 0 && cli_is_study_variable(o->name))
         return 0;
-    return (commands >> command & 1) != 0;
+    return ((cli_option_of_job(index) < 0 ? o->use : cli_commands_of(o->use)) >> command & 1) != 0;
 }
 
 const char *cli_option_word(const oxl_option *o, char out[40])

@@ -116,14 +116,15 @@ static float views_factor(const oxl_image *image)
 static void views_figure(struct report *r, oxl_image *image, const char *what, const char *name, float factor)
 {
     struct output *t = &r->page;
-    for (size_t i = 0; i < 3 * (size_t)image->width * (size_t)image->height; i++) image->rgb[i] *= factor;
+    const size_t values = 3 * (size_t)image->width * (size_t)image->height;
+    for (size_t i = 0; i < values; i++) image->rgb[i] *= factor;
     output_add(t, "<figure><img width=\"%d\" height=\"%d\" alt=\"%s of %S\" src=\"", image->width,
                image->height, what, name);
     page_jpeg(r, image);
     output_add(t, "\"><figcaption>%s", what);
     if (factor > 1) output_add(t, ", %.1f times as bright", (double)factor);
     output_add(t, "</figcaption></figure>\n");
-    for (size_t i = 0; i < 3 * (size_t)image->width * (size_t)image->height; i++) image->rgb[i] /= factor;
+    for (size_t i = 0; i < values; i++) image->rgb[i] /= factor;
 }
 
 /* Shows a view: image, render and error; and without the medium, where there is such an image. */

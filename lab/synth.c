@@ -132,8 +132,8 @@ static void synth_smooth_row(struct synth_run *s, const struct synth_camera *c, 
 /* Returns the range along the ray of a pixel's middle. */
 static double synth_range(const struct synth_run *s, const struct synth_camera *c, int x, int y)
 {
-    const double depth = s->depth[(size_t)y * (size_t)c->width + (size_t)x];
-    return depth * hypot(1, hypot((x + 0.5 - c->cx) / c->f, (y + 0.5 - c->cy) / c->f));
+    return s->depth[(size_t)y * (size_t)c->width + (size_t)x] *
+           hypot(1, hypot((x + 0.5 - c->cx) / c->f, (y + 0.5 - c->cy) / c->f));
 }
 
 /* Lights a pixel's clean colour by the lamp, sends it through water, adds backscatter, applies the image's gain,
@@ -152,8 +152,9 @@ static void synth_expose(struct synth_run *s, const struct synth_camera *c, int 
     const v3 exposed = v3_scale(v3_times(v3_add(seen, near), gain), synth_lamp_radial(o, x + 0.5, y + 0.5));
     double level[3] = {255 * exposed.x, 255 * exposed.y, 255 * exposed.z};
     for (size_t k = 0; k < 3; k++) {
-        const uint64_t bits = synth_bits(o->seed ^ 0x5e25, (uint64_t)view, 3 * at + k);
-        if (o->noise > 0) level[k] += o->noise * synth_random_normal(bits);
+        if (o->noise > 0)
+            level[k] +=
+                o->noise * synth_random_normal(synth_bits(o->seed ^ 0x5e25, (uint64_t)view, 3 * at + k));
         level[k] = floor(synth_clamp(level[k], 0, 255) + 0.5) / 255;
     }
     synth_set(&s->image, at, v3_of(level[0], level[1], level[2]));

@@ -151,8 +151,9 @@ static int points_by_view(const void *a, const void *b)
 
 static void points_colour(const struct points_search *s, double range, struct points_track *t)
 {
-    const v3 clean = synth_shade(&s->run->world, t->position, range / s->run->trajectory.camera[t->source].f);
-    const v3 seen = synth_through_water(&s->run->water, clean, range);
+    const v3 seen = synth_through_water(
+        &s->run->water,
+        synth_shade(&s->run->world, t->position, range / s->run->trajectory.camera[t->source].f), range);
     const double rgb[3] = {seen.x, seen.y, seen.z};
     for (int c = 0; c < 3; c++) t->rgb[c] = (uint8_t)(255 * synth_clamp(rgb[c], 0, 1) + 0.5);
 }

@@ -26,8 +26,8 @@ static const double degree = SYNTH_PI / 180;
 
 static double trajectory_waver(const synth_options *o, int view, uint64_t what, double sigma)
 {
-    const double n = synth_random_normal(synth_bits(o->seed, 200 + what, (uint64_t)view));
-    return sigma * synth_clamp(n, -2.5, 2.5);
+    return sigma *
+           synth_clamp(synth_random_normal(synth_bits(o->seed, 200 + what, (uint64_t)view)), -2.5, 2.5);
 }
 
 /* Looks along `forward`; the top of the image towards `up`; rotated around the view direction by `roll`. */

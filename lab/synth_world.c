@@ -253,8 +253,7 @@ static void world_star(struct synth_shape *s, uint64_t seed)
 static void world_make_shapes(struct synth_world *w)
 {
     for (int i = 0; i < SYNTH_SHAPES; i++) {
-        const uint64_t seed = synth_bits(w->seed, 8, (uint64_t)i);
-        (i < 4 ? world_branching : world_star)(&w->shape[i], seed);
+        (i < 4 ? world_branching : world_star)(&w->shape[i], synth_bits(w->seed, 8, (uint64_t)i));
     }
 }
 
@@ -432,10 +431,9 @@ static double world_volume(const struct synth_world *w, v3 centre, double radius
 /* Moves what belongs to an object up, or far below the ground. */
 static void world_lift(struct synth_world *w, struct synth_object *o, double by)
 {
-    const uint32_t index = (uint32_t)(o - w->object);
     o->centre.z += by;
     for (size_t i = 0; fabs(by) > 0 && i < w->cell_first[w->cells * w->cells]; i++)
-        if (w->near[i].object == index) w->near[i].z += (float)by;
+        if (w->object + w->near[i].object == o) w->near[i].z += (float)by;
 }
 
 void synth_world_change(struct synth_world *w, struct synth_changed out[2])

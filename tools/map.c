@@ -147,13 +147,12 @@ static int map_place_of(const void *user, size_t at, double p[3])
 static void map_take_vote(void *user, size_t at, const double p[3], const struct surface_vote *v)
 {
     struct map *m = user;
-    const double scale = m->to.scale;
     (void)p;
     m->seen[at] = (v->sees > 0) + (v->sees >= m->enough);
     for (size_t k = 0; k < 3 && v->sees < m->enough; k++) m->colour[k * map_pixels(m) + at] = NAN;
     if (!surface_holds(v, m->enough)) return;
     m->views[at] = v->confirms;
-    m->sigma[at] = map_sigma(m, v, scale * v->footprint * m->surface->view[v->nearest].sheet.camera.fx);
+    m->sigma[at] = map_sigma(m, v, m->to.scale * v->footprint * m->surface->view[v->nearest].sheet.camera.fx);
 }
 
 /* Keeps the heights that the views confirm, and measures the ground. */
