@@ -86,7 +86,7 @@ medium_gradients medium_baked medium_alone lamp_gradients depth_loss medium_lamp
 [ "${1:-}" = constants ] && tests="tests/test_reference.c tests/test_depth.c tests/test_train.c" names="reference_ depth_ density_reset"
 rm -rf "$work"
 mkdir -p "$work/tree"
-cp -r Makefile oceanxl.c oceanxl.h oceanxl_job.h examples src backends cli lab tools reference tests fuzz "$work/tree"
+cp -r Makefile oceanxl.c oceanxl.h oceanxl_job.h examples src backends cli lab tools bench reference tests fuzz "$work/tree"
 try || { echo "the tests fail without any fault, see $work/build.log, $work/test.log"; exit 1; }
 killed=0 survived=0 invalid=0
 if [ "${1:-}" = constants ]; then

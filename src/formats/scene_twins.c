@@ -78,7 +78,7 @@ static int twins_are_near(const oxl_scene *scene, const struct twin *a, const st
 static void twins_find(oxl_context *ctx, const oxl_scene *scene, const struct twin *place, int *of)
 {
     const double near = TWINS_MOVED * twins_depth(scene);
-    for (int i = 1; i < scene->view_count; i++) {
+    for (int i = 1; i < scene->view_count && context_stopped(ctx) == OXL_OK; i++) {
         int tried = 0, is_copy = 0;
         for (int k = i;
              k-- > 0 && place[i].at[0] - place[k].at[0] <= near && tried < TWINS_TRIED && !is_copy;) {
@@ -118,5 +118,5 @@ OXL_INTERNAL oxl_result scene_find_twins(oxl_context *ctx, oxl_scene *scene, int
                 scene->colmap.states_split
                     ? "metrics are too good where one is trained on and another held out"
                     : "all copies of one image are on the same side of the split");
-    return OXL_OK;
+    return context_stopped(ctx);
 }
