@@ -140,7 +140,7 @@ static void geotiff_pixel(const struct geotiff *g, const float *value, size_t pl
 
 oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotiff *g, const float *data)
 {
-    const size_t plane = (size_t)g->width * (size_t)g->height;
+    const size_t plane = (size_t)g->width * g->height;
     struct geotiff_file f = {.pixels = 4 * (g->bands == 3 ? 1 : (size_t)g->bands) * plane};
     if ((double)f.pixels > GEOTIFF_MOST)
         return oxl_fail(ctx, OXL_ERR_USAGE,

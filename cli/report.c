@@ -231,7 +231,7 @@ static void report_map(struct report *r, const struct map *m)
 {
     struct output *t = &r->page;
     static const float empty[3] = {0.035f, 0.10f, 0.14f};
-    const size_t plane = (size_t)m->width * (size_t)m->height;
+    const size_t plane = (size_t)m->width * m->height;
     oxl_image image;
     if (oxl_image_create(r->ctx, m->width, m->height, &image) != OXL_OK) return;
     for (size_t i = 0; i < 3 * plane; i++)

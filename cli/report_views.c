@@ -89,7 +89,7 @@ static const float VIEWS_RAMP[5][3] = {
 /* Replaces the rendering by the map of its error. */
 static void views_error(oxl_image *rendered, const oxl_image *image)
 {
-    const size_t pixels = (size_t)image->width * (size_t)image->height;
+    const size_t pixels = (size_t)image->width * image->height;
     for (size_t i = 0; i < pixels; i++) {
         float error = 0, at;
         int k;
@@ -106,7 +106,7 @@ static void views_error(oxl_image *rendered, const oxl_image *image)
 /* Returns the factor by which an image is shown brighter; 1: it is not dark. */
 static float views_factor(const oxl_image *image)
 {
-    const size_t values = 3 * (size_t)image->width * (size_t)image->height;
+    const size_t values = 3 * (size_t)image->width * image->height;
     float mean = 0;
     for (size_t i = 0; i < values; i++) mean += image->rgb[i] / (float)values;
     return mean < VIEWS_DARK ? fminf(VIEWS_BRIGHT / fmaxf(mean, 1e-3f), VIEWS_FACTOR_MAX) : 1;
@@ -116,7 +116,7 @@ static float views_factor(const oxl_image *image)
 static void views_figure(struct report *r, oxl_image *image, const char *what, const char *name, float factor)
 {
     struct output *t = &r->page;
-    const size_t values = 3 * (size_t)image->width * (size_t)image->height;
+    const size_t values = 3 * (size_t)image->width * image->height;
     for (size_t i = 0; i < values; i++) image->rgb[i] *= factor;
     output_add(t, "<figure><img width=\"%d\" height=\"%d\" alt=\"%s of %S\" src=\"", image->width,
                image->height, what, name);

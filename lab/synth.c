@@ -78,13 +78,13 @@ static v3 synth_trace(const struct synth_run *s, const struct synth_camera *c, d
 
 static v3 synth_pixel(const oxl_image *image, size_t at)
 {
-    const size_t plane = (size_t)image->width * (size_t)image->height;
+    const size_t plane = (size_t)image->width * image->height;
     return v3_of(image->rgb[at], image->rgb[at + plane], image->rgb[at + 2 * plane]);
 }
 
 static void synth_set(oxl_image *image, size_t at, v3 colour)
 {
-    const size_t plane = (size_t)image->width * (size_t)image->height;
+    const size_t plane = (size_t)image->width * image->height;
     image->rgb[at] = (float)colour.x;
     image->rgb[at + plane] = (float)colour.y;
     image->rgb[at + 2 * plane] = (float)colour.z;
@@ -94,7 +94,7 @@ static void synth_set(oxl_image *image, size_t at, v3 colour)
 static void synth_draw_row(struct synth_run *s, const struct synth_camera *c, int y)
 {
     for (int x = 0; x < c->width; x++) {
-        const size_t at = (size_t)y * (size_t)c->width + (size_t)x;
+        const size_t at = (size_t)y * c->width + (size_t)x;
         synth_set(&s->image, at, synth_trace(s, c, x + 0.5, y + 0.5, 1, &s->depth[at]));
     }
 }
@@ -132,7 +132,7 @@ static void synth_smooth_row(struct synth_run *s, const struct synth_camera *c, 
 /* Returns the range along the ray of a pixel's middle. */
 static double synth_range(const struct synth_run *s, const struct synth_camera *c, int x, int y)
 {
-    return s->depth[(size_t)y * (size_t)c->width + (size_t)x] *
+    return s->depth[(size_t)y * c->width + (size_t)x] *
            hypot(1, hypot((x + 0.5 - c->cx) / c->f, (y + 0.5 - c->cy) / c->f));
 }
 
@@ -142,7 +142,7 @@ static void synth_expose(struct synth_run *s, const struct synth_camera *c, int 
 {
     const synth_options *o = s->options;
     const v3 direct = s->water.direct;
-    const size_t at = (size_t)y * (size_t)o->width + (size_t)x;
+    const size_t at = (size_t)y * o->width + (size_t)x;
     const double range = synth_range(s, c, x, y);
     const v3 seen = synth_through_water(
         &s->water, v3_scale(synth_pixel(&s->clean, at), synth_lamp_falloff(o, range)), range);
@@ -228,7 +228,7 @@ static oxl_result synth_make_images(struct synth_run *s)
     const synth_options *o = s->options;
     oxl_result rc = oxl_image_create(s->ctx, o->width, o->height, &s->image);
     if (rc == OXL_OK) rc = oxl_image_create(s->ctx, o->width, o->height, &s->clean);
-    s->depth = malloc((size_t)o->width * (size_t)o->height * sizeof *s->depth);
+    s->depth = malloc((size_t)o->width * o->height * sizeof *s->depth);
     if (rc == OXL_OK && o->alpha > 0) rc = synth_reserve_weight(s);
     return rc == OXL_OK && s->depth ? OXL_OK
                                     : oxl_fail(s->ctx, OXL_ERR_MEMORY, "synth: no memory for an image");

@@ -46,7 +46,7 @@ static size_t points_square(const struct points_search *s, v3 p)
     const double half = s->run->trajectory.half;
     const int x = (int)synth_clamp((p.x + half) / s->side, 0, s->row - 1),
               y = (int)synth_clamp((p.y + half) / s->side, 0, s->row - 1);
-    return (size_t)y * (size_t)s->row + (size_t)x;
+    return (size_t)y * s->row + (size_t)x;
 }
 
 static int points_search_create(struct points_search *s)
@@ -55,7 +55,7 @@ static int points_search_create(struct points_search *s)
     size_t squares;
     s->side = trajectory->reach + 1.5; /* ground that lies lower than the path's plane is seen farther off */
     s->row = (int)(2 * trajectory->half / s->side) + 1;
-    squares = (size_t)s->row * (size_t)s->row;
+    squares = (size_t)s->row * s->row;
     s->first = calloc(squares + 1, sizeof *s->first);
     s->list = malloc((size_t)trajectory->count * sizeof *s->list);
     if (!s->first || !s->list) return 0;
@@ -109,7 +109,7 @@ static int points_list(const struct points_search *s, const struct points_track 
         const int qx = hx + square % 3 - 1, qy = hy + square / 3 - 1;
         size_t at;
         if (qx < 0 || qy < 0 || qx >= s->row || qy >= s->row) continue;
-        at = (size_t)qy * (size_t)s->row + (size_t)qx;
+        at = (size_t)qy * s->row + (size_t)qx;
         for (uint32_t i = s->first[at]; i < s->first[at + 1] && found < OBSERVATIONS_MAX; i++) {
             list[found].view = (int)s->list[i];
             found += points_in_frame(s, t, list[found].view, &list[found].x, &list[found].y);
@@ -343,8 +343,7 @@ static unsigned points_sample(const oxl_image *image, int channel, double x, dou
               iy = (int)synth_clamp(y - 0.5, 0, image->height - 2);
     const double fx = synth_clamp(x - 0.5 - ix, 0, 1), fy = synth_clamp(y - 0.5 - iy, 0, 1);
     const size_t width = (size_t)image->width;
-    const float *at =
-        image->rgb + ((size_t)channel * (size_t)image->height + (size_t)iy) * width + (size_t)ix;
+    const float *at = image->rgb + ((size_t)channel * image->height + (size_t)iy) * width + (size_t)ix;
     return (unsigned)(255 * synth_lerp(synth_lerp(at[0], at[1], fx), synth_lerp(at[width], at[width + 1], fx),
                                        fy) +
                       0.5);

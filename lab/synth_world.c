@@ -57,12 +57,12 @@ static int world_bake(struct synth_world *w, double half)
     w->step = synth_max(BAKED_STEP, 2 * half / sqrt(MAX_BAKED));
     w->half = half;
     w->side = (int)(2 * half / w->step) + 2;
-    w->height = malloc((size_t)w->side * (size_t)w->side * sizeof *w->height);
+    w->height = malloc((size_t)w->side * w->side * sizeof *w->height);
     if (!w->height) return 0;
 #pragma omp parallel for schedule(dynamic, 16)
     for (int j = 0; j < w->side; j++)
         for (int i = 0; i < w->side; i++)
-            w->height[(size_t)j * (size_t)w->side + (size_t)i] =
+            w->height[(size_t)j * w->side + (size_t)i] =
                 (float)world_height(w, i * w->step - half, j * w->step - half);
     return 1;
 }
@@ -167,7 +167,7 @@ static double world_objects(const struct synth_world *w, v3 p, double least, str
     size_t cell;
     double over;
     if (ix < 0 || iy < 0 || ix >= w->cells || iy >= w->cells) return least;
-    cell = (size_t)iy * (size_t)w->cells + (size_t)ix;
+    cell = (size_t)iy * w->cells + (size_t)ix;
     over = synth_min(p.z - w->ceiling[cell], 1);
     if (over > wall) return synth_min(least, over);
     least = synth_min(least, wall);
@@ -201,7 +201,7 @@ static double world_height_above(const struct synth_world *w, v3 p)
     const int ix = synth_floor((p.x + w->half) / w->step + 0.5),
               iy = synth_floor((p.y + w->half) / w->step + 0.5);
     if (ix >= 0 && iy >= 0 && ix < w->side && iy < w->side) {
-        const double above = p.z - w->height[(size_t)iy * (size_t)w->side + (size_t)ix] - 1.5 * w->step;
+        const double above = p.z - w->height[(size_t)iy * w->side + (size_t)ix] - 1.5 * w->step;
         if (above > 0.2) return above;
     }
     return p.z - synth_ground(w, p.x, p.y);
@@ -341,7 +341,7 @@ static void world_list(struct synth_world *w, int listing)
                   to = world_cell(w, c.y + r);
         for (int y = from < 0 ? 0 : from; y <= to && y < w->cells; y++)
             for (int x = low < 0 ? 0 : low; x <= high && x < w->cells; x++) {
-                uint32_t *cell = &w->cell_first[(size_t)y * (size_t)w->cells + (size_t)x];
+                uint32_t *cell = &w->cell_first[(size_t)y * w->cells + (size_t)x];
                 if (listing) w->near[--*cell] = near;
                 else ++*cell;
             }
@@ -359,15 +359,15 @@ static float world_highest(const struct synth_world *w, size_t cell)
 static int world_bake_ceilings(struct synth_world *w)
 {
     const int reach = (int)(1 / SYNTH_CELL);
-    w->ceiling = malloc((size_t)w->cells * (size_t)w->cells * sizeof *w->ceiling);
+    w->ceiling = malloc((size_t)w->cells * w->cells * sizeof *w->ceiling);
     if (!w->ceiling) return 0;
     for (int i = 0; i < w->cells * w->cells; i++) w->ceiling[i] = -1e9f;
     for (int y = 0; y < w->cells; y++)
         for (int x = 0; x < w->cells; x++) {
-            const float top = world_highest(w, (size_t)y * (size_t)w->cells + (size_t)x);
+            const float top = world_highest(w, (size_t)y * w->cells + (size_t)x);
             for (int v = y < reach ? 0 : y - reach; v <= y + reach && v < w->cells; v++)
                 for (int u = x < reach ? 0 : x - reach; u <= x + reach && u < w->cells; u++) {
-                    float *ceiling = &w->ceiling[(size_t)v * (size_t)w->cells + (size_t)u];
+                    float *ceiling = &w->ceiling[(size_t)v * w->cells + (size_t)u];
                     *ceiling = fmaxf(*ceiling, top);
                 }
         }
@@ -378,7 +378,7 @@ static int world_index(struct synth_world *w, double half)
 {
     size_t cells;
     w->cells = (int)(2 * half / SYNTH_CELL) + 1;
-    cells = (size_t)w->cells * (size_t)w->cells;
+    cells = (size_t)w->cells * w->cells;
     w->cell_first = calloc(cells + 1, sizeof *w->cell_first);
     if (!w->cell_first) return 0;
     world_list(w, 0);
@@ -448,7 +448,7 @@ void synth_world_change(struct synth_world *w, struct synth_changed out[2])
     for (int k = 0; k < 2; k++) out[k].volume = -world_volume(w, out[k].place, 1.2 * out[k].radius);
     for (int j = 0; j < w->side; j++)
         for (int i = 0; i < w->side; i++)
-            w->height[(size_t)j * (size_t)w->side + (size_t)i] +=
+            w->height[(size_t)j * w->side + (size_t)i] +=
                 (float)world_mound(mound, i * w->step - w->half, j * w->step - w->half);
     for (size_t i = 0; i < w->object_count; i++)
         world_lift(w, &w->object[i], world_mound(mound, w->object[i].centre.x, w->object[i].centre.y));

@@ -304,7 +304,7 @@ static void extreme_run(oxl_context *ctx, const struct extreme *e, struct extrem
     extreme_ordinary(e, &w);
     if (e->make) e->make(&w, e->value);
     wide_to_float(&w);
-    size_t values = 3 * (size_t)w.camera.width * (size_t)w.camera.height;
+    size_t values = 3 * (size_t)w.camera.width * w.camera.height;
     drgb = wide_array(values), drgb_f64 = wide_array(values);
     for (size_t i = 0; i < values; i++) drgb_f64[i] = drgb[i] = (float)extreme_random(i, 99);
     options.near_plane = (float)w.near_plane;

@@ -27,7 +27,7 @@ static const struct extreme_loss EXTREME_LOSSES[] = {
 static void extreme_run_loss(oxl_context *ctx, const struct extreme_loss *e, double *value,
                              struct extreme_error *gradient)
 {
-    const size_t n = 3 * (size_t)e->width * (size_t)e->height;
+    const size_t n = 3 * (size_t)e->width * e->height;
     float *x = wide_array(n), *y = wide_array(n), *dx = wide_array(n);
     double *x_f64 = wide_array(n), *y_f64 = wide_array(n), *dx_f64 = wide_array(n);
     const struct loss_job job = {e->width, e->height, 0.2f, x, y, NULL, dx, 0};

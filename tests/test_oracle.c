@@ -37,7 +37,7 @@ static void oracle_open(const char *name, struct oracle_scene *s)
     s->w.near_plane = lens[4];
     oracle_read(f, s->w.background, 3);
     for (int k = 0; k < OXL_PLANES; k++) oracle_read(f, s->w.plane[k], wide_rows(&s->w, k));
-    size_t pixels = (size_t)camera.width * (size_t)camera.height;
+    size_t pixels = (size_t)camera.width * camera.height;
     s->expected_image = wide_array(3 * pixels), s->fragile = wide_array(pixels);
     oracle_read(f, &s->expected_loss, 1);
     oracle_read(f, s->expected_image, 3 * pixels);
@@ -73,7 +73,7 @@ static double oracle_noise(int seed, uint32_t i) /* in [0,1): lowbias32 hash, to
 static double oracle_loss(const struct oracle_scene *s, double *drgb)
 {
     const int width = s->w.camera.width, height = s->w.camera.height;
-    const size_t pixels = (size_t)width * (size_t)height;
+    const size_t pixels = (size_t)width * height;
     double *target = wide_array(3 * pixels), sum = 0;
     const double n = 3.0 * (double)pixels;
     for (size_t i = 0; i < 3 * pixels; i++)
@@ -130,7 +130,7 @@ TEST(reference_agrees_with_the_oracle)
         struct oracle_scene s;
         test_case = ORACLE_SCENES[n];
         oracle_open(ORACLE_SCENES[n], &s);
-        double *drgb = wide_array(3 * (size_t)s.w.camera.width * (size_t)s.w.camera.height);
+        double *drgb = wide_array(3 * (size_t)s.w.camera.width * s.w.camera.height);
         splat_forward(&s.w);
         double loss = oracle_loss(&s, drgb);
         splat_backward(&s.w, drgb);

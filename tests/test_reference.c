@@ -156,7 +156,7 @@ static double reference_dot(struct wide *w)
 {
     double sum = 0;
     splat_forward(w);
-    for (size_t i = 0; i < 3 * (size_t)w->camera.width * (size_t)w->camera.height; i++)
+    for (size_t i = 0; i < 3 * (size_t)w->camera.width * w->camera.height; i++)
         sum += reference_weight(i) * w->rgb[i];
     return sum;
 }
@@ -164,7 +164,7 @@ static double reference_dot(struct wide *w)
 /* Central differences of fourth order, for every parameter. */
 static void reference_check_differences(struct wide *w, double bound)
 {
-    const size_t values = 3 * (size_t)w->camera.width * (size_t)w->camera.height;
+    const size_t values = 3 * (size_t)w->camera.width * w->camera.height;
     double *drgb = wide_array(values);
     for (size_t i = 0; i < values; i++) drgb[i] = reference_weight(i);
     splat_forward(w);
@@ -214,7 +214,7 @@ struct reference_case {
 
 static void reference_open(const struct reference_scene *e, int antialias, struct reference_case *c)
 {
-    const size_t pixels = (size_t)e->width * (size_t)e->height;
+    const size_t pixels = (size_t)e->width * e->height;
     double *wide = wide_array(3 * pixels);
     c->fragile = wide_array(pixels);
     c->drgb = wide_array(3 * pixels);
@@ -279,7 +279,7 @@ static double reference_gradient_error(const struct reference_case *c, double le
 /* What the float kernels draw and derive. */
 static void reference_run_float(struct reference_case *c, struct renderer *r)
 {
-    const size_t values = 3 * (size_t)c->w.camera.width * (size_t)c->w.camera.height;
+    const size_t values = 3 * (size_t)c->w.camera.width * c->w.camera.height;
     const float *rgb;
     OWNED_MODEL gradient;
     wide_fill(&c->got, 0, OXL_PLANES, 0); /* rows out of view are not written */
@@ -330,7 +330,7 @@ TEST(reference_agrees_with_the_kernels_in_double)
 {
     for (size_t n = 0; n < 2 * OXL_COUNT(REFERENCE_SCENES); n++) {
         const struct reference_scene *e = &REFERENCE_SCENES[n / 2];
-        const size_t values = 3 * (size_t)e->width * (size_t)e->height;
+        const size_t values = 3 * (size_t)e->width * e->height;
         double *drgb = wide_array(values);
         struct reference_case c;
         reference_open(e, n % 2, &c);
@@ -373,7 +373,7 @@ TEST(reference_rotations_of_the_shortest_quaternions_agree)
 
 static void reference_check_loss(int width, int height, double contrast, float weight)
 {
-    const size_t n = 3 * (size_t)width * (size_t)height;
+    const size_t n = 3 * (size_t)width * height;
     double *x = wide_array(n), *y = wide_array(n), *dx = wide_array(n), worst = 0, largest = 0;
     float *narrow = calloc(3 * n, sizeof *narrow);
     struct loss_job job = {width, height, weight, narrow, narrow + n, NULL, narrow + 2 * n, 0};

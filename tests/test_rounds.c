@@ -22,7 +22,7 @@ static oxl_model rounds_test_model(size_t count, uint64_t seed, size_t lobes)
 /* dL/d(image) of a loss that no pixel is like another in. */
 static float *rounds_test_slope(const oxl_camera *c)
 {
-    const size_t n = 3 * (size_t)c->width * (size_t)c->height;
+    const size_t n = 3 * (size_t)c->width * c->height;
     float *d = oxl_alloc(test_ctx, n, sizeof *d);
     for (size_t i = 0; i < n; i++) d[i] = (float)(random_unit(random_bits(9, i, 0)) - 0.5);
     return d;

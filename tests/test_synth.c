@@ -165,7 +165,7 @@ TEST(synth_points_reproject_onto_their_observations_within_the_stated_noise)
 /* (H,W) depths of a view, rows from the top; free() it. */
 static float *synth_test_depth(const synth_options *o, const char *name)
 {
-    const size_t count = (size_t)o->width * (size_t)o->height;
+    const size_t count = (size_t)o->width * o->height;
     float *depth = malloc(count * sizeof *depth);
     char header[64];
     OWNED_FILE map = test_file(test_path("%s/truth/depth/%.9s.pfm", o->out, name));

@@ -544,7 +544,7 @@ static void photometry_test_clear(const char *survey, double mean[3])
     OWNED_MODEL model = test_trained(scene, &o);
     CHECK(test_imaging.medium.on);
     OWNED_IMAGE image = test_render(&model, &oxl_scene_view(scene, 7)->camera);
-    size_t pixels = (size_t)image.width * (size_t)image.height;
+    size_t pixels = (size_t)image.width * image.height;
     for (size_t i = 0; i < 3 * pixels; i++) mean[i / pixels] += (double)image.rgb[i] / (double)pixels;
 }
 
@@ -567,7 +567,7 @@ TEST(tinted_images_in_water_give_the_same_clear_scene_times_the_tint)
 static double medium_score(struct renderer *r, const oxl_camera *camera, const oxl_model *model,
                            const struct medium *medium, const float *drgb)
 {
-    const size_t n = 3 * (size_t)camera->width * (size_t)camera->height;
+    const size_t n = 3 * (size_t)camera->width * camera->height;
     double sum = 0;
     renderer_settings(r)->medium = medium ? *medium : (struct medium){0};
     const float *rgb = test_draw(r, model, camera);
@@ -589,7 +589,7 @@ TEST(medium_gradient_of_the_centres_agrees_with_finite_differences)
 {
     OWNED_SCENE *scene = train_scene(3);
     const oxl_camera *camera = &oxl_scene_view(scene, 1)->camera;
-    const size_t n = 3 * (size_t)camera->width * (size_t)camera->height;
+    const size_t n = 3 * (size_t)camera->width * camera->height;
     OWNED_MEMORY float *drgb = oxl_alloc(test_ctx, n, sizeof *drgb);
     struct medium m = imaging_test_murky;
     for (size_t i = 0; i < n; i++) drgb[i] = (float)(random_unit(random_bits(1, i, 0)) - 0.3);
@@ -727,7 +727,7 @@ static struct depth_case depth_case_begin(void)
     struct depth_case c = {.scene = train_scene(3)};
     double eye[3];
     c.camera = &oxl_scene_view(c.scene, 1)->camera;
-    c.drgb = oxl_calloc(test_ctx, 3 * (size_t)c.camera->width * (size_t)c.camera->height, sizeof *c.drgb);
+    c.drgb = oxl_calloc(test_ctx, 3 * (size_t)c.camera->width * c.camera->height, sizeof *c.drgb);
     c.r = test_renderer();
     c.model = test_points(c.scene, 0);
     c.gradient = test_model(c.model.count, 0);

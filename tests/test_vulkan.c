@@ -317,8 +317,7 @@ struct vulkan_twins { /* [0]: the CPU's, [1]: the device's */
 
 static struct vulkan_twins vulkan_twins(int width, int height)
 {
-    struct vulkan_twins t = {.camera = vulkan_camera(width, height),
-                             .pixels = (size_t)width * (size_t)height};
+    struct vulkan_twins t = {.camera = vulkan_camera(width, height), .pixels = (size_t)width * height};
     VULKAN_TWICE(k) t.r[k] = vulkan_renderer(vulkan_ctx(k));
     t.d = t.r[1]->device;
     return t;
@@ -762,7 +761,7 @@ static void vulkan_check_image(int width, int height, int masked, int halved,
 {
     struct vulkan_twins t = vulkan_twins((window ? window->width : width) >> halved,
                                          (window ? window->height : height) >> halved);
-    const size_t pixels = (size_t)width * (size_t)height;
+    const size_t pixels = (size_t)width * height;
     const size_t stays = (3 * pixels + 3) / 4 * 4 + (masked ? (pixels + 3) / 4 * 4 : 0); /* whole words */
     const int keeps = v->image_bytes_max > 0;
     uint8_t *bytes = vulkan_bytes(4 * pixels, 0);

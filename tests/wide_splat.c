@@ -42,7 +42,7 @@ static void wide_free_image(struct wide *w)
 
 void wide_resize(struct wide *w, int width, int height)
 {
-    const size_t pixels = (size_t)width * (size_t)height;
+    const size_t pixels = (size_t)width * height;
     wide_free_image(w);
     w->camera.width = width, w->camera.height = height;
     w->rgb = wide_array(3 * pixels);
@@ -260,7 +260,7 @@ void splat_fragile(const struct wide *w, char *fragile)
 
 double splat_loss(int width, int height, double weight, const double *x, const double *y, double *dx)
 {
-    const size_t n = (size_t)width * (size_t)height;
+    const size_t n = (size_t)width * height;
     double *a = wide_array(3 * n), *b = wide_array(3 * n), *da = wide_array(3 * n);
     for (size_t i = 0; i < 3 * n; i++) a[i] = x[i % 3 * n + i / 3], b[i] = y[i % 3 * n + i / 3];
     double value = loss(a, b, width, height, weight, da);

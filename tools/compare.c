@@ -160,7 +160,7 @@ static double compare_along(const struct map *m, int axis, double cell)
 static void compare_subtract(struct compare *c, const double *polygon, int corners)
 {
     const struct map *a = &c->map[0], *b = &c->map[1];
-    c->cells = (size_t)a->width * (size_t)a->height;
+    c->cells = (size_t)a->width * a->height;
     c->difference = product_room(2 * c->cells, sizeof *c->difference), c->level = c->difference + c->cells;
     c->sign = product_room(c->cells, 1);
     c->place = product_room(c->cells, sizeof *c->place);

@@ -32,7 +32,7 @@ enum {
 
 static size_t map_pixels(const struct map *m)
 {
-    return (size_t)m->width * (size_t)m->height;
+    return (size_t)m->width * m->height;
 }
 
 size_t map_next(const struct map *m, size_t at, int k)
@@ -180,7 +180,7 @@ static double map_off(const void *user, const double p[3])
     const struct map *m = user;
     const double x = floor((p[0] - m->corner[0]) / m->pixel), y = floor((m->corner[1] - p[1]) / m->pixel);
     if (!(x >= 0 && y >= 0 && x < m->width && y < m->height)) return -1;
-    return fabs((double)m->level[(size_t)y * (size_t)m->width + (size_t)x] - p[2]);
+    return fabs((double)m->level[(size_t)y * m->width + (size_t)x] - p[2]);
 }
 
 /* ---------------- pinholes, smoothing */
@@ -235,7 +235,7 @@ static void map_smooth(struct map *m)
 struct map map_of(const struct product *p, const struct surface *s)
 {
     return (struct map){.surface = s,
-                        .kind = p->has_gps ? FRAME_WORLD_AXES : p->a->frame,
+                        .kind = p->a->gps ? FRAME_WORLD_AXES : p->a->frame,
                         .to = p->world,
                         .pixel = p->a->pixel,
                         .enough = p->a->min_views,
@@ -298,7 +298,7 @@ static void map_say(const struct map *m, const struct product *p)
         "ground    %.4g square %s are seen by %d views or more; of what any view sees, these are %.0f %%, and %.0f %% has a height\n"
         "filled    %zu pixels in holes of up to about %d px were filled from their neighbours; certainty.tif has 0 views there\n",
         p->a->out, m->width, m->height, m->pixel, p->words,
-        p->has_gps    ? "in UTM"
+        p->a->gps     ? "in UTM"
         : m->is_world ? "in the world's x and y"
                       : "along the survey's principal axes, which are in frame.txt (--frame world takes "
                         "the world's)",

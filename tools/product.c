@@ -76,7 +76,6 @@ oxl_result product_open(oxl_context *ctx, const oxl_scene *scene, const char *su
         .a = a,
         .to = to,
         .world = similarity_of_world(scene, a->scale > 0 ? a->scale : 1),
-        .has_gps = a->gps,
         .words = a->scale > 0 || a->gps ? "metres" : "units",
         .place = {.epsg = a->epsg,
                   .reference = a->scale > 0 ? NULL : reference,

@@ -38,7 +38,7 @@ enum {
 
 size_t sheet_pixels(const struct sheet *t)
 {
-    return (size_t)t->camera.width * (size_t)t->camera.height;
+    return (size_t)t->camera.width * t->camera.height;
 }
 
 oxl_result sheet_render(const struct surface *s, const oxl_model *model, const struct sheet *t,
@@ -106,7 +106,7 @@ static void surface_doubt(const oxl_scene *scene, struct surface_view *v)
 {
     const oxl_point *point = oxl_scene_points(scene);
     const size_t points = oxl_scene_point_count(scene), pixels = sheet_pixels(&v->sheet);
-    const int width = v->sheet.camera.width, height = v->sheet.camera.height;
+    const int width = v->sheet.camera.width;
     unsigned *all = product_room(2 * pixels, sizeof *all), *agree = all + pixels;
     size_t pixel;
     double reach, at[2], n = 1;
@@ -116,7 +116,7 @@ static void surface_doubt(const oxl_scene *scene, struct surface_view *v)
         const float z = (float)surface_pixel(v, point[i].position, at, &pixel);
         if (!(z > 0)) continue; /* It is not in the image. */
         const int left = (int)fmax(0, at[0] - reach), right = (int)fmin(width, at[0] + reach),
-                  bottom = (int)fmin(height, at[1] + reach);
+                  bottom = (int)fmin(v->sheet.camera.height, at[1] + reach);
         for (int y = (int)fmax(0, at[1] - reach); y < bottom; y++)
 #pragma omp simd
             for (int k = y * width + left; k < y * width + right; k++) {

@@ -47,7 +47,6 @@ struct product {
     const struct arguments *a;
     FILE *to;
     struct similarity world; /* from local coordinates to those of files */
-    int has_gps;             /* 1: the world is that of the photos' GPS */
     const char *words;       /* "metres" or "units" */
     struct geotiff place;    /* the CRS */
 };

@@ -9,8 +9,7 @@
 
 OXL_INTERNAL oxl_result planes_begin(oxl_context *ctx, const oxl_image *of, struct planes *p)
 {
-    const size_t size = (size_t)of->width * (size_t)of->height,
-                 line = (size_t)of->width + 2 * PLANES_HALF_MAX;
+    const size_t size = (size_t)of->width * of->height, line = (size_t)of->width + 2 * PLANES_HALF_MAX;
     *p = (struct planes){.width = of->width, .height = of->height, .size = size};
     p->line = oxl_alloc(ctx, PLANES * size + line * (size_t)ctx->threads, sizeof *p->line);
     if (!p->line) return OXL_ERR_MEMORY;
@@ -51,7 +50,7 @@ SIMD_BODY void planes_blur_row_body(const int fused, const struct planes_row *r)
     memset(r->out, 0, (size_t)width * sizeof *r->out);
     for (int k = -half; k <= half; k++) {
         const int row = planes_index(r->y + k, r->p->height, reflects);
-        if (row >= 0) planes_add(r->tap[half + k], r->in + (size_t)row * (size_t)width, width, middle);
+        if (row >= 0) planes_add(r->tap[half + k], r->in + (size_t)row * width, width, middle);
     }
     for (int k = 1; k <= half && reflects; k++) {
         middle[-k] = middle[planes_index(-k, width, 1)];
@@ -76,7 +75,7 @@ OXL_INTERNAL void planes_blur(oxl_context *ctx, const struct planes *p, const st
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int y = 0; y < p->height; y++) {
         struct planes_row r = all;
-        r.y = y, r.out = out + (size_t)y * (size_t)p->width;
+        r.y = y, r.out = out + (size_t)y * p->width;
         r.line = p->line + (size_t)context_thread() * ((size_t)p->width + 2 * PLANES_HALF_MAX);
         planes_blur_row(ctx->isa, &r);
     }

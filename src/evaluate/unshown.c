@@ -13,7 +13,7 @@ enum { UNSHOWN_SIDE = 200 };   /* px; longer side to which views are halved */
 
 static size_t unshown_pixels(const struct unshown *u)
 {
-    return (size_t)u->camera.width * (size_t)u->camera.height;
+    return (size_t)u->camera.width * u->camera.height;
 }
 
 OXL_INTERNAL oxl_result unshown_draw(oxl_context *ctx, const struct drawn *d, int view, struct unshown *u)
@@ -85,7 +85,7 @@ OXL_INTERNAL oxl_result unshown_measure(oxl_context *ctx, const struct unshown *
     oxl_image part = *image;
     double used = 0, shown = 0;
     oxl_result rc = OXL_ERR_MEMORY;
-    part.weight = oxl_alloc(ctx, (size_t)width * (size_t)height, sizeof *part.weight);
+    part.weight = oxl_alloc(ctx, (size_t)width * height, sizeof *part.weight);
     for (int i = 0; part.weight && i < width * height; i++) {
         const int x = i % width, y = i / width, quarter = 2 * (2 * y >= height) + (2 * x >= width),
                   column = (int)((int64_t)x * u->camera.width / width),

@@ -94,7 +94,7 @@ static oxl_result render_one(oxl_context *ctx, const struct render_files *f, str
                              struct rendered *out)
 {
     const oxl_camera *camera = &f->scene->view[view].camera;
-    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    const size_t pixels = (size_t)camera->width * camera->height;
     const oxl_imaging *imaging = f->what->clear ? NULL : f->imaging;
     oxl_result rc = OXL_OK;
     if (f->what->depth) {

@@ -94,12 +94,12 @@ static oxl_result plan_window(oxl_context *ctx, const float *fraction, int width
                               struct image_window *out)
 {
     const int tiles_x = (width + PLAN_TILE - 1) / PLAN_TILE, tiles_y = (height + PLAN_TILE - 1) / PLAN_TILE;
-    double *value = oxl_calloc(ctx, (size_t)tiles_x * (size_t)tiles_y, sizeof *value);
+    double *value = oxl_calloc(ctx, (size_t)tiles_x * tiles_y, sizeof *value);
     if (!value) return OXL_ERR_MEMORY;
     for (int y = 0; y < height; y++)
         for (int x = 0; x < width; x++)
             value[y / PLAN_TILE * tiles_x + x / PLAN_TILE] +=
-                (double)fraction[(size_t)y * (size_t)width + (size_t)x] - PLAN_PIXEL_COST;
+                (double)fraction[(size_t)y * width + (size_t)x] - PLAN_PIXEL_COST;
     if (plan_best_rectangle(value, tiles_x, tiles_y, out) < PLAN_MIN * width * height)
         *out = (struct image_window){0};
     out->x *= PLAN_TILE, out->y *= PLAN_TILE;

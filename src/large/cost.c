@@ -179,7 +179,7 @@ static oxl_result cost_time_steps(oxl_context *ctx, const oxl_scene *scene, stru
     oxl_result rc = renderer_create(ctx, &renderer);
     while (rc == OXL_OK && steps < COST_STEPS && os_seconds() - started < COST_TIMED_SECONDS) {
         const oxl_camera *c = &scene->view[(int)((double)steps / COST_STEPS * views)].camera;
-        float *image = oxl_calloc(ctx, 3 * (size_t)c->width * (size_t)c->height, sizeof *image);
+        float *image = oxl_calloc(ctx, 3 * (size_t)c->width * c->height, sizeof *image);
         took[steps] = os_seconds();
         rc = image ? renderer_forward(ctx, renderer, &trained->model, c, &render) : OXL_ERR_MEMORY;
         if (rc == OXL_OK) rc = renderer_loss(ctx, renderer, image, NULL, 0.2f, &loss);

@@ -17,7 +17,7 @@
 
 OXL_INTERNAL int partition_has_view(const struct partition *p, int block, int view)
 {
-    return view >= 0 && p->plan->has[(size_t)block * (size_t)p->plan->scene->view_count + (size_t)view];
+    return view >= 0 && p->plan->has[(size_t)block * p->plan->scene->view_count + (size_t)view];
 }
 
 /* Returns 1 if the block starts from the point: it is its own, or a view of the block sees it. */
@@ -38,7 +38,7 @@ static void partition_assign_views(const struct partition *p, int block, const s
     const struct partition_plan *plan = p->plan;
     const int views = plan->scene->view_count;
     struct partition_block *b = &p->block[block];
-    uint8_t *has = plan->has + (size_t)block * (size_t)views;
+    uint8_t *has = plan->has + (size_t)block * views;
     for (int v = 0; v < views; v++) {
         const int is_alone = p->block_count == 1 && !plan->scene->view[v].is_test;
         has[v] = is_alone || 10 * seen[v] > 3 * plan->seen[v] || 10 * seen[v] > b->points;

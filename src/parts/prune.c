@@ -112,7 +112,7 @@ struct prune_pass { /* over the views */
 static oxl_result prune_mask_view(oxl_context *ctx, const oxl_scene *scene, int view, struct prune_pass *pass)
 {
     const oxl_camera *camera = &scene->view[view].camera;
-    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    const size_t pixels = (size_t)camera->width * camera->height;
     const struct training_image *image = scene_image(ctx, scene, view);
     oxl_result rc = OXL_RESERVE(ctx, pass->drgb, 3 * pixels);
     if (rc != OXL_OK) return rc;

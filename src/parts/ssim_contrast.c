@@ -55,7 +55,7 @@ static double ssim_contrast_of_cell(const struct training_image *image, int chan
 static size_t ssim_contrast_of_image(const struct training_image *image, double *out)
 {
     const int across = image->width / SSIM_CONTRAST_CELL, down = image->height / SSIM_CONTRAST_CELL;
-    const size_t cells = (size_t)across * (size_t)down, step = cells / SSIM_CONTRAST_SAMPLE + 1;
+    const size_t cells = (size_t)across * down, step = cells / SSIM_CONTRAST_SAMPLE + 1;
     size_t count = 0;
     for (int c = 0; c < 3; c++)
         for (size_t k = 0; k < cells; k += step) {

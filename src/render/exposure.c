@@ -11,7 +11,7 @@ enum { EXPOSURE_POWERS = LAMP_DEGREE + 1, EXPOSURE_SUMS = 3 + EXPOSURE_POWERS };
 
 static size_t exposure_row(const struct exposure_job *job, int channel, int y)
 {
-    return ((size_t)channel * (size_t)job->area.height + (size_t)y) * (size_t)job->area.width;
+    return ((size_t)channel * job->area.height + (size_t)y) * (size_t)job->area.width;
 }
 
 SIMD_BODY void exposure_forward_body(const int fused, const struct exposure_job *job)

@@ -147,14 +147,14 @@ SIMD_INLINE void loss_interleave(const real *restrict in, int width, size_t phas
 /* A row of an image (3,H,W). */
 SIMD_INLINE size_t loss_row_offset(const struct loss_strip *s, int row)
 {
-    return ((size_t)s->channel * (size_t)s->job->height + (size_t)row) * (size_t)s->job->width;
+    return ((size_t)s->channel * s->job->height + (size_t)row) * (size_t)s->job->width;
 }
 
 /* A row of a weight map; without one the counts of loss_begin_counts stay. */
 SIMD_INLINE void loss_fill_counts(const struct loss_strip *s, const struct loss_rows *r, const real *map,
                                   int row)
 {
-    if (map) loss_deinterleave(map + (size_t)row * (size_t)s->job->width, s->job->width, r->phase, r->counts);
+    if (map) loss_deinterleave(map + (size_t)row * s->job->width, s->job->width, r->phase, r->counts);
 }
 
 SIMD_INLINE void loss_begin_counts(const struct loss_strip *s, const struct loss_rows *r)
@@ -467,7 +467,7 @@ static void loss_clear(struct loss_scratch *scratch, int width, size_t count)
 OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct loss_job *job,
                                               struct loss_scratch *scratch, struct renderer_loss *out)
 {
-    const size_t pixels = (size_t)job->width * (size_t)job->height, room = loss_scratch_size(job->width);
+    const size_t pixels = (size_t)job->width * job->height, room = loss_scratch_size(job->width);
     /* pieces of the image, each a span of rows, in all three channels */
     const int pieces = ctx->threads, strips = 3 * pieces;
     double values = 3.0 * (double)pixels, windows = values;

@@ -76,7 +76,7 @@ SIMD_INLINE int raster_is_full(const struct raster_tile *tile)
 SIMD_INLINE void raster_load(const struct raster_job *job, const struct raster_tile *tile, const real *plane,
                              real *subtiles)
 {
-    const real *in = plane + (size_t)tile->y * (size_t)job->width + tile->x;
+    const real *in = plane + (size_t)tile->y * job->width + tile->x;
     if (raster_is_full(tile)) {
         for (int row = 0; row < TILE; row++, in += job->width)
             for (int quad = 0; quad < TILE; quad += 4)
@@ -92,7 +92,7 @@ SIMD_INLINE void raster_load(const struct raster_job *job, const struct raster_t
 SIMD_INLINE void raster_store(const struct raster_job *job, const struct raster_tile *tile,
                               const real *subtiles, real *plane)
 {
-    real *out = plane + (size_t)tile->y * (size_t)job->width + tile->x;
+    real *out = plane + (size_t)tile->y * job->width + tile->x;
     if (raster_is_full(tile)) {
         for (int row = 0; row < TILE; row++, out += job->width)
             for (int quad = 0; quad < TILE; quad += 4)
@@ -321,7 +321,7 @@ SIMD_INLINE void raster_composite_subtile(const int fused, const int lobed, cons
 SIMD_INLINE void raster_finish(const struct raster_job *job, const struct raster_tile *tile,
                                struct raster_pixels *p)
 {
-    const size_t plane = (size_t)job->width * (size_t)job->height;
+    const size_t plane = (size_t)job->width * job->height;
     for (int ch = 0; ch < 3; ch++) {
         for (int i = 0; i < TILE_PIXELS; i++) p->rgb[ch][i] += p->last_t[i] * job->background[ch];
         raster_store(job, tile, p->rgb[ch], job->rgb + (size_t)ch * plane);
@@ -511,7 +511,7 @@ SIMD_INLINE uint32_t raster_lobe_slot(const struct raster_job *job, const struct
 SIMD_INLINE void raster_begin_backward(const struct raster_job *job, const struct raster_tile *tile,
                                        struct raster_gradients *d)
 {
-    const size_t plane = (size_t)job->width * (size_t)job->height;
+    const size_t plane = (size_t)job->width * job->height;
     real rgb[TILE_PIXELS];
     raster_begin(tile, d->t);
     memset(d->behind, 0, sizeof d->behind);

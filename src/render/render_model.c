@@ -21,7 +21,7 @@ static oxl_result render_view(oxl_context *ctx, struct renderer *r, const oxl_mo
     if (rc == OXL_OK) rc = renderer_image(r, &rgb);
     if (rc == OXL_OK) rc = oxl_image_create(ctx, camera->width, camera->height, out);
     if (rc == OXL_OK) {
-        memcpy(out->rgb, rgb, 3 * (size_t)camera->width * (size_t)camera->height * sizeof *out->rgb);
+        memcpy(out->rgb, rgb, 3 * (size_t)camera->width * camera->height * sizeof *out->rgb);
         if (depth) rc = render_depth(ctx, r, depth);
     }
     if (rc != OXL_OK) oxl_image_free(ctx, out);

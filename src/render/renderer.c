@@ -345,8 +345,8 @@ static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_m
 {
     const size_t packs = r->packs, others = r->surroundings ? render_packs(r->surroundings->count) : 0;
     const size_t lobes = r->surroundings ? r->surroundings->lobes : 0;
-    const oxl_result rc = render_reserve(ctx, r, packs + others, model->lobes + lobes,
-                                         (size_t)camera->width * (size_t)camera->height);
+    const oxl_result rc =
+        render_reserve(ctx, r, packs + others, model->lobes + lobes, (size_t)camera->width * camera->height);
     if (rc != OXL_OK) return rc;
     r->parallel = options->parallel;
     memcpy(r->background, options->background, sizeof r->background);
@@ -369,7 +369,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
     render_take_view(r, model, camera, options);
     if (r->device) {
         r->bins.packs = r->packs;
-        rc = OXL_RESERVE(ctx, r->rgb, 3 * (size_t)camera->width * (size_t)camera->height);
+        rc = OXL_RESERVE(ctx, r->rgb, 3 * (size_t)camera->width * camera->height);
         if (rc == OXL_OK)
             rc = r->backend->forward(r->device, model, camera, options, &r->kernel_camera, r->surroundings,
                                      &r->set);

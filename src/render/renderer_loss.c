@@ -83,7 +83,7 @@ static struct lamp_area render_lamp_area(const struct renderer *r)
 static oxl_result render_loss_with_gains(oxl_context *ctx, struct renderer *r, const float *rgb,
                                          const float *weight, float ssim_weight, struct renderer_loss *out)
 {
-    const size_t pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
+    const size_t pixels = (size_t)r->kernel_camera.width * r->kernel_camera.height;
     const float one[3] = {1, 1, 1};
     struct exposure_job exposure = {.area = render_lamp_area(r),
                                     .gain = r->set.gain ? r->set.gain : one,
@@ -115,7 +115,7 @@ static void render_scale_window_gradient(struct renderer *r, size_t pixels)
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb,
                                       const float *weight, float ssim_weight, struct renderer_loss *out)
 {
-    const size_t pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
+    const size_t pixels = (size_t)r->kernel_camera.width * r->kernel_camera.height;
     oxl_result rc;
     *out = (struct renderer_loss){0};
     if (r->device) {

@@ -205,7 +205,7 @@ static void image_reduce_row(const struct pixels *in, const struct training_imag
 
 static void image_reduce(const oxl_context *ctx, const struct pixels *in, const struct training_image *out)
 {
-    const size_t pixels = (size_t)in->width * (size_t)in->height;
+    const size_t pixels = (size_t)in->width * in->height;
     const int is_same = in->width == out->width && in->height == out->height;
     for (size_t i = 0; is_same && i < 3 * pixels; i++) out->rgb[i % 3 * pixels + i / 3] = in->data[i];
 #pragma omp parallel for schedule(static) num_threads(ctx->threads) if (!is_same)
@@ -393,7 +393,7 @@ enum { IMAGE_OPAQUE = 128 }; /* least alpha of a pixel that is not masked */
 /* Turns four channels into three, in place: composites the colours by their alpha over the background. */
 static void image_composite(struct pixels *image, const uint8_t background[3])
 {
-    const size_t count = (size_t)image->width * (size_t)image->height;
+    const size_t count = (size_t)image->width * image->height;
     for (size_t i = 0; i < count; i++) {
         const unsigned alpha = image->data[4 * i + 3];
         for (size_t c = 0; c < 3; c++)
@@ -406,7 +406,7 @@ static void image_composite(struct pixels *image, const uint8_t background[3])
 /* Turns four channels into three. *mask: black where the image is transparent; free it with oxl_free. */
 static oxl_result image_move_alpha(oxl_context *ctx, struct pixels *image, struct pixels *mask)
 {
-    const size_t count = (size_t)image->width * (size_t)image->height;
+    const size_t count = (size_t)image->width * image->height;
     *mask = (struct pixels){.width = image->width, .height = image->height, .data = oxl_alloc(ctx, count, 1)};
     if (!mask->data) return OXL_ERR_MEMORY;
     for (size_t i = 0; i < count; i++) {
@@ -467,7 +467,7 @@ OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct train
     }
     for (int y = 0; weight && y < w.height; y++)
         for (int x = 0; x < w.width; x++)
-            weight[(size_t)y * (size_t)w.width + (size_t)x] =
+            weight[(size_t)y * w.width + (size_t)x] =
                 !image->mask || image->mask[(size_t)(y + w.y) * (size_t)image->width + (size_t)(x + w.x)]
                     ? 1.0f
                     : 0.0f;

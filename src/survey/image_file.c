@@ -36,7 +36,7 @@ static int image_file_planes(FILE *file, const struct training_image *image, int
 {
     uint8_t *plane[] = {image->rgb, image->mask};
     for (size_t k = 0; k < 2 && plane[k]; k++) {
-        const size_t size = (size_t)image->width * (size_t)image->height * (k ? 1 : 3);
+        const size_t size = (size_t)image->width * image->height * (k ? 1 : 3);
         if ((writing ? fwrite(plane[k], 1, size, file) : fread(plane[k], 1, size, file)) != size) return 0;
         *sum = checksum_add(*sum, plane[k], size);
     }

@@ -231,7 +231,7 @@ void oxl_imaging_gain(const oxl_imaging *m, int view, float out[3])
 
 OXL_INTERNAL void imaging_apply(const struct oxl_imaging *m, int view, oxl_image *image)
 {
-    const size_t plane = (size_t)image->width * (size_t)image->height;
+    const size_t plane = (size_t)image->width * image->height;
     float gain[3];
     if (!m->on) return;
     oxl_imaging_gain(m, view, gain);
@@ -327,7 +327,7 @@ OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_are
         lamp_row(shape, area, y, a);
         for (int i = 0; i < area->width; i++) {
             const float x = lamp_coordinate(area->x + (float)i, area->full_width);
-            gain[(size_t)y * (size_t)area->width + (size_t)i] =
+            gain[(size_t)y * area->width + (size_t)i] =
                 (float)vecmath_exp(a[0] + x * (a[1] + x * (a[2] + x * (a[3] + x * a[4]))));
         }
     }
@@ -380,7 +380,7 @@ OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *sc
                                            const struct oxl_imaging *m, int view, oxl_image *image)
 {
     const struct lamp *lamp = imaging_lamp(m, scene, view);
-    const size_t plane = (size_t)image->width * (size_t)image->height;
+    const size_t plane = (size_t)image->width * image->height;
     float *gain;
     if (!lamp) return OXL_OK;
     gain = oxl_alloc(ctx, plane, sizeof *gain);

@@ -185,7 +185,7 @@ static void misfit_find(const oxl_image *rendered, const oxl_image *image, float
 OXL_INTERNAL oxl_result misfit_measure(oxl_context *ctx, oxl_image *rendered, oxl_image *image,
                                        struct misfit *out)
 {
-    const size_t pixels = (size_t)image->width * (size_t)image->height;
+    const size_t pixels = (size_t)image->width * image->height;
     float *work = oxl_alloc(ctx, 3 * pixels, sizeof *work);
     *out = (struct misfit){0};
     if (!work) return OXL_ERR_MEMORY;

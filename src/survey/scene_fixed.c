@@ -53,7 +53,7 @@ enum { FIXED_NOT, FIXED_MASKED, FIXED_CANDIDATE, FIXED_VISITED, FIXED_FOUND };
 /* Inserts the image's grey levels among the sorted ones of each pixel. Leaves out an unreadable image. */
 static oxl_result fixed_add_image(oxl_context *ctx, const oxl_scene *scene, int view, struct fixed *f)
 {
-    const size_t pixels = (size_t)f->width * (size_t)f->height;
+    const size_t pixels = (size_t)f->width * f->height;
     struct training_image image;
     const oxl_result rc = scene_load_small(ctx, scene, view, f->width, f->height, &image);
     if (rc != OXL_OK) return scene_lacks_image(rc) ? OXL_OK : rc;
@@ -211,7 +211,7 @@ static oxl_result fixed_search(oxl_context *ctx, const oxl_scene *scene, const i
                  factor = OXL_MIN((double)FIXED_SIDE / OXL_MAX(c->width, c->height), OXL_MAX(1, file));
     struct fixed f = {.width = OXL_MAX(1, (int)floor(c->width * factor + 0.5)),
                       .height = OXL_MAX(1, (int)floor(c->height * factor + 0.5))};
-    const size_t pixels = (size_t)f.width * (size_t)f.height;
+    const size_t pixels = (size_t)f.width * f.height;
     oxl_result rc = OXL_OK;
     f.value = oxl_calloc(ctx, pixels, FIXED_VIEWS + 3);
     f.region = oxl_alloc(ctx, pixels, sizeof *f.region);

@@ -56,10 +56,10 @@ static oxl_result start_read_map(oxl_context *ctx, const oxl_scene *scene, int v
     if (rc != OXL_OK) return rc;
     out->width = (image.width + reduction - 1) / reduction;
     out->height = (image.height + reduction - 1) / reduction;
-    out->opaque = oxl_calloc(ctx, (size_t)out->width * (size_t)out->height, 1);
+    out->opaque = oxl_calloc(ctx, (size_t)out->width * out->height, 1);
     for (int y = 0; y < image.height && out->opaque; y++)
         for (int x = 0; x < image.width; x++)
-            if (image.data[4 * ((size_t)y * (size_t)image.width + (size_t)x) + 3] >= START_TRANSPARENT)
+            if (image.data[4 * ((size_t)y * image.width + (size_t)x) + 3] >= START_TRANSPARENT)
                 out->opaque[(size_t)(y / reduction) * (size_t)out->width + (size_t)(x / reduction)] = 1;
     image_pixels_free(ctx, &image);
     return out->opaque ? OXL_OK : OXL_ERR_MEMORY;
@@ -128,7 +128,7 @@ static oxl_result start_add_colours(struct start_draw *d)
     for (int i = 0; i < d->views; i++) {
         const oxl_camera *c = &d->scene->view[d->view[i]].camera;
         const struct training_image *image = scene_image(d->ctx, d->scene, d->view[i]);
-        const size_t plane = (size_t)c->width * (size_t)c->height;
+        const size_t plane = (size_t)c->width * c->height;
         if (!image && !scene_lacks_image(d->ctx->failed)) return d->ctx->failed;
         for (size_t k = 0; image && k < d->count; k++) {
             double x[3], p[2];

@@ -21,7 +21,7 @@ static oxl_result unseen_add_view(oxl_context *ctx, struct unseen *u, const oxl_
                                   const oxl_scene *scene, int view)
 {
     const oxl_camera *camera = &scene->view[view].camera;
-    const size_t pixels = 3 * (size_t)camera->width * (size_t)camera->height, before = u->pixels;
+    const size_t pixels = 3 * (size_t)camera->width * camera->height, before = u->pixels;
     oxl_render_options options = render_options_of(scene);
     oxl_result rc = oxl_reserve(ctx, &u->drgb, &u->pixels, pixels, sizeof *u->drgb);
     for (size_t i = before; rc == OXL_OK && i < u->pixels; i++) u->drgb[i] = 1;
