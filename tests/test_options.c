@@ -186,12 +186,12 @@ TEST(options_check_names_the_one_that_is_out_of_range)
     o = oxl_job_options_default(OXL_PRESET_DRAFT);
     o.train.max_seconds = -1;
     CHECK_ERROR(oxl_job_options_check(test_ctx, &o), OXL_ERR_USAGE, "max_seconds is -1, expected a time");
-    for (int value = -1; value < 5; value += 5) { /* OXL_DOG_OFF is 0, OXL_DOG_ALL 3 */
+    for (int value = -1; value < 4; value += 4) { /* OXL_ALPHA_AUTO is 0, OXL_ALPHA_MASK 2 */
         char said[32];
         o = oxl_job_options_default(OXL_PRESET_DRAFT);
-        o.train.dog = (oxl_dog)value;
-        snprintf(said, sizeof said, "dog is %d, expected", value);
-        CHECK_ERROR(oxl_train_options_check(test_ctx, &o.train), OXL_ERR_USAGE, said);
+        memcpy(&o.scene.alpha, &value, sizeof value);
+        snprintf(said, sizeof said, "alpha is %d, expected", value);
+        CHECK_ERROR(oxl_job_options_check(test_ctx, &o), OXL_ERR_USAGE, said);
     }
 }
 
