@@ -50,19 +50,13 @@ static void cost_add_view(struct cost_load *load, const oxl_scene *scene, int vi
     load->largest_file = OXL_MAX(load->largest_file, scene_file_pixels(scene, view));
 }
 
-/* Objects that are cut out are on few of the pixels. */
-static double cost_stereo(const oxl_scene *scene)
-{
-    return scene_is_composited(scene) ? (double)scene_start_count(scene) : HUGE_VAL;
-}
-
 OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene)
 {
     const struct scene_stats *stats = &scene->stats;
     struct cost_load load = {.points = stats->points ? stats->points : scene_start_count(scene),
                              .observations = stats->observations,
                              .schedule_pixels = schedule_pixels(scene),
-                             .stereo = cost_stereo(scene)};
+                             .stereo = (double)scene_stereo_count(scene)};
     for (int v = 0; v < scene->view_count; v++) cost_add_view(&load, scene, v);
     return load;
 }
@@ -78,7 +72,7 @@ OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int 
         .observations = stats->observations,
         .schedule_pixels = schedule_pixels(plan->scene) * size / (double)OXL_MAX(stats->points, (size_t)1),
         .survey = (sizeof(struct colmap_point) + sizeof(oxl_point)) * (double)(stats->points - b->points),
-        .stereo = cost_stereo(plan->scene),
+        .stereo = (double)scene_stereo_count(plan->scene),
         .surroundings = OXL_MAX(0, (double)b->start_points / size - 1)};
     for (int v = 0; v < plan->scene->view_count; v++)
         if (partition_has_view(p, block, v)) cost_add_view(&load, plan->scene, v);

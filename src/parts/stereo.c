@@ -764,9 +764,7 @@ static oxl_result stereo_first_points(struct train *t, oxl_point **out, size_t *
                  room = cap > points ? (size_t)(STEREO_FRACTION * (double)(cap - points)) : 0,
                  all = (size_t)(schedule_first_pixels(t->scene, t->options) / STEREO_PIXELS_EACH),
                  wanted = all > points ? OXL_MIN(room, all - points) : 0;
-    size_t most = t->options->stereo ? wanted : 0;
-    /* An object that is cut out is on few of the pixels. */
-    if (scene_is_composited(t->scene)) most = OXL_MIN(most, scene_start_count(t->scene));
+    const size_t most = t->options->stereo ? OXL_MIN(wanted, scene_stereo_count(t->scene)) : 0;
     return stereo_points(t->ctx, t->scene, most, out, count);
 }
 

@@ -137,6 +137,9 @@ OXL_INTERNAL double scene_depth_span(const oxl_scene *scene);
  * composited images, which outline the scene. */
 enum { SCENE_START_RANDOM = 10000, SCENE_START_HULL = 30000 };
 OXL_INTERNAL size_t scene_start_count(const oxl_scene *scene);
+/* Returns the most points of depth maps: few where images are composited, since an object that is cut out is
+ * on few of the pixels; else SIZE_MAX. */
+OXL_INTERNAL size_t scene_stereo_count(const oxl_scene *scene);
 OXL_INTERNAL oxl_result scene_start_points(oxl_context *ctx, const oxl_scene *scene, size_t count,
                                            oxl_point **out, size_t *found);
 

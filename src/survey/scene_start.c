@@ -206,6 +206,11 @@ OXL_INTERNAL size_t scene_start_count(const oxl_scene *scene)
     return scene_is_composited(scene) ? SCENE_START_HULL : SCENE_START_RANDOM;
 }
 
+OXL_INTERNAL size_t scene_stereo_count(const oxl_scene *scene)
+{
+    return scene_is_composited(scene) ? SCENE_START_HULL : SIZE_MAX;
+}
+
 OXL_INTERNAL oxl_result scene_start_points(oxl_context *ctx, const oxl_scene *scene, size_t count,
                                            oxl_point **out, size_t *found)
 {

@@ -180,6 +180,7 @@ OXL_INTERNAL oxl_result trained_make(oxl_context *ctx, const oxl_scene *scene,
     out->finished = task->finished;
     out->iterations = progress.last.iteration;
     progress.before = options->iterations, progress.seconds = progress.last.seconds;
+    /* At least a moment, since 0 would be no limit. */
     if (rest.max_seconds > 0) rest.max_seconds = OXL_MAX(1e-3, rest.max_seconds - (os_seconds() - started));
     if (rc == OXL_OK) rc = trained_complete(ctx, scene, &rest, task, &progress, out);
     out->seconds = progress.last.seconds;
