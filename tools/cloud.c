@@ -157,7 +157,6 @@ static void las_record(struct output *t, const char *user, int id, size_t size)
 /* Adds the three variable length records: the keys of the CRS, as in a GeoTIFF. */
 static void las_records(const struct geotiff *place, struct output *t)
 {
-
     struct geotiff_crs crs;
     geotiff_crs(place, &crs);
     las_record(t, "LASF_Projection", 34735, 2 * crs.keys);
@@ -182,8 +181,9 @@ static void las_header(const struct cloud *c, size_t records, const double low[3
     output_integer(t, 2, 1); /* format of the points */
     output_integer(t, LAS_RECORD, 2);
     for (int i = 0; i < 6; i++) output_integer(t, i < 2 && c->count <= UINT32_MAX ? c->count : 0, 4);
-    for (int k = 0; k < 12; k++)
-        output_real(t, k < 3 ? scale : k < 6 ? floor(low[k - 3]) : (k % 2 ? low : high)[k / 2 - 3], 8);
+    for (int k = 0; k < 3; k++) output_real(t, scale, 8);
+    for (int k = 0; k < 3; k++) output_real(t, floor(low[k]), 8);
+    for (int k = 0; k < 3; k++) output_real(t, high[k], 8), output_real(t, low[k], 8);
     las_text(t, "", 20); /* no waveforms, no extended records */
     for (int i = 0; i < 16; i++) output_integer(t, i < 2 ? c->count : 0, 8);
 }
