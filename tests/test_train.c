@@ -217,6 +217,14 @@ TEST(density_weights_count_by_the_depth_at_which_a_row_was_seen)
     }
 }
 
+TEST(density_keeps_the_sums_of_the_rows_that_stay)
+{
+    DENSITY_CASE c = density_banded_case();
+    density_keep_rows(&c.density, (const uint8_t[]){0, 1, 1, 0}, 4);
+    CHECK(c.density.gradient[0] == 0 && c.density.gradient_mid[0] == 0.25f);
+    CHECK(c.density.gradient_far[1] == 0.25f && c.density.views[1] == 1);
+}
+
 TEST(density_mean_gradient_is_unweighted)
 {
     DENSITY_CASE c = density_banded_case();
