@@ -159,7 +159,7 @@ ROW("backend", "cpu|auto|vulkan", CHOICE, backend, 0, 2, ADVANCED, DRAWS, "Progr
 ROW("device", "best|N", INT, device, 0, 2147483647, ADVANCED, DRAWS, "Program", "index of the device in the list that info --devices prints, counted from 0"),
 ROW("devices", NULL, FLAG, devices, 0, 1, ADVANCED, IN(INFO), "Program", "list the Vulkan devices instead; FILE is not needed"),
 ROW("threads", "all|T", INT, threads, 0, 2147483647, BASIC, EVERYWHERE, "Program", "number of threads; the result does not depend on it"),
-ROW("quiet", NULL, FLAG, quiet, 0, 1, BASIC, EVERYWHERE, "Program", "print only warnings and errors"),
+ROW("quiet", NULL, FLAG, quiet, 0, 1, BASIC, EVERYWHERE, "Program", "print only results, warnings and errors"),
 ROW("verbose", NULL, FLAG, verbose, 0, 1, BASIC, EVERYWHERE, "Program", "also print the evidence of each decision, as in run.json and the report"),
 ROW("help", "[all]", TEXT, help, 0, 0, BASIC, EVERYWHERE, "Program", "print this text; all: with advanced and expert options"),
 };
