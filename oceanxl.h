@@ -24,7 +24,7 @@
  * Conventions
  *   frames      COLMAP's: +x right, +y down, +z forward; world to camera is  x_c = R x_w + t;
  *               quaternions are Hamilton, (w, x, y, z); the centre of the top-left pixel is (0.5, 0.5).
- *   origin      the library reads input in double, centres it on a robust local origin, and stores floats.
+ *   origin      the library reads input in double, centres it on a robust local origin, and trains in float.
  *               All positions in a scene or model are relative to `origin`:  world = local + origin.
  *   images      float, planar (3,H,W): all of red, then green, then blue; 0 black, 1 white.
  *   errors      every function that can fail returns oxl_result; oxl_error_text(ctx) then names what was
@@ -32,7 +32,7 @@
  *   ownership   the function that fills `out` allocates it; the _free of its type releases it (NULL and
  *               zeroed structs are allowed). Free scenes, models and images before their context. On error
  *               `*out` is zeroed, unless a function says that a stopped run leaves a usable result.
- *   threads     a context may be used by one thread at a time; OpenMP uses `threads` threads inside.
+ *   threads     a context may be used by one thread at a time; OpenMP uses at most `threads` inside.
  *               The result does not depend on their number. Set OMP_WAIT_POLICY=passive before the program
  *               starts: else waiting threads spin, which slows small scenes on a busy machine.
  *   pointers    must not be NULL, except where a function says so.
@@ -95,7 +95,7 @@ typedef struct oxl_context_options {
      * and `old` on failure; size 0 frees and returns NULL; old may be NULL. It returns memory aligned to 16
      * bytes. One thread at a time calls it, not always the same one. */
     void *(*reallocate)(void *user, void *old, size_t size);
-    /* one line without newline; NULL: no log */
+    /* one or two lines, no last newline; NULL: no log */
     void (*log)(void *user, oxl_log_level level, const char *text);
     /* nonzero: long operations soon end with OXL_ERR_INTERRUPTED, except training steps, which ask
      * oxl_callback; NULL: never */
@@ -122,8 +122,8 @@ OXL_API oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format,
 /* Frees text returned by the library; text may be NULL. */
 OXL_API void oxl_text_free(oxl_context *ctx, char *text);
 
-/* Names the kernels' instruction set: "avx512", "avx2" or "base". The environment variable OXL_ISA overrides
- * it. */
+/* Names the kernels' instruction set: "avx512", "avx2" or "base". The environment variable OXL_ISA can
+ * lower it. */
 OXL_API const char *oxl_isa_name(const oxl_context *ctx);
 
 /* Opens the device of options.backend, as the first function that needs it does. OXL_ERR_FAILED:
@@ -153,7 +153,7 @@ OXL_API oxl_result oxl_image_read(oxl_context *ctx, const char *path, oxl_image 
 /* Writes an 8-bit PNG file, whole or not at all. Values are clamped to 0..1; NaN is written as 0.
  * OXL_ERR_IO: it cannot be written. */
 OXL_API oxl_result oxl_image_write(oxl_context *ctx, const char *path, const oxl_image *image);
-/* Writes a PNG as oxl_image_write does, with image->weight as its alpha channel. */
+/* Writes a PNG as oxl_image_write does, with image->weight, not NULL, as its alpha channel. */
 OXL_API oxl_result oxl_image_write_alpha(oxl_context *ctx, const char *path, const oxl_image *image);
 
 /* Encodes a JPEG in memory, quality 1..100; free with oxl_text_free. */
@@ -186,7 +186,7 @@ typedef struct oxl_scene oxl_scene;
 
 /* What is done with transparent pixels of images. */
 typedef enum oxl_alpha {
-    OXL_ALPHA_AUTO = 0,  /* masked where points of the scene project onto them, else composited */
+    OXL_ALPHA_AUTO = 0,  /* masked if points of the scene project onto them, else composited */
     OXL_ALPHA_COMPOSITE, /* composited over the background */
     OXL_ALPHA_MASK       /* masked where alpha is below a half */
 } oxl_alpha;
@@ -194,16 +194,17 @@ typedef enum oxl_alpha {
 /* Defaults and ranges of all options: docs/OPTIONS.md. */
 typedef struct oxl_scene_options {
     const char *images; /* image folder; NULL: SCENE/images */
-    /* folder of the COLMAP model; NULL: SCENE/sparse/0, SCENE/sparse or SCENE; or a file of points to use */
+    /* folder of the COLMAP model, or a file of points; NULL: the largest in SCENE/sparse, else SCENE */
     const char *sparse;
     const char *masks; /* mask folder; NULL: SCENE/masks if it exists */
     int auto_mask;     /* 1: pixels that look the same in all images of a camera are masked (1) */
     oxl_alpha alpha;   /* what is done with transparent pixels (AUTO) */
     int max_side;      /* larger images are reduced to this longer side, px; 0: full size (1600) */
-    /* every n-th view by name is held out; 0: none; -1: 8, or those that the survey names (-1) */
+    /* every n-th view by name is held out; 0: none; -1: 8, or those that the survey names, which takes no
+     * other value (-1) */
     int test_every;
     size_t image_cache_bytes; /* memory for decoded images; others are decoded when needed (1 GiB) */
-    double missing_images;    /* fail if more than this fraction of the images is missing on disk (0.3) */
+    double missing_images;    /* OXL_ERR_INPUT: more than this fraction of images is missing (0.3) */
     int read_images;          /* 0: loading does not look for image files, and ignores masks (1) */
     /* 1: a text file with fewer rows than its header states is read; 0: OXL_ERR_INPUT (0) */
     int allow_truncated;
@@ -213,7 +214,7 @@ OXL_API oxl_scene_options oxl_scene_options_default(void);
 
 /* Reads the survey in a folder: a COLMAP model, text or binary, or in its place a transforms.json
  * (nerfstudio, NeRF synthetic), poses_bounds.npy (LLFF) or OpenSfM's reconstruction.json. Errors of
- * OXL_ERR_INPUT name file:line, the value found, the value expected and a fix. options NULL: the
+ * OXL_ERR_INPUT name the file, its line, what was found and expected, and a fix. options NULL: the
  * defaults. */
 OXL_API oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_options *options,
                                   oxl_scene **out);
@@ -246,25 +247,26 @@ OXL_API const double *oxl_scene_reference(const oxl_scene *scene);
  * training cameras [Kerbl 2023]. */
 OXL_API double oxl_scene_extent(const oxl_scene *scene);
 
-/* Gives the ray of pixel (x, y) of the original image (size as in cameras.txt, before undistortion): origin
- * `start` and unit `direction`, local coordinates. OXL_ERR_INPUT: the pixel is outside the image or outside
- * the domain of the distortion model. */
+/* Gives the ray of pixel (x, y) of the original image (size as in cameras.txt, before undistortion):
+ * `start` and unit `direction`, local coordinates. OXL_ERR_USAGE: no such view; OXL_ERR_INPUT: the pixel is
+ * outside the image or the domain of the distortion model. */
 OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y,
                                  double start[3], double direction[3]);
 
 /* Gives the image of a view as training uses it: undistorted, reduced and masked. Where the scene's images
- * are transparent, it is composited over `background`, 0..1 (NULL: white). To compare it with a rendering,
- * pass the background of that rendering. Free with oxl_image_free.
- * OXL_ERR_IO: its file is missing or cannot be read; OXL_ERR_INPUT: it is damaged, or masked completely. */
+ * are transparent, it is composited over `background`, 0..1 (NULL: white): to compare it with a render, that
+ * of the render. Free with oxl_image_free. OXL_ERR_USAGE: no such view; OXL_ERR_IO: its file is missing or
+ * cannot be read; OXL_ERR_INPUT: it is damaged, or masked completely. */
 OXL_API oxl_result oxl_scene_image(oxl_context *ctx, const oxl_scene *scene, int view,
                                    const float background[3], oxl_image *out);
 
 /* What lies between the colours of a model and the images of its scene: exposure gains of each image, a lamp,
- * a medium, refined poses (docs/UNDERWATER.md). Where a function takes an oxl_imaging, NULL means none. */
+ * a medium, refined poses (docs/UNDERWATER.md). NULL means none, except in
+ * oxl_imaging_write. */
 typedef struct oxl_imaging oxl_imaging;
 /* Reads the imaging that belongs to a model file, from imaging.txt in its folder, without the medium or gains
- * that the file has in its colours; *out NULL: there is none. OXL_ERR_INPUT: it is malformed, or not of this
- * scene. */
+ * that the file has in its colours; *out NULL: there is none. Lines of other views are skipped.
+ * OXL_ERR_INPUT: it is malformed. */
 OXL_API oxl_result oxl_imaging_read(oxl_context *ctx, const char *model_path, const oxl_scene *scene,
                                     oxl_imaging **out);
 /* Writes an imaging.txt to the file `path`. OXL_ERR_USAGE: the scene has another number of views. */
@@ -312,7 +314,7 @@ typedef struct oxl_model {
     /* colour behind the Gaussians, 0..1, of evaluation and renders; has_background 0: not known */
     float background[3];
     int has_background;
-    /* 1: trained and rendered with a low pass of 0.1 px^2 that keeps a splat's light [Yu 2024] */
+    /* 1: trained and rendered with a low pass of 0.1 px^2 that keeps a Gaussian's light [Yu 2024] */
     int antialias;
     /* camera of the survey from which viewers begin: [0] focal length over the longer side of its image (0:
      * no camera), [1..9] rotation from world to camera, row-major, [10..12] position in the world */
@@ -332,27 +334,28 @@ OXL_API void oxl_model_move_origin(oxl_model *model, const double origin[3]);
  * product of all factors. Other factors change nothing. */
 OXL_API void oxl_model_rescale(oxl_model *model, double factor);
 
-/* Creates one isotropic Gaussian per position; its scale is the mean distance to the 3 nearest neighbours
- * [Kerbl 2023]. Of points at the same position the first is used, so out->count may be less than `count`.
+/* Creates one isotropic Gaussian per position; its scale is the rms distance to the 3 nearest
+ * neighbours [Kerbl 2023]. Of points at one position the first is used, so out->count may be less than
+ * `count`.
  * OXL_ERR_INPUT: a position is not finite. */
 OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count,
                                          int sh_degree, oxl_model *out);
 
-/* Formats of models; the file extension selects one.
+/* Formats of models. The extension selects the one to write; in reading the content comes first.
  *   .ply    3DGS's columns. Second lobes are in the element `dog`: float opacity_factor, scale_factor_0..2,
- *           raw; row i belongs to vertex i, or to the vertex of its property vertex_index.
+ *           raw; row i belongs to vertex i.
  *   .splat  32 bytes per Gaussian, SH degree 0, no lobes
  *   .spz    nianticlabs/spz: quantised, 20 to 65 bytes per Gaussian before compression, no lobes
  * Origin, scale, background, first view and anti-aliasing are comments of a .ply ("origin X Y Z", ...) and
  * lines of the comment in an .spz's gzip header; a .splat has none of them. */
 
 /* Reads a .ply with properties of any order and type, ascii or binary, a .splat, or an .spz of version 2 or
- * 3. Rows with a second lobe are moved to the front; both parts keep their order.
+ * 3. Rows keep their order.
  * OXL_ERR_INPUT: the file is missing, malformed or of another format. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
 /* Writes a little-endian .ply of 62 float columns, a .splat, or an .spz of version 3. A file called
- * NAME_standard.ply is written without lobes. OXL_ERR_USAGE: the extension is none of these; OXL_ERR_IO: the
- * file cannot be written. */
+ * NAME_standard.ply is written without lobes. OXL_ERR_USAGE: the extension is none of these; OXL_ERR_FAILED:
+ * a value is not finite; OXL_ERR_IO: the file cannot be written. */
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
 /* ---------------- rendering */
@@ -381,8 +384,8 @@ OXL_API oxl_render_options oxl_render_options_default(void);
 OXL_API oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                               const oxl_render_options *options, oxl_image *out, float *depth);
 
-/* Renders a view of the scene as its image was taken: from its camera, on the model's background, with the
- * pose, medium, lamp and gains that `imaging` has for it. depth as in oxl_render. */
+/* Renders a view of the scene as its image was taken: from its camera, on the model's background, or else
+ * training's, with the pose, medium, lamp and gains that `imaging` has for it. depth as in oxl_render. */
 OXL_API oxl_result oxl_render_view(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, int view,
                                    const oxl_imaging *imaging, oxl_image *out, float *depth);
 
@@ -395,16 +398,16 @@ OXL_API oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model,
 
 /* ---------------- metrics */
 
-/* All metrics compare a rendering a with an image b over the pixels that b does not mask, clamped to 0..1.
- * OXL_ERR_USAGE: a and b differ in size; OXL_ERR_INPUT: all pixels are masked. */
+/* All metrics compare a render a with an image b over the pixels that b does not mask, clamped to 0..1.
+ * OXL_ERR_USAGE: a and b differ in size; OXL_ERR_INPUT: no pixel counts (oxl_structure: NaN). */
 
 /* PSNR: dB, peak 1; identical images give 100. */
 OXL_API oxl_result oxl_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
 /* Colour-corrected PSNR, dB: each channel of a is first multiplied by its least-squares factor to b, so that
- * exposure and white balance of the image do not count as error. */
+ * exposure and white balance are no error. */
 OXL_API oxl_result oxl_cc_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
 /* SSIM [Wang 2004]: 11 x 11 Gaussian window, sigma 1.5 px, zero padding, C1 = 0.01^2, C2 = 0.03^2, mean over
- * the channels. */
+ * the channels and the windows without a masked pixel. */
 OXL_API oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
 
 /* Normalised correlation of the detail of a and b, whatever their brightness and contrast. Detail is the grey
@@ -444,7 +447,8 @@ typedef struct oxl_metrics {
 
 /* Renders the views of the split as oxl_render_view does, and compares them with their images, on the model's
  * background; views whose image is not readable are logged and left out. imaging: that of the model.
- * OXL_ERR_USAGE: it belongs to a scene with another number of views. */
+ * OXL_ERR_USAGE: it belongs to a scene with another number of views; OXL_ERR_IO: too many images are
+ * missing. */
 OXL_API oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                 const oxl_imaging *imaging, oxl_split split, oxl_metrics *out);
 OXL_API void oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics);
@@ -509,7 +513,7 @@ typedef struct oxl_terms {
     double (*parameters)(void *user, const oxl_model *model, oxl_model *gradient);
     /* Is called at each densification (densify_every), and rewrites the library's choice, change (count) of
      * oxl_change; other values keep the Gaussian. If max_gaussians limits splits, those with the largest
-     * gradient / views are made, none with 0 views. gradient (count) sums |dL/d(u, v)| of the splat's
+     * gradient / views are made, none with 0 views. gradient (count) sums |dL/d(u, v)| of the Gaussian's
      * centre, in half images, over the steps since the last densification that show the Gaussian; views
      * (count) is their number. ucd weights gradient by depth. NULL: no rule */
     void (*density)(void *user, const oxl_model *model, const float *gradient, const float *views,
@@ -519,8 +523,8 @@ typedef struct oxl_terms {
 
 /* Defaults are in parentheses: of all presets, or of draft, standard and paper. */
 typedef struct oxl_train_options {
-    int iterations; /* one image each (1200, 3000, 40 000) */
-    int sh_degree;  /* 0..3: final SH degree; -1: 3, in a job 1 where --ram is short (-1, -1, 3) */
+    int iterations; /* steps, one image each (1200, 3000, 40 000) */
+    int sh_degree;  /* 0..3: final SH degree; -1: 3, in a job 1 where ram is short (-1, -1, 3) */
     /* most Gaussians; 0: one per point, but 1 to 2 per 60 training pixels, or up to 10 000 if that is more
      * (0) */
     int max_gaussians;
@@ -530,7 +534,7 @@ typedef struct oxl_train_options {
     float background[3];
     /* w in the loss (1 - w) L1 + w (1 - SSIM), means over the unmasked pixels [Kerbl 2023] (0.3, 0.2, 0.2) */
     float ssim_weight;
-    /* first fraction of the run, which trains at half resolution; -1: 0.75 for images of at least 640 px
+    /* first fraction of the run, which trains at half resolution; -1: 0.75 from 640 px on the longer side
      * (-1, 0, 0) */
     float coarse;
     /* Fraction of the Gaussians that a step leaves out [Park 2025], rising from 0 to this during the run. -1:
@@ -547,7 +551,7 @@ typedef struct oxl_train_options {
     float lr_rotation;       /* learning rate of quaternions (0.001) */
     float lr_sh0;            /* learning rate of SH degree 0 (0.0025) */
     float lr_sh;             /* learning rate of higher SH degrees (0.0025 / 20) */
-    /* An exponent e: runs of n < 30 000 iterations multiply the rates of means, scales and rotations by
+    /* An exponent e: runs of n < 30 000 steps multiply the rates of positions, scales and rotations by
      * (30 000 / n)^e. docs/METHOD.md ("Short runs") has what else it changes. 0: nothing (0.45, 0.45, 0) */
     float short_run_exponent;
     /* last fraction of the run, in which all learning rates fall to a tenth; 0: none (0.2) */
@@ -556,8 +560,9 @@ typedef struct oxl_train_options {
     /* steps between densifications; -1: a tenth of the run, 15 to 50 (-1, 100, 100). docs/METHOD.md has the
      * first one */
     int densify_every;
-    /* Gaussians are split whose mean |dL/d(u, v)|, in half images, is at least this; after 3000 steps or a
-     * tenth of the run, whichever is more, those above 0.1 extents, too (0.00055, 0.0002, 0.0002) */
+    /* Gaussians are split whose mean |dL/d(u, v)|, in half images, is at least this (transparent images
+     * without points: 0.0002 at most); after 3000 steps or a tenth of the run, whichever is more, those above
+     * 0.1 extents, too (0.00055, 0.0002, 0.0002) */
     float densify_gradient;
     oxl_ucd ucd;         /* depth weights of densify_gradient's mean (AUTO, AUTO, SEARCH) */
     oxl_keep keep;       /* Gaussians that pruning keeps (ALL, ALL, FRACTION 0.5) */
@@ -566,7 +571,7 @@ typedef struct oxl_train_options {
     oxl_switch lamp;
     /* a medium of nine parameters between camera and Gaussians; ON: as AUTO, with a warning if off (AUTO) */
     oxl_switch medium;
-    /* the pose of each training view is refined together with the scene; AUTO: refined poses are kept if
+    /* training views' poses are refined with the scene, on the CPU alone; AUTO: they are kept if
      * images shift by 0.2 px (OFF) */
     oxl_switch poses;
     /* 1: the model is trained with oxl_model.antialias (1, 1, 0) */
@@ -579,7 +584,7 @@ typedef struct oxl_train_options {
      * colours are taken as those of a scene.ply (oxl_trained_write), since imaging is measured anew. Rates
      * and schedule are those of a fresh run */
     const oxl_model *from;
-    /* for a block: iterations of the whole run, from which rates and intervals follow; 0: `iterations` */
+    /* for a block: steps of the whole run, from which rates and intervals follow; 0: `iterations` */
     int survey_iterations;
     float experimental[4]; /* values of options that are tried out: CONTRIBUTING, "An idea of your own" */
 } oxl_train_options;
@@ -594,7 +599,7 @@ typedef struct oxl_nonfinite {
     size_t images;  /* could not be read: left out */
     size_t steps;   /* loss not finite: skipped */
     size_t rows;    /* updates of single Gaussians with a gradient that was not finite: skipped */
-    size_t cleared; /* Gaussians with a value that was not finite: made invisible, removed at the end */
+    size_t cleared; /* Gaussians with a value that was not finite: hidden, removed at the end */
 } oxl_nonfinite;
 
 /* A job in blocks trains a coarse model of the survey, its blocks, and the model merged from them. */
@@ -610,7 +615,7 @@ typedef struct oxl_progress {
     double seconds;      /* since the start */
     double seconds_left; /* predicted; 0: the run ends, or not known yet */
     size_t memory;       /* peak so far, bytes; only in a job, else 0 */
-    /* valid during the call; on a device as last downloaded, less rows removed since */
+    /* valid during the call; that of a device may be some steps old */
     const oxl_model *model;
     oxl_nonfinite nonfinite; /* so far */
 } oxl_progress;
@@ -638,8 +643,9 @@ typedef struct oxl_trained {
  * block, except that the command fits the iterations to the number of images
  * (oxl_job_options.iterations_for). The same scene, options and seed give the same bytes. callback may be
  * NULL.
- * OXL_ERR_USAGE: an option is out of its range; OXL_ERR_INTERRUPTED: stopped; out is usable if
- * out->model.count is not 0. */
+ * OXL_ERR_USAGE: an option is out of its range; OXL_ERR_INPUT: no training image can be read;
+ * OXL_ERR_FAILED: no Gaussian is left; OXL_ERR_INTERRUPTED: stopped; out is usable if out->model.count is
+ * not 0. */
 OXL_API oxl_result oxl_train(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
                              const oxl_callback *callback, oxl_trained *out);
 OXL_API void oxl_trained_free(oxl_context *ctx, oxl_trained *trained);

@@ -1,4 +1,4 @@
-/* oceanxl_job.h - survey folder in, output folder out: what the program oceanxl needs beside the library in
+/* oceanxl_job.h - trains a survey's folder into an output folder: what the program oceanxl needs beside
  * oceanxl.h.
  *
  * It has the whole job (oxl_job_run), its options by name, predictions, and results as JSON.
@@ -37,7 +37,7 @@ typedef struct oxl_partition_options {
     /* number of blocks, in place of block_points; 0: by block_points or memory */
     int blocks;
     oxl_partition_kind kind;
-    oxl_cut cut; /* option --cut */
+    oxl_cut cut;
 } oxl_partition_options;
 
 /* ---------------- the whole job */
@@ -47,7 +47,7 @@ typedef struct oxl_job_options {
     oxl_train_options train;
     oxl_partition_options partition;
     const char *preset; /* preset of the defaults, recorded in run.json */
-    int renders;        /* 1: write renders of the held-out views to OUT/renders */
+    int renders;        /* 1: write renders of the evaluated views to OUT/renders */
     /* peak memory allowed, bytes; limits blocks, image cache and Gaussians; 0: what is free */
     size_t ram;
     size_t device_ram; /* peak device memory allowed, bytes; 0: no limit */
@@ -85,7 +85,7 @@ typedef enum oxl_option_kind {
     OXL_OPTION_SIZE,    /* int[2]: 400x260 */
     /* const char *; sets all options of the job to the preset's defaults */
     OXL_OPTION_PRESET,
-    /* oxl_keep: 0.5, 400000, 80MB (B, KB, MB, GB, TB; KiB...), all */
+    /* oxl_keep: 0.5, 400000, 80MB (decimal; KiB... are binary), all */
     OXL_OPTION_KEEP,
 } oxl_option_kind;
 
@@ -123,8 +123,8 @@ typedef struct oxl_option {
 OXL_API int oxl_option_count(void);
 OXL_API const oxl_option *oxl_option_at(int index);          /* 0 .. count - 1; 0 is the preset */
 OXL_API const oxl_option *oxl_option_find(const char *name); /* NULL: none */
-/* Parses text into the option's field; text of folders is borrowed. On OXL_ERR_USAGE the field is unchanged,
- * and error, which may be NULL, names the option, the value found, the values allowed and a fix. */
+/* Parses text (NULL: "true") into the option's field; text of paths is borrowed. On OXL_ERR_USAGE the field
+ * is unchanged, and error, which may be NULL, names the option, the value, the values allowed and a fix. */
 OXL_API oxl_result oxl_option_set(const oxl_option *option, void *options, const char *text, char *error,
                                   size_t error_size);
 /* Writes the shortest text that oxl_option_set parses to the same value, or "" for a folder that is not set.
@@ -150,9 +150,8 @@ typedef struct oxl_survey {
     double mean_track, mean_error;       /* images per point; reprojection error, px */
     double bounds_min[3], bounds_max[3]; /* 1st to 99th percentile of the points, world coordinates */
     double extent;                       /* see oxl_scene_extent */
-    double masked;                       /* black fraction of the masks; set by oxl_check alone */
-    /* fraction of pixels that look the same in all images of a camera, which are ignored; set by oxl_check
-     * alone */
+    double masked;                       /* black fraction of the masks */
+    /* fraction of pixels that look the same in all images of a camera, which are ignored */
     double fixed;
     /* images that are not readable, have another aspect ratio or are masked completely */
     int unusable;
@@ -163,7 +162,7 @@ typedef struct oxl_survey {
     double gaussians, memory;       /* predicted: number at the end of the run; peak in bytes */
     double seconds;                 /* predicted by oxl_check: duration with ctx's threads; 0: unknown */
     double memory_free;             /* available now, bytes; 0: unknown */
-    char cameras_text[160];         /* "1 x OPENCV 1920 x 1080, distorted" */
+    char cameras_text[160];         /* "1 camera, OPENCV 1920 x 1080, ..." */
     char text[OXL_SURVEY_TEXT];     /* the lines that `check` prints; each ends in a newline */
     char warnings[OXL_SURVEY_TEXT]; /* warnings; each line ends in a newline */
 } oxl_survey;
@@ -193,7 +192,8 @@ OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *mo
  * again, and ends with the same bytes as an uninterrupted one; a finished run is not changed. If the callback
  * stops the run (OXL_ERR_INTERRUPTED) or train.max_seconds has passed (OXL_OK), model.ply is the current
  * model, and so is scene.ply if there is one block. A run with other options is not overwritten
- * (OXL_ERR_USAGE) unless options->restart is set. options may be NULL: the draft preset. */
+ * (OXL_ERR_USAGE) unless options->restart is set. OXL_ERR_BUDGET: ram is too small. options may be NULL: the
+ * draft preset. */
 OXL_API oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out,
                                const oxl_job_options *options, const oxl_callback *callback);
 
@@ -208,13 +208,13 @@ OXL_API void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run);
 typedef struct oxl_render_output {
     oxl_split split; /* the views to render */
     /* 1: also NAME.image.png, the image, and, where a medium is fitted, NAME.clear.png, the render without
-     * lamp and medium */
+     * imaging */
     int images;
-    /* 1: also NAME.depth.png (near is bright) and NAME.depth.pfm (float camera z as from oxl_render, 0: no
-     * surface) */
+    /* 1: also NAME.depth.png (near is bright) and NAME.depth.pfm (float camera z times unit, 0: none, or
+     * doubtful) */
     int depth;
     double unit; /* factor of depths: metres per unit of the scene; 0: none (0) */
-    int clear;   /* 1: without the exposure and medium of imaging.txt (0) */
+    int clear;   /* 1: without imaging.txt (0) */
     int replace; /* 1: first removes renders of all views from the folder (0) */
 } oxl_render_output;
 /* Writes NAME.png of each view, and what else `what` asks for, to a folder, which is created if missing.
@@ -256,7 +256,7 @@ OXL_API const char *oxl_json_next(const char *value);
 OXL_API const char *oxl_json_value(const char *key); /* the value of a key */
 /* Returns the first byte after a value, which must not be NULL. */
 OXL_API const char *oxl_json_end(const char *value);
-/* Reads a number, whatever the locale, and moves the cursor past it; NaN: there is none. */
+/* Reads a number at *cursor, not NULL, whatever the locale, and moves past it; NaN: there is none. */
 OXL_API double oxl_json_number_at(const char **cursor);
 /* Unescapes a string into `size` bytes, terminated; returns its length, or 0 if the value is not a string or
  * `size` is less than oxl_json_room. */

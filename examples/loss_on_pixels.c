@@ -1,4 +1,4 @@
-/* loss_on_pixels.c - a loss of one's own: edges. The render's differences of neighbouring pixels should be
+/* loss_on_pixels.c - a loss of one's own: edges. The render's differences of pixels side by side should be
  * the image's; the loss is their absolute error:
  *
  *     L = w / n sum |(x[i+1] - x[i]) - (y[i+1] - y[i])|,   dL/dx[i+1] = w / n sign(...) = -dL/dx[i].

@@ -2,7 +2,7 @@
 """A training loop of one's own, with a loss in numpy: make python, then examples/own_loop.py SURVEY [ITERATIONS].
 
 The loss is the mean absolute error, weighted: 0 where the image is masked. Its gradient in a pixel is the weight times the error's sign
-over their number. One Gaussian for each of the survey's points moves; none is split or removed.
+over the image's size. One Gaussian for each of the survey's points moves; none is split or removed.
 """
 import pathlib
 import sys

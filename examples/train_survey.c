@@ -1,8 +1,8 @@
 /* train_survey.c - a survey trained through the API, with a progress callback that also decides when it is
  * good enough.
  *
- *     build/examples/train_survey SCENE [FOLDER]       SCENE: images and a COLMAP model, as
- *     `oceanxl synth -o SCENE` writes them
+ *     build/examples/train_survey SCENE [FOLDER, which exists]     SCENE: images and a COLMAP
+ *     model, as `oceanxl synth -o SCENE` writes them
  */
 #include "oceanxl.h"
 

@@ -1,4 +1,4 @@
-/* turntable.c - a model seen from all sides: renders frames on a circle around its middle, each a PNG, at the
+/* turntable.c - a model seen from all sides: renders PNG frames to an existing FOLDER, on a circle, at the
  * distance of the camera that the file names for viewers, 20 degrees off that camera's axis.
  *
  *     build/examples/turntable MODEL.ply FOLDER [FRAMES]

@@ -8,10 +8,10 @@
     model.write("out")
     model = oxl.Model.read("out", scene)
 
-A trained model has `imaging`: what lies between its colours and the images, such as gains of each image, a lamp, a medium. write keeps it,
-save does not; medium="off", exposure="off", lamp="off" train without. Images are (H,W,3) floats, 0 black and 1 white; a view's is read anew
-each time. model.means, .scales, .quats, .opacities and .sh are the library's memory: what is written to them is in the model. All of these
-are planar in memory, not C-contiguous. Parameters are raw: log scale, logit opacity, quaternion w x y z. `lib` has all of oceanxl.h.
+A trained model's `imaging`, if not None, lies between its colours and the images: gains of each image, a lamp, a medium. write keeps it,
+save does not; medium="off", exposure="off", lamp="off" omit it. Images are (H,W,3) floats, 0 black and 1 white; a view's is read anew
+each time. model.means, .scales, .quats, .opacities and .sh are the library's memory: what is written to them is in the model. All but
+.opacities are planar in memory, not C-contiguous. Parameters are raw: log scale, logit opacity, quaternion w x y z. `lib` has oceanxl.h, less oxl_fail.
 """
 import contextlib
 import difflib
@@ -403,7 +403,7 @@ def _parameter(first, number, text, shape=None):
 
 class Model:
     """Gaussians, in local coordinates: world = local + origin. len(model) is their number, model[rows] a copy, in which second lobes come
-    first. Training also sets imaging, viewer (scene.ply's model, if that was trained apart), iterations, finished, seconds, decisions."""
+    first. Training also sets imaging, viewer (for other viewers, if trained apart), iterations, finished, seconds, decisions."""
 
     __slots__ = "_owned context c imaging scene lent viewer iterations finished seconds decisions __weakref__".split()
     __iter__ = None
@@ -411,7 +411,7 @@ class Model:
     scales = _parameter(OXL_LOG_SCALE, 3, "(N,3) log of the standard deviations")
     quats = _parameter(OXL_ROTATION, 4, "(N,4) w x y z, of any length")
     opacities = _parameter(OXL_OPACITY, 1, "(N) logit", lambda planes: planes[0])
-    sh = _parameter(OXL_SH, 0, "(N,K,3) spherical harmonics; colour = 0.5 + sum of basis x coefficient",
+    sh = _parameter(OXL_SH, 0, "(N,K,3) spherical harmonics; colour = max(0, 0.5 + sum of basis x coefficient)",
                     lambda planes: planes.reshape(len(planes) // 3, 3, -1).transpose(2, 0, 1))
     lobes = _parameter(OXL_LOBE, 4, "(M,4) factors of the second lobes, which the first M Gaussians have: logit of opacity, log of scales")
     sh_degree = property(lambda self: self.c.sh_degree)
@@ -420,7 +420,7 @@ class Model:
     __len__ = lambda self: self.c.count
     __repr__ = lambda self: f"<Model of {len(self)} Gaussians, SH degree {self.sh_degree}{', with imaging' if self.imaging else ''}>"
     antialias = property(lambda self: bool(self.c.antialias), lambda self, on: setattr(self.c, "antialias", bool(on)),
-                         doc="True: a low pass of 0.1 px^2 that keeps a splat's energy; training sets it, except by preset \"paper\"")
+                         doc="True: a low pass of 0.1 px^2 that keeps a Gaussian's light; training sets it, except by preset \"paper\"")
 
     def _set_background(self, rgb):
         self.c.background[:], self.c.has_background = _numbers(rgb, (3,), "background"), 1
@@ -443,7 +443,7 @@ class Model:
 
     @classmethod
     def create(cls, count, sh_degree=0, context=None, scene=None):
-        """All values are 0, except rotations: the identity. scene: whose origin and background the model has."""
+        """All values are 0, except rotations: the identity. The model has the scene's origin and background."""
         return cls._made(context, scene, lib.oxl_model_create, _want(count, c_size_t, "count"), _want(sh_degree, c_int, "sh_degree"))
 
     @classmethod
@@ -479,7 +479,7 @@ class Model:
 
     def write(self, folder):
         """Writes what `oceanxl train` writes: scene.ply for viewers; scene_clear.ply, where that has the medium or gains in its colours;
-        imaging.txt, where there is an imaging; scene_standard.ply. Model.read(folder, scene) reads it."""
+        imaging.txt and scene_standard.ply, where needed. Model.read(folder, scene) reads it."""
         scene = _want(self.scene, Scene, "model.scene, which read, create and from_points set,")
         os.makedirs(folder, exist_ok=True)
         result = oxl_trained(model=self.c, imaging=self.imaging and self.imaging.c.value, viewer=getattr(self.viewer, "c", oxl_model()))
@@ -561,7 +561,7 @@ def render_backward(model, view, dimage, background=None):
 
 def metrics(image, reference, weight=None):
     """PSNR (dB), colour-corrected PSNR, SSIM and structure of an image against another; weight (H,W) 0: pixels that do not count. NaN: a
-    value is not finite, or too few pixels count."""
+    value is not finite, or too little counts or shows detail."""
     a, b, out, value = _image(image), _image(reference, weight), {}, c_double()
     finite = np.isfinite(a.kept[0]).all() and np.isfinite(b.kept[0]).all()
     for name in ("psnr", "cc_psnr", "ssim", "structure"):
@@ -640,12 +640,12 @@ class _Run:
 
 def train(scene, preset="draft", start=None, callback=None, pixels=None, parameters=None, density=None, progress=True, **options):
     """Trains as `oceanxl train` does one block. Options, of oxl_train_options: iterations=1200 by preset "draft", sh_degree="auto",
-    max_gaussians=0 (by pixels), exposure, lamp and medium="auto" (or "on", "off"). Ctrl-C returns the model so far, with .finished False;
+    max_gaussians=0 (by points), exposure, lamp and medium="auto" (or "on", "off"). Ctrl-C returns the model so far, with .finished False;
     before the first step it raises KeyboardInterrupt. Callbacks get copies, which may be kept, but models that end with the call.
 
     start         a model, or its path, to begin with, instead of the scene's points. It begins with the colours of scene.ply, and the run
                   has all of its schedule, so rates are high again and PSNR falls at first
-    callback(p)   after each step, p as oxl_progress; what is true stops the run. p.stage "viewer": steps behind `iterations`, in which
+    callback(p)   after each step, p as oxl_progress; what is true stops the run. p.stage "viewer": steps after `iterations`, in which
                   .viewer is trained, for viewers that do not know the imaging
     pixels(rendered, image, weight) -> (value, gradient)    a term in the loss, and d/d rendered (H,W,3); weight None: no pixel is masked
     parameters(model, gradient) -> value    a term that adds to gradient.means, .scales and so on

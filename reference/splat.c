@@ -305,7 +305,7 @@ void render_backward(const struct model *m, const struct camera *cam, const stru
 
 /* ---------------------------------------------------------------- loss: L = (1 - w) mean |x - y| + w (1 - mean SSIM) [K eq. 7] */
 
-/* in (H,W) along its rows by a Gaussian window of 11 px, 0 outside; out (W,H) is transposed, so twice makes a window of 11 x 11 px.
+/* Blurs the rows of in (H,W) by a Gaussian window of 11 px, 0 outside; out (W,H) is transposed, so twice makes a window of 11 x 11 px.
  * The window is symmetric: the blur is its own backward. */
 void blur(const double *in, int w, int h, double *out) {
     double window[11], sum = 0;
@@ -394,7 +394,7 @@ struct trainer {
     double gradient_sum[MOST], views[MOST];           /* since the last densification: of |dL/d(centre)|, number of views */
 };
 
-/* One view: forward, loss, backward, and Adam for the Gaussians in view. Returns the loss. */
+/* Takes an Adam step for the Gaussians in view of a camera. Returns the loss. */
 double train_step(struct trainer *t, const struct camera *cam, const double *truth, int step, double progress) {
     const int w = cam->size[0], h = cam->size[1], count = render_forward(&t->model, cam, t->s, t->rgb);
     const double value = loss(t->rgb, truth, w, h, 0.2, t->drgb); /* [K] */

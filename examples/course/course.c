@@ -325,7 +325,7 @@ double depth_weight(double r, double z_near, double z_far, double f_mid, double 
 
 enum { RANGES = 96 };
 /* in: beta r, g, b (1/m); sun; lamp; Binf r, g, b; J r, g, b; f_mid, f_far; the distance that is read (m).
- * out: at that distance c r, g, b and dc/dJ r, g, b; the weight there; weighted gradient there.
+ * out: at that distance c r, g, b and dc/dJ r, g, b; the weight, the mean gradient and the weighted one.
  * field (96 x 8), from 0.5 to 10 m: r, c r, g, b, mean dc/dJ, weight, mean gradient 8e-4 dc/dJ of the three channels, and that
  * weighted. */
 EXPORT int underwater(void) {
