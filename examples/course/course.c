@@ -344,7 +344,7 @@ EXPORT int underwater(void) {
     return 9;
 }
 
-/* in: opacity o, standard deviation (px), o'/o, s'/s, 1 with the second lobe.
+/* in: opacity o, standard deviation (px), o'/o, s'/s.
  * out: px from 90 % to 10 % of alpha at the centre, without and with the second lobe; alpha at the centre, without and with; the
  * least alpha.
  * field: alpha at x = 0..60 px from the centre in steps of 1/4 px without (240), with (240). */
